@@ -41,8 +41,7 @@ from analysis.trajectory import (
 )
 from analysis.typed import coordinates, selected
 
-LEAST_SAMPLES: Final = 8
-"""Least number of samples of a trajectory for an alignment."""
+LEAST_SAMPLES: Final = 8  #: least number of samples of a trajectory for an alignment
 WEAK_MATCH: Final = 0.7
 """Correlation of the aligned components below which they share less than half of their variance."""
 

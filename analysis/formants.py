@@ -10,10 +10,8 @@ from analysis.cube import TRIAL_DIMS
 from analysis.tables import Column, Table, origin_of, recordings
 from analysis.typed import relabelled, selected
 
-FORMANTS: Final = 4
-"""Number of formants."""
-INSTANTS: Final = 41
-"""Instants of a trial at which formants are given."""
+FORMANTS: Final = 4  #: number of formants
+INSTANTS: Final = 41  #: instants of a trial at which formants are given
 VARIABLES: Final = {
     "formant_frequency": ("Hz", "formant of the simulated lips before a tract that does not move"),
     "formant_change": (

@@ -20,8 +20,7 @@ from analysis.trajectory import SMALLEST_MOTION, checked, same_markers
 
 Array = NDArray[np.float64]
 
-ONSET: Final = 0.2
-"""Fraction of the largest displacement that defines the onset of a movement."""
+ONSET: Final = 0.2  #: fraction of the largest displacement that defines the onset of a movement
 CUTOFF: Final = 10.0
 """Low-pass edge [Hz] of the displacement for the instants, as in the alignment."""
 

@@ -10,8 +10,7 @@ from scipy.interpolate import CubicSpline
 
 Array = NDArray[np.float64]
 
-ORDER: Final = 3
-"""Order of the differences from which the noise is estimated."""
+ORDER: Final = 3  #: order of the differences from which the noise is estimated
 SMALLEST_SNR: Final = 1.0
 """Ratio of the variances of motion and noise below which a marker is regarded as not moving.
 
@@ -19,10 +18,8 @@ At this ratio, noise lowers a correlation by the factor 0.71. The estimated rati
 rest has mean 0 and standard deviation 0.15 (180 frames), so that none of a thousand exceeds the
 threshold.
 """
-PROBES: Final = 64
-"""Number of rows of white noise for the effect of the sampling."""
-FEWEST: Final = 8
-"""Least number of differences of a marker for an estimate of its noise."""
+PROBES: Final = 64  #: number of rows of white noise for the effect of the sampling
+FEWEST: Final = 8  #: least number of differences of a marker for an estimate of its noise
 
 
 def noise_level(values: Array) -> float:

@@ -18,8 +18,7 @@ from analysis.trajectory import SMALLEST_MOTION, checked, measured_span
 from analysis.trajectory import motion as motion_of
 from analysis.typed import coordinates, relabelled
 
-ROUNDS: Final = 2
-"""Number of alignments of all motions: with one of them, then with their mean."""
+ROUNDS: Final = 2  #: number of alignments of all motions: with one of them, then with their mean
 
 
 def held(position: xr.Dataset | xr.DataArray) -> xr.DataArray:

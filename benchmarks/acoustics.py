@@ -41,8 +41,7 @@ from tests.acoustics.shapes import AH
 if TYPE_CHECKING:
     import xarray as xr
 
-LEVELS = (0.0, 0.3, 0.6, 1.0)
-"""Activations at which lips are compared."""
+LEVELS = (0.0, 0.3, 0.6, 1.0)  #: activations at which lips are compared
 
 
 def cost() -> pd.DataFrame:

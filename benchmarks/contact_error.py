@@ -74,10 +74,8 @@ SETTINGS: Final = (
     *(Setting("constraint", 5e-4, tolerance) for tolerance in (2e-3, 1e-2, 5e-2, 1e-1)),
     *(Setting("barrier", thickness) for thickness in (1e-4, 2e-4, 5e-4)),
 )
-CASES: Final = {"purse": "A", "smile": "D"}
-"""Instruction whose gesture each case is."""
-LEVEL: Final = 0.5
-"""Factor on the activation of the gestures."""
+CASES: Final = {"purse": "A", "smile": "D"}  #: instruction whose gesture each case is
+LEVEL: Final = 0.5  #: factor on the activation of the gestures
 
 
 def measure(

@@ -10,8 +10,7 @@ from sim import Activation
 
 Floats = NDArray[np.float64]
 
-SAMPLE = 0.01
-"""Time between samples of the activation [s]."""
+SAMPLE = 0.01  #: time between samples of the activation [s]
 
 
 def profile(time: Floats, duration: float) -> Floats:

@@ -9,10 +9,8 @@ import numpy as np
 import xarray as xr
 
 PHASES: Final = ("imports", "face", "equilibrium", "first output")
-DURATION: Final = 0.1
-"""Time simulated after the first output, for the measurement of memory [s]."""
-LEVEL: Final = 0.2
-"""Activation of all muscles at its end."""
+DURATION: Final = 0.1  #: time simulated after the first output, for the measurement of memory [s]
+LEVEL: Final = 0.2  #: activation of all muscles at its end
 
 
 def work() -> None:

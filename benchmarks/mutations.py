@@ -23,8 +23,7 @@ import pandas as pd
 from benchmarks.report import markdown
 from tests.data.test_mutations import FORMATS, attempt, mutated
 
-ROOM = 1 << 30
-"""Largest growth of the address space [B] in reading a file of a few kilobytes."""
+ROOM = 1 << 30  #: largest growth of the address space [B] in reading a file of a few kilobytes
 
 
 def examine(name: str, count: int, seed: int) -> dict[str, object]:

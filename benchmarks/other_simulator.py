@@ -82,8 +82,7 @@ CONTACT = (
 The other program moves the nodes that are initially inside the bones out of them in the first
 steps; here they may stay. The columns `..._far` therefore omit the nodes near them.
 """
-ROUNDING = 1e-9
-"""Distances below this are due to rounding, which depends on the processor [mm]."""
+ROUNDING = 1e-9  #: distances below this are due to rounding, which depends on the processor [mm]
 
 FAR = 15e-3
 """Distance from the nodes initially inside a bone beyond which nodes are undisturbed [m]."""

@@ -29,8 +29,7 @@ from sim.step_matrices import damping_matrix, implicit_matrix
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-DEEPEST = 5e-3
-"""Depth up to which nodes inside are found [m]."""
+DEEPEST = 5e-3  #: depth up to which nodes inside are found [m]
 
 NO_NODES = np.empty(0, dtype=np.int64)
 

@@ -30,8 +30,7 @@ from sim import Activation, Energies, FixedStep, Workspace, resting, simulate
 from sim.errors import SimulationError
 from sim.reduced import FusedEuler
 
-SEED = 1
-"""Seed of the trials."""
+SEED = 1  #: seed of the trials
 
 
 def trial(reduced, drive, motion):

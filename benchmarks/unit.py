@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from sim import System
 from sim.linear import linear_solver
 
-STEP: Final = 0.01
-"""Time step of the measured step [s]."""
+STEP: Final = 0.01  #: time step of the measured step [s]
 
 
 def step_matrix(system: System) -> NDArray[np.float64]:

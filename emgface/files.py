@@ -8,8 +8,7 @@ from pathlib import Path
 
 from emgface.errors import DataError
 
-LEAST_SPACE = 2**20
-"""Free space [bytes] below which a disk counts as full."""
+LEAST_SPACE = 2**20  #: free space [bytes] below which a disk counts as full
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:

@@ -14,8 +14,7 @@ from analysis.typed import selected
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-MOST: Final = 14
-"""Largest number of channels on a page."""
+MOST: Final = 14  #: largest number of channels on a page
 
 
 @styled

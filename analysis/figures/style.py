@@ -25,12 +25,10 @@ if TYPE_CHECKING:
 COLOURS: Final = ("#56B4E9", "#E69F00", "#009E73", "#CC79A7", "#0072B2", "#D55E00", "#F0E442")
 HATCHES: Final = ("", "//", "..", "xx", "\\\\", "--", "oo")
 MARKS: Final = ("o", "s", "^", "D", "v", "P", "X")
-FIRST: Final = {"color": COLOURS[4], "linestyle": "-"}
-"""Line style of a model or an input."""
+FIRST: Final = {"color": COLOURS[4], "linestyle": "-"}  #: line style of a model or an input
 SECOND: Final = {"color": COLOURS[5], "linestyle": "--"}
 """Line style of a recording or a reference."""
-SHADES: Final = "cividis"
-"""Colour map of ordered values, suitable for colour vision deficiency."""
+SHADES: Final = "cividis"  #: colour map of ordered values, suitable for colour vision deficiency
 
 STYLE: Final[dict[str, Any]] = {
     "font.size": 9.0,

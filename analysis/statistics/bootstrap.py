@@ -15,8 +15,7 @@ from analysis.typed import selected
 Statistic = Literal["median", "mean"]
 Interval = Literal["expanded", "percentile"]
 
-FEW: Final = 10
-"""Number of volunteers below which bootstrap intervals are too short."""
+FEW: Final = 10  #: number of volunteers below which bootstrap intervals are too short
 
 
 def hierarchical_bootstrap(

@@ -15,8 +15,7 @@ from analysis.statistics.paired import Array
 LARGEST: Final = 1e3
 """Upper bound of the standard deviation of a random effect relative to the residual."""
 
-NOTHING: Final = 1e-4
-"""Relative standard deviation below which a variance is regarded as zero."""
+NOTHING: Final = 1e-4  #: relative standard deviation below which a variance is regarded as zero
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS, Scop
 from analysis.trajectory import names
 
 RANDOM: Final = ("volunteer x strategy", "instruction x strategy")
-MANY: Final = 30
-"""Number of volunteers above which the normal distribution approximates t."""
+MANY: Final = 30  #: number of volunteers above which the normal distribution approximates t
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,7 @@ from analysis.statistics.finding import (
 )
 from analysis.statistics.paired import Array, Comparison, Paired
 
-MOST_EXACT: Final = 16
-"""Largest number of volunteers for which all sign patterns are enumerated."""
+MOST_EXACT: Final = 16  #: largest number of volunteers for which all sign patterns are enumerated
 
 TIED: Final = 1e-10
 """Relative difference below which two sums of the same numbers differ only by rounding."""

@@ -22,8 +22,7 @@ from analysis.trajectory import names
 Outcome = dict[str, tuple[float, float]]
 """Per test: p of a true null hypothesis, and 1 if the interval contains the true value."""
 
-PAIR: Final = (STRATEGIES[1], STRATEGIES[0])
-"""Contrast whose size and coverage are counted."""
+PAIR: Final = (STRATEGIES[1], STRATEGIES[0])  #: contrast whose size and coverage are counted
 
 
 def _sign_flip(cube: xr.Dataset, seed: int) -> Outcome:

@@ -19,8 +19,7 @@ from emgface.volunteers.person import SimulatedVolunteer, draw_volunteer
 from emgface.volunteers.session import trial_activation, trial_excitation
 from emgface.volunteers.settings import VolunteerParameters
 
-LEAST_PEAK: Final = 0.06
-"""Peak of the true activation above which a muscle takes part in a trial."""
+LEAST_PEAK: Final = 0.06  #: peak of the true activation above which a muscle takes part in a trial
 MEASURES: Final = ("rank_correlation", "error", "shape_error", "false_activation")
 
 

@@ -12,10 +12,8 @@ from sim.scene import Constraint, Term
 
 Floats = NDArray[np.float64]
 
-SIZE = 0.02
-"""Edge of the block [m]."""
-MODERATE, FULL = (0.5, 0.2), (1.0, 1.0)
-"""Levels of the two muscles."""
+SIZE = 0.02  #: edge of the block [m]
+MODERATE, FULL = (0.5, 0.2), (1.0, 1.0)  #: levels of the two muscles
 
 
 @dataclass(frozen=True)

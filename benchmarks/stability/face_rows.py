@@ -19,15 +19,13 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.support import WALL
 
 STEP = sim.HalvingStep(0.01)
-OVERLAP = 5e-4
-"""Initial depth of the inner nodes behind their walls [m]."""
+OVERLAP = 5e-4  #: initial depth of the inner nodes behind their walls [m]
 TOUCHING = {
     "constraint": {name: IMPLICIT[name] for name in ("linearly implicit Euler", "Euler")},
     **({"barrier": CONVERGED} if find_spec("ipctk") else {}),
 }
 """Integrators that support each available kind of contact."""
-DEPTH = 1e-4
-"""Largest accepted depth of a node in a surface [m]."""
+DEPTH = 1e-4  #: largest accepted depth of a node in a surface [m]
 
 
 def _system(face: xr.Dataset, **changes: object) -> Callable[[], sim.System]:

@@ -10,12 +10,10 @@ from benchmarks.stability.bodies import MODERATE, SIZE, Block, driven
 from benchmarks.stability.material_rows import STEP, both
 from benchmarks.stability.trial import Judge, Trial, stays
 
-FREE_FALL = 1e-4
-"""Error of the velocity for a tolerance of 1e-6 m in steps of 10 ms [m/s]."""
+FREE_FALL = 1e-4  #: error of the velocity for a tolerance of 1e-6 m in steps of 10 ms [m/s]
 STRAIN = 3.0 * 1e-6 / (SIZE / 3.0)
 """Change of volume for an error of 1e-6 m in the length of an edge [1]."""
-KICK = 0.05
-"""Initial speed of the free end of an oscillating block [m/s]."""
+KICK = 0.05  #: initial speed of the free end of an oscillating block [m/s]
 TURNING = "gravity x 10, reversed; free fall; rigid rotation"
 NOTHING = driven((0.0, 0.0), 0.1)
 

@@ -10,10 +10,8 @@ from benchmarks.integrators import CONVERGED, IMPLICIT, STATIC
 from sim.integrators import Integrator
 from sim.steps import StepControl
 
-MOST = 1.0
-"""Largest displacement of a node in a correct result [m]."""
-LEAST_ENERGY = 1e-9
-"""Least energy to which a drift is related [J]."""
+MOST = 1.0  #: largest displacement of a node in a correct result [m]
+LEAST_ENERGY = 1e-9  #: least energy to which a drift is related [J]
 
 
 Judge = Callable[[sim.System, sim.State, sim.State, np.ndarray], str]

@@ -10,10 +10,8 @@ from benchmarks.drives import SAMPLE, activation_of
 from emgface.face.template.gestures import gesture_activation
 from sim import Activation
 
-LATE: Final = 0.03
-"""Delay of the reference motion of the scores [s]."""
-FACTORS: Final = (1.3, 0.7)
-"""Factors on the activations of alternate muscles in that motion."""
+LATE: Final = 0.03  #: delay of the reference motion of the scores [s]
+FACTORS: Final = (1.3, 0.7)  #: factors on the activations of alternate muscles in that motion
 
 
 def other_person(instruction: str, muscles: tuple[str, ...], duration: float) -> Activation:

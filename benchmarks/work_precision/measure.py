@@ -35,10 +35,8 @@ Clock = Callable[[], float]
 COUNTS: Final = ("steps", "rejected", "iterations", "factorisations")
 TIME: Final = "run time s/s"
 ERRORS: Final = ("error rms mm", "error max mm", "change of rho")
-ALIKE: Final = 1.02
-"""Ratio of errors that are regarded as equal."""
-FINER: Final = 4
-"""Number of steps of the reference solution per smallest step compared with it."""
+ALIKE: Final = 1.02  #: ratio of errors that are regarded as equal
+FINER: Final = 4  #: number of steps of the reference solution per smallest step compared with it
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,7 @@ from sim.integrators import Integrator
 from sim.linear import LINEAR_SOLVERS, pardiso_is_available
 from sim.steps import StepControl
 
-HORIZON = 0.055
-"""Relaxation time of errors in tissue with the default damping, its beta [s]."""
+HORIZON = 0.055  #: relaxation time of errors in tissue with the default damping, its beta [s]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,8 @@ from typing import Final
 
 Show = Callable[[int, int], None]
 
-PATIENCE: Final = 5.0
-"""Time after which the progress is shown by default [s]."""
-PERIOD: Final = 0.5
-"""Time between two updates of the line [s]."""
+PATIENCE: Final = 5.0  #: time after which the progress is shown by default [s]
+PERIOD: Final = 0.5  #: time between two updates of the line [s]
 
 
 @contextmanager

@@ -14,8 +14,7 @@ if TYPE_CHECKING:
 
     from emgface.api.given import Data, File
 
-HEIGHT: Final = 620
-"""Height of a moving face in a notebook [CSS pixels]."""
+HEIGHT: Final = 620  #: height of a moving face in a notebook [CSS pixels]
 COLOURS: Final = 256
 """Colours of a still picture, chosen by k-means: a third of the bytes in a stored notebook."""
 DPI: Final = 72

@@ -26,13 +26,11 @@ from typer.core import TyperGroup
 if TYPE_CHECKING:
     import pandas as pd
 
-out = Console()
-"""Console for results."""
+out = Console()  #: console for results
 err = Console(stderr=True)
 """Console for messages, progress and failures, so that a pipe receives only results."""
 
-LEAST_TEXT = 30
-"""Width in characters below which a column of text begins a new block."""
+LEAST_TEXT = 30  #: width in characters below which a column of text begins a new block
 PARTIAL, BAD_INPUT, INTERRUPTED = 1, 2, 130
 """Exit codes: some trials failed, the command failed, interrupted by the user."""
 

@@ -13,8 +13,7 @@ if TYPE_CHECKING:
     from emgface.study.configuration import StudyConfiguration
 
 Folder = Annotated[Path, typer.Argument(help="Folder of a study ('emgface study run --out').")]
-SHOWN = 5
-"""Failures and running trials listed by default."""
+SHOWN = 5  #: failures and running trials listed by default
 
 
 def status(

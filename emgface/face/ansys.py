@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from emgface.errors import FaceError
 
-MILLIMETRE = 1e-3
-"""Unit of length of the published files [m]."""
+MILLIMETRE = 1e-3  #: unit of length of the published files [m]
 
 ID_WIDTH, COORDINATE_WIDTH = 8, 20
 NODE_LINE_WIDTH = ID_WIDTH + 3 * COORDINATE_WIDTH

@@ -47,11 +47,9 @@ of skin nodes at the largest curvature of the lip profile (ring 4 above, 3 below
 opening), at the corners and at one and two thirds of the half width.
 """
 
-LIP_OPENING_IDS: Final = (1076, 1096)
-"""Midline nodes of the upper and lower lip margin."""
+LIP_OPENING_IDS: Final = (1076, 1096)  #: midline nodes of the upper and lower lip margin
 
-MOUTH_CORNER_ID: Final = 1808
-"""A node on the rim of the mouth opening (its left corner)."""
+MOUTH_CORNER_ID: Final = 1808  #: a node on the rim of the mouth opening (its left corner)
 
 _FILES: Final = {
     "nodes": "newface.node",

@@ -21,8 +21,7 @@ from emgface.face.parts import (
 from emgface.face.quality import element_quality, is_wedge
 from emgface.face.surface import boundary_faces, element_edges, face_areas
 
-DENSITY: Final = 1040.0
-"""Density of the tissue [kg/m3] (Eskes et al. 2017)."""
+DENSITY: Final = 1040.0  #: density of the tissue [kg/m3] (Eskes et al. 2017)
 
 LAYER_NAMES: Final = ("inner", "centre", "outer")
 MM, MM2, MM3 = 1e3, 1e6, 1e9

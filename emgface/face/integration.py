@@ -32,8 +32,7 @@ INTEGRATORS: dict[str, Integrator] = {
 }
 """Integrator by the name of the parameter `solver`."""
 
-RESIDUAL: Final = 20.0
-"""Residual force per tolerance of the positions [N/m]."""
+RESIDUAL: Final = 20.0  #: residual force per tolerance of the positions [N/m]
 
 
 def iterated_to(integrator: ConvergedT, tolerance: float) -> ConvergedT:

@@ -13,8 +13,7 @@ from emgface.face.surface import faces_among
 Floats = NDArray[np.float64]
 Integers = NDArray[np.integer]
 
-MIDLINE = 5e-5
-"""Distance from x = 0 below which nodes are regarded as midsagittal [m]."""
+MIDLINE = 5e-5  #: distance from x = 0 below which nodes are regarded as midsagittal [m]
 
 
 def ring_of_nodes(

@@ -16,8 +16,7 @@ from emgface.muscles import LIP_MARKERS
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-SAMPLES = 201
-"""Number of positions across the mouth at which the gap between the lips is measured."""
+SAMPLES = 201  #: number of positions across the mouth at which the gap between the lips is measured
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,10 +21,8 @@ from emgface.face.surface import boundary_faces, element_faces, faces_among, tri
 
 Integers = NDArray[np.int64]
 
-DEPTH: Final = 14e-3
-"""Default extent of the surface of a lip along the skin from its margin [m]."""
-NEAR_TEETH: Final = 15e-3
-"""Distance from a point of an arch below which facets may touch it [m]."""
+DEPTH: Final = 14e-3  #: default extent of the surface of a lip along the skin from its margin [m]
+NEAR_TEETH: Final = 15e-3  #: distance from a point of an arch below which facets may touch it [m]
 
 
 def lip_surface(face: xr.Dataset, lip: str) -> Integers:

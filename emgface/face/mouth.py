@@ -19,8 +19,7 @@ Integers = NDArray[np.int64]
 
 NEAR: Final = 14e-3
 """Distance from a margin within which a part of the surface at rest belongs to the lip [m]."""
-SAMPLES: Final = 101
-"""Number of positions across the mouth at which the opening is measured."""
+SAMPLES: Final = 101  #: number of positions across the mouth at which the opening is measured
 
 
 @dataclass(frozen=True, eq=False)

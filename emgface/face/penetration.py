@@ -13,8 +13,7 @@ from emgface.face.surface import nearest_on_triangles, winding_number
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-MIDDLE: Final = 6e-3
-"""Half width of the middle part of the mouth [m]."""
+MIDDLE: Final = 6e-3  #: half width of the middle part of the mouth [m]
 BAND: Final = 2e-3
 """Half width of the strip of nodes that represents a position across the mouth [m]."""
 

@@ -47,8 +47,7 @@ from sim.laws import BulkLaw
 from sim.scene import Term
 from sim.terms import Gravity
 
-GRAVITY = (0.0, 0.0, -9.8)
-"""Acceleration [m/s^2] (Eskes et al. 2017)."""
+GRAVITY = (0.0, 0.0, -9.8)  #: acceleration [m/s^2] (Eskes et al. 2017)
 
 EMBEDDING_TOLERANCE = 0.02
 """Tolerance for fibre points outside an element, as a negative shape function [1]."""

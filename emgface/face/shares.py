@@ -17,10 +17,8 @@ from sim.elements import HEX8
 
 Floats = NDArray[np.float64]
 
-SPACING: Final = 1e-3
-"""Desired distance between the sampling points in an element [m]."""
-_MOST: Final = 10
-"""Largest number of sampling points along an edge."""
+SPACING: Final = 1e-3  #: desired distance between the sampling points in an element [m]
+_MOST: Final = 10  #: largest number of sampling points along an edge
 
 
 def shares_within(

@@ -9,8 +9,7 @@ import xarray as xr
 
 from sim import SimulationError, State, System
 
-MOVED: Final = 1e-14
-"""Perturbation of the start that represents rounding [m]."""
+MOVED: Final = 1e-14  #: perturbation of the start that represents rounding [m]
 
 NOTICED: Final = 1e-5
 """Change of a marker above which a warning is given [m]: the tolerance of the iteration, a tenth

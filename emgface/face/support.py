@@ -11,8 +11,7 @@ from emgface.face.parts import FREE, INNER
 from emgface.face.surface import faces_among
 from sim import Support
 
-WALL: Final = 1000.0
-"""Stiffness of a wall that represents teeth [N/m]."""
+WALL: Final = 1000.0  #: stiffness of a wall that represents teeth [N/m]
 
 
 def inner_support(face: xr.Dataset, stiffness: float) -> Support:

@@ -12,8 +12,7 @@ from sim import stretch_field
 
 Floats = NDArray[np.float64]
 
-REACH = 0.01
-"""Distance over which muscles are averaged [m]."""
+REACH = 0.01  #: distance over which muscles are averaged [m]
 
 
 def skin_axes(face: xr.Dataset, *, reach: float = REACH) -> tuple[NDArray[np.int64], Floats]:

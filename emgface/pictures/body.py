@@ -16,25 +16,21 @@ from emgface.pictures.subdivision import follow, refined, rim, strip
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-SKIN, VERMILION, LINING = 0, 1, 2
-"""Parts of the drawn tissue."""
+SKIN, VERMILION, LINING = 0, 1, 2  #: parts of the drawn tissue
 COLOURS: Final = {
     SKIN: (0.905, 0.765, 0.680),
     VERMILION: (0.760, 0.430, 0.415),
     LINING: (0.640, 0.330, 0.325),
 }
 """Colour of each part, sRGB from 0 to 1."""
-MOUTH: Final = (0.165, 0.062, 0.058)
-"""Colour of back faces."""
+MOUTH: Final = (0.165, 0.062, 0.058)  #: colour of back faces
 TEETH: Final = (0.880, 0.860, 0.805)
 GUMS: Final = (0.640, 0.370, 0.365)
-CROWN: Final = 9.5e-3
-"""Height of the crowns of the teeth [m]; an arch is drawn as gums beyond it."""
+CROWN: Final = 9.5e-3  #: height of the crowns of the teeth [m]; an arch is drawn as gums beyond it
 
 MOST_NODES: Final = 4500
 """Largest number of nodes of the surface; more are merged along the shortest edges."""
-ENOUGH: Final = 5000
-"""Number of points up to which the surface is refined, at most twice."""
+ENOUGH: Final = 5000  #: number of points up to which the surface is refined, at most twice
 
 
 @dataclass(frozen=True, eq=False)

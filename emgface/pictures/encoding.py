@@ -12,10 +12,8 @@ from emgface.muscles import MUSCLE_NAMES
 from emgface.pictures.body import MOUTH, Body
 from emgface.pictures.render import DISPLACEMENT, LIGHT, VIEWS
 
-QUANTUM: Final = 20e-6
-"""Quantum of the positions [m], below visible differences."""
-ABSENT: Final = -32768
-"""Value of a marker without measurement."""
+QUANTUM: Final = 20e-6  #: quantum of the positions [m], below visible differences
+ABSENT: Final = -32768  #: value of a marker without measurement
 
 
 def body_data(body: Body, rest: NDArray[np.floating]) -> dict[str, Any]:

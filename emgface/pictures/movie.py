@@ -19,10 +19,8 @@ from emgface.pictures.render import VIEWS, render, window_of
 from emgface.pictures.surface import drawn_surface
 
 SUFFIXES: Final = (".gif", ".mp4")
-SIDES: Final = ("front", "oblique")
-"""Views in a movie, side by side."""
-PANEL: Final = 360
-"""Width of each [pixels]."""
+SIDES: Final = ("front", "oblique")  #: views in a movie, side by side
+PANEL: Final = 360  #: width of each [pixels]
 
 
 def write_movie(

@@ -22,8 +22,7 @@ VIEWS: Final[Mapping[str, tuple[float, float]]] = {
     "oblique": (-35.0, 5.0),
 }
 """Yaw and pitch of the camera in degrees, by view."""
-SIDES: Final = ("front", "left", "oblique")
-"""The three views shown in a picture."""
+SIDES: Final = ("front", "left", "oblique")  #: the three views shown in a picture
 
 LIGHT: Final[Mapping[str, object]] = {
     "ambient": 0.50,

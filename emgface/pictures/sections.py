@@ -19,8 +19,7 @@ from emgface.pictures.stills import write_figure
 
 Floats = NDArray[np.float64]
 
-MARGIN: Final = 0.022
-"""Margin of tissue shown around the lips [m]."""
+MARGIN: Final = 0.022  #: margin of tissue shown around the lips [m]
 
 
 def midline_faces(face: xr.Dataset) -> NDArray[np.int64]:

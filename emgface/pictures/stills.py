@@ -40,8 +40,7 @@ MARKS: Final[Mapping[str, Mapping[str, Any]]] = {
     },
 }  # fmt: skip
 """Symbols of the markers of the model and of the recording, in figures and in the page."""
-MARGIN: Final = 0.028
-"""Margin of skin shown around the lips in pictures of the lips [m]."""
+MARGIN: Final = 0.028  #: margin of skin shown around the lips in pictures of the lips [m]
 
 
 def recording_label(origin: str) -> str:

@@ -16,8 +16,7 @@ from sim.state import Control
 
 Floats = NDArray[np.float64]
 
-FRAMES: Final = 25.0
-"""Approximate number of frames of a surface per second."""
+FRAMES: Final = 25.0  #: approximate number of frames of a surface per second
 
 
 @dataclass(frozen=True, eq=False)

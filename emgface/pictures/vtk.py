@@ -18,8 +18,7 @@ from emgface.face.parts import arches_of
 from emgface.face.quality import is_wedge
 from emgface.files import write_text
 
-TRIANGLE, HEXAHEDRON, WEDGE = 5, 12, 13
-"""Cell types of VTK."""
+TRIANGLE, HEXAHEDRON, WEDGE = 5, 12, 13  #: cell types of VTK
 NAMES: Final[dict[str, str]] = {
     "float32": "Float32",
     "float64": "Float64",

@@ -16,8 +16,7 @@ from emgface.schema.rules import hint, one_line
 
 _RATES: Final = frozenset("fs rate samplingrate samplerate srate samplingfrequency freq hz".split())
 """Names of variables that contain a sampling rate."""
-_LEAST: Final = 100
-"""Fewest samples of a recording."""
+_LEAST: Final = 100  #: fewest samples of a recording
 
 
 def array_table(

@@ -23,12 +23,10 @@ from emgface.recordings.readers._table_models import EmgTable
 from emgface.recordings.readers._tables import load_table
 from emgface.schema.units import DIVISORS
 
-TEXTS: Final = (".csv", ".txt", ".tsv", ".dat", ".asc", ".gz")
-"""Suffixes of text tables."""
+TEXTS: Final = (".csv", ".txt", ".tsv", ".dat", ".asc", ".gz")  #: suffixes of text tables
 PLAUSIBLE: Final = (1e-6, 1e-3)
 """Range of the fast part of surface EMG [V], by which its unit is guessed: three decades apart."""
-RATES: Final = (20.0, 100e3)
-"""Plausible sampling rates [Hz], by which the unit of time is guessed."""
+RATES: Final = (20.0, 100e3)  #: plausible sampling rates [Hz], by which the unit of time is guessed
 AXES: Final = (("_x", "_y", "_z"), (".x", ".y", ".z"), (" x", " y", " z"), (":x", ":y", ":z"))
 _TIME: Final = re.compile(
     r"(time|t|zeit|tijd|temps|timestamps?|sec|seconds|elapsed)\b.*", re.IGNORECASE

@@ -15,8 +15,7 @@ from emgface.muscles import AXES, FACE_MARKERS, LIP_MARKERS
 from emgface.signals.filters import sampling_rate
 from emgface.signals.parameters import HeadFrameParameters
 
-COLLINEAR = 1e-2
-"""Second over first singular value below which markers are regarded as collinear."""
+COLLINEAR = 1e-2  #: second over first singular value below which markers are regarded as collinear
 MIRRORED = 0.75
 """Misfit of the mirror image over that of the markers below which the axes are regarded as mirrored."""
 

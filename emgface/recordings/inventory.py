@@ -22,8 +22,7 @@ BESIDE_HEADER = (".eeg", ".dat", ".vmrk")
 """Suffixes of the files of a BrainVision recording, which is listed under its header."""
 COLUMNS = ("file", "format", "channels", "emg_rate", "markers", "marker_rate", "units", "duration",
            "findings", "refusal")  # fmt: skip
-_MOST = 3
-"""Largest number of findings of one kind that are listed."""
+_MOST = 3  #: largest number of findings of one kind that are listed
 
 
 def inventory_table(folder: str | Path, *, sidecars: str | Path | None = None) -> pd.DataFrame:

@@ -13,12 +13,10 @@ SLOW: Final = 10.0
 """Frequency [Hz] below which joint angles, forces and skin conductance have their power."""
 MOSTLY_SLOW: Final = 0.9
 """Share of the power below `SLOW` from which a channel may be another signal than EMG."""
-LARGE: Final = 10e-3
-"""Standard deviation [V] that surface EMG does not reach, drift included."""
+LARGE: Final = 10e-3  #: standard deviation [V] that surface EMG does not reach, drift included
 FAINT: Final = 0.5e-6
 """Root mean square [V] above 20 Hz that every electrode on the skin exceeds by its noise."""
-LEVELS: Final = 8
-"""Most distinct values of a switch or a code of events."""
+LEVELS: Final = 8  #: most distinct values of a switch or a code of events
 
 _NAMES: Final = (
     ("accelerometer", r"acc|accel|acceleration|accelerometer"),

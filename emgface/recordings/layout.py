@@ -11,8 +11,7 @@ from typing import Final, Literal
 from emgface.errors import DataError
 from emgface.schema.units import quantity_of, spelling
 
-HEAD: Final = 1 << 20
-"""Bytes of a file that are looked at."""
+HEAD: Final = 1 << 20  #: bytes of a file that are looked at
 _DELIMITERS: Final = ("\t", ";", ",", "|", r"\s+")
 _MARKS: Final = (codecs.BOM_UTF8, codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _NUMBER: Final = {

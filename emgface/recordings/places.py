@@ -10,14 +10,11 @@ from scipy.optimize import linear_sum_assignment
 
 from emgface.recordings.quality.markers import LAYOUT
 
-NEAR: Final = 0.35
-"""Largest distance from the expected place, in halves of the mouth's width."""
-WIDTHS: Final = (0.015, 0.045)
-"""Smallest and largest half of a mouth's width [m]."""
+NEAR: Final = 0.35  #: largest distance from the expected place, in halves of the mouth's width
+WIDTHS: Final = (0.015, 0.045)  #: smallest and largest half of a mouth's width [m]
 CLEARER: Final = 1.5
 """Misfit of the second best orientation over that of the best from which the best is proposed."""
-FEWEST: Final = 14
-"""Least number of markers if no label is known."""
+FEWEST: Final = 14  #: least number of markers if no label is known
 _REFINEMENTS: Final = 8
 
 

@@ -9,8 +9,7 @@ from emgface.errors import listed
 from emgface.schema.declaration import AttributeDeclaration, ObjectDeclaration
 from emgface.schema.rules import hint, nearest
 
-Problem = tuple[bool, str]
-"""Problem: True if it concerns a unit, and the message."""
+Problem = tuple[bool, str]  #: problem: True if it concerns a unit, and the message
 
 
 def attribute_problems(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:

@@ -16,8 +16,7 @@ from emgface.files import replace_file
 from emgface.schema.validation import validate
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_JSON = "json_attributes"
-"""Attribute that lists the attributes stored as JSON text."""
+_JSON = "json_attributes"  #: attribute that lists the attributes stored as JSON text
 _EXPANSION = 1100
 """Largest number of bytes in memory per byte of a file; zeros are compressed to about 1/1030."""
 _COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": True}

@@ -13,8 +13,7 @@ from emgface.schema.declaration import ArrayDeclaration
 Rule = Callable[[xr.DataArray], str | None]
 """Rule: returns None, or a sentence on what was found, expected and what to try."""
 
-SLACK = 1e-9
-"""Fraction of a range by which rounding may exceed it."""
+SLACK = 1e-9  #: fraction of a range by which rounding may exceed it
 
 _KINDS = {"float64": "f", "number": "iuf", "string": "UTO"}
 _WANTED = {"float64": "64-bit floats", "number": "numbers", "string": "strings"}

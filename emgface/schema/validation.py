@@ -19,8 +19,7 @@ from emgface.schema.migration import migrate
 from emgface.schema.rules import Rule, hint, index_rule, nearest, rules_of, type_rule
 
 CONVENTIONS = "CF-1.11"
-STUDY = "study"
-"""Name of the JSON Schema of the study file, which does not declare a dataset."""
+STUDY = "study"  #: name of the JSON Schema of the study file, which does not declare a dataset
 
 
 def schema_folder() -> Path:

@@ -102,8 +102,7 @@ class Montage:
         )
 
 
-COMPLETE: Final = Montage(CHANNELS)
-"""Montage of the study, seven muscles on each side."""
+COMPLETE: Final = Montage(CHANNELS)  #: montage of the study, seven muscles on each side
 
 
 def montage_of(channels: Iterable[str], parameters: MontageParameters) -> Montage:

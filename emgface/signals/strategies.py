@@ -13,8 +13,7 @@ from emgface.errors import ConfigurationError, SchemaError
 from emgface.muscles import INSTRUCTIONS, MODELLED, RELEVANT
 from emgface.signals.parameters import StrategyName, StrategyParameters
 
-STRATEGIES: tuple[StrategyName, ...] = get_args(StrategyName)
-"""Names of all strategies."""
+STRATEGIES: tuple[StrategyName, ...] = get_args(StrategyName)  #: names of all strategies
 
 
 def bilateral_mean(feature: xr.DataArray) -> xr.DataArray:

@@ -39,8 +39,7 @@ _CODE = (*ALIGNED.modules, "analysis.registration", "analysis.individual")
 TYPICAL = Stage("typical", (*_CODE, __name__))
 BASELINES = Stage("baselines", (*_CODE, *SCORES.modules, "analysis.baselines", __name__))
 
-Person = tuple[str, str]
-"""Volunteer and instruction."""
+Person = tuple[str, str]  #: volunteer and instruction
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,8 @@ from typing import Any, Final
 
 from emgface.errors import ConfigurationError, ExecutionError, WorkerDied
 
-TIMEOUT: Final = 30.0
-"""Seconds to wait for a scheduler to answer."""
-REFRESH: Final = 2.0
-"""Seconds between two counts of the workers."""
+TIMEOUT: Final = 30.0  #: seconds to wait for a scheduler to answer
+REFRESH: Final = 2.0  #: seconds between two counts of the workers
 AHEAD: Final = 2
 """Jobs submitted per thread of the workers, so that no worker waits for the next one."""
 

@@ -17,10 +17,8 @@ from emgface.study.axes import Axis, Design
 from emgface.study.comparison import AlignmentParameters, ScoreParameters
 from emgface.study.exclusions import Exclusion
 
-STUDY_VERSION = 1
-"""Version of the format of a study file."""
-TRUE_STRATEGY = "true"
-"""Strategy name in the cube of trials driven by the true activation."""
+STUDY_VERSION = 1  #: version of the format of a study file
+TRUE_STRATEGY = "true"  #: strategy name in the cube of trials driven by the true activation
 
 
 class RecordingsConfiguration(Parameters):

@@ -11,8 +11,7 @@ from emgface.study.digest import canonical_json, code_version, text_digest
 from emgface.volunteers.settings import VolunteerParameters
 
 RESOLUTION = "coarse"
-SHORT: Final = ("A", "D")
-"""Instructions of the demonstration: purse lips, and smile."""
+SHORT: Final = ("A", "D")  #: instructions of the demonstration: purse lips, and smile
 
 DURATION, REST, OUTPUT = 1.0, 0.25, 0.02
 """Length of a trial, and of the rests before and after it; largest step and time between outputs [s]."""

@@ -15,8 +15,7 @@ from emgface.errors import StoreError
 if TYPE_CHECKING:  # importing xarray takes longer than an unchanged report
     import xarray as xr
 
-DIGEST_LENGTH: Final = 32
-"""Number of hexadecimal digits of a digest: 128 bits."""
+DIGEST_LENGTH: Final = 32  #: number of hexadecimal digits of a digest: 128 bits
 
 
 def canonical_json(value: Any) -> str:

@@ -11,8 +11,7 @@ from emgface.choices import Parameters, choice, configure, parameter
 from emgface.errors import ConfigurationError
 from emgface.muscles import INSTRUCTIONS
 
-Place = tuple[str, str, int]
-"""Volunteer, instruction, repetition."""
+Place = tuple[str, str, int]  #: volunteer, instruction, repetition
 
 
 class Exclusion(Parameters):

@@ -35,8 +35,7 @@ POLL: Final = 0.5
 class Workers(Protocol):
     """Interface of what executes jobs."""
 
-    tries: int
-    """Number of workers that may die of the same job before it is given up."""
+    tries: int  #: number of workers that may die of the same job before it is given up
 
     @property
     def slots(self) -> int:
@@ -308,8 +307,7 @@ def _import(modules: tuple[str, ...]) -> None:
         importlib.import_module(module)
 
 
-_begun: str | None = None
-"""Call of `run_jobs` that this process has begun to work for."""
+_begun: str | None = None  #: call of `run_jobs` that this process has begun to work for
 _one_at_a_time = threading.RLock()
 """Held by the job of this process; the netCDF library is not safe for several threads."""
 

@@ -11,8 +11,7 @@ from emgface.study.runs import lines, run_files
 from emgface.study.state import read_state
 from emgface.study.store import damage_of
 
-FACES = "face"
-"""Folder of the store with the faces of its studies, which workers read."""
+FACES = "face"  #: folder of the store with the faces of its studies, which workers read
 
 
 @dataclass(frozen=True)

@@ -23,8 +23,7 @@ from emgface.study.stages import Laboratory
 from emgface.study.store import Event, Result, Store
 from emgface.study.table import PlannedTrial
 
-PAUSE: Final = 1.0
-"""Seconds after which a result that could not be written is tried once more."""
+PAUSE: Final = 1.0  #: seconds after which a result that could not be written is tried once more
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,8 @@ from scipy.ndimage import gaussian_filter1d
 
 ANISOTROPY: Final = 5.0
 """Conductivity of muscle along its fibres over that across them (Andreassen and Rosenfalck 1981)."""
-LENGTH: Final = 0.032
-"""Largest duration of a potential [s]."""
-_STEP: Final = 0.25e-3
-"""Spacing of the points of a fibre [m]."""
+LENGTH: Final = 0.032  #: largest duration of a potential [s]
+_STEP: Final = 0.25e-3  #: spacing of the points of a fibre [m]
 
 
 @dataclass(frozen=True)

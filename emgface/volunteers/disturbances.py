@@ -6,8 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-RAIL = 6.4e-3
-"""Saturation voltage of the amplifier [V]."""
+RAIL = 6.4e-3  #: saturation voltage of the amplifier [V]
 _KINDS: tuple[Literal["lost", "hum", "railed"], ...] = ("lost", "hum", "railed")
 
 

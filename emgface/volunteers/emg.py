@@ -20,8 +20,7 @@ from emgface.muscles import ACROSS, CHANNELS, MUSCLES, NEIGHBOURS, SIDES
 from emgface.volunteers.conduction import ELECTRODES, Conduction
 from emgface.volunteers.motor_units import Pools, draw_pool, pool_signal
 
-BAND: Final = (15.0, 500.0)
-"""Band of the synthesised EMG [Hz], the recording band of the study."""
+BAND: Final = (15.0, 500.0)  #: band of the synthesised EMG [Hz], the recording band of the study
 
 PICKUP: Final[Mapping[str, Mapping[str, float]]] = {
     "OOS": {"OOP": 0.8, "OOM": 1.0},
@@ -186,8 +185,7 @@ def _unit_sources(pools: Pools, activation: np.ndarray, rng: np.random.Generator
     return source
 
 
-_ROOM = 0.1
-"""Duration of the zero padding before filtering, which avoids wrap-around [s]."""
+_ROOM = 0.1  #: duration of the zero padding before filtering, which avoids wrap-around [s]
 
 
 def _conducted(

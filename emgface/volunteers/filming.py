@@ -5,18 +5,13 @@ import xarray as xr
 
 from emgface.volunteers.cameras import Camera, triangulate
 
-FOCAL = 2000.0
-"""Focal length [pixel]."""
-IMAGE = (1280.0, 1024.0)
-"""Width and height of an image [pixel]."""
-DISTANCE = 0.9
-"""Distance of the cameras from the mouth [m]."""
+FOCAL = 2000.0  #: focal length [pixel]
+IMAGE = (1280.0, 1024.0)  #: width and height of an image [pixel]
+DISTANCE = 0.9  #: distance of the cameras from the mouth [m]
 DIRECTIONS = (-35.0, 0.0, 35.0)
 """Angles of the cameras from straight ahead, seen from above [degree]."""
-RAISED = (0.12, -0.10, 0.12)
-"""Heights of the cameras above the mouth [m]."""
-SHORTEST, LONGEST = 0.02, 0.08
-"""Range of the duration of a marker loss [s]."""
+RAISED = (0.12, -0.10, 0.12)  #: heights of the cameras above the mouth [m]
+SHORTEST, LONGEST = 0.02, 0.08  #: range of the duration of a marker loss [s]
 
 
 def three_cameras(mouth: np.ndarray) -> list[Camera]:

@@ -7,8 +7,7 @@ from scipy.spatial.transform import Rotation
 from emgface.errors import MarkerError
 from emgface.muscles import AXES, FACE_MARKERS, LIP_MARKERS
 
-FRAME_RATE = 100.0
-"""Frames per second of the camera set-up (Eskes et al. 2017, Methods)."""
+FRAME_RATE = 100.0  #: frames per second of the camera set-up (Eskes et al. 2017, Methods)
 
 
 def head_motion(

@@ -9,26 +9,18 @@ import scipy.signal
 
 from emgface.volunteers.action_potentials import action_potentials, draw_geometry
 
-UNITS: Final = 100
-"""Motor units within reach of one electrode pair."""
-RECRUITMENT_RANGE: Final = 30.0
-"""Ratio of the largest to the smallest recruitment threshold."""
+UNITS: Final = 100  #: motor units within reach of one electrode pair
+RECRUITMENT_RANGE: Final = 30.0  #: ratio of the largest to the smallest recruitment threshold
 SIZE_RANGE: Final = 10.0
 """Ratio of the largest to the smallest action potential, small for facial muscles."""
-LOWEST_RATE: Final = 8.0
-"""Firing rate at recruitment [1/s]."""
-HIGHEST_RATE: Final = 40.0
-"""Largest firing rate of the first unit [1/s]."""
+LOWEST_RATE: Final = 8.0  #: firing rate at recruitment [1/s]
+HIGHEST_RATE: Final = 40.0  #: largest firing rate of the first unit [1/s]
 RATE_DIFFERENCE: Final = 10.0
 """Decrease of the largest firing rate from the first to the last unit [1/s]."""
-RATE_GAIN: Final = 1.0
-"""Increase of the firing rate per unit of excitation [1/s]."""
-INTERVAL_VARIATION: Final = 0.2
-"""Coefficient of variation of the intervals between discharges."""
-PHASES: Final = 4
-"""Number of positions between two samples at which a potential may begin."""
-BAND: Final = (15.0, 500.0)
-"""Pass-band of the amplifier [Hz]."""
+RATE_GAIN: Final = 1.0  #: increase of the firing rate per unit of excitation [1/s]
+INTERVAL_VARIATION: Final = 0.2  #: coefficient of variation of the intervals between discharges
+PHASES: Final = 4  #: number of positions between two samples at which a potential may begin
+BAND: Final = (15.0, 500.0)  #: pass-band of the amplifier [Hz]
 
 
 @dataclass(frozen=True)

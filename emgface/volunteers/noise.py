@@ -6,10 +6,8 @@ from typing import Final
 import numpy as np
 import scipy.signal
 
-BAND: Final = (15.0, 500.0)
-"""Pass-band of the study [Hz]."""
-WINDOW: Final = 0.25
-"""Length of the windows in which power is measured [s]."""
+BAND: Final = (15.0, 500.0)  #: pass-band of the study [Hz]
+WINDOW: Final = 0.25  #: length of the windows in which power is measured [s]
 
 
 def window_power(emg: np.ndarray, sampling_rate: float) -> np.ndarray:

@@ -9,10 +9,8 @@ import numpy as np
 from emgface.muscles import MODELLED, RELEVANT
 from emgface.volunteers.world import World
 
-LEFT_OVER: Final = 0.2
-"""Fraction of the level of a muscle that a person omits."""
-_MOST_SHIFT: Final = 2.0
-"""Truncation of the onset of a muscle, in standard deviations."""
+LEFT_OVER: Final = 0.2  #: fraction of the level of a muscle that a person omits
+_MOST_SHIFT: Final = 2.0  #: truncation of the onset of a muscle, in standard deviations
 
 
 @dataclass(frozen=True)

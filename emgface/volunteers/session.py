@@ -23,10 +23,8 @@ from emgface.volunteers.noise import noise_for
 from emgface.volunteers.person import SimulatedVolunteer
 from emgface.volunteers.settings import VolunteerParameters
 
-TAIL = 0.5
-"""Simulated time after a trial [s], after which the face is at rest to a micrometre."""
-_RUNS = 3
-"""Number of realisations of the EMG of each movement for an estimate of its power."""
+TAIL = 0.5  #: simulated time after a trial [s], after which the face is at rest to a micrometre
+_RUNS = 3  #: number of realisations of the EMG of each movement for an estimate of its power
 _GRID = 0.25
 """Grid of the start times of trials [s], at which samples (2048 Hz) and frames (100 Hz) coincide."""
 

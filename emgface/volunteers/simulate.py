@@ -128,8 +128,7 @@ def other_resolution(resolution: str | int, factor: float) -> str | int:
     return round(factor * LAYERS * grid.rays * grid.n_rings)
 
 
-_Place = tuple[int, str]
-"""Index of the volunteer, and instruction."""
+_Place = tuple[int, str]  #: index of the volunteer, and instruction
 
 
 @dataclass(frozen=True)

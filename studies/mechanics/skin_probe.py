@@ -18,12 +18,9 @@ from sim import Fixed, Static, Workspace, compile_scene
 
 Floats = NDArray[np.float64]
 
-RADIUS = 0.003
-"""Radius of the patch under each foot of the probe [m]."""
-GAUGE = 0.016
-"""Distance of the two feet of the probe [m]."""
-RING = 0.03
-"""Radius of the ring around the probe, outside which all nodes are fixed [m]."""
+RADIUS = 0.003  #: radius of the patch under each foot of the probe [m]
+GAUGE = 0.016  #: distance of the two feet of the probe [m]
+RING = 0.03  #: radius of the ring around the probe, outside which all nodes are fixed [m]
 
 
 def probe_skin(

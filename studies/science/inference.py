@@ -21,8 +21,7 @@ from analysis.tables import Column, Table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SPREADS = (0.0, 0.1, 0.2, 0.3, 0.4)
-"""Standard deviations of instruction x strategy in Fisher's z."""
+SPREADS = (0.0, 0.1, 0.2, 0.3, 0.4)  #: standard deviations of instruction x strategy in Fisher's z
 CUBES = 300
 SEED = 4000
 MODELS = {

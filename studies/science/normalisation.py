@@ -28,8 +28,7 @@ from studies.science.subset import (
     told,
 )
 
-REACHES: Final = ("trial", "session")
-"""Data from which Eq. 8 takes the minimum and maximum."""
+REACHES: Final = ("trial", "session")  #: data from which Eq. 8 takes the minimum and maximum
 WORDS: Final = {"trial": "per trial", "session": "per session"}
 KEYS: Final = ["world", "normalisation", "strategy"]
 

@@ -20,8 +20,7 @@ from studies.science.subset import (
     told,
 )
 
-RECORDING: Final = ("pick-up", "noise")
-"""Kinds of mismatch of the EMG alone."""
+RECORDING: Final = ("pick-up", "noise")  #: kinds of mismatch of the EMG alone
 PERSON: Final = ("mesh", "laws", "courses", "strengths", "delay", "recruitment")
 """Kinds of mismatch of the person: the face and what its muscles do."""
 WORLDS: Final[dict[str, tuple[str, ...]]] = {

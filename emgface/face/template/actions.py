@@ -51,11 +51,9 @@ class Action:
     closes: bool = False
 
 
-PASSED: Final = 1e-4
-"""Depth above which lips are regarded as penetrating each other [m]."""
+PASSED: Final = 1e-4  #: depth above which lips are regarded as penetrating each other [m]
 
-MOVED: Final = 1e-4
-"""Displacement below which a marker is regarded as not moved [m]."""
+MOVED: Final = 1e-4  #: displacement below which a marker is regarded as not moved [m]
 
 ACTIONS: Final[Mapping[str, Action]] = {
     "ZYG": Action(

@@ -24,8 +24,7 @@ from emgface.face.template.surface import Surfaces
 
 Floats = NDArray[np.float64]
 
-CLEARANCE: Final = 0.5e-3
-"""Distance of the teeth from the resting lips [m]."""
+CLEARANCE: Final = 0.5e-3  #: distance of the teeth from the resting lips [m]
 
 
 @dataclass(frozen=True)
@@ -49,12 +48,9 @@ EXPOSURE: Final = 4.3e-3
 (women), as commonly quoted from Arnett et al. 1999."""
 OVERBITE: Final = 3.2e-3
 """Vertical overlap of the incisors [m], as commonly quoted from Arnett et al. 1999."""
-OVERJET: Final = 3.2e-3
-"""Horizontal overlap of the incisors [m], from the same source."""
-_EDGE: Final = 3e-3
-"""Thickness of the incisal edge [m]; chosen."""
-_ROOT: Final = 5e-3
-"""Thickness at the fornix [m]; chosen."""
+OVERJET: Final = 3.2e-3  #: horizontal overlap of the incisors [m], from the same source
+_EDGE: Final = 3e-3  #: thickness of the incisal edge [m]; chosen
+_ROOT: Final = 5e-3  #: thickness at the fornix [m]; chosen
 _BEHIND: Final = 4e-3
 """Height over which the lower incisors recede to the overjet behind the upper ones [m]; chosen."""
 _NEAR: Final = 1e-3

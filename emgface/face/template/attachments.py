@@ -13,8 +13,7 @@ from emgface.face.template.surface import Surfaces
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_POWER: Final = 4.0
-"""Exponent of the superellipse within which the inner surface is free."""
+_POWER: Final = 4.0  #: exponent of the superellipse within which the inner surface is free
 
 
 def fixed_nodes(surfaces: Surfaces, grid: Grid) -> NDArray[np.int8]:

@@ -35,14 +35,10 @@ from emgface.face.template.volunteers import preset_measures, random_measures
 Floats = NDArray[np.float64]
 Warp = Callable[[Floats], Floats]
 
-_LARGEST_SKIN_SHARE = 0.35
-"""Largest fraction of the skin in thin tissue."""
-_MIDLINE = 5e-3
-"""Width over which the two sides of an asymmetric face blend [m]."""
-_STREAM = 4
-"""Random stream of faces, separate from other properties of the same volunteer."""
-_COURSES = 5
-"""Random stream of muscles."""
+_LARGEST_SKIN_SHARE = 0.35  #: largest fraction of the skin in thin tissue
+_MIDLINE = 5e-3  #: width over which the two sides of an asymmetric face blend [m]
+_STREAM = 4  #: random stream of faces, separate from other properties of the same volunteer
+_COURSES = 5  #: random stream of muscles
 _ATTEMPTS = 100
 
 

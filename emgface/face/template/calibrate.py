@@ -18,8 +18,7 @@ from emgface.face.template.surface import Surfaces
 
 Floats = NDArray[np.float64]
 
-TOLERANCE: Final = 0.05e-3
-"""Tolerance of the measures of the surface at which the search ends [m]."""
+TOLERANCE: Final = 0.05e-3  #: tolerance of the measures of the surface at which the search ends [m]
 LARGEST_MISS: Final = 0.5e-3
 """Largest accepted difference of the measures if the search does not converge [m]."""
 _ROUNDS: Final = 60

@@ -11,8 +11,7 @@ from typing import Final
 from emgface.face.template.measures import Measures
 
 Course = tuple[tuple[float, float, float], ...]
-MODIOLUS: Final = 9e-3
-"""Distance of the modiolus from the mouth corner along the skin [m]."""
+MODIOLUS: Final = 9e-3  #: distance of the modiolus from the mouth corner along the skin [m]
 
 
 def courses(m: Measures, corner: float) -> dict[str, tuple[Course, ...]]:

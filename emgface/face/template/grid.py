@@ -19,8 +19,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 LAYERS: Final = 3
-RESOLUTIONS: Final = {"coarse": 576, "medium": 2448, "fine": 6480}
-"""Named numbers of elements."""
+RESOLUTIONS: Final = {"coarse": 576, "medium": 2448, "fine": 6480}  #: named numbers of elements
 RAYS_PER_STEP: Final = 24
 """Number of rays is a multiple of this, so that midlines, corners and markers lie on rays."""
 MARKER_RAY: Final = {"paramedian": 1.0 / 6.0, "lateral": 0.5}

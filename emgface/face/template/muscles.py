@@ -25,10 +25,8 @@ from emgface.muscles import MODELLED
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-RADIUS: Final = 5e-3
-"""Distance from a fibre within which tissue is muscle [m] (Eskes et al. 2017)."""
-LEAST_SHARE: Final = 0.01
-"""Fraction of an element below which it does not belong to a muscle [1]."""
+RADIUS: Final = 5e-3  #: distance from a fibre within which tissue is muscle [m] (Eskes et al. 2017)
+LEAST_SHARE: Final = 0.01  #: fraction of an element below which it does not belong to a muscle [1]
 RINGS: Final[Mapping[str, tuple[float, float]]] = {
     "OOM": (0.0, VERMILION),
     "OOP": (VERMILION + (PERIORAL - VERMILION) / 3.0, PERIORAL),

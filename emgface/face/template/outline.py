@@ -22,20 +22,16 @@ from emgface.face.template.measures import Measures
 
 Floats = NDArray[np.float64]
 
-MARGIN, VERMILION, PERIORAL, MIDDLE, RIM = 0.0, 0.18, 0.47, 0.76, 1.0
-"""Rings s of the five curves."""
+MARGIN, VERMILION, PERIORAL, MIDDLE, RIM = 0.0, 0.18, 0.47, 0.76, 1.0  #: rings s of the five curves
 CURVES: Final = (MARGIN, VERMILION, PERIORAL, MIDDLE, RIM)
 
 _EVEN_SHARE: Final = 0.2
 """Weight of an even spacing of rays, which avoids very small cells at the corners."""
-_CORNER_RIM: Final = 3.5e-3
-"""Distance of the vermilion border from the mouth corner [m]."""
-_OPEN: Final = 2.4e-3
-"""Opening of the lips below which the ends of the slit become blunter [m]."""
+_CORNER_RIM: Final = 3.5e-3  #: distance of the vermilion border from the mouth corner [m]
+_OPEN: Final = 2.4e-3  #: opening of the lips below which the ends of the slit become blunter [m]
 _PERIORAL_WIDTH: Final = 0.55
 """Half width of the perioral region beyond the corner, over the half width of the mouth."""
-_BOW_WIDTH: Final = 3.2e-3
-"""Width of the peaks of the Cupid's bow [m]."""
+_BOW_WIDTH: Final = 3.2e-3  #: width of the peaks of the Cupid's bow [m]
 
 
 def lateral_share(q: Floats) -> Floats:

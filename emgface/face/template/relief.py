@@ -34,8 +34,7 @@ LIP_ROLL: Final = PchipInterpolator(
 LIP_DEPTH: Final = PchipInterpolator([MARGIN, VERMILION, PERIORAL, 1.0], [1.0, 0.95, 0.0, 0.0])
 """Fraction of the protrusion due to the teeth, by ring; the rest of the relief is tissue."""
 
-NOSE_DEPTH: Final = 0.75
-"""Fraction of the relief of the nose due to bone and cartilage."""
+NOSE_DEPTH: Final = 0.75  #: fraction of the relief of the nose due to bone and cartilage
 _RIDGE: Final = PchipInterpolator(
     [-0.2, 0.0, 0.12, 0.22, 0.30, 0.45, 0.70, 0.95, 1.2, 1.5],
     [0.0, 0.05, 0.60, 0.95, 1.0, 0.82, 0.45, 0.15, 0.08, 0.08],
@@ -46,14 +45,10 @@ _RIDGE_WIDTH: Final = PchipInterpolator(
 )
 """Half width of the same over that of the nose."""
 
-MOUTH_BACK: Final = 2.0e-3
-"""Distance of the head without relief behind subnasale at the mouth [m]."""
-FOLD: Final = 1.8e-3
-"""Depth of the nasolabial fold [m]."""
-PHILTRUM: Final = 0.7e-3
-"""Height of the crests of the philtrum [m]."""
-CHIN_PAD: Final = 3.5e-3
-"""Relief of the chin [m]."""
+MOUTH_BACK: Final = 2.0e-3  #: distance of the head without relief behind subnasale at the mouth [m]
+FOLD: Final = 1.8e-3  #: depth of the nasolabial fold [m]
+PHILTRUM: Final = 0.7e-3  #: height of the crests of the philtrum [m]
+CHIN_PAD: Final = 3.5e-3  #: relief of the chin [m]
 
 
 def sulcus_back(m: Measures) -> float:

@@ -43,8 +43,7 @@ _NEWTON_STEPS: Final = 12
 _NEWTON_CHANGE: Final = 1e-12
 """Change of the ring and ray coordinates at which Newton's method ends."""
 
-_PLACE_TOLERANCE: Final = 1e-5
-"""Largest error of a position found in the chart [m]."""
+_PLACE_TOLERANCE: Final = 1e-5  #: largest error of a position found in the chart [m]
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from emgface.errors import FaceError
 from emgface.face.template.measures import MM, Measures
 from emgface.face.template.norms import NORMS
 
-TRUNCATION: Final = 2.5
-"""Number of standard deviations beyond which a measure is drawn again."""
+TRUNCATION: Final = 2.5  #: number of standard deviations beyond which a measure is drawn again
 _ATTEMPTS: Final = 1000
 ASYMMETRY: Final[Mapping[str, float]] = {"width_asymmetry": 0.02, "droop": 1.0 * MM}
 """Standard deviations of the differences between the sides, with zero mean; chosen [1], [m]."""

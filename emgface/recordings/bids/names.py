@@ -5,8 +5,7 @@ from pathlib import Path
 
 from emgface.errors import DataError
 
-LABEL = re.compile(r"[0-9A-Za-z+]+")
-"""Allowed values of an entity, after its key and hyphen."""
+LABEL = re.compile(r"[0-9A-Za-z+]+")  #: allowed values of an entity, after its key and hyphen
 ORDER = ("sub", "ses", "task", "tracksys", "acq", "run", "recording")
 """Entities of EMG and motion files, in the order of the specification."""
 TRIAL = ("sub", "ses", "task", "acq", "run")

@@ -32,8 +32,7 @@ from emgface.signals.filters import check_gaps, sampling_rate
 
 COUNTS: Final = 2**23 - 1
 """Largest count of BDF, used for both signs, so that zero volts are zero counts."""
-TRACKING: Final = "markers"
-"""Label of the tracking system."""
+TRACKING: Final = "markers"  #: label of the tracking system
 _START: Final = datetime(1970, 1, 1)
 _LONGEST_RECORD: Final = 60
 _DEFAULTS: Final[dict[str, Any]] = {

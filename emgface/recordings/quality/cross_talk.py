@@ -15,8 +15,7 @@ from emgface.signals.filters import TIME_EMG, sampling_rate
 COLUMNS = ("channel", "neighbour", "correlation", "lag", "common", "share")
 STRONG_HUM = 0.1
 """Fraction of mains hum in the power of a channel above which it is removed before comparison."""
-LARGEST_LAG = 0.01
-"""Largest delay between two electrodes [s]: 40 mm at 4 m/s."""
+LARGEST_LAG = 0.01  #: largest delay between two electrodes [s]: 40 mm at 4 m/s
 
 
 def neighbours() -> list[tuple[str, str]]:

@@ -14,10 +14,8 @@ ARTEFACT = (2.0, 15.0)
 """Band of movement artefacts [Hz], between the drift of electrodes and the band of muscles."""
 MUSCLE = (15.0, 500.0)
 """Band of surface EMG [Hz] (Eskes et al. 2017; van Boxtel 2001, Psychophysiology 38:22-34)."""
-WINDOW = 0.1
-"""Window of the moving root mean square [s]."""
-BLOCK = 0.5
-"""Length of the windows whose means define the drift [s]."""
+WINDOW = 0.1  #: window of the moving root mean square [s]
+BLOCK = 0.5  #: length of the windows whose means define the drift [s]
 LEAST_RATE = 2.0 * MUSCLE[0] / 0.45
 """Sampling rate [Hz] above which a recording contains at least an octave of this band."""
 COLUMNS = (

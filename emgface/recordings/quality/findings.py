@@ -12,33 +12,21 @@ from emgface.recordings.quality.emg import emg_quality
 from emgface.recordings.quality.markers import LAYOUT, marker_quality, swapped_markers
 from emgface.recordings.quality.sides import swapped_sides
 
-MUCH_HUM = 0.1
-"""Fraction of the power in the lines of the mains."""
-LOUD_HUM = 5e-6
-"""Root mean square [V] of hum below which it does not affect surface EMG."""
-UNLIKELY = 1e-4
-"""Probability of a line by chance below which it is regarded as hum."""
-MUCH_ARTEFACT = 0.5
-"""Fraction of the power below the band of muscles."""
-MUCH_DRIFT = 1e-3
-"""Drift [V], ten times a strong surface EMG."""
-LONG_STUCK = 0.05
-"""Time at one value [s], as when a transmitter loses its connection."""
-MUCH_SATURATION = 0.001
-"""Fraction of samples at the limits of the amplifier."""
-LOUD_BASELINE = 20e-6
-"""Root mean square at rest [V]."""
+MUCH_HUM = 0.1  #: fraction of the power in the lines of the mains
+LOUD_HUM = 5e-6  #: root mean square [V] of hum below which it does not affect surface EMG
+UNLIKELY = 1e-4  #: probability of a line by chance below which it is regarded as hum
+MUCH_ARTEFACT = 0.5  #: fraction of the power below the band of muscles
+MUCH_DRIFT = 1e-3  #: drift [V], ten times a strong surface EMG
+LONG_STUCK = 0.05  #: time at one value [s], as when a transmitter loses its connection
+MUCH_SATURATION = 0.001  #: fraction of samples at the limits of the amplifier
+LOUD_BASELINE = 20e-6  #: root mean square at rest [V]
 MUCH_CROSS_TALK = 0.25
 """Relative amplitude of a neighbour's muscle at an electrode; equal channels correlate at 0.5."""
-MUCH_NOISE = 1e-3
-"""Noise of a marker [m]."""
-TOO_FAST = 1.5
-"""Speed [m/s] above which a face marker is suspect."""
-TOO_FAST_ELSEWHERE = 15.0
-"""Speed [m/s] above which any other marker on the body is suspect."""
+MUCH_NOISE = 1e-3  #: noise of a marker [m]
+TOO_FAST = 1.5  #: speed [m/s] above which a face marker is suspect
+TOO_FAST_ELSEWHERE = 15.0  #: speed [m/s] above which any other marker on the body is suspect
 
-Finding = tuple[str, str, str]
-"""Kind (channel or marker), name, sentence."""
+Finding = tuple[str, str, str]  #: kind (channel or marker), name, sentence
 
 
 def findings(

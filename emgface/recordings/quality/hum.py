@@ -9,17 +9,12 @@ import xarray as xr
 from emgface.errors import SignalError
 from emgface.signals.filters import TIME_EMG, check_gaps, row_dim, sampling_rate
 
-MAINS = (50.0, 60.0)
-"""Frequencies of power grids [Hz]."""
-BAND = (10.0, 500.0)
-"""Band over which hum is compared with the signal [Hz]."""
-WANDER = 0.2
-"""Deviation of the mains from their frequency [Hz]."""
-ENOUGH = 20.0
-"""Duration [s] above which the averaged spectrum suffices for a decision."""
+MAINS = (50.0, 60.0)  #: frequencies of power grids [Hz]
+BAND = (10.0, 500.0)  #: band over which hum is compared with the signal [Hz]
+WANDER = 0.2  #: deviation of the mains from their frequency [Hz]
+ENOUGH = 20.0  #: duration [s] above which the averaged spectrum suffices for a decision
 _FINER = 8
-LEAST_DURATION = 1.0
-"""Shortest signal [s] whose spectrum is analysed."""
+LEAST_DURATION = 1.0  #: shortest signal [s] whose spectrum is analysed
 
 
 class Hum(NamedTuple):

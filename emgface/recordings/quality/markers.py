@@ -20,14 +20,12 @@ LAYOUT = {
 }  # fmt: skip
 """Approximate positions in halves of the mouth width, in the axes of the face (x right)."""
 
-FEWEST = 6
-"""Least number of markers of the layout for the detection of exchanged names."""
+FEWEST = 6  #: least number of markers of the layout for the detection of exchanged names
 BETTER = 0.75
 """Misfit of exchanged names over that of the given ones, below which they are suspected."""
 OPPOSITE = -0.7
 """Cosine between the vectors from one marker to another below which they are opposite."""
-NEAREST = 0.003
-"""Jump of a marker [m] above which an exchange within a trial is suspected."""
+NEAREST = 0.003  #: jump of a marker [m] above which an exchange within a trial is suspected
 
 
 def marker_quality(position: xr.DataArray) -> pd.DataFrame:

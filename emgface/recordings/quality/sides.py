@@ -10,17 +10,13 @@ from emgface.recordings.quality.emg import can_be_judged, in_muscle_band
 from emgface.signals.filters import TIME_EMG, sampling_rate
 
 COLUMNS = ("left", "right", "correlation", "swapped")
-PULLING = ("ZYG", "RIS", "LLSAN", "DAO")
-"""Muscles that move the mouth corner of their own side."""
+PULLING = ("ZYG", "RIS", "LLSAN", "DAO")  #: muscles that move the mouth corner of their own side
 CORNERS = ("corner_left", "corner_right")
-DECISIVE = 0.5
-"""Absolute correlation above which its sign is used."""
+DECISIVE = 0.5  #: absolute correlation above which its sign is used
 LEAST_APART = 1e-3
 """Difference between the displacements of the corners [m] above which a movement is lateral."""
-SHARE_APART = 0.3
-"""The same, as a fraction of the displacement."""
-SMOOTHING = 0.2
-"""Window of the envelope and of the motion [s]."""
+SHARE_APART = 0.3  #: the same, as a fraction of the displacement
+SMOOTHING = 0.2  #: window of the envelope and of the motion [s]
 
 
 def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:

@@ -13,8 +13,7 @@ from typing import NamedTuple
 from emgface.errors import DataError
 
 _BLOCK = 512
-_ORDERS = {84: "<", 85: "<", 86: ">"}
-"""Byte order by processor: Intel, DEC, MIPS."""
+_ORDERS = {84: "<", 85: "<", 86: ">"}  #: byte order by processor: Intel, DEC, MIPS
 _SIZES = {-1: 1, 1: 1, 2: 2, 4: 4}
 _MOST_DIMS = 7
 

@@ -19,8 +19,7 @@ SUFFIXES = (".vhdr",)
 FORMAT = "BrainVision"
 
 _FORMATS = {"INT_16": "i2", "UINT_16": "u2", "INT_32": "i4", "IEEE_FLOAT_32": "f4"}
-_UNIT = "\u00b5V"
-"""Default unit of a channel, specified by the format."""
+_UNIT = "\u00b5V"  #: default unit of a channel, specified by the format
 
 
 class _Channel(NamedTuple):

@@ -25,8 +25,7 @@ from emgface.schema.units import quantity_of
 SUFFIXES = (".edf", ".bdf")
 FORMAT = "EDF or BDF"
 
-_HEADER = 256
-"""Bytes of the general header, and of the header of each signal."""
+_HEADER = 256  #: bytes of the general header, and of the header of each signal
 
 
 class _Content(NamedTuple):

@@ -20,8 +20,7 @@ SUFFIXES = (".poly5", ".s00")
 FORMAT = "TMSi Poly5"
 
 _MAGIC = b"POLY SAMPLE FILE"
-_VERSIONS = {203: 31, 204: 32}
-"""Length of the initial text of the file, by version."""
+_VERSIONS = {203: 31, 204: 32}  #: length of the initial text of the file, by version
 _HEADER = struct.Struct("<H81pHHBHi4x14xiHHH64x")
 _SIGNAL = struct.Struct("<41p4x11p4fHH60x")
 _BLOCK = struct.Struct("<i4x14x64x")
