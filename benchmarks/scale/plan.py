@@ -4,6 +4,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from emgface.study.baselines import MOST_OTHERS
+
 STAGES_OF_TRIAL = ("activation", "motion", "skin", "aligned", "scores")
 DRIVER, RECORD = 4e-3, 2.5e3
 """Processor time of the driver [s] and size of the record [bytes] per trial (``thousand``, ``many``)."""
@@ -37,7 +39,7 @@ def plan(store: Path, volunteers: int = 10_000, workers: int = 1000) -> list[dic
         ("journal [GB]", f"{trials * RECORD / 1e9:.1f}"),
         ("driver, share of a core", f"{trials * DRIVER / elapsed:.2f}"),
         (f"baselines per volunteer and instruction, {others} other volunteers [s]", f"{baseline:.1f}"),
-        ("baselines in the driver, if that time did not grow [h]",
-         f"{6 * volunteers * baseline / 3600:,.0f}"),
+        (f"baselines with {workers} workers and {MOST_OTHERS} other volunteers, at most [h]",
+         f"{6 * volunteers * baseline * MOST_OTHERS / others / workers / 3600:,.1f}"),
     ]  # fmt: skip
     return [{"quantity": name, "value": value} for name, value in rows]

@@ -13,7 +13,7 @@ from emgface.face.lip_shape import has_mouth
 from emgface.study.digest import dataset_digest
 from emgface.study.journal import Entry
 from emgface.study.motions import StoredMotion
-from emgface.study.observer import Observer
+from emgface.study.outcomes import Run
 from emgface.study.stages import Laboratory
 from emgface.study.store import Result, Stage
 from emgface.study.table import PlannedTrial
@@ -37,37 +37,47 @@ def add_formants(
     planned: Sequence[PlannedTrial],
     entries: Mapping[tuple[str, str, int, str], Entry],
     extents: Mapping[str, Result],
-    observer: Observer,
+    run: Run,
 ) -> xr.Dataset:
     """Add the formants of every scored trial to the cube of a study, if it specifies a tract.
 
     They are computed from the stored motions (`analysis.formants.with_formants`).
     Arguments are those of `emgface.study.baselines.add_baselines`. A face without a mouth opening
-    has no formants, which `observer` is told.
+    has no formants, which the observer of `run` is told.
     """
     parameters = laboratory.study.tract
     if parameters is None:
         return cube
     if not has_mouth(laboratory.face):
-        observer.message("No formants are computed, because the face has no mouth opening.")
+        run.observer.message("No formants are computed, because the face has no mouth opening.")
         return cube
-    tract = tract_of(parameters)
-    found: dict[tuple[str, str, int, str], xr.Dataset] = {}
-    for trial in planned:
-        place = (*trial.place, trial.strategy)
-        entry = entries[place]
-        if entry.status != "ok":
-            continue
-        observer.working(f"formants {trial.label}")
-        motion = StoredMotion(laboratory, trial, entry, extents.get(trial.place[0]))
-        found[place] = laboratory.store.get_or_compute(
-            SOUND,
-            {"motion": motion.digest, "tract": dataset_digest(tract)},
-            {"lips": parameters.lips},
-            lambda motion=motion: formants_of(motion.dataset, tract, parameters.lips),
-            label=trial.label,
-        ).dataset
-    return with_formants(cube, found, tract.attrs["assumptions"])
+    places = [(*trial.place, trial.strategy) for trial in planned]
+    jobs = [
+        (trial, entries[place], extents.get(trial.place[0]))
+        for trial, place in zip(planned, places, strict=True)
+        if entries[place].status == "ok"
+    ]
+    found = run.computed(formants, laboratory, jobs, "formants")
+    return with_formants(
+        cube,
+        {(*job[0].place, job[0].strategy): one for job, one in zip(jobs, found, strict=True)},
+        tract_of(parameters).attrs["assumptions"],
+    )
+
+
+def formants(laboratory: Laboratory, job: tuple[PlannedTrial, Entry, Result | None]) -> xr.Dataset:
+    """Store and return the formants of one trial."""
+    trial, entry, extent = job
+    parameters = laboratory.study.tract
+    assert parameters is not None, "a study with formants specifies a tract"
+    tract, motion = tract_of(parameters), StoredMotion(laboratory, trial, entry, extent)
+    return laboratory.store.get_or_compute(
+        SOUND,
+        {"motion": motion.digest, "tract": dataset_digest(tract)},
+        {"lips": parameters.lips},
+        lambda: formants_of(motion.dataset, tract, parameters.lips),
+        label=trial.label,
+    ).dataset
 
 
 def formants_of(motion: xr.Dataset, tract: xr.Dataset, lips: float) -> xr.Dataset:

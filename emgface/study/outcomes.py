@@ -5,11 +5,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from analysis.trial import Trial
 from emgface.study.journal import Entry, Journal, StoredFiles
 from emgface.study.observer import Observer, Silent
 from emgface.study.parallel import Workers
+from emgface.study.stages import Laboratory
 from emgface.study.table import Place, PlannedTrial
-from emgface.study.workers import Done
+from emgface.study.workers import Done, Job, Outcome, compute
 
 Entries = dict[tuple[str, str, int, str], Entry]
 """Outcomes of the trials by volunteer, instruction, repetition and strategy."""
@@ -53,18 +55,45 @@ class Run:
         self.observer.working(self.label(trial))
         return True
 
+    def computed(
+        self,
+        work: Callable[[Laboratory, Job], Outcome],
+        laboratory: Laboratory,
+        jobs: Sequence[Job],
+        stage: str,
+    ) -> list[Outcome]:
+        """Return the outcomes of jobs of the workers that are not trials, in their order.
+
+        The events of their results are added to those of `laboratory`. Raises KeyboardInterrupt if
+        the run is to stop, and WorkerDied if several workers died of the same job.
+        """
+        found: dict[int, Outcome] = {}
+
+        def starting(index: int) -> bool:
+            self.observer.working(f"{stage} {index + 1} of {len(jobs)}")
+            return not self.stopping()
+
+        for index, done in compute(work, laboratory, jobs, self.workers, starting=starting):
+            found[index] = done.outcome
+            laboratory.store.events += done.events
+            for text in done.messages:
+                self.observer.message(text)
+        if len(found) < len(jobs):
+            raise KeyboardInterrupt
+        return [found[index] for index in range(len(jobs))]
+
     def outcomes(
         self,
         trials: Sequence[PlannedTrial],
         keys: Sequence[str],
-        compute: Callable[[list[PlannedTrial]], Iterator[tuple[PlannedTrial, Done]]],
+        compute_left: Callable[[list[PlannedTrial]], Iterator[tuple[PlannedTrial, Done[Trial]]]],
         store: Path,
     ) -> Entries:
         """Return the outcomes of trials, computed if they are unknown or their results damaged.
 
-        `keys` are the digests of all inputs of the trials; `compute` yields trials and their
+        `keys` are the digests of all inputs of the trials; `compute_left` yields trials and their
         outputs in any order, and `store` is the folder of their results. Raises KeyboardInterrupt
-        if `compute` stops early, and StoreError if the journal cannot be written.
+        if `compute_left` stops early, and StoreError if the journal cannot be written.
         """
         found: Entries = {}
         absent: dict[tuple[Place, str], str] = {}
@@ -78,7 +107,7 @@ class Run:
                 self.muted.add(trial.place)
             self.observer.finished(self.label(trial), entry.status)
         left = [trial for trial in trials if (trial.place, trial.strategy) in absent]
-        for trial, done in compute(left):
+        for trial, done in compute_left(left):
             entry = self.journal.trial(
                 absent[trial.place, trial.strategy],
                 done.outcome,

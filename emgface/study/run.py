@@ -152,10 +152,8 @@ def run_study(
             extents = feature_extents(laboratory, intake)
             entries = _run_trials(run, laboratory, trials, extents)
             cube = _cube(laboratory, intake, trials, entries)
-            cube = add_baselines(laboratory, cube, trials, entries, extents, observer)
-            cubes[variant.labels] = add_formants(
-                laboratory, cube, trials, entries, extents, observer
-            )
+            cube = add_baselines(laboratory, cube, trials, entries, extents, run)
+            cubes[variant.labels] = add_formants(laboratory, cube, trials, entries, extents, run)
         outcome = "finished"
     except KeyboardInterrupt:
         outcome = "interrupted"

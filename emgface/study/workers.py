@@ -1,14 +1,14 @@
-"""Computation of trials by workers with a common store.
+"""Computation of trials, and of what compares them, by workers with a common store.
 
 Results go to the store, which is a folder on a file system of all workers. A job contains the names
 and digests of its inputs; a worker reads the face once, and a recording once for its strategies.
 """
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final, Generic, TypeVar
 
 from analysis.trial import Trial
 from emgface.errors import DataError, ExecutionError, StoreError, WorkerDied
@@ -23,21 +23,67 @@ from emgface.study.stages import Laboratory
 from emgface.study.store import Event, Result, Store
 from emgface.study.table import PlannedTrial
 
+Job = TypeVar("Job")
+Outcome = TypeVar("Outcome")
+
 PAUSE: Final = 1.0  #: seconds after which a result that could not be written is tried once more
 
 
 @dataclass(frozen=True)
-class Done:
-    """Output of a worker: outcome of the trial, stored results, messages and duration [s]."""
+class Done(Generic[Outcome]):
+    """Output of a worker: outcome of the job, stored results, messages and duration [s]."""
 
-    outcome: Trial
+    outcome: Outcome
     events: list[Event]
     muted: bool
     messages: list[str]
     seconds: float
 
 
-Job = tuple[PlannedTrial, Result | None]
+def compute(
+    work: Callable[[Laboratory, Job], Outcome],
+    laboratory: Laboratory,
+    jobs: Sequence[Job],
+    workers: int | Workers,
+    *,
+    starting: Callable[[int], bool],
+    group: Callable[[Job], Hashable] = lambda job: None,
+    lost: Callable[[Job, WorkerDied], Outcome] | None = None,
+) -> Iterator[tuple[int, Done[Outcome]]]:
+    """Execute jobs that use a laboratory; yield index and output of each job when it finishes.
+
+    `work` is a module-level function of a laboratory with the store, face and study of `laboratory`,
+    and of the job, whose names are small. `starting`, `group` and `lost` are those of `run_jobs`;
+    without `lost`, WorkerDied is raised if several workers died of the same job.
+    """
+    if not jobs:
+        return
+    if workers == 1:
+        begin, arguments = _use, (laboratory,)
+    else:
+        folder = laboratory.store.folder.resolve()
+        _keep_face(laboratory, folder)
+        digest, code = laboratory.face_digest, code_version(CODE)
+        begin, arguments = _begin, (laboratory.study, folder, digest, code)
+
+    def dead(given: tuple[Any, Job], error: WorkerDied) -> Done[Outcome]:
+        if lost is None:
+            raise error
+        return Done(lost(given[1], error), [], False, [], 0.0)
+
+    yield from run_jobs(
+        _work,
+        [(work, job) for job in jobs],
+        workers,
+        begin=begin,
+        arguments=arguments,
+        group=lambda given: group(given[1]),
+        lost=dead,
+        starting=starting,
+    )
+
+
+TrialJob = tuple[PlannedTrial, Result | None]
 """Trial, and the range of the features of its volunteer, if required."""
 
 
@@ -47,40 +93,35 @@ def compute_trials(
     extents: Mapping[str, Result],
     workers: int | Workers,
     starting: Callable[[PlannedTrial], bool],
-) -> Iterator[tuple[PlannedTrial, Done]]:
+) -> Iterator[tuple[PlannedTrial, Done[Trial]]]:
     """Compute trials; yield each trial and its output when it finishes.
 
     `extents` contains the range of the features per volunteer, if required. `starting` receives a
     trial that is about to begin; if it returns False, no further trial begins. A trial of which
     several workers died fails with WorkerDied.
     """
-    jobs: list[Job] = [(trial, extents.get(trial.place[0])) for trial in trials]
-    if workers == 1:
-        begin, arguments = _use, (laboratory,)
-    else:
+    if trials and workers != 1:
         laboratory.rest(laboratory.study.simulation)  # computed once, instead of in every worker
-        folder = laboratory.store.folder.resolve()
-        _keep_face(laboratory, folder)
-        digest, code = laboratory.face_digest, code_version(CODE)
-        begin, arguments = _begin, (laboratory.study, folder, digest, code)
-    found = run_jobs(
-        _work,
-        jobs,
+    found = compute(
+        _trial,
+        laboratory,
+        [(trial, extents.get(trial.place[0])) for trial in trials],
         workers,
-        begin=begin,
-        arguments=arguments,
+        starting=lambda index: starting(trials[index]),
         group=lambda job: job[0].place,
         lost=_lost,
-        starting=lambda index: starting(trials[index]),
     )
     for index, done in found:
         yield trials[index], done
 
 
-def _lost(job: Job, error: WorkerDied) -> Done:
+def _trial(laboratory: Laboratory, job: TrialJob) -> Trial:
+    return run_trial(laboratory, *job)
+
+
+def _lost(job: TrialJob, error: WorkerDied) -> Trial:
     trial = job[0]
-    outcome = Trial.failed(*trial.place, trial.strategy, error, origin=origin_of(trial))
-    return Done(outcome, [], False, [], 0.0)
+    return Trial.failed(*trial.place, trial.strategy, error, origin=origin_of(trial))
 
 
 def _keep_face(laboratory: Laboratory, store: Path) -> None:
@@ -126,17 +167,19 @@ def _begin(study: StudyConfiguration, folder: Path, digest: str, code: str) -> N
     _laboratory = Laboratory(store, face, study, _messages.append)
 
 
-def _work(job: Job) -> Done:
+def _work(
+    given: tuple[Callable[[Laboratory, Job], Outcome], Job],
+) -> Done[Outcome]:
     assert _laboratory is not None, "the laboratory of a worker is not set"
-    trial, extent = job
+    work, job = given
     events, _messages[:], started = _laboratory.store.events, [], time.perf_counter()
     before = len(events)
     try:
-        outcome = run_trial(_laboratory, trial, extent)
+        outcome = work(_laboratory, job)
     except StoreError:
         # File systems of clusters fail for moments; a full disk fails again.
         time.sleep(PAUSE)
-        outcome = run_trial(_laboratory, trial, extent)
+        outcome = work(_laboratory, job)
     own = events[before:]
     del events[before:]
     muted = bool(_laboratory.muted)
