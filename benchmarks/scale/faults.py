@@ -5,6 +5,7 @@ are compared with those of an undisturbed run.
 """
 
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -42,10 +43,11 @@ def here(folder: Path) -> None:
 
 
 def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
-    """Exit code of a process and the last line of its messages."""
+    """Exit code of a process and its last message, an error of this package if there is one."""
     _, said = process.communicate(timeout=300)
     told = [line for line in said.splitlines() if line.strip()]
-    return process.returncode, told[-1] if told else ""
+    errors = [line for line in told if re.match(r"[A-Z]\w+Error: ", line)]
+    return process.returncode, [*told, *errors][-1] if told else ""
 
 
 def recorded(folder: Path) -> int:

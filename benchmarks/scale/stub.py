@@ -172,6 +172,8 @@ def main(
 ) -> None:
     """Run or resume a study of stub trials and print its measurements."""
     if user is not None:
+        import multiprocessing.pool  # the user may not read the library of Python # noqa: F401
+
         os.seteuid(user)
     chosen: int | Workers = workers
     try:
