@@ -71,6 +71,14 @@ def dental_arches(measures: Measures, *, clearance: float = CLEARANCE) -> tuple[
     return arches_behind(calibrated_surfaces(measures), measures, clearance=clearance)
 
 
+def inner_wall(arch: Arch) -> Floats:
+    """Points (columns, rows, 3) of the side of an arch towards the tongue [m].
+
+    Columns run from the left to the right end, rows from the fornix to the incisal edge.
+    """
+    return arch.points.reshape(-1, 2 * _ROWS, 3)[:, :_ROWS]
+
+
 def arches_behind(
     surfaces: Surfaces, measures: Measures, *, clearance: float = CLEARANCE
 ) -> tuple[Arch, Arch]:
