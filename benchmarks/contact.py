@@ -7,7 +7,6 @@ and barrier; surfaces are lips and teeth.
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, get_args
 
@@ -16,6 +15,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+import sim
 from benchmarks.lip_probe import LipProbe, to_and_fro
 from benchmarks.report import Chart, face_of, finish, say
 from emgface.face.accuracy import accuracy_settings
@@ -27,18 +27,7 @@ from emgface.face.penetration import Penetration
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.gestures import GESTURES, gesture_activation
-from sim import (
-    Activation,
-    ConvergedEuler,
-    HalvingStep,
-    Iterations,
-    SimulationError,
-    State,
-    Workspace,
-    compile_scene,
-    simulate,
-)
-from sim.integrators import Integrator
+from sim.probes import Probe
 from sim.system import System
 
 Floats = NDArray[np.float64]
@@ -63,40 +52,51 @@ def drive(name: str) -> dict[str, float]:
     return gesture_activation(name)
 
 
-@dataclass(eq=False)
-class _Run:
-    """State of one face with one method."""
+class Run:
+    """A face that is moved by an activation, a few outputs at a time, until a step fails.
 
-    system: System
-    activation: Activation
-    steps: HalvingStep
-    integrator: Integrator
-    penetration: Penetration
-    probe: LipProbe
-    state: State
-    work: Workspace
-    parts: list[xr.Dataset]
-    seconds: float = 0.0
-    failure: str = ""
+    The `levels` of the muscles are reached within `RISE` and held. `seconds` is the processor time
+    of all steps [s], and `failure` the error that ended the run.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        base: SimulationParameters,
+        levels: Mapping[str, float],
+        probes: tuple[Probe, ...],
+    ) -> None:
+        peak = np.array([levels.get(name, 0.0) for name in system.muscles])
+        self.system, self.probes = system, probes
+        self.activation = sim.Activation(np.array([0.0, RISE]), np.stack([0.0 * peak, peak]))
+        self.steps, self.integrator = sim.HalvingStep(base.step), integrator_of(base)
+        self.state, self.work = system.rest_state(), sim.Workspace(system, base.linear_solver)
+        if isinstance(self.integrator, sim.ConvergedEuler):
+            # Preparations that are made once are not part of the measured steps.
+            self.work.prepare(self.state)
+        self.parts: list[xr.Dataset] = []
+        self.seconds, self.failure = 0.0, ""
 
     def advance(self, outputs: int) -> None:
         """Advance by a number of outputs, and store a failure."""
-        before, own = time.process_time(), self.probe.seconds
+        if self.failure:
+            return
+        before = time.process_time()
         try:
-            part, self.state = simulate(
+            part, self.state = sim.simulate(
                 self.system,
                 self.activation,
                 duration=outputs * self.steps.h,
                 integrator=self.integrator,
                 steps=self.steps,
-                probes=(self.probe, Iterations()),
+                probes=self.probes,
                 initial=self.state,
                 work=self.work,
             )
             self.parts.append(part if not self.parts else part.isel(time=slice(1, None)))
-        except SimulationError as error:
+        except sim.SimulationError as error:
             self.failure = f"{type(error).__name__}: {error}"
-        self.seconds += time.process_time() - before - (self.probe.seconds - own)
+        self.seconds += time.process_time() - before
 
 
 def measure(
@@ -136,13 +136,21 @@ def measure(
     rows: list[list[dict[str, Any]]] = []
     for case in cases:
         say(f"{case}: {', '.join(methods)}")
-        runs = [_start(face, s, base, drive(case), penetration) for s in systems.values()]
+        probes = [LipProbe(face, penetration, CHUNK * base.step) for _ in methods]
+        runs = [
+            Run(system, base, drive(case), (probe, sim.Iterations()))
+            for system, probe in zip(systems.values(), probes, strict=True)
+        ]
         for at in range(0, outputs, CHUNK):
             for run in runs:
-                if not run.failure:
-                    run.advance(min(CHUNK, outputs - at))
+                run.advance(min(CHUNK, outputs - at))
         tail = round(min(TAIL, 0.5 * hold) / base.step)
-        rows.append([_judged(face, rim, run, outputs, tail) for run in runs])
+        rows.append(
+            [
+                _judged(face, rim, penetration, run, probe, outputs, tail)
+                for run, probe in zip(runs, probes, strict=True)
+            ]
+        )
     names = [name for name in rows[0][0] if name not in ("opening", "node_position")]
     table = {name: [[cell[name] for cell in row] for row in rows] for name in names}
     dims, time_axis = ("case", "contact"), base.step * np.arange(outputs + 1)
@@ -223,36 +231,18 @@ def _compiled(
     contact = ContactParameters.model_validate(
         {"method": method, "between": tuple(between), "friction": friction}
     )
-    return compile_scene(compose_scene(face, base.model_copy(update={"contact": contact})))
+    return sim.compile_scene(compose_scene(face, base.model_copy(update={"contact": contact})))
 
 
-def _start(
+def _judged(
     face: xr.Dataset,
-    system: System,
-    base: SimulationParameters,
-    levels: Mapping[str, float],
+    rim: Any,
     penetration: Penetration,
-) -> _Run:
-    peak = np.array([levels.get(name, 0.0) for name in system.muscles])
-    integrator, state = integrator_of(base), system.rest_state()
-    work = Workspace(system, base.linear_solver)
-    if isinstance(integrator, ConvergedEuler):
-        # Preparations that are made once are not part of the measured steps.
-        work.prepare(state)
-    return _Run(
-        system=system,
-        activation=Activation(np.array([0.0, RISE]), np.stack([0.0 * peak, peak])),
-        steps=HalvingStep(base.step),
-        integrator=integrator,
-        penetration=penetration,
-        probe=LipProbe(face, penetration, CHUNK * base.step),
-        state=state,
-        work=work,
-        parts=[],
-    )
-
-
-def _judged(face: xr.Dataset, rim: Any, run: _Run, outputs: int, tail: int) -> dict[str, Any]:
+    run: Run,
+    probe: LipProbe,
+    outputs: int,
+    tail: int,
+) -> dict[str, Any]:
     """Quantities of one run, as far as it was completed."""
     every = xr.concat(run.parts, "time") if run.parts else None
     shape = lip_shape(face, rim, run.state.q)
@@ -265,12 +255,12 @@ def _judged(face: xr.Dataset, rim: Any, run: _Run, outputs: int, tail: int) -> d
             "node_position": run.state.q,
         }
     opening[: every.sizes["time"]] = every["opening"].values
-    path, ended = np.stack(list(run.probe.path.values())), not run.failure
+    path, ended = np.stack(list(probe.path.values())), not run.failure
     return {
         "status": run.failure or "ok",
         "opening_rest": opening[0],
         "opening_end": shape["height"],
-        "gap_end": run.penetration.gap(run.state.q),
+        "gap_end": penetration.gap(run.state.q),
         "area_end": shape["area"],
         **{name: shape[name] for name in ("width", "roundness", "protrusion")},
         "depth_lips": float(every["depth_lips"].max()),
@@ -281,7 +271,7 @@ def _judged(face: xr.Dataset, rim: Any, run: _Run, outputs: int, tail: int) -> d
         "chatter": to_and_fro(path[-tail - 1 :]) if ended else np.nan,
         "iterations": float(every["iterations"].values[1:].mean()),
         "factorisations": float(every["factorisations"].values[1:].mean()),
-        "seconds": run.seconds / (every.sizes["time"] - 1),
+        "seconds": (run.seconds - probe.seconds) / (every.sizes["time"] - 1),
         "opening": opening,
         "node_position": run.state.q,
     }

@@ -15,22 +15,13 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+import sim
 from benchmarks.report import Chart, face_of, finish, say
 from benchmarks.unit import STEP, unit_seconds
 from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
-from sim import (
-    LinearlyImplicitEuler,
-    Prony,
-    Rayleigh,
-    RestRayleigh,
-    Scene,
-    Solid,
-    Workspace,
-    compile_scene,
-)
 from sim.linear import ReusedFactor
 
 LEVEL: Final = 0.02
@@ -39,25 +30,25 @@ PHASES: Final = ("force", "tangent", "damping", "factorisation", "solution", "st
                  "step with a new factor")  # fmt: skip
 
 
-def scenes(face: xr.Dataset) -> dict[str, tuple[Scene, float]]:
+def scenes(face: xr.Dataset) -> dict[str, tuple[sim.Scene, float]]:
     """Scenes by name, with the activation of all muscles; each adds one part to 'tissue alone'."""
 
-    def scene(**changes: Any) -> Scene:
+    def scene(**changes: Any) -> sim.Scene:
         base = {"sigma_max": SIGMA_MAX, "gravity": False, "alpha": 0.0, "beta": 0.0}
         base["contact"] = NO_CONTACT
         return compose_scene(face, SimulationParameters.model_validate(base | changes))
 
-    def bare(made: Scene, **changes: Any) -> Scene:
+    def bare(made: sim.Scene, **changes: Any) -> sim.Scene:
         """Drop the muscles."""
         solid = made.terms[0]
-        assert isinstance(solid, Solid)
+        assert isinstance(solid, sim.Solid)
         changed = replace(solid, muscles=None, **changes)
         return replace(made, terms=(changed, *made.terms[1:]))
 
     alone = bare(scene())
     solid = alone.terms[0]
-    assert isinstance(solid, Solid)
-    relaxing = tuple(replace(m, relaxation=Prony((0.3,), (0.1,))) for m in solid.materials)
+    assert isinstance(solid, sim.Solid)
+    relaxing = tuple(replace(m, relaxation=sim.Prony((0.3,), (0.1,))) for m in solid.materials)
     tense = {"skin": {"kappa": 250e3}, "prestress": {"method": "stretch"}}
     quadratic = {"bulk_potential": "quadratic"}
     return {
@@ -72,8 +63,8 @@ def scenes(face: xr.Dataset) -> dict[str, tuple[Scene, float]]:
         "+ skin and prestretch": (bare(scene(**tense)), 0.0),
         "+ relaxation": (bare(scene(), materials=relaxing), 0.0),
         "+ walls behind the lips": (bare(scene(support=1000.0)), 0.0),
-        "+ damping, current": (replace(alone, damping=Rayleigh()), 0.0),
-        "+ damping, at rest": (replace(alone, damping=RestRayleigh()), 0.0),
+        "+ damping, current": (replace(alone, damping=sim.Rayleigh()), 0.0),
+        "+ damping, at rest": (replace(alone, damping=sim.RestRayleigh()), 0.0),
         "+ element volume": (bare(scene(incompressibility="element", **quadratic)), 0.0),
         "+ nodal volume": (bare(scene(incompressibility="nodal", **quadratic)), 0.0),
         "+ hard volume": (bare(scene(incompressibility="hard")), 0.0),
@@ -83,11 +74,11 @@ def scenes(face: xr.Dataset) -> dict[str, tuple[Scene, float]]:
 class _Stepped:
     """One compiled scene and the times of its phases."""
 
-    def __init__(self, scene: Scene, level: float) -> None:
-        self.system = compile_scene(scene)
+    def __init__(self, scene: sim.Scene, level: float) -> None:
+        self.system = sim.compile_scene(scene)
         self.control = self.system.control(np.full(len(self.system.muscles), level))
         self.state = self.system.rest_state()
-        self.work = Workspace(self.system)
+        self.work = sim.Workspace(self.system)
 
     def seconds(self) -> dict[str, float]:
         """Seconds of every phase of one linearly implicit step.
@@ -111,7 +102,7 @@ class _Stepped:
         for name in ("step with a new factor", "step"):
             self.work.seconds.clear()
             start = clock()
-            LinearlyImplicitEuler().step(self.system, self.state, self.control, STEP, self.work)
+            sim.LinearlyImplicitEuler().step(self.system, self.state, self.control, STEP, self.work)
             found[name] = clock() - start
         for phase in ("factorisation", "solution"):
             found[phase] = self.work.seconds.get(phase, 0.0)

@@ -2,32 +2,23 @@
 
 from typing import Final
 
-from sim import (
-    ConvergedEuler,
-    LinearlyImplicitEuler,
-    LinearlyImplicitTrapezoidal,
-    RungeKutta4,
-    Sdirk2,
-    Static,
-    SymplecticEuler,
-    Trapezoidal,
-)
+import sim
 from sim.integrators import Integrator
 
 LINEARLY_IMPLICIT: Final[dict[str, Integrator]] = {
-    "linearly implicit Euler": LinearlyImplicitEuler(),
-    "linearly implicit trapezoidal": LinearlyImplicitTrapezoidal(),
+    "linearly implicit Euler": sim.LinearlyImplicitEuler(),
+    "linearly implicit trapezoidal": sim.LinearlyImplicitTrapezoidal(),
 }
 """Integrators with one linear solution per step."""
 CONVERGED: Final[dict[str, Integrator]] = {
-    "Euler": ConvergedEuler(),
-    "trapezoidal": Trapezoidal(),
-    "SDIRK2": Sdirk2(),
+    "Euler": sim.ConvergedEuler(),
+    "trapezoidal": sim.Trapezoidal(),
+    "SDIRK2": sim.Sdirk2(),
 }
 """Integrators that iterate to a tolerance."""
 IMPLICIT: Final = LINEARLY_IMPLICIT | CONVERGED
-STATIC: Final[dict[str, Integrator]] = {"static": Static()}
+STATIC: Final[dict[str, Integrator]] = {"static": sim.Static()}
 EXPLICIT: Final[dict[str, Integrator]] = {
-    "symplectic Euler": SymplecticEuler(),
-    "RK4": RungeKutta4(),
+    "symplectic Euler": sim.SymplecticEuler(),
+    "RK4": sim.RungeKutta4(),
 }

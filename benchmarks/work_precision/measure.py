@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+import sim
 from benchmarks.drives import SAMPLE, gesture
 from benchmarks.report import say
 from benchmarks.unit import unit_seconds
@@ -17,18 +18,6 @@ from benchmarks.work_precision.errors import errors, other_person
 from benchmarks.work_precision.models import MODELS, Case, Model, compiled, finest
 from benchmarks.work_precision.settings import Setting, settings_of
 from emgface.face.simulation_parameters import SimulationParameters
-from sim import (
-    Activation,
-    ErrorControlledStep,
-    HalvingStep,
-    Iterations,
-    Markers,
-    Sdirk2,
-    SimulationError,
-    SmallestJ,
-    Workspace,
-    simulate,
-)
 
 Clock = Callable[[], float]
 
@@ -143,31 +132,31 @@ def measure(
 def _requested(setting: Setting) -> float:
     """Tolerance of the error control [m]; NaN for other step controls."""
     steps = setting.steps
-    return steps.tolerance if isinstance(steps, ErrorControlledStep) else float("nan")
+    return steps.tolerance if isinstance(steps, sim.ErrorControlledStep) else float("nan")
 
 
 def _reference(model: Model, step: float) -> Setting:
-    tight = Sdirk2(tolerance=1e-8, residual_tolerance=1e-6)
-    return Setting("reference", f"{1e3 * step:g} ms", tight, HalvingStep(step), model)
+    tight = sim.Sdirk2(tolerance=1e-8, residual_tolerance=1e-6)
+    return Setting("reference", f"{1e3 * step:g} ms", tight, sim.HalvingStep(step), model)
 
 
 def _run(
     case: Case,
     setting: Setting,
-    drive: Activation,
+    drive: sim.Activation,
     duration: float,
     clock: Clock = time.perf_counter,
 ) -> tuple[xr.Dataset, float]:
-    work = Workspace(case.system, setting.linear)
+    work = sim.Workspace(case.system, setting.linear)
     start = clock()
-    trajectory, _ = simulate(
+    trajectory, _ = sim.simulate(
         case.system,
         drive,
         duration=duration,
         integrator=setting.integrator,
         steps=setting.steps,
         every=SAMPLE,
-        probes=(Markers(case.nodes, case.names), SmallestJ(), Iterations()),
+        probes=(sim.Markers(case.nodes, case.names), sim.SmallestJ(), sim.Iterations()),
         initial=case.start,
         work=work,
     )
@@ -177,7 +166,7 @@ def _run(
 def _row(
     case: Case,
     setting: Setting,
-    drive: Activation,
+    drive: sim.Activation,
     duration: float,
     exact: xr.Dataset,
     goal: xr.Dataset,
@@ -186,7 +175,7 @@ def _row(
     """Errors, time and counts of one run, or the name of its failure."""
     try:
         trajectory, seconds = _run(case, setting, drive, duration, clock)
-    except SimulationError as error:
+    except sim.SimulationError as error:
         return {TIME: float("nan"), "status": type(error).__name__}
     return {
         TIME: seconds,

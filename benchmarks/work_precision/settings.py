@@ -5,17 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+import sim
 from benchmarks.integrators import CONVERGED, LINEARLY_IMPLICIT
 from benchmarks.work_precision.models import Model
 from emgface.face.integration import iterated_to
-from sim import (
-    ConvergedEuler,
-    ErrorControlledStep,
-    FixedStep,
-    HalvingStep,
-    LinearlyImplicitEuler,
-    Sdirk2,
-)
 from sim.integrators import Integrator
 from sim.linear import LINEAR_SOLVERS, pardiso_is_available
 from sim.steps import StepControl
@@ -50,17 +43,19 @@ def settings_of(
     """
     if not (base or full):
         return [
-            *_sized(model, "linearly implicit Euler", LinearlyImplicitEuler(), FixedStep, (10,)),
-            *_sized(model, "Euler", ConvergedEuler(), HalvingStep, (10,)),
-            *_sized(model, "SDIRK2", Sdirk2(), HalvingStep, (40, 20, 10)),
+            *_sized(
+                model, "linearly implicit Euler", sim.LinearlyImplicitEuler(), sim.FixedStep, (10,)
+            ),
+            *_sized(model, "Euler", sim.ConvergedEuler(), sim.HalvingStep, (10,)),
+            *_sized(model, "SDIRK2", sim.Sdirk2(), sim.HalvingStep, (40, 20, 10)),
         ]
     found: list[Setting] = []
     for name, integrator in LINEARLY_IMPLICIT.items():
         smallest = (2.5,) if full else ()
-        found += _sized(model, name, integrator, FixedStep, (20, 10, 5, *smallest))
+        found += _sized(model, name, integrator, sim.FixedStep, (20, 10, 5, *smallest))
     for name, integrator in CONVERGED.items():
         smallest = (2.5,) if full or name == "SDIRK2" else ()
-        found += _sized(model, name, integrator, HalvingStep, (40, 20, 10, 5, *smallest))
+        found += _sized(model, name, integrator, sim.HalvingStep, (40, 20, 10, 5, *smallest))
     return [*found, *_iterated(model, full), *_controlled(model, nodes), *_linear(model)]
 
 
@@ -68,7 +63,7 @@ def _sized(
     model: Model,
     family: str,
     integrator: Integrator,
-    steps: type[FixedStep] | type[HalvingStep],
+    steps: type[sim.FixedStep] | type[sim.HalvingStep],
     milliseconds: tuple[float, ...],
 ) -> list[Setting]:
     """Settings of one integrator with steps of several sizes."""
@@ -84,10 +79,10 @@ def _iterated(model: Model, full: bool) -> list[Setting]:
     for tolerance in (1e-4, 1e-5, 1e-7) if full else (1e-4, 1e-5):
         label = f"{tolerance * 1e3:g} mm"
         for family, made, h in (
-            ("Euler 10 ms, iterated to", iterated_to(ConvergedEuler(), tolerance), 0.01),
-            ("SDIRK2 20 ms, iterated to", iterated_to(Sdirk2(), tolerance), 0.02),
+            ("Euler 10 ms, iterated to", iterated_to(sim.ConvergedEuler(), tolerance), 0.01),
+            ("SDIRK2 20 ms, iterated to", iterated_to(sim.Sdirk2(), tolerance), 0.02),
         ):
-            found.append(Setting(family, label, made, HalvingStep(h), model))
+            found.append(Setting(family, label, made, sim.HalvingStep(h), model))
     return found
 
 
@@ -97,8 +92,8 @@ def _controlled(model: Model, nodes: NDArray[np.int64]) -> list[Setting]:
         Setting(
             "SDIRK2, error control",
             f"{tolerance * 1e3:g} mm",
-            iterated_to(Sdirk2(), min(1e-5, 0.02 * tolerance)),
-            ErrorControlledStep(tolerance, 0.02, nodes, HORIZON),
+            iterated_to(sim.Sdirk2(), min(1e-5, 0.02 * tolerance)),
+            sim.ErrorControlledStep(tolerance, 0.02, nodes, HORIZON),
             model,
         )
         for tolerance in (3e-4, 1e-4, 3e-5, 1e-5)
@@ -113,8 +108,8 @@ def _linear(model: Model) -> list[Setting]:
     return [
         Setting(f"{family}, solver", name, integrator, steps, model, name)
         for family, integrator, steps in (
-            ("linearly implicit Euler 10 ms", LinearlyImplicitEuler(), FixedStep(0.01)),
-            ("SDIRK2 20 ms", Sdirk2(), HalvingStep(0.02)),
+            ("linearly implicit Euler 10 ms", sim.LinearlyImplicitEuler(), sim.FixedStep(0.01)),
+            ("SDIRK2 20 ms", sim.Sdirk2(), sim.HalvingStep(0.02)),
         )
         for name in names
     ]

@@ -6,17 +6,8 @@ from typing import Final, TypeVar
 import numpy as np
 import xarray as xr
 
+import sim
 from emgface.face.simulation_parameters import SimulationParameters
-from sim import (
-    ConvergedEuler,
-    ErrorControlledStep,
-    FixedStep,
-    HalvingStep,
-    LinearlyImplicitEuler,
-    LinearlyImplicitTrapezoidal,
-    Sdirk2,
-    Trapezoidal,
-)
 from sim.integrators import Integrator
 from sim.integrators.stage import Converged
 from sim.steps import StepControl
@@ -24,11 +15,11 @@ from sim.steps import StepControl
 ConvergedT = TypeVar("ConvergedT", bound=Converged)
 
 INTEGRATORS: dict[str, Integrator] = {
-    "converged": ConvergedEuler(),
-    "trapezoidal": Trapezoidal(),
-    "sdirk2": Sdirk2(),
-    "linearly_implicit": LinearlyImplicitEuler(),
-    "linearly_implicit_trapezoidal": LinearlyImplicitTrapezoidal(),
+    "converged": sim.ConvergedEuler(),
+    "trapezoidal": sim.Trapezoidal(),
+    "sdirk2": sim.Sdirk2(),
+    "linearly_implicit": sim.LinearlyImplicitEuler(),
+    "linearly_implicit_trapezoidal": sim.LinearlyImplicitTrapezoidal(),
 }
 """Integrator by the name of the parameter `solver`."""
 
@@ -52,8 +43,8 @@ def steps_of(face: xr.Dataset, parameters: SimulationParameters) -> StepControl:
     """Step control: by the estimated error of the markers, halved after failures, or fixed."""
     if parameters.error_tolerance is not None:
         nodes = face["marker_node"].values.astype(np.int64)
-        horizon = parameters.beta or ErrorControlledStep.horizon
-        return ErrorControlledStep(parameters.error_tolerance, parameters.step, nodes, horizon)
+        horizon = parameters.beta or sim.ErrorControlledStep.horizon
+        return sim.ErrorControlledStep(parameters.error_tolerance, parameters.step, nodes, horizon)
     if parameters.solver.startswith("linearly_implicit"):
-        return FixedStep(parameters.step)
-    return HalvingStep(parameters.step)
+        return sim.FixedStep(parameters.step)
+    return sim.HalvingStep(parameters.step)

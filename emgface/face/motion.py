@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
+import sim
 from emgface.errors import ActivationError
 from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.integration import integrator_of, steps_of
@@ -16,28 +17,6 @@ from emgface.face.numerical_error import largest_motion, numerical_error
 from emgface.face.recipe import compose_scene, displacement_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.stability import rounding_sensitivity
-from sim import (
-    Activation,
-    ConvergedEuler,
-    Energies,
-    HalvingStep,
-    InvertedElement,
-    Iterations,
-    Markers,
-    NotConverged,
-    Opening,
-    SingularSystem,
-    SmallestJ,
-    State,
-    Static,
-    StepErrors,
-    System,
-    Workspace,
-    compile_scene,
-    displace_held,
-    resting,
-    simulate,
-)
 from sim.probes import Probe
 from sim.threads import one_blas_thread
 
@@ -57,7 +36,7 @@ def load_kernels(face: xr.Dataset, parameters: SimulationParameters) -> None:
 
     A process that simulates begins with the first one, so that two processes compile different ones.
     """
-    system = compile_scene(replace(compose_scene(face, parameters), damping=None))
+    system = sim.compile_scene(replace(compose_scene(face, parameters), damping=None))
     q, control = system.rest_state().q, system.control(np.zeros(len(system.muscles)))
     for term in reversed(system.terms):
         replace(system, terms=(term,)).tangent(q, control)
@@ -74,10 +53,10 @@ def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Datase
     allowed, and InvertedElement, with the ``element`` id of the face model, if the weight inverts
     an element.
     """
-    system = compile_scene(compose_scene(face, parameters))
+    system = sim.compile_scene(compose_scene(face, parameters))
     state = system.rest_state()
     if parameters.gravity or parameters.prestress.method != "none":
-        work = Workspace(system, parameters.linear_solver)
+        work = sim.Workspace(system, parameters.linear_solver)
         with named_elements(face):
             state = _settled(face, parameters, system, work)
     speed = float(np.linalg.norm(state.v, axis=1).max())
@@ -95,29 +74,29 @@ def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Datase
 
 
 def _settled(
-    face: xr.Dataset, parameters: SimulationParameters, system: System, work: Workspace
-) -> State:
+    face: xr.Dataset, parameters: SimulationParameters, system: sim.System, work: sim.Workspace
+) -> sim.State:
     """State at rest: the minimum of the energy, or, if it is not found, the limit of a motion."""
     state, silent = system.rest_state(), system.control(np.zeros(len(system.muscles)))
     if parameters.prestress.method == "displaced":
-        first = compile_scene(displacement_scene(face, parameters))
-        state = displace_held(first, state, face["position"].values)
+        first = sim.compile_scene(displacement_scene(face, parameters))
+        state = sim.displace_held(first, state, face["position"].values)
     try:
-        found, _ = Static(tolerance=1e-9).step(system, state, silent, 1.0, work)
+        found, _ = sim.Static(tolerance=1e-9).step(system, state, silent, 1.0, work)
         return replace(found, t=0.0)
-    except (InvertedElement, NotConverged, SingularSystem):
+    except (sim.InvertedElement, sim.NotConverged, sim.SingularSystem):
         pass
     speed = np.inf
     while speed > SETTLED_SPEED:
         if state.t > SETTLE_LIMIT - SETTLE_CHUNK / 2:
             why = f"the face still moves at {speed:.2g} m/s, expected {SETTLED_SPEED:g} m/s"
-            raise NotConverged((), state.t, why)
-        _, state = simulate(
+            raise sim.NotConverged((), state.t, why)
+        _, state = sim.simulate(
             system,
-            resting(len(system.muscles)),
+            sim.resting(len(system.muscles)),
             duration=SETTLE_CHUNK,
-            integrator=ConvergedEuler(tolerance=1e-9, residual_tolerance=1e-7),
-            steps=HalvingStep(SETTLE_STEP),
+            integrator=sim.ConvergedEuler(tolerance=1e-9, residual_tolerance=1e-7),
+            steps=sim.HalvingStep(SETTLE_STEP),
             probes=(),
             initial=state,
             work=work,
@@ -169,17 +148,19 @@ def simulate_face(
         trajectory, doubt = trusted_motion(face, control, duration, parameters, further)
         if trajectory is not None:
             return _described(trajectory, face, activation, parameters, pace)
-    system = compile_scene(compose_scene(face, parameters))
+    system = sim.compile_scene(compose_scene(face, parameters))
     control, duration, pace = _control(activation, system.muscles, parameters)
     if settled is None:
         settled = settle_face(face, parameters)
     rest = system.rest_state()
-    start = State(0.0, np.ascontiguousarray(settled["node_position"].values), rest.v, rest.memory)
+    start = sim.State(
+        0.0, np.ascontiguousarray(settled["node_position"].values), rest.v, rest.memory
+    )
 
     def run(
-        initial: State, probes: tuple[Probe, ...], progress: Progress | None = None
+        initial: sim.State, probes: tuple[Probe, ...], progress: Progress | None = None
     ) -> xr.Dataset:
-        return simulate(
+        return sim.simulate(
             system,
             control,
             duration=duration,
@@ -188,7 +169,7 @@ def simulate_face(
             every=parameters.output,
             probes=probes,
             initial=initial,
-            work=Workspace(system, parameters.linear_solver),
+            work=sim.Workspace(system, parameters.linear_solver),
             progress=progress,
         )[0]
 
@@ -237,18 +218,24 @@ def _described(
 def _probes(face: xr.Dataset) -> tuple[Probe, ...]:
     names = tuple(map(str, face["marker"].values))
     nodes = face["marker_node"].values.astype(np.int64)
-    probes: list[Probe] = [Markers(nodes, names)]
+    probes: list[Probe] = [sim.Markers(nodes, names)]
     if "lip_opening_node" in face:
         upper, lower = (int(node) for node in face["lip_opening_node"].values)
-        probes.append(Opening(upper, lower, UP))
+        probes.append(sim.Opening(upper, lower, UP))
     if has_mouth(face):
         probes.append(Mouth.of(face))
-    return (*probes, StepErrors(nodes, names), SmallestJ(), Energies(), Iterations())
+    return (
+        *probes,
+        sim.StepErrors(nodes, names),
+        sim.SmallestJ(),
+        sim.Energies(),
+        sim.Iterations(),
+    )
 
 
 def _control(
     activation: xr.DataArray, muscles: Iterable[str], parameters: SimulationParameters
-) -> tuple[Activation, float, float]:
+) -> tuple[sim.Activation, float, float]:
     """Activation from time 0, duration [s], and recorded time per simulated time [1]."""
     given, muscles = list(map(str, activation["muscle"].values)), list(map(str, muscles))
     twice = sorted({name for name in given if given.count(name) > 1})
@@ -283,11 +270,11 @@ def _control(
     if parameters.timing == "normalised":
         simulated = every * np.arange(len(times), dtype=np.float64)
         pace = float((times[-1] - times[0]) / simulated[-1])
-        return Activation(simulated, values), float(simulated[-1]), pace
+        return sim.Activation(simulated, values), float(simulated[-1]), pace
     outputs = round((times[-1] - times[0]) / every)  # held over at most half of one at its end
     if outputs < 1:
         raise ActivationError(
             f"the activation lasts {times[-1] - times[0]:.4g} s, less than one output of {every:g} s: "
             "choose a shorter output or timing = 'normalised'"
         )
-    return Activation(times - times[0], values), every * outputs, 1.0
+    return sim.Activation(times - times[0], values), every * outputs, 1.0

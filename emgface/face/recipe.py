@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+import sim
 from emgface.face.bundles import project_into_mesh
 from emgface.face.check import sheet_nodes
 from emgface.face.contact import contact_terms
@@ -17,32 +18,6 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.support import inner_support
 from emgface.face.tension_lines import skin_prestretch
 from emgface.face.tissue import material_axes
-from sim import (
-    Blemker,
-    ConstantForce,
-    ElementVolume,
-    Fixed,
-    Generic,
-    HardElementVolume,
-    InvertedElement,
-    LineFibre,
-    LineMuscles,
-    LogarithmicBulk,
-    Material,
-    Mesh,
-    MooneyRivlin,
-    Muscles,
-    NodalVolume,
-    PassiveRayleigh,
-    QuadraticBulk,
-    Rayleigh,
-    RestRayleigh,
-    Scene,
-    Solid,
-    Stiffening,
-    initial_stretch,
-    mesh_from_arrays,
-)
 from sim.laws import BulkLaw
 from sim.scene import Term
 from sim.terms import Gravity
@@ -52,7 +27,7 @@ GRAVITY = (0.0, 0.0, -9.8)  #: acceleration [m/s^2] (Eskes et al. 2017)
 EMBEDDING_TOLERANCE = 0.02
 """Tolerance for fibre points outside an element, as a negative shape function [1]."""
 
-DAMPING = {"current": Rayleigh, "passive": PassiveRayleigh, "rest": RestRayleigh}
+DAMPING = {"current": sim.Rayleigh, "passive": sim.PassiveRayleigh, "rest": sim.RestRayleigh}
 """Damping law by its stiffness."""
 
 
@@ -77,14 +52,14 @@ def element_order(face: xr.Dataset) -> ElementOrder:
     return ElementOrder(face_index, scene_index)
 
 
-def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
+def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> sim.Scene:
     """Declare the scene of a face: tissue with muscles, gravity, damping, fixed nodes, contact."""
     p = parameters
     order = element_order(face)
     materials, region = _tissue(face, order, p)
     muscles = _element_muscles(face, order, p)
     pointwise = p.incompressibility == "pointwise"
-    solid = Solid(
+    solid = sim.Solid(
         materials=materials if pointwise else tuple(map(_without_bulk, materials)),
         region=region,
         muscles=muscles if p.muscle_form == "elements" else None,
@@ -99,11 +74,11 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
     if p.stiffening > 1.0:
         tissue = replace(solid, materials=materials, muscles=None)
         rows = muscles.names, muscles.element, muscles.muscle
-        terms.append(Stiffening(*rows, tissue, p.stiffening, muscles.weight))
+        terms.append(sim.Stiffening(*rows, tissue, p.stiffening, muscles.weight))
     if p.incompressibility == "element":
-        terms.append(ElementVolume(_kappa(materials, region)))
+        terms.append(sim.ElementVolume(_kappa(materials, region)))
     elif p.incompressibility == "nodal":
-        terms.append(NodalVolume(_kappa(materials, region)))
+        terms.append(sim.NodalVolume(_kappa(materials, region)))
     if p.support > 0.0:
         terms.append(inner_support(face, p.support))
     terms.extend(contact_terms(face, p))
@@ -111,23 +86,23 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
         terms.append(Gravity(GRAVITY))
     damping = DAMPING[p.damping_tangent](p.alpha, p.beta) if p.alpha or p.beta else None
     fixed = np.flatnonzero(face["fixed"].values)
-    return Scene(
+    return sim.Scene(
         mesh=_mesh(face, p),
         terms=tuple(terms),
-        reductions=(Fixed(fixed),),
+        reductions=(sim.Fixed(fixed),),
         damping=damping,
-        constraints=(HardElementVolume(),) if p.incompressibility == "hard" else (),
+        constraints=(sim.HardElementVolume(),) if p.incompressibility == "hard" else (),
     )
 
 
-def displacement_scene(face: xr.Dataset, parameters: SimulationParameters) -> Scene:
+def displacement_scene(face: xr.Dataset, parameters: SimulationParameters) -> sim.Scene:
     """Scene of the first step of a prestress by displaced nodes, with a fixed inner surface."""
     scene = compose_scene(face, parameters)
-    inner = Fixed(sheet_nodes(face, INNER))
+    inner = sim.Fixed(sheet_nodes(face, INNER))
     return replace(scene, reductions=(*scene.reductions, inner))
 
 
-def _mesh(face: xr.Dataset, p: SimulationParameters) -> Mesh:
+def _mesh(face: xr.Dataset, p: SimulationParameters) -> sim.Mesh:
     """Mesh at rest, with a shrunk inner surface for a prestress by displaced nodes."""
     connectivity = face["connectivity"].values
     wedge = is_wedge(connectivity)
@@ -138,22 +113,26 @@ def _mesh(face: xr.Dataset, p: SimulationParameters) -> Mesh:
         middle = 0.5 * (position.min(axis=0) + position.max(axis=0))
         middle[1] = position[:, 1].min()  # centre of the head instead of the face
         position[inner] = middle + p.prestress.scale * (position[inner] - middle)
-    return mesh_from_arrays(
+    return sim.mesh_from_arrays(
         position, **{kind: nodes for kind, nodes in blocks.items() if len(nodes)}
     )
 
 
 def _bulk(p: SimulationParameters, kappa: float) -> BulkLaw:
-    return LogarithmicBulk(kappa) if p.bulk_potential == "logarithmic" else QuadraticBulk(kappa)
+    return (
+        sim.LogarithmicBulk(kappa)
+        if p.bulk_potential == "logarithmic"
+        else sim.QuadraticBulk(kappa)
+    )
 
 
 def _tissue(
     face: xr.Dataset, order: ElementOrder, p: SimulationParameters
-) -> tuple[tuple[Material, ...], NDArray[np.int64] | None]:
+) -> tuple[tuple[sim.Material, ...], NDArray[np.int64] | None]:
     """Materials with their bulk laws, and the index of that of each element of the scene."""
-    tissue = Material(MooneyRivlin(p.C10, p.C20), _bulk(p, p.kappa), density=p.density)
-    skin = Material(
-        MooneyRivlin(p.skin.stiffness * p.C10, p.skin.stiffness * p.C20),
+    tissue = sim.Material(sim.MooneyRivlin(p.C10, p.C20), _bulk(p, p.kappa), density=p.density)
+    skin = sim.Material(
+        sim.MooneyRivlin(p.skin.stiffness * p.C10, p.skin.stiffness * p.C20),
         tissue.bulk if p.skin.kappa is None else _bulk(p, p.skin.kappa),
         density=p.density,
     )
@@ -168,26 +147,26 @@ def _tissue(
     return tuple(materials), None if len(materials) == 1 else region[order.face_index]
 
 
-def _without_bulk(material: Material) -> Material:
+def _without_bulk(material: sim.Material) -> sim.Material:
     """Remove the bulk law if a term or a constraint determines the volume."""
-    return material if material.bulk is None else replace(material, bulk=QuadraticBulk(0.0))
+    return material if material.bulk is None else replace(material, bulk=sim.QuadraticBulk(0.0))
 
 
 def _kappa(
-    materials: tuple[Material, ...], region: NDArray[np.int64] | None
+    materials: tuple[sim.Material, ...], region: NDArray[np.int64] | None
 ) -> float | NDArray[np.float64]:
     """Bulk modulus of every element, or one number if all are equal [Pa]."""
     values = np.array([m.kappa for m in materials])
     return float(values[0]) if region is None else values[region]
 
 
-def _element_muscles(face: xr.Dataset, order: ElementOrder, p: SimulationParameters) -> Muscles:
+def _element_muscles(face: xr.Dataset, order: ElementOrder, p: SimulationParameters) -> sim.Muscles:
     """Return muscles as active stress in elements."""
     if p.fibre_law == "blemker":
-        law = Blemker(sigma_max=p.sigma_max, stretch_star=p.lambda_star, P1=p.P1, P2=p.P2)
+        law = sim.Blemker(sigma_max=p.sigma_max, stretch_star=p.lambda_star, P1=p.P1, P2=p.P2)
     else:
-        law = Generic(sigma_max=p.sigma_max, stretch_star=p.lambda_star, P1=p.P1, P2=p.P2)
-    return Muscles(
+        law = sim.Generic(sigma_max=p.sigma_max, stretch_star=p.lambda_star, P1=p.P1, P2=p.P2)
+    return sim.Muscles(
         names=tuple(map(str, face["muscle"].values)),
         element=order.scene_index[face["bundle_index"].values],
         muscle=face["bundle_muscle"].values.astype(np.int64),
@@ -197,25 +176,27 @@ def _element_muscles(face: xr.Dataset, order: ElementOrder, p: SimulationParamet
     )
 
 
-def _line_muscles(face: xr.Dataset, p: SimulationParameters) -> LineMuscles:
+def _line_muscles(face: xr.Dataset, p: SimulationParameters) -> sim.LineMuscles:
     """Return muscles as tension along their fibre lines, embedded in the elements."""
     owner = face["fibre_of_point"].values
     points, _ = project_into_mesh(
         face["fibre_position"].values, face["position"].values, face["connectivity"].values
     )
     fibres = [
-        LineFibre(int(muscle), points[owner == k])
+        sim.LineFibre(int(muscle), points[owner == k])
         for k, muscle in enumerate(face["fibre_muscle"].values)
     ]
     names = tuple(map(str, face["muscle"].values))
-    return LineMuscles(names, fibres, ConstantForce(p.line_force), tolerance=EMBEDDING_TOLERANCE)
+    return sim.LineMuscles(
+        names, fibres, sim.ConstantForce(p.line_force), tolerance=EMBEDDING_TOLERANCE
+    )
 
 
 def _prestretch(
     face: xr.Dataset,
     order: ElementOrder,
     p: SimulationParameters,
-    materials: tuple[Material, ...],
+    materials: tuple[sim.Material, ...],
     region: NDArray[np.int64] | None,
 ) -> NDArray[np.float64] | None:
     """Initial stretch of every element of the scene, for the most frequent tissue of the skin."""
@@ -223,7 +204,7 @@ def _prestretch(
         return None
     outer = face["layer"].values[order.face_index] == OUTER
     skin = materials[0 if region is None else int(np.bincount(region[outer]).argmax())]
-    stretches = initial_stretch(skin, (p.prestress.along, p.prestress.across, 0.0))
+    stretches = sim.initial_stretch(skin, (p.prestress.along, p.prestress.across, 0.0))
     return skin_prestretch(face, stretches)[order.face_index]
 
 
@@ -232,9 +213,9 @@ def named_elements(face: xr.Dataset) -> Iterator[None]:
     """Replace the index of an inverted element in the scene by its id in the face model."""
     try:
         yield
-    except InvertedElement as error:
+    except sim.InvertedElement as error:
         if error.element < 0:
             raise
         index = element_order(face).face_index[error.element]
         name = int(face["element_id"].values[index])
-        raise InvertedElement(name, error.det_F, error.time) from error
+        raise sim.InvertedElement(name, error.det_F, error.time) from error

@@ -99,25 +99,22 @@ def express(
     *,
     expressions: Mapping[str, Mapping[str, float]] = EXPRESSIONS,
     skins: tuple[Skin, ...] = SKINS,
-    points: Mapping[str, int] | None = None,
-    parameters: SimulationParameters | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[pd.DataFrame, dict[tuple[str, str], Floats]]:
     """Hold expressions with several skins and measure the displacements of landmarks.
 
-    `expressions` map a name to muscles (without side) and activations, and `points` a name to a
-    node (default: `landmarks`). By default of `parameters`, sigma_max is 100 kPa, with walls
-    instead of teeth and bone, and without gravity and contact, so that the lips may pass through
-    each other. `progress` receives a sentence per run.
+    `expressions` map a name to muscles (without side) and activations. sigma_max is 100 kPa, with
+    walls instead of teeth and bone, and without gravity and contact, so that the lips may pass
+    through each other. `progress` receives a sentence per run.
 
     The table has one row per expression, skin and landmark: displacement [mm] from the equilibrium
     without activation and its components medially, forward and up. Returned in addition are the
     node positions (nodes, 3) [m] by (expression, skin). Errors are those of `equilibria`.
     """
-    base = parameters or SimulationParameters(
+    base = SimulationParameters(
         sigma_max=SIGMA_MAX, gravity=False, support=WALL, contact=NO_CONTACT
     )
-    points = landmarks(face) if points is None else points
+    points = landmarks(face)
     rows: list[dict[str, object]] = []
     positions: dict[tuple[str, str], Floats] = {}
     for skin in skins:

@@ -14,6 +14,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.support import WALL
 from studies.mechanics.equilibria import LEVELS, equilibria
 
+STIFFENING: Final = (1.0, 10.0)  #: factors on the passive moduli; 1 is no stiffening
 _UNIT: Final = {
     "width": ("mm", 1e3),
     "height": ("mm", 1e3),
@@ -40,41 +41,32 @@ class Rounding:
 def round_lips(
     face: xr.Dataset,
     *,
-    stiffening: Sequence[float] = (1.0, 10.0),
-    support: Sequence[bool] = (False, True),
     levels: Sequence[float] = LEVELS,
-    parameters: SimulationParameters | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Rounding:
     """Activate the peripheral orbicularis oris of both sides in steps and measure the mouth.
 
-    `stiffening` are factors on the passive moduli of the muscle's elements at full activation (1 is
-    no stiffening), `support` without and with walls behind the lips instead of teeth and bone, and
-    `levels` activations. By default of `parameters`, sigma_max is 100 kPa, without gravity and
-    contact; stiffening and support are replaced. `progress` receives a sentence per run.
+    The runs are without and with walls behind the lips instead of teeth and bone, and without and
+    with a stiffening of the muscle's elements, a factor of 10 on their passive moduli at full
+    activation. sigma_max is 100 kPa, without gravity and contact; `levels` are activations.
+    `progress` receives a sentence per run.
 
     The lips may pass through each other; their overlap is reported. Errors are those of
     `equilibria` and `lip_rim`. Source of the experiment: Stavness et al., Lip stiffness enables
     protrusion and rounding, Fig. 11.10; Teeth support lip protrusion, Fig. 11.12.
     """
-    base = parameters or SimulationParameters(
-        sigma_max=SIGMA_MAX, gravity=False, contact=NO_CONTACT
-    )
+    base = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, contact=NO_CONTACT)
     rim = lip_rim(face)
     left = int(face["marker_node"].values[list(face["marker"].values).index("corner_left")])
     rows: list[dict[str, float | bool]] = []
     motion: dict[tuple[bool, float], xr.Dataset] = {}
-    for behind in support:
-        for factor in stiffening:
+    for behind in (False, True):
+        for factor in STIFFENING:
             if progress is not None:
                 progress(f"{'walls' if behind else 'no walls'}, stiffening {factor:g}")
             changes = {"stiffening": factor, "support": WALL if behind else 0.0}
-            found = equilibria(
-                face,
-                {"OOP_L": 1.0, "OOP_R": 1.0},
-                base.model_copy(update=changes),
-                levels=levels,
-            )
+            changed = base.model_copy(update=changes)
+            found = equilibria(face, {"OOP_L": 1.0, "OOP_R": 1.0}, changed, levels=levels)
             motion[behind, factor] = found
             for k, level in enumerate(levels):
                 q = found["node_position"].values[k]

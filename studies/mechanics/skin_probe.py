@@ -29,15 +29,12 @@ def probe_skin(
     *,
     elements: Sequence[int] | None = None,
     places: int = 8,
-    radius: float = RADIUS,
-    gauge: float = GAUGE,
-    ring: float = RING,
 ) -> pd.DataFrame:
     """Pull two patches of skin apart and compute force per growth of their distance.
 
-    All nodes further than `ring` [m] from the centre of an element are fixed; the tissue inside is
-    in equilibrium without activation. The two feet of the probe, at the distance `gauge` [m], then
-    pull with opposite forces, each distributed equally among the skin nodes within `radius` [m];
+    All nodes further than `RING` from the centre of an element are fixed; the tissue inside is
+    in equilibrium without activation. The two feet of the probe, at the distance `GAUGE`, then
+    pull with opposite forces, each distributed equally among the skin nodes within `RADIUS`;
     the growth of their distance follows from one solution with the tangent. `parameters` contain
     laws and loads, including prestress. `elements` are those of the skin to probe; by default
     `places` of those furthest from fixed nodes.
@@ -68,7 +65,7 @@ def probe_skin(
         row = np.searchsorted(own, np.asarray(elements))
     rows: list[dict[str, float]] = []
     for k in row:
-        far = np.flatnonzero(np.linalg.norm(position - place[k], axis=1) > ring)
+        far = np.flatnonzero(np.linalg.norm(position - place[k], axis=1) > RING)
         system = compile_scene(replace(scene, reductions=(*scene.reductions, Fixed(far))))
         control = system.control(np.zeros(len(system.muscles)))
         work = Workspace(system, parameters.linear_solver)
@@ -78,9 +75,9 @@ def probe_skin(
         for name, axis in (("along (N/m)", 0), ("across (N/m)", 1)):
             load = np.zeros_like(position)
             for sign in (-1.0, 1.0):
-                foot = place[k] + sign * 0.5 * gauge * axes[k, axis]
+                foot = place[k] + sign * 0.5 * GAUGE * axes[k, axis]
                 away = np.linalg.norm(position[skin] - foot, axis=1)
-                patch = skin[away <= max(radius, float(away.min()) + 1e-9)]
+                patch = skin[away <= max(RADIUS, float(away.min()) + 1e-9)]
                 load[patch] += sign * axes[k, axis] / len(patch)
             rhs = system.kinematics.generalised_force(load, state.pose)
             found[name] = 1.0 / float(rhs @ solve(rhs))

@@ -28,17 +28,14 @@ def protrude_lips(
     backing: Mapping[str, tuple[str, ...]] = BACKING,
     method: str = "constraint",
     stiffening: Sequence[float] = (1.0,),
-    levels: Sequence[float] = LEVELS,
-    parameters: SimulationParameters | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[pd.DataFrame, dict[tuple[str, float], xr.Dataset]]:
     """Activate the peripheral orbicularis oris in steps, with several contact surfaces.
 
     `face` has `lip_opening_node` and arches. `backing` maps a name to contact surfaces, "lips" or
     "teeth" or both; none for no contact. `method` is that of contact, "constraint" or "barrier";
-    `stiffening` are factors on the passive moduli of the muscle's elements at full activation, and
-    `levels` activations. By default of `parameters`, sigma_max is 100 kPa, without gravity; contact
-    and stiffening are replaced. `progress` receives a sentence per run.
+    `stiffening` are factors on the passive moduli of the muscle's elements at full activation.
+    sigma_max is 100 kPa, without gravity. `progress` receives a sentence per run.
 
     The table has one row per backing, stiffening and activation with the measures of `lip_shape` in
     mm and mm^2, the depths of lips in each other and in the teeth [mm], and the smallest det F;
@@ -46,7 +43,7 @@ def protrude_lips(
     of `equilibria` and `Penetration`. Source of the experiment: Stavness et al., Teeth support lip
     protrusion, Fig. 11.12, where contact with the teeth is switched off.
     """
-    base = parameters or SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
+    base = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
     rim, penetration = lip_rim(face), Penetration(face)
     rows: list[dict[str, object]] = []
     motion: dict[tuple[str, float], xr.Dataset] = {}
@@ -57,9 +54,9 @@ def protrude_lips(
             if progress is not None:
                 progress(f"lips may touch {name}, stiffening {factor:g}")
             changed = base.model_copy(update={"contact": contact, "stiffening": factor})
-            found = equilibria(face, {"OOP_L": 1.0, "OOP_R": 1.0}, changed, levels=levels)
+            found = equilibria(face, {"OOP_L": 1.0, "OOP_R": 1.0}, changed, levels=LEVELS)
             motion[name, factor] = found
-            for k, level in enumerate(levels):
+            for k, level in enumerate(LEVELS):
                 q = found["node_position"].values[k]
                 shape = lip_shape(face, rim, q)
                 rows.append(

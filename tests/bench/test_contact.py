@@ -5,7 +5,6 @@ import pytest
 import xarray as xr
 
 import sim
-from benchmarks import contact
 from benchmarks.contact import CLOSING, METHODS, contact_table, drive, measure, opening
 from benchmarks.lip_probe import to_and_fro
 from emgface.face.accuracy import accuracy_settings
@@ -62,15 +61,15 @@ def test_measurements_are_tabulated(closed: xr.Dataset) -> None:
 
 def test_a_failed_run_is_reported(coarse: xr.Dataset, monkeypatch: pytest.MonkeyPatch) -> None:
     """A failed step ends the run; its row contains the failure and the results before it."""
-    made = []
+    made, real = [], sim.simulate
 
     def simulate(*args, **options):
         made.append(options)
         if len(made) > 1:
             raise sim.InvertedElement(3, -0.1, 0.05)
-        return sim.simulate(*args, **options)
+        return real(*args, **options)
 
-    monkeypatch.setattr(contact, "simulate", simulate)
+    monkeypatch.setattr(sim, "simulate", simulate)
     parameters = SimulationParameters(gravity=False, sigma_max=100e3)
     found = measure(coarse, methods=("none",), cases=(CLOSING,), hold=0.05, parameters=parameters)
     assert len(made) == 2

@@ -13,6 +13,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+import sim
 from emgface.choices import STAVNESS
 from emgface.errors import ActivationError
 from emgface.face.lip_shape import lip_opening
@@ -21,16 +22,6 @@ from emgface.face.penetration import Penetration
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import MODELLED, MUSCLE_NAMES
-from sim import (
-    Activation,
-    ConvergedEuler,
-    HalvingStep,
-    RestRayleigh,
-    SmallestJ,
-    Workspace,
-    compile_scene,
-    simulate,
-)
 
 Floats = NDArray[np.float64]
 
@@ -120,7 +111,7 @@ def steady_positions(
     rise: float = 0.3,
     duration: float = 0.8,
     step: float = 0.05,
-    integrator: ConvergedEuler | None = None,
+    integrator: sim.ConvergedEuler | None = None,
     settled: xr.Dataset | None = None,
 ) -> tuple[Floats, Floats]:
     """Simulate a face under several constant activations, each from rest.
@@ -137,10 +128,10 @@ def steady_positions(
     if parameters is None:
         parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
     scene = compose_scene(face, parameters)
-    damping = RestRayleigh(alpha=parameters.alpha, beta=parameters.beta)
-    system = compile_scene(replace(scene, damping=damping))
+    damping = sim.RestRayleigh(alpha=parameters.alpha, beta=parameters.beta)
+    system = sim.compile_scene(replace(scene, damping=damping))
     names = list(system.muscles)
-    work = Workspace(system)
+    work = sim.Workspace(system)
     start = system.rest_state()
     if settled is not None:
         start = replace(start, q=np.ascontiguousarray(settled["node_position"].values))
@@ -153,13 +144,13 @@ def steady_positions(
             )
         values = np.zeros((2, len(names)))
         values[1] = [run.get(name, 0.0) for name in names]
-        trajectory, state = simulate(
+        trajectory, state = sim.simulate(
             system,
-            Activation(np.array([0.0, rise]), values),
+            sim.Activation(np.array([0.0, rise]), values),
             duration=duration,
-            integrator=integrator or ConvergedEuler(),
-            steps=HalvingStep(step),
-            probes=(SmallestJ(),),
+            integrator=integrator or sim.ConvergedEuler(),
+            steps=sim.HalvingStep(step),
+            probes=(sim.SmallestJ(),),
             initial=start,
             work=work,
         )
