@@ -9,13 +9,11 @@ from sim.inverse.response import (
     require_affine,
     step_response,
 )
-from sim.inverse.targets import AreaTarget, GapTarget, PointTarget, Target, Together
+from sim.inverse.targets import PointTarget, Target, Together
 from sim.inverse.track import MeasuredActivation, Weights, track
 
 __all__ = [
     "ActiveForces",
-    "AreaTarget",
-    "GapTarget",
     "MeasuredActivation",
     "Minimum",
     "PointTarget",

@@ -11,8 +11,6 @@ from sim.errors import SceneError
 from sim.scene import Index
 from sim.state import Array
 
-Vector = tuple[float, float, float]
-
 
 class Target(Protocol):
     """Interface of targets.
@@ -101,95 +99,6 @@ class PointTarget:
     def wanted(self, t: float) -> Array:
         """Interpolated positions (3 k,)."""
         return _interpolated(self.time, self.position, t).ravel()
-
-
-@dataclass(frozen=True, eq=False)
-class GapTarget:
-    """Distance of one node above another along a direction, as `sim.probes.Opening` [m].
-
-    Attributes
-    ----------
-    upper, lower : int
-        Node indices.
-    direction : (3,) from the lower to the upper node.
-    time, gap : (n,) [s], [m].
-    size : float
-        Standard deviation [m].
-    """
-
-    upper: int
-    lower: int
-    direction: Vector
-    time: Array
-    gap: Array
-    size: float = 1e-3
-
-    def __post_init__(self) -> None:
-        """Check the shapes."""
-        _check("GapTarget", self.time, self.gap, self.size)
-
-    def _unit(self) -> Array:
-        return np.array(self.direction) / np.linalg.norm(self.direction)
-
-    def value(self, q: Array) -> Array:
-        """Distance (1,)."""
-        return np.array([self._unit() @ (q[self.upper] - q[self.lower])])
-
-    def slope(self, q: Array) -> csr_array:
-        """Direction at the upper node, and minus the direction at the lower."""
-        column = np.array([3 * self.upper, 3 * self.lower])[:, None] + np.arange(3)
-        values = np.concatenate([self._unit(), -self._unit()])
-        return csr_array((values, (np.zeros(6, dtype=int), column.ravel())), shape=(1, q.size))
-
-    def wanted(self, t: float) -> Array:
-        """Interpolated distance (1,)."""
-        return _interpolated(self.time, self.gap[:, None], t)
-
-
-@dataclass(frozen=True, eq=False)
-class AreaTarget:
-    """Area of a closed polygon of nodes seen along a direction, such as that between the lips [m^2].
-
-    A = 1/2 n . sum_i x_i x x_(i+1), positive if the nodes are counter-clockwise about n.
-
-    Attributes
-    ----------
-    nodes : (k,) node indices in order.
-    direction : (3,) n.
-    time, area : (n,) [s], [m^2].
-    size : float
-        Standard deviation [m^2].
-    """
-
-    nodes: Index
-    direction: Vector
-    time: Array
-    area: Array
-    size: float = 1e-5
-
-    def __post_init__(self) -> None:
-        """Check the shapes."""
-        _check("AreaTarget", self.time, self.area, self.size)
-
-    def _unit(self) -> Array:
-        return np.array(self.direction) / np.linalg.norm(self.direction)
-
-    def value(self, q: Array) -> Array:
-        """Area (1,)."""
-        x = q[self.nodes]
-        return np.array([0.5 * self._unit() @ np.cross(x, np.roll(x, -1, axis=0)).sum(axis=0)])
-
-    def slope(self, q: Array) -> csr_array:
-        """dA/dx_i = 1/2 n x (x_(i-1) - x_(i+1))."""
-        x = q[self.nodes]
-        each = 0.5 * np.cross(self._unit(), np.roll(x, 1, axis=0) - np.roll(x, -1, axis=0))
-        column = (3 * np.asarray(self.nodes)[:, None] + np.arange(3)).ravel()
-        row = np.zeros(len(column), dtype=int)
-        return csr_array((each.ravel(), (row, column)), shape=(1, q.size))
-
-    def wanted(self, t: float) -> Array:
-        """Interpolated area (1,)."""
-        return _interpolated(self.time, self.area[:, None], t)
 
 
 @dataclass(frozen=True, eq=False)

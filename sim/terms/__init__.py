@@ -3,7 +3,6 @@
 from sim.scene import Term
 from sim.terms.axial_springs import AxialSprings
 from sim.terms.crushable import Crushable
-from sim.terms.fibre_rate import FibreRate
 from sim.terms.gravity import Gravity
 from sim.terms.line_muscle import LineMuscles
 from sim.terms.load import NodeLoad
@@ -34,7 +33,6 @@ __all__ = [
     "AxialSprings",
     "Crushable",
     "ElementVolume",
-    "FibreRate",
     "Gravity",
     "LineFibre",
     "LineMuscles",

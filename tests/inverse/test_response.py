@@ -38,13 +38,13 @@ def stiffening(mesh, solid):
     return sim.Stiffening(m.names, m.element, m.muscle, replace(solid, muscles=None))
 
 
-def rate(mesh, solid):
-    return sim.FibreRate(solid.muscles, sim.ForceVelocity())
-
-
 def lines(mesh, solid):
     fibres = [sim.LineFibre(k, np.array([k, 26 - k])) for k in range(2)]
     return sim.LineMuscles(("first", "second"), fibres, sim.Peck(0.3))
+
+
+def rated(mesh, solid):
+    return replace(lines(mesh, solid), relation=sim.ForceVelocity())
 
 
 CASES = {
@@ -54,7 +54,7 @@ CASES = {
     "Constant": (lambda: block(sim.Constant(sigma_max=50e3)), EULER),
     "Peck lines": (lambda: block(muscles=False, terms=(lines,)), EULER),
     "current Rayleigh": (lambda: block(damping=sim.Rayleigh(19.0, 0.055)), EULER),
-    "force-velocity": (lambda: block(terms=(rate,)), TRAPEZOIDAL),
+    "force-velocity": (lambda: block(muscles=False, terms=(rated,)), TRAPEZOIDAL),
     "stiffening": (lambda: block(terms=(stiffening,)), EULER),
 }
 

@@ -6,8 +6,6 @@ import scipy.optimize
 
 import sim
 from sim.inverse import (
-    AreaTarget,
-    GapTarget,
     MeasuredActivation,
     PointTarget,
     Weights,
@@ -128,23 +126,6 @@ def test_measured_activations_pull_and_prescribe():
     assert (a[:2] == 0.3).all()
     assert np.abs(a[2] - 0.3).max() < 1e-3
     assert found["misfit"].max() < 0.01  # the others make up for them
-
-
-def test_opening_and_area_are_targets():
-    system = block()
-    X = system.mesh.X
-    top = np.flatnonzero(X[:, 2] == X[:, 2].max())
-    up, ring = (0.0, 0.0, 1.0), top[[0, 6, 8, 2]]
-    gap = GapTarget(int(top[4]), 0, up, np.zeros(1), np.array([0.02]))
-    area = AreaTarget(ring, up, np.zeros(1), np.zeros(1))
-    assert gap.value(X) == pytest.approx(0.02) and area.value(X) == pytest.approx(4e-4)
-    q = X + 1e-3 * np.random.default_rng(1).standard_normal(X.shape)
-    d = 1e-4 * np.random.default_rng(2).standard_normal(X.shape)
-    for target in (gap, area):
-        slope = (target.value(q + d) - target.value(q - d)) / 2
-        assert target.slope(q) @ d.ravel() == pytest.approx(slope, rel=1e-9)
-    found, _ = track(system, [gap, area], duration=0.05)
-    assert np.isfinite(found["activation"]).all()
 
 
 @pytest.mark.parametrize(("name", "alike"), [("point2d", 1e-6), ("point3d", 3e-4)])

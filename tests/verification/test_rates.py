@@ -11,24 +11,17 @@ RELATION = sim.ForceVelocity(v_max=3.0, curvature=0.3, lengthening=1.5)
 TIGHT = {"tolerance": 1e-13, "residual_tolerance": 1e-11}
 
 
-def one_muscle(mesh, law, direction=(0.8, 0.6, 0.0)):
-    n = mesh.n_elements
-    muscle = np.zeros(n, dtype=np.int64)
-    return sim.Muscles(("m",), np.arange(n), muscle, np.tile(direction, (n, 1)), law)
-
-
 def block(law=None, relation=RELATION, **more):
-    """A block with fibres in its elements and a line muscle, both with a force-velocity relation."""
+    """A block with two line muscles with a force-velocity relation."""
     mesh = grid((2, 1, 1), distort=0.1, seed=3)
-    muscles = one_muscle(mesh, law or sim.Blemker(20e3))
+    paths = mesh.X[[0, -1, 1]] * 0.9 + 0.001, mesh.X[[2, 9]] * 0.9 + 0.0005
     lines = sim.LineMuscles(
-        ("line",),
-        (sim.LineFibre(0, mesh.X[[0, -1, 1]] * 0.9 + 0.001),),
-        sim.ConstantForce(0.3),
+        ("one", "other"),
+        tuple(sim.LineFibre(k, path) for k, path in enumerate(paths)),
+        law or sim.Peck(0.3),
         relation=relation,
     )
-    terms = (sim.FibreRate(muscles, relation, 40.0), lines, sim.Gravity())
-    return solid_system(mesh, sim.NeoHooke(2500.0), muscles=muscles, terms=terms, **more)
+    return solid_system(mesh, sim.NeoHooke(2500.0), terms=(lines, sim.Gravity()), **more)
 
 
 def rate_force(system, q, v, control):
@@ -76,23 +69,6 @@ def test_a_loaded_muscle_reaches_the_speed_of_hills_equation(load):
     )
     u = (load - 1.0) / (1.0 + load / 0.3) if load < 1.0 else 0.2 * 0.5 / (1.3 / 0.3) / 0.3
     assert end.v[1, 0] == pytest.approx(3.0 * u, rel=1e-4)
-
-
-def test_a_uniform_velocity_gradient_gives_the_stress_of_its_fibre_rate():
-    """At rest, P = (T (f_v - 1) + viscosity rate)(a a' - I/3) with rate = a . (G - tr G/3) a."""
-    mesh, rng = grid((2, 2, 1), distort=0.2), np.random.default_rng(5)
-    muscles = one_muscle(mesh, sim.Constant(20e3))
-    term = sim.FibreRate(muscles, RELATION, 40.0)
-    system = solid_system(mesh, muscles=muscles, terms=(term,))
-    G, a = rng.normal(size=(3, 3)), np.array([0.8, 0.6, 0.0])
-    control = system.control(np.array([0.7]))
-    f, _ = rate_force(system, mesh.X, mesh.X @ G.T, control)
-    rate = a @ (G - np.eye(3) * np.trace(G) / 3.0) @ a
-    P = 0.7 * 20e3 * (RELATION.evaluate(np.array(rate))[0] - 1.0) + 40.0 * rate
-    expected = P * (np.outer(a, a) - np.eye(3) / 3.0)
-    np.testing.assert_allclose(
-        -f.T @ mesh.X / mesh.volumes().sum(), expected, atol=1e-11 * np.abs(expected).max()
-    )
 
 
 def test_damping_is_the_derivative_of_the_force_and_power_is_dissipated():
@@ -149,7 +125,7 @@ def test_damping_matrix_with_its_offset_is_the_tangent_at_given_velocities():
 def test_order_in_time_with_forces_of_a_rate(integrator):
     """The declared order under a smooth drive; rates reach a fifth of v_max."""
     system = block(
-        sim.Constant(4e3),
+        sim.ConstantForce(0.3),
         sim.ForceVelocity(v_max=3.0),
         reductions=(sim.Fixed(np.array([0, 3, 6, 9])),),
         damping=sim.Rayleigh(19.0, 0.005),
@@ -165,12 +141,6 @@ def test_order_in_time_with_forces_of_a_rate(integrator):
     assert np.log2(differences[0] / differences[1]) == pytest.approx(integrator.order, abs=0.1)
 
 
-def test_a_rate_of_unknown_muscles_or_a_negative_viscosity_is_refused():
-    mesh = grid((1, 1, 1))
-    muscles = one_muscle(mesh, sim.Constant(1e3))
-    with pytest.raises(sim.SceneError, match="viscosity = -1.0"):
-        sim.FibreRate(muscles, viscosity=-1.0)
-    with pytest.raises(sim.SceneError, match="muscle 'm', which no term"):
-        solid_system(mesh, terms=(sim.FibreRate(muscles, RELATION),))
+def test_a_relation_without_a_largest_rate_is_refused():
     with pytest.raises(sim.SceneError, match="v_max"):
         sim.ForceVelocity(v_max=0.0)
