@@ -16,6 +16,7 @@ from sim.bodies import Body
 from sim.kinematics import rotations
 from sim.kinematics.chains import Chains
 from sim.kinematics.congruence import Congruence, lay_out
+from sim.kinematics.contract import Kinematics
 from sim.kinematics.paths import Path, Paths
 from sim.matrix import Product
 from sim.pattern import Sparsity, SymmetricPattern
@@ -27,7 +28,7 @@ _ROTATION = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 """Entries of -[r]x that are not zero."""
 
 
-class Articulated:
+class Articulated(Kinematics):
     """Maps of a scene with bodies or attachments.
 
     Parameters

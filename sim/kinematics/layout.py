@@ -12,7 +12,6 @@ from sim.kinematics.chains import Chains, resolve
 from sim.kinematics.contract import Kinematics
 from sim.kinematics.members import Attachment, Member
 from sim.kinematics.paths import Path
-from sim.kinematics.selection import Selection
 from sim.mesh import Mesh
 from sim.pattern import SymmetricPattern, symmetric_pattern
 from sim.state import Array
@@ -54,9 +53,8 @@ def lay_out_kinematics(
     pattern = symmetric_pattern(mesh.n_nodes, keys, np.flatnonzero(chains.held))
     _require_mass(chains, node_mass)
     if not bodies and not len(chains.dependent) and not chains.paths:
-        selection = Selection(pattern, node_mass[pattern.free // 3])
         _require_free(pattern.n)
-        return pattern, selection
+        return pattern, Kinematics(pattern, node_mass)
     kinematics = Articulated(pattern, node_mass, bodies, motions, chains)
     _require_free(kinematics.pattern.n)
     return pattern, kinematics
