@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels import laws
-from sim.laws.parameters import quantity, require
+from sim.laws.parameters import Parametric, quantity
 
 Array = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ class BulkLaw(Protocol):
 
 
 @dataclass(frozen=True)
-class QuadraticBulk:
+class QuadraticBulk(Parametric):
     """U = kappa/2 (J - 1)^2, pressure kappa (J - 1).
 
     Attributes
@@ -42,12 +42,8 @@ class QuadraticBulk:
     al. 2017, text ("quadratic bulk potential"), kappa = 25 kPa.
     """
 
-    kappa: float = quantity(25e3, "Pa")
+    kappa: float = quantity(25e3, "Pa", least=0.0)
     code: ClassVar[int] = laws.QUADRATIC
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        require(self, "kappa", self.kappa, at_least=0.0, strictly=False)
 
     def evaluate(self, J: Array) -> tuple[Array, Array, Array]:
         """Quadratic energy."""
@@ -56,7 +52,7 @@ class QuadraticBulk:
 
 
 @dataclass(frozen=True)
-class LogarithmicBulk:
+class LogarithmicBulk(Parametric):
     """U = kappa/2 (ln J)^2, pressure kappa ln(J)/J.
 
     Attributes
@@ -69,12 +65,8 @@ class LogarithmicBulk:
     Softens in extension: U'' < 0 for J > e. Source: Eskes et al. 2017, Eq. 1.
     """
 
-    kappa: float = quantity(25e3, "Pa")
+    kappa: float = quantity(25e3, "Pa", least=0.0)
     code: ClassVar[int] = laws.LOGARITHMIC
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        require(self, "kappa", self.kappa, at_least=0.0, strictly=False)
 
     def evaluate(self, J: Array) -> tuple[Array, Array, Array]:
         """Quadratic energy of ln J."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import expi
 
 from sim._kernels import laws
-from sim.laws.parameters import quantity, require
+from sim.laws.parameters import Parametric, quantity, require
 
 Array = NDArray[np.float64]
 Derivatives = tuple[Array, Array, Array]
@@ -34,7 +34,7 @@ class FibreLaw(Protocol):
 
 
 @dataclass(frozen=True)
-class Blemker:
+class Blemker(Parametric):
     """Length-dependent active and passive muscle, both scaled by sigma_max.
 
     dw/dstretch = (sigma_max/stretch_opt) (f_pas(r) + activation f_act(r)), r = stretch/stretch_opt:
@@ -58,24 +58,17 @@ class Blemker:
     Source: Blemker et al. 2005; values of Eskes et al. 2017, Methods.
     """
 
-    sigma_max: float = quantity(300e3, "Pa")
-    stretch_opt: float = quantity(1.0, "1")
+    sigma_max: float = quantity(300e3, "Pa", least=0.0)
+    stretch_opt: float = quantity(1.0, "1", above=0.0)
     stretch_star: float = quantity(1.4, "1")
-    P1: float = quantity(0.05, "1")
-    P2: float = quantity(6.6, "1")
+    P1: float = quantity(0.05, "1", least=0.0)
+    P2: float = quantity(6.6, "1", above=0.0)
     code: ClassVar[int] = laws.BLEMKER
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        require(self, "sigma_max", self.sigma_max, at_least=0.0, strictly=False)
-        require(self, "stretch_opt", self.stretch_opt, at_least=0.0, strictly=True)
-        require(self, "stretch_star", self.stretch_star, at_least=self.stretch_opt, strictly=True)
-        require(self, "P1", self.P1, at_least=0.0, strictly=False)
-        require(self, "P2", self.P2, at_least=0.0, strictly=True)
-
-    def parameters(self) -> tuple[float, ...]:
-        """Return sigma_max [Pa], stretch_opt, stretch_star, P1, P2."""
-        return (self.sigma_max, self.stretch_opt, self.stretch_star, self.P1, self.P2)
+        super().__post_init__()
+        require(self, "stretch_star", self.stretch_star, above=self.stretch_opt)
 
     def evaluate(self, stretch: Array, activation: Array) -> Derivatives:
         """Polynomials of each interval, and the passive curve above r = 1 alone."""
@@ -94,7 +87,7 @@ class Blemker:
 
 
 @dataclass(frozen=True)
-class Generic:
+class Generic(Parametric):
     """Active stress without length dependence, passive curve in pascals.
 
     dw/dstretch = f_pas(stretch)/stretch + activation sigma_max, with f_pas = P1 (exp(P2 (stretch -
@@ -111,18 +104,11 @@ class Generic:
         Passive stress [Pa] and uncrimping factor [1].
     """
 
-    sigma_max: float = quantity(30e3, "Pa")
-    stretch_star: float = quantity(1.4, "1")
-    P1: float = quantity(0.05, "Pa")
-    P2: float = quantity(6.6, "1")
+    sigma_max: float = quantity(30e3, "Pa", least=0.0)
+    stretch_star: float = quantity(1.4, "1", above=1.0)
+    P1: float = quantity(0.05, "Pa", least=0.0)
+    P2: float = quantity(6.6, "1", above=0.0)
     code: ClassVar[int] = laws.GENERIC
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        require(self, "sigma_max", self.sigma_max, at_least=0.0, strictly=False)
-        require(self, "stretch_star", self.stretch_star, at_least=1.0, strictly=True)
-        require(self, "P1", self.P1, at_least=0.0, strictly=False)
-        require(self, "P2", self.P2, at_least=0.0, strictly=True)
 
     def parameters(self) -> tuple[float, ...]:
         """Return sigma_max [Pa], 1, stretch_star, P1 [Pa], P2."""
@@ -141,19 +127,11 @@ class Generic:
 
 
 @dataclass(frozen=True)
-class Constant:
+class Constant(Parametric):
     """Active stress only, dw/dstretch = activation sigma_max, with sigma_max [Pa] not negative."""
 
-    sigma_max: float = quantity(30e3, "Pa")
+    sigma_max: float = quantity(30e3, "Pa", least=0.0)
     code: ClassVar[int] = laws.CONSTANT
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        require(self, "sigma_max", self.sigma_max, at_least=0.0, strictly=False)
-
-    def parameters(self) -> tuple[float, ...]:
-        """Return sigma_max [Pa]."""
-        return (self.sigma_max,)
 
     def evaluate(self, stretch: Array, activation: Array) -> Derivatives:
         """Linear energy."""

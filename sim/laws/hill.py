@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from sim._kernels import lines
 from sim._kernels.laws import KINK
-from sim.laws.parameters import quantity, require
+from sim.laws.parameters import Parametric, quantity
 
 Array = NDArray[np.float64]
 _erf = np.vectorize(math.erf, otypes=[np.float64])
 
 
 @dataclass(frozen=True)
-class Hill:
+class Hill(Parametric):
     """Fibres of a muscle in series with its tendon, in equilibrium, without effect of velocity.
 
     With the optimal length L_opt = stretch_opt L_rest, the slack length of the tendon
@@ -58,33 +58,14 @@ class Hill:
     359-411.
     """
 
-    force_max: float = quantity(1.0, "N")
-    stretch_opt: float = quantity(1.0, "1")
-    tendon_ratio: float = quantity(0.3, "1")
-    passive_fraction: float = quantity(0.015, "1")
-    pennation: float = quantity(0.0, "rad")
-    tendon_strain: float = quantity(0.033, "1")
+    force_max: float = quantity(1.0, "N", least=0.0)
+    stretch_opt: float = quantity(1.0, "1", above=0.0)
+    tendon_ratio: float = quantity(0.3, "1", least=0.0, below=1.0)
+    passive_fraction: float = quantity(0.015, "1", least=0.0)
+    pennation: float = quantity(0.0, "rad", least=0.0, below=0.5 * math.pi)
+    tendon_strain: float = quantity(0.033, "1", least=0.0)
     has_slope: ClassVar[bool] = True
     code: ClassVar[int] = lines.HILL
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        for name in ("force_max", "tendon_ratio", "passive_fraction", "pennation", "tendon_strain"):
-            require(self, name, getattr(self, name), at_least=0.0, strictly=False)
-        require(self, "stretch_opt", self.stretch_opt, at_least=0.0, strictly=True)
-        require(self, "1 - tendon_ratio", 1.0 - self.tendon_ratio, at_least=0.0, strictly=True)
-        require(self, "pi/2 - pennation", 0.5 * np.pi - self.pennation, at_least=0.0, strictly=True)
-
-    def parameters(self) -> tuple[float, ...]:
-        """Parameters in the order of the attributes."""
-        return (
-            self.force_max,
-            self.stretch_opt,
-            self.tendon_ratio,
-            self.passive_fraction,
-            self.pennation,
-            self.tendon_strain,
-        )
 
     def evaluate(self, length: Array, rest: Array, activation: Array) -> tuple[Array, Array, Array]:
         """Energy, tension and slope; the fibres' share y of the length is found by bisection.
@@ -138,6 +119,3 @@ class Hill:
         )
         F = self.force_max
         return F * l_opt * w, F * f * cos, F * (slope / l_opt * cos * cos + f * across_share)
-
-
-__all__ = ["Hill"]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels import laws
-from sim.laws.parameters import quantity, require
+from sim.laws.parameters import Parametric, quantity
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ class IsochoricLaw(Protocol):
 
 
 @dataclass(frozen=True)
-class MooneyRivlin:
+class MooneyRivlin(Parametric):
     """Two-term Mooney-Rivlin, w = C10 (I1bar - 3) + C20 (I1bar - 3)^2.
 
     Attributes
@@ -40,18 +40,9 @@ class MooneyRivlin:
     Source: Eskes et al. 2017, Eq. 1, with C10 = 2.5 kPa, C20 = 1.175 kPa.
     """
 
-    C10: float = quantity(2500.0, "Pa")
-    C20: float = quantity(1175.0, "Pa")
+    C10: float = quantity(2500.0, "Pa", above=0.0)
+    C20: float = quantity(1175.0, "Pa", least=0.0)
     code: ClassVar[int] = laws.MOONEY_RIVLIN
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        require(self, "C10", self.C10, at_least=0.0, strictly=True)
-        require(self, "C20", self.C20, at_least=0.0, strictly=False)
-
-    def parameters(self) -> tuple[float, ...]:
-        """C10, C20 [Pa]."""
-        return (self.C10, self.C20)
 
     def evaluate(self, I1bar: Array) -> tuple[Array, Array, Array]:
         """Polynomial of second degree."""
@@ -64,19 +55,11 @@ class MooneyRivlin:
 
 
 @dataclass(frozen=True)
-class NeoHooke:
+class NeoHooke(Parametric):
     """Neo-Hookean law, w = mu/2 (I1bar - 3), with the shear modulus mu [Pa]."""
 
-    mu: float = quantity(5000.0, "Pa")
+    mu: float = quantity(5000.0, "Pa", above=0.0)
     code: ClassVar[int] = laws.NEO_HOOKE
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        require(self, "mu", self.mu, at_least=0.0, strictly=True)
-
-    def parameters(self) -> tuple[float, ...]:
-        """Return mu [Pa]."""
-        return (self.mu,)
 
     def evaluate(self, I1bar: Array) -> tuple[Array, Array, Array]:
         """Linear energy."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from sim._kernels import lines
 from sim._kernels.laws import KINK
 from sim.laws.hill import Hill
-from sim.laws.parameters import quantity, require
+from sim.laws.parameters import Parametric, quantity
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class LineLaw(Protocol):
 
 
 @dataclass(frozen=True)
-class ConstantForce:
+class ConstantForce(Parametric):
     """Tension without dependence on length, F = force_max (activation + passive_fraction).
 
     Attributes
@@ -52,19 +52,10 @@ class ConstantForce:
     Source: the line muscles of the published reference face, 1 N per cable without passive part.
     """
 
-    force_max: float = quantity(1.0, "N")
-    passive_fraction: float = quantity(0.0, "1")
+    force_max: float = quantity(1.0, "N", least=0.0)
+    passive_fraction: float = quantity(0.0, "1", least=0.0)
     has_slope: ClassVar[bool] = False
     code: ClassVar[int] = lines.CONSTANT
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        require(self, "force_max", self.force_max, at_least=0.0, strictly=False)
-        require(self, "passive_fraction", self.passive_fraction, at_least=0.0, strictly=False)
-
-    def parameters(self) -> tuple[float, ...]:
-        """Tension and passive fraction."""
-        return self.force_max, self.passive_fraction
 
     def evaluate(self, length: Array, rest: Array, activation: Array) -> tuple[Array, Array, Array]:
         """Energy F (L - L_rest), tension F, slope 0."""
@@ -73,7 +64,7 @@ class ConstantForce:
 
 
 @dataclass(frozen=True)
-class Peck:
+class Peck(Parametric):
     """Hill-type tension, F = force_max (activation f(n) + passive_fraction p(r)).
 
     With r = L/(stretch_opt L_rest) and n = (r - tendon_ratio)/(1 - tendon_ratio),
@@ -106,32 +97,13 @@ class Peck:
     each muscle.
     """
 
-    force_max: float = quantity(1.0, "N")
-    stretch_opt: float = quantity(1.0, "1")
-    stretch_max: float = quantity(1.5, "1")
-    tendon_ratio: float = quantity(0.0, "1")
-    passive_fraction: float = quantity(0.015, "1")
+    force_max: float = quantity(1.0, "N", least=0.0)
+    stretch_opt: float = quantity(1.0, "1", above=0.0)
+    stretch_max: float = quantity(1.5, "1", above=1.0)
+    tendon_ratio: float = quantity(0.0, "1", least=0.0, below=1.0)
+    passive_fraction: float = quantity(0.015, "1", least=0.0)
     has_slope: ClassVar[bool] = True
     code: ClassVar[int] = lines.PECK
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        require(self, "force_max", self.force_max, at_least=0.0, strictly=False)
-        require(self, "stretch_opt", self.stretch_opt, at_least=0.0, strictly=True)
-        require(self, "stretch_max", self.stretch_max, at_least=1.0, strictly=True)
-        require(self, "tendon_ratio", self.tendon_ratio, at_least=0.0, strictly=False)
-        require(self, "1 - tendon_ratio", 1.0 - self.tendon_ratio, at_least=0.0, strictly=True)
-        require(self, "passive_fraction", self.passive_fraction, at_least=0.0, strictly=False)
-
-    def parameters(self) -> tuple[float, ...]:
-        """Tension, the two stretches and the two fractions."""
-        return (
-            self.force_max,
-            self.stretch_opt,
-            self.stretch_max,
-            self.tendon_ratio,
-            self.passive_fraction,
-        )
 
     def evaluate(self, length: Array, rest: Array, activation: Array) -> tuple[Array, Array, Array]:
         """Energy counted from the optimal length, tension and slope."""
@@ -151,7 +123,7 @@ class Peck:
 
 
 @dataclass(frozen=True)
-class LinearSpring:
+class LinearSpring(Parametric):
     """Tension F = force_max (activation + passive_fraction max(0, L/(slack L_rest) - 1)).
 
     Attributes
@@ -169,21 +141,11 @@ class LinearSpring:
         A parameter is out of range.
     """
 
-    force_max: float = quantity(1.0, "N")
-    passive_fraction: float = quantity(1.0, "1")
-    slack: float = quantity(1.0, "1")
+    force_max: float = quantity(1.0, "N", least=0.0)
+    passive_fraction: float = quantity(1.0, "1", least=0.0)
+    slack: float = quantity(1.0, "1", above=0.0)
     has_slope: ClassVar[bool] = True
     code: ClassVar[int] = lines.LINEAR_SPRING
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        require(self, "force_max", self.force_max, at_least=0.0, strictly=False)
-        require(self, "passive_fraction", self.passive_fraction, at_least=0.0, strictly=False)
-        require(self, "slack", self.slack, at_least=0.0, strictly=True)
-
-    def parameters(self) -> tuple[float, ...]:
-        """Tension, tension per strain over it, and slack."""
-        return self.force_max, self.passive_fraction, self.slack
 
     def evaluate(self, length: Array, rest: Array, activation: Array) -> tuple[Array, Array, Array]:
         """Energy, the passive part counted from the slack length, tension and slope."""

@@ -1,30 +1,54 @@
-"""Parameters of laws: their units, and the check that they are finite numbers in their range."""
+"""Parameters of laws: their units and ranges, and the check that they are finite numbers in them."""
 
 import math
 from dataclasses import field, fields
 from typing import Any
 
+import numpy as np
+
 from sim.errors import SceneError
 
 
-def require(law: object, name: str, value: float, *, at_least: float, strictly: bool) -> None:
-    """Raise SceneError unless a parameter of a law is finite and above its lower bound.
+def require(
+    law: object,
+    name: str,
+    value: float,
+    *,
+    least: float = -math.inf,
+    above: float = -math.inf,
+    below: float = math.inf,
+) -> None:
+    """Raise SceneError unless a number is finite, at least `least`, above `above` and below `below`."""
+    if math.isfinite(value) and value >= least and above < value < below:
+        return
+    bounds = ((">=", least), (">", above), ("<", below))
+    wanted = " and ".join(f"{sign} {bound:g}" for sign, bound in bounds if math.isfinite(bound))
+    raise SceneError(
+        f"{type(law).__name__}: {name} = {value!r}, expected a finite number {wanted}".rstrip()
+    )
 
-    With `strictly`, the bound itself is refused.
-    """
-    fits = value > at_least if strictly else value >= at_least
-    if not (math.isfinite(value) and fits):
-        sign = ">" if strictly else ">="
-        raise SceneError(
-            f"{type(law).__name__}: {name} = {value!r}, expected a finite number {sign} {at_least:g}"
-        )
 
-
-def quantity(default: Any, unit: str) -> Any:
-    """Field of a law with its SI unit, "1" for a number."""
-    return field(default=default, metadata={"unit": unit})
+def quantity(default: Any, unit: str, **within: float) -> Any:
+    """Field of a law with its SI unit, "1" for a number, and its bounds as of `require`."""
+    return field(default=default, metadata={"unit": unit, "within": within})
 
 
 def units(law: Any) -> dict[str, str]:
     """Unit of every parameter of a law, a class or an object."""
     return {f.name: f.metadata["unit"] for f in fields(law)}
+
+
+class Parametric:
+    """Base class of laws, dataclasses of `quantity` fields, which are checked on creation."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        law: Any = self
+        for f in fields(law):
+            for number in np.ravel(getattr(self, f.name)).tolist():
+                require(self, f.name, number, **f.metadata["within"])
+
+    def parameters(self) -> tuple[float, ...]:
+        """Parameters in the order of the attributes, which is that of the kernel."""
+        law: Any = self
+        return tuple(getattr(self, f.name) for f in fields(law))

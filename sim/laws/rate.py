@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.laws.parameters import quantity, require
+from sim.laws.parameters import Parametric, quantity
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class ForceVelocity:
+class ForceVelocity(Parametric):
     """Factor f_v of the active tension as a function of u, the rate of stretch over `v_max`.
 
     * Shortening, -1 <= u <= 0: Hill's hyperbola (1 + u)/(1 - u/curvature); 0 for faster shortening.
@@ -42,15 +42,9 @@ class ForceVelocity:
     70-77 (asymptote 1.4). The equal slopes at u = 0 are a choice.
     """
 
-    v_max: float = quantity(10.0, "1/s")
-    curvature: float = quantity(0.25, "1")
-    lengthening: float = quantity(1.4, "1")
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        require(self, "v_max", self.v_max, at_least=0.0, strictly=True)
-        require(self, "curvature", self.curvature, at_least=0.0, strictly=True)
-        require(self, "lengthening", self.lengthening, at_least=1.0, strictly=True)
+    v_max: float = quantity(10.0, "1/s", above=0.0)
+    curvature: float = quantity(0.25, "1", above=0.0)
+    lengthening: float = quantity(1.4, "1", above=1.0)
 
     def evaluate(self, rate: Array) -> tuple[Array, Array]:
         """Factor f_v [1] and its derivative [s] at rates of stretch [1/s]."""

@@ -46,8 +46,8 @@ class Prony:
             )
         for name in ("g", "tau"):
             for value in getattr(self, name):
-                require(self, name, value, at_least=0.0, strictly=True)
-        require(self, "1 - sum of g", self.relaxed, at_least=0.0, strictly=True)
+                require(self, name, value, above=0.0)
+        require(self, "1 - sum of g", self.relaxed, above=0.0)
 
     @property
     def relaxed(self) -> float:

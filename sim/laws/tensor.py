@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim._kernels import tensor_laws as kernel
 from sim.errors import SceneError
-from sim.laws.parameters import quantity, require
+from sim.laws.parameters import Parametric, quantity, require
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class TensorLaw(Protocol):
 
 
 @dataclass(frozen=True)
-class FiveTermMooneyRivlin:
+class FiveTermMooneyRivlin(Parametric):
     """Mooney-Rivlin law with all five terms.
 
     w = C10 (I1bar - 3) + C01 (I2bar - 3) + C20 (I1bar - 3)^2 + C11 (I1bar - 3)(I2bar - 3)
@@ -72,13 +72,8 @@ class FiveTermMooneyRivlin:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        for name in ("C10", "C01", "C20", "C11", "C02"):
-            require(self, name, getattr(self, name), at_least=-1e300, strictly=True)
-        require(self, "C10 + C01", self.C10 + self.C01, at_least=0.0, strictly=True)
-
-    def parameters(self) -> tuple[float, ...]:
-        """C10, C01, C20, C11, C02 [Pa]."""
-        return (self.C10, self.C01, self.C20, self.C11, self.C02)
+        super().__post_init__()
+        require(self, "C10 + C01", self.C10 + self.C01, above=0.0)
 
     def energy(self, C: Array, axes: Array) -> float:
         """Polynomial of both invariants of Cbar."""
@@ -89,7 +84,7 @@ class FiveTermMooneyRivlin:
 
 
 @dataclass(frozen=True)
-class Ogden:
+class Ogden(Parametric):
     """Ogden law of any number of terms in the isochoric principal stretches l_i.
 
     w = sum_p mu_p/alpha_p (l_1^alpha_p + l_2^alpha_p + l_3^alpha_p - 3).
@@ -122,7 +117,7 @@ class Ogden:
                 "of each, at least one"
             )
         for mu, alpha in zip(self.mu, self.alpha, strict=True):
-            require(self, "mu_p alpha_p", mu * alpha, at_least=0.0, strictly=True)
+            require(self, "mu_p alpha_p", mu * alpha, above=0.0)
 
     def parameters(self) -> tuple[float, ...]:
         """Return the number of terms, then mu [Pa] and alpha of each."""
@@ -137,7 +132,7 @@ class Ogden:
 
 
 @dataclass(frozen=True)
-class Fung:
+class Fung(Parametric):
     """Orthotropic exponential law of the skin, along the material axes a_i of the element.
 
     w = (c/2)(e^Q - 1), Q = (1/4c) [sum_i 2 mu_i (L_i - 2 K_i + 1)
@@ -159,11 +154,11 @@ class Fung:
     the relaxed skin tension lines.
     """
 
-    mu: tuple[float, float, float] = quantity((17773.0, 5931.0, 5931.0), "Pa")
+    mu: tuple[float, float, float] = quantity((17773.0, 5931.0, 5931.0), "Pa", above=0.0)
     lame: tuple[float, float, float, float, float, float] = quantity(
         (1e3, 1e3, 1e3, 1e3, 1e3, 1e3), "Pa"
     )
-    c: float = quantity(3784.0, "Pa")
+    c: float = quantity(3784.0, "Pa", above=0.0)
     code: ClassVar[int] = kernel.FUNG
     measure: ClassVar[int] = kernel.ISOCHORIC
     needs_axes: ClassVar[bool] = True
@@ -174,10 +169,7 @@ class Fung:
             raise SceneError(
                 f"Fung: {len(self.mu)} values of mu and {len(self.lame)} of lame, expected 3 and 6"
             )
-        for name, value in (("c", self.c), *(("mu", value) for value in self.mu)):
-            require(self, name, value, at_least=0.0, strictly=True)
-        for value in self.lame:
-            require(self, "lame", value, at_least=-1e300, strictly=True)
+        super().__post_init__()
 
     def parameters(self) -> tuple[float, ...]:
         """C [Pa], mu [Pa], lame [Pa]."""
@@ -193,7 +185,7 @@ class Fung:
 
 
 @dataclass(frozen=True)
-class _YoungPoisson:
+class _YoungPoisson(Parametric):
     """Isotropic moduli.
 
     Attributes
@@ -204,14 +196,8 @@ class _YoungPoisson:
         Poisson's ratio [1], -1 < poisson < 0.5.
     """
 
-    young: float = quantity(15e3, "Pa")
-    poisson: float = quantity(0.45, "1")
-
-    def __post_init__(self) -> None:
-        """Check the ranges."""
-        require(self, "young", self.young, at_least=0.0, strictly=True)
-        require(self, "poisson", self.poisson, at_least=-1.0, strictly=True)
-        require(self, "0.5 - poisson", 0.5 - self.poisson, at_least=0.0, strictly=True)
+    young: float = quantity(15e3, "Pa", above=0.0)
+    poisson: float = quantity(0.45, "1", above=-1.0, below=0.5)
 
     def parameters(self) -> tuple[float, ...]:
         """Lame's first modulus and the shear modulus [Pa]."""

@@ -51,8 +51,8 @@ class Crushable:
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        require(self, "diameter", self.diameter, at_least=GONE, strictly=True)
-        require(self, "force_max", self.force_max, at_least=0.0, strictly=False)
+        require(self, "diameter", self.diameter, above=GONE)
+        require(self, "force_max", self.force_max, least=0.0)
         if not abs(float(np.linalg.norm(self.normal)) - 1.0) < 1e-6:
             raise SceneError(f"Crushable: normal {self.normal!r} has no unit length: normalise it")
 

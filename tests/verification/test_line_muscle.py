@@ -148,7 +148,7 @@ def test_invalid_lines_are_refused_by_name():
         sim.LineMuscles(("a",), (line,), (sim.Peck(), sim.Peck()))
     with pytest.raises(sim.SceneError, match="stiffness = -1"):
         sim.LineMuscles(("a",), (line,), stiffness=-1)
-    with pytest.raises(sim.SceneError, match="Peck: 1 - tendon_ratio"):
+    with pytest.raises(sim.SceneError, match="Peck: tendon_ratio = 1.0"):
         sim.Peck(tendon_ratio=1.0)
     with pytest.raises(sim.SceneError, match="ConstantForce: force_max"):
         sim.ConstantForce(-1.0)
