@@ -4,7 +4,7 @@ import numpy as np
 
 from sim._kernels import volume as kernel
 from sim._kernels.lanes import LANES
-from sim.assembly import Index, parts_of, places_of
+from sim.assembly import parts_of, places_of
 from sim.mesh import Mesh
 from sim.pattern import SymmetricPattern
 from sim.state import Array
@@ -59,30 +59,9 @@ class PointVolumes:
         for part in self._parts:
             kernel.point_volumes(q, part, self.v, self._n)
 
-    def gather(
-        self,
-        start: Index,
-        element: Index,
-        point: Index,
-        place: Index,
-        star_start: Index,
-        nodal_volume: Array,
-        g: Array,
-    ) -> None:
+    def gather(self, of: kernel.NodePoints, nodal_volume: Array, g: Array) -> None:
         """Sum over the points of every node, as `sim._kernels.volume.gather_nodal`."""
-        kernel.gather_nodal(
-            self.v,
-            self._n,
-            self._slope,
-            self._kind,
-            start,
-            element,
-            point,
-            place,
-            star_start,
-            nodal_volume,
-            g,
-        )
+        kernel.gather_nodal(self.v, self._n, self._slope, self._kind, of, nodal_volume, g)
 
     def add_pressure(self, q: Array, p: Array, f: Array, K: Array | None = None) -> None:
         """With a pressure p (n_elements, 8): f -= p dv/dx and, if given, K += p d2v/dx2."""

@@ -7,78 +7,12 @@ The decorators of `sim._kernels.options` specify how they are compiled, so that 
 compiled in a process is the code that others load from the cache, and yields the same bits.
 """
 
+from importlib import import_module
 from pathlib import Path
+from pkgutil import iter_modules
 
 from sim._kernels.cache import kernel_cache
 
 with kernel_cache(Path(__file__).parent):
-    from sim._kernels import (
-        barrier,
-        body_forces,
-        body_rows,
-        body_tables,
-        coulomb,
-        crossing,
-        dense,
-        element,
-        frames,
-        free_bodies,
-        grid,
-        joints,
-        lanes,
-        laws,
-        lines,
-        matrix,
-        multibody,
-        nearest_faces,
-        options,
-        reduced,
-        scatter,
-        signed,
-        solid,
-        symmetric,
-        tensor_element,
-        tensor_laws,
-        tensor_point,
-        tensor_solid,
-        triangles,
-        triple,
-        tube,
-        volume,
-    )
-
-__all__ = [
-    "barrier",
-    "body_forces",
-    "body_rows",
-    "body_tables",
-    "coulomb",
-    "crossing",
-    "dense",
-    "element",
-    "frames",
-    "free_bodies",
-    "grid",
-    "joints",
-    "kernel_cache",
-    "lanes",
-    "laws",
-    "lines",
-    "matrix",
-    "multibody",
-    "nearest_faces",
-    "options",
-    "reduced",
-    "scatter",
-    "signed",
-    "solid",
-    "symmetric",
-    "tensor_element",
-    "tensor_laws",
-    "tensor_point",
-    "tensor_solid",
-    "triangles",
-    "triple",
-    "tube",
-    "volume",
-]
+    for _module in iter_modules(__path__):
+        import_module(f"{__name__}.{_module.name}")

@@ -18,9 +18,11 @@ arithmetic, sqrt, exp and log, and no branches on their argument.
 # numba compiles these functions; those called from Python carry types
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from sim._kernels.element import Indices, Reals
 from sim._kernels.options import inner
 
 MOONEY_RIVLIN = 0
@@ -42,6 +44,36 @@ KINK = 1e-9
 _GAUSS = np.polynomial.legendre.leggauss(16)
 GAUSS_X = 0.5 * (_GAUSS[0] + 1.0)
 GAUSS_W = 0.5 * _GAUSS[1]
+
+
+class LawTable(NamedTuple):
+    """Laws of materials, and the material of every element (or point).
+
+    region : row of the material.
+    code, p : codes and parameters (rows) of the isochoric laws.
+    bulk_code, kappa : of the bulk laws.
+    """
+
+    region: Indices
+    code: Indices
+    p: Reals
+    bulk_code: Indices
+    kappa: Reals
+
+
+class FibreTable(NamedTuple):
+    """Fibres: those of element (or point) n are rows start[n]..start[n + 1].
+
+    muscle, direction, weight : of every fibre; it fills the fraction `weight` of its element.
+    code, p : codes and parameters (rows) of the laws of the muscles of the scene.
+    """
+
+    start: Indices
+    muscle: Indices
+    direction: Reals
+    weight: Reals
+    code: Indices
+    p: Reals
 
 
 @inner

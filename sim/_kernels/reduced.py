@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.lanes import LANES, load, store, total
-from sim._kernels.laws import bulk, fibre, fibre_rests, isochoric
+from sim._kernels.laws import FibreTable, LawTable, bulk, fibre, fibre_rests, isochoric
 from sim._kernels.options import inner, kernel
 
 Reals = NDArray[np.float64]
@@ -41,28 +41,15 @@ class PointTable(NamedTuple):
     G : (p * 9 * blocks, 8) its derivative by the coordinates [1/m]: the n columns of entry c of point
         p in rows (9 p + c) blocks.., filled with zeros.
     volume : (p,) stress-free volume [m^3], times the weight of the point.
-    law : (p,) row of the passive parameters.
-    isochoric_code, isochoric_p, bulk_code, kappa : parameters of every law.
-    start : (p + 1,) fibres of point p are rows start[p]..start[p + 1].
-    muscle, direction, share : of every fibre; share is the fraction of the volume that it fills.
-    muscle_code, muscle_p : laws of the muscles.
+    laws, fibres : of every point.
     """
 
     place: Indices
     F0: Reals
     G: Reals
     volume: Reals
-    law: Indices
-    isochoric_code: Indices
-    isochoric_p: Reals
-    bulk_code: Indices
-    kappa: Reals
-    start: Indices
-    muscle: Indices
-    direction: Reals
-    share: Reals
-    muscle_code: Indices
-    muscle_p: Reals
+    laws: LawTable
+    fibres: FibreTable
 
 
 @inner
@@ -101,7 +88,8 @@ def _stress(t, p, J, activation, with_moduli, w):
     P = 2 W_1 F + W_J C + 2 W_4 T and A = dP/dF with dC_iJ/dF_kL = (C_iJ C_kL - C_iL C_kJ)/J.
     """
     F, C, P, T = w[_F], w[_C], w[_P], w[_T]
-    V, row = t.volume[p], t.law[p]
+    laws, fibres = t.laws, t.fibres
+    V, row = t.volume[p], laws.region[p]
     scale = math.exp(math.log(J) * (-2.0 / 3.0))
     over = 1.0 / J
     dJ, ddJ = (-2.0 / 3.0) * over, (10.0 / 9.0) * over * over
@@ -109,8 +97,8 @@ def _stress(t, p, J, activation, with_moduli, w):
     for c in range(9):
         I1 += F[c] * F[c]
     I1bar = scale * I1
-    W, w1, w11 = isochoric(t.isochoric_code[row], t.isochoric_p[row], I1bar)
-    U, UJ, UJJ = bulk(t.bulk_code[row], t.kappa[row], J)
+    W, w1, w11 = isochoric(laws.code[row], laws.p[row], I1bar)
+    U, UJ, UJJ = bulk(laws.bulk_code[row], laws.kappa[row], J)
     W += U
     slope = dJ * I1bar
     W_J = UJ + w1 * slope
@@ -125,10 +113,10 @@ def _stress(t, p, J, activation, with_moduli, w):
             for d in range(9):
                 w[_A + c, d] = e_11 * F[c] * F[d] + e_1J * (F[c] * C[d] + C[c] * F[d])
             w[_A + c, c] += p_1
-    for k in range(t.start[p], t.start[p + 1]):
-        m = t.muscle[k]
-        drive, code = activation[m], t.muscle_code[m]
-        b0, b1, b2 = t.direction[k, 0], t.direction[k, 1], t.direction[k, 2]
+    for k in range(fibres.start[p], fibres.start[p + 1]):
+        m = fibres.muscle[k]
+        drive, code, share = activation[m], fibres.code[m], fibres.weight[k]
+        b0, b1, b2 = fibres.direction[k, 0], fibres.direction[k, 1], fibres.direction[k, 2]
         I4 = 0.0
         for i in range(3):
             a = F[3 * i] * b0 + F[3 * i + 1] * b1 + F[3 * i + 2] * b2
@@ -136,11 +124,11 @@ def _stress(t, p, J, activation, with_moduli, w):
             T[3 * i], T[3 * i + 1], T[3 * i + 2] = a * b0, a * b1, a * b2
         I4bar = scale * I4
         stretch = math.sqrt(I4bar)
-        if fibre_rests(code, t.muscle_p[m], stretch, drive):
+        if fibre_rests(code, fibres.p[m], stretch, drive):
             continue
-        own, wl, wll = fibre(code, t.muscle_p[m], stretch, drive)
-        wl, wll = t.share[k] * wl, t.share[k] * wll
-        W += t.share[k] * own
+        own, wl, wll = fibre(code, fibres.p[m], stretch, drive)
+        wl, wll = share * wl, share * wll
+        W += share * own
         w4 = wl / (2.0 * stretch)
         w44 = (wll - wl / stretch) / (4.0 * I4bar)
         slope = dJ * I4bar

@@ -25,7 +25,6 @@ import numpy as np
 from sim._kernels.element import (
     BLOCKS,
     NODES,
-    Indices,
     Part,
     Reals,
     along,
@@ -42,7 +41,7 @@ from sim._kernels.element import (
     take,
 )
 from sim._kernels.lanes import LANES, load, rows, smallest, store, total
-from sim._kernels.laws import bulk, fibre, fibre_rests, isochoric
+from sim._kernels.laws import FibreTable, LawTable, bulk, fibre, fibre_rests, isochoric
 from sim._kernels.options import by_chunk, by_colour, in_threads, inner
 from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_from_nodes
 
@@ -160,17 +159,8 @@ def evaluate(
     q: Reals,
     part: Part,
     places: Places,
-    region: Indices,
-    isochoric_code: Indices,
-    isochoric_p: Reals,
-    bulk_code: Indices,
-    kappa: Reals,
-    fibre_start: Indices,
-    fibre_muscle: Indices,
-    fibre_direction: Reals,
-    fibre_weight: Reals,
-    muscle_code: Indices,
-    muscle_p: Reals,
+    laws: LawTable,
+    fibres: FibreTable,
     activation: Reals,
     weight: Reals,
     with_tangent: bool,
@@ -181,11 +171,9 @@ def evaluate(
 ) -> None:
     """Subtract dE/dx from the nodal forces f and, if requested, add the stiffness to values.
 
-    q, f (node, 3). Of all elements: region, row of the passive parameters; fibre_start, the fibres
-    of element n are rows fibre_start[n]..fibre_start[n + 1], each filling fibre_weight of it;
-    weight, a factor on the energy of every element, or empty; and the results energy and least_J.
-    An element with det F <= 0 does not contribute, and the caller checks least_J; one of weight
-    zero is skipped.
+    q, f (node, 3). Of all elements: weight, a factor on the energy, or empty; and the results energy
+    and least_J. An element with det F <= 0 does not contribute, and the caller checks least_J; one of
+    weight zero is skipped.
     """
     x = np.empty((NODES, 3))
     w = rows(ROWS)
@@ -204,7 +192,7 @@ def evaluate(
         least_J[own] = least(J)
         if not (least_J[own] > 0.0):
             continue
-        row = region[own]
+        row = laws.region[own]
         dV = load(part.volume, e)
         if weight.size > 0:
             dV = weight[own] * dV
@@ -219,8 +207,8 @@ def evaluate(
         over = 1.0 / J
         dJ, ddJ = (-2.0 / 3.0) * over, (10.0 / 9.0) * over * over
         I1bar = scale * I1
-        W, w1, w11 = isochoric(isochoric_code[row], isochoric_p[row], I1bar)
-        U, UJ, UJJ = bulk(bulk_code[row], kappa[row], J)
+        W, w1, w11 = isochoric(laws.code[row], laws.p[row], I1bar)
+        U, UJ, UJJ = bulk(laws.bulk_code[row], laws.kappa[row], J)
         W = W + U
         slope = dJ * I1bar
         W_J = UJ + w1 * slope
@@ -229,22 +217,22 @@ def evaluate(
         put(w, _M, M)
         put(w, _N, N)
         driven = np.bool_(False)  # An active or stretched fibre has written into the scratch array.
-        for fibre_row in range(fibre_start[own], fibre_start[own + 1]):
-            muscle = fibre_muscle[fibre_row]
+        for fibre_row in range(fibres.start[own], fibres.start[own + 1]):
+            muscle = fibres.muscle[fibre_row]
             drive = activation[muscle]
-            a0, a1, a2 = along(F, fibre_direction, fibre_row)
+            a0, a1, a2 = along(F, fibres.direction, fibre_row)
             I4bar = scale * (a0 * a0 + a1 * a1 + a2 * a2)
             stretch = math.sqrt(I4bar)
-            code, longest = muscle_code[muscle], -smallest(-stretch)
-            if fibre_rests(code, muscle_p[muscle], longest, drive):
+            code, longest = fibres.code[muscle], -smallest(-stretch)
+            if fibre_rests(code, fibres.p[muscle], longest, drive):
                 continue
             if not driven:
                 driven = np.bool_(True)
                 clear(w, _P, 9)
                 if with_tangent:
                     clear(w, _A, 9 * BLOCKS)
-            own_W, wl, wll = _fibre_at_points(w, code, muscle_p[muscle], stretch, drive)
-            share = fibre_weight[fibre_row]
+            own_W, wl, wll = _fibre_at_points(w, code, fibres.p[muscle], stretch, drive)
+            share = fibres.weight[fibre_row]
             wl, wll = share * wl, share * wll
             W = W + share * own_W
             w4 = wl / (2.0 * stretch)
@@ -254,7 +242,7 @@ def evaluate(
             W_JJ = W_JJ + w44 * slope * slope + w4 * ddJ * I4bar
             p_4 = 2.0 * dV * w4 * scale
             A = take(part.inverse, 9 * e)
-            b0, b1, b2 = along(A, fibre_direction, fibre_row)
+            b0, b1, b2 = along(A, fibres.direction, fibre_row)
             first, second = (a0 * b0, a0 * b1, a0 * b2), (a1 * b0, a1 * b1, a1 * b2)
             put(w, _T, first + second + (a2 * b0, a2 * b1, a2 * b2))
             for n in range(9):

@@ -57,14 +57,14 @@ def deform(w, q, part, e, x):
 
 
 @inner
-def all_rest(w, J, first, last, muscle, direction, code, p, activation):
-    """Test if no fibre of rows first..last has energy or force."""
-    for row in range(first, last):
-        a0, a1, a2 = along(take(w, F_ROW), direction, row)
+def all_rest(w, J, own, fibres, activation):
+    """Test if no fibre of element `own` has energy or force."""
+    for row in range(fibres.start[own], fibres.start[own + 1]):
+        a0, a1, a2 = along(take(w, F_ROW), fibres.direction, row)
         square = -smallest(-(a0 * a0 + a1 * a1 + a2 * a2))
         longest = math.sqrt(square) * smallest(J) ** (-1.0 / 3.0)  # not less than the longest
-        m = muscle[row]
-        if not fibre_rests(code[m], p[m], longest, activation[m]):
+        m = fibres.muscle[row]
+        if not fibre_rests(fibres.code[m], fibres.p[m], longest, activation[m]):
             return False
     return True
 

@@ -4,6 +4,10 @@
 # numba compiles these functions; those called from Python carry types
 
 import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from sim._kernels.laws import fibre
 from sim._kernels.options import inner, kernel_and_inner
@@ -11,9 +15,41 @@ from sim._kernels.symmetric import COLUMN, PLACE, ROW, contract
 from sim._kernels.tensor_laws import ISOCHORIC, SMALL, tensor_law
 
 
+class PointScratch(NamedTuple):
+    """Memory for one point.
+
+    F, cof : deformation gradient and its cofactor.
+    C, inverse, small : right Cauchy-Green tensor, its inverse, and I + 2 eps.
+    S, D : stress and moduli of the passive law; Sb, Db by Cbar = J^(-2/3) C, which is Cb.
+    work : scratch of the laws.
+    """
+
+    F: NDArray[np.float64]
+    cof: NDArray[np.float64]
+    C: NDArray[np.float64]
+    inverse: NDArray[np.float64]
+    small: NDArray[np.float64]
+    S: NDArray[np.float64]
+    D: NDArray[np.float64]
+    Sb: NDArray[np.float64]
+    Db: NDArray[np.float64]
+    Cb: NDArray[np.float64]
+    work: NDArray[np.float64]
+
+
 @inner
-def strains(F, J, cof, C, inverse, small):
-    """Right Cauchy-Green tensor, its inverse, and I + 2 eps, all (6,)."""
+def point_scratch():
+    """Empty memory for one point."""
+    F, cof, C, inverse = np.empty((3, 3)), np.empty((3, 3)), np.empty(6), np.empty(6)
+    small, S, D, Sb = np.empty(6), np.empty(6), np.empty((6, 6)), np.empty(6)
+    Db, Cb, work = np.empty((6, 6)), np.empty(6), np.empty((4, 6, 6))
+    return PointScratch(F, cof, C, inverse, small, S, D, Sb, Db, Cb, work)
+
+
+@inner
+def strains(at, J):
+    """Write the right Cauchy-Green tensor, its inverse, and I + 2 eps, from F and its cofactor."""
+    F, cof, C, inverse, small = at.F, at.cof, at.C, at.inverse, at.small
     # Written out, because the compiler does not resolve arrays of indices.
     r = 1.0 / (J * J)  # C^-1 = F^-1 F^-T and F^-T = cof/J
     C[0] = F[0, 0] * F[0, 0] + F[1, 0] * F[1, 0] + F[2, 0] * F[2, 0]
@@ -78,10 +114,11 @@ def project(Sb, Db, J, C, inverse, S, D, with_tangent, work):
 
 
 @inner
-def passive_law(measure, code, p, J, C, inverse, small, axes, S, D, Sb, Db, Cb, with_tangent, work):
+def passive_law(measure, code, p, J, axes, at, with_tangent):
     """Energy of the passive law, which overwrites S and D."""
+    C, S, D, Sb, Db, Cb, work = at.C, at.S, at.D, at.Sb, at.Db, at.Cb, at.work
     if measure == SMALL:
-        return tensor_law(code, p, small, axes, S, D, with_tangent, work)
+        return tensor_law(code, p, at.small, axes, S, D, with_tangent, work)
     if measure != ISOCHORIC:
         return tensor_law(code, p, C, axes, S, D, with_tangent, work)
     s = J ** (-2.0 / 3.0)
@@ -91,20 +128,22 @@ def passive_law(measure, code, p, J, C, inverse, small, axes, S, D, Sb, Db, Cb, 
     if with_tangent:
         D[:] = 0.0
     W = tensor_law(code, p, Cb, axes, Sb, Db, with_tangent, work)
-    project(Sb, Db, J, C, inverse, S, D, with_tangent, work)
+    project(Sb, Db, J, C, at.inverse, S, D, with_tangent, work)
     return W
 
 
 @inner
-def add_fibre(law_code, p, activation, weight, a0, J, C, Sb, Db, with_tangent):
+def add_fibre(fibres, row, activation, J, at, with_tangent):
     """Energy of one fibre; adds its derivatives by Cbar to Sb and Db."""
+    a0, C, Sb, Db = fibres.direction[row], at.C, at.Sb, at.Db
+    muscle, weight = fibres.muscle[row], fibres.weight[row]
     I4 = 0.0
     for i in range(3):
         for j in range(3):
             I4 += a0[i] * C[PLACE[i, j]] * a0[j]
     I4 *= J ** (-2.0 / 3.0)
     stretch = math.sqrt(I4)
-    w, wl, wll = fibre(law_code, p, stretch, activation)
+    w, wl, wll = fibre(fibres.code[muscle], fibres.p[muscle], stretch, activation[muscle])
     wl *= weight
     wll *= weight
     w4 = wl / (2.0 * stretch)

@@ -12,6 +12,7 @@ caller.
 # numba compiles these functions; those called from Python carry types
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +30,7 @@ from sim._kernels.element import (
     stiffness_blocks,
 )
 from sim._kernels.lanes import load, rows, store, total
-from sim._kernels.laws import bulk
+from sim._kernels.laws import FibreTable, bulk
 from sim._kernels.options import by_chunk, by_colour, in_threads, inner
 from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_from_nodes
 from sim._kernels.tensor_element import (
@@ -53,7 +54,30 @@ from sim._kernels.tensor_element import (
     strain_rows,
 )
 from sim._kernels.tensor_laws import SMALL
-from sim._kernels.tensor_point import add_fibre, add_product, passive_law, project, strains
+from sim._kernels.tensor_point import (
+    add_fibre,
+    add_product,
+    passive_law,
+    point_scratch,
+    project,
+    strains,
+)
+
+
+class TensorLawTable(NamedTuple):
+    """Laws of materials, and the material of every element.
+
+    region : row of the material.
+    measure, code, p : strain measures, codes and parameters (rows) of the laws.
+    bulk_code, kappa : of the bulk laws.
+    """
+
+    region: Indices
+    measure: Indices
+    code: Indices
+    p: Reals
+    bulk_code: Indices
+    kappa: Reals
 
 
 @inner
@@ -108,18 +132,8 @@ def evaluate(
     axes: Reals,
     scale: Reals,
     history: Reals,
-    region: Indices,
-    measure: Indices,
-    law_code: Indices,
-    law_p: Reals,
-    bulk_code: Indices,
-    kappa: Reals,
-    fibre_start: Indices,
-    fibre_muscle: Indices,
-    fibre_direction: Reals,
-    fibre_weight: Reals,
-    muscle_code: Indices,
-    muscle_p: Reals,
+    laws: TensorLawTable,
+    fibres: FibreTable,
     activation: Reals,
     weight: Reals,
     with_tangent: bool,
@@ -136,12 +150,8 @@ def evaluate(
     """
     points = part.slope.shape[0] // 3
     x = np.empty((NODES, 3))
-    F, cof = np.empty((3, 3)), np.empty((3, 3))
-    C, inverse, small = np.empty(6), np.empty(6), np.empty(6)
-    S, Sb, Cb = np.empty(6), np.empty(6), np.empty(6)
-    D, Db = np.empty((6, 6)), np.empty((6, 6))
-    St, Dt = np.empty(6), np.empty((6, 6))
-    work = np.empty((4, 6, 6))
+    at = point_scratch()
+    S, D, St, Dt = at.S, at.D, np.empty(6), np.empty((6, 6))
     w = rows(ROWS)
     clear(w, 0, ROWS)
     for e in range(part.chunk[begin], part.chunk[end]):
@@ -159,43 +169,20 @@ def evaluate(
         dV = load(part.volume, e)
         if weight.size > 0:
             dV = weight[own] * dV
-        row, first, last = region[own], fibre_start[own], fibre_start[own + 1]
-        is_small, factor = measure[row] == SMALL, scale[e]
-        rests = all_rest(
-            w,
-            all_J,
-            first,
-            last,
-            fibre_muscle,
-            fibre_direction,
-            muscle_code,
-            muscle_p,
-            activation,
-        )
+        row, factor = laws.region[own], scale[e]
+        measure, kappa = laws.measure[row], laws.kappa[row]
+        is_small = measure == SMALL
+        rests = all_rest(w, all_J, own, fibres, activation)
         for k in range(points):
-            J = _deformation_at(w, k, F, cof)
-            strains(F, J, cof, C, inverse, small)
+            J = _deformation_at(w, k, at.F, at.cof)
+            strains(at, J)
             W = factor * passive_law(
-                measure[row],
-                law_code[row],
-                law_p[row],
-                J,
-                C,
-                inverse,
-                small,
-                axes[e],
-                S,
-                D,
-                Sb,
-                Db,
-                Cb,
-                with_tangent,
-                work,
+                measure, laws.code[row], laws.p[row], J, axes[e], at, with_tangent
             )
             for a in range(6):
                 S[a] *= factor
             if history.shape[0] > 0:
-                W += _add_history(history[e, k], small if is_small else C, S)
+                W += _add_history(history[e, k], at.small if is_small else at.C, S)
             # St and Dt are derivatives by C; a law of small strain has separate S and D.
             share = 0.0 if is_small else 1.0
             for a in range(6):
@@ -205,26 +192,14 @@ def evaluate(
                     for b in range(6):
                         D[a, b] *= factor
                         Dt[a, b] = share * D[a, b]
-            if kappa[row] != 0.0:
-                W += _add_bulk(bulk_code[row], kappa[row], J, inverse, St, Dt, with_tangent)
+            if kappa != 0.0:
+                W += _add_bulk(laws.bulk_code[row], kappa, J, at.inverse, St, Dt, with_tangent)
             if not rests:
-                Sb[:] = 0.0
-                Db[:] = 0.0
-                for fibre in range(first, last):
-                    muscle = fibre_muscle[fibre]
-                    W += add_fibre(
-                        muscle_code[muscle],
-                        muscle_p[muscle],
-                        activation[muscle],
-                        fibre_weight[fibre],
-                        fibre_direction[fibre],
-                        J,
-                        C,
-                        Sb,
-                        Db,
-                        with_tangent,
-                    )
-                project(Sb, Db, J, C, inverse, St, Dt, with_tangent, work)
+                at.Sb[:] = 0.0
+                at.Db[:] = 0.0
+                for fibre in range(fibres.start[own], fibres.start[own + 1]):
+                    W += add_fibre(fibres, fibre, activation, J, at, with_tangent)
+                project(at.Sb, at.Db, J, at.C, at.inverse, St, Dt, with_tangent, at.work)
             w[W_ROW, k] = W
             _write(w, k, St, Dt, S_ROW, D_ROW, with_tangent)
             if is_small:
@@ -254,44 +229,20 @@ def law_stress(
     q: Reals,
     part: Part,
     axes: Reals,
-    region: Indices,
-    measure: Indices,
-    law_code: Indices,
-    law_p: Reals,
+    laws: TensorLawTable,
     out: Reals,
 ) -> None:
     """Stress S of the passive law only, out (row, point, 6) [Pa]; NaN if det F <= 0."""
     x = np.empty((NODES, 3))
-    F, cof = np.empty((3, 3)), np.empty((3, 3))
-    C, inverse, small = np.empty(6), np.empty(6), np.empty(6)
-    S, Sb, Cb = np.empty(6), np.empty(6), np.empty(6)
-    D, Db = np.empty((6, 6)), np.empty((6, 6))
-    work = np.empty((4, 6, 6))
-    w = rows(S_ROW)
+    at, w = point_scratch(), rows(S_ROW)
     for e in range(part.chunk[begin], part.chunk[end]):
         deform(w, q, part, e, x)
-        row = region[part.element[e]]
+        row = laws.region[part.element[e]]
         for k in range(out.shape[1]):
-            J = _deformation_at(w, k, F, cof)
+            J = _deformation_at(w, k, at.F, at.cof)
             if not (J > 0.0):
                 out[e, k, :] = math.nan
                 continue
-            strains(F, J, cof, C, inverse, small)
-            passive_law(
-                measure[row],
-                law_code[row],
-                law_p[row],
-                J,
-                C,
-                inverse,
-                small,
-                axes[e],
-                S,
-                D,
-                Sb,
-                Db,
-                Cb,
-                False,
-                work,
-            )
-            out[e, k, :] = S
+            strains(at, J)
+            passive_law(laws.measure[row], laws.code[row], laws.p[row], J, axes[e], at, False)
+            out[e, k, :] = at.S

@@ -10,6 +10,8 @@ rest volume dV, the current volume v = dV det F has
 # pyright: reportGeneralTypeIssues=false
 # numba compiles these functions; those called from Python carry types
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -173,7 +175,23 @@ def point_volumes(first: int, last: int, q: Reals, part: Part, v: Reals, n: Real
                 n[own, k, r] = w[_P + r, k]
 
 
-@in_threads(lambda v, n, slope, kind, start, *_: [(0, start.size - 1)], ROWS_LEAST)
+class NodePoints(NamedTuple):
+    """Quadrature points of the regions of nodes.
+
+    start, element, point : the points (element[k], point[k]) for k in start[m]..start[m + 1] belong to
+        node m.
+    place : (k, 8) position of the node of every slot in the star of m, negative for an unused slot.
+    star_start : first entry of the star of every node.
+    """
+
+    start: Indices
+    element: Indices
+    point: Indices
+    place: Indices
+    star_start: Indices
+
+
+@in_threads(lambda v, n, slope, kind, of, *_: [(0, of.start.size - 1)], ROWS_LEAST)
 def gather_nodal(
     first: int,
     last: int,
@@ -181,30 +199,24 @@ def gather_nodal(
     n: Reals,
     slope: Reals,
     kind: Indices,
-    start: Indices,
-    element: Indices,
-    point: Indices,
-    place: Indices,
-    star_start: Indices,
+    of: NodePoints,
     nodal_volume: Reals,
     g: Reals,
 ) -> None:
     """Volume of every nodal region and its derivative.
 
-    The points (element[k], point[k]) for k in start[m]..start[m + 1] belong to node m; v and n are
-    those of `point_volumes`, and the natural derivatives at point p of element e are rows 24
-    kind[e] + 3 p onwards of slope. place[k, a] is the position of the node of slot a in the star of
-    m, negative for an unused slot. Writes nodal_volume (node,) and g (star entries, 3) = d
+    v and n are those of `point_volumes`, and the natural derivatives at point p of element e are rows
+    24 kind[e] + 3 p onwards of slope. Writes nodal_volume (node,) and g (star entries, 3) = d
     nodal_volume / dx.
     """
-    h = np.empty((3, NODES))
+    h, start, star_start, place = np.empty((3, NODES)), of.start, of.star_start, of.place
     for m in range(first, last):
         sum_v = 0.0
         for s in range(star_start[m], star_start[m + 1]):
             for i in range(3):
                 g[s, i] = 0.0
         for k in range(start[m], start[m + 1]):
-            e, p = element[k], point[k]
+            e, p = of.element[k], of.point[k]
             sum_v += v[e, p]
             r = 24 * kind[e] + 3 * p
             d0, d1, d2 = load(slope, r), load(slope, r + 1), load(slope, r + 2)

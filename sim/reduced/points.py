@@ -3,6 +3,7 @@
 import numpy as np
 
 from sim._kernels.lanes import LANES
+from sim._kernels.laws import FibreTable
 from sim._kernels.reduced import PointTable
 from sim.errors import SceneError
 from sim.scene import Index
@@ -57,45 +58,26 @@ def point_table(
         volume.append(part.volume[own, :points].ravel())
     places = np.concatenate(place)
     owner = places // 8
-    fibres = found.fibres
-    counts = np.diff(fibres.start)[owner]
-    start = np.append(0, np.cumsum(counts))
-    row = _rows(fibres.start[owner], counts)
     return PointTable(
         place=places,
         F0=np.concatenate(F0),
         G=_in_lanes(np.concatenate(G)),
         volume=np.concatenate(volume),
-        law=found.region[owner],
-        isochoric_code=found.isochoric_code,
-        isochoric_p=found.isochoric_p,
-        bulk_code=found.bulk_code,
-        kappa=found.kappa,
-        start=start.astype(np.int64),
-        muscle=fibres.muscle[row],
-        direction=np.ascontiguousarray(fibres.direction[row]),
-        share=fibres.weight[row],
-        muscle_code=fibres.code,
-        muscle_p=fibres.p,
+        laws=found.laws._replace(region=found.laws.region[owner]),
+        fibres=_fibres_of(found.fibres, owner),
     )
 
 
 def weighted(table: PointTable, points: Index, weights: Array) -> PointTable:
     """The chosen points of a table with factors on their volumes."""
     rows = len(table.G) // max(len(table.volume), 1) or 1
-    counts = np.diff(table.start)[points]
-    start = np.append(0, np.cumsum(counts)).astype(np.int64)
-    row = _rows(table.start[points], counts)
     return table._replace(
         place=table.place[points],
         F0=table.F0[points],
         G=table.G.reshape(-1, rows, LANES)[points].reshape(-1, LANES),
         volume=table.volume[points] * weights,
-        law=table.law[points],
-        start=start,
-        muscle=table.muscle[row],
-        direction=np.ascontiguousarray(table.direction[row]),
-        share=table.share[row],
+        laws=table.laws._replace(region=table.laws.region[points]),
+        fibres=_fibres_of(table.fibres, points),
     )
 
 
@@ -108,7 +90,15 @@ def _in_lanes(G: Array) -> Array:
     return found.reshape(-1, LANES)
 
 
-def _rows(first: Index, counts: Index) -> Index:
-    """Indices first[i]..first[i] + counts[i], one range after the other."""
-    before = np.cumsum(counts) - counts
-    return np.repeat(first - before, counts) + np.arange(int(counts.sum()), dtype=np.int64)
+def _fibres_of(fibres: FibreTable, owners: Index) -> FibreTable:
+    """Fibres of the elements or points `owners`, one after the other."""
+    counts = np.diff(fibres.start)[owners]
+    start = np.append(0, np.cumsum(counts)).astype(np.int64)
+    first: Index = np.repeat(fibres.start[owners] - start[:-1], counts)
+    row = first + np.arange(int(start[-1]), dtype=np.int64)
+    return fibres._replace(
+        start=start,
+        muscle=fibres.muscle[row],
+        direction=np.ascontiguousarray(fibres.direction[row]),
+        weight=fibres.weight[row],
+    )

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from sim._kernels.laws import FibreTable
 from sim.assembly import grouped
 from sim.errors import SceneError
 from sim.laws import Blemker, FibreLaw
@@ -76,60 +77,41 @@ class Muscles:
         return (self.law,) * len(self.names)
 
 
-@dataclass(frozen=True, eq=False)
-class FibreTable:
-    """Fibres by element, for the element loops.
+def no_fibres(n_elements: int) -> FibreTable:
+    """No fibre in any element."""
+    index, start = np.zeros(0, dtype=np.int64), np.zeros(n_elements + 1, dtype=np.int64)
+    return FibreTable(start, index, np.zeros((0, 3)), np.zeros(0), index, np.zeros((0, N_FIBRE)))
 
-    The fibres of element n are rows start[n]..start[n + 1] of muscle, direction and weight; code
-    and p belong to the muscles of the scene.
+
+def fibre_table(
+    muscles: Muscles, n_elements: int, scene_muscles: tuple[str, ...], F0: Array | None
+) -> FibreTable:
+    """Group the rows of muscles by element.
+
+    The directions in the mesh are transformed to the state before the prestretch F0 (n_elements, 3,
+    3), if given.
     """
-
-    start: Index
-    muscle: Index
-    direction: Array
-    weight: Array
-    code: Index
-    p: Array
-
-    @staticmethod
-    def none(n_elements: int) -> "FibreTable":
-        """No fibre in any element."""
-        index, empty = np.zeros(0, dtype=np.int64), np.zeros(0)
-        start = np.zeros(n_elements + 1, dtype=np.int64)
-        return FibreTable(start, index, np.zeros((0, 3)), empty, index, np.zeros((0, N_FIBRE)))
-
-    @staticmethod
-    def of(
-        muscles: Muscles, n_elements: int, scene_muscles: tuple[str, ...], F0: Array | None
-    ) -> "FibreTable":
-        """Group the rows of muscles by element.
-
-        The directions in the mesh are transformed to the state before the prestretch F0 (n_elements, 3,
-        3), if given.
-        """
-        n = n_elements
-        if muscles.element.size and not (0 <= muscles.element.min() and muscles.element.max() < n):
-            raise SceneError(
-                f"a muscle refers to element {muscles.element.max()}, expected 0..{n - 1}"
-            )
-        order, start = grouped(np.asarray(muscles.element, dtype=np.int64), n)
-        scene_index = np.array([scene_muscles.index(name) for name in muscles.names])
-        direction = muscles.direction[order]
-        if F0 is not None:
-            own = F0[muscles.element[order]]
-            direction = np.linalg.solve(own, direction[..., None])[..., 0]
-        direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
-        weight = np.ones(len(order)) if muscles.weight is None else muscles.weight[order]
-        code = np.zeros(len(scene_muscles), dtype=np.int64)
-        p = np.zeros((len(scene_muscles), N_FIBRE))
-        for index, law in zip(scene_index, muscles.laws(), strict=True):
-            code[index] = law.code
-            p[index, : len(law.parameters())] = law.parameters()
-        return FibreTable(
-            start,
-            scene_index[muscles.muscle[order]],
-            np.ascontiguousarray(direction),
-            np.ascontiguousarray(weight, dtype=np.float64),
-            code,
-            p,
-        )
+    n = n_elements
+    if muscles.element.size and not (0 <= muscles.element.min() and muscles.element.max() < n):
+        raise SceneError(f"a muscle refers to element {muscles.element.max()}, expected 0..{n - 1}")
+    order, start = grouped(np.asarray(muscles.element, dtype=np.int64), n)
+    scene_index = np.array([scene_muscles.index(name) for name in muscles.names])
+    direction = muscles.direction[order]
+    if F0 is not None:
+        own = F0[muscles.element[order]]
+        direction = np.linalg.solve(own, direction[..., None])[..., 0]
+    direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    weight = np.ones(len(order)) if muscles.weight is None else muscles.weight[order]
+    code = np.zeros(len(scene_muscles), dtype=np.int64)
+    p = np.zeros((len(scene_muscles), N_FIBRE))
+    for index, law in zip(scene_index, muscles.laws(), strict=True):
+        code[index] = law.code
+        p[index, : len(law.parameters())] = law.parameters()
+    return FibreTable(
+        start,
+        scene_index[muscles.muscle[order]],
+        np.ascontiguousarray(direction),
+        np.ascontiguousarray(weight, dtype=np.float64),
+        code,
+        p,
+    )

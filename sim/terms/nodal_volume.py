@@ -102,16 +102,17 @@ class _NodalPressures:
         self._is_point = self._volumes.rest > 0.0
         element, point = np.nonzero(self._is_point)
         owner = nodes[element, point]  # Quadrature point k is that in the corner of node k.
-        order, self._start = grouped(owner, mesh.n_nodes)
-        self._element, self._point = element[order], point[order]
+        order, start = grouped(owner, mesh.n_nodes)
         self._owner = np.zeros(self._volumes.rest.shape, dtype=np.int64)
         self._owner[element, point] = owner
 
         self._star_start, self._star = _stars(mesh)
         centre = np.repeat(np.arange(mesh.n_nodes), np.diff(self._star_start))
-        wanted = owner[order][:, None] * mesh.n_nodes + nodes[self._element]
-        self._place = np.searchsorted(centre * mesh.n_nodes + self._star, wanted)
-        self._place[~used[self._element]] = -1
+        own = element[order]
+        wanted = owner[order][:, None] * mesh.n_nodes + nodes[own]
+        place = np.searchsorted(centre * mesh.n_nodes + self._star, wanted)
+        place[~used[own]] = -1
+        self._of_nodes = kernel.NodePoints(start, own, point[order], place, self._star_start)
 
         share = self._volumes.rest[element, point]
         self._rest: Array = np.bincount(owner, share, mesh.n_nodes).astype(np.float64)
@@ -145,15 +146,7 @@ class _NodalPressures:
     def _evaluate(self, q: Array) -> None:
         """Fill volumes and derivatives, of points and of nodes."""
         self._volumes.evaluate(q)
-        self._volumes.gather(
-            self._start,
-            self._element,
-            self._point,
-            self._place,
-            self._star_start,
-            self._nodal,
-            self._g,
-        )
+        self._volumes.gather(self._of_nodes, self._nodal, self._g)
 
     def _add_bending(self, q: Array, f: Array, K: Array) -> Contribution:
         """Forces, and the stiffness p d2v/dx2 that couples nodes within elements."""

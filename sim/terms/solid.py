@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sim._kernels import solid as kernel
 from sim._kernels.element import Part
+from sim._kernels.laws import FibreTable, LawTable
 from sim.assembly import element_pair_keys, parts_of, places_of
 from sim.errors import SceneError
 from sim.laws.isochoric import N_ISOCHORIC
@@ -15,9 +16,9 @@ from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
 from sim.terms.material import Material
-from sim.terms.muscles import FibreTable, Muscles
+from sim.terms.muscles import Muscles, fibre_table, no_fibres
 from sim.terms.relaxation import Relaxation
-from sim.terms.tensor_elements import LawTable, TensorElements, rotations
+from sim.terms.tensor_elements import TensorElements, rotations, tensor_laws
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,11 +92,7 @@ class Pointwise:
     """Tables of a solid whose energy is a sum over points, as of `sim._kernels.solid.evaluate`."""
 
     parts: tuple[Part, ...]
-    region: Index
-    isochoric_code: Index
-    isochoric_p: Array
-    bulk_code: Index
-    kappa: Array
+    laws: LawTable
     fibres: FibreTable
 
 
@@ -114,21 +111,20 @@ class CompiledSolid:
     ) -> None:
         mesh, n = layout.mesh, len(region)
         self._prestretch = None if solid.prestretch is None else _checked(solid.prestretch, mesh)
-        self._region = region
         materials = solid.materials
-        self._isochoric_code = np.array([m.law.code for m in materials])
-        self._isochoric_p = np.zeros((len(materials), N_ISOCHORIC))
-        for row, m in zip(self._isochoric_p, materials, strict=True):
+        p = np.zeros((len(materials), N_ISOCHORIC))
+        for row, m in zip(p, materials, strict=True):
             if m.tensor_form is None:
                 row[: len(m.law.parameters())] = m.law.parameters()
-        self._bulk_code = np.array([m.bulk_code for m in materials])
-        self._kappa = np.array([m.kappa for m in materials], dtype=np.float64)
+        code, bulk_code = np.array([[m.law.code, m.bulk_code] for m in materials]).T.copy()
+        kappa = np.array([m.kappa for m in materials], dtype=np.float64)
+        self._laws = LawTable(region, code, p, bulk_code, kappa)
         self._lay_out_parts(solid, layout, np.ones(n, dtype=bool) if chosen is None else chosen)
         muscles = solid.muscles if chosen is None else None
         self._fibres = (
-            FibreTable.none(n)
+            no_fibres(n)
             if muscles is None
-            else FibreTable.of(muscles, n, layout.muscles, self._prestretch)
+            else fibre_table(muscles, n, layout.muscles, self._prestretch)
         )
         self._energy = np.zeros(n)
         self._least_J = np.full(n, np.inf)
@@ -136,16 +132,16 @@ class CompiledSolid:
 
     def _lay_out_parts(self, solid: Solid, layout: Layout, chosen: NDArray[np.bool_]) -> None:
         """Divide the elements by the element loop of their law."""
-        mesh, materials, region = layout.mesh, solid.materials, self._region
+        mesh, materials, region = layout.mesh, solid.materials, self._laws.region
         axes = _axes(solid, mesh, region, chosen)
         tensor = np.array([m.tensor_form is not None for m in materials])[region]
         remembers = np.array([m.relaxation is not None for m in materials])[region]
         self._scalar_parts = parts_of(mesh, chosen & ~tensor, prestretch=self._prestretch)
         self._scalar_places = [places_of(mesh, p, layout.pattern) for p in self._scalar_parts]
-        table = LawTable.of(materials)
+        laws = tensor_laws(materials, region)
         self._elastic, self._relaxing = (
             tuple(
-                TensorElements(part, places_of(mesh, part, layout.pattern), axes, region, table)
+                TensorElements(part, places_of(mesh, part, layout.pattern), axes, laws)
                 for part in parts_of(mesh, own, prestretch=self._prestretch)
             )
             for own in (chosen & tensor & ~remembers, chosen & tensor & remembers)
@@ -155,12 +151,7 @@ class CompiledSolid:
         self, q: Array, control: Control, f: Array, K: Array | None, weight: Array | None = None
     ) -> Contribution:
         rest = (
-            self._fibres.start,
-            self._fibres.muscle,
-            self._fibres.direction,
-            self._fibres.weight,
-            self._fibres.code,
-            self._fibres.p,
+            self._fibres,
             control.activation,
             self._even if weight is None else weight,
             K is not None,
@@ -170,17 +161,7 @@ class CompiledSolid:
             self._no_values if K is None else K,
         )
         for part, places in zip(self._scalar_parts, self._scalar_places, strict=True):
-            kernel.evaluate(
-                q,
-                part,
-                places,
-                self._region,
-                self._isochoric_code,
-                self._isochoric_p,
-                self._bulk_code,
-                self._kappa,
-                *rest,
-            )
+            kernel.evaluate(q, part, places, self._laws, *rest)
         for elements in (*self._elastic, *self._relaxing):
             elements.evaluate(q, *rest)
         return Contribution(float(self._energy.sum()), *self._smallest_J())
@@ -193,8 +174,7 @@ class CompiledSolid:
                 "a reduced solid supports laws of the invariants I1, J and fibre stretch alone: "
                 "simulate tissues with other laws at full order"
             )
-        codes = self._isochoric_code, self._isochoric_p, self._bulk_code, self._kappa
-        return Pointwise(self._scalar_parts, self._region, *codes, self._fibres)
+        return Pointwise(self._scalar_parts, self._laws, self._fibres)
 
     def _smallest_J(self) -> tuple[float, int]:
         worst = int(np.argmin(np.nan_to_num(self._least_J, nan=-np.inf, posinf=np.inf)))
@@ -248,7 +228,7 @@ class RelaxingSolid(CompiledSolid):
         """Solid over one step of length h [s]; it shares the scratch buffers of this one."""
         step = copy(self)
         step._relaxing = tuple(map(copy, self._relaxing))
-        step._relaxation = Relaxation(step._relaxing, self._region, self._materials)
+        step._relaxation = Relaxation(step._relaxing, self._laws.region, self._materials)
         step._relaxation.begin(q, memory, h)
         return step
 

@@ -1,7 +1,6 @@
 """Elements with laws of the strain tensor, for the second element loop."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,36 +8,27 @@ import numpy as np
 from sim._kernels import tensor_solid as kernel
 from sim._kernels.element import Part
 from sim._kernels.scatter import Places
+from sim._kernels.tensor_solid import TensorLawTable
 from sim.errors import SceneError
 from sim.scene import Index
 from sim.state import Array
 from sim.terms.material import Material
 
 
-@dataclass(frozen=True, eq=False)
-class LawTable:
-    """Laws of all materials as arrays for the kernel; rows of materials of the first loop are unused."""
-
-    measure: Index
-    code: Index
-    p: Array
-    bulk_code: Index
-    kappa: Array
-
-    @staticmethod
-    def of(materials: Sequence[Material]) -> "LawTable":
-        """Tabulate the laws of materials."""
-        forms = [m.tensor_form or (0, 0, ()) for m in materials]
-        p = np.zeros((len(materials), max(len(form[2]) for form in forms)))
-        for row, form in zip(p, forms, strict=True):
-            row[: len(form[2])] = form[2]
-        return LawTable(
-            np.array([form[0] for form in forms]),
-            np.array([form[1] for form in forms]),
-            p,
-            np.array([m.bulk_code for m in materials]),
-            np.array([m.kappa for m in materials], dtype=np.float64),
-        )
+def tensor_laws(materials: Sequence[Material], region: Index) -> TensorLawTable:
+    """Tabulate the laws of materials; rows of those of the first element loop are unused."""
+    forms = [m.tensor_form or (0, 0, ()) for m in materials]
+    p = np.zeros((len(materials), max(len(form[2]) for form in forms)))
+    for row, form in zip(p, forms, strict=True):
+        row[: len(form[2])] = form[2]
+    return TensorLawTable(
+        region,
+        np.array([form[0] for form in forms]),
+        np.array([form[1] for form in forms]),
+        p,
+        np.array([m.bulk_code for m in materials]),
+        np.array([m.kappa for m in materials], dtype=np.float64),
+    )
 
 
 class TensorElements:
@@ -50,15 +40,14 @@ class TensorElements:
     places : Places
     axes : (n_elements, 3, 3) or None
         Material axes of all elements in the columns.
-    region : (n_elements,) index into the materials.
-    table : LawTable
+    laws : TensorLawTable
     """
 
     def __init__(
-        self, part: Part, places: Places, axes: Array | None, region: Index, table: LawTable
+        self, part: Part, places: Places, axes: Array | None, laws: TensorLawTable
     ) -> None:
         n = len(part.element)
-        self.part, self._places, self._region, self._table = part, places, region, table
+        self.part, self._places, self._laws = part, places, laws
         chosen = np.broadcast_to(np.eye(3), (n, 3, 3)) if axes is None else axes[part.element]
         self._axes = np.ascontiguousarray(chosen)
         self.scale = np.ones(n)
@@ -74,40 +63,15 @@ class TensorElements:
     def evaluate(self, q: Array, *rest: Any) -> None:
         """Add forces and stiffness, and write energies into the array of all elements.
 
-        rest : fibre arrays, activation, weights, True to compute the stiffness, and the four
-        results.
+        rest : fibres, activation, weights, True to compute the stiffness, and the four results.
         """
-        part, table = self.part, self._table
-        kernel.evaluate(
-            q,
-            part,
-            self._places,
-            self._axes,
-            self.scale,
-            self.history,
-            self._region,
-            table.measure,
-            table.code,
-            table.p,
-            table.bulk_code,
-            table.kappa,
-            *rest,
-        )
+        own = self._places, self._axes, self.scale, self.history, self._laws
+        kernel.evaluate(q, self.part, *own, *rest)
 
     def law_stress(self, q: Array) -> Array:
         """Elastic stress of the law alone at every Gauss point (n, n_points, 6) [Pa]."""
-        part, table = self.part, self._table
-        out = np.empty((len(part.element), self.n_points, 6))
-        kernel.law_stress(
-            q,
-            part,
-            self._axes,
-            self._region,
-            table.measure,
-            table.code,
-            table.p,
-            out,
-        )
+        out = np.empty((len(self.part.element), self.n_points, 6))
+        kernel.law_stress(q, self.part, self._axes, self._laws, out)
         return out
 
 
