@@ -39,7 +39,6 @@ class Activation:
     values: Array
 
     def __post_init__(self) -> None:
-        """Check shapes and times."""
         if self.values.ndim != 2 or len(self.values) != len(self.time) or len(self.time) == 0:
             raise ControlError(
                 f"activation has shape {self.values.shape} for {len(self.time)} times, expected "
@@ -50,13 +49,7 @@ class Activation:
 
     def at(self, t: float) -> Array:
         """Activation (n_muscles,) at time t [s]."""
-        i = int(np.clip(np.searchsorted(self.time, t) - 1, 0, max(len(self.time) - 2, 0)))
-        if len(self.time) == 1 or t <= self.time[0]:
-            return self.values[0]
-        if t >= self.time[-1]:
-            return self.values[-1]
-        s = (t - self.time[i]) / (self.time[i + 1] - self.time[i])
-        return (1.0 - s) * self.values[i] + s * self.values[i + 1]
+        return self.at_all(np.array([t]))[0]
 
     def at_all(self, t: Array) -> Array:
         """Activations (n, n_muscles) at times (n,) [s]."""

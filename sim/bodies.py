@@ -39,7 +39,6 @@ class Body:
     damping: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         finite = np.isfinite([self.mass, *self.damping, *self.centre]).all()
         if not finite or self.mass < 0.0 or min(self.damping) < 0.0:
             raise SceneError(

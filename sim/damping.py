@@ -37,7 +37,6 @@ class _Coefficients:
     beta: float = 0.055
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         for name, value in (("alpha", self.alpha), ("beta", self.beta)):
             if not value >= 0.0:
                 raise SceneError(

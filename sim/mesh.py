@@ -70,7 +70,6 @@ class Mesh(Described):
     n_points: int = 0
 
     def __post_init__(self) -> None:
-        """Check nodes and elements."""
         n = len(self.X)
         if self.X.ndim != 2 or self.X.shape[1] != 3 or not np.isfinite(self.X).all():
             raise MeshError(

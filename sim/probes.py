@@ -94,7 +94,6 @@ class Opening:
     name: str = "lip_opening"
 
     def __post_init__(self) -> None:
-        """Check the direction."""
         if len(self.direction) != 3 or not 0.0 < math.hypot(*self.direction) < math.inf:
             raise SceneError(
                 f"Opening: direction = {self.direction!r}, expected three numbers that are not all zero"

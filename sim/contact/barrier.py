@@ -85,7 +85,6 @@ class BarrierContact:
     stick_speed: float = 1e-4
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         for name in ("distance", "stiffness", "reach", "stick_speed"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise SceneError(

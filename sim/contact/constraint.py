@@ -82,7 +82,6 @@ class ConstraintContact:
     tolerance: float = 2e-3
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if not self.pairings:
             raise SceneError("a contact has no pairings, expected at least one")
         if len(self.frictions) != len(self.pairings):

@@ -83,7 +83,6 @@ class NodeSurface(_Triangles):
     name: str = "surface"
 
     def __post_init__(self) -> None:
-        """Check the connectivity."""
         object.__setattr__(self, "triangles", checked_triangles(self.triangles, self.name))
 
     def check(self, mesh: Mesh) -> None:
@@ -125,7 +124,6 @@ class RigidShell(_Triangles):
     motion: Motion | None = None
 
     def __post_init__(self) -> None:
-        """Check connectivity and geometry."""
         object.__setattr__(self, "vertices", np.ascontiguousarray(self.vertices, np.float64))
         if self.vertices.ndim != 2 or self.vertices.shape[1] != 3:
             raise ContactFailure(

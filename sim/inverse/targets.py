@@ -78,7 +78,6 @@ class PointTarget:
     size: float = 1e-3
 
     def __post_init__(self) -> None:
-        """Check the shapes."""
         _check("PointTarget", self.time, self.position, self.size)
         if self.position.shape[1:] != (len(self.nodes), 3):
             raise SceneError(

@@ -71,7 +71,6 @@ class Weights:
     rounds: int = 1
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         low, high = np.asarray(self.low), np.asarray(self.high)
         if not (np.all(low >= 0.0) and np.all(high <= 1.0) and np.all(low <= high)):
             raise ControlError("bounds of the activations must satisfy 0 <= low <= high <= 1")
@@ -100,7 +99,6 @@ class MeasuredActivation:
     trust: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        """Check the trust."""
         n = self.activation.values.shape[1]
         if self.trust.shape != (n,) or not (self.trust >= 0.0).all():
             raise ControlError(

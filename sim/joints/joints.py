@@ -48,7 +48,6 @@ class _BodyJoint:
     turns: ClassVar[tuple[int, ...]] = ()
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         if not (self.compliance >= 0.0 and self.damping_time >= 0.0):
             raise SceneError(
                 f"joint {self.name}: compliance {self.compliance!r} and damping time "
@@ -150,7 +149,6 @@ class Bushing:
     damping: tuple[float, ...] = (0.0,) * 6
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         k, d = np.asarray(self.stiffness, float), np.asarray(self.damping, float)
         good = k.shape == (6,) and d.shape == (6,) and bool(np.isfinite([k, d]).all())
         if not (good and (k >= 0.0).all() and (d >= 0.0).all() and not d[k == 0.0].any()):
@@ -209,7 +207,6 @@ class Limit:
     travel: bool = False
 
     def __post_init__(self) -> None:
-        """Check the order."""
         if not self.lower < self.upper:
             raise SceneError(f"limit {self.name}: {self.lower!r} is not below {self.upper!r}")
 

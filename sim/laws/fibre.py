@@ -66,7 +66,6 @@ class Blemker(Parametric):
     code: ClassVar[int] = laws.BLEMKER
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         super().__post_init__()
         require(self, "stretch_star", self.stretch_star, above=self.stretch_opt)
 

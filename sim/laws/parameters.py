@@ -42,7 +42,6 @@ class Parametric:
     """Base class of laws, dataclasses of `quantity` fields, which are checked on creation."""
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         law: Any = self
         for f in fields(law):
             for number in np.ravel(getattr(self, f.name)).tolist():

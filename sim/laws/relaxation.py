@@ -38,7 +38,6 @@ class Prony:
     tau: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if len(self.g) != len(self.tau) or not self.g:
             raise SceneError(
                 f"Prony: {len(self.g)} fractions g for {len(self.tau)} times tau, expected as many of "

@@ -71,7 +71,6 @@ class FiveTermMooneyRivlin(Parametric):
     needs_axes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         super().__post_init__()
         require(self, "C10 + C01", self.C10 + self.C01, above=0.0)
 
@@ -110,7 +109,6 @@ class Ogden(Parametric):
     needs_axes: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if len(self.mu) != len(self.alpha) or not self.mu:
             raise SceneError(
                 f"Ogden: {len(self.mu)} values of mu for {len(self.alpha)} of alpha, expected as many "
@@ -164,7 +162,6 @@ class Fung(Parametric):
     needs_axes: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         if len(self.mu) != 3 or len(self.lame) != 6:
             raise SceneError(
                 f"Fung: {len(self.mu)} values of mu and {len(self.lame)} of lame, expected 3 and 6"

@@ -9,7 +9,7 @@ from sim.errors import SceneError
 from sim.scene import Index
 from sim.state import Array
 from sim.system import System
-from sim.terms.gravity import Gravity
+from sim.terms.load import Gravity
 from sim.terms.solid import CompiledSolid
 
 

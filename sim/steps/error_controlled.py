@@ -62,7 +62,6 @@ class ErrorControlledStep:
     max_halvings: int = 10
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         require_positive(self.h)
         for name in ("tolerance", "horizon"):
             if not getattr(self, name) > 0.0:

@@ -26,7 +26,6 @@ class FixedStep:
     h: float = 0.01
 
     def __post_init__(self) -> None:
-        """Check the step."""
         require_positive(self.h)
 
     def through(

@@ -25,7 +25,6 @@ class HalvingStep:
     max_halvings: int = 8
 
     def __post_init__(self) -> None:
-        """Check the step."""
         require_positive(self.h)
 
     def advance(

@@ -3,9 +3,8 @@
 from sim.scene import Term
 from sim.terms.axial_springs import AxialSprings
 from sim.terms.crushable import Crushable
-from sim.terms.gravity import Gravity
 from sim.terms.line_muscle import LineMuscles
-from sim.terms.load import NodeLoad
+from sim.terms.load import Gravity, NodeLoad
 from sim.terms.material import Material
 from sim.terms.muscles import Muscles
 from sim.terms.nodal_volume import NodalVolume

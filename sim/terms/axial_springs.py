@@ -40,7 +40,6 @@ class AxialSprings:
     rest: Array | None = None
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
         if self.rest is not None and np.shape(self.rest) != (len(self.paths),):
             raise SceneError(
                 f"AxialSprings: {np.shape(self.rest)} rest lengths for {len(self.paths)}"

@@ -50,7 +50,6 @@ class Crushable:
     force_max: float = 35.0
 
     def __post_init__(self) -> None:
-        """Check the ranges."""
         require(self, "diameter", self.diameter, above=GONE)
         require(self, "force_max", self.force_max, least=0.0)
         if not abs(float(np.linalg.norm(self.normal)) - 1.0) < 1e-6:

@@ -59,7 +59,6 @@ class LineMuscles:
     tolerance: float = 1e-6
 
     def __post_init__(self) -> None:
-        """Check muscles, fibres and laws."""
         found = {fibre.muscle for fibre in self.fibres}
         for k, name in enumerate(self.names):
             if k not in found:

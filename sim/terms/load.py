@@ -1,4 +1,4 @@
-"""Dead loads on nodes."""
+"""Constant forces on nodes: weight and dead loads."""
 
 from dataclasses import dataclass
 
@@ -10,6 +10,31 @@ from sim.multibody import PointForces
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
 from sim.vectors import dot
+
+
+@dataclass(frozen=True)
+class Gravity:
+    """Force m g on every node, potential -m g . (q - X).
+
+    Attributes
+    ----------
+    g : tuple of float
+        Acceleration [m/s^2].
+
+    Notes
+    -----
+    Source: Eskes et al. 2017 and the reference face, (0, 0, -9.8) m/s^2 with z superior.
+    """
+
+    g: tuple[float, float, float] = (0.0, 0.0, -9.8)
+
+    def pair_keys(self, mesh: Mesh) -> Index:
+        """No stiffness."""
+        return np.empty(0, dtype=np.int64)
+
+    def compile(self, layout: Layout) -> "ConstantForces":
+        """Weigh the nodes once."""
+        return ConstantForces(layout.node_mass[:, None] * np.asarray(self.g), layout.mesh.X)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +51,6 @@ class NodeLoad:
     force: Array
 
     def __post_init__(self) -> None:
-        """Check shapes and values."""
         if self.force.shape != (len(self.nodes), 3) or not np.isfinite(self.force).all():
             raise SceneError(
                 f"NodeLoad: force has shape {self.force.shape} or holds NaN, expected finite "
@@ -37,18 +61,18 @@ class NodeLoad:
         """No stiffness."""
         return np.empty(0, dtype=np.int64)
 
-    def compile(self, layout: Layout) -> "CompiledNodeLoad":
+    def compile(self, layout: Layout) -> "ConstantForces":
         """Sum the forces of each node."""
         nodes, n = np.asarray(self.nodes, dtype=np.int64), layout.mesh.n_nodes
         if nodes.size and not (nodes.min() >= 0 and nodes.max() < n):
             raise SceneError(f"NodeLoad refers to node {int(nodes.max())}, expected 0..{n - 1}")
         total = np.zeros((n, 3))
         np.add.at(total, nodes, self.force)
-        return CompiledNodeLoad(total, layout.mesh.X)
+        return ConstantForces(total, layout.mesh.X)
 
 
-class CompiledNodeLoad:
-    """Constant nodal forces (n_nodes, 3) [N]."""
+class ConstantForces:
+    """Constant nodal forces (n_nodes, 3) [N]; the potential is counted from the rest positions."""
 
     def __init__(self, load: Array, X: Array) -> None:
         self._load, self._X = load, X

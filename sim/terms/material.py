@@ -37,7 +37,6 @@ class Material:
     relaxation: Prony | None = None
 
     def __post_init__(self) -> None:
-        """Check the density and complete the bulk law."""
         if not self.density > 0.0:
             raise SceneError(f"Material: density = {self.density!r}, expected a number > 0")
         if self._is_isochoric:

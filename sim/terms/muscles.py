@@ -36,7 +36,6 @@ class Muscles:
     weight: Array | None = None
 
     def __post_init__(self) -> None:
-        """Check the arrays."""
         k = len(self.element)
         if self.muscle.shape != (k,) or self.direction.shape != (k, 3):
             raise SceneError(

@@ -55,7 +55,6 @@ class NodalVolume:
     at_fixed: bool = False
 
     def __post_init__(self) -> None:
-        """Check the range."""
         require_positive(self.kappa)
 
     def pair_keys(self, mesh: Mesh) -> Index:

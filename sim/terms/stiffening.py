@@ -47,7 +47,6 @@ class Stiffening:
     weight: Array | None = None
 
     def __post_init__(self) -> None:
-        """Check the arrays."""
         k = len(self.element)
         for what, rows in (("muscles", self.muscle), ("weights", self.weight)):
             if rows is not None and rows.shape != (k,):

@@ -34,7 +34,6 @@ class LineFibre:
     share: float = 1.0
 
     def __post_init__(self) -> None:
-        """Check points and share."""
         nodes = self.points.ndim == 1 and np.issubdtype(self.points.dtype, np.integer)
         if not (nodes or (self.points.ndim == 2 and self.points.shape[1] == 3)):
             raise SceneError(

@@ -39,7 +39,6 @@ class Support:
     gap: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check rows and ranges."""
         if self.normal.shape != (len(self.nodes), 3):
             raise SceneError(
                 f"the sizes of the support arrays differ: {len(self.nodes)} nodes, normals "

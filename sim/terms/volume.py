@@ -31,7 +31,6 @@ class ElementVolume:
     kappa: float | Array = 25e3
 
     def __post_init__(self) -> None:
-        """Check the range."""
         require_positive(self.kappa)
 
     def pair_keys(self, mesh: Mesh) -> Index:
