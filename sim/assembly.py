@@ -60,13 +60,12 @@ def parts_of(
 
     Parameters
     ----------
-    mesh : Mesh
     chosen : (n_elements,) bool or None
     prestretch : (n_elements, 3, 3) or None
         F0 from the stress-free state to the mesh. With F = (dx/dxi) A of the mesh, the total
         deformation is F F0 = (dx/dxi) (A F0), and the stress-free volume is dV/det F0.
-    point_per_node : bool
-        Divide the single point of an element among its nodes; other elements have a point per node.
+    point_per_node : divide the single point of an element among its nodes; other elements have a point
+        per node.
     """
     parts: list[Part] = []
     first = 0

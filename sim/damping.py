@@ -21,20 +21,13 @@ from sim.state import Array, Control
 class _Coefficients:
     """Coefficients of mass and stiffness.
 
-    Attributes
-    ----------
-    alpha : float
-        Mass damping [1/s], not negative.
-    beta : float
-        Stiffness damping [s], not negative.
-
     Notes
     -----
     Source of the values: Stavness et al., chapter on the coupled face model.
     """
 
-    alpha: float = 19.0
-    beta: float = 0.055
+    alpha: float = 19.0  #: mass damping [1/s], not negative
+    beta: float = 0.055  #: stiffness damping [s], not negative
 
     def __post_init__(self) -> None:
         for name, value in (("alpha", self.alpha), ("beta", self.beta)):

@@ -22,29 +22,18 @@ GAUSS: Final = 1.0 / np.sqrt(3.0)
 
 @dataclass(frozen=True)
 class ElementType:
-    """A reference element.
-
-    Attributes
-    ----------
-    name : str
-    n_nodes : int
-    corners : (n_nodes, 3) natural coordinates of the nodes.
-    points, weights : (n_points, 3), (n_points,) quadrature.
-    N : (n_points, n_nodes) shape functions at the points.
-    dN : (n_points, n_nodes, 3) their natural derivatives at the points.
-    dN_corners : (n_nodes, n_nodes, 3) the same at the nodes, for checks of distortion.
-    shape : callable
-        Shape functions (n, n_nodes) and natural derivatives (n, n_nodes, 3) at any points (n, 3).
-    """
+    """A reference element."""
 
     name: str
     n_nodes: int
-    corners: Array
+    corners: Array  #: (n_nodes, 3) natural coordinates of the nodes
+    #: (n_points, 3), (n_points,) quadrature
     points: Array
     weights: Array
-    N: Array
-    dN: Array
-    dN_corners: Array
+    N: Array  #: (n_points, n_nodes) shape functions at the points
+    dN: Array  #: (n_points, n_nodes, 3) their natural derivatives at the points
+    dN_corners: Array  #: (n_nodes, n_nodes, 3) the same at the nodes, for checks of distortion
+    #: shape functions (n, n_nodes) and natural derivatives (n, n_nodes, 3) at any points (n, 3)
     shape: Callable[[Array], tuple[Array, Array]]
 
 

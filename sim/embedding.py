@@ -13,8 +13,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 MAX_ITERATIONS = 50
-INSIDE = 1e-9
-"""Tolerance for negative shape functions [1]."""
+INSIDE = 1e-9  #: tolerance for negative shape functions [1]
 
 
 @dataclass(frozen=True, eq=False)

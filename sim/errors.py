@@ -121,8 +121,7 @@ class CourantError(AcousticsError):
 
     Attributes
     ----------
-    number : float
-        Courant number c dt/dx found.
+    number : Courant number c dt/dx found.
     """
 
     def __init__(self, number: float, dt: float, cell: float) -> None:

@@ -17,18 +17,11 @@ from sim.state import Array
 
 @dataclass(frozen=True, eq=False)
 class Product:
-    """The matrix G' diag(k) G, or R'G' diag(k) G R.
+    """The matrix G' diag(k) G, or R'G' diag(k) G R."""
 
-    Attributes
-    ----------
-    G : (m, n_free) sparse.
-    k : (m,)
-    R : (n_free, n) sparse or None
-    """
-
-    G: csr_array
-    k: Array
-    R: csr_array | None = None
+    G: csr_array  #: (m, n_free) sparse
+    k: Array  #: (m,)
+    R: csr_array | None = None  #: (n_free, n) sparse or None
 
     def times(self, x: Array) -> Array:
         """Product with a vector (n_free,), or (n,) with R."""
@@ -43,24 +36,15 @@ class Product:
 
 @dataclass(frozen=True, eq=False)
 class Matrix:
-    """Symmetric matrix: entries on a pattern, and matrix-free products.
-
-    Attributes
-    ----------
-    pattern : Sparsity
-    values : (pattern.nnz,)
-    products : tuple of Product
-    stand_in : callable or None
-        Values that replace the products in a factorisation, on the pattern.
-    offset : (n,) or None
-        For a damping matrix, the force due to prescribed velocities and to forces that are nonlinear
-        in the velocities [N].
-    """
+    """Symmetric matrix: entries on a pattern, and matrix-free products."""
 
     pattern: Sparsity
-    values: Array
+    values: Array  #: (pattern.nnz,)
     products: tuple[Product, ...] = ()
+    #: values that replace the products in a factorisation, on the pattern
     stand_in: Callable[[], Array] | None = None
+    #: (n,) or None; for a damping matrix, the force due to prescribed velocities and to forces that are
+    #: nonlinear in the velocities [N]
     offset: Array | None = None
 
     def force(self, w: Array) -> Array:

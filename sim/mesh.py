@@ -16,16 +16,10 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Block:
-    """Elements of one type.
-
-    Attributes
-    ----------
-    kind : ElementType
-    nodes : (n_elements, kind.n_nodes) indices into the nodes of the mesh.
-    """
+    """Elements of one type."""
 
     kind: ElementType
-    nodes: Index
+    nodes: Index  #: (n_elements, kind.n_nodes) indices into the nodes of the mesh
 
     def gradients(self, X: Array, *, at_corners: bool = False) -> tuple[Array, Array]:
         """Material gradients dN/dX (n_elements, n_points, n_nodes, 3) [1/m], and det(dX/dxi) [m^3].

@@ -11,18 +11,12 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Sparsity:
-    """Upper triangle, by rows, of a symmetric matrix.
+    """Upper triangle, by rows, of a symmetric matrix."""
 
-    Attributes
-    ----------
-    indptr, indices : rows of the upper triangle, columns ascending, the diagonal always present
-        and first.
-    diagonal : (n,) positions of the diagonal in the values.
-    """
-
+    #: rows of the upper triangle, columns ascending, the diagonal always present and first
     indptr: NDArray[np.int32]
     indices: NDArray[np.int32]
-    diagonal: Index
+    diagonal: Index  #: (n,) positions of the diagonal in the values
 
     @property
     def n(self) -> int:
@@ -37,18 +31,11 @@ class Sparsity:
 
 @dataclass(frozen=True)
 class SymmetricPattern(Sparsity):
-    """Sparsity over the free unknowns, and positions of the blocks of node pairs.
+    """Sparsity over the free unknowns, and positions of the blocks of node pairs."""
 
-    Attributes
-    ----------
-    free : (n_free,) indices of the free unknowns among 3 n_nodes.
-    pairs : (n_pairs,) keys ``a * n_nodes + b`` of the node pairs a <= b, ascending.
-    target : (n_pairs, 9) position of each block entry in the values, -1 where it is not stored.
-    n_nodes : int
-    """
-
-    free: Index
-    pairs: Index
+    free: Index  #: (n_free,) indices of the free unknowns among 3 n_nodes
+    pairs: Index  #: (n_pairs,) keys ``a * n_nodes + b`` of the node pairs a <= b, ascending
+    #: (n_pairs, 9) position of each block entry in the values, -1 where it is not stored
     target: NDArray[np.int32]
     n_nodes: int
 
@@ -70,11 +57,9 @@ def symmetric_pattern(n_nodes: int, keys: Index, held: Index) -> SymmetricPatter
 
     Parameters
     ----------
-    n_nodes : int
     keys : (m,) array of int
         ``a * n_nodes + b`` with a <= b, in any order, with repetitions.
-    held : array of int
-        Indices of fixed unknowns among 3 n_nodes.
+    held : indices of fixed unknowns among 3 n_nodes.
     """
     number = np.zeros(3 * n_nodes, dtype=np.int64)
     number[held] = -1

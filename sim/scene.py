@@ -26,19 +26,12 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Layout:
-    """Properties of the scene that are available to terms on compilation.
-
-    Attributes
-    ----------
-    mesh : Mesh
-    node_mass : (n_nodes,) lumped mass of all terms [kg].
-    pattern : SymmetricPattern
-    muscles : names of all muscles of the scene, the order of `Control.activation`.
-    """
+    """Properties of the scene that are available to terms on compilation."""
 
     mesh: Mesh
-    node_mass: Array
+    node_mass: Array  #: (n_nodes,) lumped mass of all terms [kg]
     pattern: SymmetricPattern
+    #: names of all muscles of the scene, the order of `Control.activation`
     muscles: tuple[str, ...]
 
 
@@ -209,10 +202,7 @@ class StopsMoves(CompiledTerm, Protocol):
 
         Free nodes in the path of a rigid surface move with it.
 
-        Raises
-        ------
-        NotConverged
-            The displacement is too large.
+        Raises NotConverged if the displacement is too large.
         """
         ...
 
@@ -269,15 +259,9 @@ class Damping(Protocol):
 
 
 class CompiledConstraint(Protocol):
-    """Compiled bilateral constraints c(q) = 0.
+    """Compiled bilateral constraints c(q) = 0."""
 
-    Attributes
-    ----------
-    start, unknown : rows of G = dc/dq: row i has the unknowns unknown[start[i]:start[i + 1]],
-    indices
-        among 3 n_nodes.
-    """
-
+    #: rows of G = dc/dq: row i has the unknowns unknown[start[i]:start[i + 1]], indices among 3 n_nodes
     start: Index
     unknown: Index
 
@@ -360,5 +344,4 @@ class Scene(Described):
         return facts
 
 
-NO_TISSUE = Mesh(np.empty((0, 3)), ())
-"""Mesh of a scene without tissue."""
+NO_TISSUE = Mesh(np.empty((0, 3)), ())  #: mesh of a scene without tissue

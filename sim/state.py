@@ -20,19 +20,12 @@ def _no_twists() -> Array:
 
 @dataclass(frozen=True)
 class Pose:
-    """Pose at one instant.
+    """Pose at one instant."""
 
-    Attributes
-    ----------
-    q : (n_points, 3) positions of nodes and of points on bodies [m].
-    frames : (n_bodies, 7) centre of mass [m] and unit quaternion (scalar first) of every body.
-    t : float
-        Time [s].
-    """
-
-    q: Array
+    q: Array  #: (n_points, 3) positions of nodes and of points on bodies [m]
+    #: (n_bodies, 7) centre of mass [m] and unit quaternion (scalar first) of every body
     frames: Array
-    t: float
+    t: float  #: time [s]
 
 
 @dataclass(frozen=True)
@@ -149,23 +142,13 @@ class ControlAt(Protocol):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Forces and energy at one configuration.
+    """Forces and energy at one configuration."""
 
-    Attributes
-    ----------
-    f : (n_nodes, 3) sum of all forces of the terms [N], without inertia and Rayleigh damping.
-    energy : float
-        Sum of the potentials of the terms [J].
-    smallest_J : float
-        Smallest det F over all Gauss points (inf if no term deforms).
-    element : int
-        Element in which it occurs, -1 if none.
-    """
-
+    #: (n_nodes, 3) sum of all forces of the terms [N], without inertia and Rayleigh damping
     f: Array
-    energy: float
-    smallest_J: float
-    element: int
+    energy: float  #: sum of the potentials of the terms [J]
+    smallest_J: float  #: smallest det F over all Gauss points (inf if no term deforms)
+    element: int  #: element in which it occurs, -1 if none
 
 
 @dataclass(frozen=True)

@@ -93,10 +93,8 @@ def implicit_matrix(
 
     Parameters
     ----------
-    pose : Pose
-        Of forces `here` and stiffness K.
-    inertia : Pose, optional
-        Of the mass, by default the same.
+    pose : of forces `here` and stiffness K.
+    inertia : of the mass, by default the same.
     """
     kinematics = system.kinematics
     values = by_damping * D.values

@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from sim.acoustics.medium import LOSSLESS, Branch, Complex, Floats, Medium, shapes
 from sim.errors import AcousticsError
 
-LOWEST: Final = 40.0
-"""Lowest frequency at which formants are sought [Hz]."""
+LOWEST: Final = 40.0  #: lowest frequency at which formants are sought [Hz]
 DEGREE: Final = 100
 """Degree of the Chebyshev polynomial whose roots are the first estimates of the formants."""
 

@@ -120,25 +120,21 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """Area functions at some instants, checked.
+    """Area functions at some instants, checked."""
 
-    Attributes
-    ----------
-    areas : ndarray, shape (frames, sections)
-        Areas of sections of equal length, from the glottis to the lips [m^2].
-    length : ndarray, shape (frames,)
-        Length of the tube [m].
-    times : ndarray, shape (frames,)
-        Instants [s].
-    """
-
+    #: ndarray, shape (frames, sections) areas of sections of equal length, from the glottis to the lips
+    #: [m^2]
     areas: Floats
-    length: Floats
+    length: Floats  #: ndarray, shape (frames,) length of the tube [m]
+    #: ndarray, shape (frames,) instants [s]
     times: Floats = field(default_factory=lambda: np.zeros(1))
 
 
 def shapes(areas: ArrayLike, length: ArrayLike, times: ArrayLike = 0.0) -> Shapes:
     """Check area functions and raise areas below `SMALLEST`.
+
+    Raises AcousticsError if a value is not finite or negative, a length is not between 1 cm and 1 m, an
+    area exceeds 100 cm^2 (as areas in cm^2 would), or times do not ascend.
 
     Parameters
     ----------
@@ -152,12 +148,6 @@ def shapes(areas: ArrayLike, length: ArrayLike, times: ArrayLike = 0.0) -> Shape
     Returns
     -------
     Shapes
-
-    Raises
-    ------
-    AcousticsError
-        A value is not finite or negative, a length is not between 1 cm and 1 m, an area exceeds
-        100 cm^2 (as areas in cm^2 would), or times do not ascend.
     """
     S, t = (
         np.atleast_2d(np.asarray(areas, np.float64)),

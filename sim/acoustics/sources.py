@@ -217,5 +217,4 @@ class Turbulence:
         return np.asarray(sosfilt(sos, white, axis=1)) / np.sqrt(12.0 * share)
 
 
-SILENT: Final = Turbulence(gain=0.0)
-"""No turbulence."""
+SILENT: Final = Turbulence(gain=0.0)  #: no turbulence

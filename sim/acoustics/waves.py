@@ -23,12 +23,10 @@ from sim.errors import AcousticsError, CourantError
 
 kernels: Any = tube
 
-BLOCK: Final = 32
-"""Steps between the instants at which the shape of a changing tube is evaluated."""
+BLOCK: Final = 32  #: steps between the instants at which the shape of a changing tube is evaluated
 LANES: Final = 16
 """Multiple of the nodes to which arrays are filled, so that compiled loops have no remainder."""
-CHUNK: Final = 512
-"""Blocks that are computed in one call, between reports of progress."""
+CHUNK: Final = 512  #: blocks that are computed in one call, between reports of progress
 FRICTION_BAND: Final = (60.0, 9000.0)
 """Band in which the terms of the losses represent sqrt(s) [Hz]."""
 

@@ -10,17 +10,13 @@ from sim.linear import linear_solver
 from sim.linear.conjugate_gradients import conjugate_gradients
 from sim.pattern import Array, Sparsity
 
-SHARE = 1e-10
-"""Largest relative change of the multipliers in the last iteration."""
+SHARE = 1e-10  #: largest relative change of the multipliers in the last iteration
 
 PATIENCE = 9
 """Number of iterations with a factor after which it is renewed for the next projection."""
 
-LIMIT = 60
-"""Largest number of iterations."""
-
-SOFT = 1e-12
-"""Relative regularisation of the factor."""
+LIMIT = 60  #: largest number of iterations
+SOFT = 1e-12  #: relative regularisation of the factor
 
 
 class Projection:
@@ -31,13 +27,11 @@ class Projection:
 
     Parameters
     ----------
-    constraints : Constraints
     mass : (n_free,) diagonal of the mass [kg].
 
     Attributes
     ----------
-    iterations, factorisations : int
-        Of the latest projection.
+    iterations, factorisations : of the latest projection.
     """
 
     def __init__(self, constraints: Constraints, mass: Array) -> None:
@@ -62,10 +56,7 @@ class Projection:
     def displacement(self, G: Array, c: Array) -> Array:
         """Displacement (n_free,) that closes c (n,), with the entries of G.
 
-        Raises
-        ------
-        SingularSystem
-            The constraints are linearly dependent.
+        Raises SingularSystem if the constraints are linearly dependent.
         """
         self.factorisations = 0
         if self._made_of is None or self._due:

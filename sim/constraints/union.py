@@ -13,15 +13,9 @@ from sim.state import Array
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """Union of the constraints of a scene.
+    """Union of the constraints of a scene."""
 
-    Attributes
-    ----------
-    saddle : Sparsity
-        Of [[A, G'], [G, 0]] over the free unknowns and the multipliers.
-    """
-
-    saddle: Sparsity
+    saddle: Sparsity  #: of [[A, G'], [G, 0]] over the free unknowns and the multipliers
     _parts: tuple[CompiledConstraint, ...]
     _rows: tuple[Index, ...]  # constraints of each part that depend on a free unknown
     _entries: tuple[Index, ...]  # entries of G of each part for free unknowns

@@ -18,8 +18,7 @@ from sim.pattern import distinct
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control, State
 
-CREEP = 0.01
-"""Fraction of the distance by which sticking contacts may slip until equilibrium."""
+CREEP = 0.01  #: fraction of the distance by which sticking contacts may slip until equilibrium
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +112,7 @@ class BarrierContact:
 
 
 class CompiledBarrier:
-    """Compiled barriers; stored search results do not affect the results.
-
-    Attributes
-    ----------
-    pairs : tuple of CollisionPair
-    """
+    """Compiled barriers; stored search results do not affect the results."""
 
     def __init__(self, part: BarrierContact, layout: Layout) -> None:
         barrier = Barrier(part.distance, part.stiffness, part.friction, part.stick_speed)
@@ -172,10 +166,7 @@ class CompiledBarrier:
 
         Free nodes near a shell move with it if it would pass through them.
 
-        Raises
-        ------
-        NotConverged
-            The motion of the shell or of the advected nodes is obstructed.
+        Raises NotConverged if the motion of the shell or of the advected nodes is obstructed.
         """
         blocked = [p for p in self.pairs if p.moves and self._share(p, q, q, t, control.t) < 1.0]
         moved = q.copy() if blocked else q

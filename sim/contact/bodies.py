@@ -20,8 +20,7 @@ def body_surfaces(
     shapes : mapping of str to ((n, 3) array, (m, 3) array of int)
         Name of a body, and the vertices of its surface at rest [m] with its triangles,
         counter-clockwise seen from outside.
-    first : int
-        Number of the first of these points in the scene: that of the nodes of the mesh and of other
+    first : number of the first of these points in the scene: that of the nodes of the mesh and of other
         points before them.
 
     Returns

@@ -11,8 +11,7 @@ Lists = tuple[Index, Index]
 """Places (n + 1,) of the first face of every point, and the faces of all points, ascending."""
 
 
-ROUNDING = 2e-9
-"""Additional radius of the lists, for equally close faces and rounding [m]."""
+ROUNDING = 2e-9  #: additional radius of the lists, for equally close faces and rounding [m]
 
 
 class Candidates:
@@ -28,15 +27,12 @@ class Candidates:
     triangles : (m, 3) int
     nodes : (n,) int
         Vertex that every point is, -1 for none; faces that contain it are omitted.
-    skin : float
-        Distance by which points and faces may approach each other before a new search [m].
-    every : bool
-        List all faces within a radius, not only up to the closest one.
+    skin : distance by which points and faces may approach each other before a new search [m].
+    every : list all faces within a radius, not only up to the closest one.
 
     Attributes
     ----------
-    searches : int
-        Number of searches.
+    searches : number of searches.
     """
 
     def __init__(

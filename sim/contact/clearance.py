@@ -16,17 +16,10 @@ from sim.errors import ContactFailure
 from sim.scene import Index
 from sim.state import Array
 
-DEEPEST = 5e-3
-"""Largest initial overlap [m]; deeper nodes are regarded as on the other side."""
-
-TOUCHING = 1e-8
-"""Smallest distance at rest of distinguishable surfaces of the mesh [m]."""
-
-ROUNDS = 200
-"""Largest number of moves of the vertices of a shell."""
-
-MARGIN = 1e-3
-"""Additional offset of a shell, as a fraction of the distance."""
+DEEPEST = 5e-3  #: largest initial overlap [m]; deeper nodes are regarded as on the other side
+TOUCHING = 1e-8  #: smallest distance at rest of distinguishable surfaces of the mesh [m]
+ROUNDS = 200  #: largest number of moves of the vertices of a shell
+MARGIN = 1e-3  #: additional offset of a shell, as a fraction of the distance
 
 
 def cleared(pairing: Pairing, X: Array, barrier: Barrier) -> CollisionPair:
@@ -36,11 +29,8 @@ def cleared(pairing: Pairing, X: Array, barrier: Barrier) -> CollisionPair:
     fixed to the shell. An overlap is measured along the normal of the nearest triangle, so that the
     shell need not be closed. X (n_nodes, 3) are the rest positions [m].
 
-    Raises
-    ------
-    ContactFailure
-        Surfaces of the mesh touch or cross at rest, or a shell would have to be offset by more than
-        DEEPEST.
+    Raises ContactFailure if surfaces of the mesh touch or cross at rest, or a shell would have to be
+    offset by more than DEEPEST.
     """
     shells = [s for s in pairing.surfaces if isinstance(s, RigidShell)]
     pair = CollisionPair(pairing, shells, X, barrier)
@@ -77,10 +67,7 @@ class _Dents:
     def find(self) -> Array:
         """Displacements (k, 3) [m].
 
-        Raises
-        ------
-        ContactFailure
-            There are none within DEEPEST.
+        Raises ContactFailure if there are none within DEEPEST.
         """
         moved, x = np.zeros_like(self._demand), self._x.copy(order="F")
         for _ in range(ROUNDS):

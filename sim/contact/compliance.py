@@ -25,14 +25,9 @@ from sim.pattern import SymmetricPattern
 from sim.scene import Index
 from sim.state import Array
 
-AT_ONCE = 128
-"""Number of right-hand sides solved together."""
-
-KNOWN = 0.1
-"""Relative error below which updates are skipped."""
-
-LEARNT = 64
-"""Number of updates stored with the matrix."""
+AT_ONCE = 128  #: number of right-hand sides solved together
+KNOWN = 0.1  #: relative error below which updates are skipped
+LEARNT = 64  #: number of updates stored with the matrix
 
 Solve = Callable[[Array], Array]
 
@@ -54,11 +49,9 @@ class Compliance:
 
     Parameters
     ----------
-    n : int
-        Number of free unknowns.
-    solve_many : callable
-        Displacements H f (k, n) [m] of the current tissue by forces f (k, n) [N]; updated with the
-        tissue.
+    n : number of free unknowns.
+    solve_many : displacements H f (k, n) [m] of the current tissue by forces f (k, n) [N]; updated with
+        the tissue.
     """
 
     def __init__(self, n: int, solve_many: Solve) -> None:
@@ -155,7 +148,6 @@ class RowCompliance:
     ----------
     D : (m, n) sparse
         Directions of all rows.
-    compliance : Compliance
     """
 
     def __init__(self, D: csr_array, compliance: Compliance) -> None:

@@ -19,11 +19,8 @@ def sides_of(triangles: Index) -> Index:
 def checked_triangles(triangles: ArrayLike, name: str) -> Index:
     """Triangles (m, 3) as a contiguous array of int64; `name` is that of the surface in messages.
 
-    Raises
-    ------
-    ContactFailure
-        The array has another shape or type, a triangle contains a node twice, two triangles have
-        the same nodes, or two have a common edge in the same direction.
+    Raises ContactFailure if the array has another shape or type, a triangle contains a node twice, two
+    triangles have the same nodes, or two have a common edge in the same direction.
     """
     array = np.asarray(triangles)
     whole = array.dtype.kind in "iu" and array.ndim == 2 and array.shape[1:] == (3,)

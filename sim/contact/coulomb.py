@@ -12,27 +12,18 @@ from sim.state import Array
 SWEEPS, TURNS = 100, 40
 """Sweeps between two attempts to solve directly for the present states of all contacts; attempts."""
 
-SINGULAR = 1e-12
-"""Relative size of singular values that are due to rows that repeat each other."""
-
-SLIP = 1e-9
-"""Share of the largest rate up to which a direct solution may violate a row."""
+SINGULAR = 1e-12  #: relative size of singular values that are due to rows that repeat each other
+SLIP = 1e-9  #: share of the largest rate up to which a direct solution may violate a row
 
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """Kinds of the unknown forces of m rows.
+    """Kinds of the unknown forces of m rows."""
 
-    Attributes
-    ----------
-    equations : rows with S f + r = 0.
-    first : (k,) first row of every other block.
-    friction : (k,) Coulomb's coefficient; 0 for an inequality of one row, else the row is followed by
-        two of tangential directions.
-    """
-
-    equations: Index
-    first: Index
+    equations: Index  #: rows with S f + r = 0
+    first: Index  #: (k,) first row of every other block
+    #: (k,) Coulomb's coefficient; 0 for an inequality of one row, else the row is followed by two of
+    #: tangential directions
     friction: Array
 
     @property
@@ -54,10 +45,8 @@ def forces(S: Array, r: Array, blocks: Blocks, before: Array, error: float) -> t
     ----------
     S : (m, m) symmetric positive semi-definite.
     r : (m,) rates without forces.
-    blocks : Blocks
     before : (m,) initial forces.
-    error : float
-        Tolerance of the rates.
+    error : tolerance of the rates.
 
     Notes
     -----

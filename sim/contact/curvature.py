@@ -12,20 +12,12 @@ from sim.state import Array
 
 @dataclass(frozen=True)
 class NormalStiffness:
-    """Sum over pairs k of scale_k J_k J_k', with J_k = share_ka n_k at vertex a of the pair.
+    """Sum over pairs k of scale_k J_k J_k', with J_k = share_ka n_k at vertex a of the pair."""
 
-    Attributes
-    ----------
-    vertex : (n, 4) vertices of every pair; unused ones repeat the first.
-    share : (n, 4) derivative of the distance vector by the vertices [1].
-    normal : (n, 3) unit vectors.
-    scale : (n,) second derivative by the distance, >= 0 [N/m].
-    """
-
-    vertex: Index
-    share: Array
-    normal: Array
-    scale: Array
+    vertex: Index  #: (n, 4) vertices of every pair; unused ones repeat the first
+    share: Array  #: (n, 4) derivative of the distance vector by the vertices [1]
+    normal: Array  #: (n, 3) unit vectors
+    scale: Array  #: (n,) second derivative by the distance, >= 0 [N/m]
 
     def blocks(self) -> Array:
         """Full blocks (n, 4, 3, 4, 3) [N/m]."""

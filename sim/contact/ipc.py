@@ -20,14 +20,9 @@ from sim.state import Array
 
 Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
-CLOSEST = 0.1
-"""Fraction of a gap that remains when a step is limited."""
-
-NEAREST = 1e-9
-"""Smallest gap after a limited step [m], the limit of double precision."""
-
-MOST_ADVANCES = 10_000
-"""Largest number of conservative advancements towards a first contact."""
+CLOSEST = 0.1  #: fraction of a gap that remains when a step is limited
+NEAREST = 1e-9  #: smallest gap after a limited step [m], the limit of double precision
+MOST_ADVANCES = 10_000  #: largest number of conservative advancements towards a first contact
 
 SLACK = 2e-4
 """Displacement of vertices after which pairs are searched again [m].
@@ -39,10 +34,7 @@ Larger values cause hundreds of thousands of pairs, which every evaluation exami
 def toolkit() -> Any:
     """The module ipctk, single-threaded so that results do not depend on the machine.
 
-    Raises
-    ------
-    SceneError
-        It is not installed.
+    Raises SceneError if it is not installed.
     """
     try:
         ipctk = import_module("ipctk")
@@ -79,11 +71,8 @@ class CollisionPair:
 
     Parameters
     ----------
-    pairing : Pairing
-    shells : sequence of RigidShell
-        Replacements of the surfaces of the pairing, in the same order.
+    shells : replacements of the surfaces of the pairing, in the same order.
     X : (n_nodes, 3) rest positions of the scene's mesh [m].
-    barrier : Barrier
 
     Attributes
     ----------

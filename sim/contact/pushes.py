@@ -7,11 +7,8 @@ from scipy.optimize import nnls
 from sim.contact.rows import Flags
 from sim.state import Array
 
-CHANGES = 20
-"""Largest number of active-set updates before the robust method is used."""
-
-SOFTENED = 1e-6
-"""Smallest eigenvalue relative to the largest one."""
+CHANGES = 20  #: largest number of active-set updates before the robust method is used
+SOFTENED = 1e-6  #: smallest eigenvalue relative to the largest one
 
 
 def pushes(G: Array, c: Array, pushing: Flags) -> Array:

@@ -30,38 +30,26 @@ Flags = NDArray[np.bool_]
 FIRST = np.array([0, 0, 0, 0, 1, 1, 1, 2, 2, 3])
 SECOND = np.array([0, 1, 2, 3, 1, 2, 3, 2, 3, 3])
 
-NEAREST, ENTERED, WALL, GIVEN_UP, NO_RANK = 0, 1, 2, 3, 4
-"""Ranks of rows."""
+NEAREST, ENTERED, WALL, GIVEN_UP, NO_RANK = 0, 1, 2, 3, 4  #: ranks of rows
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Contact constraints of vertices and faces.
+    """Contact constraints of vertices and faces."""
 
-    Attributes
-    ----------
-    slot : (k,) index of the vertex in the contact memory.
-    place : (k,) index of the opposite feature: a triangle, an edge, or a vertex.
-    rank : (k,) 0 for the nearest faces of a vertex, larger for rows of lower priority.
-    nodes, weight : (k, 4) the vertex with weight 1, then the nodes of the face with minus their
-        barycentric weights; those of a shell have weight zero and repeat a node of the other.
-    normal : (k, 3) outward normal of the opposite face.
-    gap : (k,) gap at the end of the step without motion of the mesh [m].
-    carried : (k, 3) displacement of a rigid face over the step, or minus that of a rigid vertex [m].
-    friction : (k,) coefficient.
-    pairing : (k,) index of the pairing.
-    """
-
-    slot: Index
-    place: Index
-    rank: Index
+    slot: Index  #: (k,) index of the vertex in the contact memory
+    place: Index  #: (k,) index of the opposite feature: a triangle, an edge, or a vertex
+    rank: Index  #: (k,) 0 for the nearest faces of a vertex, larger for rows of lower priority
+    #: (k, 4) the vertex with weight 1, then the nodes of the face with minus their barycentric weights;
+    #: those of a shell have weight zero and repeat a node of the other
     nodes: Index
     weight: Array
-    normal: Array
-    gap: Array
+    normal: Array  #: (k, 3) outward normal of the opposite face
+    gap: Array  #: (k,) gap at the end of the step without motion of the mesh [m]
+    #: (k, 3) displacement of a rigid face over the step, or minus that of a rigid vertex [m]
     carried: Array
-    friction: Array
-    pairing: Index
+    friction: Array  #: (k,) coefficient
+    pairing: Index  #: (k,) index of the pairing
 
     def __len__(self) -> int:
         """Number of rows."""
@@ -125,11 +113,8 @@ class RowPlaces:
 
     Parameters
     ----------
-    pattern : SymmetricPattern
-    rows : Rows
     names : names of the pairings, for the message.
-    reach : float
-        Declared reach, for the message [m].
+    reach : declared reach, for the message [m].
     """
 
     def __init__(
@@ -153,10 +138,7 @@ class RowPlaces:
     def add(self, block: Array, scale: float, values: Array) -> None:
         """Values += scale sum over rows of the blocks (k, 3, 3) between all nodes of a row.
 
-        Raises
-        ------
-        ContactFailure
-            The pattern does not contain the nodes of a row with a block.
+        Raises ContactFailure if the pattern does not contain the nodes of a row with a block.
         """
         lost = np.flatnonzero(self._lost & block.any(axis=(1, 2)))
         if len(lost):
@@ -179,20 +161,12 @@ class RowPlaces:
 
 @dataclass(eq=False)
 class Multipliers:
-    """Multipliers and penalties of rows, and contact forces at given displacements.
-
-    Attributes
-    ----------
-    rows : Rows
-    rho : (k,) penalties [N/m].
-    normal : (k,) multipliers along the normals [N].
-    tangent : (k, 3) tangential multipliers [N].
-    """
+    """Multipliers and penalties of rows, and contact forces at given displacements."""
 
     rows: Rows
-    rho: Array
-    normal: Array
-    tangent: Array
+    rho: Array  #: (k,) penalties [N/m]
+    normal: Array  #: (k,) multipliers along the normals [N]
+    tangent: Array  #: (k, 3) tangential multipliers [N]
 
     def __post_init__(self) -> None:
         """Fix the bounds of friction at the present multipliers."""
@@ -262,28 +236,15 @@ class Multipliers:
 
 @dataclass(frozen=True, eq=False)
 class Acting:
-    """Gaps and forces of rows at given displacements.
+    """Gaps and forces of rows at given displacements."""
 
-    Attributes
-    ----------
-    gap : (k,) [m]
-    force : (k,) along the normals [N].
-    friction : (k, 3) tangential [N].
-    sticks : (k,) True for sticking contacts.
-    turn : (k,) stiffness of a sliding contact against a change of direction [N/m].
-    slip : float
-        Largest slip of a sticking contact [m].
-    energy : float
-        Of the augmentation [J].
-    """
-
-    gap: Array
-    force: Array
-    friction: Array
-    sticks: Flags
-    turn: Array
-    slip: float
-    energy: float
+    gap: Array  #: (k,) [m]
+    force: Array  #: (k,) along the normals [N]
+    friction: Array  #: (k, 3) tangential [N]
+    sticks: Flags  #: (k,) True for sticking contacts
+    turn: Array  #: (k,) stiffness of a sliding contact against a change of direction [N/m]
+    slip: float  #: largest slip of a sticking contact [m]
+    energy: float  #: of the augmentation [J]
 
     def on_vertices(self, rows: Rows) -> Array:
         """Total forces (k, 3) on the vertices [N]."""

@@ -25,21 +25,15 @@ SAME_DISTANCE, SAME_TIME = 1e-9, 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Faces of points, one each or all equally close ones.
+    """Faces of points, one each or all equally close ones."""
 
-    Attributes
-    ----------
-    point : (k,) indices of the points with a face, ascending; the closest face of each is the first.
-    face : (k,) triangles.
-    weight : (k, 3) barycentric weights of the nearest or entered point of the face.
-    value : (k,) distance [m] of the nearest face, or fraction 0-1 of the path at which it is entered.
-    feature : (k,) 0 within the face; 1, 2, 3 on the edge from corner 0, 1, 2; 4, 5, 6 at a corner.
-    """
-
+    #: (k,) indices of the points with a face, ascending; the closest face of each is the first
     point: Index
-    face: Index
-    weight: Array
+    face: Index  #: (k,) triangles
+    weight: Array  #: (k, 3) barycentric weights of the nearest or entered point of the face
+    #: (k,) distance [m] of the nearest face, or fraction 0-1 of the path at which it is entered
     value: Array
+    #: (k,) 0 within the face; 1, 2, 3 on the edge from corner 0, 1, 2; 4, 5, 6 at a corner
     feature: Index
 
     def take(self, which: Index) -> "Found":
@@ -73,10 +67,8 @@ def closest_faces(
         Largest distance [m]; may be infinite.
     x : (m, 3) positions of the vertices of the triangles [m].
     triangles : (k, 3) int
-    near : Candidates
-        Of the points.
-    away : (n, 3), optional
-        Outward normals of the points; faces with normals not opposite to them are omitted.
+    near : of the points.
+    away : outward normals of the points; faces with normals not opposite to them are omitted.
     """
     points = np.ascontiguousarray(points)
     start, listed = near.along(points, points, x, x, radius)
@@ -132,8 +124,7 @@ def entered_faces(
     before, after : (n, 3) points at both ends of the step [m].
     x_before, x_after : (m, 3) positions of the vertices of the triangles [m].
     triangles : (k, 3) int
-    near : Candidates
-        Of the points.
+    near : of the points.
     """
     before, after = np.ascontiguousarray(before), np.ascontiguousarray(after)
     start, listed = near.along(before, after, x_before, x_after)

@@ -21,15 +21,11 @@ from sim.pattern import SymmetricPattern
 from sim.scene import Index
 from sim.state import Array, State
 
-ALIKE = 0.5
-"""Cosine of the angle above which a normal is new and not filtered."""
-
-TURN = 0.2
-"""Time of the low-pass filter of contact normals [s]."""
+ALIKE = 0.5  #: cosine of the angle above which a normal is new and not filtered
+TURN = 0.2  #: time of the low-pass filter of contact normals [s]
 
 CORRECTIONS = 4
-FARTHEST = 2.0
-"""Largest factor on a correction."""
+FARTHEST = 2.0  #: largest factor on a correction
 
 Opened = Callable[[Rows, Array], Array]
 """Displacements (n_nodes, 3) that open rows by distances (k,) [m]."""
@@ -43,13 +39,9 @@ class ContactStep:
 
     Parameters
     ----------
-    contact : CompiledContact
-    state : State
-        Start of the step.
-    t1 : float
-        End of the step [s].
-    equilibrium : bool
-        Quasi-static step, in which normals are not filtered.
+    state : start of the step.
+    t1 : end of the step [s].
+    equilibrium : quasi-static step, in which normals are not filtered.
     """
 
     def __init__(
@@ -135,9 +127,7 @@ class ContactStep:
         Parameters
         ----------
         q : (n_nodes, 3) positions at the end of the step [m].
-        near : Rows
-            Those at q.
-        opened : callable
+        near : those at q.
         """
         for _ in range(CORRECTIONS):
             gap = near.gaps(q - self.q0)
@@ -258,10 +248,8 @@ def pressed(
     Parameters
     ----------
     pushing : slots of active rows.
-    pattern : SymmetricPattern
     diagonal : (n_free,) of the stiffness [N/m].
-    penalty : float
-        Factor on the stiffness of active rows in the matrix.
+    penalty : factor on the stiffness of active rows in the matrix.
     """
     factor = np.where(np.isin(rows.slot, pushing), penalty, 1.0)
     rho = factor * penalties(pattern, diagonal, rows, 1.0)

@@ -2,24 +2,15 @@
 
 from dataclasses import dataclass
 
-MOST = 0.2
-"""Largest tolerance relative to the approach distance."""
+MOST = 0.2  #: largest tolerance relative to the approach distance
 
 
 @dataclass(frozen=True)
 class ContactTolerances:
-    """Lengths at which contact decides, in terms of two.
+    """Lengths at which contact decides, in terms of two."""
 
-    Attributes
-    ----------
-    length : float
-        Distance of a vertex and a face below which they have a row [m].
-    share : float
-        Gap, penetration or slip that an iteration leaves, relative to `length`.
-    """
-
-    length: float = 5e-4
-    share: float = 2e-3
+    length: float = 5e-4  #: distance of a vertex and a face below which they have a row [m]
+    share: float = 2e-3  #: gap, penetration or slip that an iteration leaves, relative to `length`
 
     def _residuals(self, number: float) -> float:
         return min(number * self.share, MOST) * self.length

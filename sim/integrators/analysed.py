@@ -20,27 +20,17 @@ class AnalysedSolver:
 
     Parameters
     ----------
-    system : System
-    name : str
-        Of the linear solver, or "auto".
-    clock : PhaseClock
+    name : of the linear solver, or "auto".
 
     Attributes
     ----------
-    linear : Factor or ReusedFactor
-        Solver for the matrix of a step.
-    factor : Factor
-        Computes the factors, also for Newton's method.
-    system : System
-        The whole system.
-    pattern, form_pattern : Sparsity
-        Of the system, and of the form that the solver requires.
-    analysed : Sparsity or None
-        Sparsity for which the solver is analysed.
+    system : the whole system.
+    pattern, form_pattern : of the system, and of the form that the solver requires.
+    analysed : sparsity for which the solver is analysed.
     """
 
-    linear: Factor | ReusedFactor
-    factor: Factor
+    linear: Factor | ReusedFactor  #: solver for the matrix of a step
+    factor: Factor  #: computes the factors, also for Newton's method
 
     def __init__(self, system: System, name: str, clock: PhaseClock) -> None:
         self._name, self._clock = name, clock

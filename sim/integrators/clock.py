@@ -13,8 +13,7 @@ class PhaseClock:
 
     Attributes
     ----------
-    seconds, calls : dict
-        By the name of the phase.
+    seconds, calls : by the name of the phase.
     """
 
     def __init__(self) -> None:

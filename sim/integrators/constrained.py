@@ -21,8 +21,7 @@ from sim.vectors import dot
 
 MAX_SHIFTS = 12
 
-DIRECTION_ERROR = 0.1
-"""Error of a direction, relative to the tolerance of positions."""
+DIRECTION_ERROR = 0.1  #: error of a direction, relative to the tolerance of positions
 
 
 class Placed(Potential, Protocol):
@@ -47,12 +46,8 @@ def minimise_constrained(
     every multiplier; the line search requires det F > 0 and a decrease of the merit function
     (Nocedal and Wright, Numerical Optimization, 18.4).
 
-    Raises
-    ------
-    NotConverged
-        The tolerances were not met, or no step length lowers the merit function.
-    SingularSystem
-        The saddle matrix could not be factorised, because the constraints are redundant.
+    Raises NotConverged if the tolerances were not met, or no step length lowers the merit function;
+    SingularSystem if the saddle matrix could not be factorised, because the constraints are redundant.
     """
     conditions = potential.system.constraints
     assert conditions is not None  # Callers check that the scene has constraints.

@@ -20,10 +20,7 @@ class ConstraintSolver:
 
     Parameters
     ----------
-    system : System
-    linear : Factor or ReusedFactor
-        Solver of steps; factors of saddle systems are reused if it reuses its own.
-    clock : PhaseClock
+    linear : solver of steps; factors of saddle systems are reused if it reuses its own.
 
     Attributes
     ----------

@@ -18,44 +18,27 @@ from sim.integrators.workspace import Workspace
 from sim.scene import Index
 from sim.state import Array, Evaluation
 
-SLOW, STIFFER = 0.5, 4.0
-"""Ratio of gaps above which the penalty is increased, and its factor."""
-
-FRICTION_SETTLED = 1e-3
-"""Relative tolerance of the bounds of friction."""
-
-UPDATES, RENEWALS = 200, 20
-"""Largest numbers of updates of multipliers and of rows."""
+SLOW, STIFFER = 0.5, 4.0  #: ratio of gaps above which the penalty is increased, and its factor
+FRICTION_SETTLED = 1e-3  #: relative tolerance of the bounds of friction
+UPDATES, RENEWALS = 200, 20  #: largest numbers of updates of multipliers and of rows
 
 Minimise = Callable[[Placed, Point], tuple[Point, Iteration]]
 
 
 @dataclass(frozen=True)
 class Settled:
-    """Result of an iteration with contact.
+    """Result of an iteration with contact."""
 
-    Attributes
-    ----------
-    point : Point
-        Of the potential.
-    q : (n_nodes, 3) positions, which differ from those of the point by the correction of penetrations.
-    here : Evaluation
-        At the point, with the smallest det F of the positions.
-    went : Iteration
-    memory : arrays for the next step.
-    pushed : (n_nodes, 3) contact forces at the end, and for released vertices those at the start [N].
-    active : Rows
-    With contact forces.
-    step, touching, opened, work : state of the solver at the end.
-    """
-
-    point: Point
+    point: Point  #: of the potential
+    #: (n_nodes, 3) positions, which differ from those of the point by the correction of penetrations
     q: Array
-    here: Evaluation
+    here: Evaluation  #: at the point, with the smallest det F of the positions
     went: Iteration
-    memory: Mapping[str, Array]
+    memory: Mapping[str, Array]  #: arrays for the next step
+    #: (n_nodes, 3) contact forces at the end, and for released vertices those at the start [N]
     pushed: Array
-    active: Rows
+    active: Rows  #: with contact forces
+    #: state of the solver at the end
     step: ContactStep
     touching: TouchingInMatrix | TouchingApart
     opened: Opened
@@ -103,35 +86,20 @@ def minimise_in_contact(
     until the gaps are closed; rows are then searched at the present positions, until there is no
     penetration. Every augmentation is convex, so that the active set cannot alternate indefinitely.
 
+    Raises InvertedElement if the removal of a penetration inverts an element; NotConverged if an
+    iteration failed, the gaps did not close, or a vertex still penetrates after the last search of
+    rows; SingularSystem if a matrix could not be factorised.
+
     Parameters
     ----------
-    potential : Placed
-    start : Point
-        Of the potential, with det F > 0.
-    step : ContactStep
+    start : of the potential, with det F > 0.
     way : (n_nodes,) upper bound of the displacement of each node in the step [m].
-    key : (str, float)
-        Integrator and step of the factor.
-    work : Workspace
-    minimise : callable
-        Minimum of a potential from a point.
-    until : float
-        End of the step, for messages [s].
-    most : float
-        Total number of iterations after which the step fails.
-    start_closed : bool
-        True if rows without a gap are active from the start, which the equilibrium of a body that is
-        held only by contact requires.
-
-    Raises
-    ------
-    InvertedElement
-        The removal of a penetration inverts an element.
-    NotConverged
-        An iteration failed, the gaps did not close, or a vertex still penetrates after the last
-        search of rows.
-    SingularSystem
-        A matrix could not be factorised.
+    key : integrator and step of the factor.
+    minimise : minimum of a potential from a point.
+    until : end of the step, for messages [s].
+    most : total number of iterations after which the step fails.
+    start_closed : True if rows without a gap are active from the start, which the equilibrium of a body
+        that is held only by contact requires.
     """
     settled = step.tolerances.converged
     pattern, in_matrix = potential.system.point_pattern, step.contact.in_matrix

@@ -16,23 +16,12 @@ from sim.state import Array, State
 from sim.system import System
 from sim.vectors import dot, norm
 
-FRICTION_SETTLED = 1e-4
-"""Relative tolerance of the bounds of friction."""
-
-NO_FORCE = 1e-12
-"""Force change below which bounds are regarded as equal [N]."""
-
-PULL = 0.1
-"""Tensile force of a row, relative to the mean force, above which it is released."""
-
-ENOUGH = 0.1
-"""Fraction of the initial slope at which a line search may end."""
-
-TURNING = 0.3
-"""Fraction of the residual above which the sliding directions are updated."""
-
-MAX_FLIPS = 6
-"""Number of changes of a row after which it is released for the step."""
+FRICTION_SETTLED = 1e-4  #: relative tolerance of the bounds of friction
+NO_FORCE = 1e-12  #: force change below which bounds are regarded as equal [N]
+PULL = 0.1  #: tensile force of a row, relative to the mean force, above which it is released
+ENOUGH = 0.1  #: fraction of the initial slope at which a line search may end
+TURNING = 0.3  #: fraction of the residual above which the sliding directions are updated
+MAX_FLIPS = 6  #: number of changes of a row after which it is released for the step
 
 SHORT, STALLED = 0.1, 8
 """Relative step length below which an iteration counts as stalled, and number of successive stalled
@@ -68,24 +57,15 @@ class ContactEquation:
 
     Parameters
     ----------
-    system : System
-    state : State
-    equation : Equation
-        Matrix and right-hand side for the velocities.
-    step : ContactStep
-    h : float
-        Length of the step [s].
-    work : Workspace
+    equation : matrix and right-hand side for the velocities.
+    h : length of the step [s].
 
     Attributes
     ----------
-    scale : float
-        h^2 [s^2].
+    scale : h^2 [s^2].
     diagonal : (n_free,) of the stiffness of the tissue, A/h^2 [N/m].
-    solutions, factorisations : int
-        Numbers so far.
-    definite : bool
-        True if all matrices were positive definite.
+    solutions, factorisations : numbers so far.
+    definite : True if all matrices were positive definite.
     """
 
     def __init__(
@@ -114,12 +94,8 @@ class ContactEquation:
         Each pass solves for the active and sticking rows; when they no longer change, the
         multipliers are updated, until gaps and slips are closed.
 
-        Raises
-        ------
-        NotConverged
-            The active set did not converge.
-        SingularSystem
-            A matrix could not be factorised.
+        Raises NotConverged if the active set did not converge; SingularSystem if a matrix could not be
+        factorised.
         """
         self._settling = True
         try:

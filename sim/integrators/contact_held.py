@@ -23,28 +23,19 @@ from sim.scene import Index
 from sim.state import Array, Pose, State
 from sim.system import System
 
-LIMIT = 40
-"""Largest number of refinements of a solution by an older factor."""
-
-STILL = 1e-12
-"""Error of a position that contact forces leave in a step [m]."""
-
-ON_FACE = 1e-7
-"""Gap below which a row is kept closed while others are opened [m]."""
+LIMIT = 40  #: largest number of refinements of a solution by an older factor
+STILL = 1e-12  #: error of a position that contact forces leave in a step [m]
+ON_FACE = 1e-7  #: gap below which a row is kept closed while others are opened [m]
 
 
 @dataclass(frozen=True, eq=False)
 class _Held:
-    """Rows of joints (j), then those of contacts, and the solution under them.
+    """Rows of joints (j), then those of contacts, and the solution under them."""
 
-    Attributes
-    ----------
-    G, X : (m, n) derivatives by the velocities, and A^-1 G'.
-    w, f : velocities (n,), forces (m,).
-    """
-
+    #: (m, n) derivatives by the velocities, and A^-1 G'
     G: Array
     X: Array
+    #: velocities (n,), forces (m,)
     w: Array
     f: Array
     solutions: int
@@ -55,13 +46,8 @@ class HeldContact:
 
     Parameters
     ----------
-    system : System
-    state : State
-    equation : Equation
-        Of the velocities without rows.
-    h, error : float
-        Length of the step [s] and largest error of an iterative solution [m].
-    work : Workspace
+    equation : of the velocities without rows.
+    h, error : length of the step [s] and largest error of an iterative solution [m].
     """
 
     def __init__(
@@ -108,12 +94,8 @@ class HeldContact:
     def solve(self) -> Touched:
         """Velocities and pose at the end.
 
-        Raises
-        ------
-        NotConverged
-            The forces did not converge, or new rows appear in every iteration.
-        SingularSystem
-            A matrix could not be factorised.
+        Raises NotConverged if the forces did not converge, or new rows appear in every iteration;
+        SingularSystem if a matrix could not be factorised.
         """
         step, h, system, state = self._step, self._h, self._system, self._state
         kinematics, t1 = system.kinematics, state.t + h

@@ -13,17 +13,10 @@ from sim.integrators.workspace import Workspace
 from sim.state import Array, Pose, State
 from sim.system import System
 
-PENALTY = 30.0
-"""Penalty of a row, relative to the stiffness."""
-
-FASTER = 1.5
-"""Factor on the initial velocity for the search range of vertices."""
-
-SHARE = 0.1
-"""Relative tolerance of a correction."""
-
-ROUNDS = 6
-"""Largest number of additions of violated rows."""
+PENALTY = 30.0  #: penalty of a row, relative to the stiffness
+FASTER = 1.5  #: factor on the initial velocity for the search range of vertices
+SHARE = 0.1  #: relative tolerance of a correction
+ROUNDS = 6  #: largest number of additions of violated rows
 
 
 @dataclass(frozen=True)
@@ -62,12 +55,8 @@ class LinearContact:
     def solve(self) -> Touched:
         """Velocities and positions at the end.
 
-        Raises
-        ------
-        NotConverged
-            The active set did not converge.
-        SingularSystem
-            A matrix could not be factorised.
+        Raises NotConverged if the active set did not converge; SingularSystem if a matrix could not be
+        factorised.
         """
         step, h, equation = self._step, self._h, self._equation
         speed = np.sqrt((self._state.v**2).sum(axis=1))

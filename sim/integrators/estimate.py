@@ -31,17 +31,12 @@ def relaxed(
 
     Parameters
     ----------
-    system : System
     position : (n,) estimate of the coordinates e_q [m].
     momentum : (n,) mass times the estimate of the velocities, M e_v [N s].
-    D : Matrix
-        Damping of the step [N s/m].
-    s : float
-        Implicit part of the step [s].
-    solve : callable
-        Exact or approximate solution with A.
-    pose : Pose
-        Of the estimate.
+    D : damping of the step [N s/m].
+    s : implicit part of the step [s].
+    solve : exact or approximate solution with A.
+    pose : of the estimate.
 
     Returns
     -------

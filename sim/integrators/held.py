@@ -17,14 +17,12 @@ from sim.state import Array, Control, Pose, State
 from sim.step_matrices import damping_matrix
 from sim.system import System
 
-LIMIT = 40
-"""Refinements of a solution by an older factor."""
+LIMIT = 40  #: refinements of a solution by an older factor
 
 SLOW, CHANGES = 0.3, 10
 """Ratio of refinements above which they are replaced by GMRES, and most changes of its active rows."""
 
-BESIDE = 1e-5
-"""Time between the poses of the finite difference of the directions of rows [s]."""
+BESIDE = 1e-5  #: time between the poses of the finite difference of the directions of rows [s]
 
 
 def held_solution(
@@ -46,12 +44,8 @@ def held_solution(
     matrix. With an older factor the solution is refined: the remaining residual A w - h G'f is
     solved for again under the rows.
 
-    Raises
-    ------
-    NotConverged
-        The refinement did not converge.
-    SingularSystem
-        The matrix could not be factorised.
+    Raises NotConverged if the refinement did not converge; SingularSystem if the matrix could not be
+    factorised.
     """
     now, columns = rows.evaluate(pose), rows.columns
     found = work.steps.solve(A, rhs, start, error)
@@ -126,10 +120,7 @@ class _Krylov:
     def solved(self, w: Array, f: Array, t: float) -> tuple[Array, Array, int]:
         """Velocities (n,), forces (m,) and number of solutions, from initial ones.
 
-        Raises
-        ------
-        NotConverged
-            The iteration or its active rows do not converge.
+        Raises NotConverged if the iteration or its active rows do not converge.
         """
         G, columns, count = self.now.G, self.rows.columns, 0
         on = ~self.rows.unilateral | (f > 0.0)
@@ -187,10 +178,7 @@ def free_acceleration(system: System, state: State, control: Control) -> Array:
 def held_acceleration(system: System, rows: Rows, a: Array, state: State) -> tuple[Array, Array]:
     """Accelerations (n,) under rigid rows, G dw/dt + dG/dt w + ddrift/dt = 0, and the forces of rows.
 
-    Raises
-    ------
-    SceneError
-        A row is compliant or an inequality.
+    Raises SceneError if a row is compliant or an inequality.
     """
     if not rows.rigid.all():
         raise SceneError(

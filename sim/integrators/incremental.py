@@ -20,19 +20,13 @@ class PotentialOfMoves(BySecants):
 
     Parameters
     ----------
-    system : System
-    base : Pose
-        Origin of the motions.
-    control : Control
-    work : Workspace
-        Of the run times.
+    base : origin of the motions.
+    work : of the run times.
 
     Attributes
     ----------
-    duration : float
-        Time in which motions take place; infinite for an equilibrium [s].
-    sigma : float
-        Stiffness that the factor has in addition, on velocities that joints act on.
+    duration : time in which motions take place; infinite for an equilibrium [s].
+    sigma : stiffness that the factor has in addition, on velocities that joints act on.
     reaction, held : of a minimum under joints, as of `sim.integrators.joined`.
     """
 
@@ -81,18 +75,12 @@ class IncrementalPotential(PotentialOfMoves):
 
     Parameters
     ----------
-    system : System
-    base : Pose
-        Start of the stage.
+    base : start of the stage.
     u : inertial velocities there.
-    control : Control
-        At the time of the stage.
-    s : float
-        Implicit part of the step [s].
-    D : Matrix
-        Damping, constant within the stage [N s/m].
-    work : Workspace
-        Of the run times.
+    control : at the time of the stage.
+    s : implicit part of the step [s].
+    D : damping, constant within the stage [N s/m].
+    work : of the run times.
     """
 
     def __init__(

@@ -45,12 +45,8 @@ def minimise_joined(
     may be singular for motions that joints prevent. The forces between iterates are those that leave
     least of the gradient (Nocedal and Wright, Numerical Optimization, equation 18.21).
 
-    Raises
-    ------
-    NotConverged
-        The tolerances were not met, or no step lowers the Lagrangian.
-    SingularSystem
-        The matrix could not be factorised.
+    Raises NotConverged if the tolerances were not met, or no step lowers the Lagrangian; SingularSystem
+    if the matrix could not be factorised.
     """
     rows = potential.system.rows
     assert rows is not None  # Callers check that the scene has joints.

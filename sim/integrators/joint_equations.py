@@ -17,20 +17,11 @@ from sim.scene import Index
 from sim.state import Array, Pose
 from sim.system import System
 
-CHANGES = 20
-"""Largest number of changes of the active inequalities in one iteration."""
-
-BESIDE = 1e-5
-"""Motions between which the curvature of rows is differenced [m, rad]."""
-
-ON = 1e-9
-"""Value below which an inequality counts as active [m, rad]."""
-
-NOTHING = 1e-14
-"""Relative size of singular values that are zero but for rounding."""
-
-CONVEX = 1e-4
-"""Least curvature along motions that the rows allow, relative to the largest one."""
+CHANGES = 20  #: largest number of changes of the active inequalities in one iteration
+BESIDE = 1e-5  #: motions between which the curvature of rows is differenced [m, rad]
+ON = 1e-9  #: value below which an inequality counts as active [m, rad]
+NOTHING = 1e-14  #: relative size of singular values that are zero but for rounding
+CONVEX = 1e-4  #: least curvature along motions that the rows allow, relative to the largest one
 
 
 class Jointed(Potential, Protocol):
@@ -57,17 +48,13 @@ class Conditions:
 
     Rigid rows hold for velocities, r = s (G w + drift), so that stages keep their order and no fast mode
     is left in their forces; with a time constant T, r = (c + T (G w + drift))/(1 + T/s).
-
-    Attributes
-    ----------
-    r, compliance : (m,)
-    G : (m, k) derivatives by the motion of `Rows.columns`.
     """
 
     rows: Rows
+    #: (m,)
     r: Array
     compliance: Array
-    G: Array
+    G: Array  #: (m, k) derivatives by the motion of `Rows.columns`
 
     def lagrangian(self, g: Array, f: Array) -> Array:
         """Gradient g (n,) of the potential less the forces of the rows."""
@@ -97,20 +84,13 @@ def conditions(potential: Jointed, d: Array) -> Conditions:
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """A factor of A + sigma E E', and what it tells of the velocities E'x that rows act on.
+    """A factor of A + sigma E E', and what it tells of the velocities E'x that rows act on."""
 
-    Attributes
-    ----------
-    columns : (k,)
-    X : (k, n) solutions for unit vectors.
-    K : (k, k) inverse of their part E'X', less sigma: A reduced to the columns.
-    """
-
-    columns: Index
+    columns: Index  #: (k,)
     scale: float
     sigma: float
-    X: Array
-    K: Array
+    X: Array  #: (k, n) solutions for unit vectors
+    K: Array  #: (k, k) inverse of their part E'X', less sigma: A reduced to the columns
     work: Workspace
     curvature: Array | float = 0.0
 
@@ -138,7 +118,6 @@ class Reduced:
 
         Parameters
         ----------
-        now : Conditions
         g : (n,) gradient less the forces of rows.
         before : (m,) those forces.
         """

@@ -22,42 +22,21 @@ from sim.system import System
 
 @dataclass(frozen=True)
 class Missed:
-    """Data for the error estimate of a step.
+    """Data for the error estimate of a step."""
 
-    Attributes
-    ----------
-    line : Line
-        Activation over the step.
-    D : Matrix
-        Damping [N s/m].
-    here : Evaluation
-        Forces at the start under the control of the end.
-    """
-
-    line: Line
-    D: Matrix
-    here: Evaluation
+    line: Line  #: activation over the step
+    D: Matrix  #: damping [N s/m]
+    here: Evaluation  #: forces at the start under the control of the end
 
 
 @dataclass(frozen=True)
 class LinearStep:
-    """The equation of one step.
+    """The equation of one step."""
 
-    Attributes
-    ----------
-    A : Matrix
-        For the velocities.
-    rhs : (n_free,) right-hand side [N s].
-    moves : float
-        Share of the new velocity in the motion.
-    missed : Missed or None
-        For the estimate of the error; None without one.
-    """
-
-    A: Matrix
-    rhs: Array
-    moves: float
-    missed: Missed | None = None
+    A: Matrix  #: for the velocities
+    rhs: Array  #: (n_free,) right-hand side [N s]
+    moves: float  #: share of the new velocity in the motion
+    missed: Missed | None = None  #: for the estimate of the error; None without one
 
 
 def predicted_pose(system: System, state: State, h: float) -> Pose:
@@ -108,16 +87,8 @@ def linear_step(
     c(q1) = 0 by the displacement along the same G with the smallest norm of the mass. Contact adds
     its forces to the equation (`sim.integrators.contact_linear`).
 
-    Raises
-    ------
-    InvertedElement
-        det F <= 0 at the end.
-    NotConverged
-        The active set of contacts did not converge.
-    SingularSystem
-        A matrix could not be factorised.
-    SceneError
-        The scene has a barrier.
+    Raises InvertedElement if det F <= 0 at the end; NotConverged if the active set of contacts did not
+    converge; SingularSystem if a matrix could not be factorised; SceneError if the scene has a barrier.
     """
     require_no_barrier(system, "a linearly implicit step")
     kinematics, pose0, t1 = system.kinematics, state.pose, state.t + h

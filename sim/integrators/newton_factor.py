@@ -18,8 +18,7 @@ from sim.state import Array
 DIRECTION_SHARE, DIRECTION_SOLUTIONS = 0.1, 12
 """Tolerance of a direction, and largest number of solutions."""
 
-Key = tuple[str, float]
-"""Integrator, and implicit part of its step [s]."""
+Key = tuple[str, float]  #: integrator, and implicit part of its step [s]
 
 
 class NewtonFactor:
@@ -27,14 +26,11 @@ class NewtonFactor:
 
     Attributes
     ----------
-    key : Key or None
-        Integrator and step of the latest factor; None if it is of another matrix.
-    number : int
-        Counter of factors.
+    key : integrator and step of the latest factor; None if it is of another matrix.
+    number : counter of factors.
     secants, inverse_secants
         Updates of the factor.
-    on_rows : (int, object) or None
-        Number of a factor, and its solutions for the velocities on which joints act.
+    on_rows : number of a factor, and its solutions for the velocities on which joints act.
     """
 
     def __init__(self, solver: AnalysedSolver, clock: PhaseClock) -> None:
@@ -56,10 +52,7 @@ class NewtonFactor:
         Multiples of the mass, added to the matrix of a time step, have the effect of a shorter step.
         Returns the number of shifts.
 
-        Raises
-        ------
-        NotPositiveDefinite
-            The matrix is not positive definite with the largest shift.
+        Raises NotPositiveDefinite if the matrix is not positive definite with the largest shift.
         """
         self._solver.analyse(A.pattern)
         values, tau = A.to_factorise(), 0.0

@@ -112,12 +112,8 @@ def _stopped(system: System, end: Solved, ahead: Pose, after: float) -> tuple[Ar
 
     Parameters
     ----------
-    system : System
-    end : Solved
-    ahead : Pose
-        Pose to which the velocities lead.
-    after : float
-        Time until that pose [s].
+    ahead : pose to which the velocities lead.
+    after : time until that pose [s].
     """
     if end.contact is None:
         return end.w, ahead

@@ -29,21 +29,12 @@ class Iterative:
     The line search requires det F > 0 at every Gauss point and a decrease of the potential. A
     factor is reused, with quasi-Newton updates, over many steps as long as the iteration converges;
     a matrix that is not positive definite is shifted.
-
-    Attributes
-    ----------
-    tolerance : float
-        Largest estimated remaining error of a nodal position [m].
-    residual_tolerance : float
-        Largest nodal residual force [N].
-    max_iterations : int
-    keep_factor : float
-        The factor is renewed if an iteration reduces the residual by a smaller factor.
     """
 
-    tolerance: float = 1e-6
-    residual_tolerance: float = 2e-5
+    tolerance: float = 1e-6  #: largest estimated remaining error of a nodal position [m]
+    residual_tolerance: float = 2e-5  #: largest nodal residual force [N]
     max_iterations: int = 80
+    #: the factor is renewed if an iteration reduces the residual by a smaller factor
     keep_factor: float = 0.6
 
     def _minimiser(
@@ -73,28 +64,14 @@ class Iterative:
 
 @dataclass(frozen=True)
 class Stage:
-    """One implicit stage: the velocity w and positions q + s w that balance the forces.
+    """One implicit stage: the velocity w and positions q + s w that balance the forces."""
 
-    Attributes
-    ----------
-    t : float
-        Instant of the stage [s].
-    base : Pose
-        Pose at the start of the stage.
-    u : inertial velocities there.
-    s : float
-        Implicit part of the step [s].
-    control : Control
-    D : Matrix
-        Damping [N s/m].
-    """
-
-    t: float
-    base: Pose
-    u: Array
-    s: float
+    t: float  #: instant of the stage [s]
+    base: Pose  #: pose at the start of the stage
+    u: Array  #: inertial velocities there
+    s: float  #: implicit part of the step [s]
     control: Control
-    D: Matrix
+    D: Matrix  #: damping [N s/m]
 
 
 @dataclass(frozen=True)

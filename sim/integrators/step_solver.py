@@ -24,23 +24,14 @@ REFINED, REFINEMENTS = 1e-11, 8
 
 @dataclass(frozen=True)
 class Solution:
-    """Solution of a linear system.
+    """Solution of a linear system."""
 
-    Attributes
-    ----------
-    x : (n_free,)
-    iterations, factorisations : int
-        Numbers of solutions with a factor and of factorisations.
-    definite : bool
-        True if the latest factorised matrix is positive definite.
-    roughly : callable or None
-        Solver for the same matrix or an approximation of it.
-    """
-
-    x: Array
+    x: Array  #: (n_free,)
+    #: numbers of solutions with a factor and of factorisations
     iterations: int = 1
     factorisations: int = 1
-    definite: bool = True
+    definite: bool = True  #: True if the latest factorised matrix is positive definite
+    #: solver for the same matrix or an approximation of it
     roughly: Callable[[Array], Array] | None = None
 
 
@@ -59,21 +50,15 @@ class StepSolver:
     def solve(self, A: Matrix, rhs: Array, start: Array, error: float) -> Solution:
         """Solve A x = rhs.
 
+        Raises NotReached if the iteration failed; A is of a form with products; SingularSystem if the
+        matrix is singular or holds NaN.
+
         Parameters
         ----------
-        A : Matrix
-            Of the system, or of its `form`.
+        A : of the system, or of its `form`.
         rhs : (n_free,)
         start : (n_free,) initial value of an iterative solver.
-        error : float
-        Largest remaining error of an iterative solver, in the units of the solution.
-
-        Raises
-        ------
-        NotReached
-            The iteration failed; A is of a form with products.
-        SingularSystem
-            The matrix is singular or holds NaN.
+        error : largest remaining error of an iterative solver, in the units of the solution.
         """
         linear = self._solver.linear
         if not isinstance(linear, ReusedFactor) or A.pattern is not self._solver.form_pattern:

@@ -22,16 +22,14 @@ from sim.system import System
 IN_MATRIX, APART = 3.0, 300.0
 """Penalty of a row relative to the stiffness; smaller if assembled, so that factors can be reused."""
 
-PASSES = 6
-"""Largest number of updates of the contact forces in one iteration."""
+PASSES = 6  #: largest number of updates of the contact forces in one iteration
 
 ROUGH, SURE = (0.5, 1.0, 1.0), (0.02, 1e-3, 0.0)
 """Tolerance of the displacement by a change of forces, relative to it and to the contact residual, and
 depth of omitted rows in residuals: while all steps were taken in full, and after a shortened or refused
 step, when rows that are closed in the potential but omitted in its model could prevent a descent."""
 
-PATIENCE = 6
-"""Number of iterations with one factor if rows are assembled."""
+PATIENCE = 6  #: number of iterations with one factor if rows are assembled
 
 HASTE = 0.5
 """Factor on the criterion of slow convergence, because an iteration takes two solutions."""
@@ -39,21 +37,14 @@ HASTE = 0.5
 HELD, HELD_SHARE = 2, 0.05
 """Number of corrections of a solution that keeps rows closed, and share of their opening left by it."""
 
-SOFT = 1e-3
-"""Relative regularisation of redundant rows in a correction."""
+SOFT = 1e-3  #: relative regularisation of redundant rows in a correction
 
 
 @dataclass(frozen=True, eq=False)
 class InContact(Point):
-    """A trial configuration with contact.
+    """A trial configuration with contact."""
 
-    Attributes
-    ----------
-    alone : Point
-        Point of the potential without contact.
-    """
-
-    alone: Point
+    alone: Point  #: point of the potential without contact
 
 
 class Touching:
@@ -61,8 +52,6 @@ class Touching:
 
     Parameters
     ----------
-    potential : Placed
-    multipliers : Multipliers
     q0 : (n_nodes, 3) positions at the start of the step [m].
     """
 

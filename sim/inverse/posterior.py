@@ -8,8 +8,7 @@ from scipy.special import ndtr, ndtri
 
 from sim.state import Array
 
-CHAINS, BURN = 64, 30
-"""Number of chains, and sweeps before the first draw."""
+CHAINS, BURN = 64, 30  #: number of chains, and sweeps before the first draw
 
 
 @dataclass(frozen=True)

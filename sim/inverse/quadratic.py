@@ -10,8 +10,7 @@ from sim.state import Array
 
 Flags = NDArray[np.bool_]
 
-EXACT = 1e-12
-"""Relative tolerance of the multipliers."""
+EXACT = 1e-12  #: relative tolerance of the multipliers
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,7 @@ from sim.system import System
 Form = Literal["exact", "affine"]
 """Derivative of the step itself, or with the matrix of the step held constant."""
 
-NEAR = 1e-7
-"""Displacement of the finite difference of the active stiffness along the step [m]."""
+NEAR = 1e-7  #: displacement of the finite difference of the active stiffness along the step [m]
 
 ALTERED = 0.25
 """Change of one activation for a column: exact where forces are affine in the activation."""

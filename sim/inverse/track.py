@@ -21,8 +21,7 @@ from sim.threads import one_blas_thread
 
 Aim = Literal["position", "velocity"]
 EULER = LinearlyImplicitEuler()
-REDONE = 3
-"""Largest number of linearisations of a step."""
+REDONE = 3  #: largest number of linearisations of a step
 
 
 @dataclass(frozen=True)

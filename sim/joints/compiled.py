@@ -17,8 +17,7 @@ from sim.state import Array, Pose
 Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-REDUNDANT = 1e-9
-"""Fraction of its mobility 1/m that a row must retain under the preceding rows."""
+REDUNDANT = 1e-9  #: fraction of its mobility 1/m that a row must retain under the preceding rows
 
 PROJECTIONS, DRIFT = 5, 1e-13
 """Largest number of projections of positions after a step, and their tolerance [m, rad]."""
@@ -26,45 +25,31 @@ PROJECTIONS, DRIFT = 5, 1e-13
 
 @dataclass(frozen=True, eq=False)
 class RowValues:
-    """Rows at a pose.
+    """Rows at a pose."""
 
-    Attributes
-    ----------
-    c : (m,) values [m or rad].
-    G : (m, k) derivatives by the velocities of `Rows.columns`.
-    drift : (m,) rates due to prescribed motions.
-    """
-
-    c: Array
-    G: Array
-    drift: Array
+    c: Array  #: (m,) values [m or rad]
+    G: Array  #: (m, k) derivatives by the velocities of `Rows.columns`
+    drift: Array  #: (m,) rates due to prescribed motions
 
 
 class Rows:
     """Rows laid out for a scene.
 
+    Raises SceneError if a body does not exist, a row depends on fixed bodies only, or a rigid row
+    depends linearly on others.
+
     Parameters
     ----------
-    joints : sequence of Joint
     bodies : numbers of bodies by name.
-    kinematics : Kinematics
-    rest : Pose
 
     Attributes
     ----------
     names : of the rows.
     joints : names of the joints of the rows, in the order of the scene.
-    table : RowTable
     columns : (k,) velocities on which any row depends.
     unilateral : (m,) True if a row is an inequality.
     rigid : (m,) True if it is an equation without compliance.
     compliance, damping_time : (m,)
-
-    Raises
-    ------
-    SceneError
-        A body does not exist, a row depends on fixed bodies only, or a rigid row depends linearly on
-        others.
     """
 
     def __init__(
@@ -136,7 +121,6 @@ class Rows:
 
         Parameters
         ----------
-        pose : Pose
         f : (m,) forces or moments of the rows [N or N m].
         """
         m, table = len(self.names), self.table

@@ -53,8 +53,7 @@ class Row:
     damping_time: float = 0.0
 
 
-REACTIONS = "joints"
-"""Name of the forces of rows in the memory of a state."""
+REACTIONS = "joints"  #: name of the forces of rows in the memory of a state
 
 
 class Joint(Protocol):

@@ -19,31 +19,18 @@ _PAIRS = ((1, 2), (0, 2), (0, 1))
 class _BodyJoint:
     """Two bodies with frames that coincide at rest.
 
-    Attributes
-    ----------
-    name : str
-    a, b : str or None
-        Bodies; None is space.
-    origin : (3,) of the joint at rest [m].
-    axis : (3,) third axis of the joint: the axis of rotation or translation, or the normal.
-    compliance : float
-    Compliance of every row [m/N, 1/(N m)]; 0 is rigid.
-    damping_time : float
-    Relaxation time of a compliant row [s].
-
-    Raises
-    ------
-    SceneError
-        The axis is zero, or a number is negative.
+    Raises SceneError if the axis is zero, or a number is negative.
     """
 
     name: str
+    #: bodies; None is space
     a: str | None
     b: str | None
-    origin: tuple[float, float, float] | Array
+    origin: tuple[float, float, float] | Array  #: (3,) of the joint at rest [m]
+    #: (3,) third axis of the joint: the axis of rotation or translation, or the normal
     axis: tuple[float, float, float] | Array = (0.0, 0.0, 1.0)
-    compliance: float = 0.0
-    damping_time: float = 0.0
+    compliance: float = 0.0  #: of every row [m/N, 1/(N m)]; 0 is rigid
+    damping_time: float = 0.0  #: relaxation time of a compliant row [s]
     travels: ClassVar[tuple[int, ...]] = ()
     turns: ClassVar[tuple[int, ...]] = ()
 

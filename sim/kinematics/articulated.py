@@ -24,8 +24,7 @@ from sim.state import Array, Pose, State
 
 Index = NDArray[np.int64]
 _UPPER = np.triu_indices(6)
-_ROTATION = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
-"""Entries of -[r]x that are not zero."""
+_ROTATION = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))  #: entries of -[r]x that are not zero
 
 
 class Articulated(Kinematics):
@@ -33,13 +32,9 @@ class Articulated(Kinematics):
 
     Parameters
     ----------
-    points : SymmetricPattern
-        Sparsity of the tangents of terms, over the components that move.
+    points : sparsity of the tangents of terms, over the components that move.
     node_mass : (n_points,) [kg], with the mass of every body at its centre.
-    bodies : sequence of Body
-    motions : sequence of Path or None
-        Prescribed motion of each body.
-    chains : Chains
+    motions : prescribed motion of each body.
 
     Attributes
     ----------

@@ -19,26 +19,18 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class Chains:
-    """Points x = sum_n weights_n x_n + sum_b (share_b c_b + Q_b arm_b) of nodes n and bodies b.
+    """Points x = sum_n weights_n x_n + sum_b (share_b c_b + Q_b arm_b) of nodes n and bodies b."""
 
-    Attributes
-    ----------
-    dependent : (k,) points that are combinations, ascending; all others are roots.
-    weights : (k, n_points) of root nodes.
-    point, body, share, arm : (m,), (m,), (m,), (m, 3) of every dependence of a point on a body; the arm
-        is in the axes of the body [m].
-    held : (n_points, 3) fixed components.
-    paths : nodes with a prescribed path, and their path.
-    """
-
-    dependent: Index
-    weights: csr_array
+    dependent: Index  #: (k,) points that are combinations, ascending; all others are roots
+    weights: csr_array  #: (k, n_points) of root nodes
+    #: (m,), (m,), (m,), (m, 3) of every dependence of a point on a body; the arm is in the axes of the
+    #: body [m]
     point: Index
     body: Index
     share: Array
     arm: Array
-    held: Flags
-    paths: tuple[tuple[Index, NodeMotion], ...]
+    held: Flags  #: (n_points, 3) fixed components
+    paths: tuple[tuple[Index, NodeMotion], ...]  #: nodes with a prescribed path, and their path
 
 
 @dataclass
@@ -54,18 +46,12 @@ def resolve(
 ) -> Chains:
     """Resolve chains such as a node in an element whose nodes are on a body.
 
+    Raises SceneError if a node has two members, or depends on itself through others.
+
     Parameters
     ----------
-    mesh : Mesh
-        With all points.
-    bodies : sequence of Body
-    attachments : sequence of Attachment
+    mesh : with all points.
     still : (n_bodies,) True for fixed bodies.
-
-    Raises
-    ------
-    SceneError
-        A node has two members, or depends on itself through others.
     """
     owner: dict[int, tuple[Attachment, int]] = {}
     held = np.zeros((mesh.n_nodes, 3), dtype=bool)

@@ -16,16 +16,10 @@ Places = NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class Congruence:
-    """Layout of R'KR for symmetric K on the pattern of points.
+    """Layout of R'KR for symmetric K on the pattern of points."""
 
-    Attributes
-    ----------
-    pattern : Sparsity
-        Of the result.
-    place, entry, target, left, right : as of `sim._kernels.triple.congruence`.
-    """
-
-    pattern: Sparsity
+    pattern: Sparsity  #: of the result
+    #: as of `sim._kernels.triple.congruence`
     place: Places
     entry: Places
     target: Places
@@ -64,8 +58,7 @@ def lay_out(points: SymmetricPattern, R: csr_array, constant: Index, more: Index
 
     Parameters
     ----------
-    points : SymmetricPattern
-        Of K.
+    points : of K.
     R : (points.n, n) sparse, with columns ascending in every row.
     constant : (points.n,) column of rows that are constant unit vectors, -1 for the others.
     more : keys ``row * n + column``, row <= column, of additional entries.

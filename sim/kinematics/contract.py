@@ -26,10 +26,7 @@ class Kinematics:
 
     Attributes
     ----------
-    pattern : sparsity of generalised matrices over w.
-    mass : (n,) positive scale of the mass of each velocity [kg, kg m^2].
     matrix_varies : True if R depends on the pose.
-    rest_frames : (n_bodies, 7) frames at rest.
 
     Notes
     -----
@@ -39,9 +36,9 @@ class Kinematics:
     conserved.
     """
 
-    pattern: Sparsity
-    mass: Array
-    rest_frames: Array
+    pattern: Sparsity  #: sparsity of generalised matrices over w
+    mass: Array  #: (n,) positive scale of the mass of each velocity [kg, kg m^2]
+    rest_frames: Array  #: (n_bodies, 7) frames at rest
     matrix_varies = False
 
     def __init__(self, points: SymmetricPattern, node_mass: Array) -> None:

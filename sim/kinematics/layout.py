@@ -24,20 +24,14 @@ def lay_out_kinematics(
 ) -> tuple[SymmetricPattern, Kinematics]:
     """Sparsity over the points that move, and the kinematics of a scene.
 
+    Raises SceneError if two bodies have the same name, a body has two motions, nothing is free, a free
+    node has no mass, or attachments are contradictory.
+
     Parameters
     ----------
-    mesh : Mesh
-        With all points, last the centres of the bodies.
+    mesh : with all points, last the centres of the bodies.
     node_mass : (n_points,) [kg], with the mass of every body at its centre.
     keys : node pairs coupled by terms.
-    bodies : sequence of Body
-    members : sequence of Member
-
-    Raises
-    ------
-    SceneError
-        Two bodies have the same name, a body has two motions, nothing is free, a free node has no
-        mass, or attachments are contradictory.
     """
     number = {body.name: b for b, body in enumerate(bodies)}
     if len(number) < len(bodies):

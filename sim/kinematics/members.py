@@ -20,8 +20,7 @@ from sim.mesh import Mesh
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-NodeMotion = Callable[[float], ArrayLike]
-"""Positions (k, 3) [m] at a time [s]."""
+NodeMotion = Callable[[float], ArrayLike]  #: positions (k, 3) [m] at a time [s]
 
 
 def _none() -> Index:
@@ -30,31 +29,17 @@ def _none() -> Index:
 
 @dataclass(frozen=True, eq=False)
 class Attachment:
-    """Nodes of one member and their dependence.
+    """Nodes of one member and their dependence."""
 
-    Attributes
-    ----------
-    name : str
-        Of the member, for messages.
-    nodes : (k,) nodes and points of the member.
-    axes : tuple of int
-        Directions fixed in space; the others are free.
-    holders, weights : (k, m) nodes from which each is interpolated, and weights; m = 0 without.
-    body : int
-        Body to which they are rigidly attached, -1 without.
-    path : callable or None
-        Their positions over time.
-    motion : (body, Motion or None), optional
-        Body with a prescribed motion; None if it is fixed.
-    """
-
-    name: str
-    nodes: Index = field(default_factory=_none)
-    axes: tuple[int, ...] = ()
+    name: str  #: of the member, for messages
+    nodes: Index = field(default_factory=_none)  #: (k,) nodes and points of the member
+    axes: tuple[int, ...] = ()  #: directions fixed in space; the others are free
+    #: (k, m) nodes from which each is interpolated, and weights; m = 0 without
     holders: Index = field(default_factory=lambda: np.empty((0, 0), dtype=np.int64))
     weights: Array = field(default_factory=lambda: np.empty((0, 0)))
-    body: int = -1
-    path: NodeMotion | None = None
+    body: int = -1  #: body to which they are rigidly attached, -1 without
+    path: NodeMotion | None = None  #: their positions over time
+    #: (body, Motion or None), optional Body with a prescribed motion; None if it is fixed
     motion: tuple[int, Motion | None] | None = None
 
 

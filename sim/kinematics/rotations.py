@@ -7,11 +7,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-Change = Callable[[Array, Array], Array]
-"""A change of vectors (n, 3) by rotation vectors (n, 3)."""
-
-SMALL = 1e-3
-"""Angle [rad] below which series replace quotients, with an error below 1e-16."""
+Change = Callable[[Array, Array], Array]  #: a change of vectors (n, 3) by rotation vectors (n, 3)
+SMALL = 1e-3  #: angle [rad] below which series replace quotients, with an error below 1e-16
 
 
 def matrices(quaternion: Array) -> Array:

@@ -15,8 +15,7 @@ from sim._kernels import laws
 from sim.laws.parameters import Parametric, quantity, require
 
 Array = NDArray[np.float64]
-Derivatives = tuple[Array, Array, Array]
-"""An energy, and its first and second derivative."""
+Derivatives = tuple[Array, Array, Array]  #: an energy, and its first and second derivative
 
 
 class FibreLaw(Protocol):

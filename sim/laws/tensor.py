@@ -17,21 +17,11 @@ Array = NDArray[np.float64]
 
 
 class TensorLaw(Protocol):
-    """Interface of laws of the strain tensor for the element loop.
+    """Interface of laws of the strain tensor for the element loop."""
 
-    Attributes
-    ----------
-    code : int
-        Of `sim._kernels.tensor_laws.tensor_law`.
-    measure : int
-        Argument of the law: ISOCHORIC, FINITE or SMALL of the same module.
-    needs_axes : bool
-        True if the law depends on the material axes of the element.
-    """
-
-    code: ClassVar[int]
-    measure: ClassVar[int]
-    needs_axes: ClassVar[bool]
+    code: ClassVar[int]  #: of `sim._kernels.tensor_laws.tensor_law`
+    measure: ClassVar[int]  #: argument of the law: ISOCHORIC, FINITE or SMALL of the same module
+    needs_axes: ClassVar[bool]  #: True if the law depends on the material axes of the element
 
     def parameters(self) -> tuple[float, ...]:
         """Parameters in the order of the kernel."""
@@ -183,17 +173,10 @@ class Fung(Parametric):
 
 @dataclass(frozen=True)
 class _YoungPoisson(Parametric):
-    """Isotropic moduli.
+    """Isotropic moduli."""
 
-    Attributes
-    ----------
-    young : float
-        Young's modulus [Pa], positive.
-    poisson : float
-        Poisson's ratio [1], -1 < poisson < 0.5.
-    """
-
-    young: float = quantity(15e3, "Pa", above=0.0)
+    young: float = quantity(15e3, "Pa", above=0.0)  #: Young's modulus [Pa], positive
+    #: Poisson's ratio [1], -1 < poisson < 0.5
     poisson: float = quantity(0.45, "1", above=-1.0, below=0.5)
 
     def parameters(self) -> tuple[float, ...]:

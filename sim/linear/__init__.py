@@ -42,8 +42,7 @@ LINEAR_SOLVERS: dict[str, Callable[[], Factor | ReusedFactor]] = {**FACTORS, **I
 INDEFINITE = {"pardiso": "pardiso_ldlt", "superlu": "superlu_pivoting"}
 """Solver of each family for matrices that are not positive definite."""
 
-LARGE = 4000
-"""Number of unknowns above which the factor of a time step is reused in the next."""
+LARGE = 4000  #: number of unknowns above which the factor of a time step is reused in the next
 
 
 def linear_solver(name: str = "auto", *, indefinite: bool = False) -> Factor | ReusedFactor:

@@ -18,13 +18,10 @@ def conjugate_gradients(
 
     Parameters
     ----------
-    product, precondition : callable
-        x -> A x and r -> P^-1 r.
+    product, precondition : x -> A x and r -> P^-1 r.
     rhs : (n,)
-    share : float
-        The iteration ends if the largest component of x changes by no more than this fraction.
-    limit : int
-        Largest number of solutions with P.
+    share : the iteration ends if the largest component of x changes by no more than this fraction.
+    limit : largest number of solutions with P.
 
     Notes
     -----

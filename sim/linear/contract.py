@@ -10,8 +10,7 @@ from sim.errors import SingularSystem
 from sim.pattern import Sparsity
 from sim.state import Array
 
-Operator = Callable[[Array], Array]
-"""A linear map of vectors (n,)."""
+Operator = Callable[[Array], Array]  #: a linear map of vectors (n,)
 
 
 class NotPositiveDefinite(SingularSystem):
@@ -33,35 +32,23 @@ class LinearSolver(Protocol):
     def factorise(self, values: Array) -> None:
         """Factorise numerically.
 
-        Raises
-        ------
-        NotPositiveDefinite
-            The method requires a positive definite matrix, and a pivot is not positive.
-        SingularSystem
-            The matrix is singular or contains NaN.
+        Raises NotPositiveDefinite if the method requires a positive definite matrix, and a pivot is not
+        positive; SingularSystem if the matrix is singular or contains NaN.
         """
         ...
 
     def solve(self, rhs: Array) -> Array:
         """Solve with the latest factor, rhs (n,).
 
-        Raises
-        ------
-        SingularSystem
-            If the solution is not finite.
+        Raises SingularSystem if the solution is not finite.
         """
         ...
 
 
 class Factor(LinearSolver, Protocol):
-    """A direct solver, whose factor may also precondition an iteration.
+    """A direct solver, whose factor may also precondition an iteration."""
 
-    Attributes
-    ----------
-    solutions_per_factorisation : int
-        Approximate number of solutions that take as long as one factorisation.
-    """
-
+    #: approximate number of solutions that take as long as one factorisation
     solutions_per_factorisation: ClassVar[int]
 
     def approximate(self, rhs: Array) -> Array:

@@ -15,23 +15,13 @@ MAX_CYCLES = 6
 
 @dataclass(frozen=True)
 class Iterate:
-    """Result of an iteration.
+    """Result of an iteration."""
 
-    Attributes
-    ----------
-    x : (n,)
-    iterations : int
-        Solutions with the preconditioner.
-    reached : bool
-        True if the requested error was reached.
-    smallest : float
-        Smallest real part of the Ritz values, estimates of the eigenvalues of P^-1 A, which are
-        close to one if P is similar to A; infinite without iteration.
-    """
-
-    x: Array
-    iterations: int
-    reached: bool
+    x: Array  #: (n,)
+    iterations: int  #: solutions with the preconditioner
+    reached: bool  #: True if the requested error was reached
+    #: smallest real part of the Ritz values, estimates of the eigenvalues of P^-1 A, which are close to
+    #: one if P is similar to A; infinite without iteration
     smallest: float = math.inf
 
 
@@ -45,13 +35,10 @@ def gmres(
 
     Parameters
     ----------
-    product, precondition : callable
-        x -> A x and r -> P^-1 r.
+    product, precondition : x -> A x and r -> P^-1 r.
     rhs, start : (n,) b, and initial value of x.
-    error : float
-        Largest remaining component of P^-1 (b - A x).
-    limit : int
-        Largest number of solutions with P.
+    error : largest remaining component of P^-1 (b - A x).
+    limit : largest number of solutions with P.
 
     Returns
     -------

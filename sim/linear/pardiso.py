@@ -169,8 +169,7 @@ class Pardiso:
 
     Parameters
     ----------
-    precision : type
-        numpy.float64, or numpy.float32 for a factor of half the size whose solutions have six
+    precision : numpy.float64, or numpy.float32 for a factor of half the size whose solutions have six
         digits.
     """
 
@@ -185,10 +184,7 @@ class Pardiso:
     def analyse(self, pattern: Sparsity) -> None:
         """Order the unknowns and find the structure of the factor.
 
-        Raises
-        ------
-        SingularSystem
-            PARDISO failed.
+        Raises SingularSystem if PARDISO failed.
         """
         self._handle = _Handle(self._matrix_type, pattern, self._precision)
         self._call(ANALYSE)
@@ -210,12 +206,8 @@ class Pardiso:
     def factorise(self, values: Array) -> None:
         """Cholesky factorisation.
 
-        Raises
-        ------
-        NotPositiveDefinite
-            A pivot is not positive.
-        SingularSystem
-            The matrix holds NaN, or PARDISO failed otherwise.
+        Raises NotPositiveDefinite if a pivot is not positive; SingularSystem if the matrix holds NaN,
+        or PARDISO failed otherwise.
         """
         self._factorised = False
         require_finite_matrix(values)
@@ -231,10 +223,7 @@ class Pardiso:
     def solve(self, rhs: Array) -> Array:
         """Solve with the latest factor.
 
-        Raises
-        ------
-        SingularSystem
-            There is no factor, or the solution is not finite.
+        Raises SingularSystem if there is no factor, or the solution is not finite.
         """
         self._require_factor()
         self._handle.rhs[:] = rhs

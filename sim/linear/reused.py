@@ -24,8 +24,7 @@ RELATIVE = 1e-12  # Default accuracy.
 SINGULAR = 0.1  # Ritz value below which a matrix is nearly singular and is factorised.
 SENSITIVE = 1e-3  # Factor on the requested error if the matrix is not positive definite.
 
-Timed = Callable[[str], AbstractContextManager[None]]
-"""Context manager that times a phase."""
+Timed = Callable[[str], AbstractContextManager[None]]  #: context manager that times a phase
 
 
 def untimed(phase: str) -> AbstractContextManager[None]:
@@ -53,21 +52,15 @@ class ReusedFactor:
 
     Parameters
     ----------
-    factor : Factor
-        Computes the factors.
-    indefinite : callable
-        Function that returns a solver for indefinite matrices.
-    whole : callable
-        Function that returns a direct solver for failed iterations.
+    factor : computes the factors.
+    indefinite : function that returns a solver for indefinite matrices.
+    whole : function that returns a direct solver for failed iterations.
 
     Attributes
     ----------
-    iterations, factorisations : int
-        Of the latest solution.
-    definite : bool
-        True if the matrix was positive definite, according to its factor and the iteration.
-    timed : callable
-        Context manager that times the phases "factorisation" and "solution".
+    iterations, factorisations : of the latest solution.
+    definite : True if the matrix was positive definite, according to its factor and the iteration.
+    timed : context manager that times the phases "factorisation" and "solution".
     """
 
     def __init__(
@@ -137,18 +130,13 @@ class ReusedFactor:
     ) -> None:
         """Set the matrix; it is factorised when a solution requires it.
 
+        Raises SingularSystem if the matrix contains NaN or infinity.
+
         Parameters
         ----------
         values : (nnz,) of the pattern.
-        product : callable, optional
-            x -> A x, if the matrix has further terms.
-        to_factorise : callable, optional
-            Function that returns the values to factorise, similar to the matrix.
-
-        Raises
-        ------
-        SingularSystem
-            The matrix contains NaN or infinity.
+        product : x -> A x, if the matrix has further terms.
+        to_factorise : function that returns the values to factorise, similar to the matrix.
         """
         require_finite_matrix(values)
         self._values, self._product, self._to_factorise = values, product, to_factorise
@@ -156,20 +144,15 @@ class ReusedFactor:
     def solve(self, rhs: Array, start: Array | None = None, error: float | None = None) -> Array:
         """Solve with the current matrix.
 
+        Raises NotReached if the iteration failed, and the matrix is not fully assembled; SingularSystem
+        if the matrix is singular.
+
         Parameters
         ----------
         rhs : (n,)
         start : (n,) initial value, zero by default.
-        error : float, optional
-            Largest estimated error of a component of the solution; by default 1e-12 of the largest
+        error : largest estimated error of a component of the solution; by default 1e-12 of the largest
             component.
-
-        Raises
-        ------
-        NotReached
-            The iteration failed, and the matrix is not fully assembled.
-        SingularSystem
-            The matrix is singular.
         """
         self.iterations = self.factorisations = 0
         x = np.zeros(len(rhs)) if start is None else start

@@ -31,9 +31,7 @@ class QuasiDefinite:
 
     Parameters
     ----------
-    constraints : Constraints
-    weight : float
-        Entries of G relative to those of A.
+    weight : entries of G relative to those of A.
     """
 
     solutions_per_factorisation: ClassVar[int] = 8
@@ -80,11 +78,8 @@ class QuasiDefinite:
     def solve(self, rhs: Array) -> Array:
         """Solve without the compliance.
 
-        Raises
-        ------
-        SingularSystem
-            The solution is not finite, or does not satisfy the equations, because the constraints
-            are contradictory or redundant.
+        Raises SingularSystem if the solution is not finite, or does not satisfy the equations, because
+        the constraints are contradictory or redundant.
         """
         z = self._solver.solve(rhs)
         size, left = np.abs(rhs).max(), np.inf
@@ -111,11 +106,8 @@ class Penalised:
 
     Parameters
     ----------
-    pattern : SymmetricPattern
-        Of A; it contains all pairs of unknowns of a constraint.
-    constraints : Constraints
-    factor : Factor
-        For positive definite matrices.
+    pattern : of A; it contains all pairs of unknowns of a constraint.
+    factor : for positive definite matrices.
     """
 
     solutions_per_factorisation: ClassVar[int] = 8
@@ -150,12 +142,8 @@ class Penalised:
     def factorise(self, values: Array) -> None:
         """Factorise A + G'G/c.
 
-        Raises
-        ------
-        NotPositiveDefinite
-            A is not positive definite on the null space of G, or nearly not.
-        SingularSystem
-            The matrix contains NaN.
+        Raises NotPositiveDefinite if A is not positive definite on the null space of G, or nearly not;
+        SingularSystem if the matrix contains NaN.
         """
         A, G = self._constraints.parts_of(values)
         self._G, self._compliance = self._constraints.matrix(G), float(np.abs(G).mean()) or 1.0
@@ -182,19 +170,15 @@ class Saddle:
 
     Parameters
     ----------
-    pattern : SymmetricPattern
-        Of A.
-    constraints : Constraints
-        Their sparsity is analysed once.
-    factor : Factor or None
-        For the matrices of an iteration that reuses factors; None to factorise every saddle matrix.
-    timed : callable
-        As of `ReusedFactor`.
+    pattern : of A.
+    constraints : their sparsity is analysed once.
+    factor : for the matrices of an iteration that reuses factors; None to factorise every saddle
+        matrix.
+    timed : as of `ReusedFactor`.
 
     Attributes
     ----------
-    iterations, factorisations : int
-        Of the latest solution.
+    iterations, factorisations : of the latest solution.
     """
 
     def __init__(
@@ -252,10 +236,7 @@ class Saddle:
     def factorise(self, A: Array, G: Array) -> None:
         """Set the values A of the pattern and G of the constraints; factorise where that is needed.
 
-        Raises
-        ------
-        SingularSystem
-            The matrix is singular or contains NaN.
+        Raises SingularSystem if the matrix is singular or contains NaN.
         """
         if self._scale is None or not isinstance(self._solver, ReusedFactor):
             size = np.abs(G).mean() or 1.0
@@ -272,18 +253,14 @@ class Saddle:
     ) -> tuple[Array, Array]:
         """X (n_free,) and multipliers y (n,) with A x + G' y = r and G x = gamma.
 
+        Raises SingularSystem if the solution is not finite, or does not satisfy the equations, because
+        the constraints are contradictory or redundant.
+
         Parameters
         ----------
         r, gamma : right-hand sides.
         start : (n_free,) where an iteration begins, with the latest multipliers; zero by default.
-        error : float, optional
-            Largest error that an iteration leaves in x; by default 1e-12 of the solution.
-
-        Raises
-        ------
-        SingularSystem
-            The solution is not finite, or does not satisfy the equations, because the constraints
-            are contradictory or redundant.
+        error : largest error that an iteration leaves in x; by default 1e-12 of the solution.
         """
         assert self._scale is not None  # a matrix has been set
         rhs, solver = np.concatenate([r, self._scale * gamma]), self._solver

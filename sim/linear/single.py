@@ -50,12 +50,8 @@ class SinglePardiso:
     def factorise(self, values: Array) -> None:
         """Cholesky factorisation.
 
-        Raises
-        ------
-        NotPositiveDefinite
-            A pivot is not positive, in double precision either.
-        SingularSystem
-            The matrix holds NaN, or PARDISO failed otherwise.
+        Raises NotPositiveDefinite if a pivot is not positive, in double precision either;
+        SingularSystem if the matrix holds NaN, or PARDISO failed otherwise.
         """
         self._values = values
         try:
@@ -105,10 +101,7 @@ class SinglePardiso:
     def solve(self, rhs: Array) -> Array:
         """Solve to double precision.
 
-        Raises
-        ------
-        SingularSystem
-            There is no factor, or the solution is not finite.
+        Raises SingularSystem if there is no factor, or the solution is not finite.
         """
         x = self._factor.approximate(rhs)
         if not self._is_single:

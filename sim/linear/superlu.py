@@ -44,12 +44,8 @@ class SuperLU:
     def factorise(self, values: Array) -> None:
         """LU with a symmetric minimum-degree ordering.
 
-        Raises
-        ------
-        NotPositiveDefinite
-            Without partial pivoting: a pivot is not positive, or off the diagonal.
-        SingularSystem
-            The matrix is singular or contains NaN.
+        Raises NotPositiveDefinite if a pivot is not positive or off the diagonal, without partial
+        pivoting; SingularSystem if the matrix is singular or contains NaN.
         """
         require_finite_matrix(values)
         full = csc_array(
@@ -76,10 +72,7 @@ class SuperLU:
     def solve(self, rhs: Array) -> Array:
         """Solve with the latest factor.
 
-        Raises
-        ------
-        SingularSystem
-            The solution is not finite.
+        Raises SingularSystem if the solution is not finite.
         """
         x = self._factor.solve(rhs)
         require_finite_solution(x)

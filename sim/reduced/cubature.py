@@ -15,25 +15,17 @@ from sim._kernels.reduced import ROWS, PointTable, point_stresses
 from sim.scene import Index
 from sim.state import Array
 
-SKETCH = 600
-"""Number of random combinations of the equations of all training states."""
+SKETCH = 600  #: number of random combinations of the equations of all training states
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Chosen points.
+    """Chosen points."""
 
-    Attributes
-    ----------
-    points : (k,) indices, ascending.
-    weights : (k,) factors on their volumes.
-    error : float
-        Root mean square over the training states of the displacement [m] that the errors of the
-        forces cause with the stiffness at rest.
-    """
-
-    points: Index
-    weights: Array
+    points: Index  #: (k,) indices, ascending
+    weights: Array  #: (k,) factors on their volumes
+    #: root mean square over the training states of the displacement [m] that the errors of the forces
+    #: cause with the stiffness at rest
     error: float
 
 

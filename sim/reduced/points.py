@@ -16,10 +16,7 @@ from sim.terms.solid import CompiledSolid
 def solid_of(system: System) -> CompiledSolid:
     """The solid of a scene whose other forces are constant.
 
-    Raises
-    ------
-    SceneError
-        The scene has another term, a constraint, a body or a joint.
+    Raises SceneError if the scene has another term, a constraint, a body or a joint.
     """
     solids = [term for term in system.terms if isinstance(term, CompiledSolid)]
     others = [t for t in system.scene.terms if not isinstance(t, Gravity)]

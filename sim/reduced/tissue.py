@@ -13,21 +13,12 @@ from sim.state import Array, Control
 
 @dataclass(frozen=True, eq=False)
 class ReducedSolid:
-    """Solid with few coordinates: three for every point of the scene, of unit mass.
+    """Solid with few coordinates: three for every point of the scene, of unit mass."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Muscles, the order of the table.
-    table : PointTable
-        With n columns of G, of which the first r move.
-    load : (n,) constant generalised force [N kg^-1/2].
-    damping, stiffness : (n, n) damping [1/s], and stiffness at rest [1/s^2].
-    """
-
-    names: tuple[str, ...]
-    table: PointTable
-    load: Array
+    names: tuple[str, ...]  #: muscles, the order of the table
+    table: PointTable  #: with n columns of G, of which the first r move
+    load: Array  #: (n,) constant generalised force [N kg^-1/2]
+    #: (n, n) damping [1/s], and stiffness at rest [1/s^2]
     damping: Array
     stiffness: Array
 

@@ -11,8 +11,7 @@ from sim.multibody import PointForces
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
 
-GONE = 1e-6
-"""Distance from the plane at which a morsel is crushed [m]."""
+GONE = 1e-6  #: distance from the plane at which a morsel is crushed [m]
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,9 +18,7 @@ class Relaxation:
 
     Parameters
     ----------
-    elements : sequence of TensorElements
     region : (n_elements,) index into materials.
-    materials : sequence of Material
     """
 
     def __init__(

@@ -51,12 +51,9 @@ class Strands:
 
     Parameters
     ----------
-    fibres : sequence of LineFibre
     names : names of the muscles, for messages.
     coupled : (n_fibres,) True if the tension depends on the length or its rate.
-    mesh : Mesh
-    tolerance : float
-        Of embedded points outside the mesh.
+    tolerance : of embedded points outside the mesh.
     """
 
     def __init__(

@@ -36,11 +36,8 @@ class TensorElements:
 
     Parameters
     ----------
-    part : Part
-    places : Places
     axes : (n_elements, 3, 3) or None
         Material axes of all elements in the columns.
-    laws : TensorLawTable
     """
 
     def __init__(
@@ -78,10 +75,7 @@ class TensorElements:
 def rotations(axes: Array, wanted: Index) -> Array:
     """Proper orthogonal axes nearest to those given (n_elements, 3, 3), at the chosen elements.
 
-    Raises
-    ------
-    SceneError
-        Axes are far from orthonormal or left-handed.
+    Raises SceneError if axes are far from orthonormal or left-handed.
     """
     found = axes[wanted]
     finite = np.isfinite(np.sum(found, axis=(1, 2)))
