@@ -9,6 +9,7 @@ from sim.errors import SceneError
 from sim.joints.compiled import Rows
 from sim.kinematics import Kinematics, lay_out_kinematics
 from sim.mesh import Mesh
+from sim.multibody import ActsOnPoints
 from sim.scene import (
     CompiledTerm,
     HasApart,
@@ -19,7 +20,7 @@ from sim.scene import (
     Scene,
     StopsMoves,
 )
-from sim.state import Pose
+from sim.state import Array, Control, Pose
 from sim.system import System
 
 
@@ -77,9 +78,24 @@ def compile_scene(scene: Scene) -> System:
     )
     if scene.damping is None:
         return system
-    # a barrier is stiff only in contact; damping proportional to it would hold surfaces together
-    tissue = replace(system, terms=tuple(t for t in terms if not isinstance(t, StopsMoves)))
-    damping = scene.damping.compile(layout, lambda q, control: tissue.tangent(q, control)[1])
+    # a barrier is stiff only in contact; damping proportional to it would hold surfaces together.
+    # Lines and bodies have a damping of their own.
+    lines = tuple(
+        t
+        for own, t in zip(declared, terms, strict=True)
+        if isinstance(t, ActsOnPoints) and own.pair_keys(mesh).size
+    )
+    of_tissue = (t for t in terms if not isinstance(t, StopsMoves | ActsOnPoints))
+    tissue, along = replace(system, terms=tuple(of_tissue)), replace(system, terms=lines)
+
+    def stiffness(q: Array, control: Control, K: Array | None = None) -> Array:
+        if K is None:
+            return tissue.tangent(q, control)[1]
+        return K - along.tangent(q, control)[1] if lines else K
+
+    mass = mass.copy()
+    mass[scene.first_centre :] = 0.0
+    damping = scene.damping.compile(replace(layout, node_mass=mass), stiffness)
     return replace(system, damping_law=damping)
 
 

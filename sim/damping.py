@@ -4,7 +4,8 @@ With active muscles the current tangent need not be positive definite; beta K is
 damping, and the incremental potential of a step has no minimum. `PassiveRayleigh` omits the active
 stress from K, and `RestRayleigh` uses K at rest, which is always positive semi-definite.
 
-In all three K is that at the start of a step, so that the step minimises a potential.
+In all three K is that at the start of a step, so that the step minimises a potential. M and K are those
+of the tissue: rigid bodies and line muscles have coefficients of their own.
 """
 
 from collections.abc import Callable
@@ -63,7 +64,7 @@ class Rayleigh(_Coefficients):
         """Compile with the current tangent."""
 
         def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
-            return self.combine(layout, stiffness(q, control) if K is None else K)
+            return self.combine(layout, stiffness(q, control, K))
 
         return _Compiled(self.beta, matrix)
 
@@ -77,7 +78,7 @@ class PassiveRayleigh(_Coefficients):
         at_rest = Control(np.zeros(len(layout.muscles)))
 
         def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
-            return self.combine(layout, stiffness(q, at_rest))
+            return self.combine(layout, stiffness(q, at_rest, None))
 
         return _Compiled(self.beta, matrix)
 
@@ -91,7 +92,9 @@ class RestRayleigh(_Coefficients):
 
     def compile(self, layout: Layout, stiffness: Stiffness) -> CompiledDamping:
         """Compile with the constant matrix."""
-        D = self.combine(layout, stiffness(layout.mesh.X, Control(np.zeros(len(layout.muscles)))))
+        D = self.combine(
+            layout, stiffness(layout.mesh.X, Control(np.zeros(len(layout.muscles))), None)
+        )
 
         def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
             return D

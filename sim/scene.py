@@ -228,8 +228,11 @@ class MeasuresContact(Protocol):
         ...
 
 
-Stiffness = Callable[[Array, Control], Array]
-"""Values of K = -df/dq on the pattern, at positions (n_nodes, 3) and a control."""
+Stiffness = Callable[[Array, Control, Array | None], Array]
+"""Values of K = -df/dq of the tissue on the pattern, at positions (n_nodes, 3) and a control.
+
+The last argument is that of all terms, if already computed.
+"""
 
 
 class CompiledDamping(Protocol):

@@ -116,8 +116,8 @@ def check_references(
                 raise error(f"{dim} {label} refers to node index {node}, expected 0 to {n - 1}")
 
 
-def check_elements(ds: xr.Dataset, error: type[DataError]) -> None:
-    """Refuse nodes without element, and elements that are inverted at rest."""
+def check_elements(ds: xr.Dataset, error: type[DataError], *, corners: bool = True) -> None:
+    """Refuse nodes without element, and elements inverted at rest; `corners` includes their corners."""
     connectivity = ds["connectivity"].values
     used = np.zeros(ds.sizes["node"], dtype=bool)
     used[connectivity[connectivity >= 0]] = True
@@ -133,7 +133,8 @@ def check_elements(ds: xr.Dataset, error: type[DataError]) -> None:
             + (f" (marker {on_it[0]} is at this node)" if on_it else "")
             + ": expected every node to be used, remove it"
         )
-    smallest = element_quality(ds["position"].values, connectivity).smallest_det
+    quality = element_quality(ds["position"].values, connectivity)
+    smallest = quality.smallest_det if corners else quality.smallest_det_inside
     bad = np.flatnonzero(~(smallest > 0))
     if len(bad):
         worst = int(bad[np.argmin(smallest[bad])])

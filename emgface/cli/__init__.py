@@ -20,6 +20,7 @@ from emgface.cli import (
     sound,
     study,
     study_state,
+    tongue,
     trial,
     volunteers,
 )
@@ -70,6 +71,7 @@ app.add_typer(face.app, name="face")
 app.add_typer(inverse.app, name="inverse")
 app.add_typer(jaw.app, name="jaw")
 app.add_typer(data.app, name="data")
+app.add_typer(tongue.app, name="tongue")
 app.add_typer(sound.app, name="sound")
 for verb in (
     data_describe.describe,

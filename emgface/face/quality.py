@@ -19,12 +19,14 @@ class ElementQuality:
     """Measures of every element, each of shape (elements,).
 
     `volume` is the integral of det J over the quadrature points [m3], `smallest_det` the smallest
-    det J over quadrature points and corners [m3 per unit of natural volume], and `scaled_jacobian`
+    det J over quadrature points and corners [m3 per unit of natural volume], `smallest_det_inside` that
+    over quadrature points alone, and `scaled_jacobian`
     the smallest scaled Jacobian [1].
     """
 
     volume: Floats
     smallest_det: Floats
+    smallest_det_inside: Floats
     scaled_jacobian: Floats
 
 
@@ -49,7 +51,7 @@ def element_quality(position: Floats, connectivity: Indices) -> ElementQuality:
     """
     connectivity = np.asarray(connectivity)
     n = len(connectivity)
-    result = ElementQuality(np.empty(n), np.empty(n), np.empty(n))
+    result = ElementQuality(np.empty(n), np.empty(n), np.empty(n), np.empty(n))
     wedge = is_wedge(connectivity)
     # Natural derivatives are bilinear; their mean over the corners is the value at the centre.
     centre = HEX8.dN_corners.mean(axis=0, keepdims=True)
@@ -76,4 +78,5 @@ def _fill(
     scaled = det / np.where(lengths > 0.0, lengths, np.inf)
     result.volume[chosen] = gauss @ kind.weights
     result.smallest_det[chosen] = np.minimum(gauss.min(axis=1), det.min(axis=1))
+    result.smallest_det_inside[chosen] = gauss.min(axis=1)
     result.scaled_jacobian[chosen] = ideal * scaled.min(axis=1)

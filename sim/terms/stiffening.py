@@ -1,6 +1,6 @@
 """Stress stiffening: the stiffness of the tissue in a muscle increases with its activation."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
 from sim.terms.solid import CompiledSolid, Solid
+from sim.terms.volume import CompiledElementVolume
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +31,8 @@ class Stiffening:
     factor : float
         Of the moduli at full activation [1], at least 1.
     weight : (k,) fraction of the element filled by the muscle [1]; None is 1.
+    kappa : float or (n_elements,) array, optional
+        Bulk modulus of the `ElementVolume` of the scene, which is then stiffened, too [Pa].
 
     Notes
     -----
@@ -45,6 +48,7 @@ class Stiffening:
     tissue: Solid
     factor: float = 10.0
     weight: Array | None = None
+    kappa: float | Array | None = None
 
     def __post_init__(self) -> None:
         k = len(self.element)
@@ -101,6 +105,7 @@ class CompiledStiffening:
                 "a tissue without relaxation to the term, whose addition is then elastic"
             )
         self._solid = CompiledSolid(term.tissue, layout, region, chosen)
+        self._volume = None if term.kappa is None else CompiledElementVolume(term.kappa, layout)
         self._factor = term.factor
 
     def weights(self, control: Control) -> Array:
@@ -114,11 +119,20 @@ class CompiledStiffening:
         weight = self.weights(control)
         if not weight.any():
             return Contribution(0.0)
-        return self._solid.add_weighted(weight, q, control, f)
+        return self._add(weight, q, control, f)
 
     def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
         """As `add_force`, and K += d2E/dq2."""
         weight = self.weights(control)
         if not weight.any():
             return Contribution(0.0)
-        return self._solid.add_weighted(weight, q, control, f, K)
+        return self._add(weight, q, control, f, K)
+
+    def _add(
+        self, weight: Array, q: Array, control: Control, f: Array, K: Array | None = None
+    ) -> Contribution:
+        found = self._solid.add_weighted(weight, q, control, f, K)
+        if self._volume is None:
+            return found
+        pressure = self._volume.add_weighted(weight, q, f, K)
+        return replace(found, energy=found.energy + pressure.energy)

@@ -10,7 +10,7 @@ import xarray as xr
 from emgface.muscles import AXES, CHANNELS, FACE_MARKERS, LIP_MARKERS, MUSCLES
 from emgface.recordings.quality.markers import LAYOUT
 from tests.jaw.small import small_jaw
-from tests.tongue.small import small_tongue
+from tests.tongue.small import small_tongue, small_tongue_motion
 
 S = {"units": "s"}
 ONE = {"units": "1"}
@@ -268,6 +268,7 @@ VALID: dict[str, Callable[[], xr.Dataset]] = {
     "jaw_model": jaw_model,
     "jaw_motion": jaw_motion,
     "tongue_model": small_tongue,
+    "tongue_motion": small_tongue_motion,
 }
 
 

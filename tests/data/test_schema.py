@@ -27,6 +27,7 @@ KINDS = (
     "scores",
     "sound",
     "tongue_model",
+    "tongue_motion",
     "trajectory",
 )
 Make = Callable[[str], xr.Dataset]

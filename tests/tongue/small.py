@@ -1,10 +1,14 @@
 """A small tongue: a row of cubes with a muscle along it and one from a bone outside."""
 
+from functools import cache
+
 import numpy as np
 import xarray as xr
 
 import sim
+from emgface.anatomy.tongue.actions import raised
 from emgface.anatomy.tongue.model import build_tongue
+from emgface.anatomy.tongue.run import simulate_tongue
 from emgface.face.parts import Bundle, Fibre
 
 SIZE = 0.01
@@ -47,3 +51,13 @@ def small_tongue(n: int = 3, **changes: object) -> xr.Dataset:
         "source": "test",
     }
     return build_tongue(**(given | changes))
+
+
+@cache
+def _motion() -> xr.Dataset:
+    return simulate_tongue(small_tongue(1), raised("bi_GGP", duration=0.02), duration=0.02)
+
+
+def small_tongue_motion() -> xr.Dataset:
+    """Motion of one cube under a short activation."""
+    return _motion().copy(deep=True)

@@ -39,17 +39,62 @@ def jaw_page(motion: xr.Dataset) -> str:
     JawError
         The motion has no surfaces.
     """
-    from emgface import __version__
-
     if "surface_position" not in motion:
         raise JawError(
             "the motion holds no surfaces: run a jaw of `emgface jaw build`, or one imported with its "
             "surfaces"
         )
-    time = motion["time"].values
+    shown = motion.isel(time=drawn_times(motion["time"].values))
+    task, name = motion.attrs.get("task", "motion"), motion.attrs["jaw"]
+    return moving_page(
+        shown,
+        *_geometry(shown),
+        what="jaw",
+        title=f"{task} of the {name}",
+        about=f"{name}, muscle law {motion.attrs['law']}.",
+        words="The motion of jaw, hyoid and larynx is simulated: rigid bones, moved by line muscles.",
+        heading="Paths and forces",
+        figure=jaw_figure(motion),
+        caption=CAPTION,
+    )
+
+
+def drawn_times(time: NDArray[np.floating]) -> slice:
+    """Outputs that are drawn, at most `FRAMES` per second."""
     every = max(1, round(1.0 / (FRAMES * float(np.diff(time).mean())))) if len(time) > 1 else 1
-    shown = motion.isel(time=slice(None, None, every))
-    frames, triangle, colour, fibre = _geometry(shown)
+    return slice(None, None, every)
+
+
+def moving_page(
+    shown: xr.Dataset,
+    frames: Floats,
+    triangle: NDArray[np.int64],
+    colour: Floats,
+    fibre: NDArray[np.int64],
+    *,
+    what: str,
+    title: str,
+    about: str,
+    words: str,
+    heading: str,
+    figure: "Figure",
+    caption: str,
+) -> str:
+    """Page with a moving surface, whose muscles are coloured by activation, and a figure below.
+
+    Parameters
+    ----------
+    shown : xarray.Dataset
+        Motion with ``position`` (marker), ``activation`` (muscle) and ``time``.
+    frames : (time, n, 3) points [m].
+    triangle, colour : corners (m, 3), and colours (n, 3) of points that are not of a muscle.
+    fibre : (n,) number of the muscle of each point, from 1; 0 without.
+    what : what moves, such as "jaw".
+    title, about, words, heading, caption : texts.
+    figure : of the second part of the page.
+    """
+    from emgface import __version__
+
     centre, at = middle_of(frames[0]), shown["time"].values
     body = Body(
         frames.shape[1],
@@ -61,24 +106,24 @@ def jaw_page(motion: xr.Dataset) -> str:
     )
     points = shown["position"].transpose("time", "marker", "axis").values
     data: dict[str, Any] = body_data(body, frames[0]) | {
-        "what": "jaw",
+        "what": what,
         "fibre": packed(fibre.astype(np.uint8)),
         "relaxed": RELAXED,
         "active": ACTIVE,
         "instructions": {"": ""},
         "strategies": [""],
-        "markers": [str(name) for name in motion["marker"].values],
-        "muscles": [{"id": str(m), "name": str(m)} for m in motion["muscle"].values],
+        "markers": [str(name) for name in shown["marker"].values],
+        "muscles": [{"id": str(m), "name": str(m)} for m in shown["muscle"].values],
         "trials": [
             {
                 "instruction": "",
                 "strategy": "",
-                "label": str(motion.attrs.get("task", "")),
-                "about": f"{motion.attrs['jaw']}, muscle law {motion.attrs['law']}.",
+                "label": str(shown.attrs.get("task", "")),
+                "about": about,
                 "time": [round(float(t), 4) for t in at],
                 "skin": deltas(whole(frames, centre)),
                 "simulated": deltas(whole(points, centre)),
-                "activation": levels(motion["activation"], at),
+                "activation": levels(shown["activation"], at),
             }
         ],
     }
@@ -89,11 +134,12 @@ def jaw_page(motion: xr.Dataset) -> str:
         labels={"simulated": "points of the model", "measured": ""},
         views=VIEWS,
         tag="simulated motion",
-        title=f"{motion.attrs.get('task', 'motion')} of the {motion.attrs['jaw']}",
+        title=title,
         badge="simulated motion",
-        words="The motion of jaw, hyoid and larynx is simulated: rigid bones, moved by line muscles.",
-        figure=Markup(svg_of(jaw_figure(motion), "paths", "Paths and forces of a simulated jaw")),
-        caption=CAPTION,
+        words=words,
+        heading=heading,
+        figure=Markup(svg_of(figure, "paths", f"{heading} of a simulated motion")),
+        caption=caption,
         version=__version__,
         style=style(),
         script=Markup(script),
@@ -213,4 +259,4 @@ _JOINTS = {
 }
 
 
-__all__ = ["jaw_figure", "jaw_page"]
+__all__ = ["drawn_times", "jaw_figure", "jaw_page", "moving_page"]

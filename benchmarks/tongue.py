@@ -1,0 +1,174 @@
+"""Tongue: comparison with another simulator, postures, actions, stability, error and cost of steps.
+
+    python -m benchmarks tongue --part reference   # table of docs/tongue.md; needs the published model
+    python -m benchmarks tongue --part kink        # passive fibre stress at rest; needs it, too
+
+"reference" repeats every recorded motion with the recorded scheme and step; "kink" repeats some with
+fibres on the other side of the kink of their passive stress at rest. Positions are recorded in single
+precision; "beyond storage" is what remains of a distance after the largest rounding of each coordinate.
+"""
+
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+import sim
+from benchmarks.report import finish, say
+from emgface.anatomy.jaw.series import ramps
+from emgface.anatomy.tongue.parameters import TongueParameters, variant
+from emgface.anatomy.tongue.published import TURN, import_tongue
+from emgface.anatomy.tongue.scene import activation_of, tongue_scene
+
+SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
+RECORDED = {"line": "lines", "element": "elements", "stable": "stable"}
+"""Variant by its name in the recorded motions."""
+EULER = sim.LinearlyImplicitEuler(tolerance=1e-9)
+
+
+def published(shared: Path, model: str = "", **options: Any) -> xr.Dataset:
+    """Published tongue, with the fibre directions of a recorded model if it is named.
+
+    That program finds the segments around a point in a list without those of equal midpoints, and takes
+    their directions from the list with them. Directions of GGP and STY, whose fibres share segments,
+    are therefore those of other segments, by up to 26 and 59 degrees.
+    """
+    tongue = import_tongue(shared / "artisynth_models" / "tongue", **options)
+    if model:
+        with np.load(shared / "artisynth_reference" / f"{model}.npz") as arrays:
+            for k, muscle in enumerate(tongue["muscle"].values):
+                own = np.flatnonzero(tongue["bundle_muscle"].values == k)
+                element = arrays[f"tongue_bundle_{muscle}_elements"]
+                rank = np.argsort(element)[
+                    np.argsort(np.argsort(tongue["bundle_index"].values[own]))
+                ]
+                rows = arrays[f"tongue_bundle_{muscle}_directions"][rank] @ TURN.T
+                tongue["bundle_direction"].values[own] = rows
+    return tongue
+
+
+def parameters_of(case: dict[str, Any]) -> TongueParameters:
+    """Parameters of a recorded case."""
+    changes: dict[str, object] = {"gravity": bool(case["gravity"][2])}
+    if "nostiffening" in case["name"]:
+        changes["stiffening"] = 1.0
+    if "noincomp" in case["name"]:
+        changes["incompressibility"] = "element"
+    return variant(RECORDED[case["variant"]], **changes)
+
+
+def repeated(
+    tongue: xr.Dataset, case: dict[str, Any], p: TongueParameters, until: float | None = None
+) -> xr.Dataset:
+    """Positions of all nodes over time under the excitations, scheme and step of a recorded case."""
+    system = sim.compile_scene(tongue_scene(tongue, p))
+    drive = {
+        e["target"] if e["target"] == "SL" else f"bi_{e['target']}": [
+            (e["start_s"], 0.0),
+            (e["start_s"] + e["ramp_s"], e["amax"]),
+        ]
+        for e in case["excitations"]
+    }
+    excitation = ramps(drive or {"SL": [(0.0, 0.0)]})
+    values = excitation.activation(tongue)[0].transpose("time", "muscle").values
+    motion, _ = sim.simulate(
+        system,
+        sim.Activation(excitation.time, activation_of(tongue, system, values)),
+        duration=case["t_end_s"] if until is None else until,
+        steps=sim.FixedStep(case["h_s"]),
+        every=case["output_interval_s"],
+        integrator=EULER,
+        probes=(sim.Positions(),),
+    )
+    return motion
+
+
+def distances(motion: xr.Dataset, theirs: np.ndarray, storage: bool = False) -> np.ndarray:
+    """Distance (time, node) of nodes from the recorded ones [mm], beyond the rounding of storage."""
+    ours = motion["node_position"].transpose("time", "node", "axis").values @ TURN
+    n, nodes = min(len(ours), len(theirs)), 946
+    apart = np.abs(ours[:n, :nodes] - theirs[:n, :nodes])
+    if storage:
+        apart = np.maximum(apart - 0.5 * np.spacing(np.abs(theirs[:n, :nodes])), 0.0)
+    return 1e3 * np.linalg.norm(apart, axis=2)
+
+
+def recorded(name: str, part: str = "tongue") -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Description and arrays of a recorded case."""
+    path = SHARED / "artisynth_reference" / part / f"{name}.json"
+    with np.load(path.with_suffix(".npz")) as arrays:
+        return json.loads(path.read_text()), dict(arrays)
+
+
+def kink() -> pd.DataFrame:
+    """Effect of the side of the kink on which all fibres are at rest [mm].
+
+    The passive stress of Blemker's law has the slope 0 below the optimal stretch and P1 P2 sigma_max =
+    99 kPa above it, and is at the optimal stretch at rest, so that rounding decides which slope the
+    first steps of the other program have in each point. Here it is 0.
+    """
+    rows, tongue = list[dict[str, Any]](), published(SHARED, "tongue/model_element")
+    for name in ("element_gravity", "element_GH_0.2", "element_GGP_0.2", "element_VERT_0.2"):
+        case, arrays = recorded(name)
+        p = parameters_of(case)
+        both = [
+            repeated(tongue, case, p.model_copy(update={"stretch_opt": 1.0 + side}))
+            for side in (0.0, -1e-9)
+        ]
+        ours = [distances(m, arrays["pos_tongue"]) for m in both]
+        between = both[0]["node_position"].transpose("time", "node", "axis").values @ TURN
+        found = dict(zip(("slope 0", "slope 99 kPa"), ours, strict=True))
+        found["between both"] = distances(both[1], between)
+        rows.append(
+            {"case": name}
+            | {f"{what}, largest": f"{x.max():.2g}" for what, x in found.items()}
+            | {f"{what}, at the end": f"{x[-1].max():.1e}" for what, x in found.items()}
+        )
+    return pd.DataFrame(rows)
+
+
+def reference(names: list[str] | None = None) -> pd.DataFrame:
+    """Largest distance of a node from every recorded motion, over time and at the end [mm]."""
+    folder, rows = SHARED / "artisynth_reference" / "tongue", list[dict[str, Any]]()
+    models: dict[str, xr.Dataset] = {}
+    for path in sorted(folder.glob("*_*.json")):
+        if path.stem.startswith(("model_", "internal")) or (names and path.stem not in names):
+            continue
+        case, arrays = recorded(path.stem)
+        theirs, t = arrays["pos_tongue"], arrays["t"]
+        if t[-1] == 0.0:
+            continue  # it fails before its first output
+        model = f"tongue/model_{case['variant']}"
+        tongue = models.setdefault(model, published(SHARED, model))
+        say(path.stem)
+        began = time.process_time()
+        motion = repeated(tongue, case, parameters_of(case), float(t[-1]))
+        apart = distances(motion, theirs)
+        moved = np.linalg.norm(theirs[-1] - theirs[0], axis=1).max() * 1e3
+        rows.append(
+            {
+                "case": path.stem,
+                "until s": float(t[-1]),
+                "step ms": 1e3 * case["h_s"],
+                "displacement mm": f"{moved:.2f}",
+                "largest mm": f"{apart.max():.1e}",
+                "at the end mm": f"{apart[-1].max():.1e}",
+                "beyond storage": f"{distances(motion, theirs, storage=True).max():.1e}",
+                "cpu ms per step": round(
+                    1e3 * (time.process_time() - began) / (float(t[-1]) / case["h_s"]), 1
+                ),
+                "theirs": round(case.get("cpu_ms_per_step_median", np.nan), 1),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def main(part: str = "reference", out: Path | None = None, case: list[str] | None = None) -> None:
+    """Run one part, print its table and store it."""
+    parts = {"reference": lambda: reference(case), "kink": kink}
+    finish(f"tongue-{part}", parts[part](), out)

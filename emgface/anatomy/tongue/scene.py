@@ -1,0 +1,237 @@
+"""Scene of a tongue: tissue, muscles, damping and attachments as parts of `sim`."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+import sim
+from emgface.anatomy.tongue.model import attached_nodes
+from emgface.anatomy.tongue.parameters import TongueParameters
+from emgface.errors import TongueError
+from emgface.face.parts import Floats, Integers
+from emgface.face.quality import element_quality, is_wedge
+from emgface.face.recipe import DAMPING, GRAVITY
+from sim.kinematics.members import Member, NodeMotion
+from sim.scene import Term
+
+LINE = ":line"
+"""Ending of the name, in a scene, of the lines of a muscle that also has element fibres."""
+
+
+@dataclass(frozen=True, eq=False)
+class TonguePart:
+    """A tongue as parts of a scene that may contain bodies.
+
+    Attributes
+    ----------
+    mesh : sim.Mesh
+    terms : of the tissue and its muscles, without gravity.
+    damping, constraints : as of `sim.Scene`.
+    held : nodes that follow each body, and the points outside the mesh on it, by its name; points are
+        numbered from the number of nodes plus `first`.
+    points : (k, 3) points outside the mesh [m].
+    """
+
+    mesh: sim.Mesh
+    terms: tuple[Term, ...]
+    damping: sim.Rayleigh | sim.PassiveRayleigh | sim.RestRayleigh | None
+    constraints: tuple[sim.HardElementVolume, ...]
+    held: Mapping[str, Integers]
+    points: Floats
+
+
+def tongue_part(tongue: xr.Dataset, p: TongueParameters, *, first: int = 0) -> TonguePart:
+    """Lay out a tongue after `first` other points.
+
+    Raises
+    ------
+    TongueError
+        Line muscles have a point inside an element, or no forces.
+    SceneError
+        A parameter is out of range.
+    """
+    connectivity = tongue["connectivity"].values
+    wedge = is_wedge(connectivity)
+    if wedge[:-1][~wedge[1:]].any():
+        raise TongueError("a wedge precedes a hexahedron, expected all hexahedra first")
+    blocks = {"hex8": connectivity[~wedge], "wedge6": connectivity[wedge, :6]}
+    mesh = sim.mesh_from_arrays(
+        tongue["position"].values, **{k: v for k, v in blocks.items() if len(v)}
+    )
+    names = tuple(map(str, tongue["muscle"].values))
+    rows = tongue["bundle_index"].values, tongue["bundle_muscle"].values.astype(np.int64)
+    weight = tongue["bundle_weight"].values if "bundle_weight" in tongue else None
+    tissue = sim.Solid((_material(p),))
+    terms: list[Term] = []
+    numbers, points = _numbers(tongue, first)
+    if p.muscles == "elements":
+        law = sim.Blemker(p.sigma_max, p.stretch_opt, p.lambda_star)
+        fibres = sim.Muscles(names, *rows, tongue["bundle_direction"].values, law, weight)
+        terms.append(sim.Solid(tissue.materials, muscles=fibres))
+        terms += _outside_lines(tongue, numbers, p)
+    else:
+        terms += [tissue, _lines(tongue, numbers)]
+    soft = p.law == "mooney_rivlin"
+    if soft:
+        terms.append(sim.ElementVolume(p.kappa))
+    if p.stiffening > 1.0:
+        kappa = p.kappa if soft else None
+        terms.append(sim.Stiffening(names, *rows, tissue, p.stiffening, weight, kappa))
+    return TonguePart(
+        mesh,
+        tuple(terms),
+        DAMPING[p.damping_tangent](p.alpha, p.beta) if p.alpha or p.beta else None,
+        (sim.HardElementVolume(),) if p.incompressibility == "hard" else (),
+        _held(tongue, numbers),
+        points,
+    )
+
+
+def tongue_scene(
+    tongue: xr.Dataset,
+    p: TongueParameters,
+    *,
+    paths: Mapping[str, NodeMotion] | None = None,
+) -> sim.Scene:
+    """Scene of a tongue on bodies that stay, or whose nodes have prescribed positions.
+
+    Parameters
+    ----------
+    tongue : xarray.Dataset
+        A tongue_model.
+    p : TongueParameters
+    paths : mapping, optional
+        Positions over time of the nodes that follow a body, in the order of `attached_nodes`.
+
+    Raises
+    ------
+    TongueError, SceneError
+        As `tongue_part`, or a path is given for a body without nodes.
+    """
+    part, paths = tongue_part(tongue, p), paths or {}
+    nodes = attached_nodes(tongue)
+    for body in paths:
+        if body not in nodes:
+            raise TongueError(f"no node follows {body!r}, expected one of {', '.join(nodes)}")
+    members: list[Member] = [sim.PrescribedNodes(nodes[b], path) for b, path in paths.items()]
+    still = [held for body, held in part.held.items() if body not in paths]
+    if still:
+        members.append(sim.Fixed(np.concatenate(still)))
+    terms = (*part.terms, sim.Gravity(GRAVITY)) if p.gravity else part.terms
+    return sim.Scene(
+        part.mesh, terms, tuple(members), part.damping, part.constraints, points=part.points
+    )
+
+
+def activation_of(tongue: xr.Dataset, system: sim.System, values: Floats) -> Floats:
+    """Activation (time, muscles of the scene) from that of the muscles of a tongue (time, muscle).
+
+    Muscles of the scene that are not of the tongue are not active.
+    """
+    column = {str(m): k for k, m in enumerate(tongue["muscle"].values)}
+    own = [column.get(name.removesuffix(LINE), -1) for name in system.muscles]
+    padded = np.concatenate([values, np.zeros((len(values), 1))], axis=1)
+    return padded[:, own]
+
+
+def segment_forces(tongue: xr.Dataset) -> Floats:
+    """Largest force of the segment after every fibre point [N], 0 after the last of a fibre.
+
+    F_s = F_max v_s / (sum over the fibres of the muscle of the largest v), with the volume v_s of the
+    muscle's elements that contain both ends, or else the mean volume of its elements at the first end
+    that has any. Source: the published program (ArtiSynth Models, tongue).
+    """
+    connectivity = tongue["connectivity"].values
+    volume = element_quality(tongue["position"].values, connectivity).volume
+    node, fibre = tongue["fibre_node"].values, tongue["fibre_of_point"].values
+    muscle, force = tongue["fibre_muscle"].values, tongue["muscle_force_max"].values
+    found = np.zeros(len(node))
+    for m in range(tongue.sizes["muscle"]):
+        at: dict[int, set[int]] = {}
+        for e in tongue["bundle_index"].values[tongue["bundle_muscle"].values == m].tolist():
+            for n in connectivity[e].tolist():
+                at.setdefault(n, set()).add(e)
+        largest = 0.0
+        for f in np.flatnonzero(muscle == m):
+            points = np.flatnonzero(fibre == f)
+            for a, b in zip(points[:-1], points[1:], strict=True):
+                first, second = (at.get(int(node[k]), set[int]()) for k in (a, b))
+                both = sorted(first & second)
+                either = sorted(first or second)
+                if both:
+                    found[a] = volume[both].sum()
+                elif either:
+                    found[a] = volume[either].mean()
+            largest += found[points].max()
+        own = np.isin(fibre, np.flatnonzero(muscle == m))
+        if not largest > 0.0:
+            raise TongueError(
+                f"no fibre of {tongue['muscle'].values[m]} passes along its elements: expected fibres "
+                "along edges, or muscles = 'elements'"
+            )
+        found[own] *= force[m] / largest
+    return found
+
+
+def _material(p: TongueParameters) -> sim.Material:
+    if p.law == "linear":
+        return sim.Material(sim.CoRotational(p.young, p.poisson), density=p.density)
+    return sim.Material(sim.MooneyRivlin(p.C10, p.C20), sim.QuadraticBulk(0.0), p.density)
+
+
+def _numbers(tongue: xr.Dataset, first: int) -> tuple[Integers, Floats]:
+    """Number in the scene of every fibre point, and the distinct positions of those outside the mesh."""
+    node, outside = tongue["fibre_node"].values.astype(np.int64), tongue["fibre_body"].values >= 0
+    X = tongue["fibre_position"].values
+    points, index = np.unique(X[outside], axis=0, return_inverse=True)
+    node[outside] = tongue.sizes["node"] + first + index.ravel()
+    return node, points
+
+
+def _held(tongue: xr.Dataset, numbers: Integers) -> dict[str, Integers]:
+    found, names = dict(attached_nodes(tongue)), [str(b) for b in tongue["body"].values]
+    for k, body in enumerate(names):
+        on = np.unique(numbers[tongue["fibre_body"].values == k])
+        if len(on):
+            found[body] = np.concatenate([found.get(body, on[:0]), on])
+    return found
+
+
+def _segments(tongue: xr.Dataset, numbers: Integers, share: Floats) -> list[sim.LineFibre]:
+    """One line per segment with a share of the force."""
+    fibre = tongue["fibre_of_point"].values
+    chosen = np.flatnonzero((fibre[1:] == fibre[:-1]) & (share[:-1] > 0.0))
+    if (numbers[[*chosen, *(chosen + 1)]] < 0).any():
+        raise TongueError(
+            "a fibre has points inside elements, expected nodes and points on bodies: use muscles = "
+            "'elements'"
+        )
+    muscle = tongue["fibre_muscle"].values[fibre]
+    return [sim.LineFibre(int(muscle[k]), numbers[[k, k + 1]], float(share[k])) for k in chosen]
+
+
+def _lines(tongue: xr.Dataset, numbers: Integers) -> sim.LineMuscles:
+    names = tuple(map(str, tongue["muscle"].values))
+    fibres = _segments(tongue, numbers, segment_forces(tongue))
+    return sim.LineMuscles(names, fibres, sim.ConstantForce(1.0))
+
+
+def _outside_lines(tongue: xr.Dataset, numbers: Integers, p: TongueParameters) -> list[Term]:
+    """Lines of the muscles that leave the mesh, whose element fibres end at its surface."""
+    fibre, muscle = tongue["fibre_of_point"].values, tongue["fibre_muscle"].values
+    leaving = np.unique(muscle[fibre[tongue["fibre_body"].values >= 0]])
+    if not len(leaving) or not p.outside_force:
+        return []
+    share = np.where(np.isin(muscle[fibre], leaving), p.outside_force, 0.0)
+    names = tuple(f"{tongue['muscle'].values[m]}{LINE}" for m in leaving)
+    rank = {int(m): k for k, m in enumerate(leaving)}
+    fibres = [
+        sim.LineFibre(rank[line.muscle], line.points, line.share)
+        for line in _segments(tongue, numbers, share)
+    ]
+    return [sim.LineMuscles(names, fibres, sim.ConstantForce(1.0))]
+
+
+__all__ = ["TonguePart", "activation_of", "segment_forces", "tongue_part", "tongue_scene"]
