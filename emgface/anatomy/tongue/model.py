@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from emgface.anatomy.jaw.exciters import exciters_of
 from emgface.anatomy.jaw.model import AXES, FRAME
@@ -152,9 +153,12 @@ def check_tongue(ds: xr.Dataset) -> xr.Dataset:
     return ds
 
 
-def attached_nodes(tongue: xr.Dataset) -> dict[str, Integers]:
+def attached_nodes(tongue: xr.Dataset) -> dict[str, NDArray[np.int64]]:
     """Nodes (k,) that follow each body, by its name."""
-    node, owner = tongue["attachment_node"].values, tongue["attachment_body"].values
+    node, owner = (
+        tongue["attachment_node"].values.astype(np.int64),
+        tongue["attachment_body"].values,
+    )
     found = {str(body): node[owner == k] for k, body in enumerate(tongue["body"].values)}
     return {body: nodes for body, nodes in found.items() if len(nodes)}
 

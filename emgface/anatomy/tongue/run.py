@@ -110,12 +110,10 @@ def _labelled(
         line_position=(("fibre_point", "axis", "time"), lines.transpose(1, 2, 0), metre),
         activation=(("muscle", "time"), at.T, {"units": "1"}),
         volume=("time", np.array(volume), {"units": "m^3"}),
-        **{
-            name: tongue[name].variable
-            for name in ("fibre_of_point", "fibre_muscle", "connectivity", "contour_node")
-            if name in tongue
-        },
     )
+    for name in ("fibre_of_point", "fibre_muscle", "connectivity", "contour_node"):
+        if name in tongue:
+            found[name] = tongue[name].variable
     found = found.assign_coords(muscle=tongue["muscle"].values)
     found.attrs |= {
         "origin": "simulated",

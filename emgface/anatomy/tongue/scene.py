@@ -5,16 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 import sim
 from emgface.anatomy.tongue.model import attached_nodes
 from emgface.anatomy.tongue.parameters import TongueParameters
 from emgface.errors import TongueError
-from emgface.face.parts import Floats, Integers
+from emgface.face.parts import Floats
 from emgface.face.quality import element_quality, is_wedge
 from emgface.face.recipe import DAMPING, GRAVITY
 from sim.kinematics.members import Member, NodeMotion
 from sim.scene import Term
+
+Indices = NDArray[np.int64]
 
 LINE = ":line"
 """Ending of the name, in a scene, of the lines of a muscle that also has element fibres."""
@@ -38,7 +41,7 @@ class TonguePart:
     terms: tuple[Term, ...]
     damping: sim.Rayleigh | sim.PassiveRayleigh | sim.RestRayleigh | None
     constraints: tuple[sim.HardElementVolume, ...]
-    held: Mapping[str, Integers]
+    held: Mapping[str, Indices]
     points: Floats
 
 
@@ -181,7 +184,7 @@ def _material(p: TongueParameters) -> sim.Material:
     return sim.Material(sim.MooneyRivlin(p.C10, p.C20), sim.QuadraticBulk(0.0), p.density)
 
 
-def _numbers(tongue: xr.Dataset, first: int) -> tuple[Integers, Floats]:
+def _numbers(tongue: xr.Dataset, first: int) -> tuple[Indices, Floats]:
     """Number in the scene of every fibre point, and the distinct positions of those outside the mesh."""
     node, outside = tongue["fibre_node"].values.astype(np.int64), tongue["fibre_body"].values >= 0
     X = tongue["fibre_position"].values
@@ -190,7 +193,7 @@ def _numbers(tongue: xr.Dataset, first: int) -> tuple[Integers, Floats]:
     return node, points
 
 
-def _held(tongue: xr.Dataset, numbers: Integers) -> dict[str, Integers]:
+def _held(tongue: xr.Dataset, numbers: Indices) -> dict[str, Indices]:
     found, names = dict(attached_nodes(tongue)), [str(b) for b in tongue["body"].values]
     for k, body in enumerate(names):
         on = np.unique(numbers[tongue["fibre_body"].values == k])
@@ -199,7 +202,7 @@ def _held(tongue: xr.Dataset, numbers: Integers) -> dict[str, Integers]:
     return found
 
 
-def _segments(tongue: xr.Dataset, numbers: Integers, share: Floats) -> list[sim.LineFibre]:
+def _segments(tongue: xr.Dataset, numbers: Indices, share: Floats) -> list[sim.LineFibre]:
     """One line per segment with a share of the force."""
     fibre = tongue["fibre_of_point"].values
     chosen = np.flatnonzero((fibre[1:] == fibre[:-1]) & (share[:-1] > 0.0))
@@ -212,13 +215,13 @@ def _segments(tongue: xr.Dataset, numbers: Integers, share: Floats) -> list[sim.
     return [sim.LineFibre(int(muscle[k]), numbers[[k, k + 1]], float(share[k])) for k in chosen]
 
 
-def _lines(tongue: xr.Dataset, numbers: Integers) -> sim.LineMuscles:
+def _lines(tongue: xr.Dataset, numbers: Indices) -> sim.LineMuscles:
     names = tuple(map(str, tongue["muscle"].values))
     fibres = _segments(tongue, numbers, segment_forces(tongue))
     return sim.LineMuscles(names, fibres, sim.ConstantForce(1.0))
 
 
-def _outside_lines(tongue: xr.Dataset, numbers: Integers, p: TongueParameters) -> list[Term]:
+def _outside_lines(tongue: xr.Dataset, numbers: Indices, p: TongueParameters) -> list[Term]:
     """Lines of the muscles that leave the mesh, whose element fibres end at its surface."""
     fibre, muscle = tongue["fibre_of_point"].values, tongue["fibre_muscle"].values
     leaving = np.unique(muscle[fibre[tongue["fibre_body"].values >= 0]])
