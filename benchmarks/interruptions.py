@@ -9,7 +9,6 @@ bitwise equal to those of the uninterrupted run, except measured computing times
 any differs.
 """
 
-import json
 import random
 import shutil
 import subprocess
@@ -17,12 +16,12 @@ import sys
 import time
 from pathlib import Path
 
-import xarray as xr
-
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 from emgface.files import replace_file
-from emgface.study.digest import dataset_digest, file_digest
+from emgface.study.audit import content
+from emgface.study.digest import dataset_digest
+from emgface.study.store import damage_of
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.simulate import make_volunteers
 
@@ -38,8 +37,6 @@ sigma_max = 100e3
 [face.template]
 resolution = "coarse"
 """
-MEASURED = ("run_time", "run_time_s", "written", "seconds")
-"""Variables with measured times, which differ between runs."""
 
 
 def start(study: Path, out: Path, workers: int) -> subprocess.Popen[bytes]:
@@ -50,21 +47,13 @@ def start(study: Path, out: Path, workers: int) -> subprocess.Popen[bytes]:
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
-def content(path: Path) -> str:
-    """Digest of a dataset without measured times."""
-    dataset = xr.load_dataset(path, decode_times=False)
-    dataset = dataset.drop_vars([name for name in MEASURED if name in dataset])
-    dataset.attrs = {k: v for k, v in dataset.attrs.items() if k not in MEASURED}
-    return dataset_digest(dataset)
-
-
 def results(out: Path) -> dict[str, str]:
     """Content of the cube and of every stored result, by name."""
     files = [
         *(out / "store").rglob("*.nc"),
         *([out / "cube.nc"] if (out / "cube.nc").exists() else []),
     ]
-    return {path.relative_to(out).as_posix(): content(path) for path in files}
+    return {path.relative_to(out).as_posix(): dataset_digest(content(path)) for path in files}
 
 
 def damage(out: Path) -> tuple[list[str], int]:
@@ -78,13 +67,10 @@ def damage(out: Path) -> tuple[list[str], int]:
     for path in (out / "store").rglob("*.nc"):
         if path.name.startswith("."):
             continue
-        index = path.with_suffix(".json")
-        if not index.exists():
+        if not path.with_suffix(".json").exists():
             alone += 1
             content(path)  # raises unless the file is complete
-            continue
-        told = json.loads(index.read_text())
-        if told["sha256"] != file_digest(path) or told["bytes"] != path.stat().st_size:
+        elif damage_of(path) is not None:
             wrong.append(path.name)
     return wrong, alone
 

@@ -30,16 +30,7 @@ from sim.linear import linear_solver
 
 RAMP = 0.1  # s
 SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
-THEIR_HEX = [
-    3,
-    2,
-    1,
-    0,
-    7,
-    6,
-    5,
-    4,
-]  # the other program orders the faces of a hexahedron oppositely
+THEIR_HEX = [3, 2, 1, 0, 7, 6, 5, 4]  # the other program orders the faces oppositely
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,9 @@ import time
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
+from benchmarks.report import markdown
 from benchmarks.scale.cluster import StartedByHand
 from benchmarks.scale.faults import faults
 from benchmarks.scale.plan import plan
@@ -51,14 +54,7 @@ def main(folder: Path, part: str, trials: int = 10_000, store: Path = Path("stor
         "plan": lambda: plan(store),
     }[part]()
     (folder / f"{part}.json").write_text(json.dumps(rows, indent=1))
-    heads = list(rows[0])
-    print("| " + " | ".join(heads) + " |\n|" + "---|" * len(heads))
-    for row in rows:
-        print("| " + " | ".join(_cell(row[head]) for head in heads) + " |")
-
-
-def _cell(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    print(markdown(pd.DataFrame(rows, dtype=object), ".3g"))
 
 
 def many(folder: Path, trials: int) -> list[dict[str, Any]]:

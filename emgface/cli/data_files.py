@@ -30,18 +30,8 @@ def inventory(
     if out_path is not None and out_path.suffix.lower() not in (".csv", ".md"):
         raise DataError(f"{out_path.name} ends in {out_path.suffix!r}, expected .csv or .md")
     table = inventory_table(folder, sidecars=sidecars)
-    signals = [
-        "file",
-        "format",
-        "channels",
-        "emg_rate",
-        "markers",
-        "marker_rate",
-        "units",
-        "duration",
-    ]
     read = table[table["refusal"].isna()]
-    show_table(frame(read[signals]), f"read from {folder}")
+    show_table(frame(read.drop(columns=["findings", "refusal"])), f"read from {folder}")
     for row in read.to_dict("records"):
         say(f"{row['file']}: {row['findings']}.")
     for row in table[table["refusal"].notna()].to_dict("records"):
@@ -51,6 +41,9 @@ def inventory(
         text = table.to_csv(index=False) if out_path.suffix.lower() == ".csv" else markdown(table)
         write_text(out_path, text)
         say(f"Wrote {out_path}.")
+
+
+NOTCH = "Notch filter at the mains frequency and its harmonics, forward and backward"
 
 
 class Target(StrEnum):
@@ -91,6 +84,8 @@ def convert(
     ]
     named = {"volunteer": subject, "instruction": task, "repetition": run}
     named = {name: value for name, value in named.items() if value is not None}
+    edges = {"frequency (Hz)": notch, "width (Hz)": notch_width}
+    filtered = {} if notch is None else {"SoftwareFilters": {NOTCH: edges}}
     taken: dict[str, Path] = {}
     n_bad = 0
     for file in given:
@@ -110,10 +105,7 @@ def convert(
                 emg = remove_hum(recording["emg"], notch, width=notch_width)
                 recording = recording.assign(emg=emg)
             if to == Target.bids:
-                extra = (
-                    {} if notch is None else {"SoftwareFilters": _notch_entry(notch, notch_width)}
-                )
-                written = write_bids(recording, out_path, emg=extra)[0]
+                written = write_bids(recording, out_path, emg=filtered)[0]
             else:
                 written = write_recording(recording, out_path / target)
         except EmgfaceError as error:
@@ -127,16 +119,6 @@ def convert(
     say(f"{len(given) - n_bad} of {len(given)} recordings were converted.")
     if n_bad or broken:
         raise typer.Exit(BAD_INPUT)
-
-
-def _notch_entry(frequency: float, width: float) -> dict[str, object]:
-    """Entry SoftwareFilters of a BIDS sidecar."""
-    return {
-        "Notch filter at the mains frequency and its harmonics, forward and backward": {
-            "frequency (Hz)": frequency,
-            "width (Hz)": width,
-        }
-    }
 
 
 def cut(

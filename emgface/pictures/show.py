@@ -4,6 +4,7 @@ import os
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -23,10 +24,13 @@ PAGES: Final = (".html", ".htm")
 
 @dataclass(frozen=True)
 class Drawing:
-    """Pictures of one kind of dataset: a figure, and a page if it is not that of the figure."""
+    """Pictures of one kind of dataset: a figure, and a page if it is not that of the figure.
 
-    figure: "Callable[[xr.Dataset], Figure]"
-    page: Callable[[xr.Dataset], str] | None = None
+    Both are functions of the dataset, stated as "module:name" and imported when they are used.
+    """
+
+    figure: str
+    page: str = ""
 
 
 def draw(data: xr.Dataset, path: Path) -> Path:
@@ -51,14 +55,19 @@ def page(data: xr.Dataset) -> str:
     from emgface.pictures.page import figure_page
 
     drawing = DRAWINGS[kind(data)]
-    if drawing.page is None or _only_markers(data):
-        return figure_page(drawing.figure(data))
-    return drawing.page(data)
+    if not drawing.page or _only_markers(data):
+        return figure_page(figure(data))
+    return _function(drawing.page)(data)
 
 
 def figure(data: xr.Dataset) -> "Figure":
     """Return the figure of a dataset (`emgface.show`)."""
-    return DRAWINGS[kind(data)].figure(data)
+    return _function(DRAWINGS[kind(data)].figure)(data)
+
+
+def _function(stated: str) -> Callable[[xr.Dataset], Any]:
+    module, _, name = stated.partition(":")
+    return getattr(import_module(module), name)
 
 
 def kind(data: xr.Dataset) -> str:
@@ -116,19 +125,7 @@ def _only_markers(data: xr.Dataset) -> bool:
     return kind(data) == "trajectory" and "surface_position" not in data
 
 
-def _recording(data: xr.Dataset) -> "Figure":
-    from emgface.recordings.quality.figure import overview_figure
-
-    return overview_figure(data)
-
-
-def _activation(data: xr.Dataset) -> "Figure":
-    from analysis.figures import activation_heat_map
-
-    return activation_heat_map(data)
-
-
-def _motion(data: xr.Dataset) -> "Figure":
+def motion_figure(data: xr.Dataset) -> "Figure":
     """Draw the face at the start and at its largest displacement, or the paths of the markers."""
     if _only_markers(data):
         return marker_figure(data)
@@ -177,37 +174,20 @@ def score_figure(data: xr.Dataset) -> "Figure":
     return drawn
 
 
-def _cube(data: xr.Dataset) -> "Figure":
+def cube_figure(data: xr.Dataset) -> "Figure":
+    """Draw the scores of a study, varied choices at their reference."""
     from analysis.axes import reference_cube
     from analysis.figures import box_plots
 
     return box_plots(reference_cube(data))
 
 
-def _face(data: xr.Dataset) -> "Figure":
-    from emgface.pictures.stills import face_figure
-
-    return face_figure(data)
-
-
-def _face_page(data: xr.Dataset) -> str:
-    from emgface.pictures.page import face_page
-
-    return face_page(data)
-
-
-def _motion_page(data: xr.Dataset) -> str:
-    from emgface.pictures.page import motion_page
-
-    return motion_page(data)
-
-
 DRAWINGS: Final[Mapping[str, Drawing]] = {
-    "recording": Drawing(_recording),
-    "activation": Drawing(_activation),
-    "trajectory": Drawing(_motion, _motion_page),
-    "scores": Drawing(score_figure),
-    "cube": Drawing(_cube),
-    "face_model": Drawing(_face, _face_page),
+    "recording": Drawing("emgface.recordings.quality.figure:overview_figure"),
+    "activation": Drawing("analysis.figures:activation_heat_map"),
+    "trajectory": Drawing(f"{__name__}:motion_figure", "emgface.pictures.page:motion_page"),
+    "scores": Drawing(f"{__name__}:score_figure"),
+    "cube": Drawing(f"{__name__}:cube_figure"),
+    "face_model": Drawing("emgface.pictures.stills:face_figure", "emgface.pictures.page:face_page"),
 }
 """By the kind of dataset that ``data_schema`` declares."""

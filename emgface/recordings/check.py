@@ -29,15 +29,13 @@ def check_recording(
     *,
     study: bool = False,
     max_gap: float | None = None,
-    quality: bool = True,
 ) -> pd.DataFrame:
     """Examine every channel and marker of a recording.
 
     `study` lists also the channels and markers that a study requires and the recording lacks.
     `max_gap` is the longest gap [s] of a marker that is interpolated later; the default is that of
-    `emgface.signals.parameters.HeadFrameParameters`. `quality` measures also hum, artefacts, drift,
-    saturation, baseline, cross-talk, noise of markers, and exchanged names
-    (`emgface.recordings.quality`).
+    `emgface.signals.parameters.HeadFrameParameters`. Hum, artefacts, drift, saturation, baseline,
+    cross-talk, noise of markers, and exchanged names are measured by `emgface.recordings.quality`.
 
     The table has the columns ``name``, ``kind`` (channel or marker), ``signal`` (EMG, position, or
     another signal of `emgface.recordings.kinds`), ``rate`` [Hz], ``duration`` [s] (samples over
@@ -72,8 +70,7 @@ def check_recording(
             row = row_of(str(label), "marker", "m", values, clock)
             row["signal"] = "position"
             rows.append(judged(row, marker_findings(values, row, clock, limit)))
-    if quality:
-        rows = _with_quality(rows, recording)
+    rows = _with_quality(rows, recording)
     if study:
         rows += _absent(rows)
     columns = list(dict.fromkeys(key for row in rows for key in row))

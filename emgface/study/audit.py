@@ -241,7 +241,7 @@ def _compared(one: Planned, fresh: Store, store: Path) -> Compared:
         if not path.is_file():
             found.append(f"{event.stage}: the stored result {path.name} is missing")
             continue
-        change = _change(_content(path), _content(again))
+        change = _change(content(path), content(again))
         if change:
             found.append(f"{event.stage}: {change}")
         else:
@@ -249,7 +249,7 @@ def _compared(one: Planned, fresh: Store, store: Path) -> Compared:
     return Compared(one.label, equal, found)
 
 
-def _content(path: Path) -> xr.Dataset:
+def content(path: Path) -> xr.Dataset:
     """Stored dataset without measured times."""
     dataset = xr.load_dataset(path, decode_times=False)
     dataset = dataset.drop_vars([name for name in MEASURED if name in dataset])
