@@ -3,8 +3,7 @@
 from sim.contact.barrier import BarrierContact
 from sim.contact.bodies import body_surfaces
 from sim.contact.constraint import ConstraintContact
-from sim.contact.pairing import Pairing
-from sim.contact.surfaces import NodeSurface, RigidShell, boundary_surface
+from sim.contact.surfaces import NodeSurface, Pairing, RigidShell, boundary_surface
 
 CONTACTS: tuple[type[ConstraintContact] | type[BarrierContact], ...] = (
     ConstraintContact,

@@ -9,9 +9,8 @@ from scipy.spatial import cKDTree
 
 from sim.contact.clearance import cleared
 from sim.contact.ipc import Barrier, CollisionPair, Sliding
-from sim.contact.pairing import Pairing
 from sim.contact.places import VertexPlaces
-from sim.contact.surfaces import NodeSurface
+from sim.contact.surfaces import NodeSurface, Pairing
 from sim.errors import NotConverged, SceneError
 from sim.mesh import Mesh
 from sim.pattern import distinct

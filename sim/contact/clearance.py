@@ -8,10 +8,9 @@ import numpy as np
 
 from sim.contact.curvature import pairs_of
 from sim.contact.ipc import Barrier, CollisionPair, toolkit
-from sim.contact.pairing import Pairing
 from sim.contact.search import Found, nearest_faces
 from sim.contact.signed_distance import SignedFaces
-from sim.contact.surfaces import NodeSurface, RigidShell
+from sim.contact.surfaces import NodeSurface, Pairing, RigidShell
 from sim.errors import ContactFailure
 from sim.scene import Index
 from sim.state import Array

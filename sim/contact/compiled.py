@@ -6,16 +6,16 @@ from copy import copy
 import numpy as np
 
 from sim.contact.direction import Direction, Move
-from sim.contact.pairing import Pairing
 from sim.contact.rows import Rows, no_rows
 from sim.contact.signed_distance import SignedFaces
-from sim.contact.surfaces import NodeSurface
+from sim.contact.surfaces import NodeSurface, Pairing
 from sim.contact.tolerances import ContactTolerances
 from sim.pattern import SymmetricPattern
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control, State
 
-MEMORY = "contact"  #: name of the memory in a state
+MEMORY = "contact"
+"""Name of the memory in a state."""
 
 ALLOWED, FORCE, PUSH, FRICTION, DIRECTION = 0, 1, slice(2, 5), slice(5, 8), slice(8, 11)
 """Columns of the memory: allowed depth [m], normal force, its vector, friction [N], normal."""
@@ -28,9 +28,15 @@ class CompiledContact:
 
     Parameters
     ----------
-    frictions : Coulomb's coefficient of each.
-    reach : of `ConstraintContact` [m].
-    removal_speed : speed at which initial penetrations are removed; 0 if they may remain [m/s].
+    pairings : tuple of Pairing
+    frictions : tuple of float
+        Coulomb's coefficient of each.
+    reach : float
+        Of `ConstraintContact` [m].
+    tolerances : ContactTolerances
+    removal_speed : float
+        Speed at which initial penetrations are removed; 0 if they may remain [m/s].
+    layout : Layout
 
     Attributes
     ----------

@@ -6,9 +6,8 @@ from typing import Literal
 import numpy as np
 
 from sim.contact.compiled import CompiledContact
-from sim.contact.pairing import Pairing
 from sim.contact.search import faces_within
-from sim.contact.surfaces import NodeSurface
+from sim.contact.surfaces import NodeSurface, Pairing
 from sim.contact.tolerances import ContactTolerances
 from sim.errors import SceneError
 from sim.mesh import Mesh

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from sim.contact.curvature import NormalStiffness, normal_stiffness
-from sim.contact.pairing import Pairing
 from sim.contact.search import nearest_faces
-from sim.contact.surfaces import NodeSurface, RigidShell
+from sim.contact.surfaces import NodeSurface, Pairing, RigidShell
 from sim.errors import SceneError
 from sim.scene import Index
 from sim.state import Array

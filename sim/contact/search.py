@@ -1,7 +1,8 @@
 """Search of faces close to vertices or entered by them during a step.
 
-In each direction of a pairing, the vertices of one surface are searched against the faces of the
-other. All searches have the same result as a comparison of every vertex with every face.
+Lists of the faces near points are kept while points and faces have moved little. In each direction of
+a pairing, the vertices of one surface are searched against the faces of the other. All searches have
+the same result as a comparison of every vertex with every face.
 """
 
 from dataclasses import dataclass
@@ -10,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.crossing import entries
-from sim._kernels.nearest_faces import closest
+from sim._kernels.grid import grid_of
+from sim._kernels.nearest_faces import closest, complete, listed
 from sim._kernels.triangles import within
-from sim.contact.candidates import Candidates
 from sim.scene import Index
 from sim.state import Array
 
@@ -21,6 +22,12 @@ NO_NORMALS = np.empty((0, 3))
 
 SAME_DISTANCE, SAME_TIME = 1e-9, 1e-9
 """Difference of distances [m] and of fractions of a step that is due to rounding."""
+
+Lists = tuple[Index, Index]
+"""Places (n + 1,) of the first face of every point, and the faces of all points, ascending."""
+
+
+ROUNDING = 2e-9  #: additional radius of the lists, for equally close faces and rounding [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +57,64 @@ class Found:
         return Found(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
 
 
+class Candidates:
+    """Faces that points may meet (a Verlet list), which are searched again only after motions.
+
+    A point that has moved by a and a face that has moved by b are closer by at most a + b. Lists of all
+    faces within the radius of a point and a skin are valid as long as neither exceeds half the
+    skin. The faces found among them are those found among all, so that the skin affects the run
+    time alone.
+
+    Parameters
+    ----------
+    triangles : (m, 3) int
+    nodes : (n,) int
+        Vertex that every point is, -1 for none; faces that contain it are omitted.
+    skin : distance by which points and faces may approach each other before a new search [m].
+    every : list all faces within a radius, not only up to the closest one.
+
+    Attributes
+    ----------
+    searches : number of searches.
+    """
+
+    def __init__(
+        self, triangles: Index, nodes: Index, skin: float = 0.0, *, every: bool = False
+    ) -> None:
+        self._triangles, self._nodes, self._used = triangles, nodes, np.unique(triangles)
+        self._skin, self._every = skin, every
+        self._made_at: tuple[Array, Array, Array, Array] | None = None
+        self._lists: Lists = (np.zeros(len(nodes) + 1, np.int64), np.empty(0, np.int64))
+        self.searches = 0
+
+    def along(
+        self, before: Array, after: Array, x0: Array, x1: Array, radius: Array | float = 0.0
+    ) -> Lists:
+        """Faces within a radius of points anywhere on their paths.
+
+        Parameters
+        ----------
+        before, after : (n, 3) points at both ends [m].
+        x0, x1 : (k, 3) vertices of the faces at both ends [m].
+        radius : (n,) or float [m]; may be infinite.
+        """
+        every = np.array(np.broadcast_to(radius, len(after)), dtype=np.float64)
+        ends = before, after, x0, x1
+        if self._made_at is None or not complete(*ends, self._used, every, *self._made_at):
+            own = np.sqrt(((before - after) ** 2).sum(axis=1))
+            farthest = (
+                np.sqrt(((x0 - x1)[self._used] ** 2).sum(axis=1).max()) if x0 is not x1 else 0.0
+            )
+            moves, reach = own + (farthest + self._skin + ROUNDING), np.empty(len(after))
+            first = np.empty(len(after) + 1, np.int64)
+            grid = grid_of(x1, x1, self._triangles)
+            around = every, moves, self._nodes, x1, self._triangles, grid, self._every
+            self._lists = first, listed(after, *around, reach, first)
+            self._made_at = after.copy(), x1.copy(), moves, reach
+            self.searches += 1
+        return self._lists
+
+
 def closest_faces(
     points: Array,
     radius: Array | float,
@@ -71,11 +136,11 @@ def closest_faces(
     away : outward normals of the points; faces with normals not opposite to them are omitted.
     """
     points = np.ascontiguousarray(points)
-    start, listed = near.along(points, points, x, x, radius)
-    point, face, feature = (np.empty(len(listed), dtype=np.int64) for _ in range(3))
-    weight, distance = np.empty((len(listed), 3)), np.empty(len(listed))
+    start, faces = near.along(points, points, x, x, radius)
+    point, face, feature = (np.empty(len(faces), dtype=np.int64) for _ in range(3))
+    weight, distance = np.empty((len(faces), 3)), np.empty(len(faces))
     reach = np.array(np.broadcast_to(radius, len(points)), dtype=np.float64)
-    among = reach, x, triangles, start, listed, away, SAME_DISTANCE
+    among = reach, x, triangles, start, faces, away, SAME_DISTANCE
     n = closest(points, *among, point, face, weight, distance, feature)
     return Found(point[:n], face[:n], weight[:n], distance[:n], feature[:n])
 
@@ -127,9 +192,9 @@ def entered_faces(
     near : of the points.
     """
     before, after = np.ascontiguousarray(before), np.ascontiguousarray(after)
-    start, listed = near.along(before, after, x_before, x_after)
-    point, face = (np.empty(len(listed), dtype=np.int64) for _ in range(2))
-    weight, when = np.empty((len(listed), 3)), np.empty(len(listed))
-    among = triangles, start, listed, SAME_TIME
+    start, faces = near.along(before, after, x_before, x_after)
+    point, face = (np.empty(len(faces), dtype=np.int64) for _ in range(2))
+    weight, when = np.empty((len(faces), 3)), np.empty(len(faces))
+    among = triangles, start, faces, SAME_TIME
     n = int(entries(before, after, x_before, x_after, *among, point, face, when, weight))
     return Found(point[:n], face[:n], weight[:n], when[:n], np.zeros(n, dtype=np.int64))

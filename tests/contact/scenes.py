@@ -8,8 +8,7 @@ import pytest
 import sim
 from sim._kernels import triangles as kernel
 from sim.contact import CONTACTS
-from sim.contact.candidates import Candidates
-from sim.contact.search import entered_faces
+from sim.contact.search import Candidates, entered_faces
 from tests.bodies import grid
 
 DISTANCE = 2e-5

@@ -10,7 +10,7 @@ import sim
 from emgface.face.contact_parameters import ContactParameters
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
-from sim.contact.candidates import Candidates
+from sim.contact.search import Candidates
 from sim.contact.signed_distance import SignedFaces
 from tests.bodies import grid
 from tests.contact.scenes import CASES, clearance_of, contact_of, moved, system_of, two_bodies
