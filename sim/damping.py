@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.errors import SceneError
+from sim.checks import require
 from sim.scene import CompiledDamping, Layout, Stiffness
 from sim.state import Array, Control
 
@@ -31,11 +31,8 @@ class _Coefficients:
     beta: float = 0.055  #: stiffness damping [s], not negative
 
     def __post_init__(self) -> None:
-        for name, value in (("alpha", self.alpha), ("beta", self.beta)):
-            if not value >= 0.0:
-                raise SceneError(
-                    f"{type(self).__name__}: {name} = {value!r}, expected a number >= 0"
-                )
+        require(self, "alpha", self.alpha, least=0.0)
+        require(self, "beta", self.beta, least=0.0)
 
     def combine(self, layout: Layout, K: Array) -> Array:
         """Values of alpha M + beta K on the pattern."""

@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from sim.checks import require
 from sim.contact.compiled import CompiledContact
 from sim.contact.search import faces_within
 from sim.contact.surfaces import NodeSurface, Pairing
@@ -88,19 +89,11 @@ class ConstraintContact:
                 f"friction has {len(self.frictions)} values for {len(self.pairings)} pairings, expected "
                 "one number or one per pairing"
             )
-        for name, value in (
-            *(("friction", value) for value in self.frictions),
-            ("reach", self.reach),
-        ):
-            if not 0.0 <= value < np.inf:
-                raise SceneError(f"ConstraintContact: {name} = {value!r}, expected a number >= 0")
-        for name, value in (
-            ("approach", self.approach),
-            ("removal_speed", self.removal_speed),
-            ("tolerance", self.tolerance),
-        ):
-            if not 0.0 < value < np.inf:
-                raise SceneError(f"ConstraintContact: {name} = {value!r}, expected a number > 0")
+        for friction in self.frictions:
+            require(self, "friction", friction, least=0.0)
+        require(self, "reach", self.reach, least=0.0)
+        for name in ("approach", "removal_speed", "tolerance"):
+            require(self, name, getattr(self, name), above=0.0)
         if self.initial_penetration not in ("kept", "removed"):
             raise SceneError(
                 f"ConstraintContact: initial_penetration = {self.initial_penetration!r}, expected "

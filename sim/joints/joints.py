@@ -1,7 +1,7 @@
 """Joints of two bodies, points on surfaces, and limits."""
 
-from dataclasses import dataclass, replace
-from typing import ClassVar
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,19 +16,37 @@ _PAIRS = ((1, 2), (0, 2), (0, 1))
 
 
 @dataclass(frozen=True, eq=False)
-class _BodyJoint:
+class _Located:
     """Two bodies with frames that coincide at rest.
+
+    Attributes
+    ----------
+    name : str
+    a, b : str or None
+        Bodies; None is space.
+    origin : (3,) of the joint at rest [m].
+    axis : (3,) third axis of the joint: the axis of rotation or translation, or the normal.
+    """
+
+    name: str
+    a: str | None
+    b: str | None
+    origin: tuple[float, float, float] | Array
+    axis: tuple[float, float, float] | Array = (0.0, 0.0, 1.0)
+
+    def _row(self, direction: str, **more: Any) -> Row:
+        """Row of a direction between the frames."""
+        place = np.asarray(self.origin, dtype=np.float64), unit_axes(np.asarray(self.axis))
+        return Row(f"{self.name} {direction}", self.a, self.b, *place, **more)
+
+
+@dataclass(frozen=True, eq=False)
+class _BodyJoint(_Located):
+    """Joint that locks directions between two bodies.
 
     Raises SceneError if the axis is zero, or a number is negative.
     """
 
-    name: str
-    #: bodies; None is space
-    a: str | None
-    b: str | None
-    origin: tuple[float, float, float] | Array  #: (3,) of the joint at rest [m]
-    #: (3,) third axis of the joint: the axis of rotation or translation, or the normal
-    axis: tuple[float, float, float] | Array = (0.0, 0.0, 1.0)
     compliance: float = 0.0  #: of every row [m/N, 1/(N m)]; 0 is rigid
     damping_time: float = 0.0  #: relaxation time of a compliant row [s]
     travels: ClassVar[tuple[int, ...]] = ()
@@ -44,26 +62,13 @@ class _BodyJoint:
 
     def rows(self) -> tuple[Row, ...]:
         """One row per locked direction."""
-        place = np.asarray(self.origin, dtype=np.float64), unit_axes(np.asarray(self.axis))
-        moves = [
-            Row(f"{self.name} travel {_AXES[i]}", self.a, self.b, *place, i=i) for i in self.travels
-        ]
+        soft = {"compliance": self.compliance, "damping_time": self.damping_time}
+        moves = [self._row(f"travel {_AXES[i]}", i=i, **soft) for i in self.travels]
         turns = [
-            Row(
-                f"{self.name} turn {_AXES[k]}",
-                self.a,
-                self.b,
-                *place,
-                kind=ALIGNED,
-                i=_PAIRS[k][0],
-                j=_PAIRS[k][1],
-            )
+            self._row(f"turn {_AXES[k]}", kind=ALIGNED, i=_PAIRS[k][0], j=_PAIRS[k][1], **soft)
             for k in self.turns
         ]
-        return tuple(
-            replace(row, compliance=self.compliance, damping_time=self.damping_time)
-            for row in (*moves, *turns)
-        )
+        return *moves, *turns
 
 
 class Spherical(_BodyJoint):
@@ -103,7 +108,7 @@ class Weld(_BodyJoint):
 
 
 @dataclass(frozen=True, eq=False)
-class Bushing:
+class Bushing(_Located):
     """Springs and dampers along and about three axes, f = -k x - d dx/dt and m = -k theta - d dtheta/dt.
 
     x is the displacement of a point of b in the axes of a, theta the rotation vector of b in a, both
@@ -111,9 +116,7 @@ class Bushing:
 
     Attributes
     ----------
-    name : str
-    a, b : str or None
-    origin, axis : as of joints; the axis is the third.
+    name, a, b, origin, axis : as of joints; the axis is the third.
     stiffness : (6,) along [N/m] and about [N m/rad] the three axes; 0 for a direction without spring.
     damping : (6,) [N s/m], [N m s/rad]; 0 where the stiffness is 0.
 
@@ -127,11 +130,6 @@ class Bushing:
     The rows have the compliance 1/k and are implicit, so that a stiff bushing does not limit the step.
     """
 
-    name: str
-    a: str | None
-    b: str | None
-    origin: tuple[float, float, float] | Array
-    axis: tuple[float, float, float] | Array = (0.0, 0.0, 1.0)
     stiffness: tuple[float, ...] = (0.0,) * 6
     damping: tuple[float, ...] = (0.0,) * 6
 
@@ -147,13 +145,9 @@ class Bushing:
 
     def rows(self) -> tuple[Row, ...]:
         """One compliant row per direction with stiffness."""
-        place = np.asarray(self.origin, dtype=np.float64), unit_axes(np.asarray(self.axis))
         return tuple(
-            Row(
-                f"{self.name} {'travel' if i < 3 else 'turn'} {_AXES[i % 3]}",
-                self.a,
-                self.b,
-                *place,
+            self._row(
+                f"{'travel' if i < 3 else 'turn'} {_AXES[i % 3]}",
                 kind=TRAVEL if i < 3 else TURN,
                 i=i % 3,
                 compliance=1.0 / k,
@@ -165,17 +159,15 @@ class Bushing:
 
 
 @dataclass(frozen=True, eq=False)
-class Limit:
+class Limit(_Located):
     """Smallest and largest angle about, or translation along, the axis of a joint.
 
     Attributes
     ----------
-    name : str
-    a, b : str or None
-    origin, axis : as of joints.
+    name, a, b, origin, axis : as of joints.
     lower, upper : float
         Of the motion of b relative to a since rest [rad or m]; angles within pi.
-        travel : bool
+    travel : bool
         True if the translation is limited, otherwise the angle.
 
     Raises
@@ -184,11 +176,6 @@ class Limit:
         lower is not below upper.
     """
 
-    name: str
-    a: str | None
-    b: str | None
-    origin: tuple[float, float, float] | Array
-    axis: tuple[float, float, float] | Array = (0.0, 0.0, 1.0)
     lower: float = -np.inf
     upper: float = np.inf
     travel: bool = False
@@ -199,14 +186,10 @@ class Limit:
 
     def rows(self) -> tuple[Row, ...]:
         """One inequality per finite bound."""
-        place = np.asarray(self.origin, dtype=np.float64), unit_axes(np.asarray(self.axis))
         kind, bounds = TRAVEL if self.travel else ANGLE, ((self.lower, 1.0), (self.upper, -1.0))
         return tuple(
-            Row(
-                f"{self.name} {'lower' if sign > 0.0 else 'upper'}",
-                self.a,
-                self.b,
-                *place,
+            self._row(
+                "lower" if sign > 0.0 else "upper",
                 kind=kind,
                 i=2,
                 sign=sign,

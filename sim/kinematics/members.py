@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim.bodies import Motion
+from sim.checks import require_index
 from sim.embedding import Embedding, embed
 from sim.errors import SceneError
 from sim.mesh import Mesh
@@ -53,10 +54,7 @@ class Member(Protocol):
 
 def _checked(member: object, nodes: ArrayLike, mesh: Mesh) -> Index:
     found = np.asarray(nodes, dtype=np.int64)
-    if found.size and (found.min() < 0 or found.max() >= mesh.n_nodes):
-        bad = int(found.max() if found.max() >= mesh.n_nodes else found.min())
-        name = type(member).__name__
-        raise SceneError(f"{name} names node {bad}, expected 0..{mesh.n_nodes - 1}")
+    require_index(type(member).__name__, "node", found, mesh.n_nodes)
     return found
 
 

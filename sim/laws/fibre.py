@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.special import expi
 
 from sim._kernels import laws
-from sim.laws.parameters import Parametric, quantity, require
+from sim.checks import require
+from sim.laws.parameters import Parametric, quantity
 
 Array = NDArray[np.float64]
 Derivatives = tuple[Array, Array, Array]  #: an energy, and its first and second derivative

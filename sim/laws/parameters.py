@@ -1,31 +1,11 @@
 """Parameters of laws: their units and ranges, and the check that they are finite numbers in them."""
 
-import math
 from dataclasses import field, fields
 from typing import Any
 
 import numpy as np
 
-from sim.errors import SceneError
-
-
-def require(
-    law: object,
-    name: str,
-    value: float,
-    *,
-    least: float = -math.inf,
-    above: float = -math.inf,
-    below: float = math.inf,
-) -> None:
-    """Raise SceneError unless a number is finite, at least `least`, above `above` and below `below`."""
-    if math.isfinite(value) and value >= least and above < value < below:
-        return
-    bounds = ((">=", least), (">", above), ("<", below))
-    wanted = " and ".join(f"{sign} {bound:g}" for sign, bound in bounds if math.isfinite(bound))
-    raise SceneError(
-        f"{type(law).__name__}: {name} = {value!r}, expected a finite number {wanted}".rstrip()
-    )
+from sim.checks import require
 
 
 def quantity(default: Any, unit: str, **within: float) -> Any:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.checks import require
 from sim.errors import SceneError
-from sim.laws.parameters import require
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels import tensor_laws as kernel
+from sim.checks import require
 from sim.errors import SceneError
-from sim.laws.parameters import Parametric, quantity, require
+from sim.laws.parameters import Parametric, quantity
 
 Array = NDArray[np.float64]
 

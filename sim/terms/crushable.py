@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.checks import require, require_index
 from sim.errors import SceneError
-from sim.laws.parameters import require
 from sim.mesh import Mesh
 from sim.multibody import PointForces
 from sim.scene import Contribution, Index, Layout
@@ -61,8 +61,7 @@ class Crushable:
     def compile(self, layout: Layout) -> "CompiledCrushable":
         """Find the place in the matrix."""
         n = layout.mesh.n_nodes
-        if not 0 <= self.node < n:
-            raise SceneError(f"Crushable refers to node {self.node}, expected 0..{n - 1}")
+        require_index("Crushable", "node", self.node, n)
         key = np.array([self.node * (n + 1)])
         target = np.asarray(layout.pattern.target[layout.pattern.pair_index(key)]).ravel()
         return CompiledCrushable(self, target.astype(np.int64))

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.checks import require_index
 from sim.errors import SceneError
 from sim.mesh import Mesh
 from sim.multibody import PointForces
@@ -64,8 +65,7 @@ class NodeLoad:
     def compile(self, layout: Layout) -> "ConstantForces":
         """Sum the forces of each node."""
         nodes, n = np.asarray(self.nodes, dtype=np.int64), layout.mesh.n_nodes
-        if nodes.size and not (nodes.min() >= 0 and nodes.max() < n):
-            raise SceneError(f"NodeLoad refers to node {int(nodes.max())}, expected 0..{n - 1}")
+        require_index("NodeLoad", "node", nodes, n)
         total = np.zeros((n, 3))
         np.add.at(total, nodes, self.force)
         return ConstantForces(total, layout.mesh.X)

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from sim._kernels import tensor_laws
+from sim.checks import require
 from sim.errors import SceneError
 from sim.laws import (
     TENSOR_LAWS,
@@ -37,8 +38,7 @@ class Material:
     relaxation: Prony | None = None
 
     def __post_init__(self) -> None:
-        if not self.density > 0.0:
-            raise SceneError(f"Material: density = {self.density!r}, expected a number > 0")
+        require(self, "density", self.density, above=0.0)
         if self._is_isochoric:
             if self.bulk is None:
                 object.__setattr__(self, "bulk", QuadraticBulk())

@@ -7,6 +7,7 @@ import numpy as np
 
 from sim._kernels.laws import FibreTable
 from sim.assembly import grouped
+from sim.checks import require_index
 from sim.errors import SceneError
 from sim.laws import Blemker, FibreLaw
 from sim.laws.fibre import N_FIBRE
@@ -45,8 +46,7 @@ class Muscles:
         empty = np.setdiff1d(np.arange(len(self.names)), self.muscle)
         if empty.size:
             raise SceneError(f"muscle {self.names[empty[0]]} has no element")
-        if k and (self.muscle.min() < 0 or self.muscle.max() >= len(self.names)):
-            raise SceneError(f"muscle index out of range, expected 0..{len(self.names) - 1}")
+        require_index("a row of muscles", "muscle", self.muscle, len(self.names))
         norm = np.linalg.norm(self.direction, axis=1)
         if not (norm > 0.0).all():
             row = int(np.argmin(norm > 0.0))
@@ -91,8 +91,7 @@ def fibre_table(
     3), if given.
     """
     n = n_elements
-    if muscles.element.size and not (0 <= muscles.element.min() and muscles.element.max() < n):
-        raise SceneError(f"a muscle refers to element {muscles.element.max()}, expected 0..{n - 1}")
+    require_index("a muscle", "element", muscles.element, n)
     order, start = grouped(np.asarray(muscles.element, dtype=np.int64), n)
     scene_index = np.array([scene_muscles.index(name) for name in muscles.names])
     direction = muscles.direction[order]

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.assembly import element_pair_keys
+from sim.checks import require, require_index
 from sim.errors import SceneError
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
@@ -58,12 +59,8 @@ class Stiffening:
                     f"the sizes of the stiffening arrays differ: {k} elements, {rows.shape} "
                     f"{what}, expected ({k},)"
                 )
-        if k and (self.muscle.min() < 0 or self.muscle.max() >= len(self.names)):
-            raise SceneError(
-                f"stiffening refers to muscle {self.muscle.max()}, expected 0..{len(self.names) - 1}"
-            )
-        if not 1.0 <= self.factor < np.inf:
-            raise SceneError(f"Stiffening: factor = {self.factor!r}, expected a number >= 1")
+        require_index("stiffening", "muscle", self.muscle, len(self.names))
+        require(self, "factor", self.factor, least=1.0)
 
     def pair_keys(self, mesh: Mesh) -> Index:
         """All pairs of nodes within an element, those of the solid."""
@@ -79,12 +76,7 @@ class CompiledStiffening:
 
     def __init__(self, term: Stiffening, layout: Layout) -> None:
         mesh = layout.mesh
-        if term.element.size and not (
-            term.element.min() >= 0 and term.element.max() < mesh.n_elements
-        ):
-            raise SceneError(
-                f"stiffening refers to element {term.element.max()}, expected 0..{mesh.n_elements - 1}"
-            )
+        require_index("stiffening", "element", term.element, mesh.n_elements)
         unknown = [name for name in term.names if name not in layout.muscles]
         if unknown:
             raise SceneError(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from sim.checks import require, require_index
 from sim.embedding import embed
 from sim.errors import SceneError
 from sim.mesh import Mesh
@@ -42,8 +43,7 @@ class LineFibre:
             )
         if len(self.points) < 2:
             raise SceneError(f"line fibre has {len(self.points)} point, expected at least two")
-        if not 0.0 <= self.share < np.inf:
-            raise SceneError(f"line fibre: share = {self.share!r}, expected a number >= 0")
+        require(self, "share", self.share, least=0.0)
 
 
 class Strands:
@@ -135,10 +135,7 @@ def _placed(fibre: LineFibre, mesh: Mesh, tolerance: float) -> tuple[Index, Arra
         found = embed(mesh, fibre.points, tolerance=tolerance)
         return found.nodes, found.weights
     nodes = fibre.points.astype(np.int64)
-    if nodes.min() < 0 or nodes.max() >= mesh.n_nodes:
-        raise SceneError(
-            f"a line fibre refers to node {nodes.max()}, expected 0..{mesh.n_nodes - 1}"
-        )
+    require_index("a line fibre", "node", nodes, mesh.n_nodes)
     return nodes[:, None], np.ones((len(nodes), 1))
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.checks import require, require_index
 from sim.errors import SceneError
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
@@ -46,9 +47,8 @@ class Support:
             )
         if not np.allclose(np.linalg.norm(self.normal, axis=1), 1.0, rtol=0, atol=1e-9):
             raise SceneError("a normal of a support has no unit length: normalise it")
-        for name, value in (("stiffness", self.stiffness), ("gap", self.gap)):
-            if not 0.0 <= value < np.inf:
-                raise SceneError(f"Support: {name} = {value!r}, expected a number >= 0")
+        require(self, "stiffness", self.stiffness, least=0.0)
+        require(self, "gap", self.gap, least=0.0)
 
     def pair_keys(self, mesh: Mesh) -> Index:
         """No pairs, because every pattern contains the diagonal."""
@@ -65,8 +65,7 @@ class CompiledSupport:
     def __init__(self, term: Support, layout: Layout) -> None:
         nodes = np.asarray(term.nodes, dtype=np.int64)
         n = layout.mesh.n_nodes
-        if nodes.size and (nodes.min() < 0 or nodes.max() >= n):
-            raise SceneError(f"a support refers to node {nodes.max()}, expected 0..{n - 1}")
+        require_index("a support", "node", nodes, n)
         self._nodes, self._normal = nodes, term.normal
         self._stiffness, self._gap = term.stiffness, term.gap
         self._X = layout.mesh.X[nodes]
