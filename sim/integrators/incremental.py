@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -66,40 +66,33 @@ class PotentialOfMoves(BySecants):
             return self.system.force(pose.q, self._control)
 
 
+@dataclass(frozen=True)
+class Stage:
+    """One implicit stage: the velocity w and positions q + s w that balance the forces."""
+
+    t: float  #: instant of the stage [s]
+    base: Pose  #: pose at the start of the stage
+    u: Array  #: inertial velocities there
+    s: float  #: implicit part of the step [s]
+    control: Control
+    D: Matrix  #: damping [N s/m]
+
+
 class IncrementalPotential(PotentialOfMoves):
     """phi(d) = 1/(2 s^2) |d - s v|^2_M + E(q + d) + 1/(2 s) d' D d, with the stage's step s.
 
     Its minimum solves M (w - v)/s = f(q + s w) - D w for the velocity w = d/s. Implicit Euler is
     one such stage from the state itself; trapezoidal and diagonally implicit Runge-Kutta stages are
     the same from another base (q, v).
-
-    Parameters
-    ----------
-    base : start of the stage.
-    u : inertial velocities there.
-    control : at the time of the stage.
-    s : implicit part of the step [s].
-    D : damping, constant within the stage [N s/m].
-    work : of the run times.
     """
 
-    def __init__(
-        self,
-        system: System,
-        base: Pose,
-        u: Array,
-        control: Control,
-        s: float,
-        D: Matrix,
-        work: Workspace,
-    ) -> None:
-        super().__init__(system, base, control, work)
-        self.scale, self.shift = s * s, system.mass
-        self._s, self._D, self._u = s, D, u
-        self.duration = s
-        self._momentum = system.kinematics.momentum(u, base) / s
-        if D.offset is not None:
-            self._momentum = self._momentum - D.offset
+    def __init__(self, system: System, stage: Stage, work: Workspace) -> None:
+        super().__init__(system, stage.base, stage.control, work)
+        self._s, self._D, self._u = stage.s, stage.D, stage.u
+        self.scale, self.shift, self.duration = self._s * self._s, system.mass, self._s
+        self._momentum = system.kinematics.momentum(stage.u, stage.base) / self._s
+        if self._D.offset is not None:
+            self._momentum = self._momentum - self._D.offset
 
     def velocities(self, d: Array) -> Array:
         """Independent velocities d/s (n,)."""
@@ -150,18 +143,9 @@ class VaryingInertia(IncrementalPotential):
     therefore decreases a potential, and the iteration ends with the exact residual equal to zero.
     """
 
-    def __init__(
-        self,
-        system: System,
-        base: Pose,
-        u: Array,
-        control: Control,
-        s: float,
-        D: Matrix,
-        work: Workspace,
-    ) -> None:
-        super().__init__(system, base, u, control, s, D, work)
-        self._at, self._pull = base, np.zeros(system.pattern.n)
+    def __init__(self, system: System, stage: Stage, work: Workspace) -> None:
+        super().__init__(system, stage, work)
+        self._at, self._pull = stage.base, np.zeros(system.pattern.n)
 
     def point(self, d: Array, here: Evaluation | None = None) -> Point:
         """Evaluate the model of the potential, and its exact gradient."""

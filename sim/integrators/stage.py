@@ -11,13 +11,18 @@ from sim.integrators.constrained import Placed, minimise_constrained
 from sim.integrators.contact_converged import Settled, minimise_in_contact
 from sim.integrators.contract import require_fixed_contact
 from sim.integrators.estimate import relaxed
-from sim.integrators.incremental import IncrementalPotential, PotentialOfMoves, VaryingInertia
+from sim.integrators.incremental import (
+    IncrementalPotential,
+    PotentialOfMoves,
+    Stage,
+    VaryingInertia,
+)
 from sim.integrators.joined import minimise_joined
 from sim.integrators.newton import Iteration, Point, Tolerances, minimise
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
 from sim.matrix import Matrix
-from sim.state import Array, Control, Evaluation, Line, Pose, State, StepReport
+from sim.state import Array, Evaluation, Line, Pose, State, StepReport
 from sim.step_matrices import damping_matrix
 from sim.system import System
 
@@ -63,18 +68,6 @@ class Iterative:
 
 
 @dataclass(frozen=True)
-class Stage:
-    """One implicit stage: the velocity w and positions q + s w that balance the forces."""
-
-    t: float  #: instant of the stage [s]
-    base: Pose  #: pose at the start of the stage
-    u: Array  #: inertial velocities there
-    s: float  #: implicit part of the step [s]
-    control: Control
-    D: Matrix  #: damping [N s/m]
-
-
-@dataclass(frozen=True)
 class Solved:
     """Pose and independent velocities w (n,) at the end of a stage, its iteration, contact and joints.
 
@@ -112,8 +105,7 @@ class Converged(Iterative):
     ) -> Solved:
         """Solve a stage; `here` is the evaluation at the state's positions under its control."""
         varies = system.kinematics.matrix_varies
-        made = VaryingInertia if varies else IncrementalPotential
-        phi = made(system, stage.base, stage.u, stage.control, stage.s, stage.D, work)
+        phi = (VaryingInertia if varies else IncrementalPotential)(system, stage, work)
         settle = self._minimiser(system, work, stage.s, stage.t)
         q0 = system.carried(state, stage.control)
         known = here if q0 is state.q and not varies else None
