@@ -10,9 +10,9 @@ import pandas as pd
 from emgface.errors import DataError, listed
 from emgface.recordings.draft import Draft
 from emgface.recordings.readers._arrays import read_array, read_texts
-from emgface.recordings.readers._isolated import isolated
+from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_contents
-from emgface.schema.rules import hint, one_line
+from emgface.schema.rules import hint
 
 _RATES: Final = frozenset("fs rate samplingrate samplerate srate samplingfrequency freq hz".split())
 """Names of variables that contain a sampling rate."""
@@ -28,14 +28,7 @@ def array_table(
     (labels) are specified if known. Returns in addition the sampling rate [Hz], if a variable or
     attribute states it. Raises DataError if the file is damaged or contains no such array.
     """
-    try:
-        held = isolated(path, parse_contents, path)
-    except DataError:
-        raise
-    except Exception as error:
-        raise DataError(
-            f"{path.name} cannot be read ({one_line(error)}); expected a complete MATLAB or HDF5 file."
-        ) from error
+    held = parsed(path, parse_contents, path)
     arrays = {
         name: shape
         for name, (shape, kind) in held["variables"].items()

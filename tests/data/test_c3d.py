@@ -207,13 +207,13 @@ def test_a_truncated_file_is_refused(tmp_path: Path, part: float) -> None:
     make_c3d(path)
     whole = path.read_bytes()
     path.write_bytes(whole[: int(len(whole) * part)])
-    with pytest.raises(DataError, match=r"^trial.c3d (cannot be read as C3D|declares 20 frames)"):
+    with pytest.raises(DataError, match=r"^trial.c3d (cannot be read|declares 20 frames)"):
         read_recording(path)
 
 
 def test_a_foreign_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "trial.c3d").write_text("no C3D at all\n" * 100)
-    with pytest.raises(DataError, match="^trial.c3d cannot be read as C3D"):
+    with pytest.raises(DataError, match="^trial.c3d cannot be read"):
         read_recording(tmp_path / "trial.c3d")
 
 

@@ -126,13 +126,13 @@ def test_a_new_format_is_a_new_file(
 ) -> None:
     code = """
 import numpy as np
-from emgface.recordings.readers._build import assemble, emg_array
+from emgface.recordings.readers._build import Part, assemble_parts, emg_array
 SUFFIXES = (".raw8",)
 FORMAT = "one byte per sample"
 def read(path, units):
     values = np.frombuffer(path.read_bytes(), "i1")[None].astype(float)
     part = emg_array(values, ["only"], np.arange(values.size) / 1000, units.get("emg", "uV"))
-    return assemble([part], original_names={}, original_units={"emg": "uV"}, dropped={})
+    return assemble_parts([Part(part, {"emg": "uV"})])
 """
     (tmp_path / "more").mkdir()
     (tmp_path / "more" / "raw8.py").write_text(code)

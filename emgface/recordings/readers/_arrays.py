@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from emgface.errors import DataError, listed
-from emgface.recordings.readers._isolated import isolated
+from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import (
     AbsentVariable,
     NotAnArray,
     parse_hdf5,
     parse_matlab,
 )
-from emgface.schema.rules import hint, one_line
+from emgface.schema.rules import hint
 
 SUFFIXES = (".mat", ".h5", ".hdf5")  #: suffixes of files with arrays
 
@@ -69,24 +69,16 @@ def _value(path: Path, name: str, *, texts: bool = False) -> Any:
         start = stream.read(520)
     matlab = start.startswith(_MATLAB)
     try:
-        # Parsers of binary formats may raise any exception for a damaged file.
         if matlab or start.startswith(_HDF5):
-            return isolated(path, parse_hdf5, path, name, matlab=matlab, texts=texts)
+            return parsed(path, parse_hdf5, path, name, matlab=matlab, texts=texts)
         _check_elements(path)
-        return isolated(path, parse_matlab, path, name)
-    except DataError:
-        raise
+        return parsed(path, parse_matlab, path, name)
     except AbsentVariable as error:
         raise DataError(_absent(path, *error.args)) from None
     except NotAnArray as error:
         raise DataError(
             f"{path.name}: {name!r} is a group; expected one of {listed(error.args[1])} in it."
         ) from None
-    except Exception as error:
-        raise DataError(
-            f"{path.name} cannot be read ({one_line(error)}); expected a complete MATLAB or HDF5 "
-            "file: it is truncated or damaged, save it again."
-        ) from error
 
 
 def _check_elements(path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -97,51 +98,42 @@ def voltages(
 def assemble_parts(
     parts: Sequence[Part], *, origin: str = "measured", device: str = ""
 ) -> xr.Dataset:
-    """Combine parts of one trial and their records (`assemble`).
+    """Combine EMG and positions of one trial, with the record of the contents of the file.
 
     `device` is the recording device, if stated in the file. Raises DataError if no part contains
     data.
     """
-    united = assemble(
-        [part.data for part in parts if part.data is not None],
-        original_names={key: value for part in parts for key, value in part.names.items()},
-        original_units={key: value for part in parts for key, value in part.units.items()},
-        dropped={key: value for part in parts for key, value in part.dropped.items()},
-        origin=origin,
-    )
-    return united.assign_attrs(device=device) if device else united
-
-
-def assemble(
-    parts: Sequence[xr.Dataset],
-    *,
-    original_names: Mapping[str, str],
-    original_units: Mapping[str, str],
-    dropped: Mapping[str, str],
-    origin: str = "measured",
-) -> xr.Dataset:
-    """Combine EMG and positions, with the record of the contents of the file.
-
-    `original_names` maps new names to labels in the file, if they differ, `original_units`
-    variables to units, and `dropped` contents that are not read to the reason. Raises DataError if
-    there is no part.
-    """
-    if not parts:
-        reasons = "; ".join(f"{name}: {why}" for name, why in list(dropped.items())[:3])
+    notes: dict[str, dict[str, str]] = {"original_names": {}, "original_units": {}, "dropped": {}}
+    for part in parts:
+        notes["original_names"] |= part.names
+        notes["original_units"] |= part.units
+        notes["dropped"] |= part.dropped
+    found = [part.data for part in parts if part.data is not None]
+    if not found:
+        reasons = "; ".join(f"{name}: {why}" for name, why in list(notes["dropped"].items())[:3])
         raise DataError(
             f"The file contains neither EMG nor markers{f' ({reasons})' if reasons else ''}; "
             "expected at least one of them: check whether it is the right file."
         )
-    united = xr.merge(parts)
-    notes = {
-        "original_names": original_names,
-        "original_units": original_units,
-        "dropped": dropped,
-    }
+    united = xr.merge(found)
     united.attrs = {"origin": origin}
     for name, value in notes.items():
-        united.attrs[name] = json.dumps(dict(value), ensure_ascii=False)
-    return united
+        united.attrs[name] = json.dumps(value, ensure_ascii=False)
+    return united.assign_attrs(device=device) if device else united
+
+
+def positive(path: Path, name: str, text: str, kind: type[int] | type[float] = float) -> float:
+    """Convert the text of an entry of a header to a number above 0; DataError for another text."""
+    try:
+        value = kind(text)
+        if not 0 < value < 1e9:
+            raise ValueError
+    except ValueError:
+        raise DataError(
+            f"{path.name} has {name} = {text!r}; expected a number above 0: the header is damaged, "
+            "export the recording again."
+        ) from None
+    return value
 
 
 def unique_labels(labels: Sequence[str], stem: str) -> tuple[list[str], dict[str, str]]:

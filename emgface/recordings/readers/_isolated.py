@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import IO, Any, ParamSpec, TypeVar
 
 from emgface.errors import DataError
+from emgface.recordings.readers._parsers import AbsentVariable, NotAnArray
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -68,6 +69,24 @@ def isolated(path: Path, function: Callable[P, T], /, *arguments: P.args, **opti
     if not succeeded:
         raise result
     return result
+
+
+def parsed(path: Path, function: Callable[P, T], /, *arguments: P.args, **options: P.kwargs) -> T:
+    """Call a parser as `isolated`; a file at which it fails in any way is damaged.
+
+    Raises DataError, and AbsentVariable or NotAnArray for a whole file.
+    """
+    from emgface.schema.rules import one_line  # the child process does not need xarray
+
+    try:
+        return isolated(path, function, *arguments, **options)
+    except (DataError, AbsentVariable, NotAnArray):
+        raise
+    except Exception as error:  # parsers may raise any exception for a damaged file
+        raise DataError(
+            f"{path.name} cannot be read ({one_line(error)}); expected a complete file: it is "
+            "damaged or of another format, copy or export it again."
+        ) from error
 
 
 _LOCK = threading.Lock()

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import DataError
-from emgface.recordings.readers._build import assemble_parts, unique_labels, voltages
+from emgface.recordings.readers._build import assemble_parts, positive, unique_labels, voltages
 
 SUFFIXES = (".vhdr",)
 FORMAT = "BrainVision"
@@ -42,8 +42,9 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     """
     sections = _sections(path)
     common = sections.get("Common Infos", {})
-    count = int(_number(path, common, "NumberOfChannels"))
-    rate = 1e6 / _number(path, common, "SamplingInterval")  # an interval in microseconds
+    count = int(positive(path, "NumberOfChannels", common.get("NumberOfChannels", ""), int))
+    interval = positive(path, "SamplingInterval", common.get("SamplingInterval", ""))
+    rate = 1e6 / interval  # an interval in microseconds
     channels = [_channel(path, sections.get("Channel Infos", {}), i + 1) for i in range(count)]
     _require_continuous(path, common)
     samples = _samples(path, common, sections.get("Binary Infos", {}), count)
@@ -85,20 +86,6 @@ def _sections(path: Path) -> dict[str, dict[str, str]]:
             entries.setdefault(key.strip(), value.strip())
     found.pop("Comment", None)
     return found
-
-
-def _number(path: Path, entries: Mapping[str, str], name: str) -> float:
-    text = entries.get(name, "")
-    try:
-        value = float(text)
-        if not 0.0 < value < 1e9 or (name == "NumberOfChannels" and value != int(value)):
-            raise ValueError
-    except ValueError:
-        raise DataError(
-            f"{path.name} has {name} = {text!r}; expected a number above 0: the header is "
-            "damaged, export the recording again."
-        ) from None
-    return value
 
 
 def _channel(path: Path, entries: Mapping[str, str], number: int) -> _Channel:

@@ -16,9 +16,8 @@ from emgface.recordings.readers._build import (
     voltages,
 )
 from emgface.recordings.readers._c3d_structure import check_structure
-from emgface.recordings.readers._isolated import isolated
+from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_c3d
-from emgface.schema.rules import one_line
 
 SUFFIXES = (".c3d",)
 FORMAT = "C3D"
@@ -41,15 +40,7 @@ def _open(path: Path) -> dict[str, Any]:
     if not path.is_file():
         raise DataError(f"No file {path}; expected a C3D file: check the path.")
     check_structure(path)
-    try:
-        content = isolated(path, parse_c3d, path)
-    except DataError:
-        raise
-    except Exception as error:  # the parser may raise any exception for a damaged file
-        raise DataError(
-            f"{path.name} cannot be read as C3D ({one_line(error)}); expected a complete C3D file: "
-            "it is damaged or another format, export it again."
-        ) from error
+    content = parsed(path, parse_c3d, path)
     # ezc3d reads a truncated file up to its end and adapts its counts without a warning.
     announced, found = _announced_frames(path, content), content["points"].shape[2]
     if announced is not None and found < announced:

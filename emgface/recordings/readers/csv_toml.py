@@ -42,7 +42,13 @@ from pydantic import Field
 from emgface.choices import Parameters, configure
 from emgface.errors import DataError, listed
 from emgface.recordings.labels import LabelMap, apply_labels, read_toml
-from emgface.recordings.readers._build import assemble, emg_array, position_array, unique_labels
+from emgface.recordings.readers._build import (
+    Part,
+    assemble_parts,
+    emg_array,
+    position_array,
+    unique_labels,
+)
 from emgface.recordings.readers._table_models import EmgTable, PositionTable
 from emgface.recordings.readers._tables import by_marker, load_table
 
@@ -86,30 +92,20 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     name) or an invalid value.
     """
     sidecar = configure(Sidecar, _with_tables(read_toml(path), path), where=path.name)
-    parts: list[xr.Dataset] = []
-    names: dict[str, str] = {}
-    found: dict[str, str] = {}
-    dropped: dict[str, str] = {}
+    parts: list[Part] = []
     if sidecar.emg is not None:
         frame, time, dropped = load_table(path, sidecar.emg, sidecar.emg.channels)
         labels, names = unique_labels([str(c) for c in frame.columns], "channel")
         unit = units.get("emg", sidecar.emg.unit)
-        parts.append(emg_array(np.ascontiguousarray(frame.to_numpy().T), labels, time, unit))
-        found["emg"] = sidecar.emg.unit
+        data = emg_array(np.ascontiguousarray(frame.to_numpy().T), labels, time, unit)
+        parts.append(Part(data, {"emg": sidecar.emg.unit}, dropped, names))
     if sidecar.position is not None:
         frame, time, _ = load_table(path, sidecar.position, None)
-        values, labels, alone = by_marker(frame, sidecar.position)
-        dropped |= alone
+        values, labels, dropped = by_marker(frame, sidecar.position)
         unit = units.get("position", sidecar.position.unit)
-        parts.append(position_array(values, labels, time, unit))
-        found["position"] = sidecar.position.unit
-    recording = assemble(
-        parts,
-        original_names=names,
-        original_units=found,
-        dropped=dropped,
-        origin=sidecar.origin,
-    )
+        data = position_array(values, labels, time, unit)
+        parts.append(Part(data, {"position": sidecar.position.unit}, dropped))
+    recording = assemble_parts(parts, origin=sidecar.origin)
     labels = LabelMap(
         channels=sidecar.emg.channels if sidecar.emg else None,
         markers=sidecar.position.markers if sidecar.position else None,

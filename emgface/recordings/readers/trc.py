@@ -12,7 +12,13 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import DataError
-from emgface.recordings.readers._build import Part, assemble_parts, position_array, unique_labels
+from emgface.recordings.readers._build import (
+    Part,
+    assemble_parts,
+    position_array,
+    positive,
+    unique_labels,
+)
 
 SUFFIXES = (".trc",)
 FORMAT = "TRC"
@@ -26,9 +32,9 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     Raises DataError also if counts, frames and times do not agree.
     """
     rows, header = _rows(path)
-    rate = _number(path, "DataRate", header["DataRate"], float)
-    frames = int(_number(path, "NumFrames", header["NumFrames"], int))
-    count = int(_number(path, "NumMarkers", header["NumMarkers"], int))
+    rate = positive(path, "DataRate", header["DataRate"])
+    frames = int(positive(path, "NumFrames", header["NumFrames"], int))
+    count = int(positive(path, "NumMarkers", header["NumMarkers"], int))
     named = [cell.strip() for cell in rows[3][2 : 2 + 3 * count : 3]]
     named += [""] * (count - len(named))
     labels, names = unique_labels(named, "marker")
@@ -88,19 +94,6 @@ def _rows(path: Path) -> tuple[list[list[str]], dict[str, str]]:
             f"{', '.join(_COUNTS)}: it is damaged, export it again."
         )
     return rows, header
-
-
-def _number(path: Path, name: str, text: str, kind: type[int] | type[float]) -> float:
-    try:
-        value = kind(text)
-        if not 0 < value < 1e9:
-            raise ValueError
-    except ValueError:
-        raise DataError(
-            f"{path.name} has {name} {text!r}; expected a number above 0: the header is damaged, "
-            "export the file again."
-        ) from None
-    return value
 
 
 def _values(path: Path, table: list[list[str]], count: int) -> np.ndarray:

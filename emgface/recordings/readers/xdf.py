@@ -22,9 +22,8 @@ from emgface.recordings.readers._build import (
     unique_labels,
     voltages,
 )
-from emgface.recordings.readers._isolated import isolated
+from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_xdf
-from emgface.schema.rules import one_line
 
 SUFFIXES = (".xdf",)
 FORMAT = "XDF"
@@ -42,15 +41,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     breaks, or there are two EMG streams.
     """
     _check_chunks(path)
-    try:
-        streams = isolated(path, parse_xdf, path)
-    except DataError:
-        raise
-    except Exception as error:  # the parser may raise any exception for a damaged file
-        raise DataError(
-            f"{path.name} cannot be read as XDF ({one_line(error)}); expected a complete file: it is "
-            "damaged, copy it again."
-        ) from error
+    streams = parsed(path, parse_xdf, path)
     streams = [stream for stream in streams if len(stream["time"])]
     emg = [stream for stream in streams if _emg_channels(stream)]
     markers = [stream for stream in streams if stream["type"].lower() == "mocap"]
