@@ -51,7 +51,7 @@ def test_both_dialects_are_read(tmp_path: Path, mark: str) -> None:
         ("50.00", "0", "has DataRate = '0'; expected a number above 0"),
         ("50.00", "60.00", "frame 4 is at 0.06 s; expected 0.05 s at 60 Hz"),
         ("\t4\t3\tmm", "\t999999999\t3\tmm", "declares 999999999 frames but contains 4"),
-        ("\t4\t3\tmm", "\t1e400\t3\tmm", "has NumFrames '1e400'"),
+        ("\t4\t3\tmm", "\t1e400\t3\tmm", "has NumFrames = '1e400'"),
         ("\t4\t3\tmm", "\t4\t2\tmm", "frame 1, has 11 columns; expected 8 for 2 markers"),
         ("NumMarkers", "Markers", "specifies no NumMarkers"),
         ("\n3\t0.04", "\n4\t0.04", "continues from frame 2 to frame 4"),
