@@ -11,6 +11,10 @@ from emgface.face.simulation_parameters import SimulationParameters
 from sim.contact import BarrierContact, ConstraintContact, NodeSurface, Pairing, RigidShell
 from sim.scene import Term
 
+EDGE_POINTS = 3
+"""Number of points on each edge of the margins of the lips that may touch teeth, about 1 mm apart on the
+coarse face: an edge would otherwise lose its support once a vertex of a tooth slides off it."""
+
 
 def touching(face: xr.Dataset, parameters: SimulationParameters) -> tuple[str, ...]:
     """Return the surfaces in contact, "lips" and "teeth": as specified, or those of the face.
@@ -72,6 +76,7 @@ def _constraint(pairings: tuple[Pairing, ...], contact: ContactParameters) -> Te
         friction=contact.friction,
         initial_penetration=contact.initial_penetration,
         removal_speed=contact.removal_speed,
+        edge_points=EDGE_POINTS,
     )
 
 

@@ -6,9 +6,10 @@ from copy import copy
 import numpy as np
 
 from sim.contact.direction import Direction, Move
+from sim.contact.edge_points import points_on_edges
 from sim.contact.rows import Rows, no_rows
 from sim.contact.signed_distance import SignedFaces
-from sim.contact.surfaces import NodeSurface, Pairing
+from sim.contact.surfaces import NodeSurface, Pairing, RigidShell
 from sim.contact.tolerances import ContactTolerances
 from sim.pattern import SymmetricPattern
 from sim.scene import Contribution, Index, Layout
@@ -36,6 +37,8 @@ class CompiledContact:
     tolerances : ContactTolerances
     removal_speed : float
         Speed at which initial penetrations are removed; 0 if they may remain [m/s].
+    edge_points : int
+        Of `ConstraintContact`.
     layout : Layout
 
     Attributes
@@ -44,7 +47,7 @@ class CompiledContact:
     rubs : True if any pairing has friction.
     in_matrix : True if the sparsity pattern of the scene contains the entries of the rows.
     pairing_of_slot : (n_slots,) pairing of each row of the memory.
-    vertex_of_slot : (n_slots,) node of each row of the memory, -1 for a vertex of a shell.
+    vertex_of_slot : (n_slots,) node of each row of the memory, -1 for others.
     """
 
     def __init__(
@@ -54,6 +57,7 @@ class CompiledContact:
         reach: float,
         tolerances: ContactTolerances,
         removal_speed: float,
+        edge_points: int,
         layout: Layout,
     ) -> None:
         self.pattern: SymmetricPattern = layout.pattern
@@ -76,13 +80,17 @@ class CompiledContact:
                 vertices = np.unique(a.triangles)
                 if isinstance(a, NodeSurface):
                     vertices = np.setdiff1d(vertices, pairing.shared)
+                points, share = np.stack([vertices, vertices], axis=1), np.zeros(len(vertices))
                 own, other = faces[id(a)], faces[id(b)]
+                of_mesh = isinstance(a, NodeSurface) and a.triangles.max() < layout.mesh.n_nodes
+                if edge_points and of_mesh and isinstance(b, RigidShell):
+                    on, at = points_on_edges(own, layout.mesh.X, edge_points)
+                    points, share = np.concatenate([points, on]), np.r_[share, at]
+                about = own, other, tolerances, free
                 self._directions.append(
-                    Direction(
-                        i, frictions[i], vertices, self._n_slots, own, other, tolerances, free
-                    )
+                    Direction(i, frictions[i], points, share, self._n_slots, *about)
                 )
-                self._n_slots += len(vertices)
+                self._n_slots += len(points)
         none = np.empty(0, dtype=np.int64)
         self.pairing_of_slot: Index = np.concatenate(
             [none] + [np.full(len(d.slots), d.pairing) for d in self._directions]

@@ -45,6 +45,9 @@ class ConstraintContact:
         Speed of this removal [m/s].
     tolerance : float
         Gap, penetration or slip that the iteration of a step leaves, relative to `approach`.
+    edge_points : int
+        Number of points on each sharp convex edge of a surface of the mesh that have rows with rigid
+        shells, like its vertices; the angle of its faces at rest exceeds 45 degrees.
 
     Raises
     ------
@@ -64,9 +67,9 @@ class ConstraintContact:
     thickness: faces whose normals are not opposite to that of a vertex, and those that contain it,
     are omitted. Nodes common to both surfaces of a pairing have no rows.
 
-    As published, only vertices are tested against faces. Two sharp edges that cross between their
-    vertices pass each other by up to a fraction of a cell, and so do initially overlapping bodies
-    with coplanar sides; `BarrierContact` also tests edges.
+    As published, only vertices are tested against faces, and points on edges if requested. Two sharp
+    edges that cross between these pass each other by up to a fraction of a cell, and so do initially
+    overlapping bodies with coplanar sides; `BarrierContact` also tests edges.
 
     Source: contact of the published model (Stavness et al., 11.3.3: vertices against opposing
     faces, direction of the nearest face, released when they would separate). The rows here are
@@ -80,6 +83,7 @@ class ConstraintContact:
     initial_penetration: Literal["kept", "removed"] = "kept"
     removal_speed: float = 0.01
     tolerance: float = 2e-3
+    edge_points: int = 0
 
     def __post_init__(self) -> None:
         if not self.pairings:
@@ -94,6 +98,7 @@ class ConstraintContact:
         require(self, "reach", self.reach, least=0.0)
         for name in ("approach", "removal_speed", "tolerance"):
             require(self, name, getattr(self, name), above=0.0)
+        require(self, "edge_points", self.edge_points, least=0.0)
         if self.initial_penetration not in ("kept", "removed"):
             raise SceneError(
                 f"ConstraintContact: initial_penetration = {self.initial_penetration!r}, expected "
@@ -136,9 +141,8 @@ class ConstraintContact:
     def compile(self, layout: Layout) -> CompiledContact:
         """Lay out the directions of all pairings."""
         speed = self.removal_speed if self.initial_penetration == "removed" else 0.0
-        return CompiledContact(
-            self.pairings, self.frictions, self.reach, self.tolerances, speed, layout
-        )
+        lengths = self.reach, self.tolerances, speed
+        return CompiledContact(self.pairings, self.frictions, *lengths, self.edge_points, layout)
 
 
 @dataclass(frozen=True, eq=False)

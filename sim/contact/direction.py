@@ -55,7 +55,7 @@ class Move:
 
 
 class Direction:
-    """Vertices of one surface of a pairing against the faces of the other.
+    """Vertices of one surface of a pairing, and points on its edges, against the faces of the other.
 
     Parameters
     ----------
@@ -63,7 +63,9 @@ class Direction:
         Index of the pairing.
     friction : float
         Coulomb's coefficient.
-    vertices : (n,) nodes, or vertices of a shell, that have rows.
+    vertices : (n, 2) nodes, or vertices of a shell, between which points that have rows are; a vertex is
+        repeated.
+    share : (n,) fractions of the way from the first to the second.
     first_slot : int
         Slot of the first vertex; the others follow.
     own, faces : SignedFaces
@@ -74,8 +76,8 @@ class Direction:
 
     Attributes
     ----------
-    nodes : (n,) nodes of the vertices, -1 for those of a shell.
-    slots : (n,) index of each vertex in the contact memory.
+    nodes : (n,) nodes of the points, -1 for those of a shell and within an edge.
+    slots : (n,) index of each point in the contact memory.
     """
 
     def __init__(
@@ -83,22 +85,23 @@ class Direction:
         pairing: int,
         friction: float,
         vertices: Index,
+        share: Array,
         first_slot: int,
         own: SignedFaces,
         faces: SignedFaces,
         tolerances: ContactTolerances,
         free: Flags,
     ) -> None:
-        self.pairing, self.vertices = pairing, vertices
+        self.pairing, self.vertices, self._share = pairing, vertices, share
         self.slots = first_slot + np.arange(len(vertices))
         approach = tolerances.length
         self._friction, self._approach, self._free = friction, approach, free
         self._tolerances = tolerances
         self._own, self._signs, self._itself = own, faces, own is faces
         self._surface, self._faces = own.surface, faces.surface
-        none = np.full(len(vertices), -1)
-        self.nodes = vertices if isinstance(self._surface, NodeSurface) else none
-        among = self.nodes if isinstance(self._faces, NodeSurface) else none
+        one = (vertices[:, 0] == vertices[:, 1]) & isinstance(self._surface, NodeSurface)
+        self.nodes = np.where(one, vertices[:, 0], -1)
+        among = self.nodes if isinstance(self._faces, NodeSurface) else np.full(len(share), -1)
         triangles, skin = self._faces.triangles, SKIN * approach
         self.candidates = Candidates(triangles, among, skin, every=self._itself)
         touched = [s.nodes for s in (self._surface, self._faces) if isinstance(s, NodeSurface)]
@@ -116,13 +119,18 @@ class Direction:
         if self._itself:
             return deep
         here = Move(q, q, t, t)
-        points, x = here.ends(self._surface)[0][self.vertices], here.ends(self._faces)[0]
+        points, x = self._at(here.ends(self._surface)[0]), here.ends(self._faces)[0]
         # An open surface has no inside; depths in a closed one are not limited.
         radius = np.inf if self._faces.closed else self._approach
         found = self._closest(points, radius, x)
         gap, _ = self._signs.signed(points, found, x)
         np.maximum.at(deep, found.point, -np.nan_to_num(gap))
         return deep
+
+    def _at(self, of_vertices: Array) -> Array:
+        """Values (n, 3) at the points, of values at the vertices of their surface."""
+        one, two = (of_vertices[self.vertices[:, k]] for k in (0, 1))
+        return one + self._share[:, None] * (two - one)
 
     def _closest(self, points: Array, radius: Array | float, x: Array) -> Found:
         return closest_faces(points, radius, x, self._faces.triangles, self.candidates)
@@ -149,10 +157,10 @@ class Direction:
         x0, x1 = move.ends(faces)
         x = x0 if move.at_start else x1
         mine = move.ends(self._surface)[0 if move.at_start else 1]
-        points, may = mine[self.vertices], allowed[self.slots]
+        points, may = self._at(mine), allowed[self.slots]
         radius = self._approach + may + (0.0 if way is None else way[self.slots])
-        away = self._signs.normals(x)[1][self.vertices] if self._itself else NO_NORMALS
-        outward = away if self._itself else self._own.normals(mine)[1][self.vertices]
+        away = self._at(self._signs.normals(x)[1]) if self._itself else NO_NORMALS
+        outward = away if self._itself else self._at(self._own.normals(mine)[1])
         deepest = -SELF_DEPTH * self._approach if self._itself else -np.inf
         met = self._signs.met(points, radius, may, x, self.candidates, away, outward, blur, deepest)
         if not len(met.point):
@@ -178,7 +186,7 @@ class Direction:
         allowed (n_slots,) are the depths that vertices may have [m].
         """
         x0, x1 = move.ends(self._faces)
-        before, after = self._outside(move, allowed), move.ends(self._surface)[1][self.vertices]
+        before, after = self._outside(move, allowed), self._at(move.ends(self._surface)[1])
         triangles = self._faces.triangles
         found = entered_faces(before, after, x0, x1, triangles, self.candidates)
         if not len(found.point):
@@ -198,7 +206,7 @@ class Direction:
             q0, known, points = self._lifted
             if q0 is move.q0 and known is allowed:
                 return points
-        points = move.ends(self._surface)[0][self.vertices]
+        points = self._at(move.ends(self._surface)[0])
         self._lifted = move.q0, allowed, points
         if self._itself or not self._faces.closed:
             return points
@@ -224,7 +232,8 @@ class Direction:
 
         about: their places and ranks.
         """
-        vertex, k = self.vertices[found.point], len(found.point)
+        ends, share, k = self.vertices[found.point], self._share[found.point], len(found.point)
+        vertex = ends[:, 0]
         corners = self._faces.triangles[found.face]
         weight, carried = np.ones((k, 4)), np.zeros((k, 3))
         if isinstance(self._faces, NodeSurface):
@@ -235,7 +244,8 @@ class Direction:
                 p0, p1 = move.ends(self._surface)
                 carried = p0[vertex] - p1[vertex]
         else:
-            nodes, weight[:, 1:] = np.repeat(vertex[:, None], 4, axis=1), 0.0
+            nodes, weight[:, 2:] = ends[:, [0, 1, 0, 0]], 0.0
+            weight[:, 0], weight[:, 1] = 1.0 - share, share
             x0, x1 = move.ends(self._faces)
             carried = np.einsum("kj,kji->ki", found.weight, x1[corners] - x0[corners])
         rows = Rows(

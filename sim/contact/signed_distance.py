@@ -83,6 +83,10 @@ class SignedFaces:
     ----------
     surface : NodeSurface or RigidShell
 
+    Attributes
+    ----------
+    across : (m, 3) faces beyond the edges of each, -1 at a free one.
+
     Notes
     -----
     The sign follows from the normal of the nearest face, or from the sum of the normals of the
@@ -100,7 +104,7 @@ class SignedFaces:
         place = np.minimum(np.searchsorted(key[order], back), len(key) - 1)
         match = order[place]
         paired, own = key[match] == back, np.arange(len(key))
-        self._across = np.where(paired, match // 3, -1).reshape(-1, 3)
+        self.across = np.where(paired, match // 3, -1).reshape(-1, 3)
         self._edge = np.where(paired, np.minimum(own, match), own).reshape(-1, 3)
         self._free = np.zeros(size, dtype=bool)
         self._free[surface.open_edges] = True
@@ -122,7 +126,7 @@ class SignedFaces:
         edge = ~within & ~vertex
         out[within], out[vertex] = face[place[within]], corner[place[vertex] - 4 * m]
         one, side = np.divmod(place[edge] - m, 3)
-        other = self._across[one, side]
+        other = self.across[one, side]
         mean = face[one] + np.where((other >= 0)[:, None], face[other], 0.0)
         size = np.linalg.norm(mean, axis=1, keepdims=True)
         out[edge] = mean / np.where(size > 0.0, size, 1.0)
@@ -145,7 +149,7 @@ class SignedFaces:
         # numbering
         found = found.take(np.argsort(found.value, kind="stable"))
         place, weight = np.empty(len(found.point), dtype=np.int64), found.weight.copy()
-        about = self._across, self._free, self._edge, place
+        about = self.across, self._free, self._edge, place
         places(found.face, weight, found.feature, x, self.triangles, *about)
         key = found.point * (4 * len(self.triangles) + len(self._free)) + place
         _, first = np.unique(key, return_index=True)
@@ -202,7 +206,7 @@ class SignedFaces:
             listed,
             away,
             SAME_DISTANCE,
-            self._across,
+            self.across,
             self._free,
             self._edge,
             by_face,
@@ -243,7 +247,7 @@ class SignedFaces:
             found.feature,
             x,
             self.triangles,
-            self._across,
+            self.across,
             self._free,
             by_face,
             by_corner,

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import sim
+from sim.contact.compiled import FORCE, MEMORY
 from sim.contact.direction import Move
 from tests.bodies import grid, rotation
 from tests.contact.scenes import box, moved, square, system_of, two_bodies
@@ -88,6 +89,27 @@ def test_a_pair_beyond_reach_is_named():
     assert found.value.surface == "first on second"
 
 
+@pytest.mark.parametrize(("points", "rests"), [(0, False), (3, True)])
+def test_points_on_its_edges_support_a_bar_across_a_rail(points, rests):
+    """Neither has a vertex near a face of the other: the bar is longer and the rail wider."""
+    mesh = grid((1, 1, 1), (0.04, 0.01, 0.01))
+    rail = box((0.008, -0.04, -0.011), (0.032, 0.05, -1e-3), "rail")
+    pairing = sim.Pairing(sim.boundary_surface(mesh), rail)
+    contact = sim.ConstraintContact((pairing,), edge_points=points)
+    system = system_of(mesh, sim.Gravity((0.0, 0.0, -9.81)), contact)
+    end = moved(system, sim.ConvergedEuler(), 40, 0.005)[-1]
+    force, weight = end.memory[MEMORY][:, FORCE].sum(), 9.81 * system.node_mass.sum()
+    left, right = (
+        end.q[(mesh.X[:, 0] == x) & (mesh.X[:, 2] == 0.0)] for x in (0.0, mesh.X[:, 0].max())
+    )
+    lowest = min((left + share * (right - left))[:, 2].min() for share in (0.25, 0.5, 0.75))
+    if rests:
+        assert force == pytest.approx(weight, rel=2e-3)
+        assert -1e-3 - 2e-6 <= lowest <= -1e-3 + 5e-5
+    else:
+        assert force == 0.0 and lowest < -0.05
+
+
 def test_invalid_parameters_are_refused():
     mesh = grid((1, 1, 1))
     pairing = sim.Pairing(sim.boundary_surface(mesh), square())
@@ -96,6 +118,7 @@ def test_invalid_parameters_are_refused():
         ({"friction": (0.1, 0.2)}, "friction has 2 values for 1 pairings"),
         ({"reach": np.inf}, "reach = inf"),
         ({"approach": 0.0}, "approach = 0.0"),
+        ({"edge_points": -1}, "edge_points = -1"),
     ):
         with pytest.raises(sim.SceneError, match=text):
             sim.ConstraintContact((pairing,), **options)
