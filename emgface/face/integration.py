@@ -23,7 +23,11 @@ INTEGRATORS: dict[str, Integrator] = {
 }
 """Integrator by the name of the parameter `solver`."""
 
-RESIDUAL: Final = 20.0  #: residual force per tolerance of the positions [N/m]
+RESIDUAL: Final = 100.0
+"""Residual force per tolerance of the positions [N/m], a tenth of the stiffness of a wall.
+
+Tissue is softer, so that the estimated error of the positions ends its iteration.
+"""
 
 
 def iterated_to(integrator: ConvergedT, tolerance: float) -> ConvergedT:

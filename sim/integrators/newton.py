@@ -131,6 +131,11 @@ def error_left(moved: float, last: float) -> float:
     return moved * theta / (1.0 - theta)
 
 
+def next_error(size: float, last: float) -> float:
+    """Error of a linearly converging iteration before its next step, from that and the last step."""
+    return size / (1.0 - min(size / last, 0.99))
+
+
 @dataclass(frozen=True)
 class Iteration:
     """Report of the iteration, with the fields of `sim.state.StepReport`."""
@@ -237,11 +242,12 @@ def minimise(
 
     negligible = tolerances.position * tolerances.residual
     residuals, last, shortest = [point.residual], np.inf, 1.0
-    made_here = not work.newton.belongs_to(key)
+    made_here, ahead = not work.newton.belongs_to(key), None
     if made_here:
         renew()
     for iteration in range(1, tolerances.max_iterations + 1):
-        start, direction = potential.direction(point, work)
+        start, direction = ahead or potential.direction(point, work)
+        ahead, size = None, float(np.abs(direction).max())
         longest = potential.largest_step(point.d, direction)
         found = search(potential.point, start, direction, longest, negligible)
         contraction, age = np.inf, age + 1
@@ -249,11 +255,10 @@ def minimise(
             if potential.refused(work):
                 continue
             if made_here:
-                left = float(np.abs(direction).max())
-                if tolerances.met(left, point.residual):
+                if tolerances.met(size, point.residual):
                     # No decrease is possible because the residual is due to rounding, as in a step
                     # at rest.
-                    return point, account(iteration, left)
+                    return point, account(iteration, size)
                 raise NotConverged(tuple(residuals), until, "no step lowers the potential")
         else:
             length, end = found
@@ -262,12 +267,18 @@ def minimise(
             if length == 1.0:
                 contraction = residuals[-1] / residuals[-2]
             shortest = min(shortest, length)
-            moved = length * float(np.abs(direction).max())
-            left, last = error_left(moved, last), moved
+            left, last = error_left(length * size, last), length * size
             if tolerances.met(left, point.residual):
                 return point, account(iteration, left)
+            if length == 1.0 and point.residual <= tolerances.residual:
+                # The next direction, which is required in any case, is a sharper estimate.
+                ahead = potential.direction(point, work)
+                left = next_error(float(np.abs(ahead[1]).max()), size)
+                if tolerances.met(left, point.residual):
+                    return point, account(iteration, left)
         slow = contraction > potential.haste * tolerances.keep_factor and age >= potential.patience
         made_here = found is None or slow
         if made_here:
             renew()
+            ahead = None
     raise NotConverged(tuple(residuals), until, f"limit of {tolerances.max_iterations} iterations")
