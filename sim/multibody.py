@@ -82,7 +82,7 @@ class Multibody:
             **dict.fromkeys(("G", "Y"), (m, n)),
             **dict.fromkeys(("S", "T"), (m, m)),
             **dict.fromkeys(("JA", "JB"), (m, 6)),
-            **{"JP": (m, 3), "A": (n, n), "I": (3, 3), "inverse": (k, 3, 3)},
+            **{"JP": (m, 3), "A": (n, n), "I": (3, 3), "still": (k, 6), "inverse": (k, 3, 3)},
         }
         arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
         return Scratch(**arrays, on=np.zeros(m, dtype=bool), place=np.zeros(m, dtype=np.int64))

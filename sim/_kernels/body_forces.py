@@ -6,24 +6,24 @@ import math
 
 from sim._kernels.frames import add, cross, inner_product, minus, vector
 from sim._kernels.lines import passive_tension, tension, velocity_factor
-from sim._kernels.options import inner
+from sim._kernels.options import bare
 
 
-@inner
+@bare
 def _slope(scratch, p, e, sign):
     """Derivative of e . x of point p by the twist of its body, times sign."""
     m = cross(vector(scratch.arm, p), e)
     return (sign * e[0], sign * e[1], sign * e[2], sign * m[0], sign * m[1], sign * m[2])
 
 
-@inner
+@bare
 def _add_row(A, i, column, v, factor):
     """A[i, column:column + 6] += factor v, a pair of vectors."""
     add(A, i, column, v[0], factor)
     add(A, i, column + 3, v[1], factor)
 
 
-@inner
+@bare
 def _add_outer(A, row, column, u, v, factor):
     """A += factor u v'."""
     v = (factor * v[0], factor * v[1], factor * v[2]), (factor * v[3], factor * v[4], factor * v[5])
@@ -35,7 +35,7 @@ def _add_outer(A, row, column, u, v, factor):
     _add_row(A, row + 5, column, v, u[5])
 
 
-@inner
+@bare
 def _add_arms(A, row, column, s, t, factor):
     """A += factor V'W of the derivatives V, W of two points by twists, with arms s and t."""
     st = factor * inner_product(s, t)
@@ -63,7 +63,7 @@ def _add_arms(A, row, column, s, t, factor):
         A[row + 2, column + 4] -= factor * t[0]
 
 
-@inner
+@bare
 def _add_six(g, c, u):
     g[c] += u[0]
     g[c + 1] += u[1]
@@ -73,7 +73,7 @@ def _add_six(g, c, u):
     g[c + 5] += u[5]
 
 
-@inner
+@bare
 def _segment(q, a, b):
     """Unit vector and length from point a to point b."""
     d = minus(vector(q, b), vector(q, a))
@@ -81,7 +81,7 @@ def _segment(q, a, b):
     return (d[0] / size, d[1] / size, d[2] / size), size
 
 
-@inner
+@bare
 def _add_segment(table, a, b, e, across, along, scratch):
     """A += across V'V + along (V'e)(V'e)' with the derivative V of the vector from point a to b."""
     A = scratch.A
@@ -107,7 +107,7 @@ def _add_segment(table, a, b, e, across, along, scratch):
         _add_six(scratch.g, cb, v)
 
 
-@inner
+@bare
 def _rate(table, k, scratch):
     """Rate of the length of fibre k at the start of the step [m/s]."""
     rate = 0.0
@@ -118,7 +118,7 @@ def _rate(table, k, scratch):
     return rate
 
 
-@inner
+@bare
 def add_line(table, lines, k, activation, scratch, by_damping, by_stiffness):
     """Forces of fibre k on its points, and its share of A.
 
@@ -167,7 +167,7 @@ def add_line(table, lines, k, activation, scratch, by_damping, by_stiffness):
                     A[i, j] += x * g[j]
 
 
-@inner
+@bare
 def add_morsels(table, whole, scratch, by_stiffness):
     """Forces of whole morsels on their points, and their share of A, as `sim.terms.crushable`."""
     for k in range(len(table.morsel)):
@@ -184,7 +184,7 @@ def add_morsels(table, whole, scratch, by_stiffness):
             _add_outer(scratch.A, c, c, u, u, by_stiffness * stiffness)
 
 
-@inner
+@bare
 def morsel_gap(table, k, scratch):
     """Distance of the point of morsel k from its plane, at the positions of `scratch.q`."""
     d = 0.0
@@ -193,7 +193,7 @@ def morsel_gap(table, k, scratch):
     return d
 
 
-@inner
+@bare
 def add_points(table, scratch, by_stiffness):
     """Forces and moments of the loads of all points, and the rotation of their arms."""
     for p in range(len(table.body)):

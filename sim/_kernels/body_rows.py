@@ -8,7 +8,7 @@ The equations are those of `sim.integrators.held.held_solution` and `sim.joints.
 from sim._kernels.dense import cholesky, row_product, solve_lower, solve_upper
 from sim._kernels.frames import move, turned_tensor
 from sim._kernels.joints import evaluate_rows
-from sim._kernels.options import inner
+from sim._kernels.options import bare
 
 CHANGES, SINGLE = 20, 400
 """Largest number of updates of the whole active set, and of single rows after them."""
@@ -20,7 +20,7 @@ KEPT = 1e-9
 """Violation of rows up to which an earlier factor corrects them [m, rad]."""
 
 
-@inner
+@bare
 def factor_rows(scratch):
     """Factor of S over the active rows; returns their number, -1 if S is singular.
 
@@ -49,7 +49,7 @@ def factor_rows(scratch):
     return -1
 
 
-@inner
+@bare
 def _solve_rows(scratch, k, b):
     """Forces f with S f = -b of the k active rows, zero for the others."""
     f, x = scratch.f, scratch.target
@@ -63,7 +63,7 @@ def _solve_rows(scratch, k, b):
         f[scratch.place[i]] = x[i]
 
 
-@inner
+@bare
 def _complementary(scratch, kinds, b):
     """Forces with S f + b = 0 of equations, and 0 <= f, S f + b >= 0, f (S f + b) = 0 of inequalities.
 
@@ -97,7 +97,7 @@ def _complementary(scratch, kinds, b):
     return False
 
 
-@inner
+@bare
 def _evaluate(table, rows, scratch):
     """Values c, derivatives G by the velocities, and rates by prescribed motion, at `scratch.frames`."""
     G, JA, JB, c = scratch.G, scratch.JA, scratch.JB, scratch.c
@@ -112,7 +112,7 @@ def _evaluate(table, rows, scratch):
                     G[k, table.column[b] + d] += J[k, d]
 
 
-@inner
+@bare
 def _drift(rows, twists, scratch):
     """Rates of rows by twists (n_bodies, 6)."""
     for k in range(len(scratch.c)):
@@ -126,7 +126,7 @@ def _drift(rows, twists, scratch):
         scratch.drift[k] = s
 
 
-@inner
+@bare
 def _mobility(table, rows, scratch):
     """Y = G M^-1 and S = G M^-1 G' with the inverse inertia of `scratch.inverse`."""
     G, Y, S, n = scratch.G, scratch.Y, scratch.S, len(scratch.w0)
@@ -148,7 +148,7 @@ def _mobility(table, rows, scratch):
             S[k, j] = row_product(G, k, Y, j, n)
 
 
-@inner
+@bare
 def hold_rows(rows, kinds, table, twists, h, scratch):
     """Add h A^-1 G'f with the forces of rows to w1, as `sim.integrators.held.held_solution`."""
     m, n, S, G, Y = len(scratch.c), len(scratch.w0), scratch.S, scratch.G, scratch.Y
@@ -180,7 +180,7 @@ def hold_rows(rows, kinds, table, twists, h, scratch):
     return True
 
 
-@inner
+@bare
 def _push(scratch, n):
     """Sum Y'f of the forces of rows, into g."""
     for j in range(n):
@@ -191,7 +191,7 @@ def _push(scratch, n):
                 scratch.g[j] += scratch.f[i] * scratch.Y[i, j]
 
 
-@inner
+@bare
 def project_on_rows(rows, kinds, table, twists, most, drift, scratch):
     """Project frames and velocities to the rows, as `sim.joints.compiled.Rows.projected`."""
     m, n, on = len(scratch.c), len(scratch.w0), scratch.on

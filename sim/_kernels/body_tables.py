@@ -55,10 +55,11 @@ class Led(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Memory of a step for n velocities, m rows, p points and k bodies."""
+    """Memory of a step for n velocities, m rows, p points and k bodies, all of it zero at first."""
 
     frames: Array
     ahead: Array
+    still: Array
     q: Array
     v: Array
     arm: Array

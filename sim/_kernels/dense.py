@@ -1,13 +1,21 @@
-"""Cholesky factor of a small dense matrix, of which the lower triangle is stored, and solutions."""
+"""Small dense matrices: copies, Cholesky factor of a stored lower triangle, and solutions."""
 
 # pyright: basic
 
 import math
 
-from sim._kernels.options import inner
+from sim._kernels.options import bare
 
 
-@inner
+@bare
+def copy(source, target):
+    """Copy an array (n, m); an assignment of slices would count references."""
+    for i in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[i, j] = source[i, j]
+
+
+@bare
 def row_product(A, i, B, j, n):
     """Product of the first n entries of row i of A and row j of B."""
     s = 0.0
@@ -16,7 +24,7 @@ def row_product(A, i, B, j, n):
     return s
 
 
-@inner
+@bare
 def cholesky(A, n):
     """Lower factor in place of a lower triangle; False unless it is positive definite."""
     for i in range(n):
@@ -31,7 +39,7 @@ def cholesky(A, n):
     return True
 
 
-@inner
+@bare
 def solve_lower(L, x, n):
     """Solve L y = x in place, for a lower triangle L; zeros at the start of x stay zero."""
     first = 0
@@ -44,7 +52,7 @@ def solve_lower(L, x, n):
         x[i] = s / L[i, i]
 
 
-@inner
+@bare
 def solve_upper(L, x, n):
     """Solve L'y = x in place, for a lower triangle L."""
     for i in range(n - 1, -1, -1):

@@ -5,7 +5,7 @@
 
 import math
 
-from sim._kernels.options import inner
+from sim._kernels.options import bare
 
 # numba looks a tuple up by a loop variable through a table: indices of tuples are written out
 
@@ -13,31 +13,31 @@ SMALL = 1e-3
 """Angle [rad] below which series replace quotients, with an error below 1e-16."""
 
 
-@inner
+@bare
 def cross(a, b):
     """Cross product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-@inner
+@bare
 def inner_product(a, b):
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@inner
+@bare
 def minus(a, b):
     """Difference."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-@inner
+@bare
 def vector(x, i):
     """Row i of an array (n, 3)."""
     return (x[i, 0], x[i, 1], x[i, 2])
 
 
-@inner
+@bare
 def add(x, i, j, v, factor):
     """x[i, j:j + 3] += factor v."""
     x[i, j] += factor * v[0]
@@ -45,13 +45,13 @@ def add(x, i, j, v, factor):
     x[i, j + 2] += factor * v[2]
 
 
-@inner
+@bare
 def put(x, i, j, v, factor):
     """x[i, j:j + 3] = factor v."""
     x[i, j], x[i, j + 1], x[i, j + 2] = factor * v[0], factor * v[1], factor * v[2]
 
 
-@inner
+@bare
 def times(I, k, e):  # noqa: E741
     """Sum of the three vectors e with row k of a matrix as factors."""
     a, b, c = I[k, 0], I[k, 1], I[k, 2]
@@ -62,7 +62,7 @@ def times(I, k, e):  # noqa: E741
     )
 
 
-@inner
+@bare
 def rotated(frames, b, v):
     """Vector from the axes of body b to space, v + 2 w (r x v) + 2 r x (r x v); body -1 is space."""
     if b < 0:
@@ -77,7 +77,7 @@ def rotated(frames, b, v):
     )
 
 
-@inner
+@bare
 def placed(frames, b, v):
     """Position in space of a point that is v from the centre of body b, in its axes."""
     if b < 0:
@@ -86,7 +86,7 @@ def placed(frames, b, v):
     return (frames[b, 0] + r[0], frames[b, 1] + r[1], frames[b, 2] + r[2])
 
 
-@inner
+@bare
 def move(frames, b, d, i):
     """Move the centre of body b by d[i:i + 3] and turn it by the rotation vector d[i + 3:i + 6]."""
     add(frames, b, 0, (d[i], d[i + 1], d[i + 2]), 1.0)
@@ -109,7 +109,7 @@ def move(frames, b, d, i):
     frames[b, 5], frames[b, 6] = new[2] / size, new[3] / size
 
 
-@inner
+@bare
 def turned_tensor(frames, b, I, out):  # noqa: E741
     """Symmetric tensor I (3, 3) from the axes of body b to space, Q I Q'."""
     e = (

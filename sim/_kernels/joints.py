@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.frames import SMALL, cross, inner_product, minus, placed, put, rotated, vector
-from sim._kernels.options import inner, kernel_and_inner
+from sim._kernels.options import bare, bare_kernel_and_inner
 
 Array = NDArray[np.float64]
 
@@ -45,12 +45,12 @@ class RowTable(NamedTuple):
     curve: NDArray[np.float64]
 
 
-@inner
+@bare
 def _axis(frames, body, axes, k, i):
     return rotated(frames, body, (axes[k, 0, i], axes[k, 1, i], axes[k, 2, i]))
 
 
-@inner
+@bare
 def _height(curve, k, x):
     """Height of a curve and its slope."""
     at = min(max(x, curve[k, 0]), curve[k, 1])
@@ -59,13 +59,13 @@ def _height(curve, k, x):
     return f + slope * (x - at), slope
 
 
-@inner
+@bare
 def _set(J, k, force, moment):
     put(J, k, 0, force, 1.0)
     put(J, k, 3, moment, 1.0)
 
 
-@inner
+@bare
 def _between_axes(table, frames, k):
     """Value of a row of axes, and its derivative by the angular velocity of B less that of A."""
     a, b = table.body_a[k], table.body_b[k]
@@ -81,14 +81,14 @@ def _between_axes(table, frames, k):
     return angle, _axis(frames, a, table.axes_a, k, 2)
 
 
-@inner
+@bare
 def _quaternion(frames, b):
     if b < 0:
         return (1.0, 0.0, 0.0, 0.0)
     return (frames[b, 3], frames[b, 4], frames[b, 5], frames[b, 6])
 
 
-@inner
+@bare
 def _rotation(table, frames, k):
     """Component of the rotation vector theta of B in the axes of A, and its derivative, both turned.
 
@@ -125,7 +125,7 @@ def _rotation(table, frames, k):
     return inner_product(n, theta), rotated(frames, a, slope)
 
 
-@inner
+@bare
 def _of_place(table, frames, k, r):
     """Value of a row of the vector r from x_A to x_B, and its derivative by r."""
     a = table.body_a[k]
@@ -138,7 +138,7 @@ def _of_place(table, frames, k, r):
     return inner_product(n, r) - f, along
 
 
-@kernel_and_inner
+@bare_kernel_and_inner
 def evaluate_rows(
     table: RowTable, frames: Array, q: Array, c: Array, JA: Array, JB: Array, JP: Array
 ) -> None:

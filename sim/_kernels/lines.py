@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.laws import KINK
-from sim._kernels.options import inner, kernel
+from sim._kernels.options import bare, bare_kernel
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -43,14 +43,14 @@ class LineTable(NamedTuple):
     relation: Array
 
 
-@inner
+@bare
 def _constant(p, k, length, rest, activation):
     """Energy, tension and slope of `sim.laws.line.ConstantForce`."""
     F = p[k, 0] * (activation + p[k, 1])
     return F * (length - rest), F, 0.0
 
 
-@inner
+@bare
 def _peck(p, k, length, rest, activation):
     """Energy, tension and slope of `sim.laws.line.Peck`."""
     force_max, stretch_opt, stretch_max = p[k, 0], p[k, 1], p[k, 2]
@@ -73,7 +73,7 @@ def _peck(p, k, length, rest, activation):
     return w, F + phi * x / span, slope
 
 
-@inner
+@bare
 def _linear_spring(p, k, length, rest, activation):
     """Energy, tension and slope of `sim.laws.line.LinearSpring`."""
     slack, force_max = p[k, 2] * rest, p[k, 0]
@@ -83,7 +83,7 @@ def _linear_spring(p, k, length, rest, activation):
     return w, force_max * activation + stiff * x, stiff / slack if x > KINK else 0.0
 
 
-@inner
+@bare
 def _hill_fibres(force_max, passive, pennation, across, y, activation):
     """Energy, tension and slope of pennate fibres by their length y along the line of action."""
     l_opt = across / math.cos(pennation)
@@ -106,7 +106,7 @@ def _hill_fibres(force_max, passive, pennation, across, y, activation):
     return force_max * l_opt * w, force_max * f * cos, force_max * slope
 
 
-@inner
+@bare
 def _hill(p, k, length, rest, activation):
     """Energy, tension and slope of `sim.laws.hill.Hill`, by Newton steps within a bracket."""
     force_max, passive, pennation, strain = p[k, 0], p[k, 3], p[k, 4], p[k, 5]
@@ -137,7 +137,7 @@ def _hill(p, k, length, rest, activation):
     return w + 0.5 * stiff * e * e, F, slope * stiff / (slope + stiff)
 
 
-@inner
+@bare
 def _law(code, p, k, length, rest, activation):
     """Energy, tension and slope of the law with parameters p[k]; NaN without one of this code."""
     if code == CONSTANT:
@@ -151,7 +151,7 @@ def _law(code, p, k, length, rest, activation):
     return math.nan, math.nan, math.nan
 
 
-@inner
+@bare
 def tension(table, k, length, activation):
     """Energy [J], tension [N] and slope [N/m] of fibre k at a length [m], with its spring."""
     a = activation[table.muscle[k]] if table.muscle[k] >= 0 else 0.0
@@ -161,7 +161,7 @@ def tension(table, k, length, activation):
     return w, share * F + spring * strain, share * slope + spring
 
 
-@inner
+@bare
 def velocity_factor(table, k, rate):
     """Factor of the active tension at a rate of length [m/s], less 1, and its slope [s/m].
 
@@ -179,14 +179,14 @@ def velocity_factor(table, k, rate):
     return more - more / above, slope / (above * above * scale)
 
 
-@inner
+@bare
 def passive_tension(table, k, length):
     """Tension [N] of fibre k without activation, with its spring."""
     _, F, _ = _law(table.code[k], table.parameters, k, length, table.rest[k], 0.0)
     return table.share[k] * F + table.stiffness[k] * (length - table.rest[k])
 
 
-@kernel
+@bare_kernel
 def tensions(table: LineTable, length: Array, activation: Array, F: Array, slope: Array) -> float:
     """Sum of the energies, with tension (n,) and slope (n,) of every fibre."""
     energy = 0.0

@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 from sim._kernels.body_forces import add_line, add_morsels, add_points, morsel_gap
 from sim._kernels.body_rows import hold_rows, project_on_rows
 from sim._kernels.body_tables import BodyTable, Flags, Led, RowKinds, Scratch
-from sim._kernels.dense import cholesky, solve_lower, solve_upper
+from sim._kernels.dense import cholesky, copy, solve_lower, solve_upper
 from sim._kernels.frames import add, cross, move, put, rotated, turned_tensor, vector
 from sim._kernels.joints import RowTable
 from sim._kernels.lines import LineTable
-from sim._kernels.options import inner, kernel
+from sim._kernels.options import bare, bare_kernel
 
 Array = NDArray[np.float64]
 
 
-@inner
+@bare
 def _place_points(table, frames, scratch):
     for p in range(len(table.body)):
         arm = rotated(frames, table.body[p], vector(table.arm, p))
@@ -34,7 +34,7 @@ def _place_points(table, frames, scratch):
             add(scratch.q, p, 0, vector(frames, table.body[p]), 1.0)
 
 
-@inner
+@bare
 def _velocities(table, twists, scratch, v):
     """Velocities of points at the lever arms of `scratch.arm`."""
     for p in range(len(table.body)):
@@ -47,7 +47,7 @@ def _velocities(table, twists, scratch, v):
                 v[p, d] = twists[b, d] + u[d]
 
 
-@inner
+@bare
 def _carry(table, led, i, scratch):
     """Velocities of points by the prescribed bodies at the end of step i."""
     for p in range(len(table.body)):
@@ -62,7 +62,7 @@ def _carry(table, led, i, scratch):
                     scratch.carried[p, d] = led.twists[i, k, d] + v[d]
 
 
-@inner
+@bare
 def _start(table, frames, twists, h, scratch):
     """Momentum p and velocities w0 of the state, and A = 0."""
     scratch.A[:] = 0.0
@@ -82,7 +82,7 @@ def _start(table, frames, twists, h, scratch):
             )
 
 
-@inner
+@bare
 def _add_mass(table, h, scratch):
     """A += M at the pose predicted by the initial velocities; `scratch.ahead` are the initial frames."""
     for b in range(len(table.column)):
@@ -99,7 +99,7 @@ def _add_mass(table, h, scratch):
                 scratch.A[c + 3 + i, c + 3 + j] += scratch.I[i, j]
 
 
-@inner
+@bare
 def _equation(table, lines, activation, whole, h, theta, scratch):
     """Factor of A = M + theta h D + (theta h)^2 K, and the velocities w1 without rows.
 
@@ -110,9 +110,7 @@ def _equation(table, lines, activation, whole, h, theta, scratch):
     by_damping, by_stiffness = theta * h, (theta * h) ** 2
     for i in range(n):
         r[i] = 0.0
-    for p in range(len(table.body)):
-        for d in range(3):
-            scratch.force[p, d] = table.load[p, d]
+    copy(table.load, scratch.force)
     for k in range(len(table.start) - 1):
         add_line(table, lines, k, activation, scratch, by_damping, by_stiffness)
     add_morsels(table, whole, scratch, by_stiffness)
@@ -139,24 +137,24 @@ def _equation(table, lines, activation, whole, h, theta, scratch):
     return True
 
 
-@kernel
+@bare_kernel
 def force_bodies(
     table: BodyTable, lines: LineTable, scratch: Scratch, frames: Array, activation: Array
 ) -> None:
     """Generalised forces of loads and line muscles at some frames, without morsels: `scratch.r`."""
-    scratch.frames[:] = frames
+    copy(frames, scratch.frames)
     _place_points(table, scratch.frames, scratch)
     scratch.A[:] = 0.0  # no share of a matrix is added to it
     scratch.r[:] = 0.0
     scratch.carried[:] = 0.0
     scratch.v[:] = 0.0  # forces of rates are omitted
-    scratch.force[:] = table.load
+    copy(table.load, scratch.force)
     for k in range(len(table.start) - 1):
         add_line(table, lines, k, activation, scratch, 0.0, 0.0)
     add_points(table, scratch, 0.0)
 
 
-@kernel
+@bare_kernel
 def advance_bodies(
     table: BodyTable,
     lines: LineTable,
@@ -183,19 +181,21 @@ def advance_bodies(
     written. A step that requires the general path changes nothing. At most `most` projections reduce
     the values of rows to `drift`. Morsels are `whole` from a distance above their diameter to `gone`.
     """
-    done, still = 0, np.zeros_like(twists)
+    done, still = 0, scratch.still
     rated = False
     for k in range(len(lines.relation)):
         rated = rated or lines.relation[k, 0] > 0.0
     for i in range(len(h)):
-        scratch.frames[:] = frames
+        copy(frames, scratch.frames)
         if rated:
             _place_points(table, frames, scratch)
             _velocities(table, twists, scratch, scratch.v)
-        scratch.ahead[:] = frames
+        copy(frames, scratch.ahead)
         for k in range(len(led.body)):
-            scratch.frames[led.body[k]] = led.frames[i, k]
-            still[led.body[k]] = led.twists[i, k]
+            for d in range(7):
+                scratch.frames[led.body[k], d] = led.frames[i, k, d]
+            for d in range(6):
+                still[led.body[k], d] = led.twists[i, k, d]
         _start(table, frames, twists, h[i], scratch)
         _place_points(table, scratch.frames, scratch)
         _carry(table, led, i, scratch)
@@ -217,11 +217,11 @@ def advance_bodies(
             finite = finite and math.isfinite(scratch.w1[j])
         if not finite:
             break
-        frames[:] = scratch.frames
+        copy(scratch.frames, frames)
         # forces of rows in their direction at the start, and those due to the rotation of the rows
         for j in range(len(reaction)):
             reaction[j] = scratch.held[j] + scratch.f[j] / h[i]
-        twists[:] = still
+        copy(still, twists)
         for b in range(len(table.column)):
             if table.column[b] >= 0:
                 for d in range(6):
@@ -234,5 +234,5 @@ def advance_bodies(
             whole[k] = d > table.plane[k, 6] or (whole[k] and d >= gone)
     _place_points(table, frames, scratch)
     _velocities(table, twists, scratch, v)
-    q[:] = scratch.q
+    copy(scratch.q, q)
     return done

@@ -22,12 +22,13 @@ from sim.threads import in_shares
 
 CHUNKS, ROWS = 2, 512  # smallest share of a thread: chunks of elements, rows of a table
 
-_ALL = {
+_ALL: dict[str, Any] = {
     "no_cfunc_wrapper": True,
     "error_model": "numpy",
     "fastmath": {"contract", "reassoc", "nsz", "arcp"},  # not all flags, which exclude NaN
 }
-_inner = nb.njit(**_ALL, no_cpython_wrapper=True, forceinline=True)
+_BARE = {**_ALL, "_nrt": False}
+_INNER: dict[str, Any] = {"no_cpython_wrapper": True, "forceinline": True}
 
 
 def _compiled_once(dispatcher: Any) -> Any:
@@ -48,9 +49,24 @@ def kernel(function: Callable[..., Any]) -> Any:
     return _compiled_once(nb.njit(**_ALL, cache=True, nogil=True)(function))
 
 
+def bare_kernel(function: Callable[..., Any]) -> Any:
+    """As `kernel`, for a function that allocates no array.
+
+    References to arrays are not counted. numba counts them for every access to a table of arrays, by
+    atomic operations that it fails to remove between branches and loops: they took nine tenths of the
+    time of line muscles. Slices of arrays may be read, but not assigned from arrays.
+    """
+    return _compiled_once(nb.njit(**_BARE, cache=True, nogil=True)(function))
+
+
 def kernel_and_inner(function: Callable[..., Any]) -> Any:
     """Compile a function that both Python and kernels call."""
     return _compiled_once(nb.njit(**_ALL, cache=True, forceinline=True)(function))
+
+
+def bare_kernel_and_inner(function: Callable[..., Any]) -> Any:
+    """As `kernel_and_inner`, without counted references as of `bare_kernel`."""
+    return _compiled_once(nb.njit(**_BARE, cache=True, forceinline=True)(function))
 
 
 def inner(function):
@@ -59,11 +75,18 @@ def inner(function):
     It has no wrapper for Python, and numba would jump to an invalid address. Compiled versions are
     therefore not entered in the table for calls from Python.
     """
-    compiled = _inner(function)
+    return _for_kernels(nb.njit(**_ALL, **_INNER)(function))
 
+
+def bare(function):
+    """As `inner`, without counted references as of `bare_kernel`."""
+    return _for_kernels(nb.njit(**_BARE, **_INNER)(function))
+
+
+def _for_kernels(compiled):
     def refuse(*_, **__):
         raise TypeError(
-            f"{function.__name__} can be called in kernels alone: call it in a function that "
+            f"{compiled.py_func.__name__} can be called in kernels alone: call it in a function that "
             "is decorated with numba.njit"
         )
 

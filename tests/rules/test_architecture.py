@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from sim._kernels.options import inner, kernel, kernel_and_inner
+from sim._kernels import options
 
 PACKAGES = ("emgface", "sim", "analysis")
 MAY_IMPORT = {"emgface": {"emgface", "sim", "analysis"}, "sim": {"sim"}, "analysis": {"analysis"}}
@@ -52,8 +52,10 @@ def test_kernels_are_compiled_by_one_set_of_options_and_never_in_parallel_by_num
 
 def test_kernels_do_not_assume_finite_values():
     """All flags of `fastmath` would assume that no number is NaN or infinite."""
-    for options in (inner, kernel, kernel_and_inner):
-        flags = options(lambda x: x).targetoptions["fastmath"]
+    one = [options.inner, options.kernel, options.kernel_and_inner]
+    one += [options.bare, options.bare_kernel, options.bare_kernel_and_inner]
+    for decorator in one:
+        flags = decorator(lambda x: x).targetoptions["fastmath"]
         assert set(flags) == {"contract", "reassoc", "nsz", "arcp"}
 
 
