@@ -77,14 +77,16 @@ class Multibody:
         shapes = {
             **dict.fromkeys(("frames", "ahead"), (k, 7)),
             **dict.fromkeys(("q", "v", "arm", "force", "carried"), (p, 3)),
-            **dict.fromkeys(("w0", "w1", "p", "r", "g"), (n,)),
-            **dict.fromkeys(("c", "drift", "target", "f", "held"), (m,)),
-            **dict.fromkeys(("G", "Y"), (m, n)),
-            **dict.fromkeys(("S", "T"), (m, m)),
+            **dict.fromkeys(("sign", "w0", "w1", "p", "r", "g"), (n,)),
+            **dict.fromkeys(("c", "drift", "target", "f", "held", "positive"), (m,)),
+            **{"G": (m, n), "Y": (n, m), "S": (m, m), "T": (m, m)},
             **dict.fromkeys(("JA", "JB"), (m, 6)),
             **{"JP": (m, 3), "A": (n, n), "I": (3, 3), "still": (k, 6), "inverse": (k, 3, 3)},
         }
-        arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
+        arrays = {
+            name: np.zeros(shape, order="F" if name in ("A", "T") else "C")
+            for name, shape in shapes.items()
+        }
         return Scratch(**arrays, on=np.zeros(m, dtype=bool), place=np.zeros(m, dtype=np.int64))
 
 

@@ -84,7 +84,7 @@ class Interval:
     ends_output : bool
         True if the end is an output.
     ends : tuple of float
-        Ends of the steps within the interval [s], if there are several.
+        Ends of the steps within the interval [s], if they are `joined`.
     """
 
     until: float
@@ -99,7 +99,7 @@ def joined(plan: Sequence[Interval]) -> list[Interval]:
     for interval in plan:
         ends.append(interval.until)
         if interval.ends_output:
-            found.append(replace(interval, ends=tuple(ends)) if len(ends) > 1 else interval)
+            found.append(replace(interval, ends=tuple(ends)))
             ends = []
     return found
 

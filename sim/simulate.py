@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import partial
 
 import numpy as np
 import xarray as xr
@@ -97,14 +96,16 @@ def simulate(
     origin = state.t if origin is None else origin
     plan = intervals(state.t, duration, longest, every, origin)
 
-    through = None
+    control, fused = Driven(system, activation), None
     if (
         work.bodies is not None
         and isinstance(steps, StepsThrough)
         and isinstance(integrator, RunsSteps)
+        and not plan[0].inside
     ):
-        plan, through = joined(plan), partial(steps.through, integrator, system)
-    control = Driven(system, activation)
+        plan = joined(plan)
+        ends = [interval.ends for interval in plan]
+        fused = steps.through(integrator, system, state, control, ends, work)
     for values in activation.values:  # errors before the first step
         system.control(values)
     start = time.perf_counter()
@@ -125,8 +126,8 @@ def simulate(
         bent, astray = astray, control.astray(state.t, interval.until) if interval.inside else 0.0
         with _told(unstable):
             # The initial velocities, too, result from the activation before the interval.
-            if through is not None and interval.ends:
-                passed = [through(state, control, interval.ends, work)]
+            if fused is not None:
+                passed = [next(fused)]
             else:
                 passed = outputs_of(advance, state, interval, smallest_J, max(bent, astray))
         before, state = state, passed[-1][0]

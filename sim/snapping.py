@@ -39,12 +39,12 @@ def snapped(
         Evaluates the forces of a scene of rigid bodies in less time.
     """
     kinematics = system.kinematics
-    d = kinematics.between(before.pose, after.pose)
+    d, change = (None, None) if bodies is None else bodies.change(before, after, control)
+    if d is None:
+        d = kinematics.between(before.pose, after.pose)
     if not np.abs(d).max() > STILL:
         return False
-    if bodies is not None:
-        change = bodies.force(before, control) - bodies.force(after, control)
-    else:
+    if change is None:
         f0, f1 = system.force(before.q, control).f, system.force(after.q, control).f
         change = kinematics.generalised_force(f0, before.pose)
         change = change - kinematics.generalised_force(f1, after.pose)

@@ -5,27 +5,36 @@ The equations are those of `sim.integrators.held.held_solution` and `sim.joints.
 
 # pyright: basic
 
-from sim._kernels.dense import cholesky, row_product, solve_lower, solve_upper
+from sim._kernels.dense import (
+    add_product,
+    factorise,
+    solve_lower,
+    solve_lower_all,
+    solve_upper,
+)
 from sim._kernels.frames import move, turned_tensor
 from sim._kernels.joints import evaluate_rows
 from sim._kernels.options import bare
 
-CHANGES, SINGLE = 20, 400
+CHANGES, SINGLE = 20, 100
 """Largest number of updates of the whole active set, and of single rows after them."""
 
 REPEATED, SOFTENED = 1e-9, 1e-8
 """Fraction of its mobility below which a row depends on others, and relative increase of all then."""
+
+SLACK = 1e-7
+"""Relative error of the forces of softened rows by rounding."""
 
 KEPT = 1e-9
 """Violation of rows up to which an earlier factor corrects them [m, rad]."""
 
 
 @bare
-def factor_rows(scratch):
-    """Factor of S over the active rows; returns their number, -1 if S is singular.
+def factor_rows(scratch, softened):
+    """Factor of S over the active rows with an increased diagonal; their number, -1 if S is singular.
 
-    Redundant rows, such as stops that are reached together, make S singular. All rows then have a
-    small compliance, which divides the force among them by least squares.
+    Redundant rows, such as stops that are reached together, make S singular. If all rows have a small
+    compliance, the force is divided among them by least squares.
     """
     on, place, T = scratch.on, scratch.place, scratch.T
     k = 0
@@ -33,20 +42,14 @@ def factor_rows(scratch):
         if on[i]:
             place[k] = i
             k += 1
-    for turn in range(2):
-        for i in range(k):
-            for j in range(i + 1):
-                T[i, j] = scratch.S[place[i], place[j]]
-            if turn > 0:
-                T[i, i] *= 1.0 + SOFTENED
-        good = cholesky(T, k)
-        for i in range(k):
-            good = good and (
-                turn > 0 or T[i, i] * T[i, i] > REPEATED * scratch.S[place[i], place[i]]
-            )
-        if good:
-            return k
-    return -1
+    for i in range(k):
+        for j in range(i + 1):
+            T[i, j] = scratch.S[place[i], place[j]]
+        T[i, i] *= 1.0 + softened
+    good = factorise(T, scratch.positive, k) == 0
+    for i in range(k):
+        good = good and T[i, i] * T[i, i] > REPEATED * scratch.S[place[i], place[i]]
+    return k if good else -1
 
 
 @bare
@@ -74,26 +77,30 @@ def _complementary(scratch, kinds, b):
     """
     on, f, S = scratch.on, scratch.f, scratch.S
     m = len(on)
-    for i in range(m):
-        on[i] = not kinds.unilateral[i] or b[i] < 0.0
-    for change in range(CHANGES + SINGLE):
-        k = factor_rows(scratch)
-        if k < 0:
-            return False
-        _solve_rows(scratch, k, b)
-        same = True
-        for i in range(m - 1, -1, -1):
-            if kinds.unilateral[i] and (same or change < CHANGES):
-                pushes = f[i] > 0.0
-                if not on[i]:
-                    s = b[i]
-                    for j in range(m):
-                        s += (S[i, j] if j <= i else S[j, i]) * f[j]
-                    pushes = s < 0.0
-                if pushes != on[i]:
-                    on[i], same = pushes, False
-        if same:
-            return True
+    for softened in (0.0, SOFTENED):
+        for i in range(m):
+            on[i] = not kinds.unilateral[i] or b[i] < 0.0
+        for change in range(CHANGES + SINGLE):
+            k = factor_rows(scratch, softened)
+            if k < 0:
+                break
+            _solve_rows(scratch, k, b)
+            same, slack = True, 0.0
+            for i in range(m):
+                slack = max(slack, abs(f[i]))
+            slack *= SLACK if softened > 0.0 else 0.0
+            for i in range(m - 1, -1, -1):
+                if kinds.unilateral[i] and (same or change < CHANGES):
+                    pushes = f[i] > -slack
+                    if not on[i]:
+                        s = b[i]
+                        for j in range(m):
+                            s += (S[i, j] if j <= i else S[j, i]) * f[j]
+                        pushes = s < -slack * S[i, i]
+                    if pushes != on[i]:
+                        on[i], same = pushes, False
+            if same:
+                return True
     return False
 
 
@@ -128,24 +135,36 @@ def _drift(rows, twists, scratch):
 
 @bare
 def _mobility(table, rows, scratch):
-    """Y = G M^-1 and S = G M^-1 G' with the inverse inertia of `scratch.inverse`."""
+    """Y = M^-1 G' and S = G M^-1 G' with the inverse inertia of `scratch.inverse`."""
     G, Y, S, n = scratch.G, scratch.Y, scratch.S, len(scratch.w0)
     for k in range(len(scratch.c)):
         for j in range(n):
-            Y[k, j] = 0.0
+            Y[j, k] = 0.0
         for side in range(2):
             b = rows.body_a[k] if side == 0 else rows.body_b[k]
             c = table.column[b] if b >= 0 else -1
             if c >= 0:
                 for d in range(3):
-                    Y[k, c + d] = G[k, c + d] / table.mass[b]
-                    Y[k, c + 3 + d] = (
+                    Y[c + d, k] = G[k, c + d] / table.mass[b]
+                    Y[c + 3 + d, k] = (
                         scratch.inverse[b, d, 0] * G[k, c + 3]
                         + scratch.inverse[b, d, 1] * G[k, c + 4]
                         + scratch.inverse[b, d, 2] * G[k, c + 5]
                     )
-        for j in range(k + 1):
-            S[k, j] = row_product(G, k, Y, j, n)
+    S[:] = 0.0
+    for k in range(n):
+        for i in range(len(scratch.c)):
+            add_product(S, i, G[i, k], Y, k)
+
+
+@bare
+def _push(scratch, n):
+    """Sum Y f of the forces of rows, into g."""
+    for j in range(n):
+        s = 0.0
+        for i in range(len(scratch.f)):
+            s += scratch.f[i] * scratch.Y[j, i]
+        scratch.g[j] = s
 
 
 @bare
@@ -156,10 +175,13 @@ def hold_rows(rows, kinds, table, twists, h, scratch):
     _drift(rows, twists, scratch)
     for i in range(m):
         for j in range(n):
-            Y[i, j] = G[i, j]
-        solve_lower(scratch.A, Y[i], n)
-        for j in range(i + 1):
-            S[i, j] = h * row_product(Y, i, Y, j, n)
+            Y[j, i] = G[i, j]
+    solve_lower_all(scratch.A, Y, n, m)
+    S[:] = 0.0
+    for k in range(n):
+        for i in range(m):
+            add_product(S, i, h * scratch.sign[k] * Y[k, i], Y, k)
+    for i in range(m):
         time = h if kinds.unilateral[i] else h + kinds.damping_time[i]
         S[i, i] += kinds.compliance[i] / time
         b = scratch.drift[i]
@@ -168,27 +190,15 @@ def hold_rows(rows, kinds, table, twists, h, scratch):
         scratch.drift[i] = b if kinds.rigid[i] else b + scratch.c[i] / time
     if not _complementary(scratch, kinds, scratch.drift):
         return False
-    for j in range(n):
-        scratch.g[j] = 0.0
     for i in range(m):
         scratch.held[i] = scratch.f[i]
-        for j in range(n):
-            scratch.g[j] += h * scratch.f[i] * Y[i, j]
+    _push(scratch, n)
+    for j in range(n):
+        scratch.g[j] *= h * scratch.sign[j]
     solve_upper(scratch.A, scratch.g, n)
     for j in range(n):
         scratch.w1[j] += scratch.g[j]
     return True
-
-
-@bare
-def _push(scratch, n):
-    """Sum Y'f of the forces of rows, into g."""
-    for j in range(n):
-        scratch.g[j] = 0.0
-    for i in range(len(scratch.f)):
-        if scratch.f[i] != 0.0:
-            for j in range(n):
-                scratch.g[j] += scratch.f[i] * scratch.Y[i, j]
 
 
 @bare
@@ -214,7 +224,9 @@ def project_on_rows(rows, kinds, table, twists, most, drift, scratch):
             for i in range(m):
                 on[i] = kinds.rigid[i] or (kinds.unilateral[i] and scratch.c[i] < -drift)
             _mobility(table, rows, scratch)
-            k = factor_rows(scratch)
+            k = factor_rows(scratch, 0.0)
+            if k < 0:
+                k = factor_rows(scratch, SOFTENED)
             if k < 0:
                 return False
         _solve_rows(scratch, k, scratch.c)
@@ -229,7 +241,7 @@ def project_on_rows(rows, kinds, table, twists, most, drift, scratch):
         for j in range(n):
             scratch.drift[i] += scratch.G[i, j] * scratch.w1[j]
     _mobility(table, rows, scratch)
-    k = factor_rows(scratch)
+    k = factor_rows(scratch, 0.0)
     if k < 0:
         return False
     _solve_rows(scratch, k, scratch.drift)

@@ -55,7 +55,10 @@ class Led(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Memory of a step for n velocities, m rows, p points and k bodies, all of it zero at first."""
+    """Memory of a step for n velocities, m rows, p points and k bodies, all of it zero at first.
+
+    A and T are stored by columns.
+    """
 
     frames: Array
     ahead: Array
@@ -66,6 +69,7 @@ class Scratch(NamedTuple):
     force: Array
     carried: Array
     A: Array
+    sign: Array
     w0: Array
     w1: Array
     p: Array
@@ -82,6 +86,7 @@ class Scratch(NamedTuple):
     target: Array
     f: Array
     held: Array
+    positive: Array
     JA: Array
     JB: Array
     JP: Array

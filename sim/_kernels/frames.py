@@ -110,6 +110,21 @@ def move(frames, b, d, i):
 
 
 @bare
+def turn_between(start, end, b):
+    """Rotation vector of body b from frames at the start to those at the end."""
+    a, u = start[b, 3], (start[b, 4], start[b, 5], start[b, 6])
+    c, v = end[b, 3], (end[b, 4], end[b, 5], end[b, 6])
+    w, n = a * c + inner_product(u, v), cross(u, v)
+    s = -1.0 if w < 0.0 else 1.0
+    r = (a * v[0] - c * u[0] + n[0], a * v[1] - c * u[1] + n[1], a * v[2] - c * u[2] + n[2])
+    sine = math.sqrt(inner_product(r, r))
+    size = s * (2.0 + sine * sine / 3.0)
+    if sine >= SMALL:
+        size = s * 2.0 * math.atan2(sine, s * w) / sine
+    return (size * r[0], size * r[1], size * r[2])
+
+
+@bare
 def turned_tensor(frames, b, I, out):  # noqa: E741
     """Symmetric tensor I (3, 3) from the axes of body b to space, Q I Q'."""
     e = (

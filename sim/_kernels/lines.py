@@ -59,12 +59,13 @@ def _peck(p, k, length, rest, activation):
     belly = optimal * (1.0 - tendon)
     r, turn = length / optimal, 2.0 * math.pi
     n = min(max((r - tendon) / (1.0 - tendon), 0.5), 1.5)
-    sine = math.sin(turn * n)
-    w = force_max * activation * belly * (0.5 * (n - 1.0) + sine / (2.0 * turn))
-    F = force_max * activation * 0.5 * (1.0 + math.cos(turn * n))
-    slope = 0.0
-    if 0.5 < n < 1.5:
-        slope = -force_max * activation * 0.5 * turn * sine / belly
+    w, F, slope = 0.0, 0.0, 0.0
+    if activation > 0.0:
+        sine = math.sin(turn * n)
+        w = force_max * activation * belly * (0.5 * (n - 1.0) + sine / (2.0 * turn))
+        F = force_max * activation * 0.5 * (1.0 + math.cos(turn * n))
+        if 0.5 < n < 1.5:
+            slope = -force_max * activation * 0.5 * turn * sine / belly
     phi, span = force_max * passive, stretch_max - 1.0
     x = min(max(r - 1.0, 0.0), span)
     w += phi * optimal * (0.5 * x * x / span + max(r - stretch_max, 0.0))

@@ -1,7 +1,8 @@
 """Linearly implicit steps of rigid bodies with joints and line muscles, dense and without allocation.
 
 The equations are those of `sim.integrators.linearly_implicit` and `held`; matrices hold their lower
-triangle. A step with an indefinite matrix or redundant rows is left to them.
+triangle. A step whose matrix has no factor without exchange of rows, or whose rows are redundant, is
+left to them.
 """
 
 # pyright: basic
@@ -14,9 +15,18 @@ from numpy.typing import NDArray
 
 from sim._kernels.body_forces import add_line, add_morsels, add_points, morsel_gap
 from sim._kernels.body_rows import hold_rows, project_on_rows
-from sim._kernels.body_tables import BodyTable, Flags, Led, RowKinds, Scratch
-from sim._kernels.dense import cholesky, copy, solve_lower, solve_upper
-from sim._kernels.frames import add, cross, move, put, rotated, turned_tensor, vector
+from sim._kernels.body_tables import BodyTable, Flags, Index, Led, RowKinds, Scratch
+from sim._kernels.dense import copy, factorise, solve_lower, solve_upper
+from sim._kernels.frames import (
+    add,
+    cross,
+    move,
+    put,
+    rotated,
+    turn_between,
+    turned_tensor,
+    vector,
+)
 from sim._kernels.joints import RowTable
 from sim._kernels.lines import LineTable
 from sim._kernels.options import bare, bare_kernel
@@ -63,7 +73,7 @@ def _carry(table, led, i, scratch):
 
 
 @bare
-def _start(table, frames, twists, h, scratch):
+def _start(table, frames, twists, scratch):
     """Momentum p and velocities w0 of the state, and A = 0."""
     scratch.A[:] = 0.0
     for b in range(len(table.column)):
@@ -103,6 +113,8 @@ def _add_mass(table, h, scratch):
 def _equation(table, lines, activation, whole, h, theta, scratch):
     """Factor of A = M + theta h D + (theta h)^2 K, and the velocities w1 without rows.
 
+    Returns the number of negative eigenvalues of A, -1 without a factor.
+
     A w1 = p + h f - (1 - theta)/theta (A - M) w0: implicit Euler for theta = 1, the trapezoidal rule for
     theta = 1/2.
     """
@@ -130,28 +142,59 @@ def _equation(table, lines, activation, whole, h, theta, scratch):
                 w1[i] -= left * A[i, j] * w0[j]
                 w1[j] -= left * A[i, j] * w0[i]
     _add_mass(table, h, scratch)
-    if not cholesky(A, n):
-        return False
-    solve_lower(A, w1, n)
-    solve_upper(A, w1, n)
-    return True
+    negative = factorise(A, scratch.sign, n)
+    if negative >= 0:
+        solve_lower(A, w1, n)
+        for i in range(n):
+            w1[i] *= scratch.sign[i]
+        solve_upper(A, w1, n)
+    return negative
 
 
 @bare_kernel
-def force_bodies(
-    table: BodyTable, lines: LineTable, scratch: Scratch, frames: Array, activation: Array
+def change_of_bodies(
+    table: BodyTable,
+    lines: LineTable,
+    scratch: Scratch,
+    start: Array,
+    end: Array,
+    activation: Array,
+    d: Array,
+    change: Array,
 ) -> None:
-    """Generalised forces of loads and line muscles at some frames, without morsels: `scratch.r`."""
-    copy(frames, scratch.frames)
-    _place_points(table, scratch.frames, scratch)
+    """Motion d (n,) between frames, and decrease (n,) of the generalised forces at one activation.
+
+    Forces are those of loads and line muscles, without morsels and rates.
+    """
     scratch.A[:] = 0.0  # no share of a matrix is added to it
-    scratch.r[:] = 0.0
     scratch.carried[:] = 0.0
-    scratch.v[:] = 0.0  # forces of rates are omitted
-    copy(table.load, scratch.force)
-    for k in range(len(table.start) - 1):
-        add_line(table, lines, k, activation, scratch, 0.0, 0.0)
-    add_points(table, scratch, 0.0)
+    scratch.v[:] = 0.0
+    for side in range(2):
+        _place_points(table, start if side == 0 else end, scratch)
+        scratch.r[:] = 0.0
+        copy(table.load, scratch.force)
+        for k in range(len(table.start) - 1):
+            add_line(table, lines, k, activation, scratch, 0.0, 0.0)
+        add_points(table, scratch, 0.0)
+        for i in range(len(change)):
+            change[i] = scratch.r[i] if side == 0 else change[i] - scratch.r[i]
+    for b in range(len(table.column)):
+        c = table.column[b]
+        if c >= 0:
+            theta = turn_between(start, end, b)
+            d[c + 3], d[c + 4], d[c + 5] = theta
+            for i in range(3):
+                d[c + i] = end[b, i] - start[b, i]
+
+
+@bare_kernel
+def place_bodies(
+    table: BodyTable, scratch: Scratch, frames: Array, twists: Array, q: Array, v: Array
+) -> None:
+    """Positions q and velocities v (n_points, 3) of all points."""
+    _place_points(table, frames, scratch)
+    _velocities(table, twists, scratch, v)
+    copy(scratch.q, q)
 
 
 @bare_kernel
@@ -171,38 +214,39 @@ def advance_bodies(
     drift: float,
     frames: Array,
     twists: Array,
-    q: Array,
-    v: Array,
     reaction: Array,
+    negative: Index,
 ) -> int:
-    """Advance frames and twists by steps h (n,) under activations (n, n_muscles); return the steps done.
+    """Advance by steps h (n,) under activations (n, n_muscles); return the steps done.
 
-    Positions q and velocities v of the points, and the forces of rows in the last step, are also
-    written. A step that requires the general path changes nothing. At most `most` projections reduce
-    the values of rows to `drift`. Morsels are `whole` from a distance above their diameter to `gone`.
+    Frames and twists (n + 1, n_bodies, ...) and `whole` (n + 1, n_morsels) hold the start first;
+    `reaction` (n, n_rows) are the forces of rows, `negative` (n,) the numbers of negative eigenvalues of
+    the matrix. At most `most` projections reduce the values of rows to `drift`. Morsels are whole from a
+    distance above their diameter to `gone`.
     """
-    done, still = 0, scratch.still
+    still = scratch.still
     rated = False
     for k in range(len(lines.relation)):
         rated = rated or lines.relation[k, 0] > 0.0
     for i in range(len(h)):
-        copy(frames, scratch.frames)
+        copy(frames[i], scratch.frames)
+        copy(frames[i], scratch.ahead)
         if rated:
-            _place_points(table, frames, scratch)
-            _velocities(table, twists, scratch, scratch.v)
-        copy(frames, scratch.ahead)
+            _place_points(table, scratch.frames, scratch)
+            _velocities(table, twists[i], scratch, scratch.v)
         for k in range(len(led.body)):
             for d in range(7):
                 scratch.frames[led.body[k], d] = led.frames[i, k, d]
             for d in range(6):
                 still[led.body[k], d] = led.twists[i, k, d]
-        _start(table, frames, twists, h[i], scratch)
+        _start(table, scratch.ahead, twists[i], scratch)
         _place_points(table, scratch.frames, scratch)
         _carry(table, led, i, scratch)
-        if not _equation(table, lines, activation[i], whole, h[i], theta, scratch):
-            break
+        negative[i] = _equation(table, lines, activation[i], whole[i], h[i], theta, scratch)
+        if negative[i] < 0:
+            return i
         if len(scratch.c) > 0 and not hold_rows(rows, kinds, table, still, h[i], scratch):
-            break
+            return i
         for j in range(len(scratch.g)):
             scratch.g[j] = h[i] * ((1.0 - theta) * scratch.w0[j] + theta * scratch.w1[j])
         for b in range(len(table.column)):
@@ -211,28 +255,24 @@ def advance_bodies(
         if len(scratch.c) > 0 and not project_on_rows(
             rows, kinds, table, still, most, drift, scratch
         ):
-            break
+            return i
         finite = True
         for j in range(len(scratch.w1)):
             finite = finite and math.isfinite(scratch.w1[j])
         if not finite:
-            break
-        copy(scratch.frames, frames)
+            return i
+        copy(scratch.frames, frames[i + 1])
         # forces of rows in their direction at the start, and those due to the rotation of the rows
-        for j in range(len(reaction)):
-            reaction[j] = scratch.held[j] + scratch.f[j] / h[i]
-        copy(still, twists)
+        for j in range(len(scratch.c)):
+            reaction[i, j] = scratch.held[j] + scratch.f[j] / h[i]
+        copy(still, twists[i + 1])
         for b in range(len(table.column)):
             if table.column[b] >= 0:
                 for d in range(6):
-                    twists[b, d] = scratch.w1[table.column[b] + d]
-        done = i + 1
-        if len(whole) > 0:
-            _place_points(table, frames, scratch)
-        for k in range(len(whole)):
+                    twists[i + 1, b, d] = scratch.w1[table.column[b] + d]
+        if len(table.morsel) > 0:
+            _place_points(table, scratch.frames, scratch)
+        for k in range(len(table.morsel)):
             d = morsel_gap(table, k, scratch)
-            whole[k] = d > table.plane[k, 6] or (whole[k] and d >= gone)
-    _place_points(table, frames, scratch)
-    _velocities(table, twists, scratch, v)
-    copy(scratch.q, q)
-    return done
+            whole[i + 1, k] = d > table.plane[k, 6] or (whole[i, k] and d >= gone)
+    return len(h)

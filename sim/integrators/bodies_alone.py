@@ -5,15 +5,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim._kernels.body_tables import Led, Scratch
+from sim._kernels.body_tables import Flags, Led, Scratch
 from sim._kernels.free_bodies import run_free_bodies
-from sim._kernels.multibody import advance_bodies, force_bodies
+from sim._kernels.multibody import advance_bodies, change_of_bodies, place_bodies
 from sim.joints.compiled import DRIFT, PROJECTIONS
 from sim.joints.contract import REACTIONS
 from sim.multibody import Multibody
-from sim.state import Array, Control, ControlAt, Pose, State
+from sim.state import Array, Control, ControlAt, Pose, State, StepReport
 from sim.system import System
 from sim.terms.crushable import GONE
+
+AT_ONCE = 1000
+"""Largest number of steps that are computed without a check for interruption."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,28 +35,27 @@ class BodiesAlone:
 
     def advance(
         self, state: State, control: ControlAt, ends: Sequence[float], theta: float
-    ) -> tuple[State, int]:
-        """Advance by linearly implicit steps up to the first that requires more than a Cholesky factor.
-
-        Returns the state and the number of steps.
+    ) -> "Passed":
+        """Advance by linearly implicit steps up to the first that requires the general path.
 
         Parameters
         ----------
         state : State
         control : ControlAt
-        ends : times at which steps end [s].
+        ends : times at which steps end [s], of which at most `AT_ONCE` are used.
         theta : float
             Implicit part of a step; 1 is Euler's method, 1/2 the trapezoidal rule.
         """
         time = [state.t]
-        for end in ends:
+        for end in ends[:AT_ONCE]:
             time.append(time[-1] + (end - time[-1]))
-        frames, twists = state.frames.copy(), state.twists.copy()
-        q, v = np.empty_like(state.q), np.empty_like(state.v)
-        reaction = np.zeros(len(self.tables.rows.kind))
-        eaten = self.tables.eaten
-        whole = np.array([name in state.memory and state.memory[name][0] > 0.0 for name in eaten])
-        whole = whole.astype(np.bool_)  # an empty array has no type of its own
+        n, names = len(time), self.tables.eaten
+        frames, twists = np.empty((n, *state.frames.shape)), np.empty((n, *state.twists.shape))
+        frames[0], twists[0] = state.frames, state.twists
+        whole = np.zeros((n, len(names)), dtype=np.bool_)
+        whole[0] = [name in state.memory and state.memory[name][0] > 0.0 for name in names]
+        reaction = np.zeros((n - 1, len(self.tables.rows.kind)))
+        negative, h = np.zeros(n - 1, dtype=np.int64), np.diff(time)
         done: int = advance_bodies(
             self.tables.table,
             self.tables.lines,
@@ -61,7 +63,7 @@ class BodiesAlone:
             self.tables.kinds,
             self._led(time[1:]),
             self.scratch,
-            np.diff(time),
+            h,
             control.at_ends(time),
             whole,
             GONE,
@@ -70,19 +72,25 @@ class BodiesAlone:
             DRIFT,
             frames,
             twists,
-            q,
-            v,
             reaction,
+            negative,
         )
-        memory = {REACTIONS: reaction} if done and len(reaction) else {}
-        memory |= {name: np.array([float(w)]) for name, w in zip(eaten, whole, strict=True)}
-        return State(time[done], q, v, memory, frames, twists), done
+        return Passed(self, time, frames, twists, whole, reaction, negative > 0, done)
 
-    def force(self, state: State, control: Control) -> Array:
-        """Generalised forces (n,) of all terms outside a step, as of `System.force`."""
-        tables, scratch = self.tables, self.scratch
-        force_bodies(tables.table, tables.lines, scratch, state.frames, control.activation)
-        return scratch.r.copy()
+    def change(self, before: State, after: State, control: Control) -> tuple[Array, Array]:
+        """Motion (n,) between two states, and decrease (n,) of forces outside a step."""
+        d, change = np.empty(self.tables.n), np.empty(self.tables.n)
+        change_of_bodies(
+            self.tables.table,
+            self.tables.lines,
+            self.scratch,
+            before.frames,
+            after.frames,
+            control.activation,
+            d,
+            change,
+        )
+        return d, change
 
     @property
     def are_free(self) -> bool:
@@ -109,3 +117,42 @@ class BodiesAlone:
             maps.prescribe(whole, times[i])
             frames[i], twists[i] = whole[led], maps.prescribed_twists(times[i])[led]
         return Led(led, frames, twists)
+
+
+@dataclass(frozen=True, eq=False)
+class Passed:
+    """States passed by fused steps.
+
+    Attributes
+    ----------
+    bodies : BodiesAlone
+    time, frames, twists, whole : of the start and of the end of every step.
+    reaction, indefinite : forces of rows and definiteness of the matrix in every step.
+    done : int
+        Number of steps that were possible.
+    """
+
+    bodies: BodiesAlone
+    time: list[float]
+    frames: Array
+    twists: Array
+    whole: Flags
+    reaction: Array
+    indefinite: Flags
+    done: int
+
+    def state(self, k: int) -> State:
+        """State after k > 0 steps."""
+        tables, frames, twists = self.bodies.tables, self.frames[k].copy(), self.twists[k].copy()
+        q, v = np.empty_like(tables.table.arm), np.empty_like(tables.table.arm)
+        place_bodies(tables.table, self.bodies.scratch, frames, twists, q, v)
+        memory = {REACTIONS: self.reaction[k - 1].copy()} if len(tables.rows.kind) else {}
+        for name, whole in zip(tables.eaten, self.whole[k], strict=True):
+            memory[name] = np.array([float(whole)])
+        return State(self.time[k], q, v, memory, frames, twists)
+
+    def report(self, first: int, last: int) -> StepReport:
+        """Report of the steps after the first up to the last."""
+        n, indefinite = last - first, int(self.indefinite[first:last].sum())
+        h = float(np.diff(self.time[first : last + 1]).min())
+        return StepReport(h, float("inf"), n, 0, n, n, indefinite=indefinite)

@@ -1,6 +1,6 @@
 """Interface of integrators."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import ClassVar, Protocol, runtime_checkable
 
 from sim.errors import InvertedElement, SceneError
@@ -51,10 +51,13 @@ class RunsSteps(Protocol):
         system: System,
         state: State,
         control: ControlAt,
-        ends: Sequence[float],
+        groups: Sequence[Sequence[float]],
         work: Workspace,
-    ) -> tuple[State, list[StepReport]]:
-        """State after steps that end at the given times [s], and reports; raises as `step`."""
+    ) -> Iterator[tuple[State, list[StepReport]]]:
+        """States and reports after each group of steps that end at the given times [s].
+
+        Errors are those of `step`.
+        """
         ...
 
 

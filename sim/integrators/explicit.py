@@ -1,12 +1,13 @@
 """Explicit methods for scenes that are not stiff, with a bounded step."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
 from sim.errors import SceneError
+from sim.integrators.bodies_alone import AT_ONCE
 from sim.integrators.contract import require_no_barrier, require_no_contact, require_upright
 from sim.integrators.held import free_acceleration, held_acceleration
 from sim.integrators.workspace import Workspace
@@ -93,7 +94,7 @@ class RungeKutta4:
     ) -> tuple[State, StepReport]:
         """Advance by h; errors as `SymplecticEuler.step`."""
         if work.bodies is not None and work.bodies.are_free:
-            state, reports = self.run(system, state, control, (state.t + h,), work)
+            state, reports = next(self.run(system, state, control, ((state.t + h,),), work))
             return state, reports[0]
         kinematics, pose = system.kinematics, state.pose
         at_start = system.during(state, 0.0)
@@ -117,16 +118,20 @@ class RungeKutta4:
         system: System,
         state: State,
         control: ControlAt,
-        ends: Sequence[float],
+        groups: Sequence[Sequence[float]],
         work: Workspace,
-    ) -> tuple[State, list[StepReport]]:
-        """Advance by steps that end at the given times [s]; errors as of `step`."""
-        lengths = np.diff([state.t, *ends])
-        if work.bodies is not None and work.bodies.are_free:
-            state, least = work.bodies.run_free(state, ends), float("inf")
-            return state, [StepReport(float(lengths.min()), least, len(ends), 0, 0, 0)]
-        reports: list[StepReport] = []
-        for h in lengths.tolist():
-            state, report = self.step(system, state, control, h, work)
-            reports.append(report)
-        return state, reports
+    ) -> Iterator[tuple[State, list[StepReport]]]:
+        """States after each group of steps that end at the given times [s]; errors as of `step`."""
+        for ends in groups:
+            reports = list[StepReport]()
+            if work.bodies is not None and work.bodies.are_free:
+                for first in range(0, len(ends), AT_ONCE):
+                    part = ends[first : first + AT_ONCE]
+                    h = float(np.diff([state.t, *part]).min())
+                    state = work.bodies.run_free(state, part)
+                    reports.append(StepReport(h, float("inf"), len(part), 0, 0, 0))
+            else:
+                for end in ends:
+                    state, report = self.step(system, state, control, end - state.t, work)
+                    reports.append(report)
+            yield state, reports

@@ -1,8 +1,8 @@
 """Linearly implicit Euler and trapezoidal steps: one linear solution per step."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import accumulate, chain
 from typing import ClassVar
 
 from sim.integrators.contract import require_upright
@@ -42,9 +42,9 @@ class _Linearised:
             The matrix could not be factorised.
         """
         if work.bodies is not None:
-            new, done = work.bodies.advance(state, control, (state.t + h,), self.theta)
-            if done:
-                return new, StepReport(h=h, smallest_J=float("inf"))
+            passed = work.bodies.advance(state, control, (state.t + h,), self.theta)
+            if passed.done:
+                return passed.state(1), passed.report(0, 1)
         line = control.chord(state.t, h)
 
         def equation(system: System) -> LinearStep:
@@ -57,24 +57,26 @@ class _Linearised:
         system: System,
         state: State,
         control: ControlAt,
-        ends: Sequence[float],
+        groups: Sequence[Sequence[float]],
         work: Workspace,
-    ) -> tuple[State, list[StepReport]]:
-        """Advance by steps that end at the given times [s]; errors as of `step`."""
-        done, reports = 0, list[StepReport]()
-        while done < len(ends):
-            if work.bodies is not None:
-                starts = (state.t, *ends[done:])
-                state, more = work.bodies.advance(state, control, ends[done:], self.theta)
-                if more:
-                    h = min(b - a for a, b in pairwise(starts[: more + 1]))
-                    reports.append(StepReport(h, float("inf"), more, 0, more, more))
-                    done += more
-                    continue
-            state, report = self.step(system, state, control, ends[done] - state.t, work)
-            reports.append(report)
-            done += 1
-        return state, reports
+    ) -> Iterator[tuple[State, list[StepReport]]]:
+        """States after each group of steps that end at the given times [s]; errors as of `step`."""
+        ends, done, bodies = list(chain.from_iterable(groups)), 0, work.bodies
+        passed, first = None, 0
+        for last in accumulate(map(len, groups)):
+            reports = list[StepReport]()
+            while done < last:
+                if bodies is not None and (passed is None or done == first + passed.done):
+                    passed, first = bodies.advance(state, control, ends[done:], self.theta), done
+                if passed is not None and passed.done:
+                    until = min(last, first + passed.done)
+                    reports.append(passed.report(done - first, until - first))
+                    state, done = passed.state(until - first), until
+                else:
+                    state, report = self.step(system, state, control, ends[done] - state.t, work)
+                    reports.append(report)
+                    passed, done = None, done + 1
+            yield state, reports
 
     def equation(self, system: System, state: State, line: Line, work: Workspace) -> LinearStep:
         """Matrix and right-hand side of a step from a state, with the activation of a line over it.

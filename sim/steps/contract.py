@@ -1,6 +1,6 @@
 """Interface of step controls, and shared functions."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -49,10 +49,10 @@ class StepsThrough(StepControl, Protocol):
         system: System,
         state: State,
         control: ControlAt,
-        ends: Sequence[float],
+        groups: Sequence[Sequence[float]],
         work: Workspace,
-    ) -> tuple[State, StepReport]:
-        """State after steps that end at the given times [s], with one report."""
+    ) -> Iterator[tuple[State, StepReport]]:
+        """States after each group of steps that end at the given times [s], with one report each."""
         ...
 
 

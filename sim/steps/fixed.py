@@ -1,6 +1,6 @@
 """Fixed step size."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from sim.integrators.contract import Integrator, RunsSteps
@@ -8,9 +8,6 @@ from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, State, StepReport
 from sim.steps.contract import Watch, require_positive, united
 from sim.system import System
-
-AT_ONCE = 1000
-"""Largest number of steps that are computed without a check for interruption."""
 
 
 @dataclass(frozen=True)
@@ -34,16 +31,12 @@ class FixedStep:
         system: System,
         state: State,
         control: ControlAt,
-        ends: Sequence[float],
+        groups: Sequence[Sequence[float]],
         work: Workspace,
-    ) -> tuple[State, StepReport]:
-        """Advance by steps that end at the given times [s], and return one report."""
-        reports: list[StepReport] = []
-        for first in range(0, len(ends), AT_ONCE):
-            part = ends[first : first + AT_ONCE]
-            state, more = integrator.run(system, state, control, part, work)
-            reports += more
-        return state, united(reports, 0)
+    ) -> Iterator[tuple[State, StepReport]]:
+        """States after each group of steps that end at the given times [s], with one report each."""
+        for passed, reports in integrator.run(system, state, control, groups, work):
+            yield passed, united(reports, 0)
 
     def advance(
         self,

@@ -104,8 +104,13 @@ def test_fused_steps_equal_the_general_path(integrator, joints):
     np.testing.assert_allclose(fused.body_position, general.body_position, atol=1e-12)
     control = sim.activation.Driven(system, drive(0.06))(0.03)
     bodies = sim.Workspace(system).bodies
-    f = system.kinematics.generalised_force(system.force(b.q, control).f, b.pose)
-    np.testing.assert_allclose(bodies.force(b, control), f, atol=1e-12 * np.abs(f).max())
+    rest, f = system.rest_state(), []
+    for state in (rest, b):
+        force = system.force(state.q, control).f
+        f.append(system.kinematics.generalised_force(force, state.pose))
+    d, change = bodies.change(rest, b, control)
+    np.testing.assert_allclose(d, system.kinematics.between(rest.pose, b.pose), atol=1e-15)
+    np.testing.assert_allclose(change, f[0] - f[1], atol=1e-12 * np.abs(f).max())
     np.testing.assert_array_equal(fused.steps, general.steps)
     if joints:
         for name in ("joint_force", "joint_moment"):
@@ -155,7 +160,7 @@ def test_fused_steps_are_chosen_by_the_scene():
     assert sim.Workspace(system).bodies is None
 
 
-def test_an_indefinite_step_is_left_to_the_general_path():
+def test_an_indefinite_step_equals_that_of_the_general_path():
     """The matrix of a step is indefinite if the step is too long for a spring of negative stiffness."""
     points = np.array([[0.0, 0.0, 0.1], [0.0, 0.0, 0.0]])
     law = sim.Peck(500.0, passive_fraction=0.0)
@@ -168,11 +173,17 @@ def test_an_indefinite_step_is_left_to_the_general_path():
     state = system.rest_state()
     away = system.kinematics.advance(state.pose, np.array([0, 0, -0.02, 0, 0, 0.0]), 0.0)
     state = system.kinematics.state(away, np.zeros(6), {})
-    control, work = system.control(np.ones(1)), sim.Workspace(system)
-    assert work.bodies.advance(state, control, (0.1,), 1.0)[1] == 0
-    end, report = STEPPED[0].step(system, state, control, 0.1, work)
-    assert report.indefinite == 1
-    assert np.isfinite(end.q).all()
+    control, ends = system.control(np.ones(1)), list[sim.State]()
+    for fused in (True, False):
+        work = sim.Workspace(system)
+        assert work.bodies.advance(state, control, (0.1,), 1.0).done == 1
+        if not fused:
+            work.bodies = None
+        end, report = STEPPED[0].step(system, state, control, 0.1, work)
+        assert report.indefinite == 1
+        ends.append(end)
+    np.testing.assert_allclose(ends[0].frames, ends[1].frames, atol=1e-11)
+    np.testing.assert_allclose(ends[0].twists, ends[1].twists, atol=1e-10)
 
 
 def test_joints_of_a_chain_do_not_drift_over_a_hundred_seconds():
@@ -284,9 +295,10 @@ def test_stops_that_are_reached_together_share_the_force():
             joints=tuple(stops),
         )
     )
-    work, state = sim.Workspace(system), system.rest_state()
-    control = sim.activation.Driven(system, sim.resting(0))
-    state, done = work.bodies.advance(state, control, 1e-3 * np.arange(1, 201), 1.0)
-    assert done == 200
+    work, control = sim.Workspace(system), sim.activation.Driven(system, sim.resting(0))
+    ends = (1e-3 * np.arange(1, 201)).tolist()
+    passed = work.bodies.advance(system.rest_state(), control, ends, 1.0)
+    assert passed.done == 200
+    state = passed.state(200)
     np.testing.assert_allclose(state.memory["joints"], 1.0, rtol=1e-6)
     assert np.abs(state.q[:4, 2]).max() < 1e-9
