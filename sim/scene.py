@@ -47,12 +47,11 @@ class Contribution:
 class CompiledTerm(Protocol):
     """Compiled term."""
 
-    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """F += force [N], shape (n_nodes, 3), at positions q (n_nodes, 3) [m]."""
-        ...
+    def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
+        """F += force [N] at positions q, both (n_nodes, 3) [m], and K += -df/dq [N/m], if given.
 
-    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """As `add_force`, and K += -df/dq [N/m] in the values of the pattern."""
+        K are values of the pattern.
+        """
         ...
 
 
@@ -97,7 +96,7 @@ class HasSparse(Protocol):
 
 @runtime_checkable
 class HasProduct(CompiledTerm, Protocol):
-    """Compiled term whose stiffness is that of `add_tangent` plus a matrix-free product."""
+    """Compiled term whose stiffness is that of `add` plus a matrix-free product."""
 
     def product(self, q: Array) -> Product:
         """The product at positions q."""

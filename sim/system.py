@@ -207,7 +207,7 @@ class System(Described):
     def force(self, q: Array, control: Control) -> Evaluation:
         """Forces and energy at positions q (n_nodes, 3) [m]."""
         f = np.zeros_like(q)
-        return _total(f, [term.add_force(q, control, f) for term in self.terms])
+        return _total(f, [term.add(q, control, f) for term in self.terms])
 
     def tangent(self, q: Array, control: Control) -> tuple[Evaluation, Array]:
         """Forces and stiffness at positions q.
@@ -218,7 +218,7 @@ class System(Described):
         K : (point_pattern.nnz,) values of the upper triangle of -df/dq [N/m].
         """
         f, K = np.zeros_like(q), np.zeros(self.point_pattern.nnz)
-        return _total(f, [term.add_tangent(q, control, f, K) for term in self.terms]), K
+        return _total(f, [term.add(q, control, f, K) for term in self.terms]), K
 
     @property
     def is_damped(self) -> bool:

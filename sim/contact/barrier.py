@@ -132,8 +132,11 @@ class CompiledBarrier:
         )
         return step
 
-    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """Add the repulsive forces of surfaces closer than the distance."""
+    def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
+        """Add the repulsive forces of surfaces closer than the distance.
+
+        The stiffness is semi-definite, without rotation of the normals.
+        """
         energy = 0.0
         for i, pair in enumerate(self.pairs):
             x = pair.vertices(q, control.t)
@@ -141,17 +144,12 @@ class CompiledBarrier:
                 more, gradient = potential.energy(x)
                 energy += more
                 f[pair.node[: pair.n_soft]] -= gradient[: pair.n_soft]
-        return Contribution(energy)
-
-    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """Same as `add_force`, with a semi-definite stiffness without rotation of the normals."""
-        found = self.add_force(q, control, f)
-        for i, pair in enumerate(self.pairs):
-            x = pair.vertices(q, control.t)
+            if K is None:
+                continue
             self._places.add_normal(pair.node, pair.stiffness(x), K)
             if self._sliding is not None:
                 self._places.add(pair.node, self._sliding[i].hessian(x), K)
-        return found
+        return Contribution(energy)
 
     def _of(self, i: int) -> tuple[CollisionPair | Sliding, ...]:
         return (self.pairs[i],) if self._sliding is None else (self.pairs[i], self._sliding[i])

@@ -109,12 +109,8 @@ class CompiledContact:
         none = np.empty(0, dtype=np.int64)
         return none if memory is None else np.flatnonzero(memory[:, FORCE] > 0.0)
 
-    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """No force, because multipliers separate the surfaces."""
-        return Contribution(0.0)
-
-    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """No force and no stiffness."""
+    def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
+        """No force and no stiffness, because multipliers separate the surfaces."""
         return Contribution(0.0)
 
     def measure(self, state: State, control: Control) -> tuple[Array, Array, Array]:

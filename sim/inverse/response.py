@@ -105,7 +105,7 @@ class ActiveForces:
 
         def force(term: CompiledTerm, control: Control) -> Array:
             f = np.zeros_like(q)
-            term.add_force(q, control, f)
+            term.add(q, control, f)
             return f
 
         kept = (t for t in system.terms if (force(t, silent) != force(t, loud)).any())

@@ -109,7 +109,7 @@ def reduce_system(
     load = np.zeros_like(q0)
     for term in system.terms:
         if term is not solid:
-            term.add_force(q0, silent, load)
+            term.add(q0, silent, load)
     if sample is None:
         table = point_table(solid, q0, modes)
     else:

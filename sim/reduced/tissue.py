@@ -69,8 +69,9 @@ class CompiledReducedSolid:
             self._relaxed = h, inverse
         return self._relaxed[1]
 
-    def _add(self, q: Array, control: Control, f: Array, tangent: bool) -> Contribution:
-        y, table, w = q.reshape(-1), self.solid.table, self.scratch
+    def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
+        """F += force at coordinates q (n_points, 3), and K += stiffness."""
+        y, table, w, tangent = q.reshape(-1), self.solid.table, self.scratch, K is not None
         self.at.reshape(-1)[: self.r] = y
         self.force.reshape(-1)[: len(self.solid.load)] = self.solid.load
         if tangent:
@@ -79,18 +80,10 @@ class CompiledReducedSolid:
             table, self.at, control.activation, tangent, w, self.force, self.stiffness, self.r
         )
         f += self.force.reshape(-1)[: self.r].reshape(-1, 3)
+        if K is not None:
+            np.add(K, self.stiffness.reshape(self.r, -1)[:, : self.r].T[self._upper], out=K)
         element = int(table.place[at]) // 8 if at >= 0 else -1
         return Contribution(energy - float(self.solid.load[: self.r] @ y), J, element)
-
-    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """F += force at coordinates q (n_points, 3)."""
-        return self._add(q, control, f, False)
-
-    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """As `add_force`, and K += stiffness in the values of the pattern."""
-        found = self._add(q, control, f, True)
-        np.add(K, self.stiffness.reshape(self.r, -1)[:, : self.r].T[self._upper], out=K)
-        return found
 
     def smallest_J(self, q: Array) -> tuple[float, int]:
         """Smallest det F of the chosen points, and its element."""

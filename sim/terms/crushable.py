@@ -87,23 +87,17 @@ class CompiledCrushable:
         plane = [*term.origin, *term.normal, term.diameter, term.force_max]
         forces.morsels.append((term.node, np.array(plane)))
 
-    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """Add the force along the normal."""
+    def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
+        """Add the force and the stiffness along the normal."""
         term, d = self._term, self._distance(q)
         if not self._whole or not d < term.diameter:
             return Contribution(0.0)
         k, left = term.force_max / term.diameter, term.diameter - d
         f[term.node] += k * left * term.normal
-        return Contribution(0.5 * k * left * left)
-
-    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """As `add_force`, with the stiffness along the normal."""
-        term = self._term
-        if self._whole and self._distance(q) < term.diameter:
-            k = term.force_max / term.diameter
+        if K is not None:
             block, stored = k * np.outer(term.normal, term.normal).ravel(), self._target >= 0
             np.add.at(K, self._target[stored], block[stored])
-        return self.add_force(q, control, f)
+        return Contribution(0.5 * k * left * left)
 
 
 class CrushableInStep(CompiledCrushable):

@@ -152,18 +152,13 @@ class CompiledLineMuscles:
         """Add the fibres, whose points are not embedded in a mesh."""
         forces.lines.append((self.table, self._paths))
 
-    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """Subtract dE/dq from f."""
-        _, direction, total = self._lengths(q)
-        energy, tension, _ = self._tension(total, control)
-        f -= product_of(self._Dt, tension[self._fibre][:, None] * direction)
-        return Contribution(energy)
-
-    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """As `add_force`, and K += d2E/dq2."""
+    def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
+        """Subtract dE/dq from f, and add d2E/dq2 to K."""
         length, direction, total = self._lengths(q)
         energy, tension, slope = self._tension(total, control)
         f -= product_of(self._Dt, tension[self._fibre][:, None] * direction)
+        if K is None:
+            return Contribution(energy)
         s, t = self._first, self._second
         blocks = np.einsum(
             "p,pi,pj->pij", slope[self._fibre[s]], direction[s], direction[t], optimize=False

@@ -81,11 +81,7 @@ class ConstantForces:
         """Add the loads."""
         forces.load[:] += self._load
 
-    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """Add the loads to f."""
+    def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
+        """Add the forces to f."""
         f += self._load
         return Contribution(energy=-dot(self._load, q - self._X))
-
-    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """As `add_force`; the stiffness is zero."""
-        return self.add_force(q, control, f)

@@ -134,24 +134,23 @@ class _NodalPressures:
         pressure = np.ascontiguousarray((self._kappa * strain)[self._owner] * self._is_point)
         return pressure, 0.5 * dot(self._kappa * self._rest, strain**2)
 
-    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """Subtract dE/dq from f."""
-        self._volumes.evaluate(q)
-        nodal = np.bincount(self._owner.ravel(), self._volumes.v.ravel(), len(self._rest))
-        pressure, energy = self._pressure(nodal.astype(np.float64, copy=False))
-        self._volumes.add_pressure(q, pressure, f)
+    def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
+        """Subtract dE/dq from f; the stiffness is p d2v/dx2, which couples nodes within elements."""
+        if K is None:
+            self._volumes.evaluate(q)
+            nodal = np.bincount(self._owner.ravel(), self._volumes.v.ravel(), len(self._rest))
+            nodal = nodal.astype(np.float64, copy=False)
+        else:
+            self._evaluate(q)
+            nodal = self._nodal
+        pressure, energy = self._pressure(nodal)
+        self._volumes.add_pressure(q, pressure, f, K)
         return Contribution(energy)
 
     def _evaluate(self, q: Array) -> None:
         """Fill volumes and derivatives, of points and of nodes."""
         self._volumes.evaluate(q)
         self._volumes.gather(self._of_nodes, self._nodal, self._g)
-
-    def _add_bending(self, q: Array, f: Array, K: Array) -> Contribution:
-        """Forces, and the stiffness p d2v/dx2 that couples nodes within elements."""
-        pressure, energy = self._pressure(self._nodal)
-        self._volumes.add_pressure(q, pressure, f, K)
-        return Contribution(energy)
 
 
 class CompiledNodalVolume(_NodalPressures):
@@ -169,20 +168,12 @@ class CompiledNodalVolume(_NodalPressures):
         self._first, self._second = a[order].astype(np.int32), b[order].astype(np.int32)
         self._target = np.ascontiguousarray(pattern.target[pattern.pair_index(pair)])
 
-    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """As `add_force`, and K += d2E/dq2, which couples second neighbours."""
-        self._evaluate(q)
-        found = self._add_bending(q, f, K)
-        kernel.add_products(
-            self._stiffness,
-            self._g,
-            self._pair_start,
-            self._pair_node,
-            self._first,
-            self._second,
-            self._target,
-            K,
-        )
+    def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
+        """As before, with the stiffness of the products, which couples second neighbours."""
+        found = super().add(q, control, f, K)
+        if K is not None:
+            places = self._pair_start, self._pair_node, self._first, self._second, self._target
+            kernel.add_products(self._stiffness, self._g, *places, K)
         return found
 
 
@@ -215,11 +206,6 @@ class CompiledSparseNodalVolume(_NodalPressures):
             super()._evaluate(q)
             self._at, self._product = q.copy(), None
 
-    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """As `add_force`, and K += p d2v/dx2, without the products."""
-        self._evaluate(q)
-        return self._add_bending(q, f, K)
-
     def product(self, q: Array) -> Product:
         """Matrix-free part of d2E/dq2 at q."""
         self._evaluate(q)
@@ -231,7 +217,7 @@ class CompiledSparseNodalVolume(_NodalPressures):
 
     def add_stand_in(self, q: Array, K: Array) -> None:
         """K += the stiffness of softened element volumes, which approximates that of the product."""
-        self._stand_in.add_tangent(q, self._no_control, np.zeros_like(q), K)
+        self._stand_in.add(q, self._no_control, np.zeros_like(q), K)
 
 
 def _stars(mesh: Mesh) -> tuple[Index, Index]:

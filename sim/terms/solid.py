@@ -147,9 +147,18 @@ class CompiledSolid:
             for own in (chosen & tensor & ~remembers, chosen & tensor & remembers)
         )
 
-    def _add(
-        self, q: Array, control: Control, f: Array, K: Array | None, weight: Array | None = None
+    def add(
+        self,
+        q: Array,
+        control: Control,
+        f: Array,
+        K: Array | None = None,
+        weight: Array | None = None,
     ) -> Contribution:
+        """F -= dE/dq, shape (n_nodes, 3) [N], and K += d2E/dq2 in the values of the pattern.
+
+        weight (n_elements,) [1] multiplies the energies; elements of weight zero are skipped.
+        """
         rest = (
             self._fibres,
             control.activation,
@@ -180,15 +189,6 @@ class CompiledSolid:
         worst = int(np.argmin(np.nan_to_num(self._least_J, nan=-np.inf, posinf=np.inf)))
         return float(self._least_J[worst]), worst
 
-    def add_weighted(
-        self, weight: Array, q: Array, control: Control, f: Array, K: Array | None = None
-    ) -> Contribution:
-        """F -= sum_e weight_e dE_e/dq and, if given, K += sum_e weight_e d2E_e/dq2.
-
-        weight (n_elements,) [1]; elements of weight zero are skipped.
-        """
-        return self._add(q, control, f, K, weight)
-
     def nodes_of_muscle(self, muscle: int) -> Index:
         """Nodes on which the fibres of a muscle of the scene act."""
         fibres = self._fibres
@@ -198,14 +198,6 @@ class CompiledSolid:
         parts = (*self._scalar_parts, *tensor)
         found = [part.nodes[np.isin(part.element, own)].ravel() for part in parts]
         return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *found]))
-
-    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """F -= dE/dq, shape (n_nodes, 3) [N]."""
-        return self._add(q, control, f, None)
-
-    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """F -= dE/dq and K += d2E/dq2 in the values of the pattern."""
-        return self._add(q, control, f, K)
 
     def smallest_J(self, q: Array) -> tuple[float, int]:
         """Smallest det F over all Gauss points at positions q, and its element."""

@@ -106,25 +106,13 @@ class CompiledStiffening:
         activation = np.bincount(self._element, drive, self._n)
         return (self._factor - 1.0) * np.minimum(activation, 1.0)
 
-    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """Subtract dE/dq from f."""
+    def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
+        """Subtract dE/dq from f, and add d2E/dq2 to K."""
         weight = self.weights(control)
         if not weight.any():
             return Contribution(0.0)
-        return self._add(weight, q, control, f)
-
-    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """As `add_force`, and K += d2E/dq2."""
-        weight = self.weights(control)
-        if not weight.any():
-            return Contribution(0.0)
-        return self._add(weight, q, control, f, K)
-
-    def _add(
-        self, weight: Array, q: Array, control: Control, f: Array, K: Array | None = None
-    ) -> Contribution:
-        found = self._solid.add_weighted(weight, q, control, f, K)
+        found = self._solid.add(q, control, f, K, weight)
         if self._volume is None:
             return found
-        pressure = self._volume.add_weighted(weight, q, f, K)
+        pressure = self._volume.add(q, control, f, K, weight)
         return replace(found, energy=found.energy + pressure.energy)

@@ -77,17 +77,13 @@ class CompiledSupport:
         away = ((q[self._nodes] - self._X) * self._normal).sum(axis=1)
         return np.minimum(self._gap + away, 0.0)
 
-    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """Add the forces on nodes behind their wall."""
+    def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
+        """Add the forces on nodes behind their wall, and the stiffness of active walls."""
         depth = self._depth(q)
         np.add.at(f, self._nodes, -self._stiffness * depth[:, None] * self._normal)
+        if K is not None:
+            touched = depth < -TOUCHED
+            target = self._target[touched]
+            stored = target >= 0
+            np.add.at(K, target[stored], self._block[touched].reshape(-1, 9)[stored])
         return Contribution(0.5 * self._stiffness * float((depth * depth).sum()))
-
-    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """Same as `add_force`, with the stiffness of active walls."""
-        found = self.add_force(q, control, f)
-        touched = self._depth(q) < -TOUCHED
-        target = self._target[touched]
-        stored = target >= 0
-        np.add.at(K, target[stored], self._block[touched].reshape(-1, 9)[stored])
-        return found

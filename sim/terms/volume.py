@@ -71,9 +71,15 @@ class CompiledElementVolume:
         self._energy = np.zeros(layout.mesh.n_elements)
         self._no_values, self._no_pressure = np.zeros(0), np.zeros((0, LANES))
 
-    def _add(
-        self, q: Array, f: Array, K: Array | None, weight: Array | None = None
+    def add(
+        self,
+        q: Array,
+        control: Control,
+        f: Array,
+        K: Array | None = None,
+        weight: Array | None = None,
     ) -> Contribution:
+        """Subtract dE/dq from f, and add d2E/dq2 to K; weight (n_elements,) multiplies the energies."""
         kappa = self._kappa if weight is None else weight * self._kappa
         values = self._no_values if K is None else K
         for part, places in zip(self._parts, self._places, strict=True):
@@ -90,17 +96,3 @@ class CompiledElementVolume:
                 values,
             )
         return Contribution(float(self._energy.sum()))
-
-    def add_weighted(
-        self, weight: Array, q: Array, f: Array, K: Array | None = None
-    ) -> Contribution:
-        """As `add_force` and `add_tangent`, each element times its weight (n_elements,) [1]."""
-        return self._add(q, f, K, weight)
-
-    def add_force(self, q: Array, control: Control, f: Array) -> Contribution:
-        """Subtract dE/dq from f."""
-        return self._add(q, f, None)
-
-    def add_tangent(self, q: Array, control: Control, f: Array, K: Array) -> Contribution:
-        """As `add_force`, and K += d2E/dq2."""
-        return self._add(q, f, K)

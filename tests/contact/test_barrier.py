@@ -45,7 +45,7 @@ def alone(term, system, q, tangent=False):
     """Energy, force and stiffness of one term."""
     f, K = np.zeros_like(q), np.zeros(system.pattern.nnz)
     control = system.control(REST)
-    found = term.add_tangent(q, control, f, K) if tangent else term.add_force(q, control, f)
+    found = term.add(q, control, f, K if tangent else None)
     return found.energy, f, K
 
 

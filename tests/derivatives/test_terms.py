@@ -73,10 +73,7 @@ class Weightless:
     def compile(self, layout):
         return self
 
-    def add_force(self, q, control, f):
-        return Contribution(0.0)
-
-    def add_tangent(self, q, control, f, K):
+    def add(self, q, control, f, K=None):
         return Contribution(0.0)
 
 

@@ -74,17 +74,14 @@ class _Compiled:
         stored = self.target >= 0
         np.add.at(values, self.target[stored], blocks.sum(axis=0)[stored])
 
-    def add_force(self, q, control, f):
-        unit, _, tension, _ = self._parts(q, control)
-        f[self.last] -= tension @ unit
-        return Contribution(0.0)
-
-    def add_tangent(self, q, control, f, K):
+    def add(self, q, control, f, K=None):
         unit, length, tension, slope = self._parts(q, control)
-        outer = unit[:, :, None] * unit[:, None, :]
-        across = (tension / length)[:, None, None] * (np.eye(3) - outer)
-        self._add(K, slope[:, None, None] * outer + across)
-        return self.add_force(q, control, f)
+        f[self.last] -= tension @ unit
+        if K is not None:
+            outer = unit[:, :, None] * unit[:, None, :]
+            across = (tension / length)[:, None, None] * (np.eye(3) - outer)
+            self._add(K, slope[:, None, None] * outer + across)
+        return Contribution(0.0)
 
     def add_damping(self, q, control, D):
         unit, *_ = self._parts(q, control)

@@ -250,7 +250,7 @@ def test_laws_of_both_families_may_be_combined_in_one_solid():
     def of_elements(system, weight):
         f, K = np.zeros_like(q), np.zeros(system.pattern.nnz)
         control = system.control(np.array([0.2, 0.7]))
-        return f, K, system.terms[0].add_weighted(weight, q, control, f, K).energy
+        return f, K, system.terms[0].add(q, control, f, K, weight).energy
 
     mixed = system_of(materials, region)
     for i, material in enumerate(materials):
