@@ -12,10 +12,8 @@ from sim._kernels.lanes import LANES
 from sim._kernels.scatter import PAIRS, Places
 from sim.chunks import coloured_chunks
 from sim.mesh import Block, Mesh
-from sim.pattern import SymmetricPattern, distinct
+from sim.pattern import Index, SymmetricPattern, distinct
 from sim.state import Array
-
-Index = NDArray[np.int64]
 
 _A, _B = np.triu_indices(NODES)  # slots of the stored node pairs, row by row
 

@@ -4,12 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sim.errors import MeshError, SceneError
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from sim.pattern import Array, Index
 
 Motion = Callable[[float], tuple[ArrayLike, ArrayLike]]
 """Position (3,) [m] and unit quaternion (4,), scalar first, at a time [s]."""

@@ -13,7 +13,7 @@ import scipy.sparse
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-Index = NDArray[np.int64]
+from sim.pattern import Index
 
 ELEMENTS_PER_CHUNK = 96  # at least; the nodes and matrix entries of a chunk fit a cache
 

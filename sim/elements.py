@@ -13,9 +13,8 @@ from functools import partial
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sim.pattern import Array
 
 GAUSS: Final = 1.0 / np.sqrt(3.0)
 

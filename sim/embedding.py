@@ -3,14 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim.elements import ElementType
 from sim.errors import MeshError
 from sim.mesh import Mesh
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from sim.pattern import Array, Index
 
 MAX_ITERATIONS = 50
 INSIDE = 1e-9  #: tolerance for negative shape functions [1]

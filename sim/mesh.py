@@ -4,14 +4,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sim.described import Described
 from sim.elements import ELEMENT_TYPES, ElementType
 from sim.errors import MeshError
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from sim.pattern import Array, Index
 
 
 @dataclass(frozen=True)

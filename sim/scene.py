@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim.bodies import Body
 from sim.described import Described, listed
@@ -18,10 +17,8 @@ from sim.joints.contract import Joint
 from sim.kinematics.members import Member
 from sim.matrix import Product
 from sim.mesh import Mesh
-from sim.pattern import SymmetricPattern
+from sim.pattern import Index, SymmetricPattern
 from sim.state import Array, Control, State
-
-Index = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,8 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sim.pattern import Array
 
 
 def _no_frames() -> Array:

@@ -14,10 +14,9 @@ from sim.contact.curvature import NormalStiffness, normal_stiffness
 from sim.contact.search import nearest_faces
 from sim.contact.surfaces import NodeSurface, Pairing, RigidShell
 from sim.errors import SceneError
+from sim.pattern import Flags
 from sim.scene import Index
 from sim.state import Array
-
-Flags = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 CLOSEST = 0.1  #: fraction of a gap that remains when a step is limited
 NEAREST = 1e-9  #: smallest gap after a limited step [m], the limit of double precision

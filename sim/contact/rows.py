@@ -17,15 +17,12 @@ treatment of contact problems involving friction.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim.errors import ContactFailure
-from sim.pattern import SymmetricPattern
+from sim.pattern import Flags, SymmetricPattern
 from sim.scene import Index
 from sim.state import Array
 from sim.vectors import dot
-
-Flags = NDArray[np.bool_]
 
 FIRST = np.array([0, 0, 0, 0, 1, 1, 1, 2, 2, 3])
 SECOND = np.array([0, 1, 2, 3, 1, 2, 3, 2, 3, 3])

@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from sim.pattern import Flags
 from sim.state import Array
-
-Flags = NDArray[np.bool_]
 
 EXACT = 1e-12  #: relative tolerance of the multipliers
 

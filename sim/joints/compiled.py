@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim._kernels.joints import ALIGNED, ANGLE, TURN, RowTable, evaluate_rows
 from sim.contact.pushes import pushes
@@ -12,10 +11,8 @@ from sim.errors import SceneError
 from sim.joints.contract import Joint, Row, number_of
 from sim.kinematics import Kinematics
 from sim.kinematics.rotations import vector_gradient
+from sim.pattern import Flags, Index
 from sim.state import Array, Pose
-
-Index = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 REDUNDANT = 1e-9  #: fraction of its mobility 1/m that a row must retain under the preceding rows
 

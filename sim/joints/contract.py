@@ -5,12 +5,10 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim._kernels.joints import TRAVEL
 from sim.errors import SceneError
-
-Array = NDArray[np.float64]
+from sim.pattern import Array
 
 
 def _no_curve() -> Array:

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from sim.bodies import Body
@@ -19,10 +18,9 @@ from sim.kinematics.congruence import Congruence, lay_out
 from sim.kinematics.contract import Kinematics
 from sim.kinematics.paths import Path, Paths
 from sim.matrix import Product
-from sim.pattern import Sparsity, SymmetricPattern
+from sim.pattern import Index, Sparsity, SymmetricPattern
 from sim.state import Array, Pose, State
 
-Index = NDArray[np.int64]
 _UPPER = np.triu_indices(6)
 _ROTATION = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))  #: entries of -[r]x that are not zero
 

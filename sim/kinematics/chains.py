@@ -4,17 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from sim.bodies import Body
 from sim.errors import SceneError
 from sim.kinematics.members import Attachment, NodeMotion
 from sim.mesh import Mesh
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
-Flags = NDArray[np.bool_]
+from sim.pattern import Array, Flags, Index
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from sim._kernels.triple import congruence
-from sim.pattern import Sparsity, SymmetricPattern, distinct
+from sim.pattern import Array, Index, Sparsity, SymmetricPattern, distinct
 
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
 Places = NDArray[np.int32]
 
 

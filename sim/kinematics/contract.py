@@ -8,14 +8,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from sim.matrix import Product
-from sim.pattern import Sparsity, SymmetricPattern
+from sim.pattern import Index, Sparsity, SymmetricPattern
 from sim.state import Array, Pose, State
-
-Index = NDArray[np.int64]
 
 
 class Kinematics:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim.bodies import Body
 from sim.errors import SceneError
@@ -13,10 +12,8 @@ from sim.kinematics.contract import Kinematics
 from sim.kinematics.members import Attachment, Member
 from sim.kinematics.paths import Path
 from sim.mesh import Mesh
-from sim.pattern import SymmetricPattern, symmetric_pattern
+from sim.pattern import Index, SymmetricPattern, symmetric_pattern
 from sim.state import Array
-
-Index = NDArray[np.int64]
 
 
 def lay_out_kinematics(

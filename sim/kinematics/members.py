@@ -10,16 +10,14 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sim.bodies import Motion
 from sim.checks import require_index
 from sim.embedding import Embedding, embed
 from sim.errors import SceneError
 from sim.mesh import Mesh
-
-Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+from sim.pattern import Array, Index
 
 NodeMotion = Callable[[float], ArrayLike]  #: positions (k, 3) [m] at a time [s]
 

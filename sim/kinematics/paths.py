@@ -4,15 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim.bodies import Body, Motion
 from sim.errors import SceneError
 from sim.kinematics import rotations
 from sim.kinematics.members import NodeMotion
+from sim.pattern import Index
 from sim.state import Array
-
-Index = NDArray[np.int64]
 
 APART = 1e-4
 """Time step of finite differences [s]; their relative error for a motion of 10 Hz is 1e-12."""

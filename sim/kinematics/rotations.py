@@ -3,9 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sim.pattern import Array
 
 Change = Callable[[Array, Array], Array]  #: a change of vectors (n, 3) by rotation vectors (n, 3)
 SMALL = 1e-3  #: angle [rad] below which series replace quotients, with an error below 1e-16

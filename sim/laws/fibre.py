@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expi
 
 from sim._kernels import laws
 from sim.checks import require
 from sim.laws.parameters import Parametric, quantity
+from sim.pattern import Array
 
-Array = NDArray[np.float64]
 Derivatives = tuple[Array, Array, Array]  #: an energy, and its first and second derivative
 
 

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim._kernels import lines
 from sim._kernels.laws import KINK
 from sim.laws.parameters import Parametric, quantity
+from sim.pattern import Array
 
-Array = NDArray[np.float64]
 _erf = np.vectorize(math.erf, otypes=[np.float64])
 
 

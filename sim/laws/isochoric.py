@@ -3,13 +3,9 @@
 from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sim._kernels import laws
 from sim.laws.parameters import Parametric, quantity
-
-Array = NDArray[np.float64]
+from sim.pattern import Array
 
 
 class IsochoricLaw(Protocol):

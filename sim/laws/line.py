@@ -4,14 +4,12 @@ from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim._kernels import lines
 from sim._kernels.laws import KINK
 from sim.laws.hill import Hill
 from sim.laws.parameters import Parametric, quantity
-
-Array = NDArray[np.float64]
+from sim.pattern import Array
 
 
 class LineLaw(Protocol):

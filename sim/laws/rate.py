@@ -3,11 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim.laws.parameters import Parametric, quantity
-
-Array = NDArray[np.float64]
+from sim.pattern import Array
 
 
 @dataclass(frozen=True)

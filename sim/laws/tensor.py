@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim._kernels import tensor_laws as kernel
 from sim.checks import require
 from sim.errors import SceneError
 from sim.laws.parameters import Parametric, quantity
-
-Array = NDArray[np.float64]
+from sim.pattern import Array
 
 
 class TensorLaw(Protocol):
