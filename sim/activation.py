@@ -56,7 +56,7 @@ class Activation:
         last = max(len(self.time) - 2, 0)
         i = np.clip(np.searchsorted(self.time, t) - 1, 0, last)
         after = np.minimum(i + 1, len(self.time) - 1)
-        span = np.where(after > i, self.time[after] - self.time[i], 1.0)
+        span = np.where(after > i, self.time[after] - self.time[i], np.inf)
         s = np.clip((t - self.time[i]) / span, 0.0, 1.0)[:, None]
         return (1.0 - s) * self.values[i] + s * self.values[after]
 
