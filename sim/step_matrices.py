@@ -1,14 +1,33 @@
-"""Matrices of a step over independent velocities: stiffness, damping, and their sum with the mass."""
+"""Matrices and equation of a step over independent velocities: stiffness, damping, and mass."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sim.linear.contract import symmetric_product
 from sim.matrix import Matrix, Product, merged
 from sim.scene import HasProduct
-from sim.state import Array, Control, Evaluation, Pose
+from sim.state import Array, Control, Evaluation, Line, Pose
 from sim.system import System
+
+
+@dataclass(frozen=True)
+class Missed:
+    """Data for the error estimate of a step."""
+
+    line: Line  #: activation over the step
+    D: Matrix  #: damping [N s/m]
+    here: Evaluation  #: forces at the start under the control of the end
+
+
+@dataclass(frozen=True)
+class LinearStep:
+    """The equation of one step."""
+
+    A: Matrix  #: for the velocities
+    rhs: Array  #: (n_free,) right-hand side [N s]
+    moves: float  #: share of the new velocity in the motion
+    missed: Missed | None = None  #: for the estimate of the error; None without one
 
 
 def products(system: System, pose: Pose) -> tuple[Product, ...]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -11,8 +10,8 @@ from sim.contact.step import ContactStep
 from sim.errors import NotConverged
 from sim.integrators.workspace import Workspace
 from sim.linear import ReusedFactor
-from sim.matrix import Matrix
 from sim.state import Array, State
+from sim.step_matrices import LinearStep
 from sim.system import System
 from sim.vectors import dot, norm
 
@@ -31,25 +30,6 @@ PASSES, HALVINGS = 60, 40
 
 Solve = Callable[[Array, float], Array]
 """Solution for a right-hand side, with the largest error of an iterative one [m]."""
-
-
-class Equation(Protocol):
-    """The equation of a linearly implicit step, A v1 = rhs."""
-
-    @property
-    def A(self) -> Matrix:
-        """Matrix for the velocities."""
-        ...
-
-    @property
-    def rhs(self) -> Array:
-        """Right-hand side (n_free,) [N s]."""
-        ...
-
-    @property
-    def moves(self) -> float:
-        """Weight of the new velocity in the motion."""
-        ...
 
 
 class ContactEquation:
@@ -72,7 +52,7 @@ class ContactEquation:
         self,
         system: System,
         state: State,
-        equation: Equation,
+        equation: LinearStep,
         step: ContactStep,
         h: float,
         work: Workspace,

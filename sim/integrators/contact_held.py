@@ -14,13 +14,13 @@ from sim.contact.coulomb import Blocks, forces
 from sim.contact.rows import Acting, Rows
 from sim.contact.step import CORRECTIONS, ContactStep
 from sim.errors import NotConverged, SingularSystem
-from sim.integrators.contact_equation import Equation
 from sim.integrators.contact_linear import FASTER, ROUNDS, Touched
 from sim.integrators.workspace import Workspace
 from sim.joints.compiled import REDUNDANT
 from sim.multibody import MOST
 from sim.scene import Index
 from sim.state import Array, Pose, State
+from sim.step_matrices import LinearStep
 from sim.system import System
 
 LIMIT = 40  #: largest number of refinements of a solution by an older factor
@@ -54,7 +54,7 @@ class HeldContact:
         self,
         system: System,
         state: State,
-        equation: Equation,
+        equation: LinearStep,
         h: float,
         error: float,
         work: Workspace,

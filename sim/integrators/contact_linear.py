@@ -8,9 +8,10 @@ import numpy as np
 from sim.contact.rows import Acting, Multipliers, Rows
 from sim.contact.step import ContactStep, penalties, pressed
 from sim.errors import NotConverged
-from sim.integrators.contact_equation import ContactEquation, Equation
+from sim.integrators.contact_equation import ContactEquation
 from sim.integrators.workspace import Workspace
 from sim.state import Array, Pose, State
+from sim.step_matrices import LinearStep
 from sim.system import System
 
 PENALTY = 30.0  #: penalty of a row, relative to the stiffness
@@ -43,7 +44,7 @@ class LinearContact:
     """Iteration of a step: solve with the current rows, and add the violated ones."""
 
     def __init__(
-        self, system: System, state: State, equation: Equation, h: float, work: Workspace
+        self, system: System, state: State, equation: LinearStep, h: float, work: Workspace
     ) -> None:
         assert system.contact is not None  # Callers check that the scene has contact.
         self._system, self._state = system, state

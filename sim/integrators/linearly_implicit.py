@@ -1,7 +1,7 @@
 """Base class of linearly implicit integrators: one linear solution, with or without constraints."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,28 +15,9 @@ from sim.integrators.step_solver import Solution
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
 from sim.linear import NotReached
-from sim.matrix import Matrix
-from sim.state import Array, Evaluation, Line, Pose, State, StepReport
+from sim.state import Array, Pose, State, StepReport
+from sim.step_matrices import LinearStep, Missed
 from sim.system import System
-
-
-@dataclass(frozen=True)
-class Missed:
-    """Data for the error estimate of a step."""
-
-    line: Line  #: activation over the step
-    D: Matrix  #: damping [N s/m]
-    here: Evaluation  #: forces at the start under the control of the end
-
-
-@dataclass(frozen=True)
-class LinearStep:
-    """The equation of one step."""
-
-    A: Matrix  #: for the velocities
-    rhs: Array  #: (n_free,) right-hand side [N s]
-    moves: float  #: share of the new velocity in the motion
-    missed: Missed | None = None  #: for the estimate of the error; None without one
 
 
 def predicted_pose(system: System, state: State, h: float) -> Pose:

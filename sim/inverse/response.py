@@ -12,11 +12,10 @@ from sim.errors import SceneError
 from sim.integrators.contact_linear import LinearContact
 from sim.integrators.contract import require_fixed_contact, require_no_barrier
 from sim.integrators.held import held_solution
-from sim.integrators.linearly_implicit import LinearStep
 from sim.integrators.workspace import Workspace
 from sim.scene import ActsLocally, CompiledTerm, Index, Stiffens
 from sim.state import Array, Control, ControlAt, Line, Pose, State, StepReport
-from sim.step_matrices import damping_matrix, stiffness_matrix
+from sim.step_matrices import LinearStep, damping_matrix, stiffness_matrix
 from sim.system import System
 
 Form = Literal["exact", "affine"]

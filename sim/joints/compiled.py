@@ -75,11 +75,17 @@ class Rows:
         self._turning: Index = np.unique(own[touched[own]])
         self._require_independent(rest)
 
+    def _derivatives(self, pose: Pose) -> tuple[Array, Array, Array, Array]:
+        """Values (m,), and derivatives by twists of bodies a and b (m, 6) and by points (m, 3)."""
+        m = len(self.names)
+        c, JA, JB, JP = np.empty(m), np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 3))
+        evaluate_rows(self.table, pose.frames, pose.q, c, JA, JB, JP)
+        return c, JA, JB, JP
+
     def evaluate(self, pose: Pose) -> RowValues:
         """Values and derivatives at a pose."""
         m, table, kinematics = len(self.names), self.table, self._kinematics
-        c, JA, JB, JP = np.empty(m), np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 3))
-        evaluate_rows(table, pose.frames, pose.q, c, JA, JB, JP)
+        c, JA, JB, JP = self._derivatives(pose)
         G, drift = np.zeros((m, len(self.columns))), np.zeros(m)
         own = np.arange(m)
         for side, slope in ((table.body_a, JA), (table.body_b, JB)):
@@ -120,9 +126,8 @@ class Rows:
         ----------
         f : (m,) forces or moments of the rows [N or N m].
         """
-        m, table = len(self.names), self.table
-        c, JA, JB, JP = np.empty(m), np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 3))
-        evaluate_rows(table, pose.frames, pose.q, c, JA, JB, JP)
+        table = self.table
+        _, JA, JB, JP = self._derivatives(pose)
         on_b = np.where((table.body_b >= 0)[:, None], JB, -JA)
         turns = (table.kind == ALIGNED) | (table.kind == ANGLE) | (table.kind == TURN)
         push = np.where((table.point >= 0)[:, None], JP, on_b[:, :3])

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -44,25 +45,11 @@ class ReducedModel:
         states: Array,
         activations: Array,
         total_mass: float,
-        *,
-        tolerance: float,
-        most: int,
-        among: int | None = None,
-        seed: int = 0,
+        **options: Any,
     ) -> tuple["ReducedModel", Sample]:
-        """The model with the points chosen by `sampled`, at states (k, r) of the training."""
+        """Model with the points chosen by `sampled`, whose options are passed, at states (k, r)."""
         table, K = self.solid.table, self.solid.stiffness
-        sample = sampled(
-            table,
-            states,
-            activations,
-            K,
-            total_mass,
-            tolerance=tolerance,
-            most=most,
-            among=among,
-            seed=seed,
-        )
+        sample = sampled(table, states, activations, K, total_mass, **options)
         chosen = weighted(table, sample.points, sample.weights)
         return ReducedModel(replace(self.solid, table=chosen), self.n_moving), sample
 
