@@ -71,8 +71,7 @@ def kernel_cache(sources: Path) -> Generator[None]:
 
     Parameters
     ----------
-    sources : Path
-        Folder (or single file) whose Python files together make up the kernels.
+    sources : folder (or single file) whose Python files together make up the kernels.
     """
     config: Any = numba.core.config  # numba defines its settings while it runs
     before = config.CACHE_DIR
@@ -89,8 +88,7 @@ def in_one_process(lock: Path) -> Generator[None]:
 
     Parameters
     ----------
-    lock : Path
-        File that all processes lock; its folder is created.
+    lock : file that all processes lock; its folder is created.
     """
     with ExitStack() as held:
         try:

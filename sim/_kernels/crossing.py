@@ -7,14 +7,11 @@ The broad phase are lists of faces near the points (`sim._kernels.nearest_faces`
 # numba compiles these functions; those called from Python carry types
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sim._kernels.element import Indices, Reals
 from sim._kernels.grid import ROUNDING
 from sim._kernels.options import inner, kernel
 from sim._kernels.triangles import dot, point_triangle
-
-Reals = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 SHARP = 1e-9  # Barycentric tolerance, so that no point passes between two faces.
 

@@ -34,28 +34,16 @@ Indices = NDArray[np.int64]
 
 
 class Part(NamedTuple):
-    """Elements of one type, in chunks.
+    """Elements of one type, in chunks."""
 
-    Attributes
-    ----------
-    element : (n,) indices among all elements.
-    nodes : (n, 8) node of every slot; unused slots repeat the first.
-    slope : (3 * points, 8) natural derivatives of the shape functions, the nodes as lanes.
-    slope_at : (3 * 8 nodes, 8) the same, the points as lanes.
-    inverse : (9 * n, 8) A [1/m], row 9 e + 3 l + J, the points as lanes.
-    volume : (n, 8) rest volume of the points [m^3], zero if the type has no such point.
-    chunk : (chunks + 1,) first element of every chunk.
-    colour : (colours + 1,) first chunk of every colour.
-    """
-
-    element: Indices
-    nodes: Indices
-    slope: Reals
-    slope_at: Reals
-    inverse: Reals
-    volume: Reals
-    chunk: Indices
-    colour: Indices
+    element: Indices  #: (n,) indices among all elements
+    nodes: Indices  #: (n, 8) node of every slot; unused slots repeat the first
+    slope: Reals  #: (3 * points, 8) natural derivatives of the shape functions, the nodes as lanes
+    slope_at: Reals  #: (3 * 8 nodes, 8) the same, the points as lanes
+    inverse: Reals  #: (9 * n, 8) A [1/m], row 9 e + 3 l + J, the points as lanes
+    volume: Reals  #: (n, 8) rest volume of the points [m^3], zero if the type has no such point
+    chunk: Indices  #: (chunks + 1,) first element of every chunk
+    colour: Indices  #: (colours + 1,) first chunk of every colour
 
 
 @inner

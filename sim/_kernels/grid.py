@@ -6,43 +6,26 @@
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sim._kernels.element import Indices, Reals
 from sim._kernels.options import inner, kernel
 
-Reals = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
-ROUNDING = 1e-12
-"""Relative enlargement of boxes, to account for rounding."""
-
-PER_EDGE = 4.0
-"""Approximate largest number of cells of a box along an axis."""
-
-CELLS = 8
-"""Approximate largest number of cells per face."""
+ROUNDING = 1e-12  #: relative enlargement of boxes, to account for rounding
+PER_EDGE = 4.0  #: approximate largest number of cells of a box along an axis
+CELLS = 8  #: approximate largest number of cells per face
 
 
 class Grid(NamedTuple):
-    """Boxes and their cells.
+    """Boxes and their cells."""
 
-    Attributes
-    ----------
-    low, high : (m, 3) corners of the boxes [m].
-    reached : (m, 3) first cell of each box.
-    corner : (3,) origin of the first cell [m].
-    edge : float
-        Of a cell [m].
-    shape : (3,) numbers of cells.
-    start, face : boxes of cell k are face[start[k] : start[k + 1]].
-    """
-
+    #: (m, 3) corners of the boxes [m]
     low: Reals
     high: Reals
-    reached: Indices
-    corner: Reals
-    edge: float
-    shape: Indices
+    reached: Indices  #: (m, 3) first cell of each box
+    corner: Reals  #: (3,) origin of the first cell [m]
+    edge: float  #: of a cell [m]
+    shape: Indices  #: (3,) numbers of cells
+    #: boxes of cell k are face[start[k] : start[k + 1]]
     start: Indices
     face: Indices
 

@@ -4,14 +4,11 @@
 # numba compiles these functions; those called from Python carry types
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sim._kernels.element import Indices, Reals
 from sim._kernels.grid import Grid, apart, boxes_near
 from sim._kernels.options import inner, kernel
 from sim._kernels.triangles import point_triangle
-
-Reals = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 
 @inner

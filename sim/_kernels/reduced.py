@@ -16,14 +16,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sim._kernels.element import Indices, Reals
 from sim._kernels.lanes import LANES, load, store, total
 from sim._kernels.laws import FibreTable, LawTable, bulk, fibre, fibre_rests, isochoric
 from sim._kernels.options import inner, kernel
-
-Reals = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 # rows of the scratch array: F, cofactor, stress, direction of a fibre (F a0) a0', moduli
 _F, _C, _P, _T, _A = map(np.int64, (0, 1, 2, 3, 4))
@@ -32,24 +29,36 @@ DONE, INVERTED, SINGULAR = 0, 1, 2
 
 
 class PointTable(NamedTuple):
-    """Weighted points of a solid.
+    """Weighted points of a solid."""
 
-    Attributes
-    ----------
-    place : (p,) 8 e + k of point k of element e.
-    F0 : (p, 9) deformation gradient where all coordinates are zero, row by row.
-    G : (p * 9 * blocks, 8) its derivative by the coordinates [1/m]: the n columns of entry c of point
-        p in rows (9 p + c) blocks.., filled with zeros.
-    volume : (p,) stress-free volume [m^3], times the weight of the point.
-    laws, fibres : of every point.
-    """
-
-    place: Indices
-    F0: Reals
+    place: Indices  #: (p,) 8 e + k of point k of element e
+    F0: Reals  #: (p, 9) deformation gradient where all coordinates are zero, row by row
+    #: (p * 9 * blocks, 8) its derivative by the coordinates [1/m]: the n columns of entry c of point p
+    #: in rows (9 p + c) blocks.., filled with zeros
     G: Reals
-    volume: Reals
+    volume: Reals  #: (p,) stress-free volume [m^3], times the weight of the point
+    #: of every point
     laws: LawTable
     fibres: FibreTable
+
+
+class Scratch(NamedTuple):
+    """Memory for r moving coordinates of n, in rows of eight numbers."""
+
+    w: Reals  #: (ROWS, 9) of one point
+    x: Reals  #: coordinates
+    f: Reals  #: forces, of all coordinates
+    K: Reals  #: stiffness, row by row
+    A: Reals  #: (r, r) matrix of a step
+    b: Reals  #: (n,) its right-hand side
+
+
+class Linear(NamedTuple):
+    """Constant force and matrices over all n coordinates."""
+
+    load: Reals  #: (n,) generalised force [N]
+    damping: Reals  #: (n, n) [1/s]
+    stiffness: Reals  #: (n, n) at rest [1/s^2]
 
 
 @inner
@@ -241,22 +250,14 @@ def _sum(t, y, activation, with_moduli, w, f, K, n):
 
 @kernel
 def evaluate(
-    t: PointTable,
-    y: Reals,
-    activation: Reals,
-    with_moduli: bool,
-    w: Reals,
-    f: Reals,
-    K: Reals,
-    n: int,
+    t: PointTable, activation: Reals, with_moduli: bool, scratch: Scratch, n: int
 ) -> tuple[float, float, int]:
-    """Add the forces f and, if requested, the lower triangle of the stiffness K (n, n) at y.
-
-    y, f and the rows of K are filled to rows of eight numbers.
+    """Add the forces and, if requested, the lower triangle of the stiffness (n, n), at `scratch.x`.
 
     Returns the energy, the smallest det F and its point; the sum ends at a point with det F <= 0.
     """
-    return _sum(t, y, activation, with_moduli, w, f, K, n)
+    s = scratch
+    return _sum(t, s.x, activation, with_moduli, s.w, s.f, s.K, n)
 
 
 @kernel
@@ -311,9 +312,7 @@ def _solve(A, x, n):
 @kernel
 def advance(
     t: PointTable,
-    constant: Reals,
-    D: Reals,
-    K_rest: Reals,
+    linear: Linear,
     relaxed: Reals,
     h: float,
     activation: Reals,
@@ -321,37 +320,20 @@ def advance(
     v: Reals,
     e: Reals,
     u: Reals,
-    w: Reals,
-    x: Reals,
-    f: Reals,
-    K: Reals,
-    A: Reals,
-    b: Reals,
+    scratch: Scratch,
 ) -> tuple[int, float, int, int]:
-    """One linearly implicit Euler step, in place.
+    """One linearly implicit Euler step, in place, with the activation at its end.
 
     (1 + h D + h^2 K) v1 = v0 + h f(y0), y1 = y0 + h v1. The omitted coordinates e with velocities u
-    follow the forces on them, linearised at rest: relaxed u1 = u0 + h (f(y1) - D v1 - K_rest e0).
-
-    Parameters
-    ----------
-    t : PointTable
-    constant : (n,) constant generalised force [N].
-    D : (n, n) damping [1/s].
-    K_rest : (n, n) stiffness at rest [1/s^2].
-    relaxed : (n - r, n - r) inverse of 1 + h D + h^2 K_rest of the omitted coordinates.
-    h : float
-        Step [s].
-    activation : at the end of the step.
-    y, v : (r,) coordinates and velocities.
-    e, u : (n - r,) those of the omitted ones.
-    w, x, f, K : scratch: (ROWS, 9); coordinates, forces and stiffness in rows of eight numbers.
-    A, b : scratch, (r, r) and (n,).
+    follow the forces on them, linearised at rest: relaxed u1 = u0 + h (f(y1) - D v1 - K_rest e0), with
+    `relaxed` the inverse of their 1 + h D + h^2 K_rest.
 
     Returns
     -------
     status, smallest det F at the end or at the failure, its point, number of negative pivots.
     """
+    constant, D, K_rest = linear.load, linear.damping, linear.stiffness
+    w, x, f, K, A, b = scratch.w, scratch.x, scratch.f, scratch.K, scratch.A, scratch.b
     r, n = y.size, constant.size
     blocks = x.shape[0]
     _fill(x, y)

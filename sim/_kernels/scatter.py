@@ -22,21 +22,16 @@ PAIRS = 36  # (a, b) with a <= b, row by row
 
 
 class Places(NamedTuple):
-    """Positions of the element blocks of a part in the values of the matrix.
+    """Positions of the element blocks of a part in the values of the matrix."""
 
-    Attributes
-    ----------
-    order : (n, 8) slots by ascending node, unused ones last.
-    start : (n, 36, 3) for the pairs of slots in this order, the position at which row i of the block
-        would begin with an entry in each column; negative if the pair is not stored.
-    special : (n,) row of target for elements with a node that is free in some directions only, or with
-        a node in two slots; else -1.
-    target : (m, 36, 9) position of every entry of their blocks, negative if it is not stored.
-    """
-
-    order: NDArray[np.int8]
+    order: NDArray[np.int8]  #: (n, 8) slots by ascending node, unused ones last
+    #: (n, 36, 3) for the pairs of slots in this order, the position at which row i of the block would
+    #: begin with an entry in each column; negative if the pair is not stored
     start: NDArray[np.int32]
+    #: (n,) row of target for elements with a node that is free in some directions only, or with a node
+    #: in two slots; else -1
     special: NDArray[np.int32]
+    #: (m, 36, 9) position of every entry of their blocks, negative if it is not stored
     target: NDArray[np.int32]
 
 

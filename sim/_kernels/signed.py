@@ -6,15 +6,12 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from sim._kernels.element import Indices, Reals
 from sim._kernels.nearest_faces import near_listed
 from sim._kernels.options import inner, kernel
 from sim._kernels.triangles import CORNER_0, EDGE_0, INSIDE_FACE, dot, point_triangle
 
-Reals = NDArray[np.float64]
-Indices = NDArray[np.int64]
-
-OPPOSED = 0.5
-"""Length of the difference of two normals above which they are opposite."""
+OPPOSED = 0.5  #: length of the difference of two normals above which they are opposite
 
 FLAT = 0.95
 """Mean cosine of the angles between faces and their mean normal, below which an edge is sharp."""
@@ -22,11 +19,8 @@ FLAT = 0.95
 CONCAVE = 0.1
 """Height of a face above its neighbour, of its longest side, from which the two make a groove."""
 
-ON_EDGE = 1e-6
-"""Distance within a face below which a point is regarded as on its edge [m]."""
-
-NO_LENGTH = 1e-6
-"""Relative distance below which the direction of a distance is undefined."""
+ON_EDGE = 1e-6  #: distance within a face below which a point is regarded as on its edge [m]
+NO_LENGTH = 1e-6  #: relative distance below which the direction of a distance is undefined
 
 
 @inner

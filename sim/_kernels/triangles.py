@@ -6,10 +6,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from sim._kernels.element import Indices, Reals
 from sim._kernels.options import inner, kernel, kernel_and_inner
-
-Reals = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 INSIDE_FACE, EDGE_0, EDGE_1, EDGE_2, CORNER_0, CORNER_1, CORNER_2 = 0, 1, 2, 3, 4, 5, 6
 """Feature of a triangle on which its closest point lies."""

@@ -49,24 +49,10 @@ class FusedEuler:
         solid, m = term.solid, len(term.solid.load) - term.r
         y, v = state.q.reshape(-1).copy(), state.v.reshape(-1).copy()
         omitted = np.array(state.memory.get(OMITTED, np.zeros((2, m))))
+        activation = control.chord(state.t, h).at(1.0).activation
+        moving = y, v, omitted[0], omitted[1]
         status, J, at, negative = advance(
-            solid.table,
-            solid.load,
-            solid.damping,
-            solid.stiffness,
-            term.relaxed(h),
-            h,
-            control.chord(state.t, h).at(1.0).activation,
-            y,
-            v,
-            omitted[0],
-            omitted[1],
-            term.scratch,
-            term.at,
-            term.force,
-            term.stiffness,
-            term.matrix,
-            term.right,
+            solid.table, term.linear, term.relaxed(h), h, activation, *moving, term.scratch
         )
         if status == INVERTED:
             raise InvertedElement(int(solid.table.place[at]) // 8, float(J), state.t + h)

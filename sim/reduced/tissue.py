@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim._kernels.lanes import LANES
-from sim._kernels.reduced import ROWS, PointTable, evaluate
+from sim._kernels.reduced import ROWS, Linear, PointTable, Scratch, evaluate
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout, Stiffness
 from sim.state import Array, Control
@@ -50,13 +50,10 @@ class CompiledReducedSolid:
     def __init__(self, solid: ReducedSolid, r: int) -> None:
         self.solid, self.r = solid, r
         n = len(solid.load)
-        self.rows = _rows_of_lanes(r), _rows_of_lanes(n)
-        self.scratch: Array = np.zeros((ROWS, 9))
-        self.at: Array = np.zeros((self.rows[0], LANES))
-        self.force: Array = np.zeros((self.rows[1], LANES))
-        self.stiffness: Array = np.zeros((r * self.rows[0], LANES))
-        self.matrix: Array = np.zeros((r, r))
-        self.right: Array = np.zeros(n)
+        own, every = _rows_of_lanes(r), _rows_of_lanes(n)
+        shapes = (ROWS, 9), (own, LANES), (every, LANES), (r * own, LANES), (r, r), (n,)
+        self.scratch = Scratch(*(np.zeros(shape) for shape in shapes))
+        self.linear = Linear(solid.load, solid.damping, solid.stiffness)
         self._upper = np.triu_indices(r)
         self._relaxed: tuple[float, Array] = (0.0, np.zeros((0, 0)))
 
@@ -71,17 +68,15 @@ class CompiledReducedSolid:
 
     def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
         """F += force at coordinates q (n_points, 3), and K += stiffness."""
-        y, table, w, tangent = q.reshape(-1), self.solid.table, self.scratch, K is not None
-        self.at.reshape(-1)[: self.r] = y
-        self.force.reshape(-1)[: len(self.solid.load)] = self.solid.load
-        if tangent:
-            self.stiffness[:] = 0.0
-        energy, J, at = evaluate(
-            table, self.at, control.activation, tangent, w, self.force, self.stiffness, self.r
-        )
-        f += self.force.reshape(-1)[: self.r].reshape(-1, 3)
+        y, table, scratch = q.reshape(-1), self.solid.table, self.scratch
+        scratch.x.reshape(-1)[: self.r] = y
+        scratch.f.reshape(-1)[: len(self.solid.load)] = self.solid.load
         if K is not None:
-            np.add(K, self.stiffness.reshape(self.r, -1)[:, : self.r].T[self._upper], out=K)
+            scratch.K[:] = 0.0
+        energy, J, at = evaluate(table, control.activation, K is not None, scratch, self.r)
+        f += scratch.f.reshape(-1)[: self.r].reshape(-1, 3)
+        if K is not None:
+            np.add(K, scratch.K.reshape(self.r, -1)[:, : self.r].T[self._upper], out=K)
         element = int(table.place[at]) // 8 if at >= 0 else -1
         return Contribution(energy - float(self.solid.load[: self.r] @ y), J, element)
 
