@@ -6,7 +6,17 @@ import numpy as np
 import xarray as xr
 
 from analysis.errors import CubeError
-from analysis.figures.style import FIRST, SECOND, blank, heading, legend, styled, trial_label
+from analysis.figures.style import (
+    FIRST,
+    SECOND,
+    blank,
+    grid,
+    heading,
+    legend,
+    styled,
+    ticks,
+    trial_label,
+)
 from analysis.tables import origin_of
 from analysis.trajectory import checked, names, same_markers, same_time
 from analysis.typed import selected
@@ -87,7 +97,8 @@ def marker_traces(
     Returns
     -------
     matplotlib.figure.Figure
-        Displacements about the mean over the measured samples, in millimetres, all on one scale.
+        Displacements about the mean over the measured samples, in millimetres, one row per marker
+        and one panel per axis, all on one scale.
 
     Raises
     ------
@@ -109,21 +120,26 @@ def marker_traces(
     for data in (model.values, given.values):
         traces.append(1e3 * (data - data[:, :, inside].mean(axis=2, keepdims=True)))
     most = float(max(np.nanmax(np.abs(each)) for each in traces))
-    figure = blank(7.5, 1.0 + 0.72 * len(markers))
-    panels = figure.subplots(len(markers), 3, squeeze=False, sharex=True, sharey=True)
-    for row, marker in enumerate(markers):
-        for column, panel in enumerate(panels[row]):
-            panel.plot(time, traces[0][row, column], label="simulation", **FIRST)
-            panel.plot(time, traces[1][row, column], label="recording, aligned", **SECOND)
-            panel.set_ylim(-1.05 * most, 1.05 * most)
-        text = marker.replace("_", "\n")
-        if scores is not None:
-            rho = float(selected(scores["rho"], {"marker": marker}))
-            text += f"\nrho = {rho:.2f}" if np.isfinite(rho) else "\nrho undefined"
-        panels[row, 0].set_ylabel(text, rotation=0, ha="right", va="center", fontsize="small")
-    for column, panel in enumerate(panels[-1]):
+    apart = float(f"{2.0 * most:.1g}") if most > 0.0 else 1.0  # between rows, rounded
+    rows = -apart * np.arange(len(markers))
+    figure = blank(7.5, 1.0 + 0.6 * len(markers))
+    panels = grid(figure, 1, 3, sharex=True, sharey=True)[0]
+    for column, panel in enumerate(panels):
+        for label, data, style in zip(
+            ("simulation", "recording, aligned"), traces, (FIRST, SECOND), strict=True
+        ):
+            panel.plot(time, data[:, column].T + rows, label=label, **style)
         panel.set_xlabel("time [s]")
-        panels[0, column].set_title(f"{axes_names[column]} [mm]")
-    legend(figure, panels[0, 0].get_lines())
+        panel.set_title(axes_names[column])
+        panel.grid(axis="y", linewidth=0.4)
+    texts = [marker.replace("_", " ") for marker in markers]
+    if scores is not None:
+        rho = [float(selected(scores["rho"], {"marker": marker})) for marker in markers]
+        told = [f"rho = {one:.2f}" if np.isfinite(one) else "rho undefined" for one in rho]
+        texts = [f"{text}\n{one}" for text, one in zip(texts, told, strict=True)]
+    ticks(panels[0], "y", rows.tolist(), texts)
+    panels[0].set_ylim(rows[-1] - 1.05 * most, 1.05 * most)
+    panels[0].set_ylabel(f"displacement, lines {apart:g} mm apart")
+    legend(figure, panels[0].get_lines()[:: len(markers)])
     heading(figure, f"markers {trial_label(aligned)}", origin_of(aligned))
     return figure

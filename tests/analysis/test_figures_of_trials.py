@@ -77,13 +77,16 @@ def test_marker_traces() -> None:
     found = align(measured, model)
     scores = score(found, model)
     figure = marker_traces(found, model, scores)
-    assert len(figure.axes) == 30
+    panel, row = figure.axes[1], figure.axes[0].get_yticks()[4]
     inside = np.isfinite(found["position"].values).all(axis=(0, 1))
-    panel = figure.axes[3 * 4 + 1]
-    for line, data in zip(panel.get_lines(), (model, found), strict=True):
+    shown = [panel.get_lines()[4], panel.get_lines()[len(MARKERS) + 4]]
+    for line, data in zip(shown, (model, found), strict=True):
         one = data["position"].sel(marker=MARKERS[4], axis="y").values
-        np.testing.assert_allclose(line.get_ydata(), 1e3 * (one - one[inside].mean()), atol=1e-9)
-    label = figure.axes[12].get_ylabel()
+        expected = row + 1e3 * (one - one[inside].mean())
+        np.testing.assert_allclose(line.get_ydata(), expected, atol=1e-9)
+    rows = figure.axes[0].get_yticks()
+    assert f"{rows[0] - rows[1]:g} mm apart" in figure.axes[0].get_ylabel()
+    label = figure.axes[0].get_yticklabels()[4].get_text()
     assert f"rho = {float(scores['rho'].sel(marker=MARKERS[4])):.2f}" in label
     assert "v1 (simulated recordings)" in figure.get_suptitle()
     with pytest.raises(CubeError, match="lacks b_aligned"):
