@@ -4,6 +4,7 @@
     python -m benchmarks jaw --part damping        # muscle damping in chewing; needs it, too
     python -m benchmarks jaw --part variants       # outcomes of every variant; needs it, too
     python -m benchmarks jaw --part causes         # under changes of one setting; needs it, too
+    python -m benchmarks jaw --part cost           # chewing: error and time over the step; needs it, too
     python -m benchmarks jaw --part parameters --samples 60 --out FOLDER    # needs it, too
     python -m benchmarks jaw --part steps          # the generated jaw: error and time over the step
     python -m benchmarks jaw --part stability      # the generated jaw under bad parameters
@@ -27,7 +28,7 @@ import xarray as xr
 
 import sim
 from benchmarks import jaw_generated, jaw_variants
-from benchmarks.jaw_variants import SHARED, published
+from benchmarks.jaw_variants import PROBES, SHARED, published
 from benchmarks.report import finish
 from emgface.anatomy.jaw.outcomes import displacement, separation
 from emgface.anatomy.jaw.run import run_task, simulate_jaw
@@ -130,7 +131,7 @@ def outcomes_of(jaw: xr.Dataset, tone: float) -> dict[str, float]:
     found = {"rest": float(separation(rest)[-1])}
     for name, task in (("open", "open"), ("head back", "open_head")):
         found[name] = float(separation(run_task(jaw, TASKS[task], duration=0.8)).max())
-    series = read_probes(SHARED / "artisynth_models" / "jaw_larynx" / "probes" / "leftchew")
+    series = read_probes(PROBES)
     toned = Excitation(series.time, {**series.values, "bi_close": np.full(len(series.time), tone)})
     chew = displacement(run_task(jaw, Task("", 0.45), excitation=toned), "lower_incisor")
     k = int(np.argmin(chew[:, 2]))
@@ -180,7 +181,7 @@ def parameters(samples: int, out: Path | None = None) -> pd.DataFrame:
 
 def damping() -> pd.DataFrame:
     """Largest opening of the published chewing cycle over muscle damping and tone of closers."""
-    series = read_probes(SHARED / "artisynth_models" / "jaw_larynx" / "probes" / "leftchew")
+    series = read_probes(PROBES)
     jaw, rows = published("larynx"), list[dict[str, Any]]()
     for damped, tone in ((1.0, 0.0), (1.0, 1e-3), (5.0, 1e-3), (8.0, 1e-3), (10.0, 0.0)):
         jaw["muscle_damping"][:] = damped
@@ -222,6 +223,7 @@ def main(part: str = "steps", samples: int = 60, out: Path | None = None) -> Non
         "damping": damping,
         "variants": jaw_variants.variants,
         "causes": jaw_variants.causes,
+        "cost": jaw_variants.cost,
         **{n: getattr(jaw_generated, n) for n in ("steps", "stability", "extremes", "emg")},
     }
     finish(f"jaw_{part}", parts[part](), out)
@@ -243,7 +245,9 @@ def _figure(drawn: pd.DataFrame, out: Path) -> None:
             if column == 0:
                 panel.set_ylabel(f"{name} [mm]")
             if row == len(WANTED) - 1:
-                panel.set_xlabel(parameter)
+                panel.set_xlabel(
+                    parameter + {"damping": " [N s/m]", "hyoid": " [mm]"}.get(parameter, "")
+                )
     panels[0][0].legend(fontsize="x-small")
     figure.suptitle("Outcomes of tasks over drawn parameters (simulated); grey: published range")
     save(figure, out / "jaw_parameters.png", dpi=110)

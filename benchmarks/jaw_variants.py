@@ -4,6 +4,7 @@ Parts of ``python -m benchmarks jaw``; they need the published model.
 """
 
 import os
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,10 +17,11 @@ import sim
 from emgface.anatomy.jaw.outcomes import displacement, interincisal, separation
 from emgface.anatomy.jaw.published import import_jaw
 from emgface.anatomy.jaw.run import run_task
-from emgface.anatomy.jaw.series import Excitation, read_probes
+from emgface.anatomy.jaw.series import read_probes
 from emgface.anatomy.jaw.tasks import TASKS, Task
 
 SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
+PROBES = SHARED / "artisynth_models" / "jaw_larynx" / "probes" / "leftchew"
 PULLS = {1.14: (-12.75, 4.4), 2.28: (-19.69, 8.2), 3.42: (-26.57, 12.0), 4.56: (-33.59, 16.3)}
 """Stored incisor of the published program, up and back [mm], by the downward force [N]."""
 
@@ -130,9 +132,7 @@ def outcomes(jaw: xr.Dataset) -> dict[str, float | str]:
     )
     for force in PULLS:
         measure(TASKS["pull"], pulled(force), load=(0.0, 0.0, -force))
-    series = read_probes(SHARED / "artisynth_models" / "jaw_larynx" / "probes" / "leftchew")
-    known = set(jaw["exciter"].values.tolist())  # a fixed hyoid has fewer muscles
-    series = Excitation(series.time, {k: u for k, u in series.values.items() if k in known})
+    series = read_probes(PROBES)
     measure(TASKS["chew"], chewed, excitation=series, duration=0.7)
     measure(TASKS["swallow"], swallowed)
     return found
@@ -162,10 +162,46 @@ def _nothing(jaw: xr.Dataset) -> xr.Dataset:
     return run_task(jaw, Task("", 5e-3, {"bi_close": [(0.0, 4e-4)]}), step=5e-3)
 
 
+def cost() -> pd.DataFrame:
+    """Error of the lower incisor in a second of chewing, and processor time, over integrator and step.
+
+    The error is relative to trapezoidal steps of 0.05 ms. The time of the steps is the difference of
+    motions of 1 and 0.2 s, which excludes the layout of the scene.
+    """
+    jaw, series = published("larynx"), read_probes(PROBES)
+
+    def run(scheme: Any, ms: float, duration: float = 1.0) -> tuple[np.ndarray, float]:
+        best, options = np.inf, {"duration": duration, "step": 1e-3 * ms, "integrator": scheme()}
+        for _ in range(3):
+            began = time.process_time()
+            motion = run_task(jaw, TASKS["chew"], excitation=series, **options)
+            best = min(best, time.process_time() - began)
+        return displacement(motion, "lower_incisor"), best
+
+    schemes, rows = (sim.LinearlyImplicitEuler, sim.LinearlyImplicitTrapezoidal), []
+    truth = run(schemes[1], 0.05)[0]
+    for scheme in schemes:
+        for ms in (5.0, 2.5, 1.0, 0.5, 0.25):
+            (d, whole), short = run(scheme, ms), run(scheme, ms, 0.2)[1]
+            miss, spent = np.linalg.norm(d - truth, axis=1), (whole - short) / 0.8
+            rows.append(
+                {
+                    "integrator": scheme.__name__,
+                    "step ms": ms,
+                    "largest error mm": f"{miss.max():.2g}",
+                    "rms error mm": f"{np.sqrt((miss**2).mean()):.2g}",
+                    "ms per simulated s": round(1e3 * spent, 1),
+                    "with the scene": round(1e3 * whole, 1),
+                    "times real time": round(1.0 / spent, 1),
+                }
+            )
+    return pd.DataFrame(rows)
+
+
 def causes() -> pd.DataFrame:
     """Chewing and opening with the head back under changes of one setting each [mm, s]."""
     jaw = published("larynx")
-    series = read_probes(SHARED / "artisynth_models" / "jaw_larynx" / "probes" / "leftchew")
+    series = read_probes(PROBES)
     rows = list[dict[str, Any]]()
 
     def chew(name: str, **options: Any) -> None:

@@ -106,8 +106,8 @@ def simulate(
         plan = joined(plan)
         ends = [interval.ends for interval in plan]
         fused = steps.through(integrator, system, state, control, ends, work)
-    for values in activation.values:  # errors before the first step
-        system.control(values)
+    inside = ((activation.values >= 0.0) & (activation.values <= 1.0)).all(axis=1)
+    system.control(activation.values[int(np.argmin(inside))])  # errors before the first step
     start = time.perf_counter()
     records = [_record(probes, system, state, control(state.t), None)]
     times = [state.t]
@@ -131,8 +131,9 @@ def simulate(
             else:
                 passed = outputs_of(advance, state, interval, smallest_J, max(bent, astray))
         before, state = state, passed[-1][0]
+        here = control(state.t)
         shifted = (report.indefinite + report.shifts for _, report in passed if report is not None)
-        if sum(shifted) > 0 or snapped(system, before, state, control(state.t), work.bodies):
+        if sum(shifted) > 0 or snapped(system, before, state, here, work.bodies):
             unstable += [before.t, state.t]
         for at, report in passed:
             whole = None
@@ -142,7 +143,8 @@ def simulate(
                 continue
             if report is not None:
                 whole, reports = united(reports, 0), []
-            records.append(_record(probes, system, at, control(at.t), whole))
+            driven = here if at is state else control(at.t)
+            records.append(_record(probes, system, at, driven, whole))
             times.append(at.t)
         if progress is not None:
             progress(i + 1, len(plan))

@@ -153,6 +153,8 @@ def run(
         motion = simulated(progress=bar.show, **options)
     motion.attrs["task"] = name
     write_netcdf(motion, out_path, "jaw_motion")
+    if absent := motion.attrs.get("absent_exciters"):
+        say(f"The model has no exciter {absent}: the task runs without.")
     clipped = motion.attrs["clipped_excitation"]
     if clipped < 0.0:
         say(f"Negative excitations, down to {clipped:.3g}, were set to zero.")

@@ -75,7 +75,7 @@ class BodiesAlone:
             reaction,
             negative,
         )
-        return Passed(self, time, frames, twists, whole, reaction, negative > 0, done)
+        return Passed(self, time, h, frames, twists, whole, reaction, negative > 0, done)
 
     def change(self, before: State, after: State, control: Control) -> tuple[Array, Array]:
         """Motion (n,) between two states, and decrease (n,) of forces outside a step."""
@@ -127,13 +127,14 @@ class Passed:
     ----------
     bodies : BodiesAlone
     time, frames, twists, whole : of the start and of the end of every step.
-    reaction, indefinite : forces of rows and definiteness of the matrix in every step.
+    h, reaction, indefinite : length, forces of rows and definiteness of the matrix of every step.
     done : int
         Number of steps that were possible.
     """
 
     bodies: BodiesAlone
     time: list[float]
+    h: Array
     frames: Array
     twists: Array
     whole: Flags
@@ -154,5 +155,5 @@ class Passed:
     def report(self, first: int, last: int) -> StepReport:
         """Report of the steps after the first up to the last."""
         n, indefinite = last - first, int(self.indefinite[first:last].sum())
-        h = float(np.diff(self.time[first : last + 1]).min())
+        h = float(self.h[first:last].min())
         return StepReport(h, float("inf"), n, 0, n, n, indefinite=indefinite)

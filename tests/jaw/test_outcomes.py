@@ -1,10 +1,14 @@
 """Outcome of tasks of the imported model beside published numbers."""
 
+import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
 from emgface.anatomy.jaw.outcomes import outcome
 from emgface.anatomy.jaw.run import run_task
 from emgface.anatomy.jaw.tasks import TASKS
+from emgface.cli import app
+from emgface.schema.netcdf import write_netcdf
 
 
 @pytest.mark.parametrize(("force", "stored", "static"), [(1.14, 12.75, 14.1), (4.56, 33.59, 35.3)])
@@ -20,3 +24,28 @@ def test_wide_opening_has_the_published_gape(published):
     """Stavness et al. 2006, section 3.1: 38 mm in the text, 35 mm in figure 4."""
     found = outcome(run_task(published("larynx"), TASKS["open"]))
     assert 35.0 <= found["gape"] <= 39.0
+
+
+def test_tasks_run_without_the_muscles_that_a_fixed_hyoid_lacks(published, shared, tmp_path):
+    """Published series and tasks drive infrahyoid muscles, of which the table names the absent ones."""
+    series = shared / "artisynth_models" / "jaw_larynx" / "probes" / "leftchew"
+    jaw, out = tmp_path / "jaw.nc", tmp_path / "table.csv"
+    write_netcdf(published("fixed"), jaw, "jaw_model")
+    command = [
+        "jaw",
+        "tasks",
+        str(jaw),
+        "--series",
+        str(series),
+        "--step",
+        "0.01",
+        "--out",
+        str(out),
+    ]
+    told = CliRunner().invoke(app, command)
+    assert told.exit_code == 0, told.output
+    table = pd.read_csv(out).set_index("task")
+    assert set(table.index) == set(TASKS)
+    assert "bi_infrahyoid" in table.loc["gape", "without"]
+    assert table["without"].isna()["open"]
+    assert 10.0 < table.loc["chew", "down"] < 30.0

@@ -87,7 +87,7 @@ def outcome_table(
     step: float = STEP,
     progress: Callable[[int, int], None] | None = None,
 ) -> pd.DataFrame:
-    """Outcome of every task [mm, s] beside the published one.
+    """Outcome of every task [mm, s] beside the published one, and the exciters that the model lacks.
 
     Parameters
     ----------
@@ -106,7 +106,8 @@ def outcome_table(
         task, options = with_series(name, series)
         motion = run_task(jaw, task, step=step, **options)
         found = {key: round(value, 3) for key, value in outcome(motion).items()}
-        rows.append({"task": name, **found, "published": PUBLISHED[name]})
+        without = motion.attrs["absent_exciters"]
+        rows.append({"task": name, **found, "without": without, "published": PUBLISHED[name]})
         if progress is not None:
             progress(k + 1, len(names))
     return pd.DataFrame(rows)

@@ -124,15 +124,24 @@ def simulate_jaw(
 
 
 def run_task(jaw: xr.Dataset, task: Task, **options: object) -> xr.Dataset:
-    """Simulate a task; options as of `simulate_jaw`, with ``excitation`` for a task with series."""
+    """Simulate a task; options as of `simulate_jaw`, with ``excitation`` for a task with series.
+
+    Exciters that the model lacks, such as those of muscles below a fixed hyoid, are left out; the
+    attribute ``absent_exciters`` names them.
+    """
+    excitation = options.pop("excitation", None) or task.excitations()
+    assert isinstance(excitation, Excitation)
+    known, absent = excitation.known_to(jaw)
     given = {
-        "excitation": task.excitations(),
+        "excitation": known,
         "duration": task.duration,
         "head": task.head,
         "load": task.load,
         "morsel": task.morsel,
     } | options
-    return simulate_jaw(jaw, **given)  # pyright: ignore[reportArgumentType]
+    motion = simulate_jaw(jaw, **given)  # pyright: ignore[reportArgumentType]
+    motion.attrs["absent_exciters"] = ", ".join(absent)
+    return motion
 
 
 def run_excitation(jaw: xr.Dataset, excitation: Excitation, **options: object) -> xr.Dataset:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -106,7 +107,7 @@ def jaw_scene(
             strict=True,
         )
     }
-    dampers = _dampers(jaw, parts)
+    dampers = _dampers(parts)
     further = terms(points)
     scene = sim.Scene(
         sim.NO_TISSUE,
@@ -132,7 +133,8 @@ class _Parts:
         }
         if head is not None:
             moves.add("skull")
-        self.bodies = {name: _body(jaw.sel(body=name)) for name in self.names if name in moves}
+        self.rows = {name: row for name, row in rows_of(jaw, "body") if name in moves}
+        self.bodies = {name: _body(name, row) for name, row in self.rows.items()}
 
     def add(self, body: str, position: Floats) -> int:
         """Number of a new point on a body."""
@@ -159,31 +161,36 @@ class _Parts:
         return found
 
 
-def _body(row: xr.Dataset) -> sim.Body:
-    name, turning = str(row["body"].values), float(row["body_turn_damping"])
+Row = Mapping[str, Any]
+"""Values of one entry of a dimension, by variable."""
+
+
+def rows_of(jaw: xr.Dataset, dim: str) -> list[tuple[str, Row]]:
+    """Name and values of every entry of a dimension."""
+    columns = {str(v): jaw[v].values for v in jaw.data_vars if jaw[v].dims[:1] == (dim,)}
+    names = map(str, jaw[dim].values)
+    return [(name, {v: x[k] for v, x in columns.items()}) for k, name in enumerate(names)]
+
+
+def _body(name: str, row: Row) -> sim.Body:
     damping = float(row["body_damping"]) * _damped_at_centre(row)
-    return sim.Body(
-        name,
-        float(row["body_mass"]),
-        row["body_inertia"].values,
-        row["body_centre"].values,
-        (damping, turning),
-    )
+    turning = float(row["body_turn_damping"])
+    inertia, centre = row["body_inertia"], row["body_centre"]
+    return sim.Body(name, float(row["body_mass"]), inertia, centre, (damping, turning))
 
 
-def _damped_at_centre(row: xr.Dataset) -> bool:
-    return np.array_equal(row["body_damped_at"].values, row["body_centre"].values)
+def _damped_at_centre(row: Row) -> bool:
+    return np.array_equal(row["body_damped_at"], row["body_centre"])
 
 
-def _dampers(jaw: xr.Dataset, parts: _Parts) -> list[Term]:
+def _dampers(parts: _Parts) -> list[Term]:
     """Damping of the translation of bodies at another point than their centre.
 
     Three dampers to points at such distances that their directions remain those of the axes.
     """
     found = list[Term]()
-    for name in parts.bodies:
-        row = jaw.sel(body=name)
-        damping, at = float(row["body_damping"]), row["body_damped_at"].values
+    for name, row in parts.rows.items():
+        damping, at = float(row["body_damping"]), row["body_damped_at"]
         if damping > 0.0 and not _damped_at_centre(row):
             near = parts.add(name, at)
             far = [parts.add("", at + FAR * axis) for axis in np.eye(3)]
@@ -259,26 +266,25 @@ def _springs(jaw: xr.Dataset, parts: _Parts) -> list[Term]:
 
 def _ligaments(jaw: xr.Dataset, parts: _Parts, chosen: list[int], length: Floats) -> list[Term]:
     """Springs without force below their free length."""
-    found = list[Term]()
+    found, rows = list[Term](), rows_of(jaw, "spring")
     for i in chosen:
-        row = jaw.isel(spring=i)
+        name, row = rows[i]
         free = float(row["spring_rest_length"])
         law = sim.LinearSpring(float(row["spring_stiffness"]) * free, 1.0, free / float(length[i]))
         (fibre,) = _fibres(jaw, "spring", parts, [i])
-        name, damping = str(row["spring"].values), float(row["spring_damping"])
+        damping = float(row["spring_damping"])
         found.append(sim.LineMuscles((name,), [sim.LineFibre(0, fibre.points)], law, 0.0, damping))
     return found
 
 
 def _joints(jaw: xr.Dataset, parts: _Parts, points: Mapping[str, int]) -> list[Joint]:
     numbers, found = list(points.values()), list[Joint]()
-    for name in jaw["joint"].values:
-        row = jaw.sel(joint=name)
+    for name, row in rows_of(jaw, "joint"):
         kind, body = KINDS[int(row["joint_kind"])], parts.of(parts.names[int(row["joint_body"])])
-        origin, normal = row["joint_origin"].values, row["joint_normal"].values
+        origin, normal = row["joint_origin"], row["joint_normal"]
         if kind == "hinge":
             other = parts.of(parts.names[int(row["joint_body_b"])])
-            found.append(Revolute(str(name), body, other, origin, normal))
+            found.append(Revolute(name, body, other, origin, normal))
             continue
         guided = {
             "point": numbers[int(row["joint_point"])],
@@ -288,12 +294,12 @@ def _joints(jaw: xr.Dataset, parts: _Parts, points: Mapping[str, int]) -> list[J
             "unilateral": bool(row["joint_one_sided"]),
         }
         if kind == "plane":
-            found.append(PointOnPlane(str(name), **guided))
+            found.append(PointOnPlane(name, **guided))
         else:
-            curve, reach = row["joint_curve"].values, (0.0, float(row["joint_length"]))
-            forward = row["joint_forward"].values
+            curve, reach = row["joint_curve"], (0.0, float(row["joint_length"]))
+            forward = row["joint_forward"]
             found.append(
-                PointOnCurve(str(name), forward=forward, coefficients=curve, reach=reach, **guided)
+                PointOnCurve(name, forward=forward, coefficients=curve, reach=reach, **guided)
             )
     return found
 

@@ -38,6 +38,13 @@ class Excitation:
     values: Mapping[str, Floats]
     recorded_start: float | None = None
 
+    def known_to(self, jaw: xr.Dataset) -> tuple["Excitation", tuple[str, ...]]:
+        """Excitations of the exciters that a model has, and the names of the others."""
+        names = set(jaw["exciter"].values.tolist())
+        known = {name: u for name, u in self.values.items() if name in names}
+        absent = tuple(name for name in self.values if name not in names)
+        return Excitation(self.time, known, self.recorded_start), absent
+
     def activation(self, jaw: xr.Dataset) -> tuple[xr.DataArray, float]:
         """Activation (muscle, time) of a jaw model, and the most negative value set to zero."""
         a, negative = muscle_activation(jaw, self.values)
