@@ -1,6 +1,7 @@
 """Rules of the code that can be tested automatically."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -15,14 +16,18 @@ def modules(root: Path, package: str) -> list[Path]:
     return sorted((root / package).glob("**/*.py"))
 
 
-def imported(path: Path) -> set[str]:
-    names: set[str] = set()
+@cache
+def found_in(path: Path) -> tuple[set[str], set[str | None]]:
+    """Imported packages, and names of keyword arguments."""
+    names, keywords = set[str](), set[str | None]()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names |= {alias.name.split(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
             names.add(node.module.split(".")[0])
-    return names
+        elif isinstance(node, ast.keyword):
+            keywords.add(node.arg)
+    return names, keywords
 
 
 @pytest.mark.parametrize("package", PACKAGES)
@@ -30,14 +35,14 @@ def test_imports_have_one_direction(root, package):
     found = modules(root, package)
     assert found
     for path in found:
-        foreign = imported(path) & set(PACKAGES) - MAY_IMPORT[package]
+        foreign = found_in(path)[0] & set(PACKAGES) - MAY_IMPORT[package]
         assert not foreign, f"{path.relative_to(root)} imports {sorted(foreign)}"
 
 
 def test_numba_is_used_in_kernel_files_only(root):
     for package in PACKAGES:
         for path in modules(root, package):
-            if "numba" in imported(path):
+            if "numba" in found_in(path)[0]:
                 assert "_kernels" in str(path.relative_to(root)), path
 
 
@@ -45,9 +50,7 @@ def test_kernels_are_compiled_by_one_set_of_options_and_never_in_parallel_by_num
     """A parallel kernel differs between the process that compiles it and those that load it."""
     for package in PACKAGES:
         for path in modules(root, package):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.keyword):
-                    assert node.arg not in ("fastmath", "parallel"), path
+            assert not found_in(path)[1] & {"fastmath", "parallel"}, path
 
 
 def test_kernels_do_not_assume_finite_values():

@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from functools import cache
 
 import pytest
 
@@ -12,42 +13,42 @@ DATA = {
     "ezc3d", "meshio", "pydantic", "h5netcdf", "netCDF4", "h5py", "edfio", "dask",
     "statsmodels", "scikit_learn", "sklearn",
 }  # fmt: skip
+FACE = "emgface.face.motion, emgface.face.template, emgface.face.file"
 
 
-def brought_by(what: str) -> set[str]:
-    code = f"import {what}, json, sys; print(json.dumps([m.split('.')[0] for m in sys.modules]))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return set(json.loads(done.stdout))
+@cache
+def brought_by(what: str) -> tuple[set[str], list[str]]:
+    """Modules in a new process after an import, and two settings of waiting threads."""
+    code = (
+        f"import {what}, json, os, sys; print(json.dumps([[m.split('.')[0] for m in sys.modules], "
+        "[os.environ.get(k) for k in ('OPENBLAS_THREAD_TIMEOUT', 'KMP_BLOCKTIME')]]))"
+    )
+    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("KMP", "OPENBLAS"))}
+    environment = inherited | {"KMP_BLOCKTIME": "7"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment
+    )
+    modules, waiting = json.loads(done.stdout)
+    return set(modules), waiting
 
 
 def test_mechanics_import_no_plotting_command_line_or_data_library():
-    found = brought_by("sim")
+    found, _ = brought_by("sim")
     assert {"sim", "numba", "numpy", "scipy", "xarray"} <= found
     assert not found & (PLOTTING_AND_CLI | DATA | {"emgface", "analysis"})
 
 
 def test_a_face_is_simulated_without_plotting_and_command_line():
-    together = "emgface.face.motion, emgface.face.template, emgface.face.file"
-    assert not brought_by(together) & PLOTTING_AND_CLI
+    assert not brought_by(FACE)[0] & PLOTTING_AND_CLI
 
 
 def test_analysis_imports_neither_mechanics_nor_plotting():
-    assert not brought_by("analysis") & (PLOTTING_AND_CLI | {"sim", "numba", "emgface"})
+    assert not brought_by("analysis")[0] & (PLOTTING_AND_CLI | {"sim", "numba", "emgface"})
 
 
-def test_threads_wait_passively_unless_configured_otherwise():
-    code = "import os, {what}; print(os.environ['OPENBLAS_THREAD_TIMEOUT'], os.environ['KMP_BLOCKTIME'])"
-    inherited = {k: v for k, v in os.environ.items() if not k.startswith(("KMP", "OPENBLAS"))}
-    for what in ("emgface", "sim.waiting"):
-        command = [sys.executable, "-c", code.format(what=what)]
-        done = subprocess.run(
-            command,
-            capture_output=True,
-            text=True,
-            check=True,
-            env=inherited | {"KMP_BLOCKTIME": "7"},
-        )
-        assert done.stdout.split() == ["4", "7"]
+@pytest.mark.parametrize("what", ["sim", FACE])
+def test_threads_wait_passively_unless_configured_otherwise(what):
+    assert brought_by(what)[1] == ["4", "7"]
 
 
 @pytest.mark.parametrize("given", [["demo", "--help"], ["demo", "--seedd", "3"], ["demoo"]])

@@ -187,11 +187,11 @@ def test_usable_recordings_pass_the_check(laboratory: Path) -> None:
 def test_volunteers_are_written(laboratory: Path, tmp_path: Path) -> None:
     study = study_file(laboratory, tmp_path)
     result = run("volunteers", "--n", 1, "--instructions", "C", "--out", tmp_path, "--study", study,
-                 "--workers", 1, "--world", "delay+noise")  # fmt: skip
+                 "--workers", 1, "--world", "delay+recruitment")  # fmt: skip
     assert result.exit_code == 0, result.output
-    assert "world mismatched in delay, noise" in result.output
+    assert "world mismatched in delay, recruitment" in result.output
     made = read_recording(tmp_path / "recordings" / "S01_C_1.nc")
-    assert made.attrs["world"] == "world mismatched in delay, noise"
+    assert made.attrs["world"] == "world mismatched in delay, recruitment"
 
 
 def test_a_face_is_built_of_measures(tmp_path: Path) -> None:

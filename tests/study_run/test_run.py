@@ -81,7 +81,7 @@ def test_true_activations_on_the_same_face_have_a_perfect_score(
     make_volunteers(
         slab, tmp_path, n=1, instructions=("B",), seed=2,
         parameters=configure(SimulationParameters, MECHANICS),
-        settings=VolunteerParameters(world=MATCHED),
+        settings=VolunteerParameters(world=MATCHED, emg="noise"),
     )  # fmt: skip
     recordings = {"folder": str(tmp_path / "recordings"), "instructions": ["B"]}
     study = configured(laboratory, activation_source="true", recordings=recordings)
