@@ -49,6 +49,10 @@ class TongueError(DataError):
     """A tongue model or excitation is unusable: file absent, unknown muscle, body or exciter."""
 
 
+class HeadError(DataError):
+    """A head is unusable: unknown part or contact pair, or a part that one needs is absent."""
+
+
 class ActivationError(DataError):
     """An activation is outside 0-1 or not finite."""
 

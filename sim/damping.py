@@ -27,18 +27,38 @@ class _Coefficients:
     Source of the values: Stavness et al., chapter on the coupled face model.
     """
 
-    alpha: float = 19.0  #: mass damping [1/s], not negative
-    beta: float = 0.055  #: stiffness damping [s], not negative
+    alpha: float | Array = 19.0  #: mass damping [1/s], not negative; or (n_nodes,) of the nodes
+    beta: float | Array = (
+        0.055  #: stiffness damping [s], likewise; equal for nodes that are coupled
+    )
 
     def __post_init__(self) -> None:
-        require(self, "alpha", self.alpha, least=0.0)
-        require(self, "beta", self.beta, least=0.0)
+        for name, values in (("alpha", self.alpha), ("beta", self.beta)):
+            require(self, name, float(np.min(values)), least=0.0)
 
     def combine(self, layout: Layout, K: Array) -> Array:
         """Values of alpha M + beta K on the pattern."""
-        D = self.beta * K
-        D[layout.pattern.diagonal] += self.alpha * layout.node_mass[layout.pattern.free // 3]
+        pattern, n = layout.pattern, layout.mesh.n_nodes
+        node = pattern.free // 3
+        beta = self.beta
+        if isinstance(beta, np.ndarray):
+            beta = np.repeat(_of_nodes(beta, n)[node], np.diff(pattern.indptr))
+        alpha = self.alpha
+        if isinstance(alpha, np.ndarray):
+            alpha = _of_nodes(alpha, n)[node]
+        D = beta * K
+        D[pattern.diagonal] += alpha * layout.node_mass[node]
         return D
+
+    @property
+    def largest_beta(self) -> float:
+        """Coefficient of the stiffness, the largest of all nodes."""
+        return float(np.max(self.beta))
+
+
+def _of_nodes(values: Array, n: int) -> Array:
+    """Values of the nodes of the mesh, with zeros for points without tissue."""
+    return np.concatenate([values, np.zeros(n - len(values))])
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +83,7 @@ class Rayleigh(_Coefficients):
         def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
             return self.combine(layout, stiffness(q, control, K))
 
-        return _Compiled(self.beta, matrix)
+        return _Compiled(self.largest_beta, matrix)
 
 
 @dataclass(frozen=True)
@@ -77,7 +97,7 @@ class PassiveRayleigh(_Coefficients):
         def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
             return self.combine(layout, stiffness(q, at_rest, None))
 
-        return _Compiled(self.beta, matrix)
+        return _Compiled(self.largest_beta, matrix)
 
 
 @dataclass(frozen=True)
@@ -96,7 +116,7 @@ class RestRayleigh(_Coefficients):
         def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
             return D
 
-        return _Compiled(self.beta, matrix, layout.mesh.X)
+        return _Compiled(self.largest_beta, matrix, layout.mesh.X)
 
 
 DAMPING_LAWS = (Rayleigh, PassiveRayleigh, RestRayleigh)

@@ -13,6 +13,7 @@ from emgface.cli import (
     data_describe,
     data_files,
     face,
+    head,
     inverse,
     jaw,
     live,
@@ -68,6 +69,7 @@ for state in (
     study.app.command()(state)
 app.add_typer(study.app, name="study")
 app.add_typer(face.app, name="face")
+app.add_typer(head.app, name="head")
 app.add_typer(inverse.app, name="inverse")
 app.add_typer(jaw.app, name="jaw")
 app.add_typer(data.app, name="data")

@@ -23,8 +23,16 @@ _COMPRESSION = {"zlib": True, "complevel": 4, "shuffle": True, "fletcher32": Tru
 """Encoding with checksums, so that a flipped bit is detected."""
 
 
-def write_netcdf(dataset: xr.Dataset, path: str | Path, kind: str) -> Path:
+def write_netcdf(
+    dataset: xr.Dataset,
+    path: str | Path,
+    kind: str,
+    *,
+    groups: Mapping[str, tuple[xr.Dataset, str]] | None = None,
+) -> Path:
     """Check a dataset of a kind and write it as netCDF-4, compressed, and return the path.
+
+    `groups` are further datasets with their kinds, written as groups of the same file.
 
     The file is written under a temporary name and renamed when it is complete; an existing one is
     replaced and folders are created. Attributes that netCDF cannot represent exactly (lists, dicts,
@@ -33,20 +41,32 @@ def write_netcdf(dataset: xr.Dataset, path: str | Path, kind: str) -> Path:
     DataError if the file cannot be written.
     """
     path = Path(path)
+    every = {"": (dataset, kind), **(groups or {})}
+    ready = {group: _ready(own, of) for group, (own, of) in every.items()}
+
+    def write(target: Path) -> None:
+        for group, (own, encoding) in ready.items():
+            mode, place = ("a", group) if group else ("w", None)
+            own.to_netcdf(target, mode=mode, group=place, engine="netcdf4", encoding=encoding)
+
+    replace_file(path, write)
+    return path
+
+
+def _ready(dataset: xr.Dataset, kind: str) -> tuple[xr.Dataset, dict[Any, dict[str, Any]]]:
+    """Checked dataset with attributes that netCDF can represent, and its encoding."""
     ready = validate(dataset, kind).drop_encoding()
     for part in (ready, *ready.variables.values()):
         part.attrs = _packed(part.attrs)
-    encoding = {
+    return ready, {
         name: dict(_COMPRESSION)
         for name, variable in ready.variables.items()
         if variable.dtype.kind in "iuf" and variable.ndim
     }
-    replace_file(path, lambda target: ready.to_netcdf(target, engine="netcdf4", encoding=encoding))
-    return path
 
 
-def read_netcdf(path: str | Path, kind: str) -> xr.Dataset:
-    """Read a netCDF file of an expected kind into memory and check it.
+def read_netcdf(path: str | Path, kind: str, *, group: str | None = None) -> xr.Dataset:
+    """Read a netCDF file of an expected kind, or one of its groups, into memory and check it.
 
     Raises DataError if the file is absent, truncated or is not netCDF, and SchemaError or
     UnitsError if its content does not fulfil the declaration.
@@ -57,7 +77,7 @@ def read_netcdf(path: str | Path, kind: str) -> xr.Dataset:
         if opened.disk_format == "HDF5":
             _check_texts(path)
     try:
-        dataset = xr.load_dataset(path, engine="netcdf4", decode_times=False)
+        dataset = xr.load_dataset(path, group=group, engine="netcdf4", decode_times=False)
     except (OSError, RuntimeError, ValueError, AttributeError, KeyError, TypeError) as error:
         raise DataError(_damaged(path)) from error
     dataset = dataset.drop_encoding()

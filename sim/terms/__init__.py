@@ -8,6 +8,7 @@ from sim.terms.load import Gravity, NodeLoad
 from sim.terms.material import Material
 from sim.terms.muscles import Muscles
 from sim.terms.nodal_volume import NodalVolume
+from sim.terms.of_blocks import OfBlocks
 from sim.terms.solid import Solid
 from sim.terms.stiffening import Stiffening
 from sim.terms.strands import LineFibre
@@ -39,6 +40,7 @@ __all__ = [
     "Muscles",
     "NodalVolume",
     "NodeLoad",
+    "OfBlocks",
     "Solid",
     "Stiffening",
     "Support",

@@ -19,6 +19,8 @@ KINDS = (
     "activation",
     "cube",
     "face_model",
+    "head_model",
+    "head_motion",
     "jaw_excitation",
     "jaw_model",
     "jaw_motion",

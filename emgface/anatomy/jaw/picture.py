@@ -48,7 +48,7 @@ def jaw_page(motion: xr.Dataset) -> str:
     task, name = motion.attrs.get("task", "motion"), motion.attrs["jaw"]
     return moving_page(
         shown,
-        *_geometry(shown),
+        *jaw_geometry(shown),
         what="jaw",
         title=f"{task} of the {name}",
         about=f"{name}, muscle law {motion.attrs['law']}.",
@@ -154,14 +154,14 @@ CAPTION = (
 )
 
 
-def _geometry(motion: xr.Dataset) -> tuple[Floats, NDArray[np.int64], Floats, NDArray[np.int64]]:
+def jaw_geometry(motion: xr.Dataset) -> tuple[Floats, NDArray[np.int64], Floats, NDArray[np.int64]]:
     """Points (time, n, 3), triangles, colours, and the number of the muscle of each point, from 1."""
-    bones = _moved(motion, motion["surface_position"].values, motion["surface_body"].values)
+    bones = moved_points(motion, motion["surface_position"].values, motion["surface_body"].values)
     names = [str(name) for name in motion["body"].values]
     shades = [CARTILAGE if name in ("thyroid", "cricoid") else BONE for name in names]
     colour = np.array([*shades, STILL])[motion["surface_body"].values]
     ends, bodies = motion["muscle_position"].values, motion["muscle_body"].values
-    a, b = (_moved(motion, ends[:, k], bodies[:, k]) for k in (0, 1))
+    a, b = (moved_points(motion, ends[:, k], bodies[:, k]) for k in (0, 1))
     radius = THINNED * np.sqrt(motion["muscle_force_max"].values / 40e4 / np.pi)
     muscles, own = _spindles(a, b, radius)
     n_muscle, per = len(radius), AROUND * ALONG
@@ -177,7 +177,7 @@ def _geometry(motion: xr.Dataset) -> tuple[Floats, NDArray[np.int64], Floats, ND
     return frames, triangles.astype(np.int64), colour, fibre.astype(np.int64)
 
 
-def _moved(motion: xr.Dataset, X: Floats, body: NDArray[np.integer]) -> Floats:
+def moved_points(motion: xr.Dataset, X: Floats, body: NDArray[np.integer]) -> Floats:
     """Positions (time, n, 3) of points at X (n, 3) at rest on bodies (n,), -1 for fixed ones."""
     position = motion["body_position"].transpose("time", "body", "axis").values
     q = motion["body_quaternion"].transpose("time", "body", "part").values
@@ -259,4 +259,4 @@ _JOINTS = {
 }
 
 
-__all__ = ["drawn_times", "jaw_figure", "jaw_page", "moving_page"]
+__all__ = ["drawn_times", "jaw_figure", "jaw_geometry", "jaw_page", "moving_page"]

@@ -110,7 +110,7 @@ def simulate_jaw(
     if morsel is not None:
         motion["morsel_force"] = ("time", _morsel_force(jaw, motion, morsel), {"units": "N"})
         motion.attrs["morsel"] = morsel
-    motion = motion.assign(_drawn(jaw, parts))
+    motion = motion.assign(drawn(jaw, parts.bodies))
     motion.attrs |= {
         "origin": "simulated",
         "jaw": jaw.attrs["name"],
@@ -184,9 +184,9 @@ def _morsel_force(jaw: xr.Dataset, motion: xr.Dataset, side: str) -> Floats:
     return force
 
 
-def _drawn(jaw: xr.Dataset, parts: JawScene) -> dict[str, object]:
+def drawn(jaw: xr.Dataset, bodies: tuple[str, ...]) -> dict[str, object]:
     """Surfaces and muscles of a model, with the bodies of a motion; -1 for bodies that stay."""
-    number = {name: k for k, name in enumerate(parts.bodies)}
+    number = {name: k for k, name in enumerate(bodies)}
     moving = np.array([number.get(str(name), -1) for name in jaw["body"].values], dtype=np.int32)
     one = {"units": "1"}
     found: dict[str, object] = {
@@ -231,4 +231,4 @@ class Lines:
         return length, (way * rate).sum(axis=1) / length
 
 
-__all__ = ["AXES", "OUTPUT", "STEP", "run_excitation", "run_task", "simulate_jaw"]
+__all__ = ["AXES", "OUTPUT", "STEP", "drawn", "run_excitation", "run_task", "simulate_jaw"]

@@ -66,6 +66,7 @@ def jaw_scene(
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.8),
     head: Motion | None = None,
     terms: Callable[[Mapping[str, int]], tuple[Term, ...]] = lambda points: (),
+    first: int = 0,
 ) -> JawScene:
     """Scene of a jaw model.
 
@@ -81,6 +82,8 @@ def jaw_scene(
         without it the skull stays.
     terms : callable, optional
         Further terms of the scene, from the numbers of the named points.
+    first : int
+        Number of nodes before the points, if the scene is to be joined with tissue.
 
     Returns
     -------
@@ -95,7 +98,7 @@ def jaw_scene(
     """
     if law not in LAWS:
         raise JawError(f"muscle law {law!r}, expected one of {', '.join(LAWS)}")
-    parts = _Parts(jaw, head)
+    parts = _Parts(jaw, head, first)
     lines, muscles = _muscles(jaw, parts, law)
     springs = _springs(jaw, parts)
     points = {
@@ -123,7 +126,8 @@ def jaw_scene(
 class _Parts:
     """Bodies and points of a scene while it is built."""
 
-    def __init__(self, jaw: xr.Dataset, head: Motion | None) -> None:
+    def __init__(self, jaw: xr.Dataset, head: Motion | None, first: int) -> None:
+        self._first = first
         self.names = [str(name) for name in jaw["body"].values]
         self.positions: list[Floats] = []
         self._held: dict[str, list[int]] = {}
@@ -138,9 +142,10 @@ class _Parts:
 
     def add(self, body: str, position: Floats) -> int:
         """Number of a new point on a body."""
-        self._held.setdefault(body, []).append(len(self.positions))
+        number = self._first + len(self.positions)
+        self._held.setdefault(body, []).append(number)
         self.positions.append(position)
-        return len(self.positions) - 1
+        return number
 
     def of(self, body: str) -> str | None:
         """Body of the scene, None for one that stays."""

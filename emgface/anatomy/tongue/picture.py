@@ -32,7 +32,7 @@ def tongue_page(motion: xr.Dataset) -> str:
     title = f"{motion.attrs.get('task', 'motion')} of the {motion.attrs['tongue']}"
     return moving_page(
         shown,
-        *_geometry(shown),
+        *tongue_geometry(shown),
         what="tongue",
         title=title,
         about=f"{motion.attrs['tongue']}, muscles as {motion.attrs['muscles']}.",
@@ -43,7 +43,9 @@ def tongue_page(motion: xr.Dataset) -> str:
     )
 
 
-def _geometry(motion: xr.Dataset) -> tuple[Floats, NDArray[np.int64], Floats, NDArray[np.int64]]:
+def tongue_geometry(
+    motion: xr.Dataset,
+) -> tuple[Floats, NDArray[np.int64], Floats, NDArray[np.int64]]:
     """Points (time, n, 3), triangles, colours, and the number of the muscle of each point, from 1."""
     q = motion["node_position"].transpose("time", "node", "axis").values
     connectivity = motion["connectivity"].values
@@ -56,18 +58,18 @@ def _geometry(motion: xr.Dataset) -> tuple[Floats, NDArray[np.int64], Floats, ND
     points, own, numbers = [q[:, node]], [corner.reshape(-1, 3)], [np.zeros(len(node))]
     first = len(node)
     for f, m in enumerate(muscle):
-        tube, around = _tube(lines[:, owner == f])
-        points.append(tube)
+        around_it, around = tube(lines[:, owner == f])
+        points.append(around_it)
         own.append(around + first)
-        numbers.append(np.full(tube.shape[1], m + 1))
-        first += tube.shape[1]
+        numbers.append(np.full(around_it.shape[1], m + 1))
+        first += around_it.shape[1]
     fibre = np.concatenate(numbers)
     colour = np.where(fibre[:, None] > 0, RELAXED, TISSUE)
     own_triangles = np.concatenate(own).astype(np.int64)
     return np.concatenate(points, axis=1), own_triangles, colour, fibre.astype(np.int64)
 
 
-def _tube(line: Floats) -> tuple[Floats, NDArray[np.int64]]:
+def tube(line: Floats) -> tuple[Floats, NDArray[np.int64]]:
     """Points (time, k AROUND, 3) around a polyline (time, k, 3), and their triangles."""
     along = np.gradient(line, axis=1)
     along /= np.linalg.norm(along, axis=2, keepdims=True) + 1e-12
@@ -129,4 +131,4 @@ def tongue_figure(motion: xr.Dataset) -> "Figure":
     return figure
 
 
-__all__ = ["tongue_figure", "tongue_page"]
+__all__ = ["tongue_figure", "tongue_geometry", "tongue_page", "tube"]

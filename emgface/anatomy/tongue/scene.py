@@ -32,8 +32,8 @@ class TonguePart:
     mesh : sim.Mesh
     terms : of the tissue and its muscles, without gravity.
     damping, constraints : as of `sim.Scene`.
-    held : nodes that follow each body, and the points outside the mesh on it, by its name; points are
-        numbered from the number of nodes plus `first`.
+    held : nodes that follow each body, and the points outside the mesh on it, by its name, numbered
+        after the nodes and points before.
     points : (k, 3) points outside the mesh [m].
     """
 
@@ -45,8 +45,10 @@ class TonguePart:
     points: Floats
 
 
-def tongue_part(tongue: xr.Dataset, p: TongueParameters, *, first: int = 0) -> TonguePart:
-    """Lay out a tongue after `first` other points.
+def tongue_part(
+    tongue: xr.Dataset, p: TongueParameters, *, before: int = 0, first: int = 0
+) -> TonguePart:
+    """Lay out a tongue after `before` nodes of other tissue and `first` other points.
 
     Raises
     ------
@@ -68,7 +70,7 @@ def tongue_part(tongue: xr.Dataset, p: TongueParameters, *, first: int = 0) -> T
     weight = tongue["bundle_weight"].values if "bundle_weight" in tongue else None
     tissue = sim.Solid((_material(p),))
     terms: list[Term] = []
-    numbers, points = _numbers(tongue, first)
+    numbers, points = _numbers(tongue, before, first)
     if p.muscles == "elements":
         law = sim.Blemker(p.sigma_max, p.stretch_opt, p.lambda_star)
         fibres = sim.Muscles(names, *rows, tongue["bundle_direction"].values, law, weight)
@@ -87,7 +89,7 @@ def tongue_part(tongue: xr.Dataset, p: TongueParameters, *, first: int = 0) -> T
         tuple(terms),
         DAMPING[p.damping_tangent](p.alpha, p.beta) if p.alpha or p.beta else None,
         (sim.HardElementVolume(),) if p.incompressibility == "hard" else (),
-        _held(tongue, numbers),
+        _held(tongue, before, numbers),
         points,
     )
 
@@ -184,17 +186,18 @@ def _material(p: TongueParameters) -> sim.Material:
     return sim.Material(sim.MooneyRivlin(p.C10, p.C20), sim.QuadraticBulk(0.0), p.density)
 
 
-def _numbers(tongue: xr.Dataset, first: int) -> tuple[Indices, Floats]:
+def _numbers(tongue: xr.Dataset, before: int, first: int) -> tuple[Indices, Floats]:
     """Number in the scene of every fibre point, and the distinct positions of those outside the mesh."""
     node, outside = tongue["fibre_node"].values.astype(np.int64), tongue["fibre_body"].values >= 0
     X = tongue["fibre_position"].values
     points, index = np.unique(X[outside], axis=0, return_inverse=True)
     node[outside] = tongue.sizes["node"] + first + index.ravel()
-    return node, points
+    return np.where(node < 0, node, node + before), points
 
 
-def _held(tongue: xr.Dataset, numbers: Indices) -> dict[str, Indices]:
-    found, names = dict(attached_nodes(tongue)), [str(b) for b in tongue["body"].values]
+def _held(tongue: xr.Dataset, before: int, numbers: Indices) -> dict[str, Indices]:
+    found = {body: nodes + before for body, nodes in attached_nodes(tongue).items()}
+    names = [str(b) for b in tongue["body"].values]
     for k, body in enumerate(names):
         on = np.unique(numbers[tongue["fibre_body"].values == k])
         if len(on):

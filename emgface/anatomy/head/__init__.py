@@ -1,0 +1,1 @@
+"""Heads: faces, jaws, tongues and hyoids coupled in one scene."""

@@ -1,0 +1,139 @@
+"""Generated head of a person: its parts, attachments and contact pairs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+
+import numpy as np
+import xarray as xr
+
+from emgface.anatomy.head.model import CONTACTS, PARTS, Head, build_lists
+from emgface.anatomy.jaw.exciters import exciters_of
+from emgface.anatomy.jaw.template import template_jaw
+from emgface.anatomy.jaw.template.muscles import GROUPS
+from emgface.anatomy.tongue.model import attached_nodes
+from emgface.anatomy.tongue.template.build import person, template_tongue
+from emgface.anatomy.tongue.template.palate import palate
+from emgface.errors import HeadError
+from emgface.face.parts import MANDIBLE, SKULL, Arch, Integers, arches_of
+from emgface.face.template import Measures, template_face
+from emgface.schema.validation import validate
+
+REPLACED = ("gh", "am", "pm")
+"""Muscles of a jaw that geniohyoid and mylohyoid of a tongue replace (Stavness et al., chapter on the
+coupled model, section 11.2.1.5)."""
+HYOID = ("hyoid", "thyroid", "cricoid")
+
+
+def build_head(
+    parts: Sequence[str] = PARTS,
+    *,
+    preset: str = "adult",
+    seed: int | None = None,
+    measures: Mapping[str, float] | None = None,
+    resolution: str | int = "coarse",
+    tongue_resolution: str | int | None = None,
+    contacts: Sequence[str] | None = None,
+) -> Head:
+    """Generate the head of a person from named parts.
+
+    Parameters
+    ----------
+    parts : of "face", "jaw", "tongue" and "hyoid". Bodies that are not named stay.
+    preset, seed, measures
+        As of the template face; measures may also be those of the jaw.
+    resolution, tongue_resolution
+        Of face and tongue, by default the same name.
+    contacts : pairs of `emgface.anatomy.head.model.CONTACTS`, by default all of the named parts.
+
+    Raises
+    ------
+    HeadError
+        A part or contact pair is unknown.
+    FaceError, JawError, TongueError
+        As of the parts.
+    """
+    unknown = [part for part in parts if part not in PARTS]
+    if unknown or not parts or len(set(parts)) < len(parts):
+        found = unknown[0] if unknown else ",".join(parts)
+        raise HeadError(f"parts {found!r}, expected different names of {', '.join(PARTS)}")
+    named = [part for part in PARTS if part in parts]
+    who = {"preset": preset, "seed": seed}
+    found = dict[str, xr.Dataset]()
+    attachments = dict[str, Integers]()
+    if "face" in named:
+        own = {field.name for field in fields(Measures)}
+        given = {k: v for k, v in (measures or {}).items() if k in own}
+        face = template_face(measures=given, resolution=resolution, **who)
+        for bone, name in ((MANDIBLE, "face-jaw"), (SKULL, "face-skull")):
+            attachments[name] = np.flatnonzero(face["fixed"].values == bone)
+        found["face"] = face
+    if "jaw" in named or "hyoid" in named:
+        jaw = template_jaw(measures=measures, **who)
+        found["jaw"] = moving(jaw, named, without=REPLACED if "tongue" in named else ())
+    if "tongue" in named:
+        size = resolution if tongue_resolution is None else tongue_resolution
+        found["tongue"] = template_tongue(measures=measures, resolution=size, **who)
+        for body, nodes in attached_nodes(found["tongue"]).items():
+            attachments[f"tongue-{body}"] = nodes
+    wanted = [p for p, needs in CONTACTS.items() if set(needs) <= set(named)]
+    label = preset if seed is None else f"{preset}, volunteer {seed}"
+    return build_lists(
+        parts=found,
+        named=named,
+        attachments=attachments,
+        contacts=wanted if contacts is None else contacts,
+        shells=_shells(found, measures, preset, seed),
+        name=f"template head ({label}: {', '.join(named)})",
+    )
+
+
+def moving(jaw: xr.Dataset, named: Sequence[str], without: Sequence[str] = ()) -> xr.Dataset:
+    """Jaw model in which only the named bodies move, without muscles of some names.
+
+    Muscles, springs and joints between bodies that stay are omitted.
+    """
+    moves = jaw["body_moves"].values.copy()
+    for k, body in enumerate(jaw["body"].values):
+        owner = "hyoid" if body in HYOID else str(body)
+        moves[k] = bool(moves[k]) and owner in named
+    on = moves.astype(bool)
+    guided = on[jaw["point_body"].values][jaw["joint_point"].values]
+    hinged = on[jaw["joint_body_b"].values]
+    other = np.where(jaw["joint_point"].values >= 0, guided, hinged)
+    plain = np.array([str(m)[:-2] for m in jaw["muscle"].values])
+    kept = {
+        "muscle": on[jaw["muscle_body"].values].any(axis=1) & ~np.isin(plain, without),
+        "spring": on[jaw["spring_body"].values].any(axis=1),
+        "joint": on[jaw["joint_body"].values] | other,
+    }
+    if moves.all() and all(chosen.all() for chosen in kept.values()):
+        return jaw
+    found = jaw.assign(body_moves=("body", moves, jaw["body_moves"].attrs))
+    found = found.isel({dim: np.flatnonzero(chosen) for dim, chosen in kept.items()})
+    muscles = [str(m) for m in found["muscle"].values]
+    exciters = exciters_of(muscles, GROUPS)
+    gain = np.array([[own.get(m, 0.0) for m in muscles] for own in exciters.values()])
+    found = found.drop_vars(["exciter_gain", "exciter"]).assign_coords(exciter=list(exciters))
+    found["exciter_gain"] = (
+        ("exciter", "muscle"),
+        gain.reshape(-1, len(muscles)),
+        {"units": "1"},
+    )
+    return validate(found, "jaw_model")
+
+
+def _shells(
+    parts: Mapping[str, xr.Dataset],
+    measures: Mapping[str, float] | None,
+    preset: str,
+    seed: int | None,
+) -> dict[str, Arch]:
+    """Teeth, those of the face if there is one, and the palate if there is a tongue."""
+    if "face" not in parts and "tongue" not in parts:
+        return {}
+    places, arches = person(measures, preset, seed)
+    teeth = arches_of(parts["face"]) if "face" in parts else arches
+    shells = {"mandible" if arch.bone == MANDIBLE else "maxilla": arch for arch in teeth}
+    if "tongue" in parts:
+        shells["palate"] = palate(places, arches)
+    return shells

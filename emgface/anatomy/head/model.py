@@ -1,0 +1,184 @@
+"""Model of a head: named parts, what holds them together, and what may touch.
+
+A head is one Dataset (`data_schema/head_model.json`) with lists of attachments and contact pairs, and
+one Dataset for each part of its own schema, stored as groups of the same netCDF file.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import xarray as xr
+
+from emgface.anatomy.jaw.exciters import exciters_of
+from emgface.anatomy.jaw.model import AXES, FRAME
+from emgface.anatomy.jaw.template.muscles import GROUPS
+from emgface.anatomy.mesh_model import integers, stacked
+from emgface.errors import HeadError
+from emgface.face.parts import Arch, Integers
+from emgface.schema.netcdf import read_netcdf, write_netcdf
+from emgface.schema.validation import validate
+
+PARTS: Final = ("face", "jaw", "tongue", "hyoid")
+"""Parts by which a head is named; jaw and hyoid are bodies of one jaw_model."""
+KINDS: Final = {"face": "face_model", "jaw": "jaw_model", "tongue": "tongue_model"}
+"""Schema of the Dataset of each group."""
+PAIRS: Final = ("face-jaw", "face-skull", "tongue-jaw", "tongue-hyoid")
+"""Attachments of nodes of a tissue to bodies."""
+CONTACTS: Final = {
+    "lip-lip": ("face",),
+    "lips-teeth": ("face",),
+    "tongue-teeth": ("tongue",),
+    "tongue-palate": ("tongue",),
+}
+"""Contact pairs, and the parts that each needs."""
+
+
+TONGUE_GROUPS: Final = {**GROUPS, "my": ("MH",), "gh": ("GH",)}
+"""Groups of a jaw in which geniohyoid and mylohyoid are those of a tongue."""
+
+
+@dataclass(frozen=True, eq=False)
+class Head:
+    """A head: its lists (of schema head_model), and the Datasets of its parts by group."""
+
+    lists: xr.Dataset
+    parts: Mapping[str, xr.Dataset]
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Parts of `PARTS` that the head has."""
+        return tuple(str(name) for name in self.lists["part"].values)
+
+    def attached(self, pair: str) -> Integers:
+        """Nodes of a tissue that an attachment such as "tongue-jaw" holds; none if it is absent."""
+        pairs = [str(name) for name in self.lists["pair"].values]
+        if pair not in pairs:
+            return np.empty(0, dtype=np.int64)
+        own = self.lists["attachment_pair"].values == pairs.index(pair)
+        return self.lists["attachment_node"].values[own].astype(np.int64)
+
+    def shell(self, name: str) -> Arch:
+        """Rigid surface "maxilla", "mandible" or "palate".
+
+        Raises
+        ------
+        HeadError
+            The head has none.
+        """
+        names = [str(own) for own in self.lists["shell"].values]
+        if name not in names:
+            raise HeadError(f"the head has no {name}, expected one of {', '.join(names) or 'none'}")
+        k = names.index(name)
+        chosen = self.lists["shell_triangle"].values[self.lists["triangle_shell"].values == k]
+        used, corner = np.unique(chosen, return_inverse=True)
+        points = self.lists["shell_position"].values[used]
+        return Arch(int(self.lists["shell_bone"].values[k]), points, corner.reshape(-1, 3))
+
+
+def build_lists(
+    *,
+    parts: Mapping[str, xr.Dataset],
+    named: Sequence[str],
+    attachments: Mapping[str, Integers],
+    contacts: Sequence[str],
+    shells: Mapping[str, Arch],
+    name: str,
+) -> Head:
+    """Assemble a head and check it.
+
+    Parameters
+    ----------
+    parts : Datasets by group.
+    named : parts of `PARTS`.
+    attachments : nodes by pair of `PAIRS`.
+    contacts : pairs of `CONTACTS`.
+    shells : rigid surfaces by name.
+    name : str
+
+    Raises
+    ------
+    HeadError
+        A contact pair is unknown or needs a part that is not named, or two muscles have the same name.
+    SchemaError, UnitsError
+        A Dataset does not follow its declaration.
+    """
+    for pair in contacts:
+        if pair not in CONTACTS:
+            raise HeadError(f"contact {pair!r}, expected one of {', '.join(CONTACTS)}")
+        absent = [part for part in CONTACTS[pair] if part not in named]
+        if absent:
+            raise HeadError(f"contact {pair} needs the {absent[0]}, expected it among the parts")
+    muscles = [str(m) for part in parts.values() for m in part["muscle"].values]
+    twice = sorted({m for m in muscles if muscles.count(m) > 1})
+    if twice:
+        raise HeadError(f"muscle {twice[0]} belongs to two parts, expected different names")
+    exciters = exciters_of(muscles, TONGUE_GROUPS if "tongue" in named else GROUPS)
+    gain = np.array([[own.get(m, 0.0) for m in muscles] for own in exciters.values()])
+    sizes = [len(nodes) for nodes in attachments.values()]
+    first = np.cumsum([0, *(len(s.points) for s in shells.values())])
+    triangles = [s.triangles + k for s, k in zip(shells.values(), first, strict=False)]
+    one = {"units": "1"}
+    lists = xr.Dataset(
+        {
+            "attachment_pair": (
+                "attachment",
+                integers(np.repeat(np.arange(len(sizes)), sizes)),
+                one,
+            ),
+            "attachment_node": (
+                "attachment",
+                integers(np.concatenate([np.empty(0), *attachments.values()])),
+                one,
+            ),
+            "shell_bone": ("shell", integers([s.bone for s in shells.values()]), one),
+            "shell_position": (
+                ("shell_vertex", "axis"),
+                stacked([s.points for s in shells.values()]),
+                {"units": "m"},
+            ),
+            "shell_triangle": (
+                ("shell_face", "corner"),
+                integers(np.concatenate([np.empty((0, 3)), *triangles])),
+                one,
+            ),
+            "triangle_shell": (
+                "shell_face",
+                integers(np.repeat(np.arange(len(shells)), [len(t) for t in triangles])),
+                one,
+            ),
+            "exciter_gain": (("exciter", "muscle"), gain, one),
+        },
+        coords={
+            "axis": list(AXES),
+            "part": list(named),
+            "pair": np.array(list(attachments), dtype="U16"),
+            "contact": np.array(list(contacts), dtype="U16"),
+            "shell": np.array(list(shells), dtype="U16"),
+            "muscle": muscles,
+            "exciter": list(exciters),
+        },
+        attrs={"name": name, "origin": "generated", "frame": FRAME},
+    )
+    checked = {group: validate(part, KINDS[group]) for group, part in parts.items()}
+    return Head(validate(lists, "head_model"), checked)
+
+
+def write_head(head: Head, path: str | Path) -> Path:
+    """Write a head with its parts as groups of one netCDF file; errors as of `write_netcdf`."""
+    parts = {group: (part, KINDS[group]) for group, part in head.parts.items()}
+    return write_netcdf(head.lists, path, "head_model", groups=parts)
+
+
+def read_head(path: str | Path) -> Head:
+    """Read a head; errors as of `emgface.schema.netcdf.read_netcdf`."""
+    lists = read_netcdf(path, "head_model")
+    return Head(lists, read_parts(path, lists["part"].values.tolist()))
+
+
+def read_parts(path: str | Path, named: Sequence[str]) -> dict[str, xr.Dataset]:
+    """Read the groups of named parts."""
+    groups = dict.fromkeys("jaw" if name == "hyoid" else name for name in named)
+    return {group: read_netcdf(path, KINDS[group], group=group) for group in groups}

@@ -1,0 +1,182 @@
+"""Motion of a head under excitations: simulation and its labelled result."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import xarray as xr
+
+import sim
+from emgface.anatomy.head.model import KINDS, Head, read_parts
+from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
+from emgface.anatomy.jaw.series import Excitation, ramps
+from emgface.anatomy.tongue.parameters import TongueParameters
+from emgface.anatomy.tongue.scene import LINE
+from emgface.face.lip_shape import UP, has_mouth
+from emgface.face.mouth import Mouth
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.schema.netcdf import read_netcdf, write_netcdf
+from emgface.schema.validation import validate
+from sim.integrators import Integrator
+from sim.probes import Probe
+
+STEP, OUTPUT = 5e-3, 10e-3
+"""Largest time step and time between outputs [s]."""
+CLOSERS: Final = ("bi_close", 4e-4)
+"""Exciter and level that hold the jaw at rest (Stavness et al. 2006, section 3.1)."""
+
+
+def simulate_head(
+    head: Head,
+    excitation: Excitation,
+    *,
+    duration: float,
+    face: SimulationParameters | None = None,
+    tongue: TongueParameters = TONGUE,
+    law: str = "peck",
+    gravity: bool = True,
+    step: float = STEP,
+    output: float = OUTPUT,
+    integrator: Integrator | None = None,
+    scene: HeadScene | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> xr.Dataset:
+    """Simulate a head.
+
+    Parameters
+    ----------
+    head : Head
+    excitation : Excitation
+        Of muscles and groups of all parts.
+    duration : float
+        [s]
+    face, tongue, law, gravity
+        As of `emgface.anatomy.head.scene.head_scene`.
+    step, output : float
+        Largest time step, halved where it fails, and time between outputs [s].
+    integrator : optional
+        `sim.LinearlyImplicitEuler` by default, which supports contact with moving bones.
+    scene : HeadScene, optional
+        Of the head, for several motions; face, tongue, law and gravity are then those of the scene.
+    progress : callable, optional
+        As of `sim.simulate`.
+
+    Returns
+    -------
+    xarray.Dataset
+        Of schema head_motion.
+
+    Raises
+    ------
+    JawError
+        An exciter is unknown.
+    HeadError, SceneError, ContactFailure
+        As `head_scene`.
+    SimulationError
+        As `sim.simulate`.
+    """
+    parts = scene or head_scene(head, face=face, tongue=tongue, law=law, gravity=gravity)
+    system = parts.system
+    drive, given, negative = activation_of(head, system, excitation)
+    motion, _ = sim.simulate(
+        system,
+        drive,
+        duration=duration,
+        steps=sim.HalvingStep(step),
+        every=output,
+        integrator=sim.LinearlyImplicitEuler() if integrator is None else integrator,
+        probes=probes(head, parts),
+        progress=progress,
+    )
+    if "node_position" in motion:
+        n = parts.scene.mesh.n_nodes
+        motion = motion.isel(node=slice(0, n))
+    sizes = [head.parts[tissue].sizes["node"] for tissue in parts.first]
+    own = sim.Activation(excitation.time, given.values.T)
+    at = np.array([own.at(float(t)) for t in motion["time"].values])
+    motion = motion.assign(
+        tissue_nodes=("tissue", np.array(sizes, dtype=np.int32), {"units": "1"}),
+        activation=(("muscle", "time"), at.T, {"units": "1"}),
+    )
+    motion = motion.assign_coords(
+        muscle=given["muscle"].values,
+        tissue=np.array(list(parts.first), dtype="U8"),
+        named=list(head.named),
+    )
+    motion.attrs |= {
+        "origin": "simulated",
+        "head": head.lists.attrs["name"],
+        "step_s": step,
+        "clipped_excitation": negative,
+    }
+    return validate(motion, "head_motion")
+
+
+def activation_of(
+    head: Head, system: sim.System, excitation: Excitation
+) -> tuple[sim.Activation, xr.DataArray, float]:
+    """Activation of the muscles of the scene and of the head, and the clipped excitation."""
+    given, negative = excitation.activation(head.lists)
+    column = {str(m): k for k, m in enumerate(given["muscle"].values)}
+    own = [column.get(name.removesuffix(LINE), -1) for name in system.muscles]
+    padded = np.concatenate([given.values.T, np.zeros((len(excitation.time), 1))], axis=1)
+    return sim.Activation(excitation.time, padded[:, own]), given, negative
+
+
+def probes(head: Head, parts: HeadScene) -> tuple[Probe, ...]:
+    """Markers of all parts, nodes, frames of bodies, smallest J and the opening of the mouth."""
+    nodes, names = list[int](), list[str]()
+    for tissue, first in parts.first.items():
+        own = head.parts[tissue]
+        nodes += (own["marker_node"].values + first).tolist()
+        names += [str(name) for name in own["marker"].values]
+    if parts.jaw is not None:
+        nodes += parts.jaw.points.values()
+        names += parts.jaw.points
+    found: list[Probe] = [sim.Markers(np.array(nodes, dtype=np.int64), tuple(names))]
+    if parts.first:
+        found += [sim.Positions(), sim.SmallestJ()]
+    if parts.jaw is not None and parts.jaw.bodies:
+        found.append(sim.Frames(parts.jaw.bodies))
+    if "face" in head.parts:
+        face = head.parts["face"]
+        upper, lower = (int(node) for node in face["lip_opening_node"].values)
+        found.append(sim.Opening(upper, lower, UP))
+        if has_mouth(face):
+            found.append(Mouth.of(face))
+    return tuple(found)
+
+
+def raised(
+    levels: dict[str, float], *, rise: float = 0.2, start: float = 0.0, jaw: bool = True
+) -> Excitation:
+    """Excitations that rise linearly from 0 and are held, with the tone of the closers of a jaw."""
+    corners = {name: [(start, 0.0), (start + rise, level)] for name, level in levels.items()}
+    if jaw and CLOSERS[0] not in corners:
+        corners[CLOSERS[0]] = [(0.0, CLOSERS[1])]
+    return ramps(corners)
+
+
+def write_motion(motion: xr.Dataset, head: Head, path: str | Path) -> Path:
+    """Write a motion with the parts of its head as groups, which are drawn."""
+    parts = {group: (part, KINDS[group]) for group, part in head.parts.items()}
+    return write_netcdf(motion, path, "head_motion", groups=parts)
+
+
+def read_motion(path: str | Path) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
+    """Read a motion and the parts of its head."""
+    motion = read_netcdf(path, "head_motion")
+    return motion, read_parts(path, motion["named"].values.tolist())
+
+
+__all__ = [
+    "OUTPUT",
+    "STEP",
+    "activation_of",
+    "probes",
+    "raised",
+    "read_motion",
+    "simulate_head",
+    "write_motion",
+]

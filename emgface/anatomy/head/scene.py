@@ -1,0 +1,253 @@
+"""Scene of a head: the scenes of its parts joined, with attachments and contact pairs."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+import sim
+from emgface.anatomy.head.model import Head
+from emgface.anatomy.jaw.scene import JawScene, jaw_scene
+from emgface.anatomy.tongue.parameters import TongueParameters
+from emgface.anatomy.tongue.scene import TonguePart, tongue_part
+from emgface.face.contact import METHODS, contact_pairings
+from emgface.face.lips import lining
+from emgface.face.parts import MANDIBLE, Floats, Integers, facets_of
+from emgface.face.recipe import DAMPING, GRAVITY, compose_scene
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.surface import triangles
+from sim.bodies import Motion
+from sim.contact import NodeSurface, Pairing, RigidShell
+from sim.contact.bodies import body_surfaces
+from sim.kinematics.members import Member
+from sim.mesh import Block
+from sim.scene import Constraint, Damping, Term
+
+TONGUE = TongueParameters(sigma_max=100e3, damping_tangent="rest")
+"""Tongue of a generated head: the published law with the active stress of the chapter (11.2.2.3), and
+the damping of the face, whose matrix stays positive with active muscles."""
+FREE_SIDES = ("dorsum", "left", "right", "front")
+"""Sides of a tongue that may touch teeth and palate."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeadScene:
+    """A head in `sim`.
+
+    Attributes
+    ----------
+    scene : sim.Scene
+    first : number of the first node of each tissue.
+    jaw : scene of the jaw, whose points are numbered as in this one; None without moving bodies.
+    """
+
+    scene: sim.Scene
+    first: Mapping[str, int]
+    jaw: JawScene | None
+
+    @cached_property
+    def system(self) -> sim.System:
+        """The compiled scene."""
+        return sim.compile_scene(self.scene)
+
+
+def head_scene(
+    head: Head,
+    *,
+    face: SimulationParameters | None = None,
+    tongue: TongueParameters = TONGUE,
+    law: str = "peck",
+    gravity: bool = True,
+    turn: Motion | None = None,
+) -> HeadScene:
+    """Join the parts of a head.
+
+    Nodes of the face precede those of the tongue; points outside the mesh follow: those of tongue, jaw
+    and teeth. A head of one part has exactly the scene of that part.
+
+    Parameters
+    ----------
+    head : Head
+    face : SimulationParameters, optional
+        Tissue, muscles, damping and contact of the face.
+    tongue : TongueParameters
+    law : muscle law of the jaw, as of `jaw_scene`.
+    gravity : bool
+    turn : motion of the skull, as of `jaw_scene`; for heads without tissue.
+
+    Raises
+    ------
+    HeadError
+        A contact needs a surface that the head does not have.
+    FaceError, TongueError, JawError, SceneError, ContactFailure
+        As of the parts.
+    """
+    p = (face or SimulationParameters()).model_copy(update={"gravity": False})
+    own = p.model_copy(update={"contact": p.contact.model_copy(update={"method": "none"})})
+    parts, first, n = head.parts, dict[str, int](), 0
+    tissues = list[_Tissue]()
+    if "face" in parts:
+        scene = compose_scene(parts["face"], own)
+        tissues.append(_Tissue(scene.mesh, scene.terms, scene.damping, scene.constraints))
+        first["face"], n = n, n + scene.mesh.n_nodes
+    part: TonguePart | None = None
+    if "tongue" in parts:
+        part = tongue_part(parts["tongue"], tongue, before=n)
+        tissues.append(_Tissue(part.mesh, part.terms, part.damping, part.constraints))
+        first["tongue"], n = n, n + part.mesh.n_nodes
+    points = [np.empty((0, 3)) if part is None else part.points]
+    n += len(points[0])
+    jaw = None
+    if "jaw" in parts:
+        pull = GRAVITY if gravity else (0.0, 0.0, 0.0)
+        jaw = jaw_scene(parts["jaw"], law=law, gravity=pull, head=turn, first=n)
+        points.append(jaw.scene.points)
+        n += len(jaw.scene.points)
+    bodies = () if jaw is None else jaw.bodies
+    teeth, surfaces = _teeth(head, bodies, n)
+    members: list[Member] = [*_attached(head, part, first, bodies), *teeth[1]]
+    points.append(teeth[0])
+    terms: list[Term] = _joined(tissues)
+    pairings = _pairings(head, first, surfaces)
+    if pairings and p.contact.method != "none":
+        terms.append(METHODS[p.contact.method](pairings, p.contact))
+    if jaw is not None:
+        terms += jaw.scene.terms if gravity else jaw.scene.terms[1:]
+        members += jaw.scene.reductions
+    elif gravity:
+        terms.append(sim.Gravity(GRAVITY))
+    scene = sim.Scene(
+        _mesh(tissues),
+        tuple(terms),
+        tuple(members),
+        _damping(tissues, p),
+        tuple(c for t in tissues for c in t.constraints),
+        bodies=() if jaw is None else jaw.scene.bodies,
+        points=np.concatenate(points),
+        joints=() if jaw is None else jaw.scene.joints,
+    )
+    return HeadScene(scene, first, jaw)
+
+
+@dataclass(frozen=True, eq=False)
+class _Tissue:
+    """Mesh, terms, damping and constraints of one tissue."""
+
+    mesh: sim.Mesh
+    terms: tuple[Term, ...]
+    damping: Damping | None
+    constraints: tuple[Constraint, ...]
+
+
+def _mesh(tissues: list[_Tissue]) -> sim.Mesh:
+    """Nodes and blocks of all tissues, one after the other."""
+    if not tissues:
+        return sim.NO_TISSUE
+    if len(tissues) == 1:
+        return tissues[0].mesh
+    blocks, n = list[Block](), 0
+    for tissue in tissues:
+        blocks += [Block(block.kind, block.nodes + n) for block in tissue.mesh.blocks]
+        n += tissue.mesh.n_nodes
+    return sim.Mesh(np.concatenate([t.mesh.X for t in tissues]), tuple(blocks))
+
+
+def _joined(tissues: list[_Tissue]) -> list[Term]:
+    """Terms of all tissues, each restricted to the blocks of its own."""
+    if len(tissues) == 1:
+        return list(tissues[0].terms)
+    found, n = list[Term](), 0
+    for tissue in tissues:
+        last = n + len(tissue.mesh.blocks)
+        found += [sim.OfBlocks(term, n, last) for term in tissue.terms]
+        n = last
+    return found
+
+
+def _damping(tissues: list[_Tissue], p: SimulationParameters) -> Damping | None:
+    """Damping of one tissue as it is; of several, the coefficients of each at its nodes."""
+    if len(tissues) < 2:
+        return tissues[0].damping if tissues else None
+    values = [
+        np.concatenate([np.full(t.mesh.n_nodes, getattr(t.damping, name, 0.0)) for t in tissues])
+        for name in ("alpha", "beta")
+    ]
+    return DAMPING[p.damping_tangent](*values)
+
+
+def _attached(
+    head: Head, part: TonguePart | None, first: Mapping[str, int], bodies: tuple[str, ...]
+) -> list[Member]:
+    """Attachments of the lists, and points outside the tongue; fixed on bodies that stay."""
+    held: dict[str, list[Integers]] = {}
+    for pair in map(str, head.lists["pair"].values):
+        tissue, _, body = pair.partition("-")
+        held.setdefault(body, []).append(head.attached(pair) + first[tissue])
+    if part is not None:
+        last = first["tongue"] + part.mesh.n_nodes
+        for body, nodes in part.held.items():
+            held.setdefault(body, []).append(nodes[nodes >= last])
+    found = list[Member]()
+    still = [nodes for body, own in held.items() if body not in bodies for nodes in own]
+    if still:
+        found.append(sim.Fixed(np.sort(np.concatenate(still)).astype(np.int64)))
+    for body, own in held.items():
+        if body in bodies:
+            found.append(sim.OnBody(body, np.concatenate(own).astype(np.int64)))
+    return found
+
+
+_Carried = tuple[Floats, tuple[sim.OnBody, ...]]
+
+
+def _teeth(
+    head: Head, bodies: tuple[str, ...], n: int
+) -> tuple[_Carried, dict[str, NodeSurface | RigidShell]]:
+    """Rigid surfaces that may touch: shells where the bone stays, otherwise points of the moving jaw."""
+    used = {
+        "lips-teeth": ("maxilla", "mandible"),
+        "tongue-teeth": ("maxilla", "mandible"),
+        "tongue-palate": ("palate",),
+    }
+    wanted = [s for pair in map(str, head.lists["contact"].values) for s in used.get(pair, ())]
+    carried: _Carried = np.empty((0, 3)), ()
+    found = dict[str, NodeSurface | RigidShell]()
+    for name in dict.fromkeys(wanted):
+        shell = head.shell(name)
+        corners = shell.triangles.astype(np.int64)
+        if shell.bone == MANDIBLE and "jaw" in bodies:
+            points, members, own = body_surfaces({"jaw": (shell.points, corners)}, n)
+            carried = points, members
+            found[name] = replace(own["jaw"], name=name)
+        else:
+            found[name] = RigidShell(shell.points, corners, name)
+    return carried, found
+
+
+def _pairings(
+    head: Head, first: Mapping[str, int], rigid: Mapping[str, NodeSurface | RigidShell]
+) -> tuple[Pairing, ...]:
+    contacts = [str(pair) for pair in head.lists["contact"].values]
+    found = list[Pairing]()
+    if "lip-lip" in contacts:
+        found += contact_pairings(head.parts["face"], "constraint", ("lips",))
+    if "lips-teeth" in contacts:
+        soft = NodeSurface(lining(head.parts["face"]), "lining of the mouth")
+        found += [Pairing(soft, rigid[name]) for name in ("maxilla", "mandible")]
+    names = [name for pair, name in _OF_TONGUE if pair in contacts]
+    if names:
+        own = head.parts["tongue"]
+        quads = np.concatenate([facets_of(own, side) for side in FREE_SIDES])
+        corners = triangles(quads, own["position"].values) + first["tongue"]
+        soft = NodeSurface(corners.astype(np.int64), "tongue")
+        found += [Pairing(soft, rigid[name]) for name in names]
+    return tuple(found)
+
+
+_OF_TONGUE = (
+    ("tongue-teeth", "maxilla"),
+    ("tongue-teeth", "mandible"),
+    ("tongue-palate", "palate"),
+)
+"""Contact pairs of the tongue with the rigid surfaces of each."""

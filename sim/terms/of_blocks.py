@@ -1,0 +1,52 @@
+"""Term of some element blocks of a mesh that joins several parts, such as face and tongue."""
+
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.mesh import Mesh
+from sim.scene import CompiledTerm, HasMass, HasMuscles, Index, Layout, Term
+from sim.state import Array
+
+
+@dataclass(frozen=True, eq=False)
+class OfBlocks:
+    """A term that sees some blocks of the mesh; its elements are counted from the first of them.
+
+    Nodes keep their numbers in the mesh.
+
+    Attributes
+    ----------
+    term : Term
+    first, last : int
+        First block, and the one after the last.
+    """
+
+    term: Term
+    first: int
+    last: int
+
+    def part(self, mesh: Mesh) -> Mesh:
+        """The mesh with these blocks alone; the other nodes remain, without elements."""
+        found = copy(mesh)  # a checked mesh, whose check would refuse nodes without elements
+        object.__setattr__(found, "blocks", mesh.blocks[self.first : self.last])
+        return found
+
+    def node_mass(self, mesh: Mesh) -> Array:
+        """Mass of the term, if it has any."""
+        if isinstance(self.term, HasMass):
+            return self.term.node_mass(self.part(mesh))
+        return np.zeros(mesh.n_nodes)
+
+    def muscle_names(self) -> tuple[str, ...]:
+        """Muscles of the term, if it has any."""
+        return self.term.muscle_names() if isinstance(self.term, HasMuscles) else ()
+
+    def pair_keys(self, mesh: Mesh) -> Index:
+        """Pairs of the term."""
+        return self.term.pair_keys(self.part(mesh))
+
+    def compile(self, layout: Layout) -> CompiledTerm:
+        """Compile the term for these blocks."""
+        return self.term.compile(replace(layout, mesh=self.part(layout.mesh)))
