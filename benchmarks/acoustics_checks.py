@@ -191,11 +191,11 @@ def jump_ratio(p: np.ndarray, rate: float, start: float) -> float:
     return float((jump[first:] / np.maximum(before, 1e-12)).max())
 
 
-def _fricative(front: float, flow: float, area: float = 1.5e-5) -> np.ndarray:
+def _fricative(front: float, flow: float) -> np.ndarray:
     n, L = 32, 0.16
     areas = np.full(n, 3e-4)
     first = n - round(front / L * n)
-    areas[first - 2 : first] = area
+    areas[first - 2 : first] = 1.5e-5
     steady = Flow(flow * np.minimum(1.0, np.arange(11_025) / 2205.0), 44_100.0)
     sound = simulate_tube(areas, L, steady, duration=0.25, turbulence=Turbulence(), sections=64)
     return sound.radiated(44_100.0)[5512:]

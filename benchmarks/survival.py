@@ -8,7 +8,6 @@ on a grid, assuming that survival is monotone in sigma_max. Every attempt is app
 at once; attempts in the file are not repeated.
 """
 
-import csv
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -95,24 +94,23 @@ class Attempts:
             "incompressibility": options.incompressibility,
         }
         self.known = {}
-        if path.exists():
-            with path.open(newline="", encoding="utf-8") as file:
-                for row in csv.DictReader(file):
-                    if all(row[name] == value for name, value in self.fixed.items()):
-                        key = row["muscle"], row["solver"], float(row["sigma_max_kPa"])
-                        self.known[key] = row["survived"] == "True"
-        else:
+        if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
-            with path.open("w", newline="", encoding="utf-8") as file:
-                csv.DictWriter(file, COLUMNS, lineterminator="\n").writeheader()
+            pd.DataFrame(columns=COLUMNS).to_csv(path, index=False)
+        table = pd.read_csv(path, dtype=str)
+        for row in table[
+            (table[list(self.fixed)] == pd.Series(self.fixed)).all(axis=1)
+        ].itertuples():
+            key = row.muscle, row.solver, float(row.sigma_max_kPa)
+            self.known[key] = row.survived == "True"
 
     def survives(self, muscle, solver, kilopascal):
         """Return the stored result of an attempt, or compute and store it."""
         key = muscle, solver, float(kilopascal)
         if key not in self.known:
             row = self.fixed | attempt(self.face, muscle, solver, kilopascal, self.options)
-            with self.path.open("a", newline="", encoding="utf-8") as file:
-                csv.DictWriter(file, COLUMNS, lineterminator="\n").writerow(row)
+            line = pd.DataFrame([row], columns=COLUMNS)
+            line.to_csv(self.path, mode="a", header=False, index=False)
             self.known[key] = row["survived"]
             print(
                 f"{muscle:6s} {solver:36s} {kilopascal:5d} kPa  "

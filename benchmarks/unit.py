@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sim import System
 from sim.linear import linear_solver
 
+REPEATS: Final = 5  #: number of measurements, of which the median is taken
 STEP: Final = 0.01  #: time step of the measured step [s]
 
 
@@ -23,9 +24,7 @@ def step_matrix(system: System) -> NDArray[np.float64]:
     return A
 
 
-def unit_seconds(
-    system: System, repeats: int = 5, clock: Callable[[], float] = time.perf_counter
-) -> float:
+def unit_seconds(system: System, clock: Callable[[], float] = time.perf_counter) -> float:
     """Median time [s] of one factorisation and one solution with `step_matrix`.
 
     Times in units U can be compared between machines, because these two are most of a step.
@@ -35,7 +34,7 @@ def unit_seconds(
     linear.analyse(system.pattern)
     rhs = np.ones(system.pattern.n)
     times: list[float] = []
-    for _ in range(repeats + 1):
+    for _ in range(REPEATS + 1):
         start = clock()
         linear.factorise(A)
         linear.solve(rhs)

@@ -124,12 +124,12 @@ def recover(
     )
 
 
-def full_effort(*, hold: float = 0.6, rest: float = 0.4) -> xr.DataArray:
+def full_effort() -> xr.DataArray:
     """Activation ``(muscle, time_true)`` in which each muscle, on both sides, is fully active once.
 
-    `hold` and `rest` are the durations of full activation and of rest [s].
+    Full activation lasts 0.6 s, and rest 0.4 s.
     """
-    rate, period = 1000.0, hold + rest
+    rate, rest, period = 1000.0, 0.4, 1.0
     time = np.arange(round(len(MODELLED) * period * rate) + 1) / rate
     values = np.zeros((len(MUSCLES), time.size))
     for k, name in enumerate(MODELLED):

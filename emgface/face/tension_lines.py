@@ -72,12 +72,12 @@ def _segments(face: xr.Dataset) -> tuple[Floats, Floats]:
     return vector[same], middle[same]
 
 
-def skin_prestretch(face: xr.Dataset, stretches: Floats, *, reach: float = REACH) -> Floats:
+def skin_prestretch(face: xr.Dataset, stretches: Floats) -> Floats:
     """F0 (elements, 3, 3): the stretches along the axes of the skin, the identity elsewhere.
 
     `stretches` (3,) are those along the tension line, across it and through the skin [1].
     """
     F0 = np.tile(np.eye(3), (face.sizes["element"], 1, 1))
-    element, axes = skin_axes(face, reach=reach)
+    element, axes = skin_axes(face)
     F0[element] = stretch_field(axes, stretches)
     return F0

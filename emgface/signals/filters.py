@@ -84,10 +84,10 @@ def check_gaps(signal: xr.DataArray, time_dim: str = TIME_EMG) -> None:
             )
 
 
-def constant_rows(signal: xr.DataArray, time_dim: str = TIME_EMG) -> tuple[str, ...]:
+def constant_rows(signal: xr.DataArray) -> tuple[str, ...]:
     """Names of rows with one value throughout (electrode off, amplifier saturated)."""
-    dim = row_dim(signal, time_dim)
-    values = np.asarray(signal.transpose(dim, time_dim), dtype=float)
+    dim = row_dim(signal, TIME_EMG)
+    values = np.asarray(signal.transpose(dim, TIME_EMG), dtype=float)
     spread = values.max(axis=1) - values.min(axis=1)
     constant = spread <= 8 * np.finfo(float).eps * np.abs(values).max(axis=1)
     return tuple(str(name) for name in signal[dim].values[constant])

@@ -29,10 +29,8 @@ class FibreGeometry:
     distance: float  #: distance of the electrodes [m]
 
 
-def draw_geometry(
-    rng: np.random.Generator, size: np.ndarray, *, distance: float = 0.012
-) -> FibreGeometry:
-    """Draw the fibres of the units of one facial muscle, for electrodes at a `distance` [m].
+def draw_geometry(rng: np.random.Generator, size: np.ndarray) -> FibreGeometry:
+    """Draw the fibres of the units of one facial muscle, for electrodes at a distance of 12 mm.
 
     `size` (units,) is the relative size of the units; larger ones conduct faster. Depth U(1.5, 7)
     mm; end plates U(8, 16) mm from the middle of the electrodes, in a cluster away from the middle
@@ -54,7 +52,7 @@ def draw_geometry(
         spread=rng.uniform(1e-3, 5e-3, n),
         aside=rng.uniform(-8e-3, 8e-3, n),
         angle=np.deg2rad(rng.normal(0.0, 35.0, n)),
-        distance=distance,
+        distance=0.012,
     )
 
 

@@ -38,7 +38,7 @@ inverse, M P M = M: activations that obey the mapping are drive that the mapping
 """
 
 
-def power_spectrum(frequency: np.ndarray, *, low: float = 60.0, high: float = 120.0) -> np.ndarray:
+def power_spectrum(frequency: np.ndarray) -> np.ndarray:
     """Power spectral density of surface EMG at frequencies in Hz, up to a factor [1/Hz^2].
 
     ``S(f) = high^4 f^2 / ((f^2 + low^2) (f^2 + high^2)^2)``; the corner frequencies 60 and 120 Hz
@@ -46,7 +46,7 @@ def power_spectrum(frequency: np.ndarray, *, low: float = 60.0, high: float = 12
     IEEE Trans Biomed Eng 24:417-424. Facial muscles: significant power from 15 to 500 Hz, van
     Boxtel 2001, Psychophysiology 38:22-34.
     """
-    square = np.square(frequency)
+    square, low, high = np.square(frequency), 60.0, 120.0
     return high**4 * square / ((square + low**2) * np.square(square + high**2))
 
 

@@ -62,9 +62,7 @@ class MotorUnitPool:
         return np.sqrt(energy @ self.rates(activation))
 
 
-def draw_pool(
-    rng: np.random.Generator, sampling_rate: float, *, units: int = UNITS
-) -> MotorUnitPool:
+def draw_pool(rng: np.random.Generator, sampling_rate: float) -> MotorUnitPool:
     """Draw the motor units of one muscle under one electrode pair.
 
     Thresholds ``exp(ln(RR) i / n)`` and sizes ``exp(ln(RP) i / n)`` increase exponentially (the
@@ -73,9 +71,9 @@ def draw_pool(
     limbs: discharges of the corrugator cause a peak of its spectrum near 31 Hz (van Boxtel 2001,
     Psychophysiology 38:22-34), hence a highest rate of 40 instead of 35 per second.
     """
-    number = np.arange(1, units + 1)
-    threshold = np.exp(np.log(RECRUITMENT_RANGE) * number / units)
-    size = np.exp(np.log(SIZE_RANGE) * number / units)
+    number = np.arange(1, UNITS + 1)
+    threshold = np.exp(np.log(RECRUITMENT_RANGE) * number / UNITS)
+    size = np.exp(np.log(SIZE_RANGE) * number / UNITS)
     span = max(float(threshold[-1] - threshold[0]), 1e-12)
     peak = HIGHEST_RATE - RATE_DIFFERENCE * (threshold - threshold[0]) / span
     full = float(threshold[-1] + (peak[-1] - LOWEST_RATE) / RATE_GAIN)

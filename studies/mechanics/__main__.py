@@ -5,16 +5,15 @@ python -m studies.mechanics --face FACE.nc --out DIR  any other face; numbers an
 python -m studies.mechanics --page                    the page only, from the stored tables
 """
 
-import argparse
 from pathlib import Path
+from typing import Annotated
 
 import pandas as pd
+import typer
 import xarray as xr
 
-from benchmarks.report import markdown, say, shrink
-from emgface.face.file import load_face
+from benchmarks.report import face_of, markdown, say, shrink
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.face.template import template_face
 from emgface.pictures.stills import states_figure, write_figure
 from studies.mechanics.expressions import EXPRESSIONS, SKINS, express, summary
 from studies.mechanics.lip_rounding import round_lips
@@ -194,27 +193,22 @@ def page() -> str:
     return body.rstrip() + "\n"
 
 
-def main() -> None:
+def main(
+    face: Path | None = None,
+    out: Path | None = None,
+    page_only: Annotated[bool, typer.Option("--page")] = False,
+) -> None:
     """Compute the results specified by the options."""
-    parser = argparse.ArgumentParser(
-        description="Tables and pictures of lips, expressions and skin."
-    )
-    parser.add_argument("--face", type=Path)
-    parser.add_argument("--out", type=Path)
-    parser.add_argument("--page", action="store_true")
-    options = parser.parse_args()
-    if not options.page:
-        face = load_face(options.face) if options.face else template_face(resolution=RESOLUTION)
-        out = options.out or HERE / "template"
-        if options.face and options.out is None:
-            parser.error("--face needs --out, a folder for its numbers and pictures")
-        out.mkdir(parents=True, exist_ok=True)
-        rounding(face, out)
-        expressions(face, out)
-        probes(face, out)
-    if not options.face:
+    if not page_only:
+        if face and out is None:
+            raise SystemExit("--face needs --out, a folder for its numbers and pictures")
+        model, folder = face_of(face, RESOLUTION), out or HERE / "template"
+        folder.mkdir(parents=True, exist_ok=True)
+        for make in (rounding, expressions, probes):
+            make(model, folder)
+    if not face:
         (HERE / "README.md").write_text(page(), encoding="utf-8")
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

@@ -10,11 +10,11 @@ friction  closing with friction 0.3
 teeth     protrusion with and without support by the teeth
 """
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
+import typer
 import xarray as xr
 
 from analysis.figures import save
@@ -27,19 +27,15 @@ from benchmarks.contact import (
     measure,
     opening,
 )
-from benchmarks.report import draw, shrink
-from emgface.face.file import load_face
+from benchmarks.report import draw, face_of, shrink
 from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.face.template import template_face
 from emgface.face.template.gestures import GESTURES
 from emgface.pictures.sections import draw_sections
 from emgface.pictures.stills import states_figure, write_figure
 from studies.mechanics.teeth_support import BACKING, protrude_lips
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "contact"
-RESOLUTION = "medium"
-STIFFENING = (1.0, 10.0)
 
 
 def held(
@@ -119,39 +115,28 @@ def teeth(face: xr.Dataset, out: Path, methods: Sequence[str], factors: Sequence
         shrink(write_figure(figure, path, dpi=80))
 
 
-def main() -> None:
-    """Measure, draw and store."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--face", type=Path, help="face model; the template face by default")
-    parser.add_argument("--resolution", default=RESOLUTION, help="of the template face")
-    parser.add_argument("--out", type=Path, default=DOCS / "template")
-    parser.add_argument(
-        "--part", action="append", choices=["closing", "gestures", "friction", "teeth"]
-    )
-    parser.add_argument("--method", action="append", choices=METHODS)
-    parser.add_argument("--stiffening", action="append", type=float, help="of the active muscle")
-    parser.add_argument("--gesture", action="append", choices=tuple(GESTURES))
-    parser.add_argument("--hold", type=float, default=1.0, help="of the closing lips [s]")
-    options = parser.parse_args()
-    face = (
-        template_face(resolution=options.resolution)
-        if options.face is None
-        else load_face(options.face)
-    )
-    options.out.mkdir(parents=True, exist_ok=True)
-    parts = options.part or ["closing", "gestures", "friction", "teeth"]
-    methods = tuple(options.method or METHODS)
-    if "closing" in parts:
-        held(face, options.out, "closing", (CLOSING,), methods, options.hold)
-    if "gestures" in parts:
-        held(face, options.out, "gestures", tuple(options.gesture or GESTURES), methods, 0.3)
-    if "friction" in parts:
-        held(face, options.out, "friction", (CLOSING,), methods, 0.5, friction=0.3)
-    if "teeth" in parts:
-        teeth(face, options.out, methods, tuple(options.stiffening or STIFFENING))
+def main(
+    face: Path | None = None,
+    resolution: str = "medium",
+    out: Path = DOCS / "template",
+    part: list[str] = ["closing", "gestures", "friction", "teeth"],  # noqa: B006
+    method: list[str] = list(METHODS),  # noqa: B006
+    stiffening: list[float] = [1.0, 10.0],  # noqa: B006
+    gesture: list[str] = list(GESTURES),  # noqa: B006
+    hold: float = 1.0,
+) -> None:
+    """Measure, draw and store; `hold` [s] is that of the closing lips."""
+    model = face_of(face, resolution)
+    out.mkdir(parents=True, exist_ok=True)
+    if "closing" in part:
+        held(model, out, "closing", (CLOSING,), method, hold)
+    if "gestures" in part:
+        held(model, out, "gestures", gesture, method, 0.3)
+    if "friction" in part:
+        held(model, out, "friction", (CLOSING,), method, 0.5, friction=0.3)
+    if "teeth" in part:
+        teeth(model, out, method, stiffening)
 
 
 if __name__ == "__main__":
-    main()
+    typer.run(main)

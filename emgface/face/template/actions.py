@@ -42,6 +42,7 @@ class Action:
     closes: bool = False
 
 
+HALF: Final = 0.5  #: activation of the pairs whose actions are compared [1]
 PASSED: Final = 1e-4  #: depth above which lips are regarded as penetrating each other [m]
 
 MOVED: Final = 1e-4  #: displacement below which a marker is regarded as not moved [m]
@@ -112,18 +113,17 @@ def steady_positions(
     duration: float = 0.8,
     step: float = 0.05,
     integrator: sim.ConvergedEuler | None = None,
-    settled: xr.Dataset | None = None,
 ) -> tuple[Floats, Floats]:
     """Simulate a face under several constant activations, each from rest.
 
     `activations` maps, for every run, a muscle such as ``ZYG_L`` to its activation from 0 to 1; the
     others are passive. By default of `parameters`, sigma_max is 100 kPa and gravity off. `rise`,
     `duration` and `step` are the time over which the activation increases, the end of the run and
-    the time step [s]; `settled` is the result of `emgface.face.motion.settle_face`, the start of
-    each run (default: the geometry). Returns the node positions at the end, shape (runs, nodes, 3)
-    [m], and the smallest det F over each run [1]. Damping uses the stiffness at rest
-    (`sim.RestRayleigh`), which is positive for any activation; a steady state does not depend on
-    it. Raises ActivationError if a muscle is unknown, and errors as `sim.simulate`.
+    the time step [s]; each run starts from the geometry of the face. Returns the node positions at
+    the end, shape (runs, nodes, 3) [m], and the smallest det F over each run [1]. Damping uses the
+    stiffness at rest (`sim.RestRayleigh`), which is positive for any activation; a steady state
+    does not depend on it. Raises ActivationError if a muscle is unknown, and errors as
+    `sim.simulate`.
     """
     if parameters is None:
         parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
@@ -133,8 +133,6 @@ def steady_positions(
     names = list(system.muscles)
     work = sim.Workspace(system)
     start = system.rest_state()
-    if settled is not None:
-        start = replace(start, q=np.ascontiguousarray(settled["node_position"].values))
     positions, smallest = [], []
     for run in activations:
         unknown = [name for name in run if name not in names]
@@ -180,13 +178,12 @@ def moves_as_described(face: xr.Dataset, muscle: str, position: Floats) -> bool:
 def muscle_actions(
     face: xr.Dataset,
     *,
-    activation: float = 0.5,
     muscles: Sequence[str] = MODELLED,
     parameters: SimulationParameters | None = None,
 ) -> pd.DataFrame:
     """Displacement of the lips by every muscle pair, with its anatomical action.
 
-    `activation` [1] is that of both muscles of a pair; by default sigma_max is 100 kPa, gravity is
+    Both muscles of a pair are activated by `HALF`; by default sigma_max is 100 kPa, gravity is
     off, and lips and teeth are in contact. The table (index `muscle`) contains the displacement
     [mm] of the left corner and the left upper and lower paramedian marker along x (positive:
     medially), y (anterior) and z (up); the `opening` of the lips, negative if the upper margin is
@@ -194,9 +191,7 @@ def muscle_actions(
     F, the action, its source, and `agrees`, True if `moves_as_described` and the lips penetrate
     each other by at most `PASSED`. Errors as of `steady_positions`.
     """
-    runs = [{f"{muscle}_{side}": activation for side in "LR"} for muscle in muscles]
-    if parameters is None:
-        parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
+    runs = [{f"{muscle}_{side}": HALF for side in "LR"} for muscle in muscles]
     position, smallest = steady_positions(face, runs, parameters=parameters)
     moved = 1e3 * (position - face["position"].values)
     marker = {

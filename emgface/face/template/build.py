@@ -156,13 +156,12 @@ def volunteer_face(
     preset: str = "adult",
     spread: float = 1.0,
     asymmetry: float = 0.0,
-    radius: float = RADIUS,
     course_shift: float = 0.0,
 ) -> tuple[xr.Dataset, Measures]:
     """Draw the face of one volunteer of a set.
 
     `seed` is that of the set, and `index` is 1 for the first volunteer; equal numbers result in the
-    same person at every resolution. `resolution`, `preset` and `radius` are those of
+    same person at every resolution. `resolution` and `preset` are those of
     `template_face`. `spread` and `asymmetry` are factors, at least 0, on the published standard
     deviations and on those of the differences between the sides
     (`emgface.face.template.volunteers.ASYMMETRY`); `course_shift` is the standard deviation of the
@@ -181,7 +180,6 @@ def volunteer_face(
         resolution=resolution,
         measures=measures,
         preset=preset,
-        radius=radius,
         courses=(
             draw_course_shift(np.random.default_rng((seed, index, _COURSES)), course_shift)
             if course_shift

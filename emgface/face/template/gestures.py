@@ -8,8 +8,6 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from emgface.errors import DataError
-from emgface.face.muscle_parameters import SIGMA_MAX
-from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.actions import steady_positions
 
 Floats = NDArray[np.float64]
@@ -52,19 +50,14 @@ def gesture_activation(instruction: str) -> dict[str, float]:
 
 
 def gesture_positions(
-    face: xr.Dataset,
-    instructions: tuple[str, ...] = tuple(GESTURES),
-    *,
-    parameters: SimulationParameters | None = None,
+    face: xr.Dataset, instructions: tuple[str, ...] = tuple(GESTURES)
 ) -> dict[str, Floats]:
     """Simulate held gestures: instruction (A to F) to node positions (nodes, 3) [m].
 
-    By default sigma_max is 100 kPa, gravity is off, and lips and teeth are in contact. Raises
+    sigma_max is 100 kPa, gravity is off, and lips and teeth are in contact. Raises
     DataError if an instruction is unknown, and errors as
     `emgface.face.template.actions.steady_positions`.
     """
     runs = [gesture_activation(instruction) for instruction in instructions]
-    if parameters is None:
-        parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
-    positions, _ = steady_positions(face, runs, parameters=parameters)
+    positions, _ = steady_positions(face, runs)
     return dict(zip(instructions, positions, strict=True))

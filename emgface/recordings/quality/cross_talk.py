@@ -1,6 +1,6 @@
 """Cross-talk between neighbouring channels."""
 
-from collections.abc import Iterable
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
@@ -24,11 +24,11 @@ def neighbours() -> list[tuple[str, str]]:
     return pairs + [(f"{name}_{SIDES[0]}", f"{name}_{SIDES[1]}") for name in ACROSS]
 
 
-def cross_talk(emg: xr.DataArray, pairs: Iterable[tuple[str, str]] | None = None) -> pd.DataFrame:
+def cross_talk(emg: xr.DataArray) -> pd.DataFrame:
     """Measure the common part of pairs of channels.
 
     `emg` (channel, time_emg) [V] is the raw signal, which is filtered to 15-500 Hz, and strong hum
-    is removed. By default the pairs are the neighbours on the face that exist, or, if the channels
+    is removed. The pairs are the neighbours on the face that exist, or, if the channels
     are not those of the face, all pairs. Columns are ``channel``, ``neighbour``; ``correlation``,
     the cross-correlation coefficient r of largest magnitude for delays up to 10 ms, and its ``lag``
     [s] (positive if the channel is later than its neighbour); ``common`` = r^2, the common part of
@@ -51,10 +51,8 @@ def cross_talk(emg: xr.DataArray, pairs: Iterable[tuple[str, str]] | None = None
         )
         if can_be_judged(values, rate)
     }
-    if pairs is None:
-        pairs = [pair for pair in neighbours() if set(pair) <= set(signals)]
-        names = list(signals)
-        pairs = pairs or [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
+    pairs = [pair for pair in neighbours() if set(pair) <= set(signals)]
+    pairs = pairs or list(combinations(signals, 2))
     heard = {
         name: in_muscle_band(_without_hum(emg.sel(channel=[name]), values, rate), rate)
         for name, values in signals.items()
