@@ -25,28 +25,19 @@ FEWEST: Final = 8  #: least number of differences of a marker for an estimate of
 def noise_level(values: Array) -> float:
     """Noise of one marker, from differences of successive frames.
 
-    sigma^2 = sum over axes of (median |D^k x| / 0.6745)^2 / C(2k, k),  k = 3
+    sigma^2 = sum over axes of (median |D^k x| / 0.6745)^2 / C(2k, k), k = 3
 
     A difference of order k multiplies a motion of frequency f by (2 sin(pi f / rate))^k and the
     variance of white noise by C(2k, k), so that motion far below the frame rate is removed. The
     median limits the effect of leaps; 0.6745 is that of |x| for a normal distribution of variance
     one.
 
-    Parameters
-    ----------
-    values : ndarray, shape (axis, time)
-        Positions at uniform instants, in any unit of length; NaN where the marker is not visible.
+    `values` (axis, time) are positions at uniform instants, in any unit of length; NaN where the
+    marker is not visible. Returns the root mean square of the noise of all axes together, in the
+    same unit; NaN with fewer than 8 finite differences.
 
-    Returns
-    -------
-    float
-        Root mean square of the noise of all axes together, in the unit of `values`; NaN with fewer
-        than 8 finite differences.
-
-    Notes
-    -----
-    From 180 frames of white noise the estimate scatters by 7 % (three axes). A motion of 5 mm and
-    2 Hz adds 0.4 um at 100 frames a second, 17 um at 30. Noise that a tracker has smoothed over
+    From 180 frames of white noise the estimate scatters by 7 % (three axes). A motion of 5 mm and 2
+    Hz adds 0.4 um at 100 frames a second, 17 um at 30. Noise that a tracker has smoothed over
     several frames is underestimated.
     """
     difference = np.diff(values, ORDER, axis=1)

@@ -43,29 +43,15 @@ from sim.threads import one_blas_thread
 
 @dataclass(frozen=True, repr=False)
 class StudyResult(Described):
-    """Results of a study.
+    """Results of a study."""
 
-    Attributes
-    ----------
-    cube : Dataset
-        Scores and status of every trial.
-    path : Path
-        File of the cube.
-    journal : Path
-        File of the events of this run.
-    entries : list of Entry
-        Outcome of every trial, also of those that were simulated again with a lower sigma_max.
-    others : list of Event
-        Results of no single trial: rest states, ranges of features, baselines.
-    unreadable : dict of Path to EmgfaceError
-        Files of the recordings' folder whose trial could not be identified.
-    """
-
-    cube: xr.Dataset
-    path: Path
-    journal: Path
+    cube: xr.Dataset  #: scores and status of every trial
+    path: Path  #: file of the cube
+    journal: Path  #: file of the events of this run
+    #: outcome of every trial, also of those that were simulated again with a lower sigma_max
     entries: list[Entry]
-    others: list[Event]
+    others: list[Event]  #: results of no single trial: rest states, ranges of features, baselines
+    #: files of the recordings' folder whose trial could not be identified
     unreadable: dict[Path, EmgfaceError] = field(default_factory=dict)
 
     def facts(self) -> dict[str, str]:
