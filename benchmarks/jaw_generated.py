@@ -34,6 +34,9 @@ STEPS = {
 }
 """Integrators, and their steps [ms]; those without fused steps are measured at few."""
 
+LEAST = 0.01
+"""Difference of processor times [s] below which the clock decides it, and no time is stated."""
+
 
 def steps() -> pd.DataFrame:
     """Error in 0.2 s of opening and processor time, over integrator and step.
@@ -60,17 +63,20 @@ def steps() -> pd.DataFrame:
             try:
                 short = min(end(scheme(), 1e-3 * ms, 0.04)[1] for _ in range(2))
                 x, spent = end(scheme(), 1e-3 * ms)
+                if spent < 0.5:
+                    spent = min(spent, *(end(scheme(), 1e-3 * ms)[1] for _ in range(2)))
             except (sim.SimulationError, EmgfaceError) as error:
                 rows.append(row | {"result": f"{type(error).__name__}: {str(error)[:90]}"})
                 continue
             miss = 1e3 * np.linalg.norm(x - truth, axis=2)
+            timed = spent - short > LEAST
             rows.append(
                 row
                 | {
                     "largest error mm": f"{miss.max():.2g}",
                     "error at the end mm": f"{miss[-1].max():.2g}",
-                    "us per step": round(1e3 * ms * (spent - short) / 0.16),
-                    "times real time": round(0.16 / max(spent - short, 1e-6), 1),
+                    "us per step": round(1e3 * ms * (spent - short) / 0.16) if timed else "",
+                    "times real time": round(0.16 / (spent - short), 1) if timed else "",
                     "result": "",
                 }
             )
