@@ -2,6 +2,9 @@
 
     python -m benchmarks tongue --part reference   # table of docs/tongue.md; needs the published model
     python -m benchmarks tongue --part kink        # passive fibre stress at rest; needs it, too
+    python -m benchmarks tongue --part postures    # stored shapes under gravity; needs it, too
+    python -m benchmarks tongue --part stability   # muscles at full activation; needs it, too
+    python -m benchmarks tongue --part precision   # error and time over the step; needs it, too
 
 "reference" repeats every recorded motion with the recorded scheme and step; "kink" repeats some with
 fibres on the other side of the kink of their passive stress at rest. Positions are recorded in single
@@ -20,9 +23,12 @@ import xarray as xr
 
 import sim
 from benchmarks.report import finish, say
-from emgface.anatomy.jaw.series import ramps
+from emgface.anatomy.jaw.series import Excitation, ramps
+from emgface.anatomy.tongue.actions import muscle_exciters
+from emgface.anatomy.tongue.model import attached_nodes
 from emgface.anatomy.tongue.parameters import TongueParameters, variant
 from emgface.anatomy.tongue.published import TURN, import_tongue
+from emgface.anatomy.tongue.run import simulate_tongue
 from emgface.anatomy.tongue.scene import activation_of, tongue_scene
 
 SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
@@ -168,7 +174,152 @@ def reference(names: list[str] | None = None) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def postures() -> pd.DataFrame:
+    """Equilibrium with jaw and hyoid where they are in a stored shape, against that shape [mm]."""
+    tongue, rows = published(SHARED), list[dict[str, Any]]()
+    at_rest = ramps({"SL": [(0.0, 0.0)]})
+    tip = int(tongue["marker_node"][0])
+    for posture in ("rest", "jaw_open"):
+        d = tongue["posture_displacement"].sel(posture=posture).values
+        for what, p, held in (
+            ("elements", variant("elements"), ("jaw", "hyoid")),
+            ("elements, no gravity", variant("elements", gravity=False), ("jaw", "hyoid")),
+            ("elements, hyoid stays", variant("elements"), ("jaw",)),
+            ("elements, kappa x 10", variant("elements", kappa=103700.0), ("jaw", "hyoid")),
+            ("lines", variant("lines", incompressibility="element"), ("jaw", "hyoid")),
+            ("linear", variant("linear"), ("jaw", "hyoid")),
+        ):
+            say(f"{posture}, {what}")
+            paths = {
+                body: _towards(tongue["position"].values[nodes], d[nodes])
+                for body, nodes in attached_nodes(tongue).items()
+                if body in held
+            }
+            motion = simulate_tongue(
+                tongue, at_rest, duration=1.0, parameters=p, paths=paths, step=0.02, output=0.5
+            )
+            q = motion["node_position"].transpose("time", "node", "axis").values[-1]
+            ours = 1e3 * (q - tongue["position"].values) @ TURN
+            apart = np.linalg.norm(ours - 1e3 * d @ TURN, axis=1)
+            rows.append(
+                {
+                    "shape": posture,
+                    "model": what,
+                    "median": round(float(np.median(apart)), 2),
+                    "largest": round(float(apart.max()), 2),
+                    "tip apart": round(float(apart[tip]), 2),
+                    "tip x, z": f"{ours[tip, 0]:.2f}, {ours[tip, 2]:.2f}",
+                    "stored": f"{1e3 * (d[tip] @ TURN)[0]:.2f}, {1e3 * d[tip, 2]:.2f}",
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def _towards(X: np.ndarray, d: np.ndarray) -> Any:
+    """Path of nodes from X to X + d within 0.2 s."""
+    return lambda t: X + d * np.clip(5.0 * t, 0.0, 1.0)
+
+
+FULL = 0.1  # s, in which activations rise to 1
+
+
+def stability(models: list[str] | None = None) -> pd.DataFrame:
+    """Smallest det F of every muscle at activation 1, alone and all together, over the step.
+
+    The step of 1 ms is taken for all muscles together.
+    """
+    tongue, rows = published(SHARED), list[dict[str, Any]]()
+    names = [*(e.removeprefix("bi_") for e in muscle_exciters(tongue)), "all"]
+    for model in models or ("elements", "lines"):
+        for name in names:
+            row: dict[str, Any] = {"muscles as": model, "muscle": name}
+            drive = muscle_exciters(tongue) if name == "all" else [_exciter(tongue, name)]
+            excitation = ramps({e: [(0.0, 0.0), (FULL, 1.0)] for e in drive})
+            for step in (20, 5, 1):
+                if step == 1 and name != "all":
+                    continue
+                row[f"{step} ms"] = _at_full(tongue, excitation, model, 1e-3 * step)
+            say(" ".join(map(str, row.values())))
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _exciter(tongue: xr.Dataset, name: str) -> str:
+    return next(e for e in muscle_exciters(tongue) if e.removeprefix("bi_") == name)
+
+
+def _at_full(tongue: xr.Dataset, excitation: Excitation, model: str, step: float) -> str:
+    """Smallest det F until 0.2 s, or the failure."""
+    p = variant(model, gravity=False, damping_tangent="passive")
+    output = max(step, 0.02)
+    try:
+        motion = simulate_tongue(
+            tongue, excitation, duration=0.2, parameters=p, step=step, output=output
+        )
+    except sim.SimulationError as error:
+        return type(error).__name__
+    return f"{float(motion['smallest_J'].min()):.2g}"
+
+
+def precision() -> pd.DataFrame:
+    """Largest and rms error of a node at 0.2 s and processor time over scheme and step [mm, s]."""
+    tongue, rows = published(SHARED), list[dict[str, Any]]()
+    excitation = ramps({"bi_GGP": [(0.0, 0.0), (FULL, 0.2)]})
+    schemes = {
+        "linearly implicit Euler": sim.LinearlyImplicitEuler(),
+        "implicit Euler": sim.ConvergedEuler(),
+        "SDIRK2": sim.Sdirk2(),
+    }
+    for model in ("elements", "lines"):
+        p = variant(model)
+        finest: np.ndarray | None = None
+        for scheme, step in (
+            ("SDIRK2", 0.625),
+            *((s, h) for s in schemes for h in (20.0, 10.0, 5.0, 2.5)),
+        ):
+            if model == "lines" and scheme == "SDIRK2" and step < 1.0:
+                scheme = "implicit Euler"
+            began = time.process_time()
+            try:
+                motion = simulate_tongue(
+                    tongue,
+                    excitation,
+                    duration=0.2,
+                    parameters=p,
+                    step=1e-3 * step,
+                    output=0.2,
+                    integrator=schemes[scheme],
+                )
+            except sim.SimulationError as error:
+                rows.append({"muscles as": model, "scheme": scheme, "step ms": step})
+                rows[-1]["largest mm"] = type(error).__name__
+                continue
+            spent = time.process_time() - began
+            q = motion["node_position"].transpose("time", "node", "axis").values[-1]
+            if finest is None:
+                finest = q
+                continue
+            apart = 1e3 * np.linalg.norm(q - finest, axis=1)
+            rows.append(
+                {
+                    "muscles as": model,
+                    "scheme": scheme,
+                    "step ms": step,
+                    "rms mm": f"{np.sqrt((apart**2).mean()):.2g}",
+                    "largest mm": f"{apart.max():.2g}",
+                    "cpu s": round(spent, 2),
+                }
+            )
+    return pd.DataFrame(rows)
+
+
 def main(part: str = "reference", out: Path | None = None, case: list[str] | None = None) -> None:
-    """Run one part, print its table and store it."""
-    parts = {"reference": lambda: reference(case), "kink": kink}
+    """Run one part, print its table and store it; `case` are recorded cases, or models to be tested."""
+    parts = {
+        "reference": lambda: reference(case),
+        "kink": kink,
+        "postures": postures,
+        "stability": lambda: stability(case),
+        "precision": precision,
+    }
     finish(f"tongue-{part}", parts[part](), out)

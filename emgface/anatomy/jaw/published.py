@@ -230,7 +230,7 @@ def _joints(points: dict[str, tuple[str, Floats]], free: bool, condyle: Condyle)
                     f"tmj{side}",
                     "curve",
                     normal=(0.0, 0.0, -1.0),
-                    coefficients=_path(),
+                    coefficients=condylar_path(),
                     length=1e-3 * given.CURVE_LENGTH * (1.0 - 0.5 / given.CURVE_STRIPS),
                     **guide,
                 )
@@ -257,7 +257,7 @@ def _joints(points: dict[str, tuple[str, Floats]], free: bool, condyle: Condyle)
     return found
 
 
-def _path() -> tuple[float, float, float, float]:
+def condylar_path() -> tuple[float, float, float, float]:
     """Coefficients of the depth of the condylar path as a polynomial of the anterior distance [m].
 
     z(0) = 0, z'(0) = -40 pi/180, z(12 mm) = -5 mm, z'(12 mm) = -10 pi/180: the program takes the angles
