@@ -27,6 +27,7 @@ from emgface.anatomy.tongue.parameters import variant
 from emgface.anatomy.tongue.published import TURN
 from emgface.anatomy.tongue.scene import LINE, tongue_part
 from sim.joints import Bushing, Joint, PointOnCurve, PointOnPlane
+from sim.linear import linear_solver
 
 CASES = (
     "jh_rest_gravity",
@@ -82,7 +83,18 @@ def coupled_scene(model: dict[str, Any], tongue: bool = False) -> Coupled:
         terms += part.terms
         for body, nodes in part.held.items():
             held[body if body in moving else ""] += nodes.tolist()
-    members = [sim.OnBody(body, np.array(nodes)) for body, nodes in held.items() if body and nodes]
+    start = np.array(positions)
+    if part is not None:
+        # the rest shape is replaced after nodes are attached, which therefore begin elsewhere
+        file = SHARED / "artisynth_reference" / "coupled" / "model_jht_element.npz"
+        with np.load(file) as arrays:
+            tissue = arrays["tongue_position_at_start"][: part.mesh.n_nodes] @ TO_M.T
+        start = np.concatenate([tissue, start])
+    members = [
+        sim.OnBody(body, np.array(nodes), start[nodes])
+        for body, nodes in held.items()
+        if body and nodes
+    ]
     scene = sim.Scene(
         sim.NO_TISSUE if part is None else part.mesh,
         (*terms, sim.Gravity((0.0, 0.0, -9.8))),
@@ -167,6 +179,7 @@ def repeated(name: str, step: float | None = None) -> dict[str, Any]:
         every=case["output_interval_s"],
         integrator=INTEGRATORS[case["integrator"]],
         probes=(*probes, *((sim.Positions(),) if case["fems"] else ())),
+        work=sim.Workspace(system, linear_solver().name),  # a factor of every matrix, as there
     )
     spent = time.process_time() - began
     ours = motion["position"].transpose("time", "marker", "axis").values @ TURN * 1e3

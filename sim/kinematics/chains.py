@@ -81,7 +81,8 @@ def resolve(
             names = [f"node {n} ({owner[n][0].name})" for n in (*above[above.index(node) :], node)]
             raise SceneError(f"attachments form a cycle: {' -> '.join(names)}: free one of them")
         if attachment.body >= 0:
-            arm = mesh.X[node] - np.asarray(bodies[attachment.body].centre)
+            place = mesh.X[node] if attachment.places is None else attachment.places[i]
+            arm = place - np.asarray(bodies[attachment.body].centre)
             row = _Row({}, {attachment.body: (1.0, arm)})
         else:
             row = _Row({}, {})

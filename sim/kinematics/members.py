@@ -37,6 +37,7 @@ class Attachment:
     holders: Index = field(default_factory=lambda: np.empty((0, 0), dtype=np.int64))
     weights: Array = field(default_factory=lambda: np.empty((0, 0)))
     body: int = -1  #: body to which they are rigidly attached, -1 without
+    places: Array | None = None  #: (k, 3) positions on the body at its start [m]; None: at rest
     path: NodeMotion | None = None  #: their positions over time
     #: (body, Motion or None), optional Body with a prescribed motion; None if it is fixed
     motion: tuple[int, Motion | None] | None = None
@@ -76,15 +77,24 @@ class Fixed:
 
 @dataclass(frozen=True, eq=False)
 class OnBody:
-    """Nodes (k,) that are rigidly attached to a body at their rest positions."""
+    """Nodes (k,) that are rigidly attached to a body at their rest positions, or at other `places`.
+
+    Tissue between nodes whose places differ from those at rest is deformed from the start.
+    """
 
     body: str
     nodes: Index
+    places: Array | None = None  #: (k, 3) positions at the start [m]
 
     def attach(self, mesh: Mesh, bodies: Mapping[str, int]) -> Attachment:
         """Nodes rigid on a body."""
-        nodes = _checked(self, self.nodes, mesh)
-        return Attachment(f"OnBody({self.body!r})", nodes, body=_number(self.body, bodies))
+        nodes, places = _checked(self, self.nodes, mesh), self.places
+        if places is not None and places.shape != (len(nodes), 3):
+            raise SceneError(
+                f"OnBody: places have shape {places.shape}, expected ({len(nodes)}, 3), one per node"
+            )
+        body = _number(self.body, bodies)
+        return Attachment(f"OnBody({self.body!r})", nodes, body=body, places=places)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,7 @@
 """Maps between coordinates and points compared with their definitions."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from sim.embedding import Embedding
 from sim.kinematics import rotations
 from tests.bodies import grid, solid_system
 from tests.kinematics.scenes import (
+    BOX,
     INERTIA,
     dense,
     dense_points,
@@ -136,3 +139,24 @@ def test_cycles_and_double_members_are_refused_by_name():
     with pytest.raises(sim.SceneError, match="two prescribed motions"):
         twice = (sim.PrescribedBody("jaw", swing), sim.PrescribedBody("jaw"))
         solid_system(mesh, reductions=twice, bodies=(body,))
+
+
+def test_nodes_may_begin_elsewhere_on_a_body_than_at_rest():
+    """A box whose end is attached 1 mm away moves there without stress and follows the body."""
+    mesh = grid((2, 1, 1), BOX)
+    left, shift = np.flatnonzero(mesh.X[:, 0] == 0.0), np.array([1e-3, 0.0, 2e-3])
+    held = sim.OnBody("jaw", left, mesh.X[left] + shift)
+    scene = sim.Scene(
+        mesh,
+        (sim.Solid(),),
+        (held, sim.PrescribedBody("jaw")),
+        sim.RestRayleigh(0.0, 0.05),
+        bodies=(sim.Body("jaw", centre=(0.0, 0.0, 0.0)),),
+    )
+    system = sim.compile_scene(scene)
+    start = system.rest_state()
+    np.testing.assert_allclose(start.q[left], mesh.X[left] + shift, atol=1e-15)
+    _, end = sim.simulate(system, sim.resting(0), duration=1.0, integrator=sim.ConvergedEuler())
+    np.testing.assert_allclose(end.q[: mesh.n_nodes], mesh.X + shift, atol=1e-6)
+    with pytest.raises(sim.SceneError, match=r"places have shape \(1, 3\), expected \(4, 3\)"):
+        sim.compile_scene(replace(scene, reductions=(sim.OnBody("jaw", left, shift[None]),)))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import sim
 from emgface.anatomy.jaw.series import ramps
@@ -9,6 +10,7 @@ from emgface.anatomy.tongue.actions import action, raised
 from emgface.anatomy.tongue.parameters import variant
 from emgface.anatomy.tongue.run import simulate_tongue
 from emgface.anatomy.tongue.scene import activation_of, segment_forces, tongue_scene
+from emgface.cli import app
 from emgface.errors import JawError, TongueError
 from emgface.face.parts import Bundle, Fibre
 from emgface.schema.netcdf import read_netcdf, write_netcdf
@@ -133,3 +135,25 @@ def test_what_cannot_be_simulated_is_refused():
     )
     with pytest.raises(TongueError, match="no fibre of GGP_L passes along its elements"):
         tongue_scene(inside, variant("lines"))
+
+
+def test_the_commands_write_motion_page_and_table(tmp_path):
+    model, moved = tmp_path / "tongue.nc", tmp_path / "moved.nc"
+    write_netcdf(small_tongue(1), model, "tongue_model")
+    given = ["--muscle", "bi_GGP", "--level", "0.1", "--duration", "0.1", "--no-gravity"]
+    for command in (
+        ["simulate", model, *given, "--out", moved],
+        ["show", moved],
+        ["show", moved, "--out", tmp_path / "moved.png"],
+    ):
+        told = CliRunner().invoke(app, ["tongue", *map(str, command)])
+        assert told.exit_code == 0, told.output
+    motion = read_netcdf(moved, "tongue_motion")
+    assert motion.attrs["task"] == "bi_GGP"
+    assert float(motion["activation"].sel(muscle="GGP_L").max()) == pytest.approx(0.1)
+    page = (tmp_path / "moved.html").read_text(encoding="utf-8")
+    assert "bi_GGP of the row of cubes" in page
+    assert '"what":"tongue"' in page.replace(" ", "")
+    assert (tmp_path / "moved.png").stat().st_size > 10_000
+    told = CliRunner().invoke(app, ["tongue", "show", str(model)])
+    assert told.exit_code == 2
