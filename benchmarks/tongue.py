@@ -128,8 +128,8 @@ def kink() -> pd.DataFrame:
         ]
         ours = [distances(m, arrays["pos_tongue"]) for m in both]
         between = both[0]["node_position"].transpose("time", "node", "axis").values @ TURN
-        found = dict(zip(("slope 0", "slope 99 kPa"), ours, strict=True))
-        found["between both"] = distances(both[1], between)
+        found = {"slope 0": ours[0], "slope 99 kPa": ours[1]}
+        found |= {"between both": distances(both[1], between)}
         rows.append(
             {"case": name}
             | {f"{what}, largest": f"{x.max():.2g}" for what, x in found.items()}

@@ -28,6 +28,7 @@ from emgface.anatomy.tongue.published import TURN
 from emgface.anatomy.tongue.scene import LINE, tongue_part
 from sim.joints import Bushing, Joint, PointOnCurve, PointOnPlane
 from sim.linear import linear_solver
+from sim.scene import Term
 
 CASES = (
     "jh_rest_gravity",
@@ -78,7 +79,7 @@ def coupled_scene(model: dict[str, Any], tongue: bool = False) -> Coupled:
     points = {n: add(m["body"], m["position_world_mm"]) for n, m in markers.items()}
     for c in rigid["connectors"]:
         points[c["name"]] = add(c["body"], c["point_world_mm"])
-    terms = [_muscle(m, points) for m in rigid["muscles"] if m["enabled"]]
+    terms: list[Term] = [_muscle(m, points) for m in rigid["muscles"] if m["enabled"]]
     if part is not None:
         terms += part.terms
         for body, nodes in part.held.items():

@@ -322,7 +322,8 @@ function show() {
   $("time").value = frame;
   $("time").setAttribute("aria-valuetext", `${trial.time[frame].toFixed(2)} seconds`);
   if (motion.activation) data.muscles.forEach((muscle, k) => {
-    bars[k].style.width = `${(motion.activation[frame * data.muscles.length + k] / 2.55).toFixed(1)}%`;
+    const width = `${(motion.activation[frame * data.muscles.length + k] / 2.55).toFixed(1)}%`;
+    bars[k].forEach((bar) => { bar.style.width = width; });
   });
 }
 
@@ -359,7 +360,7 @@ function radios(name, values, words) {
   place.parentElement.hidden = values.length < 2;
 }
 
-const bars = [];
+const bars = data.muscles.map(() => []);  // a muscle without sides has two
 function muscles() {
   const place = $("muscles");
   const stems = [...new Set(data.muscles.map((m) => m.id.replace(/_[LR]$/, "")))];
@@ -372,9 +373,9 @@ function muscles() {
   put("span", "head", "right"); put("b", "head", ""); put("span", "head", "left");
   for (const stem of stems) {
     const make = (side) => {
-      const at = data.muscles.findIndex((m) => m.id === `${stem}_${side}`);
+      const at = data.muscles.findIndex((m) => m.id === stem || m.id === `${stem}_${side}`);
       const bar = put("span", side === "R" ? "bar left" : "bar", "");
-      if (at >= 0) bars[at] = bar.appendChild(document.createElement("i"));
+      if (at >= 0) bars[at].push(bar.appendChild(document.createElement("i")));
     };
     make("R");
     const name = put("b", "", stem);
