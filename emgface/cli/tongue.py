@@ -1,14 +1,17 @@
-"""``emgface tongue``: import a tongue, move it by excitations, and show its motion."""
+"""``emgface tongue``: import or build a tongue, move it by excitations, and show its motion."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from emgface.cli.console import frame, progress, say, show_table
 from emgface.cli.machine import announce_compilation
 
-app = typer.Typer(no_args_is_help=True, help="Import, move and show models of the tongue.")
+if TYPE_CHECKING:
+    import xarray as xr
+
+app = typer.Typer(no_args_is_help=True, help="Import, build, move and show models of the tongue.")
 
 TonguePath = Annotated[Path, typer.Argument(help="Tongue model (netCDF).")]
 VariantOption = Annotated[
@@ -41,10 +44,47 @@ def import_(
         rest=rest,
     )
     write_netcdf(tongue, out_path, "tongue_model")
+    _say_written(tongue, out_path)
+
+
+def _say_written(tongue: "xr.Dataset", out_path: Path) -> None:
     say(
         f"Wrote {out_path}: {tongue.attrs['name']}: {tongue.sizes['element']} elements, "
         f"{tongue.sizes['muscle']} muscles, {tongue.sizes['attachment']} attached nodes."
     )
+
+
+@app.command()
+def build(
+    out_path: Annotated[Path, typer.Option("--out", help="Tongue model to write (netCDF).")],
+    preset: Annotated[
+        str,
+        typer.Option(help="adult, woman, man, older_woman, older_man, girl or boy."),
+    ] = "adult",
+    resolution: Annotated[
+        str, typer.Option(help="coarse, medium, fine or a number of elements.")
+    ] = ("medium"),
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="Measure of face or jaw, such as mouth_width=52mm; repeatable."),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of a random person, as for the face.")
+    ] = None,
+) -> None:
+    """Generate the tongue of the person of a generated face and jaw."""
+    from emgface.anatomy.jaw.template.measures import parse_settings
+    from emgface.anatomy.tongue.template import template_tongue
+    from emgface.schema.netcdf import write_netcdf
+
+    tongue = template_tongue(
+        resolution=int(resolution) if resolution.isdecimal() else resolution,
+        measures=parse_settings(settings or []),
+        preset=preset,
+        seed=seed,
+    )
+    write_netcdf(tongue, out_path, "tongue_model")
+    _say_written(tongue, out_path)
 
 
 @app.command()
