@@ -57,8 +57,11 @@ class Coupled:
     points: Mapping[str, int]
 
 
-def coupled_scene(model: dict[str, Any], tongue: bool = False) -> Coupled:
-    """Jaw and hyoid of a recorded model, with the published tongue if asked."""
+def coupled_scene(model: dict[str, Any], tongue: bool = False, displaced: bool = False) -> Coupled:
+    """Jaw and hyoid of a recorded model, with the published tongue if asked.
+
+    `displaced` attaches its nodes where they begin in the recorded motions, up to 0.7 mm from rest.
+    """
     part = None
     if tongue:
         whole = published(SHARED, "coupled/model_jht_element", rest="rest_il01")
@@ -90,7 +93,7 @@ def coupled_scene(model: dict[str, Any], tongue: bool = False) -> Coupled:
         file = SHARED / "artisynth_reference" / "coupled" / "model_jht_element.npz"
         with np.load(file) as arrays:
             tissue = arrays["tongue_position_at_start"][: part.mesh.n_nodes] @ TO_M.T
-        start = np.concatenate([tissue, start])
+        start = np.concatenate([tissue if displaced else part.mesh.X, start])
     members = [
         sim.OnBody(body, np.array(nodes), start[nodes])
         for body, nodes in held.items()
@@ -154,11 +157,11 @@ def _joints(rigid: dict[str, Any], points: Mapping[str, int]) -> tuple[Joint, ..
     return tuple(found)
 
 
-def repeated(name: str, step: float | None = None) -> dict[str, Any]:
+def repeated(name: str, step: float | None = None, displaced: bool = False) -> dict[str, Any]:
     """Distances of points and nodes from a recorded motion [mm]; the step is the recorded one [s]."""
     case, arrays = recorded(name, "coupled")
     model = SHARED / "artisynth_reference" / "coupled" / f"model_{case['variant']}.json"
-    coupled = coupled_scene(json.loads(model.read_text()), bool(case["fems"]))
+    coupled = coupled_scene(json.loads(model.read_text()), bool(case["fems"]), displaced)
     system = sim.compile_scene(coupled.scene)
     target = {"bi_ad": ("lad", "rad"), "bi_ip": ("lip", "rip")}
     peak = np.zeros(len(system.muscles))
@@ -206,13 +209,18 @@ def repeated(name: str, step: float | None = None) -> dict[str, Any]:
     return row
 
 
-def main(out: Path | None = None, case: list[str] | None = None, step: float | None = None) -> None:
+def main(
+    out: Path | None = None,
+    case: list[str] | None = None,
+    step: float | None = None,
+    displaced: bool = False,
+) -> None:
     """Repeat the cases without contact, print the table and store it."""
     rows = list[dict[str, Any]]()
     for name in case or CASES:
         say(name)
         try:
-            rows.append(repeated(name, step))
+            rows.append(repeated(name, step, displaced))
         except sim.SimulationError as error:
             rows.append({"case": name, "ends": str(error)})
     finish("tongue-coupled", pd.DataFrame(rows), out)
