@@ -1,5 +1,7 @@
 """Coupled scenes: parts alone, rigid motion, momentum, attachments, files and pages."""
 
+import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +21,8 @@ from emgface.errors import HeadError
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from sim.state import State
+
+FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-3d-apis")
 
 
 @pytest.fixture(scope="module")
@@ -150,9 +154,22 @@ def test_file_keeps_lists_and_parts_and_page_holds_all(head: Head, tmp_path: Pat
     motion = simulate_head(again, raised({"bi_GGP": 0.1}), duration=0.01)
     moved, parts = read_motion(write_motion(motion, again, tmp_path / "motion.nc"))
     assert motion.attrs["origin"] == "simulated"
-    page = head_page(moved, parts)
-    assert "Content-Security-Policy" in page
-    assert all(f'"{m}"' in page for m in ("GGP_L", "OOP_R", "ad_L"))
+    page = tmp_path / "motion.html"
+    page.write_text(head_page(moved, parts), encoding="utf-8")
+    assert "Content-Security-Policy" in page.read_text(encoding="utf-8")
+    chromium = shutil.which("chromium") or shutil.which("chromium-browser")
+    if chromium is None:
+        pytest.skip("no Chromium found (Debian: chromium)")
+    shown = subprocess.run(
+        [chromium, *FLAGS, "--virtual-time-budget=8000", "--dump-dom", page.as_uri()],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    ).stdout
+    # both are written by the script of the page, after it has decoded the motion
+    assert f'aria-live="polite">{motion.attrs["head"]}' in shown
+    assert all(f'title="{muscle}"' in shown for muscle in ("GGP_L", "OOP_L", "ad_L"))
 
 
 def test_what_is_not_named_costs_nothing() -> None:
