@@ -7,7 +7,7 @@ import xarray as xr
 
 NOT_ESTIMATED: Final = (
     "With contact, the estimated error excludes events in which a lip passes the edge of a tooth on one "
-    "side or the other; they have changed markers by up to 0.24 mm for some tenths of a second"
+    "side or the other; they changed markers by up to 0.3 mm in twelve trials"
 )
 """Sentence on the errors that the estimate excludes."""
 
