@@ -1,6 +1,7 @@
 """Activations of simulated volunteers from their markers and sEMG, by variant, and the cost of a step.
 
     python -m benchmarks inverse RECORDING.nc ... --out FIGURE.png [--emg-weights 0.01,0.1,1,10]
+        [--form trajectory] [--calibration CALIBRATION.nc]
 
 The recordings contain their true activation. The face that inverts is the coarse template without
 contact and gravity, so that shape, tissue and strength of every volunteer differ from it. Compared are
@@ -22,9 +23,11 @@ from emgface.face.motion import settle_face, simulate_face
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
+from emgface.inverse.calibration import Calibration
 from emgface.inverse.run import InverseParameters, invert, targets_of
 from emgface.inverse.variants import VARIANTS
 from emgface.recordings.dataset import read_recording
+from emgface.schema.netcdf import read_netcdf
 from sim.inverse import PointTarget, Weights, track
 
 HELD_OUT = ("upper_paramedian_left", "lower_lateral_right")
@@ -45,7 +48,13 @@ def measures(found: xr.Dataset, recording: xr.Dataset, face: xr.Dataset, rest) -
     out = np.isin(wanted["marker"].values, HELD_OUT)
     inferred = ("LAO", "BUC", "OOM", "DLI")
     recorded = np.array([not m.startswith(inferred) for m in found["muscle"].values])
+    inside = np.nan
+    if "activation_low" in found:
+        inside = float(
+            ((found["activation_low"].values <= b) & (b <= found["activation_high"].values)).mean()
+        )
     return {
+        "coverage": inside,
         "correlation": _correlation(a, b),
         "without electrode": _correlation(a[~recorded], b[~recorded]),
         "rms": np.sqrt(np.mean((a - b) ** 2)),
@@ -110,27 +119,38 @@ def main(
     recordings: list[Path],
     out: Annotated[Path, typer.Option()],
     emg_weights: str = "0.1,1,10",
+    form: Annotated[str, typer.Option(help="step or trajectory.")] = "step",
+    calibration: Annotated[Path | None, typer.Option(help="Of the volunteer.")] = None,
+    variants: str = ",".join(v for v in VARIANTS if v != "assisted"),
 ) -> None:
     """Invert, compare, print and draw."""
     face = template_face(resolution="coarse")
     rest = settle_face(face, SIMULATION)
+    known = None
+    if calibration is not None:
+        known = Calibration(read_netcdf(calibration, "emg_calibration"))
     print(cost(face), flush=True)
     rows, drawn = [], {}
     for path in recordings:
         recording = read_recording(path)
         settings = [
-            InverseParameters(variant=v, left_out=HELD_OUT) for v in VARIANTS if v != "assisted"
+            InverseParameters(variant=v, form=form, left_out=HELD_OUT)
+            for v in variants.split(",")
+            if v
         ]
         settings += [
-            InverseParameters(emg_weight=float(w), left_out=HELD_OUT)
+            InverseParameters(emg_weight=float(w), form=form, left_out=HELD_OUT)
             for w in emg_weights.split(",")
+            if w
         ]
         for p in settings:
             label = p.variant + (f" {p.emg_weight:g}" if p.variant == "assisted" else "")
             world = str(recording.attrs.get("world", "")).removesuffix(" world")
             begin = {"world": world, "trial": path.stem, "variant": label}
             try:
-                found = invert(recording, face, SIMULATION, parameters=p, settled=rest)
+                found = invert(
+                    recording, face, SIMULATION, parameters=p, settled=rest, calibration=known
+                )
                 rows.append(begin | measures(found, recording, face, rest))
             except sim.SimulationError as error:
                 rows.append(begin | {"failure": type(error).__name__})

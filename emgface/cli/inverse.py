@@ -21,6 +21,14 @@ def run(
     study: StudyPath = None,
     mapping: MappingOption = None,
     variant: Annotated[str, typer.Option(help="assisted, hybrid, motion or driven.")] = "assisted",
+    form: Annotated[
+        str,
+        typer.Option(help="trajectory: over the whole trial, with intervals; or step by step."),
+    ] = "trajectory",
+    calibration: Annotated[
+        Path | None,
+        typer.Option(help="Result of emgface inverse calibrate; replaces gain and delay."),
+    ] = None,
     emg_weight: Annotated[
         float, typer.Option(help="Weight of the sEMG in the assisted variant.")
     ] = 1.0,
@@ -40,21 +48,30 @@ def run(
 ) -> None:
     """Estimate the activations of all muscles by which the face follows the lip markers."""
     from emgface.api.given import face_of, recording_of, study_of
-    from emgface.inverse.run import FOLLOWED, InverseParameters, invert
+    from emgface.inverse.calibration import Calibration
+    from emgface.inverse.run import (
+        FOLLOWED,
+        InverseParameters,
+        form_of,
+        invert,
+        without_contact,
+    )
     from emgface.inverse.variants import trust_of
-    from emgface.schema.netcdf import write_netcdf
+    from emgface.schema.netcdf import read_netcdf, write_netcdf
 
     trust_of(variant, (), emg_weight)  # errors before the face is built
+    form_of(form, contact)
     if out_path.exists() and not force:
         say(f"{out_path} exists and is kept: use --force to compute it again.")
         return
     plan = study_of(study)
-    simulation = plan.simulation
-    if not contact:
-        none = simulation.contact.model_copy(update={"method": "none"})
-        simulation = simulation.model_copy(update={"contact": none})
+    simulation = plan.simulation if contact else without_contact(plan.simulation)
+    known = None
+    if calibration is not None:
+        known = Calibration(read_netcdf(calibration, "emg_calibration"))
     parameters = InverseParameters(
         variant=variant,  # pyright: ignore[reportArgumentType]  # checked above
+        form=form,  # pyright: ignore[reportArgumentType]
         emg_weight=emg_weight,
         gain=gain,
         delay=delay,
@@ -63,18 +80,61 @@ def run(
     data, model = recording_of(recording, mapping), face_of(face, plan)
     announce_compilation()
     with progress("inverting") as bar:
-        found = invert(data, model, simulation, plan.signals, parameters, progress=bar.show)
+        found = invert(
+            data, model, simulation, plan.signals, parameters, calibration=known, progress=bar.show
+        )
     write_netcdf(found, out_path, "activation")
     rms = 1e3 * float((found["misfit"] ** 2).mean()) ** 0.5
     say(
         f"Wrote {out_path}: {variant}, {found.sizes['time']} steps in "
         f"{found.attrs['run_time_s']:.1f} s, rms distance of the tracked markers {rms:.2f} mm per "
-        f"coordinate ({found.attrs['misfit_ratio']:.0%} of their motion), "
-        f"at most {int(found['saturated'].max())} muscles at their bound."
+        f"coordinate ({found.attrs['misfit_ratio']:.0%} of their motion)."
     )
+    if "interval" in found.attrs:
+        width = float((found["activation_high"] - found["activation_low"]).mean())
+        told = found.attrs["undetermined"]
+        say(
+            f"Mean width of the {found.attrs['interval']:.0%} intervals {width:.2f}. "
+            f"At the largest motion: {told or 'every direction is determined by the data'}."
+        )
     if not found.attrs["misfit_ratio"] <= FOLLOWED:
         warnings.warn(
             f"the face does not follow the markers: the misfit exceeds {FOLLOWED:.0%} of their motion. "
             "Check names, axes and unit of the markers (`emgface data check`) before using the result.",
             stacklevel=1,
         )
+
+
+@app.command()
+def calibrate(
+    recordings: Annotated[list[Path], typer.Argument(help="Calibration trials of one volunteer.")],
+    out_path: Annotated[Path, typer.Option("--out", help="Calibration to write (netCDF).")],
+    face: FacePath = None,
+    study: StudyPath = None,
+    mapping: MappingOption = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="Compute an existing result again.")
+    ] = False,
+) -> None:
+    """Estimate gain, delay and error of the sEMG of every muscle from trials with markers."""
+    from emgface.api.given import face_of, recording_of, study_of
+    from emgface.inverse.calibrate import calibrate as estimate
+    from emgface.inverse.run import without_contact
+    from emgface.schema.netcdf import write_netcdf
+
+    if out_path.exists() and not force:
+        say(f"{out_path} exists and is kept: use --force to compute it again.")
+        return
+    plan = study_of(study)
+    trials = [recording_of(path, mapping) for path in recordings]
+    model = face_of(face, plan)
+    announce_compilation()
+    with progress("calibrating") as bar:
+        found = estimate(
+            trials, model, without_contact(plan.simulation), plan.signals, progress=bar.show
+        )
+    write_netcdf(found.data, out_path, "emg_calibration")
+    say(f"Wrote {out_path}: {found.data.attrs['trials']} trials.")
+    table = found.data[["gain", "delay", "error", "estimated"]].to_dataframe()
+    say(table[table["estimated"] == 1].drop(columns="estimated").round(3).to_string())
+    say(f"Error of the face at markers that are left out: {found.model_error:.0%} of their motion.")

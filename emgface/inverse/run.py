@@ -1,24 +1,37 @@
 """Inversion of one recording: activations of all muscles from lip markers and sEMG."""
 
 import json
+import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict, dataclass, field, replace
+from typing import Literal, get_args
 
 import numpy as np
 import xarray as xr
 
-from emgface.errors import MarkerError
+from emgface.errors import ConfigurationError, MarkerError
 from emgface.face.motion import settle_face
 from emgface.face.recipe import compose_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.inverse.calibration import Calibration
+from emgface.inverse.refine import (
+    LEVEL,
+    Assumptions,
+    Refined,
+    emg_precision,
+    marker_precision,
+    refine,
+)
 from emgface.inverse.variants import Variant, trust_of
 from emgface.muscles import LIP_MARKERS
 from emgface.signals.activation import IDENTITY, activation_of
 from emgface.signals.parameters import SignalChain
 from emgface.study.measured import measured_during
-from sim import Activation, State, Workspace, compile_scene
+from sim import Activation, State, System, Workspace, compile_scene
 from sim.inverse import MeasuredActivation, PointTarget, Weights, track
+from sim.state import Array
+
+Form = Literal["trajectory", "step"]
 
 REST = 0.1
 """Duration at the start of a recording whose mean is the position at rest [s]."""
@@ -33,8 +46,12 @@ class InverseParameters:
     Attributes
     ----------
     variant : "driven", "hybrid", "assisted" or "motion"
+    form : "trajectory" or "step"
+        Most probable activations over the whole recording, with intervals; or those of every step
+        by itself, without intervals.
     emg_weight : float
-        Weight w_e of the sEMG of a muscle with electrodes, in the assisted variant [1].
+        Weight w_e of the sEMG of a muscle with electrodes, in the assisted variant [1]. In the
+        trajectory form, a factor on the inverse variance of its error.
     marker_error : float
         Unit of the residuals of the markers [m].
     chase : float
@@ -47,11 +64,18 @@ class InverseParameters:
         Factor on the normalised sEMG, whose scale is unknown [1].
     delay : float
         Electromechanical delay by which the sEMG precedes the activation [s].
+    emg_error : float
+        Standard deviation of the sEMG times the gain from the activation [1].
     left_out : tuple of str
         Lip markers that are not tracked, for validation.
+    assumed : Assumptions
+        Errors that determine the intervals.
+    iterations : int
+        Largest number of Gauss-Newton iterations of the trajectory form.
     """
 
     variant: Variant = "assisted"
+    form: Form = "trajectory"
     emg_weight: float = 1.0
     marker_error: float = 1e-3
     chase: float = 0.05
@@ -60,47 +84,86 @@ class InverseParameters:
     jump: float = 0.2
     gain: float = 1.0
     delay: float = 0.04
+    emg_error: float = 0.25
     left_out: tuple[str, ...] = ()
+    assumed: Assumptions = field(default_factory=Assumptions)
+    iterations: int = 3
 
 
-def invert(
+def form_of(form: str, contact: bool) -> None:
+    """Raise ConfigurationError if a form is unknown or does not exist with contact."""
+    if form not in get_args(Form):
+        raise ConfigurationError(
+            f"form {form!r} is unknown, expected one of {', '.join(get_args(Form))}"
+        )
+    if contact and form == "trajectory":
+        raise ConfigurationError(
+            "the trajectory form has no derivatives with contact: use --form step, which has no "
+            "intervals, or leave contact out"
+        )
+
+
+def without_contact(simulation: SimulationParameters) -> SimulationParameters:
+    """Parameters of the same mechanics without contact."""
+    none = simulation.contact.model_copy(update={"method": "none"})
+    return simulation.model_copy(update={"contact": none})
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One recording as a problem of inverse tracking on a face.
+
+    Attributes
+    ----------
+    system, state, work : scene, its equilibrium and the memory of its solver.
+    target : PointTarget
+        Of the lip markers that are tracked.
+    start, h : time of the recording at the start of the simulation, and step [s].
+    emg : Dataset
+        Activation from sEMG, before gain and delay.
+    scale, noise : ratio of the mouths [1], noise of the markers on the face [m].
+    """
+
+    system: System
+    state: State
+    work: Workspace
+    target: PointTarget
+    start: float
+    h: float
+    emg: xr.Dataset
+    scale: float
+    noise: float
+
+    @property
+    def duration(self) -> float:
+        """Length of the recording [s]."""
+        return float(self.target.time[-1])
+
+    @property
+    def moved(self) -> float:
+        """Root mean square displacement of the targets per coordinate [m]."""
+        rest = self.state.q[self.target.nodes]
+        return float(np.sqrt(np.nanmean((self.target.position - rest) ** 2)))
+
+    def delayed(self, muscle: str, delay: float) -> Array:
+        """Activation from sEMG of one muscle at the times of the targets, 0 where not recorded."""
+        one = self.emg["activation"].sel(muscle=muscle)
+        times = self.start + self.target.time - delay
+        return np.interp(times, one["time"].values, one.values, left=0.0, right=0.0)
+
+
+def pose_problem(
     recording: xr.Dataset,
     face: xr.Dataset,
-    simulation: SimulationParameters | None = None,
-    chain: SignalChain | None = None,
-    parameters: InverseParameters | None = None,
+    simulation: SimulationParameters,
+    chain: SignalChain,
+    parameters: InverseParameters,
     *,
     settled: xr.Dataset | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> xr.Dataset:
-    """Activations by which a face follows the lip markers of a recording.
-
-    The targets are the displacements of the markers since rest in the head frame, times the ratio of
-    the sizes of the two mouths, at the markers of the face at rest. Every step is one linear step of
-    implicit Euler (`sim.inverse.track`) of `simulation.output`; lost markers are left out while they
-    are lost. The sEMG is estimated by `chain` with the strategy act_all; a constant channel counts as
-    missing.
-
-    Returns
-    -------
-    Dataset
-        An activation (`activation(muscle, time)` [1], strategy "inverse" or "assisted") on the time of
-        the recording, with ``misfit(time)`` [m], the root mean square distance per coordinate of the
-        tracked markers, ``violation(time)`` and ``saturated(time)``, and ``emg_activation(muscle,
-        time)``, the estimate from sEMG. Attribute ``misfit_ratio`` [1] is the root mean square of the
-        misfit over that of the displacements wanted.
-
-    Raises
-    ------
-    MarkerError
-        Markers are missing, or a marker in `left_out` is unknown.
-    ConfigurationError, DataError
-        As of the signal chain and the variant.
-    SimulationError
-        A step failed; the face is inverted with linear steps of one size.
-    """
-    p, chain = parameters or InverseParameters(), chain or SignalChain()
-    simulation = simulation or SimulationParameters()
+    session: xr.Dataset | None = None,
+) -> Problem:
+    """Scene, targets and sEMG of a recording; errors as of `invert`."""
+    p = parameters
     unknown = [name for name in p.left_out if name not in LIP_MARKERS]
     if unknown:
         raise MarkerError(
@@ -108,7 +171,7 @@ def invert(
         )
     silent = chain.normalisation.model_copy(update={"silent": "zero"})
     chain = chain.model_copy(update={"normalisation": silent})
-    emg = activation_of(recording, chain, strategy="act_all")
+    emg = activation_of(recording, chain, strategy="act_all", session=session)
     start, stop = (float(emg["time"][k]) for k in (0, -1))
     h = simulation.output
     steps = int((stop - start) / h + 1e-6)
@@ -122,30 +185,109 @@ def invert(
     used = [name for name in LIP_MARKERS if name not in p.left_out]
     nodes = face["marker_node"].sel(marker=used).values.astype(np.int64)
     wanted, scale = _wanted(position.sel(marker=used), state.q[nodes])
-    targets = [PointTarget(nodes, time, wanted, p.marker_error)]
-    estimate = p.gain * emg["activation"].interp(time=start + time - p.delay, kwargs=_HELD)
-    estimate = estimate.clip(0.0, 1.0).sel(muscle=list(system.muscles))
-    values = np.ascontiguousarray(estimate.transpose("time", "muscle").values)
-    missing = str(emg.attrs.get("silent", "")).split()
-    trust = trust_of(p.variant, system.muscles, p.emg_weight, missing)
+    target = PointTarget(nodes, time, wanted, p.marker_error)
+    work = Workspace(system, simulation.linear_solver)
+    return Problem(system, state, work, target, start, h, emg, scale, scale * noise)
+
+
+def invert(
+    recording: xr.Dataset,
+    face: xr.Dataset,
+    simulation: SimulationParameters | None = None,
+    chain: SignalChain | None = None,
+    parameters: InverseParameters | None = None,
+    *,
+    settled: xr.Dataset | None = None,
+    session: xr.Dataset | None = None,
+    calibration: Calibration | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> xr.Dataset:
+    """Activations by which a face follows the lip markers of a recording.
+
+    The targets are the displacements of the markers since rest in the head frame, times the ratio of
+    the sizes of the two mouths, at the markers of the face at rest. Every step is one linear step of
+    implicit Euler (`sim.inverse.track`) of `simulation.output`; lost markers are left out while they
+    are lost. `session` is the range of the features, if the chain does not normalise over the trial.
+    In the trajectory form, these activations are the start of a fit to the whole recording
+    (`emgface.inverse.refine`). The sEMG is estimated by `chain` with the strategy act_all, and its
+    gains, delays and errors are those of the calibration, if there is one; a constant channel counts
+    as missing.
+
+    Returns
+    -------
+    Dataset
+        An activation (`activation(muscle, time)` [1], strategy "inverse" or "assisted") on the time of
+        the recording, with ``misfit(time)`` [m], the root mean square distance per coordinate of the
+        tracked markers, and ``emg_activation(muscle, time)``, the estimate from sEMG. In the
+        trajectory form, with ``activation_low`` and ``activation_high (muscle, time)``, bounds of
+        90 % intervals, and the attribute ``undetermined``, sentences on the muscles that cannot be told
+        apart; otherwise with ``violation(time)`` and ``saturated(time)``. Attribute ``misfit_ratio``
+        [1] is the root mean square of the misfit over that of the displacements wanted.
+
+    Raises
+    ------
+    MarkerError
+        Markers are missing, or a marker in `left_out` is unknown.
+    ConfigurationError, DataError
+        As of the signal chain, the variant and the calibration.
+    SimulationError
+        A step failed; the face is inverted with linear steps of one size. SceneError: the trajectory
+        form does not exist with contact.
+    """
+    begun = time.perf_counter()
+    p, chain = parameters or InverseParameters(), chain or SignalChain()
+    simulation = simulation or SimulationParameters()
+    if calibration is not None:
+        chain, session = calibration.applied(chain, simulation.sigma_max, recording)
+    problem = pose_problem(recording, face, simulation, chain, p, settled=settled, session=session)
+    muscles = problem.system.muscles
+    missing = str(problem.emg.attrs.get("silent", "")).split()
+    trust = trust_of(p.variant, muscles, p.emg_weight, missing)
+    gain, delay, error = (np.full(len(muscles), x) for x in (p.gain, p.delay, p.emg_error))
+    if calibration is not None:
+        gain, delay, error = calibration.of(muscles)
+        p = replace(p, assumed=replace(p.assumed, model_error=calibration.model_error))
+    each = zip(muscles, gain, delay, strict=True)
+    values = np.array([g * problem.delayed(m, d) for m, g, d in each]).T.clip(0.0, 1.0)
     with named_elements(face):
         found, _ = track(
-            system,
-            targets,
-            duration=float(time[-1]),
-            h=h,
-            weights=Weights(size=p.size, change=p.change, jump=p.jump, chase=max(p.chase, h)),
-            measured=MeasuredActivation(Activation(time, values), trust),
-            initial=state,
+            problem.system,
+            [problem.target],
+            duration=problem.duration,
+            h=problem.h,
+            weights=Weights(
+                size=p.size, change=p.change, jump=p.jump, chase=max(p.chase, problem.h)
+            ),
+            measured=MeasuredActivation(Activation(problem.target.time, values), trust),
+            initial=problem.state,
             before=np.where(np.isinf(trust), values[0], 0.0),
-            work=Workspace(system, simulation.linear_solver),
+            work=problem.work,
             progress=progress,
         )
-    moved = float(np.sqrt(np.nanmean((wanted - state.q[nodes]) ** 2)))
-    return _result(recording, found, emg, values, start, p, scale, noise, moved)
-
-
-_HELD: dict[str, Any] = {"bounds_error": False, "fill_value": 0.0}
+        refined = None
+        if p.form == "trajectory" and not np.isinf(trust).all():
+            refined = refine(
+                problem.system,
+                problem.target,
+                found["activation"].values.T,
+                values[1:],
+                emg_precision(p.assumed, error, trust, problem.h),
+                marker_precision(
+                    p.assumed,
+                    problem.target,
+                    problem.state.q[problem.target.nodes],
+                    problem.noise,
+                    problem.h,
+                ),
+                p.assumed,
+                h=problem.h,
+                initial=problem.state,
+                work=problem.work,
+                iterations=p.iterations,
+                progress=progress,
+            )
+    result = _result(recording, found, problem, values, p, refined)
+    return result.assign_attrs(run_time_s=time.perf_counter() - begun)
 
 
 def _positions(
@@ -174,33 +316,42 @@ def _wanted(position: xr.DataArray, rest: np.ndarray) -> tuple[np.ndarray, float
 def _result(
     recording: xr.Dataset,
     found: xr.Dataset,
-    emg: xr.Dataset,
-    estimate: np.ndarray,
-    start: float,
+    problem: Problem,
+    estimate: Array,
     p: InverseParameters,
-    scale: float,
-    noise: float,
-    moved: float,
+    refined: Refined | None,
 ) -> xr.Dataset:
-    time = start + found["time"].values
-    result = found[["activation", "violation", "saturated"]].assign_coords(
-        time=("time", time, {"units": "s"})
-    )
-    misfit = p.marker_error * found["misfit"].values
-    result["misfit"] = ("time", misfit, {"units": "m"})
-    result["emg_activation"] = (("muscle", "time"), estimate[1:].T, {"units": "1"})
-    muscles = [str(name) for name in emg["muscle"].values]
-    result = result.sel(muscle=muscles)
+    at = problem.start + found["time"].values
+    both = ("muscle", "time")
     attrs = {k: v for k, v in recording.attrs.items() if k in IDENTITY}
+    if refined is None:
+        result = found[["activation", "violation", "saturated"]]
+        misfit = p.marker_error * found["misfit"].values
+    else:
+        parts = {
+            "activation": refined.activation,
+            "activation_low": refined.low,
+            "activation_high": refined.high,
+        }
+        result = xr.Dataset(
+            {name: (both, values.T, {"units": "1"}) for name, values in parts.items()},
+            coords={"muscle": found["muscle"], "time": found["time"]},
+        )
+        misfit = p.marker_error * np.sqrt(np.nanmean(refined.linearised.residual**2, axis=1))
+        attrs |= {"interval": LEVEL, "undetermined": "; ".join(refined.undetermined)}
+    result = result.assign_coords(time=("time", at, {"units": "s"}))
+    result["misfit"] = ("time", misfit, {"units": "m"})
+    result["emg_activation"] = (both, estimate[1:].T, {"units": "1"})
+    muscles = [str(name) for name in problem.emg["muscle"].values]
+    result, moved = result.sel(muscle=muscles), problem.moved
     return result.assign_attrs(
         attrs,
         strategy="inverse" if p.variant == "motion" else p.variant,
-        montage=emg.attrs.get("montage", ""),
+        montage=problem.emg.attrs.get("montage", ""),
         parameters=json.dumps(asdict(p)),
-        mouth_ratio=scale,
-        marker_noise=noise,
-        misfit_ratio=float(np.sqrt(np.mean(misfit**2))) / moved if moved > 0 else np.nan,
-        run_time_s=found.attrs["run_time_s"],
+        mouth_ratio=problem.scale,
+        marker_noise=problem.noise,
+        misfit_ratio=float(np.sqrt(np.nanmean(misfit**2))) / moved if moved > 0 else np.nan,
     )
 
 

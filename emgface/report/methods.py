@@ -7,6 +7,7 @@ import xarray as xr
 from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS
 from emgface.choices import parameter_table
 from emgface.face.numerical_error import NOT_ESTIMATED
+from emgface.inverse.configuration import VARIANT
 from emgface.signals.montage import COMPLETE
 from emgface.study.configuration import StudyConfiguration
 
@@ -103,6 +104,14 @@ def _signals(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
         f"Features were scaled to 0-1 by minimum and maximum {REACHES[chain.normalisation.reach]}."
     )
     told.append(f"Activation strategies were {', '.join(study.strategies)}.")
+    followed = [name for name in study.strategies if name in VARIANT]
+    if followed:
+        told.append(
+            f"With {' and '.join(followed)}, the activations follow the measured markers"
+            f"{' and the sEMG' if followed == ['assisted'] else ''} (inverse tracking without contact, "
+            f"form {study.inverse.form!r}); every pair of markers was scored in a simulation with "
+            "activations that were estimated without this pair."
+        )
     sampling = chain.resampling
     if sampling.steps is not None:
         told.append(f"Each trial was resampled to {sampling.steps} equal steps.")

@@ -78,7 +78,8 @@ class Results:
         labels = dict(zip(TRIAL_DIMS, (*place, strategy), strict=True))
         used = float(self.base["sigma_max"].sel(labels))
         sigma_max = used if np.isfinite(used) else None
-        motion = laboratory.motion(activation.dataset["activation"], label, sigma_max)
+        drive, extent = activation.dataset["activation"], (self._extents or {}).get(place[0])
+        motion = laboratory.predicted(recording, strategy, drive, label, extent, sigma_max)
         aligned = laboratory.aligned(recording, motion, label)
         scores = laboratory.scores(aligned, motion, label)
         return Trial(

@@ -11,6 +11,7 @@ from emgface.errors import FaceError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.resolution import Resolution
 from emgface.face.template.volunteers import PRESETS, preset_measures
+from emgface.inverse.configuration import InverseConfiguration
 from emgface.muscles import INSTRUCTIONS
 from emgface.signals.parameters import SignalChain, StrategyName
 from emgface.study.axes import Axis, Design
@@ -104,10 +105,12 @@ class StudyConfiguration(Parameters):
 
     schema_version: int = parameter(STUDY_VERSION, "Version of the format of this file.")
     name: str = choice("study", "Name of the study.")
-    strategies: tuple[StrategyName, ...] = choice(
+    strategies: tuple[StrategyName | Literal["inverse", "assisted"], ...] = choice(
         ("act_all", "act_3", "act_rel"),
         "Activation strategies to compare.",
         source=f"{ESKES}, Methods",
+        note="inverse and assisted follow the markers, without and with sEMG; each pair of markers "
+        "is scored with the activation estimated without it",
     )
     activation_source: Literal["estimated", "true"] = choice(
         "estimated",
@@ -124,6 +127,10 @@ class StudyConfiguration(Parameters):
     )
     simulation: SimulationParameters = Field(
         default=SimulationParameters(), description="Parameters of the simulation."
+    )
+    inverse: InverseConfiguration = Field(
+        default=InverseConfiguration(),
+        description="Parameters of the strategies inverse and assisted.",
     )
     alignment: AlignmentParameters = Field(
         default=AlignmentParameters(), description="Synchronisation, Eqs 9-10."

@@ -31,8 +31,10 @@ class StoredMotion:
         found = self.laboratory.store.read(MOTION.name, self.digest)
         if found is not None:
             return found
-        assert self.trial.recording is not None, "a scored trial has a recording"
-        activation = self.laboratory.activation(
-            self.trial.recording, self.trial.strategy, self.extent
-        ).dataset["activation"]
-        return self.laboratory.motion(activation, self.trial.label, self.entry.sigma_max).dataset
+        trial, laboratory = self.trial, self.laboratory
+        recording, strategy = trial.recording, trial.strategy
+        assert recording is not None, "a scored trial has a recording"
+        activation = laboratory.activation(recording, strategy, self.extent).dataset["activation"]
+        return laboratory.predicted(
+            recording, strategy, activation, trial.label, self.extent, self.entry.sigma_max
+        ).dataset

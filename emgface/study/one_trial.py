@@ -37,7 +37,9 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
     try:
         activation = laboratory.activation(recording, trial.strategy, extent)
         stages.append(activation)
-        motion = laboratory.motion(activation.dataset["activation"], trial.label)
+        motion = laboratory.predicted(
+            recording, trial.strategy, activation.dataset["activation"], trial.label, extent
+        )
         stages.append(motion)
         attrs = motion.dataset.attrs
         known = {

@@ -15,6 +15,9 @@ from analysis.scores import score
 from emgface.errors import FeatureWarning
 from emgface.face.motion import NOT_OF_REST, settle_face
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.inverse.configuration import VARIANT
+from emgface.inverse.run import without_contact
+from emgface.inverse.strategy import FOLDS, crossed, inverse_activation
 from emgface.signals.activation import activation_of, feature_range
 from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
 from emgface.study.digest import (
@@ -68,6 +71,24 @@ ALIGNED = Stage("aligned", _ALIGNMENT)
 SCORES = Stage(
     "scores",
     tuple(f"analysis.{name}" for name in ("flags", "noise", "scores", "trajectory", "typed")),
+)
+INVERSE = Stage(
+    "inverse",
+    tuple(
+        dict.fromkeys(
+            (
+                *MECHANICS,
+                *_SIGNALS,
+                *_ALIGNMENT,
+                "emgface.inverse.calibration",
+                "emgface.inverse.configuration",
+                "emgface.inverse.refine",
+                "emgface.inverse.run",
+                "emgface.inverse.strategy",
+                "emgface.inverse.variants",
+            )
+        )
+    ),
 )
 STAGES = (RANGE, ACTIVATION, REST, MOTION, ALIGNED, SCORES)
 
@@ -156,10 +177,17 @@ class Laboratory:
         recording = trial.recording
         if recording is None or recording.error is not None or recording.excluded:
             return ""
+        by_markers = self._inverse_digest if trial.strategy in VARIANT else ""
         return text_digest(
             f"{recording.digest} {trial.strategy} {extent.digest if extent else ''} "
-            f"{canonical_json(self.moved)} {self._study_digest}"
+            f"{canonical_json(self.moved)} {self._study_digest}{by_markers}"
         )
+
+    @cached_property
+    def _inverse_digest(self) -> str:
+        """Digest of the parameters and of the code of the strategies that follow the markers."""
+        chosen = self.study.inverse.model_dump(mode="json")
+        return text_digest(f"{canonical_json(chosen)} {code_version(INVERSE.modules)}")
 
     @cached_property
     def _study_digest(self) -> str:
@@ -175,8 +203,10 @@ class Laboratory:
     ) -> Result:
         """Return the activation of all muscles during a recording, with a strategy.
 
-        Raises errors as `emgface.signals.activation.activation_of`.
+        Raises errors as `emgface.signals.activation.activation_of`, or `emgface.inverse.run.invert`.
         """
+        if strategy in VARIANT:
+            return self._inverse(recording, strategy, extent, ())
         chain = self.study.signals
         inputs, label = {"recording": recording.digest}, f"{recording.label} {strategy}"
         if strategy == TRUE_STRATEGY:
@@ -209,6 +239,69 @@ class Laboratory:
         if noted:
             self.muted.add(recording.label)
         return result
+
+    def _inverse(
+        self, recording: Recording, strategy: str, extent: Result | None, left_out: tuple[str, ...]
+    ) -> Result:
+        """Return the activation that follows the markers of a recording, some of them left out."""
+        study, chosen = self.study, self.study.inverse
+        inputs = {"recording": recording.digest, "face": self.face_digest}
+        over = None
+        if extent is not None:
+            inputs["range"], over = extent.digest, extent.dataset
+        simulation = without_contact(study.simulation)
+        return self.store.get_or_compute(
+            INVERSE,
+            inputs,
+            {
+                "trial_strategy": strategy,
+                "left_out": list(left_out),
+                "inverse": chosen.model_dump(mode="json"),
+                "simulation": simulation.model_dump(mode="json"),
+                "signals": study.signals.model_dump(mode="json"),
+            },
+            lambda: inverse_activation(
+                recording.dataset, self.face, simulation, study.signals, strategy, chosen, left_out,
+                settled=self.rest(simulation).dataset, session=over,
+            ),
+            label=" ".join([recording.label, strategy, *(f"without {m}" for m in left_out)]),
+        )  # fmt: skip
+
+    def predicted(
+        self,
+        recording: Recording,
+        strategy: str,
+        activation: xr.DataArray,
+        label: str,
+        extent: Result | None = None,
+        sigma_max: float | None = None,
+    ) -> Result:
+        """Return the motion of a trial in which no marker is predicted from itself.
+
+        It is `motion`, except for the strategies that follow the markers: each pair of markers then
+        moves as simulated with the activation estimated without it. Raises as `motion`.
+        """
+        if strategy not in VARIANT:
+            return self.motion(activation, label, sigma_max)
+        drives = [self._inverse(recording, strategy, extent, out) for out in FOLDS]
+
+        def moved(limit: float | None) -> list[Result]:
+            return [
+                self.motion(one.dataset["activation"], f"{label} without {out[0]}", limit)
+                for one, out in zip(drives, FOLDS, strict=True)
+            ]
+
+        motions = moved(sigma_max)
+        used = {float(one.dataset.attrs["sigma_max"]) for one in motions}
+        if len(used) > 1:
+            motions = moved(min(used))
+        return self.store.get_or_compute(
+            MOTION,
+            {f"fold_{k}": one.digest for k, one in enumerate(motions)},
+            {"folds": [list(out) for out in FOLDS]},
+            lambda: crossed({out: one.dataset for out, one in zip(FOLDS, motions, strict=True)}),
+            label=f"{label} left-out markers",
+        )
 
     def rest(self, parameters: SimulationParameters) -> Result:
         """Return the face at its equilibrium under gravity."""

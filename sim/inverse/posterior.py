@@ -8,7 +8,8 @@ from scipy.special import ndtr, ndtri
 
 from sim.state import Array
 
-CHAINS, BURN = 64, 30  #: number of chains, and sweeps before the first draw
+CHAINS, BURN = 64, 30  #: number of chains, and default of the sweeps before the first draw
+APART = 10  #: sweeps between draws of a chain with a given start
 
 
 @dataclass(frozen=True)
@@ -24,28 +25,39 @@ class Posterior:
     mean: Array
     covariance: Array
 
-    def draws(self, n: int = 1000, seed: int = 0) -> Array:
+    def draws(
+        self, n: int = 1000, seed: int = 0, burn: int = BURN, start: Array | None = None
+    ) -> Array:
         """Draws (n, n_muscles) within the box, by Gibbs sampling of `CHAINS` chains.
 
         Source: Geweke 1991, Efficient simulation from the multivariate normal subject to linear
         constraints.
+
+        Parameters
+        ----------
+        burn : int
+            Sweeps before the first draw.
+        start : (n_muscles,), optional
+            Start of all chains, after which draws of a chain are `APART` sweeps apart; default: random
+            draws that are moved into the box.
         """
         rng = np.random.default_rng(seed)
         precision = np.asarray(np.linalg.inv(self.covariance), dtype=np.float64)
         sd = 1.0 / np.sqrt(np.diag(precision))
-        spread = np.asarray(np.linalg.cholesky(self.covariance), dtype=np.float64)
-        x = self.mean + rng.standard_normal((CHAINS, len(sd))) @ spread.T
-        x = np.clip(x, 0.0, 1.0)
+        apart = 1
+        if start is None:
+            spread = np.asarray(np.linalg.cholesky(self.covariance), dtype=np.float64)
+            x = self.mean + rng.standard_normal((CHAINS, len(sd))) @ spread.T
+            x = np.clip(x, 0.0, 1.0)
+        else:
+            x, apart = np.tile(start, (CHAINS, 1)), APART
         found: list[Array] = []
-        for sweep in range(BURN + -(-n // CHAINS)):
+        for sweep in range(burn + apart * (-(-n // CHAINS))):
             for i in range(len(sd)):
                 left = (x - self.mean) @ precision[i] - (x[:, i] - self.mean[i]) * precision[i, i]
                 centre = self.mean[i] - left / precision[i, i]
-                low = np.asarray(ndtr(-centre / sd[i]), dtype=np.float64)
-                high = np.asarray(ndtr((1.0 - centre) / sd[i]), dtype=np.float64)
-                u = np.clip(low + (high - low) * rng.random(CHAINS), 1e-300, 1.0 - 1e-16)
-                x[:, i] = np.clip(centre + sd[i] * np.asarray(ndtri(u)), 0.0, 1.0)
-            if sweep >= BURN:
+                x[:, i] = _truncated(centre, float(sd[i]), rng.random(CHAINS))
+            if sweep >= burn and (sweep - burn) % apart == 0:
                 found.append(x.copy())
         return np.concatenate(found)[:n]
 
@@ -66,6 +78,20 @@ class Posterior:
         vectors = np.asarray(found.eigenvectors, dtype=np.float64)
         chosen = vectors[:, size > share**2][:, ::-1]
         return (chosen * prior_sd[:, None]).T
+
+
+def _truncated(centre: Array, sd: float, u: Array) -> Array:
+    """Normal draws within 0-1 from uniform ones, by the inverse of the distribution function.
+
+    Its complement is used for means below 0, where the function itself rounds to 1.
+    """
+    low, high = -centre / sd, (1.0 - centre) / sd
+    turned = low > 0.0
+    a, b = np.where(turned, -high, low), np.where(turned, -low, high)
+    below = np.asarray(ndtr(a), dtype=np.float64)
+    above = np.asarray(ndtr(b), dtype=np.float64)
+    z = np.asarray(ndtri(np.clip(below + (above - below) * u, 1e-300, 1.0 - 1e-16)))
+    return np.clip(centre + sd * np.where(turned, -z, z), 0.0, 1.0)
 
 
 def laplace(

@@ -11,6 +11,7 @@ import xarray as xr
 from emgface.choices import configure
 from emgface.errors import DataError
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.inverse.strategy import FOLDS
 from emgface.muscles import MEASURED
 from emgface.recordings.dataset import read_recording, write_recording
 from emgface.report.contents import verdict
@@ -385,3 +386,30 @@ def test_normalisation_over_the_session_uses_all_trials_of_the_volunteer(
     ]
     # with session extremes each selected muscle reaches 1 in one trial, not in every trial
     assert any(float(peak.where(peak > 0).min()) < 0.9 for peak in peaks)
+
+
+def test_no_marker_is_scored_in_a_simulation_that_follows_it(laboratory, tmp_path: Path) -> None:
+    recordings = {"folder": str(laboratory / "recordings"), "instructions": ["B"]}
+    study = configured(laboratory, strategies=["inverse"], recordings=recordings)
+    result = run_study(study, tmp_path)
+    assert (result.cube["status"] == "ok").all() and np.isfinite(result.cube["rho"]).any()
+    assert stages(result).count("inverse") == 1 + len(FOLDS)
+    files = {p.stem: xr.load_dataset(p) for p in (tmp_path / "store" / "motion").glob("*.nc")}
+    joined = [d for d in files.values() if "left_out" in d.attrs]
+    assert len(joined) == 1 and len(files) == 1 + len(FOLDS)
+    alone = [d["position"] for d in files.values() if "left_out" not in d.attrs]
+    used = [  # simulations that contain each marker's motion
+        [np.array_equal(x.sel(marker=m), joined[0]["position"].sel(marker=m)) for x in alone]
+        for m in joined[0]["marker"].values
+    ]
+    assert np.array(used).sum(axis=1).tolist() == [1] * 10
+    assert np.array(used).sum(axis=0).tolist() == [2] * len(FOLDS)
+    tracked = [xr.load_dataset(p) for p in (tmp_path / "store" / "inverse").glob("*.nc")]
+    without = [tuple(json.loads(one.attrs["parameters"])["left_out"]) for one in tracked]
+    assert set(without) == {(), *FOLDS}
+    assert "estimated without this pair" in methods(study, result.cube)
+
+
+def test_parameters_of_the_inversion_do_not_concern_other_strategies(laboratory, finished) -> None:
+    result = run_study(configured(laboratory, inverse={"gain": 0.5}), laboratory / "study")
+    assert stages(result) == []

@@ -1,0 +1,143 @@
+"""Coverage of the 90 % intervals of inverse tracking, on trials simulated with the face that inverts.
+
+    python -m benchmarks intervals RECORDING.nc ... --out FIGURE.png
+
+Every recording of a simulated volunteer provides a true activation, of which 0.8 s around its onset
+move the coarse template without contact. Markers have white noise of 0.3 mm, and the sEMG an error of
+0.1 that is correlated over 0.2 s. `--integrator study` computes the truth with the converged solver
+of a study in place of the steps that are inverted.
+"""
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+import xarray as xr
+
+from analysis.figures.style import COLOURS, blank, styled
+from benchmarks.inverse import SIMULATION
+from emgface.face.motion import settle_face, simulate_face
+from emgface.face.recipe import compose_scene
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.template import template_face
+from emgface.inverse.refine import (
+    Assumptions,
+    Refined,
+    emg_precision,
+    marker_precision,
+    refine,
+)
+from emgface.inverse.variants import trust_of
+from emgface.muscles import LIP_MARKERS
+from emgface.recordings.dataset import read_recording
+from sim import Activation, State, Workspace, compile_scene
+from sim.inverse import MeasuredActivation, PointTarget, Weights, track
+
+NOISE, EMG_ERROR, EMG_TIME = 3e-4, 0.1, 0.1
+H, STEPS = 0.01, 80
+ACTIVE = 0.05
+"""True activation above which a muscle counts as active."""
+
+
+def emg_of_truth(true: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """True activations (n, n_muscles) with an error whose autocorrelation decays in `EMG_TIME`."""
+    error = rng.standard_normal(true.shape)
+    keep = np.exp(-H / EMG_TIME)
+    for k in range(1, len(error)):
+        error[k] = keep * error[k - 1] + np.sqrt(1.0 - keep**2) * error[k]
+    return np.clip(true + EMG_ERROR * error, 0.0, 1.0)
+
+
+@styled
+def draw(found: Refined, true: np.ndarray, emg: np.ndarray, muscles, title: str):
+    """Truth, sEMG, estimate and interval of the eight most active muscles."""
+    figure = blank(11.0, 5.2)
+    axes = figure.subplots(2, 4, sharex=True, sharey=True).ravel()
+    order = np.argsort(-true.max(axis=0))[:8]
+    for panel, i in zip(axes, order, strict=True):
+        band = found.low[:, i], found.high[:, i]
+        panel.fill_between(found.time, *band, color=COLOURS[0], alpha=0.3, label="90 % interval")
+        panel.plot(found.time, found.activation[:, i], color=COLOURS[0], label="estimate")
+        panel.plot(found.time, emg[1:, i], color="0.6", lw=0.8, label="sEMG")
+        panel.plot(found.time, true[1:, i], color="black", ls="--", label="truth")
+        panel.set_title(muscles[i])
+        panel.set_ylim(0.0, 1.0)
+    for panel in axes[4:]:
+        panel.set_xlabel("time [s]")
+    for panel in axes[::4]:
+        panel.set_ylabel("activation")
+    axes[0].legend(fontsize=7)
+    figure.suptitle(title)
+    return figure
+
+
+def main(
+    recordings: list[Path],
+    out: Annotated[Path, typer.Option()],
+    variants: str = "assisted,motion",
+    integrator: str = "same",
+    iterations: int = 5,
+    model_error: float = 0.0,
+) -> None:
+    """Simulate, invert, count and draw."""
+    face = template_face(resolution="coarse")
+    system = compile_scene(compose_scene(face, SIMULATION))
+    settled, muscles = settle_face(face, SIMULATION), list(system.muscles)
+    nodes = face["marker_node"].sel(marker=list(LIP_MARKERS)).values.astype(np.int64)
+    q = np.ascontiguousarray(settled["node_position"].values)
+    state, work = State(0.0, q, system.rest_state().v, {}), Workspace(system)
+    solver = SIMULATION
+    if integrator == "study":
+        solver = SimulationParameters(gravity=False, contact={"method": "none"})
+    assumed, t = Assumptions(model_error=model_error), H * np.arange(STEPS + 1)
+    for number, path in enumerate(recordings):
+        rng = np.random.default_rng(number)
+        truth = read_recording(path)["true_activation"].sel(muscle=muscles)
+        total = truth.sum("muscle")
+        onset = float(total["time_true"][int((total > 0.5 * total.max()).argmax())])
+        true = truth.interp(time_true=max(onset - 0.35, 0.0) + t).transpose("time_true", ...).values
+        drive = xr.DataArray(true.T, dims=("muscle", "time"), coords={"muscle": muscles, "time": t})
+        moved = simulate_face(face, drive, solver)["position"].interp(time=t)
+        x = moved.sel(marker=list(LIP_MARKERS)).transpose("time", "marker", "axis").values
+        x = x - x[0] + q[nodes] + NOISE * rng.standard_normal(x.shape)
+        target, emg = PointTarget(nodes, t, x, 1e-3), emg_of_truth(true, rng)
+        for variant in variants.split(","):
+            begun = time.process_time()
+            trust = trust_of(variant, muscles, 1.0)
+            measured = MeasuredActivation(Activation(t, emg), trust)
+            weights = Weights(size=0.01, change=0.1, jump=0.2, chase=0.05)
+            start, _ = track(
+                system, [target], duration=float(t[-1]), weights=weights, measured=measured,
+                initial=state, work=work,
+            )  # fmt: skip
+            found = refine(
+                system, target, start["activation"].values.T, emg[1:],
+                emg_precision(assumed, np.full(len(muscles), EMG_ERROR), trust, H),
+                marker_precision(assumed, target, q[nodes], NOISE, H), assumed,
+                h=H, initial=state, work=work, iterations=iterations,
+            )  # fmt: skip
+            a, b = found.activation, true[1:]
+            inside, active = (found.low <= b) & (b <= found.high), b > ACTIVE
+            step = start["activation"].values.T
+            print(
+                f"{path.stem} {variant}: correlation {_r(a, b):.3f} (steps {_r(step, b):.2f}), rms "
+                f"{_rms(a - b):.3f} ({_rms(step - b):.3f}), coverage {inside.mean():.1%} "
+                f"(active {inside[active].mean():.1%}, others {inside[~active].mean():.1%}), width "
+                f"{(found.high - found.low).mean():.3f}, misfit "
+                f"{_rms(found.linearised.residual):.3f} mm, {time.process_time() - begun:.0f} s\n"
+                f"    {'; '.join(found.undetermined) or 'all directions determined'}",
+                flush=True,
+            )
+        title = f"SIMULATED trial, truth of {path.stem} on the template, {variant}"
+        name = out.with_stem(f"{out.stem}_{path.stem}") if number else out
+        draw(found, true, emg, muscles, title).savefig(name, dpi=110)
+
+
+def _r(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
+
+
+def _rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(x**2)))

@@ -1,0 +1,93 @@
+"""Intervals and calibration of the sEMG: closed forms, known gains, and refusals."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from emgface.errors import ConfigurationError, DataError
+from emgface.inverse.calibrate import calibrate, regressed
+from emgface.inverse.calibration import Calibration
+from emgface.inverse.refine import Assumptions, emg_precision, marker_precision, shortest
+from emgface.inverse.run import form_of
+from emgface.muscles import MUSCLES
+from emgface.schema.validation import validate
+from emgface.signals.parameters import SignalChain
+from sim.inverse import PointTarget
+
+
+def test_the_shortest_interval_of_a_silent_muscle_begins_at_zero():
+    draws = np.random.default_rng(0).exponential(0.1, (4000, 1))
+    low, high = shortest(draws)
+    assert low[0] == 0.0 and high[0] == pytest.approx(0.1 * np.log(10.0), rel=0.05)
+    low, high = shortest(np.random.default_rng(0).normal(0.5, 0.1, (4000, 1)))
+    assert (low[0], high[0]) == pytest.approx((0.3355, 0.6645), abs=0.02)
+
+
+def test_a_lasting_error_counts_once_within_its_memory():
+    target = PointTarget(np.array([0]), np.zeros(1), np.full((1, 1, 3), 4e-3), 1e-3)
+    rest = np.zeros((1, 3))
+    assumed = Assumptions(model_error=0.0)
+    assert marker_precision(assumed, target, rest, 5e-4, 0.01) == pytest.approx(4.0)
+    assumed = Assumptions(model_error=0.25, model_memory=0.3)
+    assert marker_precision(assumed, target, rest, 0.0, 0.01) == pytest.approx(1.0 / 30.0)
+    found = emg_precision(assumed, np.full(3, 0.5), np.array([0.0, 2.0, np.inf]), 0.02)
+    assert found == pytest.approx([0.0, 2.0 / (0.25 * 10.0), 1e4])
+
+
+def test_known_gain_delay_and_error_are_estimated():
+    rng = np.random.default_rng(1)
+    t = np.arange(0.0, 12.0, 0.01)
+
+    def e(delay: float) -> np.ndarray:
+        return np.clip(np.sin(2.0 * np.pi * (t - delay)), 0.0, 1.0)
+
+    a = 0.35 * e(0.055) + 0.05 * rng.standard_normal(len(t))
+    gain, delay, error = regressed(e, a, np.zeros(len(t)), 0.05, 1.0)
+    assert gain == pytest.approx(0.35, abs=0.01) and delay == pytest.approx(0.055, abs=0.006)
+    assert error == pytest.approx(0.05, rel=0.1)
+
+
+def test_a_muscle_that_the_motion_does_not_determine_keeps_its_gain():
+    half = np.full(50, 0.5)
+    gain, delay, error = regressed(lambda _: half, 0.5 * half, half**3 / 2.0, 0.25, 20.0)
+    assert gain == pytest.approx(0.5) and delay == pytest.approx(0.04)
+    assert error == pytest.approx(0.25)
+
+
+def known(**attrs) -> Calibration:
+    values = {name: ("muscle", np.full(20, 0.1)) for name in ("gain", "delay", "error")}
+    data = xr.Dataset(values, coords={"muscle": list(MUSCLES)})
+    units = {"gain": "1", "delay": "s", "error": "1", "minimum": "1/s", "maximum": "1/s"}
+    data["estimated"] = ("muscle", np.ones(20, dtype=np.int64), {"units": "1"})
+    data["minimum"], data["maximum"] = data["gain"] * 0.0, data["gain"] * 10.0
+    for name, unit in units.items():
+        data[name].attrs["units"] = unit
+    given = {
+        "volunteer": "S01", "trials": 2, "sigma_max": 1e5, "model_error": 0.2,
+        "range_parameters": "{}", "origin": "simulated",
+    }  # fmt: skip
+    return Calibration(data.assign_attrs(given | attrs))
+
+
+def test_a_calibration_fits_its_volunteer_and_its_strength_only():
+    validate(known().data, "emg_calibration")
+    recording = xr.Dataset(attrs={"volunteer": "S01"})
+    chain, session = known().applied(SignalChain(), 1e5, recording)
+    assert chain.normalisation.reach == "session" and chain.normalisation.outside == "clip"
+    assert float(session["maximum"].max()) == pytest.approx(1.0)
+    with pytest.raises(ConfigurationError, match="is of volunteer 'S01', the recording of 'S02'"):
+        known().applied(SignalChain(), 1e5, xr.Dataset(attrs={"volunteer": "S02"}))
+    with pytest.raises(ConfigurationError, match="gains are relative to it: calibrate again"):
+        known().applied(SignalChain(), 2e5, recording)
+
+
+def test_impossible_requests_are_refused():
+    with pytest.raises(DataError, match="no calibration trial"):
+        calibrate([], xr.Dataset())
+    two = [xr.Dataset(attrs={"volunteer": name}) for name in ("S01", "S02")]
+    with pytest.raises(DataError, match="S01, S02: calibrate each separately"):
+        calibrate(two, xr.Dataset())
+    with pytest.raises(ConfigurationError, match="form 'both' is unknown"):
+        form_of("both", contact=False)
+    with pytest.raises(ConfigurationError, match="no derivatives with contact"):
+        form_of("trajectory", contact=True)

@@ -1,0 +1,76 @@
+"""Trajectory form: derivatives against finite differences, recovery of a known course, refusals."""
+
+import numpy as np
+import pytest
+
+import sim
+from sim.inverse import PointTarget, Splines, fit, linearise, prior
+from tests.inverse.test_response import block, stiffening
+
+SPLINES = Splines(0.2, 0.05)
+
+
+def course(seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(0.1, 0.5, (SPLINES.n, 2))
+
+
+def targets(system, nodes=(20, 26), size=1e-4) -> list[PointTarget]:
+    nodes = np.array(nodes)
+    return [PointTarget(nodes, np.zeros(1), system.mesh.X[None, nodes] + 1e-4, size)]
+
+
+def test_derivatives_over_a_trial_are_those_of_finite_differences():
+    system, c = block(), course()
+    found = linearise(system, targets(system), SPLINES, c, h=0.02, decayed=0.0)
+    move = np.random.default_rng(1).standard_normal(c.shape)
+    ends = [
+        linearise(system, targets(system), SPLINES, c + s * move, h=0.02, derivatives=False)
+        for s in (1e-4, -1e-4)
+    ]
+    slope = (ends[1].residual - ends[0].residual) / 2e-4  # residuals are wanted minus reached
+    assert np.abs(found.J @ move.ravel() - slope).max() <= 1e-6 * np.abs(slope).max()
+    gradient = -np.einsum("ti,tip->p", found.residual, found.J) @ move.ravel()
+    assert gradient == pytest.approx((ends[0].misfit - ends[1].misfit) / 2e-4, rel=1e-6)
+
+
+def test_a_known_course_is_recovered_and_the_objective_decreases():
+    system, true = block(), course(3)
+    motion = linearise(system, targets(system), SPLINES, true, derivatives=False)
+    t = 0.01 * np.arange(1, 21)
+    reached = targets(system)[0].wanted(0.0)[None] - motion.residual * 1e-4
+    nodes = np.array([20, 26])
+    target = PointTarget(nodes, t, reached.reshape(20, 2, 3), 1e-6)
+    flat = prior(SPLINES, t, 1e3, 1e9, 1e3, np.zeros((20, 2)), np.zeros(2))
+    found = fit(system, [target], SPLINES, 0.0 * true, flat, iterations=8, enough=1e-12)
+    assert np.all(np.diff(found.objective) < 0.0)
+    a, b = (SPLINES.basis(t) @ c for c in (found.linearised.coefficients, true))
+    assert np.abs(a - b).max() <= 1e-3
+
+
+def test_splines_represent_activations_within_their_bounds():
+    t = np.linspace(0.0, 0.2, 41)
+    a = np.stack([np.clip(1.5 * np.sin(20 * t), 0.0, 1.0), 0.3 + 0.0 * t], axis=1)
+    c = SPLINES.fitted(t, a)
+    assert c.min() >= 0.0 and c.max() <= 1.0
+    again = SPLINES.basis(t) @ c
+    assert again[:, 1] == pytest.approx(0.3, abs=1e-6)
+    assert SPLINES.basis(t).sum(axis=1) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    "make", [lambda: block(damping=sim.Rayleigh(19.0, 0.055)), lambda: block(terms=(stiffening,))]
+)
+def test_what_has_no_derivatives_over_a_trial_is_refused_or_exact(make):
+    system, c = make(), 0.5 * course()
+    if system.damping_law is not None and system.damping_law.rest is None:
+        with pytest.raises(sim.SceneError, match="damping that varies: leave these out"):
+            linearise(system, targets(system), SPLINES, c, h=0.02)
+        return
+    found = linearise(system, targets(system), SPLINES, c, h=0.02, decayed=0.0)
+    move = np.random.default_rng(1).standard_normal(c.shape)
+    ends = [
+        linearise(system, targets(system), SPLINES, c + s * move, h=0.02, derivatives=False)
+        for s in (1e-4, -1e-4)
+    ]
+    slope = (ends[1].residual - ends[0].residual) / 2e-4
+    assert np.abs(found.J @ move.ravel() - slope).max() <= 1e-6 * np.abs(slope).max()
