@@ -13,13 +13,15 @@ from emgface.face.template.resolution import Resolution
 from emgface.face.template.volunteers import PRESETS, preset_measures
 from emgface.inverse.configuration import InverseConfiguration
 from emgface.muscles import INSTRUCTIONS
-from emgface.signals.parameters import SignalChain, StrategyName
+from emgface.signals.parameters import SignalChain
 from emgface.study.axes import Axis, Design
 from emgface.study.comparison import AlignmentParameters, ScoreParameters
 from emgface.study.exclusions import Exclusion
 
 STUDY_VERSION = 1  #: version of the format of a study file
 TRUE_STRATEGY = "true"  #: strategy name in the cube of trials driven by the true activation
+StudyStrategy = Literal["act_all", "act_3", "act_rel", "act_threshold", "inverse", "assisted"]
+"""Strategies of the signal chain, and those that follow the markers."""
 
 
 class RecordingsConfiguration(Parameters):
@@ -105,7 +107,7 @@ class StudyConfiguration(Parameters):
 
     schema_version: int = parameter(STUDY_VERSION, "Version of the format of this file.")
     name: str = choice("study", "Name of the study.")
-    strategies: tuple[StrategyName | Literal["inverse", "assisted"], ...] = choice(
+    strategies: tuple[StudyStrategy, ...] = choice(
         ("act_all", "act_3", "act_rel"),
         "Activation strategies to compare.",
         source=f"{ESKES}, Methods",
