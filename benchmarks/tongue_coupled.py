@@ -37,8 +37,8 @@ CASES = (
     "jht_element_open_ad_ip_0.2_nocontact",
 )
 INTEGRATORS = {
-    "Trapezoidal": sim.LinearlyImplicitTrapezoidal(),
-    "ConstrainedBackwardEuler": sim.LinearlyImplicitEuler(),
+    "Trapezoidal": sim.LinearlyImplicitTrapezoidal(tolerance=1e-9),
+    "ConstrainedBackwardEuler": sim.LinearlyImplicitEuler(tolerance=1e-9),
 }
 TO_M = 1e-3 * TURN
 """From recorded positions [mm] to those of the package."""
