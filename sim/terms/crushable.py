@@ -39,7 +39,8 @@ class Crushable:
     Notes
     -----
     Source: the food bolus of Hannam et al. 2008, J. Biomech. 41, 1069, without its damping of
-    0.01 N s/m, which is below 0.1 % of the force at the speed of chewing.
+    0.01, whose unit is not stated: at the speed of chewing it is below 0.1 % of the force if per m/s,
+    and some percent if per mm/s.
     """
 
     node: int
