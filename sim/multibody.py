@@ -16,25 +16,18 @@ from sim.kinematics.articulated import Articulated
 from sim.pattern import Index
 from sim.state import Array, Pose
 
-MOST = 240
-"""Largest number of velocities that are solved for with a dense matrix."""
+MOST = 240  #: largest number of velocities that are solved for with a dense matrix
 
 
 @dataclass(frozen=True)
 class PointForces:
-    """Collected forces of all terms on points.
+    """Collected forces of all terms on points."""
 
-    Attributes
-    ----------
-    load : (n_points, 3) constant forces [N].
-    lines : laws of fibres, and the points of each.
-    morsels : point and plane of each, as of `BodyTable`.
-    """
-
-    load: Array
+    load: Array  #: (n_points, 3) constant forces [N]
     lines: list[tuple[LineTable, Sequence[Index]]] = field(
         default_factory=list[tuple[LineTable, Sequence[Index]]]
-    )
+    )  #: laws of fibres, and the points of each
+    #: point and plane of each, as of `BodyTable`
     morsels: list[tuple[int, Array]] = field(default_factory=list[tuple[int, Array]])
 
 
@@ -49,27 +42,15 @@ class ActsOnPoints(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Multibody:
-    """Scene of rigid bodies without tissue.
-
-    Attributes
-    ----------
-    table : BodyTable
-    lines : LineTable
-    rows : RowTable
-    kinds : RowKinds
-    led : (k,) bodies with a prescribed motion.
-    eaten : names of the memories of morsels.
-    n : int
-        Number of velocities.
-    """
+    """Scene of rigid bodies without tissue."""
 
     table: BodyTable
     lines: LineTable
     rows: RowTable
     kinds: RowKinds
-    led: Index
-    eaten: tuple[str, ...]
-    n: int
+    led: Index  #: (k,) bodies with a prescribed motion
+    eaten: tuple[str, ...]  #: names of the memories of morsels
+    n: int  #: number of velocities
 
     def scratch(self) -> Scratch:
         """Empty memory for steps."""
@@ -102,11 +83,7 @@ def lay_out_multibody(
 
     Parameters
     ----------
-    kinematics : Kinematics
     X : (n_points, 3) positions at rest [m].
-    bodies : sequence of Body
-    terms : sequence of CompiledTerm
-    rows : Rows or None
     names : of the memory of every term.
 
     Returns

@@ -10,8 +10,7 @@ from sim.kinematics import rotations
 from sim.state import Array, State, StepReport
 from sim.steps.contract import Watch
 
-KEPT = 0.5
-"""Least det F of states inside an interval, relative to the smallest at its ends."""
+KEPT = 0.5  #: least det F of states inside an interval, relative to the smallest at its ends
 
 STRAIGHT = 0.02
 """Deviation of an activation from a straight line up to which states are interpolated [1].
@@ -73,24 +72,12 @@ def _bodies_between(
 
 @dataclass(frozen=True)
 class Interval:
-    """Largest step, and the outputs within it.
+    """Largest step, and the outputs within it."""
 
-    Attributes
-    ----------
-    until : float
-        End of the interval [s].
-    inside : tuple of float
-        Instants of output before the end [s].
-    ends_output : bool
-        True if the end is an output.
-    ends : tuple of float
-        Ends of the steps within the interval [s], if they are `joined`.
-    """
-
-    until: float
-    inside: tuple[float, ...]
-    ends_output: bool
-    ends: tuple[float, ...] = ()
+    until: float  #: end of the interval [s]
+    inside: tuple[float, ...]  #: instants of output before the end [s]
+    ends_output: bool  #: True if the end is an output
+    ends: tuple[float, ...] = ()  #: ends of the steps within the interval [s], if they are `joined`
 
 
 def joined(plan: Sequence[Interval]) -> list[Interval]:
@@ -113,11 +100,8 @@ def intervals(
     steps, and a simulation that continues from a state has the same steps as an uninterrupted one.
     Otherwise they are at start + i h.
 
-    Raises
-    ------
-    ControlError
-        Neither h nor `every` is a whole multiple of the other, or the duration is no whole number
-        of outputs.
+    Raises ControlError if neither h nor `every` is a whole multiple of the other, or the duration is no
+    whole number of outputs.
     """
     outputs = round(duration / every)
     if outputs < 1 or abs(outputs * every - duration) > 1e-9 * max(duration, every):
@@ -153,18 +137,10 @@ def intervals(
 
 @dataclass
 class Between:
-    """Collector of the states at given instants.
+    """Collector of the states at given instants."""
 
-    Attributes
-    ----------
-    wanted : tuple of float
-        Instants, ascending [s].
-    states : list of State
-        States collected so far.
-    """
-
-    wanted: tuple[float, ...]
-    states: list[State] = field(default_factory=list[State])
+    wanted: tuple[float, ...]  #: instants, ascending [s]
+    states: list[State] = field(default_factory=list[State])  #: states collected so far
 
     def __call__(self, before: State, after: State) -> None:
         """Interpolate the instants within one accepted step."""
@@ -188,21 +164,13 @@ def outputs_of(
     end at its outputs if the smallest det F of an interpolated state is below `KEPT` times that of
     the ends, or if the activation deviates by more than `STRAIGHT` from its straight line.
 
+    Raises InvertedElement, NotConverged, SingularSystem as `advance`.
+
     Parameters
     ----------
-    advance : callable
-    state : State
-        At the start of the interval.
-    interval : Interval
-    smallest_J : callable
-        Smallest det F (1) at positions (n_nodes, 3) [m].
-    astray : float
-        Largest distance of the activation from its straight line over the interval [1].
-
-    Raises
-    ------
-    InvertedElement, NotConverged, SingularSystem
-        As `advance`.
+    state : at the start of the interval.
+    smallest_J : smallest det F (1) at positions (n_nodes, 3) [m].
+    astray : largest distance of the activation from its straight line over the interval [1].
     """
     if not interval.inside:
         return [advance(state, interval.until, None)]

@@ -16,7 +16,7 @@ from sim.probes import Probe, SmallestJ
 from sim.restart import solver_memory, with_solver_memory
 from sim.snapping import snapped
 from sim.state import Array, Control, State, StepReport
-from sim.steps import FixedStep, StepControl, StepsThrough, Watch, united
+from sim.steps import FixedStep, Motion, StepControl, StepsThrough, Watch, united
 from sim.system import System
 from sim.threads import one_blas_thread
 
@@ -97,6 +97,7 @@ def simulate(
     plan = intervals(state.t, duration, longest, every, origin)
 
     control, fused = Driven(system, activation), None
+    motion = Motion(integrator, system, control, work)
     if (
         work.bodies is not None
         and isinstance(steps, StepsThrough)
@@ -105,7 +106,7 @@ def simulate(
     ):
         plan = joined(plan)
         ends = [interval.ends for interval in plan]
-        fused = steps.through(integrator, system, state, control, ends, work)
+        fused = steps.through(motion, state, ends)
     inside = ((activation.values >= 0.0) & (activation.values <= 1.0)).all(axis=1)
     system.control(activation.values[int(np.argmin(inside))])  # errors before the first step
     start = time.perf_counter()
@@ -117,7 +118,7 @@ def simulate(
     astray = 0.0 if state.v.any() else float(activation.at(state.t).max(initial=0.0))
 
     def advance(state: State, until: float, watch: Watch | None) -> tuple[State, StepReport]:
-        return steps.advance(integrator, system, state, control, until, work, watch)
+        return steps.advance(motion, state, until, watch)
 
     def smallest_J(q: Array) -> float:
         return system.smallest_J(q)[0]

@@ -7,11 +7,8 @@ from sim.state import Control, State
 from sim.system import System
 from sim.vectors import dot, norm
 
-STILL = 1e-7
-"""Displacement below which the test is not applied [m]."""
-
-ROUNDING = 1e-6
-"""Relative rounding error of the product of displacement and change of force."""
+STILL = 1e-7  #: displacement below which the test is not applied [m]
+ROUNDING = 1e-6  #: relative rounding error of the product of displacement and change of force
 
 
 def snapped(
@@ -30,13 +27,9 @@ def snapped(
 
     Parameters
     ----------
-    system : System
-    before, after : State
-        At q0 and q1.
-    control : Control
-        Of both forces.
-    bodies : BodiesAlone, optional
-        Evaluates the forces of a scene of rigid bodies in less time.
+    before, after : at q0 and q1.
+    control : of both forces.
+    bodies : evaluates the forces of a scene of rigid bodies in less time.
     """
     kinematics = system.kinematics
     d, change = (None, None) if bodies is None else bodies.change(before, after, control)

@@ -15,8 +15,7 @@ from sim.pattern import SymmetricPattern
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control, State
 
-MEMORY = "contact"
-"""Name of the memory in a state."""
+MEMORY = "contact"  #: name of the memory in a state
 
 ALLOWED, FORCE, PUSH, FRICTION, DIRECTION = 0, 1, slice(2, 5), slice(5, 8), slice(8, 11)
 """Columns of the memory: allowed depth [m], normal force, its vector, friction [N], normal."""
@@ -29,17 +28,10 @@ class CompiledContact:
 
     Parameters
     ----------
-    pairings : tuple of Pairing
-    frictions : tuple of float
-        Coulomb's coefficient of each.
-    reach : float
-        Of `ConstraintContact` [m].
-    tolerances : ContactTolerances
-    removal_speed : float
-        Speed at which initial penetrations are removed; 0 if they may remain [m/s].
-    edge_points : int
-        Of `ConstraintContact`.
-    layout : Layout
+    frictions : Coulomb's coefficient of each.
+    reach : of `ConstraintContact` [m].
+    removal_speed : speed at which initial penetrations are removed; 0 if they may remain [m/s].
+    edge_points : of `ConstraintContact`.
 
     Attributes
     ----------

@@ -15,30 +15,20 @@ from sim.state import Array
 SELF_DEPTH = 0.2
 """Fraction of the approach distance that may lie behind a face of the same surface."""
 
-SKIN = 2.0
-"""Skin of the lists of faces near vertices, relative to the approach distance."""
-
-BLUR = 0.2
-"""Fraction of the approach distance over which edges are rounded in the contact normals."""
-
-FELT = 1e-9
-"""Least weight of the free unknowns in a row."""
+SKIN = 2.0  #: skin of the lists of faces near vertices, relative to the approach distance
+BLUR = 0.2  #: fraction of the approach distance over which edges are rounded in the contact normals
+FELT = 1e-9  #: least weight of the free unknowns in a row
 
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """Geometry of a step, or of its part up to a trial.
+    """Geometry of a step, or of its part up to a trial."""
 
-    Attributes
-    ----------
-    q0, q : (n_nodes, 3) positions at the start, and current ones [m].
-    t0, t1 : float
-        Start and end of the step [s]; shells are at their positions at t0 if `q` is `q0`, otherwise
-        at t1.
-    """
-
+    #: (n_nodes, 3) positions at the start, and current ones [m]
     q0: Array
     q: Array
+    #: start and end of the step [s]; shells are at their positions at t0 if `q` is `q0`, otherwise at
+    #: t1
     t0: float
     t1: float
 
@@ -59,19 +49,14 @@ class Direction:
 
     Parameters
     ----------
-    pairing : int
-        Index of the pairing.
-    friction : float
-        Coulomb's coefficient.
+    pairing : index of the pairing.
+    friction : Coulomb's coefficient.
     vertices : (n, 2) nodes, or vertices of a shell, between which points that have rows are; a vertex is
         repeated.
     share : (n,) fractions of the way from the first to the second.
-    first_slot : int
-        Slot of the first vertex; the others follow.
-    own, faces : SignedFaces
-        Surface of the vertices, and opposite surface.
-    tolerances : ContactTolerances
-        Their length is the distance below which vertices have rows.
+    first_slot : slot of the first vertex; the others follow.
+    own, faces : surface of the vertices, and opposite surface.
+    tolerances : their length is the distance below which vertices have rows.
     free : (n_nodes, 3) True for the free unknowns of the scene.
 
     Attributes
@@ -147,7 +132,6 @@ class Direction:
 
         Parameters
         ----------
-        move : Move
         allowed : (n_slots,) depth that vertices may have [m]. At the start, the entries of vertices that
             have passed around a free edge are increased to their depth.
         way : (n_slots,) or None

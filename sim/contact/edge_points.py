@@ -7,8 +7,7 @@ from sim.contact.signed_distance import SignedFaces
 from sim.scene import Index
 from sim.state import Array
 
-SHARP = 0.7
-"""Cosine of the angle of the faces of an edge, below which it is sharp."""
+SHARP = 0.7  #: cosine of the angle of the faces of an edge, below which it is sharp
 
 
 def points_on_edges(faces: SignedFaces, X: Array, number: int) -> tuple[Index, Array]:
@@ -16,11 +15,9 @@ def points_on_edges(faces: SignedFaces, X: Array, number: int) -> tuple[Index, A
 
     Parameters
     ----------
-    faces : SignedFaces
-        Of a surface of the mesh.
+    faces : of a surface of the mesh.
     X : (n_nodes, 3) rest positions [m].
-    number : int
-        Points per edge.
+    number : points per edge.
     """
     triangles, across = faces.triangles, faces.across.ravel()
     ends, normal = sides_of(triangles), faces.normals(X)[0]

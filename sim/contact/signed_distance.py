@@ -27,10 +27,8 @@ class Recent(Generic[Result]):
 
     Parameters
     ----------
-    make : callable
-        Result for one or several arrays of positions.
-    size : int
-        Number of cached results.
+    make : result for one or several arrays of positions.
+    size : number of cached results.
     """
 
     def __init__(self, make: Callable[..., Result], size: int = 2) -> None:
@@ -54,34 +52,19 @@ Normals = tuple[Array, Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class Met:
-    """Features that points meet, grouped by point.
+    """Features that points meet, grouped by point."""
 
-    Attributes
-    ----------
-    point : (k,) indices of the points.
-    face : (k,) a triangle of the feature.
-    place : (k,) number of the feature: triangle, edge or vertex.
-    wall : (k,) True for further walls of a groove.
-    weight : (k, 3) barycentric weights of the closest point.
-    gap : (k,) distance along the normal, negative inside [m].
-    normal : (k, 3) outward unit vectors.
-    """
-
-    point: Index
-    face: Index
-    place: Index
-    wall: NDArray[np.bool_]
-    weight: Array
-    gap: Array
-    normal: Array
+    point: Index  #: (k,) indices of the points
+    face: Index  #: (k,) a triangle of the feature
+    place: Index  #: (k,) number of the feature: triangle, edge or vertex
+    wall: NDArray[np.bool_]  #: (k,) True for further walls of a groove
+    weight: Array  #: (k, 3) barycentric weights of the closest point
+    gap: Array  #: (k,) distance along the normal, negative inside [m]
+    normal: Array  #: (k, 3) outward unit vectors
 
 
 class SignedFaces:
     """Faces of a surface: closest faces, entered faces and signed distances.
-
-    Parameters
-    ----------
-    surface : NodeSurface or RigidShell
 
     Attributes
     ----------
@@ -179,16 +162,13 @@ class SignedFaces:
         points, radius, x, near, away
             As of `closest_faces`.
         may : (n,) depth that points may have, by which their radius is larger [m].
-        against : (n, 3)
-            Outward normals of the points, which are included in the mean normals of edges and vertices,
-            so that the forces between two edges are not diagonal.
-        blur : float
-            Distance from an edge or a vertex [m] below which the direction is the mean normal of
-            its faces, because that of the distance changes over a length equal to the distance; the
-            gap is then measured along it. Within it a further wall is met also by a point that is not
-            above its face.
-        deepest : float
-            Gap below which a feature is not met [m].
+        against : outward normals of the points, which are included in the mean normals of edges and
+            vertices, so that the forces between two edges are not diagonal.
+        blur : distance from an edge or a vertex [m] below which the direction is the mean normal of its
+            faces, because that of the distance changes over a length equal to the distance; the gap is
+            then measured along it. Within it a further wall is met also by a point that is not above
+            its face.
+        deepest : gap below which a feature is not met [m].
         """
         by_face, by_corner, flat = self._normals(x)
         start, listed = near.along(points, points, x, x, radius)
@@ -231,8 +211,7 @@ class SignedFaces:
         Parameters
         ----------
         points : (n, 3) [m]
-        found : Found
-            Of `closest_faces`.
+        found : of `closest_faces`.
         x : (m, 3) positions of the vertices of the triangles [m].
         """
         by_face, by_corner, flat = self._normals(x)

@@ -17,28 +17,19 @@ class Integrator(Protocol):
     ) -> tuple[State, StepReport]:
         """State at t + h for a control that is linear over the step, and the report.
 
-        Raises
-        ------
-        InvertedElement, NotConverged, SingularSystem
-            The step failed; the given state is untouched.
+        Raises InvertedElement, NotConverged, SingularSystem if the step failed; the given state is
+        untouched.
         """
         ...
 
 
 @runtime_checkable
 class TimeIntegrator(Integrator, Protocol):
-    """An integrator that approaches the motion with a declared order as h falls.
+    """An integrator that approaches the motion with a declared order as h falls."""
 
-    Attributes
-    ----------
-    order : int
-        The error of the positions at a given time falls with h to this power.
-    stability : str
-        "L-stable" (fast modes decay), "A-stable" (fast modes may oscillate) or "conditional" (the
-        step is bounded).
-    """
-
-    order: ClassVar[int]
+    order: ClassVar[int]  #: the error of the positions at a given time falls with h to this power
+    #: "L-stable" (fast modes decay), "A-stable" (fast modes may oscillate) or "conditional" (the step
+    #: is bounded)
     stability: ClassVar[str]
 
 

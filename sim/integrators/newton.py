@@ -19,20 +19,11 @@ MAX_HALVINGS = 40
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A trial configuration.
+    """A trial configuration."""
 
-    Attributes
-    ----------
-    d : (n_free,) displacement since the start of the step [m].
-    g : (n_free,) gradient of the potential, the residual force [N].
-    phi : float
-        Potential, up to a constant [J].
-    here : Evaluation
-    """
-
-    d: Array
-    g: Array
-    phi: float
+    d: Array  #: (n_free,) displacement since the start of the step [m]
+    g: Array  #: (n_free,) gradient of the potential, the residual force [N]
+    phi: float  #: potential, up to a constant [J]
     here: Evaluation
 
     @property
@@ -42,23 +33,15 @@ class Point:
 
 
 class Potential(Protocol):
-    """Interface of potentials minimised by the iteration.
+    """Interface of potentials minimised by the iteration."""
 
-    Attributes
-    ----------
-    scale : float
-        Factor of `matrix` on the second derivative.
-    shift : (n_free,) positive diagonal, multiples of which make the matrix positive definite.
-    patience : int
-        Number of iterations after which a factor may be renewed because of slow convergence.
-    haste : float
-        Factor on `Tolerances.keep_factor` in the criterion of slow convergence, smaller if an
-        iteration is expensive.
-    """
-
-    scale: float
+    scale: float  #: factor of `matrix` on the second derivative
+    #: (n_free,) positive diagonal, multiples of which make the matrix positive definite
     shift: Array
+    #: number of iterations after which a factor may be renewed because of slow convergence
     patience: int
+    #: factor on `Tolerances.keep_factor` in the criterion of slow convergence, smaller if an iteration
+    #: is expensive
     haste: float
 
     def point(self, d: Array) -> Point:
@@ -203,26 +186,15 @@ def minimise(
 ) -> tuple[Point, Iteration]:
     """Minimum of a potential from a feasible start.
 
+    Raises NotConverged if the tolerances were not met, no step length lowers the potential, or its
+    matrix cannot be shifted to be definite; SingularSystem if the matrix could not be factorised.
+
     Parameters
     ----------
-    potential : Potential
-    point : Point
-        Start, with det F > 0.
-    work : Workspace
-        Contains the factor; one with the same key is reused.
-    key : (str, float)
-        Integrator and step of the factor.
-    tolerances : Tolerances
-    until : float
-        End of the step, for messages [s].
-
-    Raises
-    ------
-    NotConverged
-        The tolerances were not met, no step length lowers the potential, or its matrix cannot be
-        shifted to be definite.
-    SingularSystem
-        The matrix could not be factorised.
+    point : start, with det F > 0.
+    work : contains the factor; one with the same key is reused.
+    key : integrator and step of the factor.
+    until : end of the step, for messages [s].
     """
     factorisations = shifts = age = 0
 

@@ -34,12 +34,8 @@ class _Linearised:
     ) -> tuple[State, StepReport]:
         """Advance by h.
 
-        Raises
-        ------
-        InvertedElement
-            det F <= 0 somewhere at the start or at the end of the step.
-        SingularSystem
-            The matrix could not be factorised.
+        Raises InvertedElement if det F <= 0 somewhere at the start or at the end of the step;
+        SingularSystem if the matrix could not be factorised.
         """
         if work.bodies is not None:
             passed = work.bodies.advance(state, control, (state.t + h,), self.theta)

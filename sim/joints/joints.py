@@ -17,21 +17,14 @@ _PAIRS = ((1, 2), (0, 2), (0, 1))
 
 @dataclass(frozen=True, eq=False)
 class _Located:
-    """Two bodies with frames that coincide at rest.
-
-    Attributes
-    ----------
-    name : str
-    a, b : str or None
-        Bodies; None is space.
-    origin : (3,) of the joint at rest [m].
-    axis : (3,) third axis of the joint: the axis of rotation or translation, or the normal.
-    """
+    """Two bodies with frames that coincide at rest."""
 
     name: str
+    #: bodies; None is space
     a: str | None
     b: str | None
-    origin: tuple[float, float, float] | Array
+    origin: tuple[float, float, float] | Array  #: (3,) of the joint at rest [m]
+    #: (3,) third axis of the joint: the axis of rotation or translation, or the normal
     axis: tuple[float, float, float] | Array = (0.0, 0.0, 1.0)
 
     def _row(self, direction: str, **more: Any) -> Row:

@@ -1,6 +1,6 @@
 """Step controls: they divide an interval into steps, and repeat rejected ones."""
 
-from sim.steps.contract import StepControl, StepsThrough, Watch, united
+from sim.steps.contract import Motion, StepControl, StepsThrough, Watch, united
 from sim.steps.error_controlled import ErrorControlledStep
 from sim.steps.fixed import FixedStep
 from sim.steps.halving import HalvingStep
@@ -13,6 +13,7 @@ __all__ = [
     "ErrorControlledStep",
     "FixedStep",
     "HalvingStep",
+    "Motion",
     "StepControl",
     "StepsThrough",
     "Watch",

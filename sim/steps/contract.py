@@ -1,12 +1,13 @@
 """Interface of step controls, and shared functions."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from sim.errors import InvertedElement, NotConverged, SceneError, SingularSystem
-from sim.integrators.contract import Integrator, RunsSteps
+from sim.integrators.contract import Integrator
 from sim.integrators.workspace import Workspace
 from sim.state import Array, ControlAt, State, StepReport
 from sim.system import System
@@ -15,6 +16,20 @@ FAILURES = (InvertedElement, NotConverged, SingularSystem)
 """Failures of a step that a smaller step may avoid."""
 Watch = Callable[[State, State], None]
 """Observer of the states before and after every accepted step."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A system, the control that drives it, and the method that moves it."""
+
+    integrator: Integrator
+    system: System
+    control: ControlAt
+    work: Workspace
+
+    def step(self, state: State, h: float) -> tuple[State, StepReport]:
+        """One step of length h [s]."""
+        return self.integrator.step(self.system, state, self.control, h, self.work)
 
 
 class StepControl(Protocol):
@@ -26,14 +41,7 @@ class StepControl(Protocol):
         ...
 
     def advance(
-        self,
-        integrator: Integrator,
-        system: System,
-        state: State,
-        control: ControlAt,
-        until: float,
-        work: Workspace,
-        watch: Watch | None = None,
+        self, motion: Motion, state: State, until: float, watch: Watch | None = None
     ) -> tuple[State, StepReport]:
         """State at the time `until`, with one report for the interval."""
         ...
@@ -44,13 +52,7 @@ class StepsThrough(StepControl, Protocol):
     """Step control whose step times are known in advance."""
 
     def through(
-        self,
-        integrator: RunsSteps,
-        system: System,
-        state: State,
-        control: ControlAt,
-        groups: Sequence[Sequence[float]],
-        work: Workspace,
+        self, motion: Motion, state: State, groups: Sequence[Sequence[float]]
     ) -> Iterator[tuple[State, StepReport]]:
         """States after each group of steps that end at the given times [s], with one report each."""
         ...

@@ -5,12 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.errors import SceneError, ToleranceMissed
-from sim.integrators.contract import Integrator, TimeIntegrator
-from sim.integrators.workspace import Workspace
+from sim.integrators.contract import TimeIntegrator
 from sim.scene import Index
-from sim.state import Array, ControlAt, State, StepReport
-from sim.steps.contract import FAILURES, Watch, require_positive, united
-from sim.system import System
+from sim.state import Array, State, StepReport
+from sim.steps.contract import FAILURES, Motion, Watch, require_positive, united
 
 MEMORY = "steps"
 """Name in the memory of a state of (halvings of the next step, accumulated error [m])."""
@@ -68,14 +66,7 @@ class ErrorControlledStep:
                 raise SceneError(f"{name} = {getattr(self, name)!r}, expected a number > 0")
 
     def advance(
-        self,
-        integrator: Integrator,
-        system: System,
-        state: State,
-        control: ControlAt,
-        until: float,
-        work: Workspace,
-        watch: Watch | None = None,
+        self, motion: Motion, state: State, until: float, watch: Watch | None = None
     ) -> tuple[State, StepReport]:
         """Cover the interval, starting with the last step size of the previous interval.
 
@@ -88,9 +79,10 @@ class ErrorControlledStep:
         SceneError
             The integrator has no order in time, such as `Static`.
         """
-        if not isinstance(integrator, TimeIntegrator):
+        method = motion.integrator
+        if not isinstance(method, TimeIntegrator):
             raise SceneError(
-                f"{type(integrator).__name__} has no order in time, expected an integrator of motion"
+                f"{type(method).__name__} has no order in time, expected an integrator of motion"
             )
         start, total = state.t, until - state.t
         finest = 1 << self.max_halvings
@@ -98,7 +90,7 @@ class ErrorControlledStep:
         done, level = 0, min(int(level), self.max_halvings)
         reports: list[StepReport] = []
         rejected, before = 0, np.inf  # the estimate of the attempt before, of twice the step
-        gain = 2.0**integrator.order  # of the accuracy, by halving a step
+        gain = 2.0**method.order  # of the accuracy, by halving a step
         while done < finest:
             size = finest >> level
             last = done + size == finest
@@ -108,11 +100,9 @@ class ErrorControlledStep:
             allowed = share * (self.tolerance - kept)
             new, report, error = state, None, np.inf
             try:
-                new, report, error = self._attempt(integrator, system, state, control, h, work)
+                new, report, error = self._attempt(motion, state, h, gain)
                 if error > allowed and error > before / gain:
-                    new, report, error = self._halves(
-                        integrator, system, state, control, h, work, new
-                    )
+                    new, report, error = self._halves(motion, state, h, gain, new)
                     before = np.inf
                 else:
                     before = error
@@ -139,33 +129,20 @@ class ErrorControlledStep:
         return state, united(reports, rejected)
 
     def _attempt(
-        self,
-        integrator: TimeIntegrator,
-        system: System,
-        state: State,
-        control: ControlAt,
-        h: float,
-        work: Workspace,
+        self, motion: Motion, state: State, h: float, gain: float
     ) -> tuple[State, StepReport, float]:
-        new, report = integrator.step(system, state, control, h, work)
+        new, report = motion.step(state, h)
         if report.local_error is not None:
             return new, report, self._largest(report.local_error)
-        return self._halves(integrator, system, state, control, h, work, new)
+        return self._halves(motion, state, h, gain, new)
 
     def _halves(
-        self,
-        integrator: TimeIntegrator,
-        system: System,
-        state: State,
-        control: ControlAt,
-        h: float,
-        work: Workspace,
-        new: State,
+        self, motion: Motion, state: State, h: float, gain: float, new: State
     ) -> tuple[State, StepReport, float]:
         """Step in two halves, with its error from the difference to the whole step."""
-        middle, first = integrator.step(system, state, control, 0.5 * h, work)
-        better, second = integrator.step(system, middle, control, state.t + h - middle.t, work)
-        error = (new.q - better.q) / (2.0**integrator.order - 1.0)
+        middle, first = motion.step(state, 0.5 * h)
+        better, second = motion.step(middle, state.t + h - middle.t)
+        error = (new.q - better.q) / (gain - 1.0)
         report = replace(united([first, second], 0), local_error=error)
         return better, report, self._largest(error)
 

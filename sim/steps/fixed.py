@@ -3,11 +3,9 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from sim.integrators.contract import Integrator, RunsSteps
-from sim.integrators.workspace import Workspace
-from sim.state import ControlAt, State, StepReport
-from sim.steps.contract import Watch, require_positive, united
-from sim.system import System
+from sim.integrators.contract import RunsSteps
+from sim.state import State, StepReport
+from sim.steps.contract import Motion, Watch, require_positive, united
 
 
 @dataclass(frozen=True)
@@ -26,30 +24,21 @@ class FixedStep:
         require_positive(self.h)
 
     def through(
-        self,
-        integrator: RunsSteps,
-        system: System,
-        state: State,
-        control: ControlAt,
-        groups: Sequence[Sequence[float]],
-        work: Workspace,
+        self, motion: Motion, state: State, groups: Sequence[Sequence[float]]
     ) -> Iterator[tuple[State, StepReport]]:
         """States after each group of steps that end at the given times [s], with one report each."""
-        for passed, reports in integrator.run(system, state, control, groups, work):
+        method = motion.integrator
+        assert isinstance(method, RunsSteps)
+        for passed, reports in method.run(
+            motion.system, state, motion.control, groups, motion.work
+        ):
             yield passed, united(reports, 0)
 
     def advance(
-        self,
-        integrator: Integrator,
-        system: System,
-        state: State,
-        control: ControlAt,
-        until: float,
-        work: Workspace,
-        watch: Watch | None = None,
+        self, motion: Motion, state: State, until: float, watch: Watch | None = None
     ) -> tuple[State, StepReport]:
         """Advance by one step."""
-        new, report = integrator.step(system, state, control, until - state.t, work)
+        new, report = motion.step(state, until - state.t)
         if watch is not None:
             watch(state, new)
         return new, report

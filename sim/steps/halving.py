@@ -2,11 +2,8 @@
 
 from dataclasses import dataclass
 
-from sim.integrators.contract import Integrator
-from sim.integrators.workspace import Workspace
-from sim.state import ControlAt, State, StepReport
-from sim.steps.contract import FAILURES, Watch, require_positive, united
-from sim.system import System
+from sim.state import State, StepReport
+from sim.steps.contract import FAILURES, Motion, Watch, require_positive, united
 
 
 @dataclass(frozen=True)
@@ -28,14 +25,7 @@ class HalvingStep:
         require_positive(self.h)
 
     def advance(
-        self,
-        integrator: Integrator,
-        system: System,
-        state: State,
-        control: ControlAt,
-        until: float,
-        work: Workspace,
-        watch: Watch | None = None,
+        self, motion: Motion, state: State, until: float, watch: Watch | None = None
     ) -> tuple[State, StepReport]:
         """Advance over the interval; failure halves the step, two successful steps double it."""
         start, total = state.t, until - state.t
@@ -47,7 +37,7 @@ class HalvingStep:
             size = finest >> level
             t1 = until if done + size == finest else start + total * (done + size) / finest
             try:
-                new, report = integrator.step(system, state, control, t1 - state.t, work)
+                new, report = motion.step(state, t1 - state.t)
             except FAILURES:
                 if level == self.max_halvings:
                     raise

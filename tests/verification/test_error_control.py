@@ -7,6 +7,7 @@ import pytest
 
 import sim
 from sim.integrators.stage import Converged
+from sim.steps import Motion
 from tests.bodies import crossed_muscles, grid, solid_system
 from tests.contact.scenes import box
 
@@ -160,12 +161,11 @@ def test_a_rejected_step_changes_nothing():
 
     system, exact = block(), {"tolerance": 1e-12, "residual_tolerance": 1e-10}
     control = system.control(np.array([0.4, 0.1]))
-    state, work, rejected = system.rest_state(), sim.Workspace(system), 0
+    state, rejected = system.rest_state(), 0
+    driven = Motion(Faltering(**exact), system, control, sim.Workspace(system))
     for i in range(1, 6):
         before = state.q.copy(), state.v.copy()
-        new, report = sim.HalvingStep(0.01).advance(
-            Faltering(**exact), system, state, control, i * 0.01, work
-        )
+        new, report = sim.HalvingStep(0.01).advance(driven, state, i * 0.01)
         np.testing.assert_array_equal(state.q, before[0])
         np.testing.assert_array_equal(state.v, before[1])
         state, rejected = new, rejected + report.rejected
