@@ -62,7 +62,7 @@ def minimise_constrained(
     for iteration in range(1, tolerances.max_iterations + 1):
         with work.timed("tangent"):
             A = _lagrangian_matrix(potential, point.d, multiplier)
-        error = DIRECTION_ERROR * tolerances.position
+        error = DIRECTION_ERROR * tolerances.tolerance
         step, multiplier, made, more = _newton_step(potential, A, slopes, point, c, error, work)
         factorisations, shifts = factorisations + made, shifts + more
         rho = max(rho, 1.5 * float(np.abs(multiplier).max()))
@@ -78,7 +78,7 @@ def minimise_constrained(
         violation = float((np.abs(c) / np.where(size > 0.0, size, 1.0)).max())
         moved = length * float(np.abs(step).max())
         left, last = error_left(moved, last), moved
-        if tolerances.met(left, residuals[-1]) and violation <= tolerances.position:
+        if tolerances.met(left, residuals[-1]) and violation <= tolerances.tolerance:
             work.constraints.multipliers = multiplier
             went = Iteration(iteration, factorisations, residuals[-1], left, shortest, shifts)
             return point, went

@@ -99,7 +99,7 @@ def minimise_joined(
             moved, shortest = length * float(np.abs(move).max()), min(shortest, length or 1.0)
             left, last = error_left(moved, last), moved
             point, now = end, after
-            shut = float(now.broken.max(initial=0.0)) <= tolerances.position
+            shut = float(now.broken.max(initial=0.0)) <= tolerances.tolerance
             if shut and tolerances.met(left, residuals[-1]):
                 potential.reaction, potential.held = f, partial(solver.held, now, f)
                 went = Iteration(iteration, factorisations, residuals[-1], left, shortest, shifts)

@@ -93,16 +93,17 @@ class BySecants:
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Tolerances of the iteration, and criteria for a new factor; see `Iterative`."""
+    """Tolerances of the iteration, and criteria for a new factor."""
 
-    position: float
-    residual: float
-    max_iterations: int
-    keep_factor: float
+    tolerance: float = 1e-6  #: largest estimated remaining error of a nodal position [m]
+    residual_tolerance: float = 2e-5  #: largest nodal residual force [N]
+    max_iterations: int = 80
+    #: the factor is renewed if an iteration reduces the residual by a smaller factor
+    keep_factor: float = 0.6
 
     def met(self, left: float, residual: float) -> bool:
         """Test if an estimated error of the positions and a residual are below their tolerances."""
-        return left <= self.position and residual <= self.residual
+        return left <= self.tolerance and residual <= self.residual_tolerance
 
 
 def error_left(moved: float, last: float) -> float:
@@ -212,7 +213,7 @@ def minimise(
     def account(iteration: int, left: float) -> Iteration:
         return Iteration(iteration, factorisations, point.residual, left, shortest, shifts)
 
-    negligible = tolerances.position * tolerances.residual
+    negligible = tolerances.tolerance * tolerances.residual_tolerance
     residuals, last, shortest = [point.residual], np.inf, 1.0
     made_here, ahead = not work.newton.belongs_to(key), None
     if made_here:
@@ -242,7 +243,7 @@ def minimise(
             left, last = error_left(length * size, last), length * size
             if tolerances.met(left, point.residual):
                 return point, account(iteration, left)
-            if length == 1.0 and point.residual <= tolerances.residual:
+            if length == 1.0 and point.residual <= tolerances.residual_tolerance:
                 # The next direction, which is required in any case, is a sharper estimate.
                 ahead = potential.direction(point, work)
                 left = next_error(float(np.abs(ahead[1]).max()), size)

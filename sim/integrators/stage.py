@@ -28,19 +28,13 @@ from sim.system import System
 
 
 @dataclass(frozen=True)
-class Iterative:
+class Iterative(Tolerances):
     """Newton's method to a tolerance, on a potential.
 
     The line search requires det F > 0 at every Gauss point and a decrease of the potential. A
     factor is reused, with quasi-Newton updates, over many steps as long as the iteration converges;
     a matrix that is not positive definite is shifted.
     """
-
-    tolerance: float = 1e-6  #: largest estimated remaining error of a nodal position [m]
-    residual_tolerance: float = 2e-5  #: largest nodal residual force [N]
-    max_iterations: int = 80
-    #: the factor is renewed if an iteration reduces the residual by a smaller factor
-    keep_factor: float = 0.6
 
     def _minimiser(
         self, system: System, work: Workspace, s: float, until: float
@@ -50,19 +44,15 @@ class Iterative:
         Factors belong to this integrator and s, its implicit part of a step [s].
         """
         require_fixed_contact(system, type(self).__name__)
-        tolerances = Tolerances(
-            self.tolerance, self.residual_tolerance, self.max_iterations, self.keep_factor
-        )
-
         key = type(self).__name__, s
 
         def settle(potential: Placed, point: Point) -> tuple[Point, Iteration]:
             if system.rows is not None:
                 assert isinstance(potential, PotentialOfMoves)  # without contact
-                return minimise_joined(potential, point, work, key, tolerances, until)
+                return minimise_joined(potential, point, work, key, self, until)
             if system.constraints is None:
-                return minimise(potential, point, work, key, tolerances, until)
-            return minimise_constrained(potential, point, work, tolerances, until)
+                return minimise(potential, point, work, key, self, until)
+            return minimise_constrained(potential, point, work, self, until)
 
         return settle
 
@@ -92,7 +82,7 @@ class Solved:
 class Converged(Iterative):
     """Implicit stages solved to a tolerance: Newton on the incremental potential.
 
-    Attributes: as `Iterative`.
+    Attributes: as `Tolerances`.
     """
 
     def _solve(

@@ -25,7 +25,7 @@ class Static(Iterative):
 
     Time has no effect except through the control: a load is applied in steps by an activation that
     increases with time, and `HalvingStep` divides steps that are too large. Velocities are zero.
-    Attributes: as `Iterative`, with separate tolerances.
+    Attributes: as `Tolerances`, with separate tolerances.
 
     Notes
     -----
