@@ -17,7 +17,7 @@ class ConvergedEuler(Converged):
 
     phi(q) = 1/(2 h^2) |q - q0 - h v0|^2_M + E(q) + 1/(2 h) (q - q0)' D0 (q - q0),
 
-    with D0 the damping matrix at the start of the step. Attributes: as `Converged`.
+    with D0 the damping matrix at the start of the step. Attributes: as `Tolerances`.
 
     Notes
     -----

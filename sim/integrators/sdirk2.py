@@ -37,7 +37,7 @@ class Sdirk2(Converged):
 
     The second stage starts from the base y0 + (1 - gamma) h k1, with k1 = (y1 - y0)/(gamma h) the slope
     of the first stage; its result is that of the step. Both share one factor. D is evaluated at the
-    predicted middle of the step. Attributes: as `Converged`.
+    predicted middle of the step. Attributes: as `Tolerances`.
 
     Notes
     -----

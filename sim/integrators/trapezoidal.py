@@ -23,7 +23,7 @@ class Trapezoidal(Converged):
     """q1 = q0 + h/2 (v0 + v1), M (v1 - v0) = h/2 (f0 + f1), with f = f(q, a) - D v.
 
     One implicit stage of length h/2 from the base q0 + h/2 v0, v0 + h/2 M^-1 f0; D is that at the
-    predicted middle of the step. Attributes: as `Converged`.
+    predicted middle of the step. Attributes: as `Tolerances`.
 
     Notes
     -----
