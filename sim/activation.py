@@ -24,19 +24,14 @@ CORNER = 1e-9
 class Activation:
     """Activation of all muscles over time: linear between samples, constant before and after them.
 
-    Attributes
-    ----------
-    time : (n,) ascending [s].
-    values : (n, n_muscles) in 0-1.
-
     Raises
     ------
     ControlError
         Shapes disagree or times do not ascend.
     """
 
-    time: Array
-    values: Array
+    time: Array  #: (n,) ascending [s]
+    values: Array  #: (n, n_muscles) in 0-1
 
     def __post_init__(self) -> None:
         if self.values.ndim != 2 or len(self.values) != len(self.time) or len(self.time) == 0:

@@ -15,25 +15,14 @@ Motion = Callable[[float], tuple[ArrayLike, ArrayLike]]
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid body. Its axes at rest are those of space, with the quaternion (1, 0, 0, 0).
-
-    Attributes
-    ----------
-    name : str
-    mass : float
-        Mass [kg]; 0 for a body that is fixed or follows a prescribed motion.
-    inertia : (3, 3)
-        About the centre of mass, in the axes of space at rest [kg m^2], positive definite.
-    centre : (3,)
-        Centre of mass at rest [m].
-    damping : (2,) of float
-        Damping of the translation [kg/s] and of the rotation [kg m^2/s] relative to space.
-    """
+    """A rigid body. Its axes at rest are those of space, with the quaternion (1, 0, 0, 0)."""
 
     name: str
-    mass: float = 0.0
+    mass: float = 0.0  #: mass [kg]; 0 for a body that is fixed or follows a prescribed motion
+    #: about the centre of mass, in the axes of space at rest [kg m^2], positive definite
     inertia: Array | None = None
-    centre: tuple[float, float, float] | Array = (0.0, 0.0, 0.0)
+    centre: tuple[float, float, float] | Array = (0.0, 0.0, 0.0)  #: (3,) centre of mass at rest [m]
+    #: (2,) damping of the translation [kg/s] and of the rotation [kg m^2/s] relative to space
     damping: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:

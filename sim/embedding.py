@@ -15,17 +15,11 @@ INSIDE = 1e-9  #: tolerance for negative shape functions [1]
 
 @dataclass(frozen=True, eq=False)
 class Embedding:
-    """Embedded points x = sum_a weights_a x_a, which move with the mesh.
+    """Embedded points x = sum_a weights_a x_a, which move with the mesh."""
 
-    Attributes
-    ----------
-    element : (n,) element of each point.
-    nodes : (n, 8) its nodes; an element with fewer nodes repeats its first.
-    weights : (n, 8) shape functions at the point [1], zero for repeated nodes; their sum is 1.
-    """
-
-    element: Index
-    nodes: Index
+    element: Index  #: (n,) element of each point
+    nodes: Index  #: (n, 8) its nodes; an element with fewer nodes repeats its first
+    #: (n, 8) shape functions at the point [1], zero for repeated nodes; their sum is 1
     weights: Array
 
 

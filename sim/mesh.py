@@ -42,14 +42,6 @@ class Mesh(Described):
 
     Elements are numbered through the blocks in their order.
 
-    Attributes
-    ----------
-    X : (n_nodes, 3) rest positions [m].
-    blocks : tuple of Block
-    n_points : int
-        Number of nodes at the end that belong to no element, such as points of bodies and ends of
-        muscles.
-
     Raises
     ------
     MeshError
@@ -57,8 +49,10 @@ class Mesh(Described):
         volume at a quadrature point, or a node belongs to no element.
     """
 
-    X: Array
+    X: Array  #: (n_nodes, 3) rest positions [m]
     blocks: tuple[Block, ...]
+    #: number of nodes at the end that belong to no element, such as points of bodies and ends of
+    #: muscles
     n_points: int = 0
 
     def __post_init__(self) -> None:

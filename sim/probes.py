@@ -48,16 +48,10 @@ def _over_markers(name: str, markers: tuple[str, ...]) -> tuple[Variable, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Markers:
-    """Positions of named nodes, (marker, axis) [m].
+    """Positions of named nodes, (marker, axis) [m]."""
 
-    Attributes
-    ----------
-    nodes : (n_markers,) node indices.
-    names : marker names.
-    """
-
-    nodes: Index
-    names: tuple[str, ...]
+    nodes: Index  #: (n_markers,) node indices
+    names: tuple[str, ...]  #: marker names
 
     def variables(self) -> tuple[Variable, ...]:
         """One variable ``position``."""
@@ -77,21 +71,14 @@ class Opening:
     e . (x_upper - x_lower) with the unit vector e, negative if the upper node is below the lower
     one. The direction is fixed in space, because a distance has no sign, the direction between the
     nodes is reversed if one slides in front of the other, and normals rotate as lips roll.
-
-    Attributes
-    ----------
-    upper, lower : int
-        Node indices.
-    direction : tuple of float
-        From the lower to the upper node, of any length above zero.
-    name : str
-        Name of the variable.
     """
 
+    #: node indices
     upper: int
     lower: int
+    #: from the lower to the upper node, of any length above zero
     direction: tuple[float, float, float]
-    name: str = "lip_opening"
+    name: str = "lip_opening"  #: name of the variable
 
     def __post_init__(self) -> None:
         if len(self.direction) != 3 or not 0.0 < math.hypot(*self.direction) < math.inf:
@@ -131,15 +118,10 @@ class StepErrors:
     """Estimated error of each step at named nodes, (marker, axis) [m], and iteration tolerance [m].
 
     The error is NaN if the integrator has no estimate; the tolerance is 0 if it does not iterate.
-
-    Attributes
-    ----------
-    nodes : (n_markers,) node indices.
-    names : marker names.
     """
 
-    nodes: Index
-    names: tuple[str, ...]
+    nodes: Index  #: (n_markers,) node indices
+    names: tuple[str, ...]  #: marker names
 
     def variables(self) -> tuple[Variable, ...]:
         """Variables ``step_error`` and ``iteration_error``."""
@@ -176,15 +158,9 @@ class Energies:
 
 @dataclass(frozen=True)
 class Frames:
-    """Centres [m] and quaternions of all bodies.
+    """Centres [m] and quaternions of all bodies."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Bodies in the order of the scene.
-    """
-
-    names: tuple[str, ...]
+    names: tuple[str, ...]  #: bodies in the order of the scene
 
     def variables(self) -> tuple[Variable, ...]:
         """Variables ``body_position`` and ``body_quaternion``."""
@@ -208,18 +184,13 @@ class Reactions:
     they are those of the motion at the output (NaN with limits and compliant joints). The moment is
     about the place of the joint on b; the opposite force and moment act on body a.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Joints in the order of the scene.
-
     Raises
     ------
     SceneError
         On recording: the scene has no or other joints.
     """
 
-    names: tuple[str, ...]
+    names: tuple[str, ...]  #: joints in the order of the scene
 
     def variables(self) -> tuple[Variable, ...]:
         """Variables ``joint_force`` and ``joint_moment``."""
@@ -285,17 +256,13 @@ class Contacts:
     The gap is negative if a vertex is deeper than its allowed initial depth, and NaN if no surfaces
     are close. The force is the sum of the absolute normal forces.
 
-    Attributes
-    ----------
-    pairings : tuple of str, optional
-        Names of the pairings of the scene in their order, as coordinates.
-
     Raises
     ------
     SceneError
         On recording: the scene has no contact.
     """
 
+    #: names of the pairings of the scene in their order, as coordinates
     pairings: tuple[str, ...] | None = None
 
     def variables(self) -> tuple[Variable, ...]:

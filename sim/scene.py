@@ -287,30 +287,18 @@ class Constraint(Protocol):
 
 @dataclass(frozen=True, repr=False)
 class Scene(Described):
-    """Scene to be simulated.
+    """Scene to be simulated."""
 
-    Attributes
-    ----------
-    mesh : Mesh
-        Tissue; `NO_TISSUE` for a scene without tissue.
-    terms : tuple of Term
-    reductions : tuple of Member
-        Nodes and bodies that are fixed, attached, or have a prescribed motion.
-    damping : Damping or None
-    constraints : tuple of Constraint
-    bodies : tuple of Body
-    points : (k, 3) rest positions of points without mass [m], such as ends of muscles. Their numbers
-        follow those of the nodes of the mesh and precede those of the centres of bodies; each belongs
-        to a member.
-    joints : tuple of Joint
-    """
-
-    mesh: Mesh
+    mesh: Mesh  #: tissue; `NO_TISSUE` for a scene without tissue
     terms: tuple[Term, ...]
+    #: nodes and bodies that are fixed, attached, or have a prescribed motion
     reductions: tuple[Member, ...] = ()
     damping: Damping | None = None
     constraints: tuple[Constraint, ...] = ()
     bodies: tuple[Body, ...] = ()
+    #: (k, 3) rest positions of points without mass [m], such as ends of muscles. Their numbers follow
+    #: those of the nodes of the mesh and precede those of the centres of bodies; each belongs to a
+    #: member
     points: Array = field(default_factory=lambda: np.empty((0, 3)))
     joints: tuple[Joint, ...] = ()
 

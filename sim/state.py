@@ -33,22 +33,17 @@ class State:
 
     Attributes
     ----------
-    t : float
-        Time [s].
-    q : (n_points, 3) positions of nodes and of points on bodies [m].
-    v : (n_points, 3) their velocities [m/s].
-    memory : mapping of str to array
-        History variables by term; a term without an entry has always been at q.
-    frames : (n_bodies, 7) centre of mass [m] and unit quaternion (scalar first) of every body.
-    twists : (n_bodies, 6) velocity of the centre of mass [m/s] and angular velocity [rad/s], in
     space.
     """
 
-    t: float
-    q: Array
-    v: Array
+    t: float  #: time [s]
+    q: Array  #: (n_points, 3) positions of nodes and of points on bodies [m]
+    v: Array  #: (n_points, 3) their velocities [m/s]
+    #: history variables by term; a term without an entry has always been at q
     memory: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    #: (n_bodies, 7) centre of mass [m] and unit quaternion (scalar first) of every body
     frames: Array = field(default_factory=_no_frames)
+    #: (n_bodies, 6) velocity of the centre of mass [m/s] and angular velocity [rad/s], in
     twists: Array = field(default_factory=_no_twists)
 
     @property
@@ -61,19 +56,13 @@ class State:
 class Control:
     """External inputs of the scene at one instant.
 
-    Attributes
-    ----------
-    activation : (n_muscles,) in 0-1, in the order of `System.muscles`.
-    t : float
-        Time of the inputs [s], for prescribed motions (shells of a contact).
-
     Notes
     -----
     A Control is also a `ControlAt`, with this activation at all times.
     """
 
-    activation: Array
-    t: float = 0.0
+    activation: Array  #: (n_muscles,) in 0-1, in the order of `System.muscles`
+    t: float = 0.0  #: time of the inputs [s], for prescribed motions (shells of a contact)
 
     def __call__(self, t: float) -> "Control":
         """Return the control at time t [s], with the same activation."""
@@ -94,17 +83,12 @@ class Control:
 
 @dataclass(frozen=True)
 class Line:
-    """Linear activation over one step; c = (time - t)/h.
+    """Linear activation over one step; c = (time - t)/h."""
 
-    Attributes
-    ----------
-    mean, rise : (n_muscles,) of mean + rise (c - 1/2).
-    t, h : float
-        Start and length of the step [s].
-    """
-
+    #: (n_muscles,) of mean + rise (c - 1/2)
     mean: Array
     rise: Array
+    #: start and length of the step [s]
     t: float
     h: float
 
@@ -152,48 +136,24 @@ class Evaluation:
 
 @dataclass(frozen=True)
 class StepReport:
-    """Report of one accepted step.
+    """Report of one accepted step."""
 
-    Attributes
-    ----------
-    h : float
-        Step [s]; the smallest one if the interval was divided.
-    steps : int
-        Number of steps in the interval.
-    rejected : int
-        Number of rejected attempts.
-    iterations, factorisations : int
-        Numbers of linear solutions and numerical factorisations.
-    residual : float
-        Largest nodal residual force at the end [N]; NaN for a method that does not iterate.
-    increment : float
-        Estimated iteration error of the largest nodal position [m], summed over the steps of an
-        interval; NaN for a method that does not iterate.
-    smallest_J : float
-        Smallest det F at the end.
-    line_search : float
-        Smallest accepted fraction of a Newton step.
-    shifts : int
-        Number of shifts that made the matrix positive definite.
-    indefinite : int
-        Number of steps solved with a matrix that is not positive definite.
-    local_error : (n_nodes, 3) or None
-        Estimated local error of the positions [m]; None if the method has no estimate.
-    error : float
-        Sum of the estimated errors at the watched nodes over the interval [m]; NaN without error
-        control.
-    """
-
-    h: float
-    smallest_J: float
-    steps: int = 1
-    rejected: int = 0
+    h: float  #: step [s]; the smallest one if the interval was divided
+    smallest_J: float  #: smallest det F at the end
+    steps: int = 1  #: number of steps in the interval
+    rejected: int = 0  #: number of rejected attempts
+    #: numbers of linear solutions and numerical factorisations
     iterations: int = 1
     factorisations: int = 1
+    #: largest nodal residual force at the end [N]; NaN for a method that does not iterate
     residual: float = float("nan")
+    #: estimated iteration error of the largest nodal position [m], summed over the steps of an
+    #: interval; NaN for a method that does not iterate
     increment: float = float("nan")
-    line_search: float = 1.0
-    shifts: int = 0
-    indefinite: int = 0
+    line_search: float = 1.0  #: smallest accepted fraction of a Newton step
+    shifts: int = 0  #: number of shifts that made the matrix positive definite
+    indefinite: int = 0  #: number of steps solved with a matrix that is not positive definite
+    #: estimated local error of the positions [m]; None if the method has no estimate
     local_error: Array | None = field(default=None, compare=False, repr=False)
+    #: sum of the estimated errors at the watched nodes over the interval [m]; NaN without error control
     error: float = float("nan")

@@ -36,43 +36,22 @@ from sim.state import Array, Control, Evaluation, Pose, State
 
 @dataclass(frozen=True, eq=False, repr=False)
 class System(Described):
-    """Compiled scene.
-
-    Attributes
-    ----------
-    scene : Scene
-    mesh : Mesh
-        That of the scene with its points.
-    node_mass : (n_points,) [kg]
-    point_pattern : SymmetricPattern
-        Sparsity of the tangents that terms add to, over the components of points that move.
-    kinematics : Kinematics
-        Maps between points and independent velocities.
-    terms : compiled terms
-    muscles : names, the order of every activation
-    constraints : Constraints or None
-        All conditions of the scene on its free unknowns.
-    rows : Rows or None
-        Those of all joints.
-    sparse : System or None
-        The same mechanics with a part of the tangents as products, if a term supports them.
-    damping_law : CompiledDamping or None
-    recompiled : callable
-        Compiles a scene with other terms.
-    """
+    """Compiled scene."""
 
     scene: Scene
-    mesh: Mesh
-    node_mass: Array
+    mesh: Mesh  #: that of the scene with its points
+    node_mass: Array  #: (n_points,) [kg]
+    #: sparsity of the tangents that terms add to, over the components of points that move
     point_pattern: SymmetricPattern
-    kinematics: Kinematics
-    terms: tuple[CompiledTerm, ...]
-    muscles: tuple[str, ...]
-    constraints: Constraints | None = None
-    rows: Rows | None = None
+    kinematics: Kinematics  #: maps between points and independent velocities
+    terms: tuple[CompiledTerm, ...]  #: compiled terms
+    muscles: tuple[str, ...]  #: names, the order of every activation
+    constraints: Constraints | None = None  #: all conditions of the scene on its free unknowns
+    rows: Rows | None = None  #: those of all joints
+    #: the same mechanics with a part of the tangents as products, if a term supports them
     sparse: "System | None" = None
     damping_law: CompiledDamping | None = None
-    recompiled: "Callable[[Scene], System] | None" = None
+    recompiled: "Callable[[Scene], System] | None" = None  #: compiles a scene with other terms
     _in_step: bool = False
 
     @property

@@ -21,41 +21,27 @@ PI: Final = float(np.pi)
 
 @dataclass(frozen=True)
 class Medium:
-    """Air in a tube, its yielding walls and its open end.
+    """Air in a tube, its yielding walls and its open end."""
 
-    Attributes
-    ----------
-    c, rho : float
-        Speed of sound [m/s] and density [kg/m^3].
-    mu : float
-        Viscosity [Pa s].
-    gamma, conduction, heat : float
-        Ratio of specific heats [1], thermal conductivity [W/(m K)], specific heat at constant
-        pressure [J/(kg K)], of air at 37 degrees C.
-    friction : float
-        Factor on the losses by viscosity and heat conduction [1]; 0 is without.
-    yielding : float
-        Factor on the flow taken up by the walls [1]; 0 is rigid walls.
-    mass, damping, stiffness : float
-        Of the walls per area [kg/m^2], [Pa s/m], [Pa/m].
-    roundness : float
-        Circumference divided by that of a circle of the same area [1]; tracts have 1.3 to 1.6.
-    radiates : bool
-        Open ends radiate like a piston in a wall; otherwise the pressure there is 0.
-    """
-
+    #: speed of sound [m/s] and density [kg/m^3]
     c: float = 350.0
     rho: float = 1.14
-    mu: float = 1.86e-5
+    mu: float = 1.86e-5  #: viscosity [Pa s]
+    #: ratio of specific heats [1], thermal conductivity [W/(m K)], specific heat at constant pressure
+    #: [J/(kg K)], of air at 37 degrees C
     gamma: float = 1.4
     conduction: float = 0.0268
     heat: float = 1005.0
+    #: factor on the losses by viscosity and heat conduction [1]; 0 is without
     friction: float = 1.0
-    yielding: float = 1.0
+    yielding: float = 1.0  #: factor on the flow taken up by the walls [1]; 0 is rigid walls
+    #: of the walls per area [kg/m^2], [Pa s/m], [Pa/m]
     mass: float = 21.0
     damping: float = 8000.0
     stiffness: float = 845_000.0
+    #: circumference divided by that of a circle of the same area [1]; tracts have 1.3 to 1.6
     roundness: float = 1.0
+    #: open ends radiate like a piston in a wall; otherwise the pressure there is 0
     radiates: bool = True
 
     def circumference(self, areas: Any) -> Any:
@@ -101,21 +87,12 @@ LOSSLESS: Final = Medium(friction=0.0, yielding=0.0, radiates=False)
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """Side branch with an open end, such as the nasal tract.
+    """Side branch with an open end, such as the nasal tract."""
 
-    Attributes
-    ----------
-    areas : ndarray, shape (m,)
-        Areas from the branching point to the open end [m^2]; the first is the opening of the velum.
-    length : float
-        Of the branch [m].
-    position : float
-        Distance of the branching point from the glottis [m].
-    """
-
+    #: (m,) areas from the branching point to the open end [m^2]; the first is the opening of the velum
     areas: Floats
-    length: float
-    position: float
+    length: float  #: of the branch [m]
+    position: float  #: distance of the branching point from the glottis [m]
 
 
 @dataclass(frozen=True, eq=False)

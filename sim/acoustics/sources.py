@@ -29,18 +29,10 @@ class Source(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """Sampled flow of the glottis, interpolated linearly; 0 outside its samples.
+    """Sampled flow of the glottis, interpolated linearly; 0 outside its samples."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (n,)
-        Flow [m^3/s]; sample k is at k/rate.
-    rate : float
-        Samples per second [Hz].
-    """
-
-    values: Floats
-    rate: float
+    values: Floats  #: (n,) flow [m^3/s]; sample k is at k/rate
+    rate: float  #: samples per second [Hz]
 
     def flow(self, t: Floats) -> Floats:
         """Flow at the instants t."""
@@ -112,47 +104,29 @@ def rosenberg(
 
 @dataclass(frozen=True, eq=False)
 class Folds:
-    """Two-mass vocal folds of Ishizaka and Flanagan 1972 (Bell Syst Tech J 51:1233), in SI units.
+    """Two-mass vocal folds of Ishizaka and Flanagan 1972 (Bell Syst Tech J 51:1233), in SI units."""
 
-    Attributes
-    ----------
-    lung : float or ndarray, shape (n,)
-        Lung pressure [Pa], or its samples.
-    rate : float
-        Samples of the lung pressure per second [Hz]; unused for a constant one.
-    tension : float
-        q: divides the masses and multiplies the springs [1].
-    rest_area : float
-        Area of the glottis at rest [m^2]; negative: pressed.
-    m1, m2, k1, k2, kc : float
-        Masses [kg], springs and coupling [N/m].
-    zeta1, zeta2 : float
-        Damping ratios while open [1]; 1 larger in contact.
-    cubic, contact : float
-        Coefficients of the cubic springs [1/m^2]; contact springs are 3 k.
-    length, d1, d2 : float
-        Length of the glottis, thickness of the masses [m].
-    rise : float
-        Time in which a constant lung pressure is raised linearly [s].
-    """
-
-    lung: float | Floats = 785.0
-    rate: float = 1000.0
-    tension: float = 1.0
-    rest_area: float = 5e-6
+    lung: float | Floats = 785.0  #: lung pressure [Pa], or its samples (n,)
+    rate: float = 1000.0  #: samples of the lung pressure per second [Hz]; unused for a constant one
+    tension: float = 1.0  #: q: divides the masses and multiplies the springs [1]
+    rest_area: float = 5e-6  #: area of the glottis at rest [m^2]; negative: pressed
+    #: masses [kg], springs and coupling [N/m]
     m1: float = 1.25e-4
     m2: float = 2.5e-5
     k1: float = 80.0
     k2: float = 8.0
     kc: float = 25.0
+    #: damping ratios while open [1]; 1 larger in contact
     zeta1: float = 0.1
     zeta2: float = 0.6
+    #: coefficients of the cubic springs [1/m^2]; contact springs are 3 k
     cubic: float = 1e6
     contact: float = 5e6
+    #: length of the glottis, thickness of the masses [m]
     length: float = 1.4e-2
     d1: float = 2.5e-3
     d2: float = 5e-4
-    rise: float = 0.02
+    rise: float = 0.02  #: time in which a constant lung pressure is raised linearly [s]
 
     def flow(self, t: Floats) -> Floats:
         """Return 0: the folds determine the flow."""
@@ -188,22 +162,12 @@ class Turbulence:
 
     Pressure gain max(0, Re^2 - critical^2) n(t), Re = 2 rho |U|/(mu sqrt(pi S)), acting one cell
     behind the narrowest section; n is band-limited noise of the same power at every rate.
-
-    Attributes
-    ----------
-    gain : float
-        [Pa]; 2e-6 dyn/cm^2 as in that paper. 0 is without noise.
-    critical : float
-        Reynolds number below which there is none [1].
-    band : (float, float)
-        Pass-band of the noise [Hz].
-    smoothing : float
-        Cut-off of the low-pass filter of the flow through the constriction [Hz].
     """
 
-    gain: float = 2e-7
-    critical: float = 1800.0
-    band: tuple[float, float] = (500.0, 8000.0)
+    gain: float = 2e-7  #: [Pa]; 2e-6 dyn/cm^2 as in that paper. 0 is without noise
+    critical: float = 1800.0  #: Reynolds number below which there is none [1]
+    band: tuple[float, float] = (500.0, 8000.0)  #: pass-band of the noise [Hz]
+    #: cut-off of the low-pass filter of the flow through the constriction [Hz]
     smoothing: float = 500.0
 
     def noise(self, n: int, rate: float, seed: int) -> Floats:

@@ -33,33 +33,19 @@ FRICTION_BAND: Final = (60.0, 9000.0)
 
 @dataclass(frozen=True, eq=False)
 class TubeSound:
-    """Signals of a tube at the rate of the steps.
+    """Signals of a tube at the rate of the steps."""
 
-    Attributes
-    ----------
-    rate : float
-        Steps per second [Hz].
-    mouth, nose, glottis : ndarray, shape (n,)
-        Flow out of the openings and into the tract [m^3/s].
-    pressure : ndarray, shape (n,)
-        Above the glottis [Pa].
-    glottal_area : ndarray, shape (n,)
-        Smallest area of the glottis [m^2]; 0 without folds.
-    node_pressure, cell_velocity : ndarray, shape (nodes,), (cells,)
-        Pressure [Pa] along the tube at the end, and velocity [m/s] half a step later.
-    rho : float
-        Density of the air [kg/m^3].
-    """
-
-    rate: float
+    rate: float  #: steps per second [Hz]
+    #: (n,) flow out of the openings and into the tract [m^3/s]
     mouth: Floats
     nose: Floats
     glottis: Floats
-    pressure: Floats
-    glottal_area: Floats
+    pressure: Floats  #: (n,) above the glottis [Pa]
+    glottal_area: Floats  #: (n,) smallest area of the glottis [m^2]; 0 without folds
+    #: (nodes,), (cells,) pressure [Pa] along the tube at the end, and velocity [m/s] half a step later
     node_pressure: Floats
     cell_velocity: Floats
-    rho: float
+    rho: float  #: density of the air [kg/m^3]
 
     def radiated(self, rate: float, distance: float = 0.3) -> Floats:
         """Sound pressure before the mouth, low-pass filtered and resampled.

@@ -29,28 +29,6 @@ class BarrierContact:
     detection limits every displacement of the iteration, so that surfaces never pass through each
     other.
 
-    Attributes
-    ----------
-    pairings : tuple of Pairing
-        Surfaces that may touch; others are not searched.
-    friction : float
-        Coulomb coefficient [1].
-    distance : float
-        Gap below which the barrier acts [m]. Bodies at rest on each other keep a smaller gap.
-    stiffness : float
-        Scale of the pressure [Pa]. The pressure is 0.2 times this scale at a gap of 0.9 distance,
-        4 times at half the distance, ``2 distance/d`` times at small gaps d, and up to three times
-        as large if the triangles of both surfaces are equally small. Young's modulus of the softer
-        body is a suitable value; smaller values cause small gaps under load, larger ones slow
-        convergence.
-    reach : float
-        Largest distance at rest of triangles of two surfaces of the mesh whose coupling is stored
-        in the matrix [m]. Larger values enlarge the matrix; contact beyond slows down the iteration
-        without affecting the result.
-    stick_speed : float
-        Sliding speed at which friction is fully mobilised [m/s]; sticking contacts creep more
-        slowly.
-
     Raises
     ------
     SceneError
@@ -75,11 +53,20 @@ class BarrierContact:
     the IPC Toolkit (ipctk).
     """
 
-    pairings: tuple[Pairing, ...]
-    friction: float = 0.0
+    pairings: tuple[Pairing, ...]  #: surfaces that may touch; others are not searched
+    friction: float = 0.0  #: Coulomb coefficient [1]
+    #: gap below which the barrier acts [m]. Bodies at rest on each other keep a smaller gap
     distance: float = 1e-4
+    #: scale of the pressure [Pa]. The pressure is 0.2 times this scale at a gap of 0.9 distance, 4
+    #: times at half the distance, ``2 distance/d`` times at small gaps d, and up to three times as large
+    #: if the triangles of both surfaces are equally small. Young's modulus of the softer body is a
+    #: suitable value; smaller values cause small gaps under load, larger ones slow convergence
     stiffness: float = 2e4
+    #: largest distance at rest of triangles of two surfaces of the mesh whose coupling is stored in the
+    #: matrix [m]. Larger values enlarge the matrix; contact beyond slows down the iteration without
+    #: affecting the result
     reach: float = 5e-3
+    #: sliding speed at which friction is fully mobilised [m/s]; sticking contacts creep more slowly
     stick_speed: float = 1e-4
 
     def __post_init__(self) -> None:

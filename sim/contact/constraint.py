@@ -26,29 +26,6 @@ class ConstraintContact:
     the lip. Rows with tensile forces are released. Remaining penetrations are removed by a
     correction of the positions that does not change the velocities.
 
-    Attributes
-    ----------
-    pairings : tuple of Pairing
-    friction : float or tuple of float
-        Coulomb's coefficient, of all pairings or of each.
-    reach : float
-        Largest distance at rest of a vertex and a face of the mesh that may touch if rows are
-        assembled into the matrix [m], which contains all such pairs. `ConvergedEuler` without
-        friction, constraints and products has no such bound.
-    approach : float
-        Distance of a vertex and a face below which they have a row [m]. A vertex that enters a more
-        distant face within one step is found from its path, and the step is solved again.
-    initial_penetration : {"kept", "removed"}
-        Vertices that are initially inside a closed surface may keep their depth, or are moved out
-        at `removal_speed`.
-    removal_speed : float
-        Speed of this removal [m/s].
-    tolerance : float
-        Gap, penetration or slip that the iteration of a step leaves, relative to `approach`.
-    edge_points : int
-        Number of points on each sharp convex edge of a surface of the mesh that have rows with rigid
-        shells, like its vertices; the angle of its faces at rest exceeds 45 degrees.
-
     Raises
     ------
     SceneError
@@ -77,12 +54,22 @@ class ConstraintContact:
     """
 
     pairings: tuple[Pairing, ...]
-    friction: float | tuple[float, ...] = 0.0
+    friction: float | tuple[float, ...] = 0.0  #: Coulomb's coefficient, of all pairings or of each
+    #: largest distance at rest of a vertex and a face of the mesh that may touch if rows are assembled
+    #: into the matrix [m], which contains all such pairs. `ConvergedEuler` without friction, constraints
+    #: and products has no such bound
     reach: float = 0.01
+    #: distance of a vertex and a face below which they have a row [m]. A vertex that enters a more
+    #: distant face within one step is found from its path, and the step is solved again
     approach: float = 5e-4
+    #: {"kept", "removed"}; vertices that are initially inside a closed surface may keep their depth, or
+    #: are moved out at `removal_speed`
     initial_penetration: Literal["kept", "removed"] = "kept"
-    removal_speed: float = 0.01
+    removal_speed: float = 0.01  #: speed of this removal [m/s]
+    #: gap, penetration or slip that the iteration of a step leaves, relative to `approach`
     tolerance: float = 2e-3
+    #: number of points on each sharp convex edge of a surface of the mesh that have rows with rigid
+    #: shells, like its vertices; the angle of its faces at rest exceeds 45 degrees
     edge_points: int = 0
 
     def __post_init__(self) -> None:

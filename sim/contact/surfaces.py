@@ -65,13 +65,6 @@ class _Triangles:
 class NodeSurface(_Triangles):
     """Surface of the scene's mesh, or a part of it.
 
-    Attributes
-    ----------
-    triangles : (m, 3) int
-        Nodes of the scene's mesh, counter-clockwise seen from outside.
-    name : str
-        For messages and records.
-
     Raises
     ------
     ContactFailure
@@ -79,8 +72,8 @@ class NodeSurface(_Triangles):
         opposite orientations.
     """
 
-    triangles: Index
-    name: str = "surface"
+    triangles: Index  #: (m, 3) nodes of the scene's mesh, counter-clockwise seen from outside
+    name: str = "surface"  #: for messages and records
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "triangles", checked_triangles(self.triangles, self.name))
@@ -101,16 +94,6 @@ class NodeSurface(_Triangles):
 class RigidShell(_Triangles):
     """Rigid surface, at rest or on a given motion.
 
-    Attributes
-    ----------
-    vertices : (k, 3) float
-        Positions [m], before the motion.
-    triangles : (m, 3) int
-        Vertices, counter-clockwise seen from outside.
-    name : str
-    motion : callable, optional
-        Rotation and shift [m] at a time [s]; without it the shell is fixed.
-
     Raises
     ------
     ContactFailure
@@ -118,9 +101,10 @@ class RigidShell(_Triangles):
         out.
     """
 
-    vertices: Array
-    triangles: Index
+    vertices: Array  #: (k, 3) positions [m], before the motion
+    triangles: Index  #: (m, 3) vertices, counter-clockwise seen from outside
     name: str = "shell"
+    #: rotation and shift [m] at a time [s]; without it the shell is fixed
     motion: Motion | None = None
 
     def __post_init__(self) -> None:

@@ -109,12 +109,6 @@ class LinearlyImplicitEuler(_Linearised):
     activation if it is not linear within the step. The method is of first order. It is that of the
     published simulator, and may likewise invert elements under large forces.
 
-    Attributes
-    ----------
-    tolerance : float
-        Largest estimated error of a nodal position that an iterative linear solver leaves in a step
-        [m]; a direct one leaves none.
-
     Notes
     -----
     Strongly active muscles may make the matrix indefinite. The equation is solved nevertheless, and
@@ -125,6 +119,8 @@ class LinearlyImplicitEuler(_Linearised):
     stability: ClassVar[str] = "L-stable"
     theta: ClassVar[float] = 1.0
     estimated: ClassVar[bool] = True
+    #: largest estimated error of a nodal position that an iterative linear solver leaves in a step [m];
+    #: a direct one leaves none
     tolerance: float = 1e-6
 
 
@@ -135,11 +131,6 @@ class LinearlyImplicitTrapezoidal(_Linearised):
     (M + h/2 D + h^2/4 K) v1 = (M - h/2 D - h^2/4 K) v0 + h f(q0), q1 = q0 + h/2 (v0 + v1).
 
     K, D and f are evaluated as in `LinearlyImplicitEuler`.
-
-    Attributes
-    ----------
-    tolerance : float
-        As of `LinearlyImplicitEuler`.
 
     Notes
     -----
@@ -152,4 +143,4 @@ class LinearlyImplicitTrapezoidal(_Linearised):
     stability: ClassVar[str] = "A-stable"
     theta: ClassVar[float] = 0.5
     estimated: ClassVar[bool] = False
-    tolerance: float = 1e-6
+    tolerance: float = 1e-6  #: as of `LinearlyImplicitEuler`

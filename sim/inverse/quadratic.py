@@ -13,20 +13,14 @@ EXACT = 1e-12  #: relative tolerance of the multipliers
 
 @dataclass(frozen=True)
 class Minimum:
-    """Minimiser of a quadratic within a box.
+    """Minimiser of a quadratic within a box."""
 
-    Attributes
-    ----------
-    x : (n,)
-    at_low, at_high : (n,) bool, active bounds.
-    violation : float
-        Largest violation of the Karush-Kuhn-Tucker conditions, relative to the largest entry of the
-        gradient at x = 0.
-    """
-
-    x: Array
+    x: Array  #: (n,)
+    #: (n,) bool, active bounds
     at_low: Flags
     at_high: Flags
+    #: largest violation of the Karush-Kuhn-Tucker conditions, relative to the largest entry of the
+    #: gradient at x = 0
     violation: float
 
 

@@ -46,26 +46,18 @@ class LinearlyImplicit(Protocol):
 
 @dataclass(frozen=True)
 class Response:
-    """End of a step as a function of the activation, w(a) = w + H (a - activation).
+    """End of a step as a function of the activation, w(a) = w + H (a - activation)."""
 
-    Attributes
-    ----------
-    activation : (n_muscles,) at which the step is linearised.
-    w : (n,) independent velocities at the end of the step for this activation.
-    H : (n, n_muscles) derivatives of the velocities.
-    pose, w0 : start of the step.
-    h, moves : length of the step [s], and weight of the end velocity in the motion.
-    rows : number of frozen rows.
-    """
-
-    activation: Array
-    w: Array
-    H: Array
+    activation: Array  #: (n_muscles,) at which the step is linearised
+    w: Array  #: (n,) independent velocities at the end of the step for this activation
+    H: Array  #: (n, n_muscles) derivatives of the velocities
+    #: start of the step
     pose: Pose
     w0: Array
+    #: length of the step [s], and weight of the end velocity in the motion
     h: float
     moves: float
-    rows: int
+    rows: int  #: number of frozen rows
 
     def velocity(self, activation: Array) -> Array:
         """End velocities (n,) for an activation."""

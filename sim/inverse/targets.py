@@ -61,21 +61,12 @@ def _check(name: str, time: Array, values: Array, size: float) -> None:
 
 @dataclass(frozen=True, eq=False)
 class PointTarget:
-    """Positions of nodes, or of points on bodies [m]; three points determine the pose of a body.
+    """Positions of nodes, or of points on bodies [m]; three points determine the pose of a body."""
 
-    Attributes
-    ----------
-    nodes : (k,) point indices.
-    time : (n,) ascending [s].
-    position : (n, k, 3) wanted positions [m], NaN where a marker is lost.
-    size : float
-        Standard deviation of a coordinate [m], the unit of the residuals.
-    """
-
-    nodes: Index
-    time: Array
-    position: Array
-    size: float = 1e-3
+    nodes: Index  #: (k,) point indices
+    time: Array  #: (n,) ascending [s]
+    position: Array  #: (n, k, 3) wanted positions [m], NaN where a marker is lost
+    size: float = 1e-3  #: standard deviation of a coordinate [m], the unit of the residuals
 
     def __post_init__(self) -> None:
         _check("PointTarget", self.time, self.position, self.size)
@@ -102,12 +93,7 @@ class PointTarget:
 
 @dataclass(frozen=True, eq=False)
 class Together:
-    """Several targets as one, in units of their sizes; its own size is 1.
-
-    Attributes
-    ----------
-    parts : sequence of Target
-    """
+    """Several targets as one, in units of their sizes; its own size is 1."""
 
     parts: Sequence[Target]
 

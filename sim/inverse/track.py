@@ -30,43 +30,31 @@ class Weights:
 
     The objective is motion/2 |r|^2 + size/2 |a|^2 + change/2 |a - a_before|^2 + the sEMG term of
     `MeasuredActivation`, where r are the residuals over the sizes of their targets.
-
-    Attributes
-    ----------
-    motion, size, change : float
-        Weights [1].
-    low, high : float or (n_muscles,)
-        Bounds of the activations, within 0-1.
-    jump : float
-        Largest change of an activation in one step.
-    chase : float or None
-        Time T in which a deviation is to vanish [s], at least the step; default: the step.
-    aim : "position" or "velocity"
-        The end of the step should be at x + h (x_t' + (x_t - x)/T) with the mean velocity x_t' of
-        the target, so that T = h reaches the target without overshoot; or have the velocity
-        x_t' + (x_t - x)/T with x_t at the end of the step, the rule of the published controller,
-        which moves x by h x_t' too far in each step if T = h.
-    normalise : bool
-        Divide the residuals by the Frobenius norm of their derivatives, as the published
-        controller does. The meaning of the weights then changes from step to step.
-    form : "exact" or "affine"
-        Derivatives of `step_response`, at the activation of the step before; or, as published, with
-        the matrix of the step at activation 0.
-    rounds : int
-        Linearisations of each step, at most three. With one and the exact form, the linearised step is
-        the step; otherwise, and with joints or contact, the step is computed again with its activation.
     """
 
+    #: weights [1]
     motion: float = 1.0
     size: float = 1e-4
     change: float = 1e-4
+    #: bounds of the activations, within 0-1
     low: float | Array = 0.0
     high: float | Array = 1.0
-    jump: float = 1.0
+    jump: float = 1.0  #: largest change of an activation in one step
+    #: time T in which a deviation is to vanish [s], at least the step; default: the step
     chase: float | None = None
+    #: the end of the step should be at x + h (x_t' + (x_t - x)/T) with the mean velocity x_t' of the
+    #: target, so that T = h reaches the target without overshoot; or have the velocity
+    #: x_t' + (x_t - x)/T with x_t at the end of the step, the rule of the published controller,
+    #: which moves x by h x_t' too far in each step if T = h
     aim: Aim = "position"
+    #: divide the residuals by the Frobenius norm of their derivatives, as the published controller
+    #: does. The meaning of the weights then changes from step to step
     normalise: bool = False
+    #: derivatives of `step_response`, at the activation of the step before; or, as published, with the
+    #: matrix of the step at activation 0
     form: Form = "exact"
+    #: linearisations of each step, at most three. With one and the exact form, the linearised step is
+    #: the step; otherwise, and with joints or contact, the step is computed again with its activation
     rounds: int = 1
 
     def __post_init__(self) -> None:
@@ -84,17 +72,11 @@ class Weights:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredActivation:
-    """Activation estimated from sEMG, and the trust in each muscle.
+    """Activation estimated from sEMG, and the trust in each muscle."""
 
-    Attributes
-    ----------
-    activation : Activation
-        Of all muscles; values of muscles without trust are ignored.
-    trust : (n_muscles,) weight w_e/2 trust (a - a_emg)^2 of each muscle [1], 0 if it is not measured,
-        infinite if its activation is prescribed.
-    """
-
-    activation: Activation
+    activation: Activation  #: of all muscles; values of muscles without trust are ignored
+    #: (n_muscles,) weight w_e/2 trust (a - a_emg)^2 of each muscle [1], 0 if it is not measured,
+    #: infinite if its activation is prescribed
     trust: Array = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:

@@ -17,26 +17,13 @@ def _no_curve() -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One row c = 0, or c >= 0; fields as of `sim._kernels.joints.RowTable`.
+    """One row c = 0, or c >= 0; fields as of `sim._kernels.joints.RowTable`."""
 
-    Attributes
-    ----------
-    name : str
-        Joint and direction, for messages.
-    body_a, body_b : str or None
-        Bodies of the two frames, None for space.
-    origin, axes : (3,), (3, 3) of both frames at rest, in space [m]; axes are columns.
-    unilateral : bool
-        True for c >= 0.
-    compliance : float
-        Of c + damping_time dc/dt = -compliance times the force [m/N or 1/(N m)].
-    damping_time : float
-        [s]
-    """
-
-    name: str
+    name: str  #: joint and direction, for messages
+    #: bodies of the two frames, None for space
     body_a: str | None
     body_b: str | None
+    #: (3,), (3, 3) of both frames at rest, in space [m]; axes are columns
     origin: Array
     axes: Array
     kind: int = TRAVEL
@@ -46,9 +33,10 @@ class Row:
     sign: float = 1.0
     offset: float = 0.0
     curve: Array = field(default_factory=_no_curve)
-    unilateral: bool = False
+    unilateral: bool = False  #: True for c >= 0
+    #: of c + damping_time dc/dt = -compliance times the force [m/N or 1/(N m)]
     compliance: float = 0.0
-    damping_time: float = 0.0
+    damping_time: float = 0.0  #: [s]
 
 
 REACTIONS = "joints"  #: name of the forces of rows in the memory of a state

@@ -158,10 +158,6 @@ class Limit(_Located):
     Attributes
     ----------
     name, a, b, origin, axis : as of joints.
-    lower, upper : float
-        Of the motion of b relative to a since rest [rad or m]; angles within pi.
-    travel : bool
-        True if the translation is limited, otherwise the angle.
 
     Raises
     ------
@@ -169,9 +165,10 @@ class Limit(_Located):
         lower is not below upper.
     """
 
+    #: of the motion of b relative to a since rest [rad or m]; angles within pi
     lower: float = -np.inf
     upper: float = np.inf
-    travel: bool = False
+    travel: bool = False  #: True if the translation is limited, otherwise the angle
 
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
@@ -196,27 +193,16 @@ class Limit(_Located):
 
 @dataclass(frozen=True, eq=False)
 class PointOnPlane:
-    """A point remains in a plane of a body, or on the side of its normal.
-
-    Attributes
-    ----------
-    name : str
-    point : int
-        Node or point.
-    body : str or None
-        Body of the plane; None is space.
-    origin, normal : (3,) at rest [m], [1].
-    unilateral : bool
-    compliance, damping_time : float
-        As of joints.
-    """
+    """A point remains in a plane of a body, or on the side of its normal."""
 
     name: str
-    point: int
-    body: str | None
+    point: int  #: node or point
+    body: str | None  #: body of the plane; None is space
+    #: (3,) at rest [m], [1]
     origin: tuple[float, float, float] | Array
     normal: tuple[float, float, float] | Array
     unilateral: bool = False
+    #: as of joints
     compliance: float = 0.0
     damping_time: float = 0.0
 
@@ -244,14 +230,6 @@ class PointOnCurve:
 
     Attributes
     ----------
-    name : str
-    point : int
-    body : str or None
-    origin : (3,) of the curve at rest [m].
-    normal, forward : (3,) directions of z and x.
-    coefficients : (4,) of f = sum_k coefficients_k x^k [m^(1 - k)].
-    reach : (2,) first and last x of the polynomial [m]; f is linear beyond.
-    unilateral : bool
     True if the point may leave the surface to the side of z.
 
     Notes
@@ -264,11 +242,12 @@ class PointOnCurve:
     name: str
     point: int
     body: str | None
-    origin: tuple[float, float, float] | Array
+    origin: tuple[float, float, float] | Array  #: (3,) of the curve at rest [m]
+    #: (3,) directions of z and x
     normal: tuple[float, float, float] | Array
     forward: tuple[float, float, float] | Array
-    coefficients: NDArray[np.float64]
-    reach: tuple[float, float]
+    coefficients: NDArray[np.float64]  #: (4,) of f = sum_k coefficients_k x^k [m^(1 - k)]
+    reach: tuple[float, float]  #: (2,) first and last x of the polynomial [m]; f is linear beyond
     unilateral: bool = False
 
     def rows(self) -> tuple[Row, ...]:

@@ -101,23 +101,16 @@ class OnBody:
 class InElement:
     """Nodes and points attached to elements: they move by the shape functions there.
 
-    Attributes
-    ----------
-    nodes : (k,) array of int
-    embedding : Embedding, optional
-        Elements of the nodes; by default those that contain the rest positions.
-    tolerance : float
-        As `sim.embed`.
-
     Raises
     ------
     MeshError
         A node lies in no element (on compiling).
     """
 
-    nodes: Index
+    nodes: Index  #: (k,) array of int
+    #: elements of the nodes; by default those that contain the rest positions
     embedding: Embedding | None = None
-    tolerance: float = 1e-6
+    tolerance: float = 1e-6  #: as `sim.embed`
 
     def attach(self, mesh: Mesh, bodies: Mapping[str, int]) -> Attachment:
         """Nodes interpolated from those of an element."""
@@ -128,16 +121,10 @@ class InElement:
 
 @dataclass(frozen=True, eq=False)
 class PrescribedNodes:
-    """Nodes with positions prescribed as a function of time.
+    """Nodes with positions prescribed as a function of time."""
 
-    Attributes
-    ----------
-    nodes : (k,) array of int
-    path : callable
-        Positions (k, 3) [m] at a time [s], smooth; velocities are its differences over 0.1 ms.
-    """
-
-    nodes: Index
+    nodes: Index  #: (k,) array of int
+    #: positions (k, 3) [m] at a time [s], smooth; velocities are its differences over 0.1 ms
     path: NodeMotion
 
     def attach(self, mesh: Mesh, bodies: Mapping[str, int]) -> Attachment:
@@ -148,17 +135,11 @@ class PrescribedNodes:
 
 @dataclass(frozen=True, eq=False)
 class PrescribedBody:
-    """A body with a prescribed motion, or fixed.
-
-    Attributes
-    ----------
-    body : str
-    motion : callable, optional
-        Position of its centre (3,) [m] and unit quaternion (4,) at a time [s], smooth; by default
-        the body is fixed at rest.
-    """
+    """A body with a prescribed motion, or fixed."""
 
     body: str
+    #: position of its centre (3,) [m] and unit quaternion (4,) at a time [s], smooth; by default the
+    #: body is fixed at rest
     motion: Motion | None = None
 
     def attach(self, mesh: Mesh, bodies: Mapping[str, int]) -> Attachment:

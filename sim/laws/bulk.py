@@ -29,18 +29,13 @@ class BulkLaw(Protocol):
 class QuadraticBulk(Parametric):
     """U = kappa/2 (J - 1)^2, pressure kappa (J - 1).
 
-    Attributes
-    ----------
-    kappa : float
-        Bulk modulus [Pa], not negative.
-
     Notes
     -----
     The energy is finite as J -> 0, so that strong muscles can invert an element. Source: Eskes et
     al. 2017, text ("quadratic bulk potential"), kappa = 25 kPa.
     """
 
-    kappa: float = quantity(25e3, "Pa", least=0.0)
+    kappa: float = quantity(25e3, "Pa", least=0.0)  #: bulk modulus [Pa], not negative
     code: ClassVar[int] = laws.QUADRATIC
 
     def evaluate(self, J: Array) -> tuple[Array, Array, Array]:
@@ -53,17 +48,12 @@ class QuadraticBulk(Parametric):
 class LogarithmicBulk(Parametric):
     """U = kappa/2 (ln J)^2, pressure kappa ln(J)/J.
 
-    Attributes
-    ----------
-    kappa : float
-        Bulk modulus at rest [Pa], not negative.
-
     Notes
     -----
     Softens in extension: U'' < 0 for J > e. Source: Eskes et al. 2017, Eq. 1.
     """
 
-    kappa: float = quantity(25e3, "Pa", least=0.0)
+    kappa: float = quantity(25e3, "Pa", least=0.0)  #: bulk modulus at rest [Pa], not negative
     code: ClassVar[int] = laws.LOGARITHMIC
 
     def evaluate(self, J: Array) -> tuple[Array, Array, Array]:

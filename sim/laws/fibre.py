@@ -41,25 +41,16 @@ class Blemker(Parametric):
     * f_act = 9 (r - 0.4)^2 up to 0.6, 1 - 4 (1 - r)^2 up to 1.4, 9 (r - 1.6)^2 up to 1.6, else 0;
     * f_pas = 0 up to r = 1, P1 (exp(P2 (r - 1)) - 1) up to stretch_star, then its tangent line.
 
-    Attributes
-    ----------
-    sigma_max : float
-        Largest active stress [Pa].
-    stretch_opt : float
-        Stretch of the largest active stress [1].
-    stretch_star : float
-        Stretch at which the passive curve becomes linear [1].
-    P1, P2 : float
-        Passive stress coefficient and uncrimping factor [1].
-
     Notes
     -----
     Source: Blemker et al. 2005; values of Eskes et al. 2017, Methods.
     """
 
-    sigma_max: float = quantity(300e3, "Pa", least=0.0)
-    stretch_opt: float = quantity(1.0, "1", above=0.0)
+    sigma_max: float = quantity(300e3, "Pa", least=0.0)  #: largest active stress [Pa]
+    stretch_opt: float = quantity(1.0, "1", above=0.0)  #: stretch of the largest active stress [1]
+    #: stretch at which the passive curve becomes linear [1]
     stretch_star: float = quantity(1.4, "1")
+    #: passive stress coefficient and uncrimping factor [1]
     P1: float = quantity(0.05, "1", least=0.0)
     P2: float = quantity(6.6, "1", above=0.0)
     code: ClassVar[int] = laws.BLEMKER
@@ -91,19 +82,12 @@ class Generic(Parametric):
     dw/dstretch = f_pas(stretch)/stretch + activation sigma_max, with f_pas = P1 (exp(P2 (stretch -
     1)) - 1) up to stretch_star (negative below 1), then its tangent line. With the default P1 the
     passive part is negligible.
-
-    Attributes
-    ----------
-    sigma_max : float
-        Active stress at full activation [Pa].
-    stretch_star : float
-        Stretch at which the passive curve becomes linear [1].
-    P1, P2 : float
-        Passive stress [Pa] and uncrimping factor [1].
     """
 
-    sigma_max: float = quantity(30e3, "Pa", least=0.0)
+    sigma_max: float = quantity(30e3, "Pa", least=0.0)  #: active stress at full activation [Pa]
+    #: stretch at which the passive curve becomes linear [1]
     stretch_star: float = quantity(1.4, "1", above=1.0)
+    #: passive stress [Pa] and uncrimping factor [1]
     P1: float = quantity(0.05, "Pa", least=0.0)
     P2: float = quantity(6.6, "1", above=0.0)
     code: ClassVar[int] = laws.GENERIC

@@ -29,21 +29,6 @@ class Hill(Parametric):
     fibres' direction. The tendon pulls with force_max e / tendon_strain at a strain e >= 0, and is rigid
     for tendon_strain = 0.
 
-    Attributes
-    ----------
-    force_max : float
-        Largest active force of the fibres [N].
-    stretch_opt : float
-        Optimal length of the muscle over its length at rest [1].
-    tendon_ratio : float
-        Share of the tendon in the optimal length [1].
-    passive_fraction : float
-        Passive force over force_max at a fibre strain of 0.6 [1].
-    pennation : float
-        Angle of the optimal fibres to the line of action [rad].
-    tendon_strain : float
-        Strain of the tendon at force_max [1].
-
     Raises
     ------
     SceneError
@@ -57,12 +42,16 @@ class Hill(Parametric):
     359-411.
     """
 
-    force_max: float = quantity(1.0, "N", least=0.0)
+    force_max: float = quantity(1.0, "N", least=0.0)  #: largest active force of the fibres [N]
+    #: optimal length of the muscle over its length at rest [1]
     stretch_opt: float = quantity(1.0, "1", above=0.0)
+    #: share of the tendon in the optimal length [1]
     tendon_ratio: float = quantity(0.3, "1", least=0.0, below=1.0)
+    #: passive force over force_max at a fibre strain of 0.6 [1]
     passive_fraction: float = quantity(0.015, "1", least=0.0)
+    #: angle of the optimal fibres to the line of action [rad]
     pennation: float = quantity(0.0, "rad", least=0.0, below=0.5 * math.pi)
-    tendon_strain: float = quantity(0.033, "1", least=0.0)
+    tendon_strain: float = quantity(0.033, "1", least=0.0)  #: strain of the tendon at force_max [1]
     has_slope: ClassVar[bool] = True
     code: ClassVar[int] = lines.HILL
 

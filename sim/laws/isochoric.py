@@ -26,16 +26,12 @@ class IsochoricLaw(Protocol):
 class MooneyRivlin(Parametric):
     """Two-term Mooney-Rivlin, w = C10 (I1bar - 3) + C20 (I1bar - 3)^2.
 
-    Attributes
-    ----------
-    C10, C20 : float
-        Stiffnesses [Pa]; the initial shear modulus is 2 C10.
-
     Notes
     -----
     Source: Eskes et al. 2017, Eq. 1, with C10 = 2.5 kPa, C20 = 1.175 kPa.
     """
 
+    #: stiffnesses [Pa]; the initial shear modulus is 2 C10
     C10: float = quantity(2500.0, "Pa", above=0.0)
     C20: float = quantity(1175.0, "Pa", least=0.0)
     code: ClassVar[int] = laws.MOONEY_RIVLIN

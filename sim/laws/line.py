@@ -33,13 +33,6 @@ class LineLaw(Protocol):
 class ConstantForce(Parametric):
     """Tension without dependence on length, F = force_max (activation + passive_fraction).
 
-    Attributes
-    ----------
-    force_max : float
-        Tension at full activation [N].
-    passive_fraction : float
-        Passive fraction of the tension [1].
-
     Raises
     ------
     SceneError
@@ -50,8 +43,8 @@ class ConstantForce(Parametric):
     Source: the line muscles of the published reference face, 1 N per cable without passive part.
     """
 
-    force_max: float = quantity(1.0, "N", least=0.0)
-    passive_fraction: float = quantity(0.0, "1", least=0.0)
+    force_max: float = quantity(1.0, "N", least=0.0)  #: tension at full activation [N]
+    passive_fraction: float = quantity(0.0, "1", least=0.0)  #: passive fraction of the tension [1]
     has_slope: ClassVar[bool] = False
     code: ClassVar[int] = lines.CONSTANT
 
@@ -70,19 +63,6 @@ class Peck(Parametric):
     * f = (1 + cos 2 pi n)/2 for 0.5 < n < 1.5, else 0;
     * p = 0 for r <= 1, (r - 1)/(stretch_max - 1) up to stretch_max, then 1.
 
-    Attributes
-    ----------
-    force_max : float
-        Largest active tension [N].
-    stretch_opt : float
-        Ratio of optimal to rest length [1].
-    stretch_max : float
-        Ratio of length to optimal length from which the passive tension is constant [1].
-    tendon_ratio : float
-        Tendon fraction of the optimal length [1].
-    passive_fraction : float
-        Largest passive tension over force_max [1].
-
     Raises
     ------
     SceneError
@@ -95,10 +75,13 @@ class Peck(Parametric):
     each muscle.
     """
 
-    force_max: float = quantity(1.0, "N", least=0.0)
-    stretch_opt: float = quantity(1.0, "1", above=0.0)
+    force_max: float = quantity(1.0, "N", least=0.0)  #: largest active tension [N]
+    stretch_opt: float = quantity(1.0, "1", above=0.0)  #: ratio of optimal to rest length [1]
+    #: ratio of length to optimal length from which the passive tension is constant [1]
     stretch_max: float = quantity(1.5, "1", above=1.0)
+    #: tendon fraction of the optimal length [1]
     tendon_ratio: float = quantity(0.0, "1", least=0.0, below=1.0)
+    #: largest passive tension over force_max [1]
     passive_fraction: float = quantity(0.015, "1", least=0.0)
     has_slope: ClassVar[bool] = True
     code: ClassVar[int] = lines.PECK
@@ -124,23 +107,16 @@ class Peck(Parametric):
 class LinearSpring(Parametric):
     """Tension F = force_max (activation + passive_fraction max(0, L/(slack L_rest) - 1)).
 
-    Attributes
-    ----------
-    force_max : float
-        Active tension at full activation [N].
-    passive_fraction : float
-        Passive tension per unit of strain over force_max [1].
-    slack : float
-        Length without passive tension over the length at rest [1].
-
     Raises
     ------
     SceneError
         A parameter is out of range.
     """
 
-    force_max: float = quantity(1.0, "N", least=0.0)
+    force_max: float = quantity(1.0, "N", least=0.0)  #: active tension at full activation [N]
+    #: passive tension per unit of strain over force_max [1]
     passive_fraction: float = quantity(1.0, "1", least=0.0)
+    #: length without passive tension over the length at rest [1]
     slack: float = quantity(1.0, "1", above=0.0)
     has_slope: ClassVar[bool] = True
     code: ClassVar[int] = lines.LINEAR_SPRING

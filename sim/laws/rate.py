@@ -19,15 +19,6 @@ class ForceVelocity(Parametric):
     The relation increases monotonically, so that the forces (f_v - 1) times the active tension
     dissipate energy at any rate.
 
-    Attributes
-    ----------
-    v_max : float
-        Largest rate of shortening, in rest lengths per second [1/s].
-    curvature : float
-        a/F0 of Hill's equation [1].
-    lengthening : float
-        Largest tension in lengthening over the isometric one [1].
-
     Raises
     ------
     SceneError
@@ -40,8 +31,10 @@ class ForceVelocity(Parametric):
     70-77 (asymptote 1.4). The equal slopes at u = 0 are a choice.
     """
 
+    #: largest rate of shortening, in rest lengths per second [1/s]
     v_max: float = quantity(10.0, "1/s", above=0.0)
-    curvature: float = quantity(0.25, "1", above=0.0)
+    curvature: float = quantity(0.25, "1", above=0.0)  #: a/F0 of Hill's equation [1]
+    #: largest tension in lengthening over the isometric one [1]
     lengthening: float = quantity(1.4, "1", above=1.0)
 
     def evaluate(self, rate: Array) -> tuple[Array, Array]:

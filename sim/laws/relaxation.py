@@ -20,13 +20,6 @@ class Prony:
         H_i(t + h) = e_i H_i(t) + a_i (S_e(t + h) - S_e(t)),
         S = (1 - sum g_i) S_e + sum g_i H_i,   e_i = exp(-h/tau_i),   a_i = (1 - e_i) tau_i/h.
 
-    Attributes
-    ----------
-    g : tuple of float
-        Relaxing fraction of the stress for each time, with a sum below 1.
-    tau : tuple of float
-        Relaxation times [s].
-
     Notes
     -----
     Source: Fung 1993, Biomechanics, Chap. 7; recursion: Taylor, Pister and Goudreau 1970. The
@@ -34,8 +27,8 @@ class Prony:
     factor 1 - sum g_i.
     """
 
-    g: tuple[float, ...]
-    tau: tuple[float, ...]
+    g: tuple[float, ...]  #: relaxing fraction of the stress for each time, with a sum below 1
+    tau: tuple[float, ...]  #: relaxation times [s]
 
     def __post_init__(self) -> None:
         if len(self.g) != len(self.tau) or not self.g:

@@ -38,11 +38,6 @@ class FiveTermMooneyRivlin(Parametric):
     w = C10 (I1bar - 3) + C01 (I2bar - 3) + C20 (I1bar - 3)^2 + C11 (I1bar - 3)(I2bar - 3)
     + C02 (I2bar - 3)^2, with I2bar = (I1bar^2 - tr Cbar^2)/2.
 
-    Attributes
-    ----------
-    C10, C01, C20, C11, C02 : float
-        Stiffnesses [Pa]; the initial shear modulus is 2 (C10 + C01), which must be positive.
-
     Notes
     -----
     With C01 = C11 = C02 = 0 this is `MooneyRivlin`, which is faster. Source: Stavness et al.,
@@ -50,6 +45,7 @@ class FiveTermMooneyRivlin(Parametric):
     invariant are zero there.
     """
 
+    #: stiffnesses [Pa]; the initial shear modulus is 2 (C10 + C01), which must be positive
     C10: float = quantity(2500.0, "Pa")
     C01: float = quantity(0.0, "Pa")
     C20: float = quantity(1175.0, "Pa")
@@ -77,13 +73,6 @@ class Ogden(Parametric):
 
     w = sum_p mu_p/alpha_p (l_1^alpha_p + l_2^alpha_p + l_3^alpha_p - 3).
 
-    Attributes
-    ----------
-    mu : tuple of float
-        Coefficients [Pa]; the initial shear modulus is sum mu_p alpha_p / 2.
-    alpha : tuple of float
-        Exponents [1], with mu_p alpha_p > 0, so that every term is stable at every stretch.
-
     Notes
     -----
     Source: Ogden 1972, Proc R Soc A 326:565-584. The skin of the face was fitted with an Ogden law
@@ -91,7 +80,9 @@ class Ogden(Parametric):
     defaults are an example with a shear modulus of 5 kPa, that of `MooneyRivlin`.
     """
 
+    #: coefficients [Pa]; the initial shear modulus is sum mu_p alpha_p / 2
     mu: tuple[float, ...] = quantity((1250.0, -250.0), "Pa")
+    #: exponents [1], with mu_p alpha_p > 0, so that every term is stable at every stretch
     alpha: tuple[float, ...] = quantity((6.0, -10.0), "1")
     code: ClassVar[int] = kernel.OGDEN
     measure: ClassVar[int] = kernel.ISOCHORIC
@@ -125,15 +116,6 @@ class Fung(Parametric):
     w = (c/2)(e^Q - 1), Q = (1/4c) [sum_i 2 mu_i (L_i - 2 K_i + 1)
     + sum_ij lame_ij (K_i - 1)(K_j - 1)], K_i = a_i . Cbar a_i, L_i = a_i . Cbar^2 a_i.
 
-    Attributes
-    ----------
-    mu : tuple of 3 float
-        Shear moduli of the axes [Pa], positive.
-    lame : tuple of 6 float
-        Lame moduli 11, 22, 33, 12, 23, 31 [Pa].
-    c : float
-        Stress scale of the exponential [Pa], positive; a smaller scale stiffens at smaller strains.
-
     Notes
     -----
     Defaults: mature skin; half of them for young, twice for old skin, each with a bulk modulus of
@@ -141,10 +123,12 @@ class Fung(Parametric):
     the relaxed skin tension lines.
     """
 
+    #: shear moduli of the axes [Pa], positive
     mu: tuple[float, float, float] = quantity((17773.0, 5931.0, 5931.0), "Pa", above=0.0)
     lame: tuple[float, float, float, float, float, float] = quantity(
         (1e3, 1e3, 1e3, 1e3, 1e3, 1e3), "Pa"
-    )
+    )  #: Lame moduli 11, 22, 33, 12, 23, 31 [Pa]
+    #: stress scale of the exponential [Pa], positive; a smaller scale stiffens at smaller strains
     c: float = quantity(3784.0, "Pa", above=0.0)
     code: ClassVar[int] = kernel.FUNG
     measure: ClassVar[int] = kernel.ISOCHORIC

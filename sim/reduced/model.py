@@ -20,16 +20,10 @@ from sim.system import System
 
 @dataclass(frozen=True, eq=False)
 class ReducedModel:
-    """Reduced solid about a reference.
-
-    Attributes
-    ----------
-    solid : ReducedSolid
-    n_moving : int
-        Number r of coordinates that move, a multiple of three. The others estimate the error.
-    """
+    """Reduced solid about a reference."""
 
     solid: ReducedSolid
+    #: number r of coordinates that move, a multiple of three. The others estimate the error
     n_moving: int
 
     @cached_property

@@ -13,18 +13,11 @@ from sim.system import System
 
 @dataclass(frozen=True, eq=False)
 class ReducedMarkers:
-    """Positions of named nodes, q0 + Phi y (marker, axis) [m], as a variable ``position``.
+    """Positions of named nodes, q0 + Phi y (marker, axis) [m], as a variable ``position``."""
 
-    Attributes
-    ----------
-    rest : (k, 3) their positions at y = 0 [m].
-    modes : (3 k, r) rows of the moving modes.
-    names : names of the nodes.
-    """
-
-    rest: Array
-    modes: Array
-    names: Sequence[str]
+    rest: Array  #: (k, 3) their positions at y = 0 [m]
+    modes: Array  #: (3 k, r) rows of the moving modes
+    names: Sequence[str]  #: names of the nodes
 
     def variables(self) -> tuple[Variable, ...]:
         """One variable."""
@@ -40,14 +33,9 @@ class ReducedMarkers:
 
 @dataclass(frozen=True, eq=False)
 class ReductionError:
-    """Largest displacement of named nodes by the omitted modes [m], as ``reduction_estimate``.
+    """Largest displacement of named nodes by the omitted modes [m], as ``reduction_estimate``."""
 
-    Attributes
-    ----------
-    modes : (3 k, n - r) rows of the omitted modes.
-    """
-
-    modes: Array
+    modes: Array  #: (3 k, n - r) rows of the omitted modes
 
     def variables(self) -> tuple[Variable, ...]:
         """One variable, and the smallest det F of the step."""

@@ -30,18 +30,6 @@ class ErrorControlledStep:
     estimate according to the order of the method, the step is repeated in two halves and the error
     estimated from the difference. Steps never cross the end of an interval.
 
-    Attributes
-    ----------
-    tolerance : float
-        Largest error at the watched nodes [m].
-    h : float
-        Largest step [s].
-    nodes : (k,) watched nodes, such as the lip markers; all if None.
-    horizon : float
-        Time over which errors accumulate [s].
-    max_halvings : int
-        The smallest step is h/2^max_halvings; its failure ends the simulation.
-
     Raises
     ------
     SceneError
@@ -53,10 +41,11 @@ class ErrorControlledStep:
     Differential Equations I, II.4.
     """
 
-    tolerance: float = 1e-4
-    h: float = 0.01
-    nodes: Index | None = None
-    horizon: float = 0.03
+    tolerance: float = 1e-4  #: largest error at the watched nodes [m]
+    h: float = 0.01  #: largest step [s]
+    nodes: Index | None = None  #: (k,) watched nodes, such as the lip markers; all if None
+    horizon: float = 0.03  #: time over which errors accumulate [s]
+    #: the smallest step is h/2^max_halvings; its failure ends the simulation
     max_halvings: int = 10
 
     def __post_init__(self) -> None:

@@ -10,15 +10,9 @@ from sim.steps.contract import Motion, Watch, require_positive, united
 
 @dataclass(frozen=True)
 class FixedStep:
-    """Fixed step size; a failure ends the simulation.
+    """Fixed step size; a failure ends the simulation."""
 
-    Attributes
-    ----------
-    h : float
-        Step [s].
-    """
-
-    h: float = 0.01
+    h: float = 0.01  #: step [s]
 
     def __post_init__(self) -> None:
         require_positive(self.h)

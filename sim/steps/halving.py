@@ -8,18 +8,10 @@ from sim.steps.contract import FAILURES, Motion, Watch, require_positive, united
 
 @dataclass(frozen=True)
 class HalvingStep:
-    """Fixed step size, halved wherever the integrator fails.
+    """Fixed step size, halved wherever the integrator fails."""
 
-    Attributes
-    ----------
-    h : float
-        Largest step [s].
-    max_halvings : int
-        Largest number of successive halvings.
-    """
-
-    h: float = 0.01
-    max_halvings: int = 8
+    h: float = 0.01  #: largest step [s]
+    max_halvings: int = 8  #: largest number of successive halvings
 
     def __post_init__(self) -> None:
         require_positive(self.h)

@@ -20,23 +20,18 @@ from sim.terms.strands import LineFibre
 class AxialSprings:
     """Springs and dampers along polylines, E = stiffness/2 (L - L_rest)^2 and f = -damping dL/dt.
 
-    Attributes
-    ----------
-    paths : sequence of arrays, nodes (k,) or rest positions (k, 3) [m] as of `LineFibre`.
-    stiffness, damping : float
-        Of each [N/m], [N s/m].
-    rest : (n,) or None
-        Lengths without force [m]; by default those of the scene at rest.
-
     Raises
     ------
     SceneError
         As `LineMuscles`, or the number of rest lengths differs from that of the paths.
     """
 
+    #: sequence of arrays, nodes (k,) or rest positions (k, 3) [m] as of `LineFibre`
     paths: Sequence[NDArray[Any]]
+    #: of each [N/m], [N s/m]
     stiffness: float
     damping: float = 0.0
+    #: lengths (n,) without force [m]; by default those of the scene at rest
     rest: Array | None = None
 
     def __post_init__(self) -> None:

@@ -21,16 +21,6 @@ class Crushable:
     It acts for 0 < d < diameter. If d falls below 1 um, the morsel is crushed, and the force is zero
     until d exceeds the diameter, at which a new morsel is present. Initially it is crushed.
 
-    Attributes
-    ----------
-    node : int
-        Node or point.
-    origin, normal : (3,) of the plane, fixed in space [m], [1]; the normal points to the point.
-    diameter : float
-        [m]
-    force_max : float
-        [N]
-
     Raises
     ------
     SceneError
@@ -43,11 +33,12 @@ class Crushable:
     and some percent if per mm/s.
     """
 
-    node: int
+    node: int  #: node or point
+    #: (3,) of the plane, fixed in space [m], [1]; the normal points to the point
     origin: Array
     normal: Array
-    diameter: float = 10e-3
-    force_max: float = 35.0
+    diameter: float = 10e-3  #: [m]
+    force_max: float = 35.0  #: [N]
 
     def __post_init__(self) -> None:
         require(self, "diameter", self.diameter, above=GONE)

@@ -25,20 +25,6 @@ class LineMuscles:
     L is the length of the polyline and w the energy of the law. The forces of an embedded point are
     distributed to the nodes of its element by the shape functions.
 
-    Attributes
-    ----------
-    names : tuple of str
-    fibres : sequence of LineFibre
-    law : LineLaw, or one per name.
-    stiffness : float
-        Of a passive spring along every fibre [N/m], which also resists shortening.
-    damping : float
-        Of a damper along every fibre, force per rate of lengthening [N s/m].
-    relation : ForceVelocity, or one per name, or None
-        Factor on the active tension at the rate of stretch dL/dt/L_rest.
-    tolerance : float
-        Tolerance for embedded points outside the mesh, as `sim.embedding.embed`.
-
     Raises
     ------
     MeshError
@@ -52,10 +38,14 @@ class LineMuscles:
 
     names: tuple[str, ...]
     fibres: Sequence[LineFibre]
+    #: LineLaw, or one per name
     law: LineLaw | Sequence[LineLaw] = field(default_factory=ConstantForce)
+    #: of a passive spring along every fibre [N/m], which also resists shortening
     stiffness: float = 0.0
-    damping: float = 0.0
+    damping: float = 0.0  #: of a damper along every fibre, force per rate of lengthening [N s/m]
+    #: factor on the active tension at the rate of stretch dL/dt/L_rest
     relation: ForceVelocity | Sequence[ForceVelocity] | None = None
+    #: tolerance for embedded points outside the mesh, as `sim.embedding.embed`
     tolerance: float = 1e-6
 
     def __post_init__(self) -> None:

@@ -17,17 +17,12 @@ from sim.vectors import dot
 class Gravity:
     """Force m g on every node, potential -m g . (q - X).
 
-    Attributes
-    ----------
-    g : tuple of float
-        Acceleration [m/s^2].
-
     Notes
     -----
     Source: Eskes et al. 2017 and the reference face, (0, 0, -9.8) m/s^2 with z superior.
     """
 
-    g: tuple[float, float, float] = (0.0, 0.0, -9.8)
+    g: tuple[float, float, float] = (0.0, 0.0, -9.8)  #: acceleration [m/s^2]
 
     def pair_keys(self, mesh: Mesh) -> Index:
         """No stiffness."""
@@ -40,16 +35,10 @@ class Gravity:
 
 @dataclass(frozen=True, eq=False)
 class NodeLoad:
-    """Constant forces on nodes, potential -f . (q - X).
+    """Constant forces on nodes, potential -f . (q - X)."""
 
-    Attributes
-    ----------
-    nodes : (k,) node indices; the forces of repeated ones are added.
-    force : (k, 3) force on each [N].
-    """
-
-    nodes: Index
-    force: Array
+    nodes: Index  #: (k,) node indices; the forces of repeated ones are added
+    force: Array  #: (k, 3) force on each [N]
 
     def __post_init__(self) -> None:
         if self.force.shape != (len(self.nodes), 3) or not np.isfinite(self.force).all():

@@ -18,23 +18,14 @@ from sim.laws import (
 
 @dataclass(frozen=True)
 class Material:
-    """Passive tissue.
-
-    Attributes
-    ----------
-    law : IsochoricLaw or TensorLaw
-    bulk : BulkLaw or None
-        Pointwise law of the volume. None: `QuadraticBulk` with an isochoric law, and none with a
-        law that determines the volume change itself (`LinearElastic`, `CoRotational`).
-    density : float
-        Rest density [kg/m^3], positive.
-    relaxation : Prony or None
-        Viscoelastic relaxation of the stress of the law; the bulk law is elastic.
-    """
+    """Passive tissue."""
 
     law: IsochoricLaw | TensorLaw = field(default_factory=MooneyRivlin)
+    #: pointwise law of the volume. None: `QuadraticBulk` with an isochoric law, and none with a law
+    #: that determines the volume change itself (`LinearElastic`, `CoRotational`)
     bulk: BulkLaw | None = None
-    density: float = 1040.0
+    density: float = 1040.0  #: rest density [kg/m^3], positive
+    #: viscoelastic relaxation of the stress of the law; the bulk law is elastic
     relaxation: Prony | None = None
 
     def __post_init__(self) -> None:

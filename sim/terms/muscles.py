@@ -17,23 +17,15 @@ from sim.state import Array
 
 @dataclass(frozen=True, eq=False)
 class Muscles:
-    """Fibres in elements: one row per element of a muscle; an element may have several.
-
-    Attributes
-    ----------
-    names : tuple of str
-    element : (k,) element index of the row.
-    muscle : (k,) index into names; every muscle has an element.
-    direction : (k, 3) rest direction a0; normalised on compiling.
-    law : FibreLaw, or one per name.
-    weight : (k,) fraction of the element filled by the muscle, a factor on its energy [1]; None is 1.
-    """
+    """Fibres in elements: one row per element of a muscle; an element may have several."""
 
     names: tuple[str, ...]
-    element: Index
-    muscle: Index
-    direction: Array
+    element: Index  #: (k,) element index of the row
+    muscle: Index  #: (k,) index into names; every muscle has an element
+    direction: Array  #: (k, 3) rest direction a0; normalised on compiling
+    #: FibreLaw, or one per name
     law: FibreLaw | Sequence[FibreLaw] = field(default_factory=Blemker)
+    #: (k,) fraction of the element filled by the muscle, a factor on its energy [1]; None is 1
     weight: Array | None = None
 
     def __post_init__(self) -> None:

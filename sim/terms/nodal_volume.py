@@ -38,21 +38,16 @@ class NodalVolume:
     1998). Source: the soft nodal incompressibility used by Eskes et al. 2017, as recorded from the
     published simulator.
 
-    Attributes
-    ----------
-    kappa : float or (n_elements,) array
-        Bulk modulus [Pa]; kappa_n is its mean over the region of the node, weighted by volume.
-    at_fixed : bool
-        Fully fixed nodes have a pressure, unlike in the published simulator.
-
     Notes
     -----
     All nodes with a common neighbour are coupled, so that the factor is about three times that of
     other bulk laws.
     """
 
+    #: bulk modulus [Pa], also (n_elements,); kappa_n is its mean over the region of the node,
+    #: weighted by volume
     kappa: float | Array = 25e3
-    at_fixed: bool = False
+    at_fixed: bool = False  #: fully fixed nodes have a pressure, unlike in the published simulator
 
     def __post_init__(self) -> None:
         require_positive(self.kappa)

@@ -23,24 +23,17 @@ from sim.terms.tensor_elements import TensorElements, rotations, tensor_laws
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """Total-Lagrangian solid, energy sum over Gauss points of w + U(J) + sum of fibre energies.
-
-    Attributes
-    ----------
-    materials : tuple of Material
-    region : (n_elements,) index into materials, or None if there is one material only.
-    muscles : Muscles or None
-    prestretch : (n_elements, 3, 3) deformation gradient F0 from the stress-free state to the mesh at
-        rest, or None. The total deformation is F F0; fibre directions and density are those of the
-        mesh.
-    axes : (n_elements, 3, 3) orthonormal material axes in the mesh, one per column, or None if no law
-        requires them. A prestretch changes them only by its rotation.
-    """
+    """Total-Lagrangian solid, energy sum over Gauss points of w + U(J) + sum of fibre energies."""
 
     materials: tuple[Material, ...] = (Material(),)
+    #: (n_elements,) index into materials, or None if there is one material only
     region: Index | None = None
     muscles: Muscles | None = None
+    #: (n_elements, 3, 3) deformation gradient F0 from the stress-free state to the mesh at rest, or
+    #: None. The total deformation is F F0; fibre directions and density are those of the mesh
     prestretch: Array | None = None
+    #: (n_elements, 3, 3) orthonormal material axes in the mesh, one per column, or None if no law
+    #: requires them. A prestretch changes them only by its rotation
     axes: Array | None = None
 
     def muscle_names(self) -> tuple[str, ...]:

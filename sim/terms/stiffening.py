@@ -21,20 +21,6 @@ class Stiffening:
     s_e = 1 + (factor - 1) min(1, sum over the muscles m of element e of weight_em activation_m), so
     that all passive moduli of the element are multiplied by s_e, but not the active stress.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Muscles of the scene that stiffen.
-    element : (k,) element index of each row.
-    muscle : (k,) index into names.
-    tissue : Solid
-        Materials and regions of the solid that is stiffened; its muscles are ignored.
-    factor : float
-        Of the moduli at full activation [1], at least 1.
-    weight : (k,) fraction of the element filled by the muscle [1]; None is 1.
-    kappa : float or (n_elements,) array, optional
-        Bulk modulus of the `ElementVolume` of the scene, which is then stiffened, too [Pa].
-
     Notes
     -----
     Source: Stavness et al., Lip stiffness enables protrusion and rounding (on and off); Nazari et
@@ -43,12 +29,14 @@ class Stiffening:
     while no muscle is active.
     """
 
-    names: tuple[str, ...]
-    element: Index
-    muscle: Index
-    tissue: Solid
-    factor: float = 10.0
-    weight: Array | None = None
+    names: tuple[str, ...]  #: muscles of the scene that stiffen
+    element: Index  #: (k,) element index of each row
+    muscle: Index  #: (k,) index into names
+    tissue: Solid  #: materials and regions of the solid that is stiffened; its muscles are ignored
+    factor: float = 10.0  #: of the moduli at full activation [1], at least 1
+    weight: Array | None = None  #: (k,) fraction of the element filled by the muscle [1]; None is 1
+    #: bulk modulus, also (n_elements,), of the `ElementVolume` of the scene, which is
+    #: then stiffened, too [Pa]
     kappa: float | Array | None = None
 
     def __post_init__(self) -> None:

@@ -18,20 +18,13 @@ from sim.state import Array
 
 @dataclass(frozen=True, eq=False)
 class LineFibre:
-    """A polyline with one tension along its whole length, as over frictionless via points.
+    """A polyline with one tension along its whole length, as over frictionless via points."""
 
-    Attributes
-    ----------
-    muscle : int
-        Index into the names of its `LineMuscles`.
-    points : (k,) of int, nodes (the fibre is then parallel to edges); or (k, 3), rest positions [m] in
-        the elements; at least two.
-    share : float
-        Factor on the tension of the law [1], if several fibres divide the force of a muscle.
-    """
-
-    muscle: int
+    muscle: int  #: index into the names of its `LineMuscles`
+    #: (k,) of int, nodes (the fibre is then parallel to edges); or (k, 3), rest positions [m] in the
+    #: elements; at least two
     points: NDArray[Any]
+    #: factor on the tension of the law [1], if several fibres divide the force of a muscle
     share: float = 1.0
 
     def __post_init__(self) -> None:

@@ -23,21 +23,12 @@ class Support:
 
     The wall of node n is at a distance `gap` behind its rest position and is plane, frictionless
     and at rest; it represents a bone on which tissue slides.
-
-    Attributes
-    ----------
-    nodes : (k,) node indices.
-    normal : (k, 3) unit vectors away from the wall.
-    stiffness : float
-        Of each wall [N/m].
-    gap : float
-        Distance at rest [m].
     """
 
-    nodes: Index
-    normal: Array
-    stiffness: float = 1000.0
-    gap: float = 0.0
+    nodes: Index  #: (k,) node indices
+    normal: Array  #: (k, 3) unit vectors away from the wall
+    stiffness: float = 1000.0  #: of each wall [N/m]
+    gap: float = 0.0  #: distance at rest [m]
 
     def __post_init__(self) -> None:
         if self.normal.shape != (len(self.nodes), 3):

@@ -20,14 +20,10 @@ from sim.state import Array, Control
 
 @dataclass(frozen=True, eq=False)
 class ElementVolume:
-    """One pressure per element, E = sum_e kappa_e/2 V_e (v_e/V_e - 1)^2.
+    """One pressure per element, E = sum_e kappa_e/2 V_e (v_e/V_e - 1)^2."""
 
-    Attributes
-    ----------
-    kappa : float or (n_elements,) array
-        Bulk modulus [Pa], positive; zero if another law determines the volume change.
-    """
-
+    #: bulk modulus [Pa], also (n_elements,), positive; zero if another law determines the
+    #: volume change
     kappa: float | Array = 25e3
 
     def __post_init__(self) -> None:
