@@ -13,7 +13,9 @@ import pytest
 
 import sim
 from sim._kernels import tensor_laws, tensor_point
+from sim._kernels.laws import FibreTable
 from sim._kernels.symmetric import COLUMN, PLACE, ROW
+from sim._kernels.tensor_point import PointScratch
 from sim.laws.fibre import N_FIBRE
 
 project = nb.njit(lambda *arguments: tensor_point.project(*arguments))
@@ -67,11 +69,14 @@ def passive(F, law):
 
 
 def fibre(F, law, activation, a0):
-    p = np.zeros(N_FIBRE)
-    p[: len(law.parameters())] = law.parameters()
+    p = np.zeros((1, N_FIBRE))
+    p[0, : len(law.parameters())] = law.parameters()
+    ends, first, code = np.array([0, 1]), np.zeros(1, dtype=np.int64), np.array([law.code])
+    fibres = FibreTable(ends, first, a0[None], np.ones(1), code, p)
 
     def add(J, C, Sb, Db):
-        add_fibre(law.code, p, activation, 1.0, a0, J, C, Sb, Db, True)
+        at = PointScratch(F, F, C, C, C, Sb, Db, Sb, Db, C, WORK)
+        add_fibre(fibres, 0, np.array([activation]), J, at, True)
 
     return isochoric(F, add)
 
