@@ -6,73 +6,35 @@ of every trial with its baselines. Neither simulates motions.
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
 import xarray as xr
 
-from analysis.baselines import (
-    VARIABLES,
-    best_of,
-    ceiling_of,
-    mean_of,
-    scored,
-    with_baselines,
-)
+from analysis.baselines import VARIABLES, mean_of, with_baselines
 from analysis.errors import AnalysisError
-from analysis.individual import asymmetry, instants, within_instruction
+from analysis.individual import instants
 from analysis.registration import mean_motion
 from emgface.errors import StoreError
-from emgface.muscles import LIP_MARKERS
+from emgface.study.against_baselines import Person, Recorded, compared
 from emgface.study.digest import text_digest
 from emgface.study.journal import Entry
-from emgface.study.measured import measured_during
 from emgface.study.motions import StoredMotion
 from emgface.study.outcomes import Run
 from emgface.study.stages import ALIGNED, SCORES, Laboratory
 from emgface.study.store import Result, Stage
-from emgface.study.table import PlannedTrial, Recording
+from emgface.study.table import PlannedTrial
 
-_CODE = (*ALIGNED.modules, "analysis.registration", "analysis.individual")
+_CODE = (
+    *ALIGNED.modules,
+    "analysis.registration",
+    "analysis.individual",
+    "emgface.study.against_baselines",
+)
 
 TYPICAL = Stage("typical", (*_CODE, __name__))
 BASELINES = Stage("baselines", (*_CODE, *SCORES.modules, "analysis.baselines", __name__))
-
-Person = tuple[str, str]  #: volunteer and instruction
-
-
-@dataclass(frozen=True)
-class _Recorded:
-    """One recorded trial with its simulated motions by strategy."""
-
-    recording: Recording
-    motions: dict[str, StoredMotion]
-
-    @property
-    def first(self) -> StoredMotion:
-        """Motion of the first strategy."""
-        return next(iter(self.motions.values()))
-
-    @cached_property
-    def measured(self) -> xr.Dataset:
-        """Measured lip positions during the simulation."""
-        laboratory = self.first.laboratory
-        head = laboratory.study.signals.head_frame
-        return measured_during(self.recording.dataset, self.first.dataset, laboratory.face, head)
-
-    @property
-    def pace(self) -> float:
-        """Recorded time per simulated time [1]."""
-        return float(self.first.dataset.attrs["recorded_pace"])
-
-    def digests(self, label: str) -> dict[str, str]:
-        """Digests of the recording and of its motions, by name."""
-        found = {f"recording {label}": self.recording.digest}
-        return found | {f"motion {label} {s}": m.digest for s, m in self.motions.items()}
-
 
 MOST_OTHERS: Final = 50
 """Largest number of other volunteers in a template, so that its cost does not grow with the study.
@@ -90,15 +52,15 @@ class _Volunteer:
     extent: Result | None
     typical: Mapping[Person, str] = field(default_factory=dict[Person, str])
 
-    def recorded(self, laboratory: Laboratory) -> dict[Person, dict[int, _Recorded]]:
+    def recorded(self, laboratory: Laboratory) -> dict[Person, dict[int, Recorded]]:
         """List the scored trials by instruction and repetition."""
-        persons: dict[Person, dict[int, _Recorded]] = defaultdict(dict)
+        persons: dict[Person, dict[int, Recorded]] = defaultdict(dict)
         for trial in self.trials:
             entry = self.entries[*trial.place, trial.strategy]
             if entry.status != "ok" or trial.recording is None:
                 continue
             of = persons[trial.place[:2]]
-            one = of.setdefault(trial.place[2], _Recorded(trial.recording, {}))
+            one = of.setdefault(trial.place[2], Recorded(trial.recording, {}))
             one.motions[trial.strategy] = StoredMotion(laboratory, trial, entry, self.extent)
         return persons
 
@@ -191,7 +153,7 @@ def _parameters(laboratory: Laboratory) -> dict[str, Any]:
     }
 
 
-def _typical(laboratory: Laboratory, person: Person, of: Mapping[int, _Recorded]) -> Result:
+def _typical(laboratory: Laboratory, person: Person, of: Mapping[int, Recorded]) -> Result:
     """Mean measured motion of a volunteer over repetitions, and its mean instants."""
     inputs = {"face": laboratory.face_digest}
     for repetition, one in of.items():
@@ -224,9 +186,9 @@ def _typical(laboratory: Laboratory, person: Person, of: Mapping[int, _Recorded]
 def _baselines(
     laboratory: Laboratory,
     person: Person,
-    of: Mapping[int, _Recorded],
+    of: Mapping[int, Recorded],
     others: Mapping[Person, str],
-    elsewhere: Mapping[str, Mapping[int, _Recorded]],
+    elsewhere: Mapping[str, Mapping[int, Recorded]],
 ) -> Result:
     """Baselines of the trials of one volunteer and instruction."""
     inputs = {"face": laboratory.face_digest}
@@ -242,96 +204,10 @@ def _baselines(
             "form": laboratory.study.score.form,
             "instruction": person[1],  # baselines of an instruction depend on all instructions
         },
-        lambda: _compared(
+        lambda: compared(
             laboratory, person, of, [_stored(laboratory, d) for d in others.values()], elsewhere
         ),
         label=" ".join(person),
-    )
-
-
-def _compared(
-    laboratory: Laboratory,
-    person: Person,
-    of: Mapping[int, _Recorded],
-    others: Sequence[xr.Dataset],
-    elsewhere: Mapping[str, Mapping[int, _Recorded]],
-) -> xr.Dataset:
-    """Score every trial of one volunteer and instruction against its baselines."""
-    alignment, form = laboratory.alignment, laboratory.study.score.form
-    least, count = laboratory.study.score.smallest_motion, len(LIP_MARKERS)
-    result = _empty(person, list(of), list(laboratory.study.strategy_names))
-    template = None
-    # Without other volunteers there is no template; the other measures are computed.
-    with suppress(AnalysisError):
-        template = mean_motion([other["position"] for other in others], alignment)
-        template = template.sel(marker=list(LIP_MARKERS))
-        result["template_volunteers"][...] = template.attrs["contributors"]
-        result["template_asymmetry"][...] = asymmetry(template, smallest_motion=least)
-
-    def against(one: _Recorded, predicted: xr.Dataset | xr.DataArray) -> np.ndarray:
-        return scored(one.measured, predicted.sel(marker=list(LIP_MARKERS)), alignment, form)[0]
-
-    for repetition, one in of.items():
-        at: dict[str, Any] = {"repetition": repetition}
-        own = np.multiply(instants(one.measured, smallest_motion=least), one.pace)
-        result["asymmetry_measured"].loc[at] = asymmetry(one.measured, smallest_motion=least)
-        if template is not None:
-            rho, ratio = scored(one.measured, template, alignment, form)
-            result["template_rho"].loc[at] = rho
-            result["template_amplitude_ratio"].loc[at] = ratio
-            for k, name in enumerate(("onset", "peak")):
-                mean = mean_of([np.array([float(other[name])]) for other in others], 1)[0]
-                result[f"template_{name}_error"].loc[at] = mean - own[k]
-        again = [against(one, other.measured) for r, other in of.items() if r != repetition]
-        result["repeat_rho"].loc[at] = mean_of(again, count)
-        result["ceiling"].loc[at] = ceiling_of(mean_of(again, count))
-        for strategy, motion in one.motions.items():
-            here = at | {"strategy": strategy}
-            moved = motion.dataset
-            onset, peak = np.multiply(instants(moved, smallest_motion=least), one.pace) - own
-            result["onset_error"].loc[here], result["peak_error"].loc[here] = onset, peak
-            result["asymmetry_simulated"].loc[here] = asymmetry(moved, smallest_motion=least)
-            shuffled = [
-                against(one, other.motions[strategy].dataset)
-                for r, other in of.items()
-                if r != repetition and strategy in other.motions
-            ]
-            wrong = [
-                against(one, trials[repetition].motions[strategy].dataset)
-                for trials in elsewhere.values()
-                if repetition in trials and strategy in trials[repetition].motions
-            ]
-            result["shuffled_rho"].loc[here] = mean_of(shuffled, count)
-            result["wrong_rho"].loc[here] = mean_of(wrong, count)
-            result["wrong_rho_max"].loc[here] = best_of(wrong, count)
-    for strategy in laboratory.study.strategy_names:
-        both = [one for one in of.values() if strategy in one.motions]
-        if len(both) > 1:
-            result["within_rho"].loc[{"strategy": strategy}] = (
-                within_instruction(
-                    [one.measured for one in both],
-                    [one.motions[strategy].dataset for one in both],
-                    alignment,
-                )
-                .sel(marker=list(LIP_MARKERS))
-                .values
-            )
-    return result.assign_attrs(volunteer=person[0], instruction=person[1])
-
-
-def _empty(person: Person, repetitions: list[int], strategies: list[str]) -> xr.Dataset:
-    """Undefined values of one volunteer and instruction."""
-    coords: dict[str, Any] = {
-        "volunteer": [person[0]], "instruction": [person[1]], "repetition": repetitions,
-        "strategy": strategies, "marker": list(LIP_MARKERS),
-    }  # fmt: skip
-    return xr.Dataset(
-        {
-            name: (dims, np.full([len(coords[dim]) for dim in dims], np.nan))
-            for name, (dims, _, _) in VARIABLES.items()
-            if name != "skill"
-        },
-        coords=coords,
     )
 
 
