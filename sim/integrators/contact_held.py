@@ -87,9 +87,8 @@ class HeldContact:
         start = work.steps.extrapolated(self._state.t, self._h, self._w0)
         found = work.steps.solve(A, rhs, start, self._error)
         self._free, self._solutions, self._definite = found.x, found.iterations, found.definite
-        self._factorisations, one = found.factorisations, found.roughly
-        assert one is not None  # Every solution of a step has one.
-        self._many = lambda rows: np.array([one(row) for row in rows])
+        assert found.roughly is not None  # Every solution of a step has one.
+        self._factorisations, self._many = found.factorisations, found.roughly
 
     def solve(self) -> Touched:
         """Velocities and pose at the end.

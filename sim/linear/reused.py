@@ -172,9 +172,10 @@ class ReusedFactor:
         return found.x if found.reached else self._solve_whole(rhs)
 
     def roughly(self, rhs: Array) -> Array:
-        """Solve with the existing factor of a similar matrix."""
+        """Solve with the existing factor of a similar matrix, rhs (n,) or (k, n)."""
         assert self._active is not None  # computed by a solution
-        return self._active.approximate(rhs)
+        one = rhs.ndim == 1
+        return self._active.approximate(rhs) if one else self._active.approximate_many(rhs)
 
     def _iterate(self, rhs: Array, x: Array, error: float | None, limit: int) -> Iterate:
         assert self._active is not None  # callers have computed a factor
