@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -255,6 +256,73 @@ def jaw_excitation() -> xr.Dataset:
     return xr.Dataset({"excitation": values}, {"exciter": ["m_L"], **time}, {"origin": "simulated"})
 
 
+def _array(dims: str, values: Any, units: str, dtype: str = "float64") -> Any:
+    return dims.split(), np.asarray(values, dtype=dtype), {"units": units}
+
+
+def head_model() -> xr.Dataset:
+    """Lists of a head of two parts whose tongue has three nodes on the mandible."""
+    corners = 0.01 * np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    faces = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
+    return xr.Dataset(
+        {
+            "attachment_pair": _array("attachment", [0, 0, 0], "1", "int32"),
+            "attachment_node": _array("attachment", [0, 4, 7], "1", "int32"),
+            "shell_bone": _array("shell", [1], "1", "int32"),
+            "shell_position": _array("shell_vertex axis", corners, "m"),
+            "shell_triangle": _array("shell_face corner", faces, "1", "int32"),
+            "triangle_shell": _array("shell_face", [0, 0, 0, 0], "1", "int32"),
+            "exciter_gain": _array("exciter muscle", [[1.0, 1.0]], "1"),
+        },
+        {
+            "axis": list("xyz"), "part": ["jaw", "tongue"], "pair": ["tongue-jaw"],
+            "contact": ["tongue-teeth"], "shell": ["mandible"], "muscle": ["GGP_L", "GGP_R"],
+            "exciter": ["bi_GGP"],
+        },
+        {"name": "small", "origin": "generated", "frame": "x right, y anterior, z superior"},
+    )  # fmt: skip
+
+
+def head_motion() -> xr.Dataset:
+    """Two instants of a tongue of two nodes on a jaw."""
+    turned = np.zeros((1, 4, 2))
+    turned[:, 0] = 1.0
+    return xr.Dataset(
+        {
+            "node_position": _array("node axis time", np.full((2, 3, 2), 0.02), "m"),
+            "tissue_nodes": _array("tissue", [2], "1", "int32"),
+            "body_position": _array("body axis time", np.full((1, 3, 2), 0.05), "m"),
+            "body_quaternion": _array("body part time", turned, "1"),
+            "position": _array("marker axis time", np.full((1, 3, 2), 0.03), "m"),
+            "activation": _array("muscle time", [[0.0, 0.5]], "1"),
+            "smallest_J": _array("time", [1.0, 0.9], "1"),
+        },
+        {
+            "axis": list("xyz"), "named": ["jaw", "tongue"], "part": list("wxyz"),
+            "tissue": ["tongue"], "body": ["jaw"], "marker": ["tip"], "muscle": ["GGP_L"],
+            "time": ("time", [0.0, 0.01], {"units": "s"}),
+        },
+        {"origin": "simulated", "head": "small"},
+    )  # fmt: skip
+
+
+def emg_calibration() -> xr.Dataset:
+    """Calibration of two muscles, one of them assumed."""
+    return xr.Dataset(
+        {
+            "gain": _array("muscle", [0.4, 1.0], "1"),
+            "delay": _array("muscle", [0.04, 0.04], "s"),
+            "error": _array("muscle", [0.1, 0.3], "1"),
+            "estimated": _array("muscle", [1, 0], "1", "int64"),
+        },
+        {"muscle": ["ZYG_L", "OOP_L"]},
+        {
+            "volunteer": "S01", "trials": 2, "sigma_max": 1e5, "model_error": 0.3,
+            "range_parameters": "{}", "origin": "simulated",
+        },
+    )  # fmt: skip
+
+
 VALID: dict[str, Callable[[], xr.Dataset]] = {
     "recording": recording,
     "activation": activation,
@@ -264,6 +332,9 @@ VALID: dict[str, Callable[[], xr.Dataset]] = {
     "scores": scores,
     "sound": sound,
     "cube": cube,
+    "emg_calibration": emg_calibration,
+    "head_model": head_model,
+    "head_motion": head_motion,
     "jaw_excitation": jaw_excitation,
     "jaw_model": jaw_model,
     "jaw_motion": jaw_motion,

@@ -6,6 +6,7 @@ import pytest
 import sim
 from sim.linear import LINEAR_SOLVERS, NotPositiveDefinite, linear_solver, pardiso_is_available
 from sim.matrix import Matrix
+from sim.steps import Motion
 from sim.threads import set_thread_count, thread_count
 from tests.bodies import crossed_muscles, dense, grid, solid_system
 
@@ -83,9 +84,10 @@ class FailsAbove:
 def test_halving_covers_the_interval_exactly_and_a_rejected_step_leaves_no_trace():
     system = strong_block()
     start, integrator = system.rest_state(), FailsAbove(0.003)
-    end, report = sim.HalvingStep(0.01, max_halvings=4).advance(
-        integrator, system, start, lambda t: system.control(np.zeros(2)), 0.01, None
+    motion = Motion(
+        integrator, system, lambda t: system.control(np.zeros(2)), sim.Workspace(system)
     )
+    end, report = sim.HalvingStep(0.01, max_halvings=4).advance(motion, start, 0.01)
     assert end.t == pytest.approx(0.01, abs=1e-15)
     np.testing.assert_allclose(end.q, start.q + 0.01, atol=1e-15)
     assert report.steps == 4
@@ -97,9 +99,9 @@ def test_halving_covers_the_interval_exactly_and_a_rejected_step_leaves_no_trace
 def test_halving_finally_raises_the_failure_of_the_step():
     system = strong_block()
     with pytest.raises(sim.NotConverged, match="refused"):
-        sim.HalvingStep(0.01, max_halvings=2).advance(
-            FailsAbove(1e-9), system, system.rest_state(), lambda t: None, 0.01, None
-        )
+        control = system.control(np.zeros(2))
+        motion = Motion(FailsAbove(1e-9), system, lambda t: control, sim.Workspace(system))
+        sim.HalvingStep(0.01, max_halvings=2).advance(motion, system.rest_state(), 0.01)
 
 
 @pytest.mark.parametrize("bad", [np.nan, -0.1, 1.1, np.inf])
