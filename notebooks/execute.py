@@ -2,7 +2,7 @@
 
 ``python notebooks/execute.py [NAME ...]``, after ``pip install '.[notebooks]'``. Interactive output is
 stored as a still picture: a page with a moving face is larger than the notebook, and a slider is nothing
-without a running kernel.
+without a running kernel. Notebooks therefore run as if ipywidgets were not installed.
 """
 
 import argparse
@@ -18,6 +18,7 @@ from nbclient import NotebookClient
 from PIL import Image
 
 FOLDER = Path(__file__).resolve().parent
+WITHOUT_WIDGETS = "import sys; sys.modules['ipywidgets'] = None"
 WIDGET = "application/vnd.jupyter.widget-view+json"
 
 
@@ -25,11 +26,17 @@ def execute(path: Path) -> float:
     """Execute one notebook, write it with its outputs, and return the seconds that it took."""
     notebook = nbformat.read(path, as_version=4)
     started = time.perf_counter()
+    notebook.cells.insert(0, nbformat.v4.new_code_cell(WITHOUT_WIDGETS))
     NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(FOLDER)}}).execute()
     seconds = time.perf_counter() - started
+    del notebook.cells[0]
     for cell in notebook.cells:
         if cell.cell_type == "code":
+            cell.execution_count -= 1
             cell.outputs = [kept for output in cell.outputs if (kept := stored(output))]
+            for output in cell.outputs:
+                if output.output_type == "execute_result":
+                    output.execution_count = cell.execution_count
             cell.metadata.pop("execution", None)
     notebook.metadata = {
         "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
