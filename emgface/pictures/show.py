@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAGES: Final = (".html", ".htm")
+BONES: Final = ("jaw_motion", "tongue_motion")  #: kinds that only their declaration identifies
 
 
 @dataclass(frozen=True)
@@ -72,6 +73,8 @@ def _function(stated: str) -> Callable[[xr.Dataset], Any]:
 
 def kind(data: xr.Dataset) -> str:
     """Identify the kind of a dataset, one of `DRAWINGS`, by its variables; DataError for others."""
+    if (named := data.attrs.get("schema", "")) in BONES:
+        return named
     signs = {
         "face_model": "connectivity" in data,
         "cube": "status" in data,
@@ -98,6 +101,7 @@ def opened(
     """Read the dataset to be shown if a path is passed (`emgface.show`)."""
     from emgface.recordings.dataset import read_recording
     from emgface.schema.netcdf import kind_of, read_netcdf
+    from emgface.schema.validation import kinds
 
     if isinstance(shown, xr.Dataset):
         return shown
@@ -108,6 +112,11 @@ def opened(
         named = kind_of(path)
         if named in DRAWINGS and named != "recording":
             return read_netcdf(path, named)
+        if named in kinds() and named != "recording":
+            use = ": use 'emgface head show'" if named == "head_motion" else ""
+            raise DataError(
+                f"{path} is of the kind {named!r}, expected one of {', '.join(DRAWINGS)}{use}"
+            )
     return read_recording(path, mapping=mapping)
 
 
@@ -189,5 +198,12 @@ DRAWINGS: Final[Mapping[str, Drawing]] = {
     "scores": Drawing(f"{__name__}:score_figure"),
     "cube": Drawing(f"{__name__}:cube_figure"),
     "face_model": Drawing("emgface.pictures.stills:face_figure", "emgface.pictures.page:face_page"),
+    "jaw_motion": Drawing(
+        "emgface.anatomy.jaw.picture:jaw_figure", "emgface.anatomy.jaw.picture:jaw_page"
+    ),
+    "tongue_motion": Drawing(
+        "emgface.anatomy.tongue.picture:tongue_figure",
+        "emgface.anatomy.tongue.picture:tongue_page",
+    ),
 }
 """By the kind of dataset that ``data_schema`` declares."""

@@ -16,6 +16,7 @@ from emgface.muscles import MUSCLES
 from emgface.pictures import show as module
 from emgface.pictures.show import draw, figure, kind, page
 from emgface.schema.netcdf import write_netcdf
+from tests.tongue.small import small_tongue_motion
 
 
 def activation() -> xr.Dataset:
@@ -84,6 +85,18 @@ def test_files_are_drawn_by_their_contents(
         drive.save(tmp_path / "drive.doc")
     with pytest.raises(DataError, match="--surface"):
         draw(motion.drop_vars("surface_position"), tmp_path / "motion.gif")
+
+
+def test_motions_of_tongues_are_drawn_and_those_of_heads_name_their_command(tmp_path: Path) -> None:
+    motion = small_tongue_motion()
+    write_netcdf(motion, tmp_path / "tongue.nc", "tongue_motion")
+    for name in ("tongue.html", "tongue.png"):
+        show(tmp_path / "tongue.nc", tmp_path / name)
+        assert (tmp_path / name).stat().st_size > 5000
+    motion.attrs["schema"] = "head_motion"
+    motion.to_netcdf(tmp_path / "head.nc")
+    with pytest.raises(DataError, match=r"of the kind 'head_motion', .* 'emgface head show'"):
+        show(tmp_path / "head.nc")
 
 
 def test_window(monkeypatch: pytest.MonkeyPatch) -> None:
