@@ -7,6 +7,7 @@ import typer
 
 from emgface.cli.console import progress, say
 from emgface.cli.machine import announce_compilation
+from emgface.cli.moved import PictureOption, tell_motion, write_picture
 
 app = typer.Typer(
     no_args_is_help=True, help="Build, move and show heads of face, jaw, tongue and hyoid."
@@ -87,8 +88,13 @@ def simulate(
     from emgface.anatomy.head.model import read_head
     from emgface.anatomy.head.run import raised, simulate_head, write_motion
     from emgface.anatomy.jaw.series import read_excitation
-    from emgface.errors import HeadError
+    from emgface.errors import ConfigurationError, HeadError
 
+    if muscle and excitation is not None:
+        raise ConfigurationError(
+            "--muscle and --excitation are both specified, expected one of them: add the muscles to the "
+            "series, or leave out the file"
+        )
     head = read_head(path)
     levels = dict[str, float]()
     for one in muscle or []:
@@ -96,7 +102,11 @@ def simulate(
         try:
             levels[name] = float(level or 0.3)
         except ValueError:
-            raise HeadError(f"--muscle {one!r}, expected a name and a number: bi_GGP=0.3") from None
+            levels[name] = float("nan")
+        if not 0.0 <= levels[name] <= 1.0:
+            raise HeadError(
+                f"--muscle {one!r}, expected a name and a level from 0 to 1: bi_GGP=0.3"
+            )
     known = head.lists["exciter"].values
     drive = (
         raised(levels, jaw="bi_close" in known)
@@ -111,33 +121,17 @@ def simulate(
         )
     motion.attrs["task"] = task
     write_motion(motion, head, out_path)
-    clipped = motion.attrs["clipped_excitation"]
-    if clipped < 0.0:
-        say(f"Negative excitations, down to {clipped:.3g}, were set to zero.")
-    say(f"Wrote {out_path}: {task} of the {head.lists.attrs['name']}, simulated.")
+    tell_motion(motion, out_path, head.lists.attrs["name"])
 
 
 @app.command()
 def show(
     path: Annotated[Path, typer.Argument(help="Motion of a head (netCDF).")],
-    out_path: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", help="Page (html) or figure (png, svg, pdf); default: a page beside it."
-        ),
-    ] = None,
+    out_path: PictureOption = None,
 ) -> None:
     """Write the page of a motion: skin, bones, teeth, tongue and muscles by activation."""
-    from analysis.figures.style import save
     from emgface.anatomy.head.picture import head_figure, head_page
     from emgface.anatomy.head.run import read_motion
-    from emgface.files import write_text
-    from emgface.pictures.show import PAGES
 
     motion, parts = read_motion(path)
-    out_path = out_path or path.with_suffix(".html")
-    if out_path.suffix.lower() in PAGES:
-        write_text(out_path, head_page(motion, parts))
-    else:
-        save(head_figure(motion), out_path)
-    say(f"Wrote {out_path}.")
+    write_picture(path, out_path, lambda: head_page(motion, parts), lambda: head_figure(motion))

@@ -8,6 +8,7 @@ import typer
 
 from emgface.cli.console import frame, progress, say, show_table
 from emgface.cli.machine import announce_compilation
+from emgface.cli.moved import PictureOption, tell_motion, write_picture
 from emgface.cli.options import BandOption, FeatureOption, MappingOption
 
 if TYPE_CHECKING:
@@ -88,27 +89,14 @@ def build(
 @app.command()
 def show(
     path: Annotated[Path, typer.Argument(help="Motion of a jaw (netCDF).")],
-    out_path: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", help="Page (html) or figure (png, svg, pdf); default: a page beside it."
-        ),
-    ] = None,
+    out_path: PictureOption = None,
 ) -> None:
     """Write the page of a motion: bones, muscles by activation, paths and forces."""
-    from analysis.figures.style import save
     from emgface.anatomy.jaw.picture import jaw_figure, jaw_page
-    from emgface.files import write_text
-    from emgface.pictures.show import PAGES
     from emgface.schema.netcdf import read_netcdf
 
     motion = read_netcdf(path, "jaw_motion")
-    out_path = out_path or path.with_suffix(".html")
-    if out_path.suffix.lower() in PAGES:
-        write_text(out_path, jaw_page(motion))
-    else:
-        save(jaw_figure(motion), out_path)
-    say(f"Wrote {out_path}.")
+    write_picture(path, out_path, lambda: jaw_page(motion), lambda: jaw_figure(motion))
 
 
 @app.command()
@@ -155,10 +143,7 @@ def run(
     write_netcdf(motion, out_path, "jaw_motion")
     if absent := motion.attrs.get("absent_exciters"):
         say(f"The model has no exciter {absent}: the task runs without.")
-    clipped = motion.attrs["clipped_excitation"]
-    if clipped < 0.0:
-        say(f"Negative excitations, down to {clipped:.3g}, were set to zero.")
-    say(f"Wrote {out_path}: {name} of the {jaw.attrs['name']}, simulated.")
+    tell_motion(motion, out_path, jaw.attrs["name"])
 
 
 @app.command()

@@ -10,6 +10,7 @@ from emgface.cli.machine import announce_compilation
 
 if TYPE_CHECKING:
     import xarray as xr
+from emgface.cli.moved import PictureOption, tell_motion, write_picture
 
 app = typer.Typer(no_args_is_help=True, help="Import, build, move and show models of the tongue.")
 
@@ -99,7 +100,9 @@ def simulate(
         list[str] | None,
         typer.Option(help="Exciter that rises and falls, such as bi_GGP or SL; repeatable."),
     ] = None,
-    level: Annotated[float, typer.Option(help="Largest excitation of --muscle.")] = 0.3,
+    level: Annotated[
+        float, typer.Option(min=0, max=1, help="Largest excitation of --muscle.")
+    ] = 0.3,
     duration: Annotated[float | None, typer.Option(help="Simulated time [s].")] = None,
     variant: VariantOption = "elements",
     gravity: Annotated[bool, typer.Option(help="With gravity.")] = True,
@@ -110,8 +113,14 @@ def simulate(
     from emgface.anatomy.tongue.actions import DURATION, raised
     from emgface.anatomy.tongue.parameters import variant as variant_of
     from emgface.anatomy.tongue.run import OUTPUT, simulate_tongue
+    from emgface.errors import ConfigurationError
     from emgface.schema.netcdf import read_netcdf, write_netcdf
 
+    if muscle and excitation is not None:
+        raise ConfigurationError(
+            "--muscle and --excitation are both specified, expected one of them: add the muscles to the "
+            "series, or leave out the file"
+        )
     tongue, name = read_netcdf(path, "tongue_model"), " and ".join(muscle or []) or "rest"
     if excitation is None:
         duration = DURATION if duration is None else duration
@@ -128,36 +137,20 @@ def simulate(
         )
     motion.attrs["task"] = name
     write_netcdf(motion, out_path, "tongue_motion")
-    clipped = motion.attrs["clipped_excitation"]
-    if clipped < 0.0:
-        say(f"Negative excitations, down to {clipped:.3g}, were set to zero.")
-    say(f"Wrote {out_path}: {name} of the {tongue.attrs['name']}, simulated.")
+    tell_motion(motion, out_path, tongue.attrs["name"])
 
 
 @app.command()
 def show(
     path: Annotated[Path, typer.Argument(help="Motion of a tongue (netCDF).")],
-    out_path: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", help="Page (html) or figure (png, svg, pdf); default: a page beside it."
-        ),
-    ] = None,
+    out_path: PictureOption = None,
 ) -> None:
     """Write the page of a motion: the left half, fibres by activation, contours and volume."""
-    from analysis.figures.style import save
     from emgface.anatomy.tongue.picture import tongue_figure, tongue_page
-    from emgface.files import write_text
-    from emgface.pictures.show import PAGES
     from emgface.schema.netcdf import read_netcdf
 
     motion = read_netcdf(path, "tongue_motion")
-    out_path = out_path or path.with_suffix(".html")
-    if out_path.suffix.lower() in PAGES:
-        write_text(out_path, tongue_page(motion))
-    else:
-        save(tongue_figure(motion), out_path)
-    say(f"Wrote {out_path}.")
+    write_picture(path, out_path, lambda: tongue_page(motion), lambda: tongue_figure(motion))
 
 
 @app.command()

@@ -1,0 +1,33 @@
+"""Refusals of the command that moves a head."""
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from emgface.anatomy.head.build import build_head
+from emgface.anatomy.head.model import write_head
+from emgface.cli import app
+
+
+@pytest.fixture(scope="module")
+def head(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    head = build_head(["jaw", "hyoid"], preset="man", resolution="coarse")
+    return write_head(head, tmp_path_factory.mktemp("head") / "head.nc")
+
+
+@pytest.mark.parametrize("muscle", ["bi_open=3", "bi_open=-0.1", "bi_open=nan", "bi_open=much"])
+def test_levels_of_muscles_are_between_zero_and_one(head: Path, muscle: str) -> None:
+    out = head.with_name("motion.nc")
+    found = CliRunner().invoke(
+        app, ["head", "simulate", str(head), "--muscle", muscle, "--out", str(out)]
+    )
+    assert found.exit_code == 2 and "a level from 0 to 1" in found.output and not out.exists()
+
+
+def test_muscles_beside_a_series_are_refused(head: Path) -> None:
+    series, out = head.with_name("series.csv"), head.with_name("motion.nc")
+    series.write_text("time,bi_open\n0,0\n0.1,0.3\n")
+    options = ["--muscle", "bi_open=0.3", "--excitation", str(series), "--out", str(out)]
+    found = CliRunner().invoke(app, ["head", "simulate", str(head), *options])
+    assert found.exit_code == 2 and "both specified" in found.output and not out.exists()
