@@ -125,22 +125,14 @@ def test_spheres_that_collide_keep_momentum_and_exchange_it_symmetrically(offset
 
 
 @pytest.mark.parametrize("shrink", [0.0, 1e-3])
-def test_a_stack_of_five_boxes_stands_still(shrink):
-    """Every interface carries the weight of what is above it, and nothing moves."""
+def test_a_stack_of_five_boxes_stands_still_for_ten_seconds(shrink):
+    """Every interface carries the weight of what is above it, and nothing moves [m, rad]."""
     system = sim.compile_scene(tower(5, shrink))
-    end = moved(system, 0.01, 15)[-1]
-    np.testing.assert_allclose(end.frames, system.rest_state().frames, atol=1e-10)
+    end = moved(system, 0.1, 100)[-1]
+    np.testing.assert_allclose(end.frames, system.rest_state().frames, atol=1e-11)
     force = sim.Contacts().record(system, end, system.control(np.zeros(0)), None)[2]
     weight = G * np.array([body.mass for body in system.scene.bodies])
     np.testing.assert_allclose(force, np.cumsum(weight[::-1])[::-1], rtol=1e-6)
-
-
-@pytest.mark.slow
-@pytest.mark.xfail(strict=True, reason="the boxes turn by 3e-9 rad, cause not found")
-def test_a_stack_of_five_boxes_does_not_drift_in_ten_seconds():
-    system = sim.compile_scene(tower(5))
-    end = moved(system, 0.02, 500)[-1]
-    np.testing.assert_allclose(end.frames, system.rest_state().frames, atol=1e-9)
 
 
 def cone(height, radius, n=6):
