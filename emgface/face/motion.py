@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 import sim
-from emgface.errors import ActivationError
+from emgface.errors import ActivationError, UnitsError
 from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.integration import integrator_of, steps_of
 from emgface.face.lip_shape import UP, has_mouth
@@ -233,6 +233,20 @@ def _probes(face: xr.Dataset) -> tuple[Probe, ...]:
     )
 
 
+def _check_units(activation: xr.DataArray) -> None:
+    """Refuse other units than 1 and s, if the arrays state them."""
+    for name, array, expected in (
+        ("activation", activation, "1"),
+        ("time of the activation", activation["time"], "s"),
+    ):
+        units = array.attrs.get("units", expected)
+        if units != expected:
+            raise UnitsError(
+                f"the {name} is in {units!r}, expected {expected!r}: convert the values and set the "
+                "attribute units"
+            )
+
+
 def _control(
     activation: xr.DataArray, muscles: Iterable[str], parameters: SimulationParameters
 ) -> tuple[sim.Activation, float, float]:
@@ -254,8 +268,10 @@ def _control(
         )
         raise ActivationError(
             f"the activation {found}, expected exactly the muscles of the face: "
-            f"{', '.join(muscles)}"
+            f"{', '.join(muscles)}; for inactive others use "
+            "activation.reindex(muscle=face['muscle'].values, fill_value=0)"
         )
+    _check_units(activation)
     values = activation.sel(muscle=muscles).transpose("time", "muscle").values
     times = np.asarray(activation["time"].values, dtype=np.float64)
     if len(times) < 2:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from emgface.errors import ActivationError
+from emgface.errors import ActivationError, UnitsError
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.recipe import compose_scene, element_order
 from emgface.face.simulation_parameters import SimulationParameters
@@ -140,6 +140,12 @@ def test_normalised_timing_takes_one_step_per_sample(slab, settled) -> None:
         (lambda a: a.isel(time=slice(None, None, -1)), ActivationError, "expected ascending"),
         (lambda a: a + 1.5, ControlError, "1.5"),
         (lambda a: a * np.nan, ControlError, "nan"),
+        (lambda a: a.assign_attrs(units="%"), UnitsError, "is in '%', expected '1'"),
+        (
+            lambda a: a.assign_coords(time=(1e3 * a["time"]).assign_attrs(units="ms")),
+            UnitsError,
+            "is in 'ms', expected 's'",
+        ),
     ],
 )
 @pytest.mark.parametrize("timing", ["recorded", "normalised"])
