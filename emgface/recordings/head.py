@@ -18,6 +18,7 @@ from emgface.signals.parameters import HeadFrameParameters
 COLLINEAR = 1e-2  #: second over first singular value below which markers are regarded as collinear
 MIRRORED = 0.75
 """Misfit of the mirror image over that of the markers below which the axes are regarded as mirrored."""
+LARGEST_RATIO = 2.0  #: ratio of sizes of two heads, either way, above which a unit is regarded as wrong
 
 
 def in_head_frame(
@@ -47,7 +48,8 @@ def in_head_frame(
     Raises MarkerError, UnitsError or SignalError if a marker is missing, the markers fit the mirror
     image of the reference better than the reference, a lip marker is never visible or lost for
     longer than `max_gap`, a frame other than at the ends lacks three face markers that are not
-    collinear, positions are not in metres, or the frames are not uniformly spaced.
+    collinear, positions are not in metres or cannot be by their size, or the frames are not
+    uniformly spaced.
     """
     position = _checked(recording_position)
     time = np.asarray(position["time_marker"], dtype=float)
@@ -156,10 +158,12 @@ def _aligned_mean(points: np.ndarray, present: np.ndarray, target: np.ndarray) -
 def _placed(own: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Rotate and translate a configuration onto a reference of another shape.
 
-    Raises MarkerError if the mirror image of the configuration fits better. Markers in one plane fit
-    equally well, so that their mirror image cannot be detected.
+    Raises UnitsError if the sizes differ more than those of two heads, and MarkerError if the mirror
+    image of the configuration fits better. Markers in one plane fit equally well, so that their
+    mirror image cannot be detected.
     """
     known = np.isfinite(own[:, 0])[None]
+    _check_size(own[known[0]], reference[known[0]])
 
     def fitted(points: np.ndarray) -> tuple[np.ndarray, float]:
         rotation, origin, goal = _fit(points[None], known, reference)
@@ -174,6 +178,17 @@ def _placed(own: np.ndarray, reference: np.ndarray) -> np.ndarray:
             "reverse: left and right are exchanged in the names, or one axis has the wrong sign"
         )
     return placed
+
+
+def _check_size(own: np.ndarray, reference: np.ndarray) -> None:
+    """Refuse positions whose stated unit cannot be that of their values."""
+    found, expected = (float(np.linalg.norm(np.std(x, axis=0))) for x in (own, reference))
+    if not found <= LARGEST_RATIO * expected or not expected <= LARGEST_RATIO * found:
+        raise UnitsError(
+            f"the face markers are {found:.3g} m (rms) from their centre, those of the reference "
+            f"{expected:.3g} m, expected at most a factor of {LARGEST_RATIO:g}: check the unit of the "
+            "positions in the recording or its sidecar"
+        )
 
 
 def _given_reference(reference: xr.DataArray) -> np.ndarray:

@@ -32,6 +32,11 @@ def sampling_rate(time: np.ndarray | xr.DataArray) -> float:
         )
     spacing = np.diff(t)
     period = (t[-1] - t[0]) / (t.size - 1)
+    if period < 0:
+        raise SignalError(
+            f"time runs from {t[0]:.6g} s back to {t[-1]:.6g} s, expected ascending times: sort the "
+            "samples of the recording"
+        )
     # NaN fails this comparison also. Rounded times of text files vary by a few per cent.
     uniform = np.abs(spacing - period) <= 0.1 * abs(period)
     if not period > 0 or not uniform.all():

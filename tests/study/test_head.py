@@ -289,6 +289,13 @@ def test_mirrored_axes_are_refused(axis):
     in_head_frame(moved, PARAMETERS)  # without a reference nothing tells left from right
 
 
+@pytest.mark.parametrize("factor", [1e3, 1e-3])
+def test_a_wrong_unit_is_recognised_by_the_size_of_the_head(factor):
+    moved = positions_of(head_motion(still_face_moving_lips() * factor))
+    with pytest.raises(UnitsError, match="check the unit of the positions"):
+        in_head_frame(moved, PARAMETERS, reference())
+
+
 def test_another_head_of_the_same_hand_is_accepted():
     values = still_face_moving_lips() * [1.2, 0.85, 1.1]
     in_head_frame(positions_of(head_motion(values)), PARAMETERS, reference())
