@@ -18,7 +18,7 @@ from emgface.signals.parameters import HeadFrameParameters
 COLLINEAR = 1e-2  #: second over first singular value below which markers are regarded as collinear
 MIRRORED = 0.75
 """Misfit of the mirror image over that of the markers below which the axes are regarded as mirrored."""
-LARGEST_RATIO = 2.0  #: ratio of sizes of two heads, either way, above which a unit is regarded as wrong
+LARGEST_RATIO = 2.0  #: ratio of the sizes of two heads above which a unit is regarded as wrong
 
 
 def in_head_frame(
