@@ -1,9 +1,8 @@
 """Waves in a tube of changing area and length, with vocal folds, and Kelly-Lochbaum scattering.
 
 Pressure p at nodes and velocity u in the cells between them, at alternate half steps. Mouth and nose
-lie in one array: nodes 0..N of the mouth, then those of the nose, whose first is a copy of the node
-where it branches; the cell between the two is closed, as are those that fill the arrays up to a whole
-number of vector registers.
+lie in one row: nodes 0..N of the mouth, then those of the nose, whose first is a copy of the node
+where it branches; the cell between the two is closed.
 """
 
 # pyright: basic
@@ -12,13 +11,24 @@ import math
 
 import numpy as np
 
-from sim._kernels.options import inner, kernel
+from sim._kernels.options import bare, bare_kernel, kernel
 
+STRIDE = 520
+"""Distance of the rows of the state, which limits the number of nodes: a constant, so that compilers
+know that rows do not overlap and vectorise loops that write several of them. A multiple of 8 of an odd
+number of cache lines."""
+TERMS = 4  #: relaxations of the losses
 SHAPE_STEPS = 4
 """Steps between evaluations of a changing shape: at the usual steps more than 30 000 per second."""
+# rows of the state: pressure, velocity, walls, memory of the losses of nodes and cells
+P, U, Z, Y, R, Q = (k * STRIDE for k in (0, 1, 2, 3, 4, 8))
+# coefficients: area and inverse cell length of cells, inverse volume, losses, inverse of the implicit
+# parts, additional flow into nodes and pressure across cells
+A, IH, IV, HEAT, WALL, NODE, PUSH, DRAG, CELL, BLOW = (k * STRIDE for k in range(12, 22))
+ROWS = 22
 
 
-@inner
+@bare
 def fold_motion(dt, m, k, kc, zeta, rest, x, v, other, cubic, contact, load):
     """Move one mass by a step of the linearised trapezoidal rule, which damps at any step.
 
@@ -37,14 +47,14 @@ def fold_motion(dt, m, k, kc, zeta, rest, x, v, other, cubic, contact, load):
     return x + dt * middle, 2.0 * middle - v
 
 
-@inner
+@bare
 def hiss(gain, critical, flow, area, rho, mu):
     """Pressure [Pa] of turbulence per unit of noise: gain max(0, Re^2 - critical^2)."""
     re = 2.0 * rho * abs(flow) / (mu * math.sqrt(math.pi * area))
     return gain * max(0.0, re * re - critical * critical)
 
 
-@inner
+@bare
 def glottal_flow(dt, rho, mu, a1, a2, shape, before, drive, pa, pb, beyond):
     """Flow through the glottis, implicit in the pressure pa + pb U of the tract.
 
@@ -61,14 +71,16 @@ def glottal_flow(dt, rho, mu, a1, a2, shape, before, drive, pa, pb, beyond):
     return 2.0 * driving / (linear + root)
 
 
-@inner
-def glottis(dt, air, folds, motion, w, lung, unit, turbulence, pa, pb, beyond):
+@bare
+def glottis(
+    dt, air, folds, at_rest, motion, w, lung, unit, turbulence, pa, pb, beyond
+):  # fmt: skip
     """Move the folds by a step under the pressure pa + pb U of the tract.
 
     Returns the flow [m^3/s] and the smallest area [m^2]; `unit` is noise, w[3] the flow before.
     """
     rho, _, mu = air
-    q, length, d1, d2, at_rest = folds[0], folds[10], folds[11], folds[12], folds[13]
+    q, length, d1, d2 = folds[0], folds[10], folds[11], folds[12]
     a1, a2 = at_rest + 2.0 * length * motion[0], at_rest + 2.0 * length * motion[2]
     area = max(0.0, min(a1, a2))
     open1, open2 = max(a1, 1e-10), max(a2, 1e-10)
@@ -99,211 +111,215 @@ def glottis(dt, air, folds, motion, w, lung, unit, turbulence, pa, pb, beyond):
     return flow, area
 
 
-# Loops write few arrays: compilers vectorise a loop only with few comparisons of addresses.
-
-
-@inner
-def block_coefficients(b, k0, k1, zw, rho, immediate, grid, a, iv, awz, drag, one_node, one_cell):
+@bare
+def block_coefficients(b, k0, k1, zw, rho, immediate, per_wall, dt, ends, grid, s):
     """Coefficients that are constant in block b; returns True where the shape changes in it."""
-    A, V, _, lu, aw, ah, _, _ = grid
+    area, volume, inverse, rate, surface, load, _ = grid
+    M = area.shape[1]
     moves = False
-    for i in range(a.size):
-        awz[i] = aw[b, i] / zw
-        drag[i] = rho * lu[b, i]
-        one_node[i] = 1.0 / (k0 + awz[i] + ah[b, i] * immediate)
-        one_cell[i] = 1.0 / (k1 + drag[i] * immediate)
-        a[i], iv[i] = A[b, i], 1.0 / V[b, i]
-        moves = moves or A[b + 1, i] != A[b, i] or V[b + 1, i] != V[b, i]
+    for i in range(M):
+        s[WALL + i] = per_wall[0] * surface[b, i] / zw
+        s[HEAT + i] = per_wall[1] * surface[b, i]
+        s[DRAG + i] = rho * rate[b, i]
+        s[IH + i] = inverse[b, i]
+        s[A + i], s[IV + i] = area[b, i], 1.0 / volume[b, i]
+        s[PUSH + i], s[BLOW + i] = 0.0, 0.0
+        moves = moves or area[b + 1, i] != area[b, i] or volume[b + 1, i] != volume[b, i]
+    for i in range(M):
+        s[NODE + i] = 1.0 / (k0 + s[WALL + i] + s[HEAT + i] * immediate)
+        s[CELL + i] = 1.0 / (k1 + s[DRAG + i] * immediate)
+    end_loads(dt, b, k0, immediate, ends, load, s)
     return moves
 
 
-@inner
-def shape_within(f, b, A, V, a, iv):
+@bare
+def end_loads(dt, b, k0, immediate, ends, load, s):
+    """Implicit parts at the openings, with their mass and resistance; mass 0: pressure 0."""
+    for e in range(2):
+        at = ends[e]
+        if at >= 0:
+            s[NODE + at] = 0.0
+            if load[b, e, 0] > 0.0:
+                extra = (1.0 / load[b, e, 1] + 0.5 * dt / load[b, e, 0]) * s[IV + at]
+                s[NODE + at] = 1.0 / (k0 + s[WALL + at] + s[HEAT + at] * immediate + extra)
+
+
+@bare
+def shape_within(f, b, area, volume, s):
     """Areas and inverse volumes at the fraction f of block b."""
-    for i in range(a.size):
-        a[i] = A[b, i] + f * (A[b + 1, i] - A[b, i])
-    for i in range(a.size):
-        iv[i] = 1.0 / (V[b, i] + f * (V[b + 1, i] - V[b, i]))
+    for i in range(area.shape[1]):
+        s[A + i] = area[b, i] + f * (area[b + 1, i] - area[b, i])
+        s[IV + i] = 1.0 / (volume[b, i] + f * (volume[b + 1, i] - volume[b, i]))
 
 
-@inner
-def node_balance(k0, mass, stiff, p, heat, ah, awz, z, y, a, u, iv, num):
+@bare
+def known(i, k0, mass, stiff, s):
     """Known part of the continuity equation: pressure before, walls, heat, and flow of the cells."""
-    for i in range(p.size):
-        num[i] = k0 * p[i] + ah[i] * heat[i] - awz[i] * (mass * z[i] - stiff * y[i])
-    num[0] -= a[0] * u[0] * iv[0]
-    for i in range(1, p.size):
-        num[i] -= (a[i] * u[i] - a[i - 1] * u[i - 1]) * iv[i]
+    j = max(i - 1, 0)
+    before = s[A + j] * s[U + j] if i > 0 else 0.0
+    heat = (s[R + i] + s[R + STRIDE + i]) + (s[R + 2 * STRIDE + i] + s[R + 3 * STRIDE + i])
+    walls = s[WALL + i] * (mass * s[Z + i] - stiff * s[Y + i])
+    flow = (s[A + i] * s[U + i] - before) * s[IV + i]
+    return k0 * s[P + i] + s[HEAT + i] * heat - walls - flow
 
 
-@inner
-def node_step(dt, mass, stiff, zw, one_node, s, p, z, y):
-    """Pressure in the middle of the step into s, from its known part; pressure and walls after it."""
+@bare
+def node_step(M, dt, k0, mass, stiff, zw, decay, gain, s):
+    """Pressures and walls after a step; the walls and the memory follow the pressure in its middle."""
+    d0, d1, d2, d3 = decay[0], decay[1], decay[2], decay[3]
+    g0, g1, g2, g3 = gain[0], gain[1], gain[2], gain[3]
     inverse = 1.0 / zw
-    for i in range(p.size):
-        s[i] *= one_node[i]
-        p[i] = 2.0 * s[i] - p[i]
-    for i in range(p.size):
-        velocity = (s[i] + mass * z[i] - stiff * y[i]) * inverse
-        z[i] = 2.0 * velocity - z[i]
-        y[i] += dt * velocity
+    for i in range(M):
+        r0, r1 = s[R + i], s[R + STRIDE + i]
+        r2, r3 = s[R + 2 * STRIDE + i], s[R + 3 * STRIDE + i]
+        z, y, p = s[Z + i], s[Y + i], s[P + i]
+        walls = mass * z - stiff * y
+        before = s[A - 1 + i] * s[U - 1 + i]  # 0 where i = 0: the end of a row is not used
+        flow = (s[A + i] * s[U + i] - before) * s[IV + i]
+        middle = k0 * p + s[HEAT + i] * ((r0 + r1) + (r2 + r3)) - s[WALL + i] * walls
+        middle = (middle - flow + s[PUSH + i]) * s[NODE + i]
+        velocity = (middle + walls) * inverse
+        s[P + i] = 2.0 * middle - p
+        s[Z + i] = 2.0 * velocity - z
+        s[Y + i] = y + dt * velocity
+        s[R + i] = d0 * r0 + g0 * middle
+        s[R + STRIDE + i] = d1 * r1 + g1 * middle
+        s[R + 2 * STRIDE + i] = d2 * r2 + g2 * middle
+        s[R + 3 * STRIDE + i] = d3 * r3 + g3 * middle
 
 
-@inner
-def cell_balance(k1, u, ih, p, drag, friction, num):
-    """Known part of the momentum equation; cells with ih = 0 are closed."""
-    for i in range(p.size - 1):
-        num[i] = k1 * u[i] - ih[i] * (p[i + 1] - p[i]) + drag[i] * friction[i]
-    num[p.size - 1] = 0.0
+@bare
+def cell_step(M, k1, decay, gain, s):
+    """Velocities after a step; cells without inverse length are closed."""
+    d0, d1, d2, d3 = decay[0], decay[1], decay[2], decay[3]
+    g0, g1, g2, g3 = gain[0], gain[1], gain[2], gain[3]
+    for i in range(M):
+        q0, q1 = s[Q + i], s[Q + STRIDE + i]
+        q2, q3 = s[Q + 2 * STRIDE + i], s[Q + 3 * STRIDE + i]
+        u = s[U + i]
+        middle = k1 * u - s[IH + i] * (s[P + 1 + i] - s[P + i])
+        middle = (middle + s[DRAG + i] * ((q0 + q1) + (q2 + q3)) + s[BLOW + i]) * s[CELL + i]
+        s[U + i] = 2.0 * middle - u
+        s[Q + i] = d0 * q0 + g0 * middle
+        s[Q + STRIDE + i] = d1 * q1 + g1 * middle
+        s[Q + 2 * STRIDE + i] = d2 * q2 + g2 * middle
+        s[Q + 3 * STRIDE + i] = d3 * q3 + g3 * middle
 
 
-@inner
-def cell_step(one_cell, s, u):
-    """Velocity in the middle of the step into s, from its known part; velocity after it."""
-    for i in range(u.size):
-        s[i] *= one_cell[i]
-        u[i] = 2.0 * s[i] - u[i]
-
-
-@inner
-def remember(decay, gain, s, memory, total):
-    """Advance the memory of the losses by a step, two terms at a time; their sum into total."""
-    for k in range(0, decay.size, 2):
-        one, two = memory[k], memory[k + 1]
-        d1, d2, g1, g2 = decay[k], decay[k + 1], gain[k], gain[k + 1]
-        if k == 0:
-            for i in range(s.size):
-                one[i] = d1 * one[i] + g1 * s[i]
-                two[i] = d2 * two[i] + g2 * s[i]
-                total[i] = one[i] + two[i]
-        else:
-            for i in range(s.size):
-                one[i] = d1 * one[i] + g1 * s[i]
-                two[i] = d2 * two[i] + g2 * s[i]
-                total[i] += one[i] + two[i]
-
-
-@inner
-def join(branch, nose, iv, one_node, num):
+@bare
+def join(branch, nose, k0, mass, stiff, s):
     """Give the first node of the nose and the node where it branches the same pressure."""
-    v0, v1 = 1.0 / iv[branch], 1.0 / iv[nose]
-    sums = v0 / one_node[branch] + v1 / one_node[nose]
-    joined = (num[branch] * v0 + num[nose] * v1) / sums
-    num[branch], num[nose] = joined / one_node[branch], joined / one_node[nose]
+    one, two = known(branch, k0, mass, stiff, s), known(nose, k0, mass, stiff, s)
+    v0, v1 = 1.0 / s[IV + branch], 1.0 / s[IV + nose]
+    sums = v0 / s[NODE + branch] + v1 / s[NODE + nose]
+    joined = (one * v0 + two * v1) / sums
+    s[PUSH + branch] = joined / s[NODE + branch] - one
+    s[PUSH + nose] = joined / s[NODE + nose] - two
 
 
-@inner
-def load_ends(dt, ends, load, iv, one_node, w, num):
-    """Flow out of the openings, implicit in their pressure."""
-    for e in range(2):
-        at = ends[e]
-        if at < 0:
-            continue
-        if load[e, 0] == 0.0:
-            num[at] = 0.0
-            continue
-        extra = (1.0 / load[e, 1] + 0.5 * dt / load[e, 0]) * iv[at]
-        num[at] = (num[at] - w[e] * iv[at]) / (1.0 + extra * one_node[at])
-
-
-@inner
-def flow_of_ends(dt, ends, load, a, u, s, w, out):
-    """Flow out of the openings [m^3/s], and of the mass of their load after the step."""
-    for e in range(2):
-        at = ends[e]
-        out[e] = 0.0
-        if at >= 0 and load[e, 0] == 0.0:
-            out[e] = a[at - 1] * u[at - 1]
-        elif at >= 0:
-            through = 0.5 * dt / load[e, 0] * s[at]
-            out[e] = s[at] / load[e, 1] + w[e] + through
-            w[e] += 2.0 * through
-
-
-@inner
-def jets(dt, air, turbulence, jet, last, unit, a, u, ih, one_cell, w, num):
+@bare
+def jets(dt, air, turbulence, jet, last, unit, base, s, w):
     """Noise behind the narrowest cell; jets there and at the lips lose loss/2 rho u |u|."""
     rho, _, mu = air
     at, loss = int(jet[0]), jet[1]
-    w[2] += min(1.0, dt * turbulence[2]) * (a[at] * u[at] - w[2])
+    w[2] += min(1.0, dt * turbulence[2]) * (s[A + at] * s[U + at] - w[2])
     behind = min(at + 1, last)
-    num[behind] += unit * hiss(turbulence[0], turbulence[1], w[2], a[at], rho, mu) * ih[behind]
-    num[at] /= 1.0 + 0.5 * rho * loss * abs(u[at]) * ih[at] * one_cell[at]
+    noise = unit * hiss(turbulence[0], turbulence[1], w[2], s[A + at], rho, mu)
+    s[BLOW + behind] = noise * s[IH + behind]
+    u = abs(s[U + at])
+    s[CELL + at] = base[0] / (1.0 + 0.5 * rho * loss * u * s[IH + at] * base[0])
     if at != last:
-        num[last] /= 1.0 + 0.5 * rho * abs(u[last]) * ih[last] * one_cell[last]
+        u = abs(s[U + last])
+        s[CELL + last] = base[1] / (1.0 + 0.5 * rho * u * s[IH + last] * base[1])
 
 
-@kernel
+@bare_kernel
 def advance(
-    dt, block, air, wall, losses, state, w, motion, grid, ends, branch, folds, turbulence, inflow,
-    lung, noise, out,
+    dt, first, block, air, wall, losses, s, w, motion, grid, ends, branch, folds, turbulence,
+    given, noise, hold, out,
 ):  # fmt: skip
     """Advance the waves in a tube.
 
     Parameters
     ----------
-    dt, block : step [s], and steps between the instants of A and V.
-    air, wall : (rho, c, mu); (mass, damping, stiffness) of the walls per area.
+    dt, first, block : step [s]; number of the first step; steps between the instants of the grid.
+    air, wall : (rho, c, mu); (mass, damping, stiffness, factor, heat loss) of the walls per area.
     losses : immediate, decay, gain of the losses that increase with sqrt(s): sum of their immediate
-        parts, and (K,) decay and gain per step of the delayed ones, K even.
-    state : p, u, z, y (M,), r, q (K, M): pressures and velocities, velocity and displacement of the
-        walls, memory of the losses of nodes and cells.
+        parts, and (TERMS,) decay and gain per step of the delayed ones.
+    s : (ROWS * STRIDE,) state and coefficients, in rows.
     w, motion : flows of the masses of both openings, filtered flow of the jet, flow of the glottis
         (4,); x1, v1, x2, v2 of the folds (4,).
-    grid : A, V (blocks + 1, M) areas of cells [m^2], volumes of nodes [m^3]; ih, lu, aw, ah
-        (blocks, M) inverse cell length, friction rate, wall area per volume, heat loss; load
-        (blocks, 2, 2) mass and resistance of both openings, mass 0: pressure 0; jet (blocks, 2) cell
-        with the narrowest area and its loss factor.
+    grid : area, volume (blocks + 1, M) of cells [m^2] and nodes [m^3]; inverse cell length, friction
+        rate, wall surface per volume (blocks, M); load (blocks, 2, 2) mass and resistance of both
+        openings, mass 0: pressure 0; jet (blocks, 2) cell with the narrowest area and its loss factor.
     ends, branch : nodes of the openings, -1: none; node of the branch, or -1.
     folds : (0,) or parameters of the folds, see `sim.acoustics.sources.Folds`.
     turbulence : gain [Pa], critical Reynolds number, rate of the filter of the flow [1/s].
-    inflow, lung : (n,) flow into the tube [m^3/s] where there are no folds; lung pressure [Pa].
-    noise : (2, n) unit noise at the glottis and behind the jet.
-    out : (n, 5) flow out of mouth and nose, into the tract [m^3/s]; pressure behind the glottis [Pa];
+    given : (3, n) flow into the tube [m^3/s] where there are no folds; lung pressure [Pa]; area of the
+        glottis at rest [m^2].
+    noise, hold : (2, k) unit noise at the glottis and behind the jet, linear between samples of `hold`
+        steps, of which the first is that of step 0.
+    out : (5, all) flow out of mouth and nose, into the tract [m^3/s]; pressure behind the glottis [Pa];
         smallest area of the glottis [m^2]; written.
     """
     rho, c, _ = air
     immediate, decay, gain = losses
-    p, u, z, y, r, q = state
-    A, V, ih, _, _, ah, load, jet = grid
-    M = p.size
-    a, iv, awz, drag, num = np.empty(M), np.empty(M), np.empty(M), np.empty(M), np.empty(M)
-    one_node, one_cell, heat, friction = np.empty(M), np.empty(M), np.zeros(M), np.zeros(M)
-    for k in range(decay.size):
-        heat += r[k]
-        friction += q[k]
+    area, volume, _, _, _, load, jet = grid
+    M = area.shape[1]
+    base = (0.0, 0.0)
     k0, k1 = 2.0 / (dt * rho * c * c), 2.0 * rho / dt
     mass, stiff = 2.0 * wall[0] / dt, wall[2]
     zw = mass + wall[1] + 0.5 * dt * wall[2]
-    now, moves = -1, False
-    for n in range(out.shape[0]):
-        b = n // block
-        if b != now:
-            now = b
+    if M >= STRIDE or s.size < ROWS * STRIDE:
+        return
+    moves, last = False, ends[0] - 1
+    b, within, k, held = 0, 0, first // hold, first % hold  # counted, since divisions are slow
+    for n in range(given.shape[1]):
+        if within == 0:
             moves = block_coefficients(
-                b, k0, k1, zw, rho, immediate, grid, a, iv, awz, drag, one_node, one_cell
+                b, k0, k1, zw, rho, immediate, (wall[3], wall[4]), dt, ends, grid, s
             )
-        if moves and (n - b * block) % SHAPE_STEPS == 0:
-            shape_within((n - b * block + 0.5 * SHAPE_STEPS) / block, b, A, V, a, iv)
-        node_balance(k0, mass, stiff, p, heat, ah[b], awz, z, y, a, u, iv, num)
+            base = (s[CELL + int(jet[b, 0])], s[CELL + last])
+        if moves and within % SHAPE_STEPS == 0:
+            shape_within((within + 0.5 * SHAPE_STEPS) / block, b, area, volume, s)
+            end_loads(dt, b, k0, immediate, ends, load, s)
+        part = held / hold
+        hiss0 = noise[0, k] + part * (noise[0, k + 1] - noise[0, k])
+        hiss1 = noise[1, k] + part * (noise[1, k + 1] - noise[1, k])
         if branch >= 0:
-            join(branch, ends[0] + 1, iv, one_node, num)
-        flow, area = inflow[n], 0.0
+            join(branch, ends[0] + 1, k0, mass, stiff, s)
+        flow, opening = given[0, n], 0.0
         if folds.size > 0:
-            flow, area = glottis(
-                dt, air, folds, motion, w, lung[n], noise[0, n], turbulence,
-                num[0] * one_node[0], iv[0] * one_node[0], a[0],
+            flow, opening = glottis(
+                dt, air, folds, given[2, n], motion, w, given[1, n], hiss0, turbulence,
+                known(0, k0, mass, stiff, s) * s[NODE], s[IV] * s[NODE], s[A],
             )  # fmt: skip
-        num[0] += flow * iv[0]
-        load_ends(dt, ends, load[b], iv, one_node, w, num)
-        node_step(dt, mass, stiff, zw, one_node, num, p, z, y)
-        remember(decay, gain, num, r, heat)
-        flow_of_ends(dt, ends, load[b], a, u, num, w, out[n])
-        out[n, 2], out[n, 3], out[n, 4] = flow, num[0], area
-        cell_balance(k1, u, ih[b], p, drag, friction, num)
-        jets(dt, air, turbulence, jet[b], ends[0] - 1, noise[1, n], a, u, ih[b], one_cell, w, num)
-        cell_step(one_cell, num, u)
-        remember(decay, gain, num, q, friction)
+        s[PUSH] = flow * s[IV]
+        for e in range(2):
+            if ends[e] >= 0:
+                s[PUSH + ends[e]] -= w[e] * s[IV + ends[e]]
+        p0 = s[P]
+        before = (s[P + ends[0]], s[P + max(ends[1], 0)])
+        node_step(M, dt, k0, mass, stiff, zw, decay, gain, s)
+        for e in range(2):
+            at = ends[e]
+            if at >= 0:
+                s[PUSH + at] = 0.0
+            if at >= 0 and load[b, e, 0] == 0.0:
+                out[e, first + n] = s[A + at - 1] * s[U + at - 1]
+            elif at >= 0:
+                p = 0.5 * (before[e] + s[P + at])
+                through = 0.5 * dt / load[b, e, 0] * p
+                out[e, first + n] = p / load[b, e, 1] + w[e] + through
+                w[e] += 2.0 * through
+        out[2, first + n], out[3, first + n], out[4, first + n] = flow, 0.5 * (p0 + s[P]), opening
+        jets(dt, air, turbulence, jet[b], last, hiss1, base, s, w)
+        cell_step(M, k1, decay, gain, s)
+        within, held = within + 1, held + 1
+        if within == block:
+            b, within = b + 1, 0
+        if held == hold:
+            k, held = k + 1, 0
 
 
 @kernel

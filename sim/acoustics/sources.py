@@ -22,6 +22,10 @@ class Source(Protocol):
         """Lung pressure [Pa]."""
         ...
 
+    def rest(self, t: Floats) -> Floats:
+        """Area of the glottis at rest [m^2]; 0 without folds."""
+        ...
+
     def folds(self) -> Floats:
         """Parameters of vocal folds for the kernel; empty without folds."""
         ...
@@ -45,6 +49,10 @@ class Flow:
         return np.interp(t, np.arange(given.size) / self.rate, given, left=0.0, right=0.0)
 
     def pressure(self, t: Floats) -> Floats:
+        """Return 0: the flow is given."""
+        return np.zeros_like(t)
+
+    def rest(self, t: Floats) -> Floats:
         """Return 0: the flow is given."""
         return np.zeros_like(t)
 
@@ -107,9 +115,12 @@ class Folds:
     """Two-mass vocal folds of Ishizaka and Flanagan 1972 (Bell Syst Tech J 51:1233), in SI units."""
 
     lung: float | Floats = 785.0  #: lung pressure [Pa], or its samples (n,)
-    rate: float = 1000.0  #: samples of the lung pressure per second [Hz]; unused for a constant one
+    rate: float = (
+        1000.0  #: samples per second of lung pressure and area at rest [Hz], if not constant
+    )
     tension: float = 1.0  #: q: divides the masses and multiplies the springs [1]
-    rest_area: float = 5e-6  #: area of the glottis at rest [m^2]; negative: pressed
+    #: area of the glottis at rest [m^2], or its samples (n,); negative: pressed
+    rest_area: float | Floats = 5e-6
     #: masses [kg], springs and coupling [N/m]
     m1: float = 1.25e-4
     m2: float = 2.5e-5
@@ -143,13 +154,24 @@ class Folds:
             return float(given) * np.minimum(1.0, t / self.rise)
         return np.interp(t, np.arange(given.size) / self.rate, given)
 
+    def rest(self, t: Floats) -> Floats:
+        """Area of the glottis at rest at the instants t."""
+        given = np.asarray(self.rest_area, np.float64)
+        if not (np.isfinite(given).all() and (np.abs(given) <= 1e-4).all()):
+            raise AcousticsError(
+                "the area of the glottis at rest is not between -1 and 1 cm^2: check its unit [m^2]"
+            )
+        if given.ndim == 0:
+            return np.full_like(t, float(given))
+        return np.interp(t, np.arange(given.size) / self.rate, given)
+
     def folds(self) -> Floats:
         """Return the parameters in the order of the kernel."""
         given = np.array(
             [self.tension, self.m1, self.m2, self.k1, self.k2, self.kc, self.zeta1, self.zeta2,
-             self.cubic, self.contact, self.length, self.d1, self.d2, self.rest_area]
+             self.cubic, self.contact, self.length, self.d1, self.d2]
         )  # fmt: skip
-        if not (np.isfinite(given).all() and (given[:-1] > 0.0).all()):
+        if not (np.isfinite(given).all() and (given > 0.0).all()):
             raise AcousticsError(
                 "a parameter of the folds is not above 0, expected positive constants"
             )

@@ -8,7 +8,7 @@ space and time. Losses are implicit; losses that increase with sqrt(s) are sums 
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -17,16 +17,18 @@ from scipy.optimize import nnls
 from scipy.signal import resample_poly
 
 from sim._kernels import tube
-from sim.acoustics.medium import Branch, Floats, Medium, Shapes, shapes
+from sim.acoustics.medium import SMALLEST, Branch, Floats, Medium, Shapes, shapes
 from sim.acoustics.sources import SILENT, Source, Turbulence
 from sim.errors import AcousticsError, CourantError
 
 kernels: Any = tube
 
-BLOCK: Final = 32  #: steps between the instants at which the shape of a changing tube is evaluated
+BLOCK: Final = 64  #: steps between the instants at which the shape of a changing tube is evaluated
 LANES: Final = 16
 """Multiple of the nodes to which arrays are filled, so that compiled loops have no remainder."""
-CHUNK: Final = 512  #: blocks that are computed in one call, between reports of progress
+CHUNK: Final = 96 * BLOCK  #: steps that are computed in one call, between reports of progress
+MOST: Final = kernels.STRIDE - LANES - 1  #: largest number of nodes
+HISS: Final = 40_000.0  #: lowest rate of samples of turbulence, between which it is linear [Hz]
 FRICTION_BAND: Final = (60.0, 9000.0)
 """Band in which the terms of the losses represent sqrt(s) [Hz]."""
 
@@ -104,27 +106,10 @@ def _middle(x: Floats) -> Floats:
 
 
 def _at_nodes(half: Floats) -> Floats:
-    """Sums at the nodes of what each half of the cells between them has."""
-    return np.pad(half, ((0, 0), (0, 1))) + np.pad(half, ((0, 0), (1, 0)))
-
-
-def _filled(nodes: int) -> int:
-    """Entries of arrays of some nodes: a whole number of `LANES`, one of them closed at least."""
-    return LANES * (nodes // LANES + 1)
-
-
-@dataclass(frozen=True, eq=False)
-class _Grid:
-    """Coefficients of the kernel at the boundaries and in the middle of blocks of steps."""
-
-    A: Floats
-    V: Floats
-    ih: Floats
-    lu: Floats
-    aw: Floats
-    ah: Floats
-    load: Floats
-    jet: Floats
+    """Sums at the nodes of what each half of the cells beside them has."""
+    found = half.copy()
+    found[:, 1:] += half[:, :-1]
+    return found
 
 
 def _instants(steps: Any, dt: float) -> Floats:
@@ -133,7 +118,10 @@ def _instants(steps: Any, dt: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """Nodes of mouth and nose in one array, see `sim._kernels.tube`."""
+    """Nodes of mouth and nose in one row, see `sim._kernels.tube`.
+
+    Flux areas and volume areas of cells at the frames, between which they change linearly.
+    """
 
     tube: Shapes
     medium: Medium
@@ -142,55 +130,58 @@ class _Layout:
     ends: tuple[int, int]
     node: int
 
-    def at(self, times: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Flux area, volume area and length of cells, and circumference, at instants."""
-        t, N = self.tube, self.sections
-        rows: list[Floats] = [np.interp(times, t.times, row) for row in t.areas.T]
-        S = np.stack(rows, axis=1)
-        L = np.interp(times, t.times, t.length)
-        W = _onto(S.shape[1], N)
-        flux, mean = 1.0 / ((1.0 / S) @ W.T), S @ W.T
-        h = np.repeat(L[:, None] / N, N, axis=1)
+    @cached_property
+    def frames(self) -> tuple[Floats, Floats]:
+        """Areas of cells with the inertia and with the volume of their part of the tube, at frames.
+
+        Rows are filled with cells of area 0, one at least.
+        """
+        N, nodes = self.sections, max(self.ends) + 1
+        own = self.tube.areas
+        W = _onto(own.shape[1], N)
+        flux, mean = np.zeros((2, len(own), LANES * (nodes // LANES + 1)))
+        flux[:, :N], mean[:, :N] = 1.0 / ((1.0 / own) @ W.T), own @ W.T
         if self.branch is not None:
-            side = shapes(self.branch.areas, self.branch.length)
-            cells = self.ends[1] - N - 1
-            X = _onto(side.areas.shape[1], cells)
-            n = len(times)
-            pad = np.zeros((n, 1))  # the closed cell between mouth and nose
-            flux = np.hstack([flux, pad, np.tile(1.0 / (1.0 / side.areas @ X.T), (n, 1))])
-            mean = np.hstack([mean, pad, np.tile(side.areas @ X.T, (n, 1))])
-            h = np.hstack([h, pad + 1.0, np.full((n, cells), float(side.length[0]) / cells)])
-        return flux, mean, h, self.medium.circumference(mean)
+            side = shapes(self.branch.areas, self.branch.length).areas[0]
+            X = _onto(len(side), nodes - N - 2)
+            flux[:, N + 1 : nodes - 1], mean[:, N + 1 : nodes - 1] = (
+                1.0 / (X @ (1.0 / side)),
+                X @ side,
+            )
+        return flux, mean
 
-    def grid(self, times: Floats) -> _Grid:
-        """Coefficients for blocks between these instants."""
+    def at(self, times: Floats) -> tuple[Floats, Floats, Floats]:
+        """Flux area, volume area and length of cells at instants."""
+        t, N = self.tube.times, self.sections
+        k = np.clip(np.searchsorted(t, times, side="right") - 1, 0, max(len(t) - 2, 0))
+        ahead = np.minimum(k + 1, len(t) - 1)
+        share = np.clip((times - t[k]) / np.maximum(t[ahead] - t[k], 1e-300), 0.0, 1.0)[:, None]
+        flux, mean = (x[k] + share * (x[ahead] - x[k]) for x in self.frames)
+        h = np.ones_like(flux)
+        h[:, :N] = np.interp(times, t, self.tube.length)[:, None] / N
+        if self.branch is not None:
+            h[:, N + 1 : self.ends[1]] = self.branch.length / (self.ends[1] - N - 1)
+        return flux, mean, h
+
+    def grid(self, times: Floats) -> tuple[Floats, ...]:
+        """Coefficients of the kernel at the boundaries and in the middle of blocks of steps."""
         m, N = self.medium, self.sections
-        flux, mean, h, C = self.at(times)
-        V, surface = _at_nodes(0.5 * mean * h), _at_nodes(0.5 * C * h)
-        width = _filled(V.shape[1])
-
-        def wide(x: Floats, value: float = 0.0) -> Floats:
-            return np.pad(x, ((0, 0), (0, width - x.shape[1])), constant_values=value)
-
-        per = wide(_middle(surface) / _middle(V))
-        S = _middle(flux)
-        rate = np.zeros_like(S)
-        rate[:, S[0] > 0.0] = m.friction_rate(S[:, S[0] > 0.0])
+        flux, mean, h = self.at(times)
+        V, surface = _at_nodes(0.5 * mean * h), _at_nodes(0.5 * m.circumference(mean) * h)
+        V[:, max(self.ends) + 1 :] = 1.0
+        S, inverse = _middle(flux), 1.0 / _middle(h)
+        inverse[:, flux[0] == 0.0] = 0.0
         narrow = np.argmin(S[:, :N], axis=1)
         blocks = np.arange(len(S))
-        widest = np.array([row[k:N].max() for row, k in zip(S, narrow, strict=True)])
-        loss = np.where(narrow == N - 1, 1.0, (1.0 - S[blocks, narrow] / widest) ** 2)
+        ahead = np.where(np.arange(N) >= narrow[:, None], S[:, :N], 0.0).max(axis=1)
+        loss = np.where(narrow == N - 1, 1.0, (1.0 - S[blocks, narrow] / ahead) ** 2)
         load = np.zeros((len(S), 2, 2))
         for e, at in enumerate(self.ends):
             if at > 0 and m.radiates:
                 load[:, e, 0], load[:, e, 1] = m.load(S[:, at - 1])
-        inverse = 1.0 / _middle(h)
-        if self.branch is not None:
-            inverse[:, N] = 0.0
-        return _Grid(
-            wide(flux), wide(V, 1.0), wide(inverse), wide(rate), m.yielding * per,
-            m.heat_rate * per, load, np.stack([narrow.astype(np.float64), loss], axis=1),
-        )  # fmt: skip
+        rate = m.friction_rate(np.maximum(S, SMALLEST))
+        jet = np.stack([narrow.astype(np.float64), loss], axis=1)
+        return flux, V, inverse, rate, _middle(surface) / _middle(V), load, jet
 
 
 def _layout(
@@ -223,7 +214,6 @@ def simulate_tube(
     branch: Branch | None = None,
     turbulence: Turbulence = SILENT,
     seed: int = 0,
-    terms: int = 4,
     progress: Callable[[int, int], None] | None = None,
 ) -> TubeSound:
     """Simulate the sound of a tube.
@@ -254,8 +244,6 @@ def simulate_tube(
         Noise; none by default.
     seed : int
         Of the noise.
-    terms : int
-        Terms of the losses, see `friction_terms`.
     progress : callable, optional
         Called as ``progress(done, total)`` with numbers of steps.
 
@@ -293,39 +281,45 @@ def simulate_tube(
         raise CourantError(medium.c * dt / cell, dt, cell)
     layout = _layout(tube, medium, sections, branch, dt)
     n, nodes = round(duration * rate) * steps, max(layout.ends) + 1
-    t = _instants(np.arange(n) + 0.5, dt)
-    given = source.folds(), source.flow(t), source.pressure(t)
-    noise = turbulence.noise(n, 1.0 / dt, seed)
-    active = medium.friction > 0.0
-    weight, decay = friction_terms(terms) if active else (np.empty(0), np.empty(0))
+    if nodes > MOST:
+        raise AcousticsError(f"{nodes} nodes of the tube and its branch, expected at most {MOST}")
+    weight, decay = friction_terms(kernels.TERMS)
+    weight = weight * float(medium.friction > 0.0)
     beta = 0.5 * dt * decay
-    fill = (0, len(beta) % 2)
-    left = np.pad((1.0 - beta) / (1.0 + beta), fill)
-    gain = np.pad(2.0 * beta * weight / (1.0 + beta) ** 2, fill)
-    losses = float(np.sum(weight / (1.0 + beta))), left, gain
-    width = _filled(nodes)
-    lines = [np.zeros(width) for _ in range(4)]
-    memory = [np.zeros((len(left), width)) for _ in range(2)]
-    ports, motion, out = np.zeros(4), np.zeros(4), np.zeros((n, 5))
-    block = BLOCK if len(tube.times) > 1 else max(n, 1)
-    span = block * CHUNK if len(tube.times) > 1 else max(n, 1)
+    losses = (
+        float(np.sum(weight / (1.0 + beta))),
+        (1.0 - beta) / (1.0 + beta),
+        2.0 * beta * weight / (1.0 + beta) ** 2,
+    )
+    walls = medium.mass, medium.damping, medium.stiffness, medium.yielding, medium.heat_rate
     rough = turbulence.gain, turbulence.critical, 2.0 * np.pi * turbulence.smoothing
-    for first in range(0, n, span):
-        here = slice(first, min(first + span, n))
-        count = -(-(here.stop - first) // block)
-        g = layout.grid(_instants(first + block * np.arange(count + 1), dt))
+    hold = max(
+        k for k in range(1, steps + 1) if k == 1 or (steps % k == 0 and rate * steps / k >= HISS)
+    )
+    noise = turbulence.noise(n // hold + 2, rate * steps / hold, seed)
+    state, folds = np.zeros(kernels.ROWS * kernels.STRIDE), source.folds()
+    ports, motion, out = np.zeros(4), np.zeros(4), np.zeros((5, n))
+    still = len(tube.times) == 1
+    g = layout.grid(np.zeros(2))
+    for first in range(0, n, CHUNK):
+        last = min(first + CHUNK, n)
+        t = _instants(np.arange(first, last) + 0.5, dt)
+        if not still:
+            count = -(-(last - first) // BLOCK)
+            g = layout.grid(_instants(first + BLOCK * np.arange(count + 1), dt))
         kernels.advance(
-            dt, block, (medium.rho, medium.c, medium.mu),
-            (medium.mass, medium.damping, medium.stiffness), losses, (*lines, *memory), ports, motion,
-            (g.A, g.V, g.ih, g.lu, g.aw, g.ah, g.load, g.jet), layout.ends, layout.node, given[0],
-            rough, given[1][here], given[2][here], np.ascontiguousarray(noise[:, here]), out[here],
+            dt, first, CHUNK if still else BLOCK, (medium.rho, medium.c, medium.mu), walls, losses,
+            state, ports, motion, g, layout.ends, layout.node, folds, rough,
+            np.stack([source.flow(t), source.pressure(t), source.rest(t)]), noise, hold,
+            out,
         )  # fmt: skip
         if progress is not None:
-            progress(here.stop, n)
-    mouth, nose, glottis, pressure, opening = out.T.copy()
+            progress(last, n)
+    rows = state.reshape(kernels.ROWS, -1)
+    mouth, nose, glottis, pressure, opening = out
     return TubeSound(
-        rate * steps, mouth, nose, glottis, pressure, opening, lines[0][:nodes],
-        lines[1][: nodes - 1], medium.rho,
+        rate * steps, mouth, nose, glottis, pressure, opening, rows[0, :nodes], rows[1, : nodes - 1],
+        medium.rho,
     )  # fmt: skip
 
 
