@@ -77,18 +77,18 @@ def glottis(
 ):  # fmt: skip
     """Move the folds by a step under the pressure pa + pb U of the tract.
 
-    Returns the flow [m^3/s] and the smallest area [m^2]; `unit` is noise, w[3] the flow before.
+    Returns the flow [m^3/s] and the smallest area [m^2]; `unit` is noise, w[1] the flow before.
     """
     rho, _, mu = air
     q, length, d1, d2 = folds[0], folds[10], folds[11], folds[12]
     a1, a2 = at_rest + 2.0 * length * motion[0], at_rest + 2.0 * length * motion[2]
     area = max(0.0, min(a1, a2))
     open1, open2 = max(a1, 1e-10), max(a2, 1e-10)
-    drive = lung + unit * hiss(turbulence[0], turbulence[1], w[3], max(area, 1e-8), rho, mu)
+    drive = lung + unit * hiss(turbulence[0], turbulence[1], w[1], max(area, 1e-8), rho, mu)
     flow = glottal_flow(
-        dt, rho, mu, open1, open2, (length, d1, d2), w[3], drive, pa, pb, beyond
+        dt, rho, mu, open1, open2, (length, d1, d2), w[1], drive, pa, pb, beyond
     )  # fmt: skip
-    change, w[3] = (flow - w[3]) / dt, flow
+    change, w[1] = (flow - w[1]) / dt, flow
     p1 = p2 = lung
     if a1 <= 0.0:
         p2 = pa + pb * flow
@@ -112,9 +112,9 @@ def glottis(
 
 
 @bare
-def block_coefficients(b, k0, k1, zw, rho, immediate, per_wall, dt, ends, grid, s):
+def block_coefficients(b, k0, k1, zw, rho, immediate, per_wall, grid, s):
     """Coefficients that are constant in block b; returns True where the shape changes in it."""
-    area, volume, inverse, rate, surface, load, _ = grid
+    area, volume, inverse, rate, steady, surface, _ = grid
     M = area.shape[1]
     moves = False
     for i in range(M):
@@ -127,20 +127,21 @@ def block_coefficients(b, k0, k1, zw, rho, immediate, per_wall, dt, ends, grid, 
         moves = moves or area[b + 1, i] != area[b, i] or volume[b + 1, i] != volume[b, i]
     for i in range(M):
         s[NODE + i] = 1.0 / (k0 + s[WALL + i] + s[HEAT + i] * immediate)
-        s[CELL + i] = 1.0 / (k1 + s[DRAG + i] * immediate)
-    end_loads(dt, b, k0, immediate, ends, load, s)
+        s[CELL + i] = 1.0 / (k1 + s[DRAG + i] * immediate + rho * steady[b, i])
     return moves
 
 
 @bare
-def end_loads(dt, b, k0, immediate, ends, load, s):
-    """Implicit parts at the openings, with their mass and resistance; mass 0: pressure 0."""
+def end_loads(dt, k0, immediate, ends, load, s, port):
+    """Inverse mass and resistance of the openings, and their implicit parts; load 0: pressure 0."""
     for e in range(2):
         at = ends[e]
         if at >= 0:
             s[NODE + at] = 0.0
-            if load[b, e, 0] > 0.0:
-                extra = (1.0 / load[b, e, 1] + 0.5 * dt / load[b, e, 0]) * s[IV + at]
+            if load[0] > 0.0:
+                area = s[A + at - 1]
+                port[e, 0], port[e, 1] = math.sqrt(area) / load[0], area / load[1]
+                extra = (port[e, 1] + 0.5 * dt * port[e, 0]) * s[IV + at]
                 s[NODE + at] = 1.0 / (k0 + s[WALL + at] + s[HEAT + at] * immediate + extra)
 
 
@@ -222,9 +223,9 @@ def jets(dt, air, turbulence, jet, last, unit, base, s, w):
     """Noise behind the narrowest cell; jets there and at the lips lose loss/2 rho u |u|."""
     rho, _, mu = air
     at, loss = int(jet[0]), jet[1]
-    w[2] += min(1.0, dt * turbulence[2]) * (s[A + at] * s[U + at] - w[2])
+    w[0] += min(1.0, dt * turbulence[2]) * (s[A + at] * s[U + at] - w[0])
     behind = min(at + 1, last)
-    noise = unit * hiss(turbulence[0], turbulence[1], w[2], s[A + at], rho, mu)
+    noise = unit * hiss(turbulence[0], turbulence[1], w[0], s[A + at], rho, mu)
     s[BLOW + behind] = noise * s[IH + behind]
     u = abs(s[U + at])
     s[CELL + at] = base[0] / (1.0 + 0.5 * rho * loss * u * s[IH + at] * base[0])
@@ -235,8 +236,8 @@ def jets(dt, air, turbulence, jet, last, unit, base, s, w):
 
 @bare_kernel
 def advance(
-    dt, first, block, air, wall, losses, s, w, motion, grid, ends, branch, folds, turbulence,
-    given, noise, hold, out,
+    dt, first, block, air, wall, losses, s, port, w, motion, grid, load, ends, branch, folds,
+    turbulence, given, noise, hold, out,
 ):  # fmt: skip
     """Advance the waves in a tube.
 
@@ -247,11 +248,13 @@ def advance(
     losses : immediate, decay, gain of the losses that increase with sqrt(s): sum of their immediate
         parts, and (TERMS,) decay and gain per step of the delayed ones.
     s : (ROWS * STRIDE,) state and coefficients, in rows.
-    w, motion : flows of the masses of both openings, filtered flow of the jet, flow of the glottis
-        (4,); x1, v1, x2, v2 of the folds (4,).
+    port : (2, 3) of both openings: inverse mass and resistance of the air before them, and its momentum
+        per area, which remains when the opening changes.
+    w, motion : filtered flow of the jet, flow of the glottis (2,); x1, v1, x2, v2 of the folds (4,).
     grid : area, volume (blocks + 1, M) of cells [m^2] and nodes [m^3]; inverse cell length, friction
-        rate, wall surface per volume (blocks, M); load (blocks, 2, 2) mass and resistance of both
-        openings, mass 0: pressure 0; jet (blocks, 2) cell with the narrowest area and its loss factor.
+        rate and that of steady flow, wall surface per volume (blocks, M); jet (blocks, 2) cell with the
+        narrowest area and its loss factor.
+    load : mass times the root of the area and resistance times the area of an opening; 0: pressure 0.
     ends, branch : nodes of the openings, -1: none; node of the branch, or -1.
     folds : (0,) or parameters of the folds, see `sim.acoustics.sources.Folds`.
     turbulence : gain [Pa], critical Reynolds number, rate of the filter of the flow [1/s].
@@ -264,7 +267,7 @@ def advance(
     """
     rho, c, _ = air
     immediate, decay, gain = losses
-    area, volume, _, _, _, load, jet = grid
+    area, volume, _, _, _, _, jet = grid
     M = area.shape[1]
     base = (0.0, 0.0)
     k0, k1 = 2.0 / (dt * rho * c * c), 2.0 * rho / dt
@@ -276,13 +279,12 @@ def advance(
     b, within, k, held = 0, 0, first // hold, first % hold  # counted, since divisions are slow
     for n in range(given.shape[1]):
         if within == 0:
-            moves = block_coefficients(
-                b, k0, k1, zw, rho, immediate, (wall[3], wall[4]), dt, ends, grid, s
-            )
+            moves = block_coefficients(b, k0, k1, zw, rho, immediate, (wall[3], wall[4]), grid, s)
+            end_loads(dt, k0, immediate, ends, load, s, port)
             base = (s[CELL + int(jet[b, 0])], s[CELL + last])
         if moves and within % SHAPE_STEPS == 0:
             shape_within((within + 0.5 * SHAPE_STEPS) / block, b, area, volume, s)
-            end_loads(dt, b, k0, immediate, ends, load, s)
+            end_loads(dt, k0, immediate, ends, load, s, port)
         part = held / hold
         hiss0 = noise[0, k] + part * (noise[0, k + 1] - noise[0, k])
         hiss1 = noise[1, k] + part * (noise[1, k + 1] - noise[1, k])
@@ -297,7 +299,7 @@ def advance(
         s[PUSH] = flow * s[IV]
         for e in range(2):
             if ends[e] >= 0:
-                s[PUSH + ends[e]] -= w[e] * s[IV + ends[e]]
+                s[PUSH + ends[e]] -= port[e, 2] * port[e, 0] * s[IV + ends[e]]
         p0 = s[P]
         before = (s[P + ends[0]], s[P + max(ends[1], 0)])
         node_step(M, dt, k0, mass, stiff, zw, decay, gain, s)
@@ -305,13 +307,13 @@ def advance(
             at = ends[e]
             if at >= 0:
                 s[PUSH + at] = 0.0
-            if at >= 0 and load[b, e, 0] == 0.0:
+            if at >= 0 and load[0] == 0.0:
                 out[e, first + n] = s[A + at - 1] * s[U + at - 1]
             elif at >= 0:
                 p = 0.5 * (before[e] + s[P + at])
-                through = 0.5 * dt / load[b, e, 0] * p
-                out[e, first + n] = p / load[b, e, 1] + w[e] + through
-                w[e] += 2.0 * through
+                middle = port[e, 2] + 0.5 * dt * p
+                out[e, first + n] = p * port[e, 1] + middle * port[e, 0]
+                port[e, 2] += dt * p
         out[2, first + n], out[3, first + n], out[4, first + n] = flow, 0.5 * (p0 + s[P]), opening
         jets(dt, air, turbulence, jet[b], last, hiss1, base, s, w)
         cell_step(M, k1, decay, gain, s)

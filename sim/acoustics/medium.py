@@ -56,6 +56,14 @@ class Medium:
         """
         return self.friction * self.circumference(areas) / areas * np.sqrt(self.mu / self.rho)
 
+    def steady_rate(self, areas: Any) -> Any:
+        """Momentum lost in steady flow: 8 pi mu/(rho S) [1/s] (Poiseuille), a factor of u.
+
+        Negligible in open tubes, it limits the flow through a closure, where the boundary layer fills
+        the section; 3 pi of it belong to the loss of a wide tube in the next order.
+        """
+        return self.friction * 8.0 * PI * self.mu / (self.rho * areas)
+
     @property
     def heat_rate(self) -> float:
         """Heat lost at the wall: (gamma - 1)/(rho c^2) sqrt(k/(rho cp)), per area and sqrt(s) p."""
@@ -66,7 +74,8 @@ class Medium:
 
     def line(self, s: Complex, areas: Any) -> tuple[Complex, Complex]:
         """Series impedance [Pa s/m^4] and shunt admittance [m^2/(Pa s)] per length at s = j omega."""
-        Z = self.rho / areas * (s + self.friction_rate(areas) * np.sqrt(s))
+        lost = self.friction_rate(areas) * np.sqrt(s) + self.steady_rate(areas)
+        Z = self.rho / areas * (s + lost)
         wall = self.yielding / (s * self.mass + self.damping + self.stiffness / s)
         surface = wall + self.heat_rate * np.sqrt(s)
         return Z, s * areas / (self.rho * self.c**2) + self.circumference(areas) * surface

@@ -175,13 +175,9 @@ class _Layout:
         blocks = np.arange(len(S))
         ahead = np.where(np.arange(N) >= narrow[:, None], S[:, :N], 0.0).max(axis=1)
         loss = np.where(narrow == N - 1, 1.0, (1.0 - S[blocks, narrow] / ahead) ** 2)
-        load = np.zeros((len(S), 2, 2))
-        for e, at in enumerate(self.ends):
-            if at > 0 and m.radiates:
-                load[:, e, 0], load[:, e, 1] = m.load(S[:, at - 1])
-        rate = m.friction_rate(np.maximum(S, SMALLEST))
+        some, per = np.maximum(S, SMALLEST), _middle(surface) / _middle(V)
         jet = np.stack([narrow.astype(np.float64), loss], axis=1)
-        return flux, V, inverse, rate, _middle(surface) / _middle(V), load, jet
+        return flux, V, inverse, m.friction_rate(some), m.steady_rate(some), per, jet
 
 
 def _layout(
@@ -298,7 +294,8 @@ def simulate_tube(
     )
     noise = turbulence.noise(n // hold + 2, rate * steps / hold, seed)
     state, folds = np.zeros(kernels.ROWS * kernels.STRIDE), source.folds()
-    ports, motion, out = np.zeros(4), np.zeros(4), np.zeros((5, n))
+    ports, flows, motion, out = np.zeros((2, 3)), np.zeros(2), np.zeros(4), np.zeros((5, n))
+    load = medium.load(1.0) if medium.radiates else (0.0, 1.0)
     still = len(tube.times) == 1
     g = layout.grid(np.zeros(2))
     for first in range(0, n, CHUNK):
@@ -309,7 +306,7 @@ def simulate_tube(
             g = layout.grid(_instants(first + BLOCK * np.arange(count + 1), dt))
         kernels.advance(
             dt, first, CHUNK if still else BLOCK, (medium.rho, medium.c, medium.mu), walls, losses,
-            state, ports, motion, g, layout.ends, layout.node, folds, rough,
+            state, ports, flows, motion, g, load, layout.ends, layout.node, folds, rough,
             np.stack([source.flow(t), source.pressure(t), source.rest(t)]), noise, hold,
             out,
         )  # fmt: skip

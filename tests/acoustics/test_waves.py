@@ -111,6 +111,25 @@ def test_the_scheme_is_of_second_order():
     assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.3)
 
 
+def test_steady_flow_through_a_narrow_tube_is_that_of_poiseuille():
+    """p = 8 pi mu L/S^2 U."""
+    area, length, flow = 1e-6, 0.1, 1e-8
+    source = Flow(np.full(20_000, flow), 44_100.0)
+    sound = simulate_tube([area], length, source, duration=0.3)
+    expected = 8.0 * np.pi * 1.86e-5 * length / area**2 * flow
+    assert sound.pressure[-1] == pytest.approx(expected, rel=0.01)
+    assert sound.mouth[-1] == pytest.approx(flow, rel=1e-3)
+
+
+def test_lips_that_open_within_two_milliseconds_do_not_click():
+    """The second difference of the sound stays that of the voice; velocities in a closure are small."""
+    times, areas = [0.0, 0.1, 0.12, 0.2, 0.202, 0.3], np.tile(AH[0], (6, 1))
+    areas[2:4, -2:] = 0.0
+    sound = simulate_tube(areas, AH[1], Folds(), times=times, duration=0.3).radiated(44_100.0)
+    kink = np.abs(np.diff(sound, 2))
+    assert kink[8000:9400].max() < 1.5 * kink[2000:4000].max()
+
+
 def test_results_do_not_depend_on_the_sampling_rate():
     peaks = []
     for rate in (16_000.0, 44_100.0, 96_000.0):
