@@ -1,7 +1,6 @@
 """Journal of the present run of a study, and the trials of earlier ones."""
 
 import errno
-import json
 import os
 import socket
 import time
@@ -16,7 +15,7 @@ import xarray as xr
 from analysis.trial import Trial
 from emgface.errors import StoreError
 from emgface.study.provenance import now
-from emgface.study.runs import FOLDER, Line, check, lines, parsed, run_files
+from emgface.study.runs import FOLDER, Line, lines, parsed, run_files, written
 from emgface.study.store import Event
 
 NOT_FINAL: Final = ("WorkerDied", "StoreError", "ExecutionError")
@@ -87,8 +86,7 @@ class Journal:
         """Write an event and return the position of its line."""
         at = round(time.monotonic() - self._started, 3)
         line = {"event": event, "time": now(), "at": at, **fields}
-        text = json.dumps(line, separators=(",", ":"), allow_nan=False)
-        data = f'{text[:-1]},"check":"{check(text)}"}}\n'.encode()
+        data = written(line)
         try:
             if self._torn:
                 data = b"\n" + data
@@ -129,10 +127,10 @@ class Journal:
             "computed": trial.computed,
             "environments": list(trial.environments),
             **{name: _number(getattr(trial, name)) for name in SCALARS},
-            "scores": None if trial.scores is None else _packed(trial.scores),
             "seconds": round(seconds, 4),
             "muted": muted,
             "stages": [asdict(e) | {"seconds": round(e.seconds, 4), "file": f} for e, f in files],
+            "scores": None if trial.scores is None else _packed(trial.scores),
         }
         offset = self.write("trial", **line)
         entry = Entry.of(self.path, offset, line)

@@ -20,6 +20,7 @@ from typing import Any, Final
 
 FOLDER: Final = "runs"
 Line = dict[str, Any]
+_CHECK: Final = b',"check":"'
 
 
 def run_files(folder: Path) -> list[Path]:
@@ -28,28 +29,37 @@ def run_files(folder: Path) -> list[Path]:
 
 
 def lines(path: Path) -> Iterator[tuple[int, Line]]:
-    """Read the events of a run with their positions, without damaged lines."""
+    """Read the events of a run with their positions, without scores and damaged lines."""
     offset = 0
     with path.open("rb") as stream:
         for data in stream:
-            line = parsed(data)
+            line = parsed(data, scores=False)
             if line is not None:
                 yield offset, line
             offset += len(data)
 
 
-def parsed(data: bytes) -> Line | None:
-    """Event of a line, or None if it is damaged or incomplete."""
-    try:
-        text = data.decode()
-        head, _, tail = text.rpartition(',"check":"')
-        if tail != check(head + "}") + '"}\n':
-            return None
-        return json.loads(text)
-    except ValueError:
+def written(line: Line) -> bytes:
+    """Line of an event with its checksum; scores, if any, are to be its last field."""
+    text = json.dumps(line, separators=(",", ":"), allow_nan=False)[:-1].encode()
+    return text + _check(text)
+
+
+def parsed(data: bytes, *, scores: bool = True) -> Line | None:
+    """Event of a line, or None if it is damaged or incomplete.
+
+    Without `scores`, which are most of the line, they are not decoded. A quotation mark within a
+    text is escaped, so that the names of fields are found in no text.
+    """
+    text, mark, tail = data.rpartition(_CHECK)
+    if mark + tail != _check(text):
         return None
+    if not scores and (stages := text.find(b',"stages":[')) >= 0:
+        end = text.find(b',"scores":', stages)  # earlier in lines of version 0.2
+        text = text[: end if end >= 0 else None]
+    return json.loads(text + b"}")
 
 
-def check(text: str) -> str:
-    """Checksum (CRC-32) of a line without it."""
-    return f"{zlib.crc32(text.encode()):08x}"
+def _check(text: bytes) -> bytes:
+    """End of a line: checksum (CRC-32) of the other fields."""
+    return b'%b%08x"}\n' % (_CHECK, zlib.crc32(b"}", zlib.crc32(text)))
