@@ -201,7 +201,7 @@ def _ordered(trial: Trial, markers: list[str]) -> xr.Dataset:
     lacking = [name for name in PER_MARKER if name not in trial.scores]
     if lacking:
         raise CubeError(f"the scores of trial {trial.label} lack {names(lacking)}")
-    return trial.scores.sel(marker=markers)
+    return trial.scores if found == markers else trial.scores.sel(marker=markers)
 
 
 def _origin(trials_: list[Trial], origin: Origin | None) -> str:

@@ -4,7 +4,8 @@
 
 PART is one of
 
-    many        10 000 stub trials: memory of the driver, status, resumption
+    many        10 000 stub trials: memory of the driver, status, resumption, cube
+    recordings  recordings of 10 000 volunteers: read, and known when a study is resumed
     throughput  stub trials of 0.1 s with 1, 2 and 4 processes, and dask workers started by hand
     thousand    1000 simulated workers and a real driver, over the duration of a trial
     faults      killed processes, full disk, damaged files and others: what happens to the results
@@ -16,6 +17,7 @@ the computation is replaced by waiting. Results are written to FOLDER/PART.json.
 """
 
 import json
+import resource
 import subprocess
 import sys
 import time
@@ -26,14 +28,16 @@ import pandas as pd
 
 from benchmarks.report import markdown
 from benchmarks.scale.cluster import StartedByHand
+from benchmarks.scale.cube import limited
 from benchmarks.scale.faults import faults
 from benchmarks.scale.plan import plan
+from benchmarks.scale.recordings import recordings
 from benchmarks.scale.simulated import thousand
 from benchmarks.scale.stub import run
 from emgface.study.cluster import DaskWorkers
 from emgface.study.state import read_state
 
-PARTS = ("many", "throughput", "thousand", "faults", "plan", "picture")
+PARTS = ("many", "recordings", "throughput", "thousand", "faults", "plan", "picture")
 
 
 def main(folder: Path, part: str, trials: int = 10_000, store: Path = Path("store")) -> None:
@@ -48,6 +52,7 @@ def main(folder: Path, part: str, trials: int = 10_000, store: Path = Path("stor
         return
     rows = {
         "many": lambda: many(folder / "many", trials),
+        "recordings": lambda: recordings(folder / "recordings"),
         "throughput": lambda: throughput(folder / "throughput"),
         "thousand": lambda: thousand(folder / "thousand"),
         "faults": lambda: faults(folder / "faults"),
@@ -62,12 +67,14 @@ def many(folder: Path, trials: int) -> list[dict[str, Any]]:
     made = run(folder, trials, 1)
     began = time.perf_counter()
     code = "from emgface.cli import main; main()"
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     status = subprocess.run(
         [sys.executable, "-c", code, "study", "status", str(folder)],
         check=True,
         capture_output=True,
     )
-    told = time.perf_counter() - began
+    told, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    told_cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     began, spent = time.perf_counter(), time.process_time()
     read_state(folder)
     state, state_cpu = time.perf_counter() - began, time.process_time() - spent
@@ -76,6 +83,11 @@ def many(folder: Path, trials: int) -> list[dict[str, Any]]:
     resumed = time.process_time() - spent
     new = trials - made["known"]
     size = sum(path.stat().st_size for path in (folder / "runs").iterdir())
+    half = [limited(folder, trials // 2, at_a_time, 0) for at_a_time in (16, 10**6)]
+    cubes = [limited(folder, trials, at_a_time, 0) for at_a_time in (16, 10**6)]
+    assert all(half) and all(cubes), "the memory of this machine does not suffice"
+    limit = round((cubes[0]["memory_MB"] + cubes[1]["memory_MB"]) / 2)
+    allowed = [bool(limited(folder, trials, at_a_time, limit)) for at_a_time in (16, 10**6)]
     rows = [
         ("trials computed in this call", new),
         ("processor time per trial, driver and store [ms]", 1e3 * made["driver_cpu_s"] / max(new, 1)),
@@ -83,8 +95,15 @@ def many(folder: Path, trials: int) -> list[dict[str, Any]]:
         ("memory after each thousand trials [MB]", made["memory_MB"][1:]),
         ("journal per trial [kB]", size / 1e3 / trials),
         ("state read, wall / processor [s]", f"{state:.2f} / {state_cpu:.2f}"),
-        ("'emgface study status', new process, wall [s]", told),
+        ("'emgface study status', new process, wall / processor [s]", f"{told:.2f} / {told_cpu:.2f}"),
         ("resumption, until done, wall / processor [s]", f"{again['wall_s']:.2f} / {resumed:.2f}"),
+        ("memory of the cube, 16 volunteers at a time, half / all trials [MB]",
+         f"{half[0]['memory_MB']:.0f} / {cubes[0]['memory_MB']:.0f}"),
+        ("memory of the cube, all at once, half / all trials [MB]",
+         f"{half[1]['memory_MB']:.0f} / {cubes[1]['memory_MB']:.0f}"),
+        (f"cube written with at most {limit} MB, 16 volunteers at a time / all at once",
+         " / ".join("yes" if one else "no" for one in allowed)),
+        ("cube, processor time per trial [ms]", 1e3 * cubes[0]["seconds"] / trials),
     ]  # fmt: skip
     print(status.stdout.decode())
     return [{"quantity": name, "value": value} for name, value in rows]

@@ -55,8 +55,8 @@ def outcome(trial: PlannedTrial) -> Trial:
     """Scores with all variables of a real trial, from the label of the trial."""
     rng = np.random.default_rng(int(text_digest(trial.label)[:8], 16))
     scores = xr.Dataset(
-        {name: ("marker", rng.normal(size=10)) for name in ("rho", "amplitude_ratio", "rmse")}
-        | {f"scalar_{k}": ((), rng.normal()) for k in range(20)},
+        {name: ("marker", rng.uniform(size=10)) for name in ("rho", "amplitude_ratio", "rmse")}
+        | {f"scalar_{k}": ((), rng.uniform()) for k in range(20)},
         coords={"marker": list(LIP_MARKERS)},
         attrs={"origin": "simulated", "form": "consistent"},
     )

@@ -6,11 +6,12 @@ Raw files are read only here; the formats are modules of `emgface.recordings.rea
 import hashlib
 import importlib
 import json
+import os
 import pkgutil
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, NoReturn, Protocol, cast
 
 import xarray as xr
 
@@ -127,33 +128,49 @@ def write_recording(recording: xr.Dataset, path: str | Path) -> Path:
 def find_recordings(folder: str | Path) -> list[Path]:
     """Return the files of a folder and its subfolders that may be recordings, sorted.
 
-    Files that declare another kind are omitted, damaged ones are not. Raises DataError if the
-    folder is absent or contains none.
+    Files that declare another kind are omitted, damaged ones are not. Raises DataError if a folder
+    is absent or cannot be read, or contains none.
     """
+    found = [path for path in candidates(folder) if may_be_recording(path)]
+    return found if found else none_found(folder)
+
+
+def candidates(folder: str | Path) -> list[Path]:
+    """Return the files of `find_recordings` and others with the same suffixes, without opening them."""
     folder = Path(folder)
     if not folder.is_dir():
         raise DataError(f"No folder {folder}; expected recordings in it: check the path.")
-    known = readers()
-    found = [
-        path
-        for path in sorted(folder.rglob("*"))
-        if path.is_file()
-        and not path.name.startswith(".")
-        and (reader := known.get(path.suffix.lower())) is not None
-        and _may_be_recording(reader, path)
-    ]
-    if not found:
-        raise DataError(
-            f"No recording in {folder}; expected files ending in {', '.join(sorted(known))}: "
-            "check the path, or convert the files."
-        )
-    return found
-
-
-def _may_be_recording(reader: Reader, path: Path) -> bool:
-    """Call `is_recording` of a reader; a file that cannot be opened is refused on reading."""
+    known, found, left = readers(), list[Path](), [folder]
     try:
-        test = getattr(reader, "is_recording", None)
+        while left:
+            with os.scandir(left.pop()) as entries:
+                for entry in entries:
+                    if entry.is_dir(follow_symlinks=False):
+                        left.append(Path(entry.path))
+                    elif os.path.splitext(entry.name)[1].lower() in known and entry.is_file():
+                        found.append(Path(entry.path))
+    except OSError as error:
+        raise DataError(
+            f"{error.filename} cannot be read ({error.strerror}); expected a folder of recordings: "
+            "change its permissions, or move it elsewhere."
+        ) from error
+    return sorted(
+        (path for path in found if not path.name.startswith(".")), key=lambda path: path.parts
+    )
+
+
+def none_found(folder: str | Path) -> NoReturn:
+    """Raise DataError for a folder without recordings."""
+    raise DataError(
+        f"No recording in {folder}; expected files ending in {', '.join(sorted(readers()))}: "
+        "check the path, or convert the files."
+    )
+
+
+def may_be_recording(path: Path) -> bool:
+    """Return False for a file that declares another kind; one that cannot be opened may be one."""
+    try:
+        test = getattr(readers()[path.suffix.lower()], "is_recording", None)
         return test is None or test(path)
     except Exception:
         return True

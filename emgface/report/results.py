@@ -15,10 +15,11 @@ from emgface.errors import ConfigurationError, DataError, EmgfaceError
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.faces import study_face
+from emgface.study.intake import Intake, take_in
 from emgface.study.run import feature_extents
 from emgface.study.stages import Laboratory, StoredFailure
 from emgface.study.store import Result, Store
-from emgface.study.table import Intake, Place, Recording, take_in
+from emgface.study.table import Place, Recording
 from emgface.study.variants import variants
 from sim.errors import SimulationError
 
@@ -143,7 +144,7 @@ def open_results(folder: Path) -> Results:
     if not (results.base["status"].values == "ok").any():
         return results
     try:
-        results.intake = take_in(results.study.recordings, results.study.exclude)
+        results.intake = take_in(results.study.recordings, results.study.exclude, study=folder)
         results.laboratory = Laboratory(
             Store(folder / "store", report=results.notes.append),
             study_face(results.study.face),

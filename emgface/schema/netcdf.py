@@ -42,7 +42,7 @@ def write_netcdf(
     """
     path = Path(path)
     every = {"": (dataset, kind), **(groups or {})}
-    ready = {group: _ready(own, of) for group, (own, of) in every.items()}
+    ready = {group: ready_to_write(own, of) for group, (own, of) in every.items()}
 
     def write(target: Path) -> None:
         for group, (own, encoding) in ready.items():
@@ -53,8 +53,8 @@ def write_netcdf(
     return path
 
 
-def _ready(dataset: xr.Dataset, kind: str) -> tuple[xr.Dataset, dict[Any, dict[str, Any]]]:
-    """Checked dataset with attributes that netCDF can represent, and its encoding."""
+def ready_to_write(dataset: xr.Dataset, kind: str) -> tuple[xr.Dataset, dict[Any, dict[str, Any]]]:
+    """Return a checked dataset with attributes that netCDF can represent, and its encoding."""
     ready = validate(dataset, kind).drop_encoding()
     for part in (ready, *ready.variables.values()):
         part.attrs = _packed(part.attrs)

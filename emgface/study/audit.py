@@ -14,13 +14,14 @@ import xarray as xr
 from emgface.errors import DataError
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.faces import study_face
+from emgface.study.intake import Intake, take_in
 from emgface.study.journal import Entry, StoredFiles
 from emgface.study.one_trial import run_trial
 from emgface.study.run import feature_extents
 from emgface.study.runs import Line, lines, run_files
 from emgface.study.stages import Laboratory
 from emgface.study.store import Result, Stage, Store, damage_of
-from emgface.study.table import Intake, PlannedTrial, plan_trials, take_in
+from emgface.study.table import PlannedTrial, plan_trials
 from emgface.study.variants import variants
 
 MEASURED: Final = ("run_time", "run_time_s")
@@ -86,7 +87,7 @@ def planned_trials(
         for _, line in lines(path):
             if line["event"] == "trial":
                 last[line["variant"], " ".join(map(str, line["trial"]))] = line
-    intake = take_in(study.recordings, study.exclude)
+    intake = take_in(study.recordings, study.exclude, study=folder)
     trials = plan_trials(intake.recordings, study.strategy_names)
     text = " ".join(wanted)
     chosen = [trial for trial in trials if f"{trial.label} ".startswith(f"{text} " if text else "")]

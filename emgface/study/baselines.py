@@ -4,8 +4,9 @@ There are two stages: the typical motion of each volunteer at each instruction, 
 of every trial with its baselines. Neither simulates motions.
 """
 
+from bisect import bisect_right
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
@@ -16,11 +17,10 @@ from analysis.baselines import VARIABLES, mean_of, with_baselines
 from analysis.errors import AnalysisError
 from analysis.individual import instants
 from analysis.registration import mean_motion
-from emgface.errors import StoreError
 from emgface.study.against_baselines import Person, Recorded, compared
 from emgface.study.digest import text_digest
 from emgface.study.journal import Entry
-from emgface.study.motions import StoredMotion
+from emgface.study.motions import StoredMotion, stored
 from emgface.study.outcomes import Run
 from emgface.study.stages import ALIGNED, SCORES, Laboratory
 from emgface.study.store import Result, Stage
@@ -50,7 +50,8 @@ class _Volunteer:
     trials: Sequence[PlannedTrial]
     entries: Mapping[tuple[str, str, int, str], Entry]
     extent: Result | None
-    typical: Mapping[Person, str] = field(default_factory=dict[Person, str])
+    #: digests of the typical motions of others, by volunteer and instruction
+    typical: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
 
     def recorded(self, laboratory: Laboratory) -> dict[Person, dict[int, Recorded]]:
         """List the scored trials by instruction and repetition."""
@@ -65,20 +66,18 @@ class _Volunteer:
         return persons
 
 
-def add_baselines(
+def compute_baselines(
     laboratory: Laboratory,
-    cube: xr.Dataset,
     planned: Sequence[PlannedTrial],
     entries: Mapping[tuple[str, str, int, str], Entry],
     extents: Mapping[str, Result],
     run: Run,
-) -> xr.Dataset:
-    """Add the baselines of its scores, computed from stored motions, to the cube of a study.
+) -> dict[str, list[str]]:
+    """Store the baselines of all trials, computed from stored motions; digests by volunteer.
 
-    `planned` and `entries` are the trials of the cube and their outcomes; `extents` contains the
+    `planned` and `entries` are the trials of a variant and their outcomes; `extents` contains the
     range of the features per volunteer, if required. The volunteers are the jobs of the workers of
-    `run`. The result has the variables of `analysis.baselines.VARIABLES`, NaN for trials that were
-    not scored.
+    `run`.
     """
     by_volunteer: dict[str, list[PlannedTrial]] = defaultdict(list)
     for trial in planned:
@@ -91,25 +90,44 @@ def add_baselines(
         )
         for v, trials in by_volunteer.items()
     ]
-    of = dict(
+    typical = dict(
         zip(by_volunteer, run.computed(typical_motions, laboratory, jobs, "typical"), strict=True)
     )
-    typical = {
-        (volunteer, i): digest for volunteer, found in of.items() for i, digest in found.items()
-    }
+    others = others_of(by_volunteer, [name for name, of in typical.items() if of])
     jobs = [
-        replace(job, typical=_others(volunteer, typical))
-        for volunteer, job in zip(by_volunteer, jobs, strict=True)
+        replace(job, typical={name: typical[name] for name in others[own]})
+        for own, job in zip(by_volunteer, jobs, strict=True)
     ]
-    found = run.computed(baselines, laboratory, jobs, "baselines")
-    return with_baselines(cube, _collected(cube, [one for each in found for one in each]))
+    return dict(
+        zip(by_volunteer, run.computed(baselines, laboratory, jobs, "baselines"), strict=True)
+    )
 
 
-def _others(volunteer: str, typical: Mapping[Person, str]) -> dict[Person, str]:
-    """Typical motions of at most `MOST_OTHERS` other volunteers, the same in every run."""
-    names = {name for name, _ in typical} - {volunteer}
-    chosen = set(sorted(names, key=lambda name: text_digest(f"{volunteer} {name}"))[:MOST_OTHERS])
-    return {person: digest for person, digest in typical.items() if person[0] in chosen}
+def others_of(volunteers: Iterable[str], names: Iterable[str]) -> dict[str, list[str]]:
+    """Choose at most `MOST_OTHERS` other volunteers of `names` for each of the volunteers.
+
+    Names are on a circle at their digests; the next ones are chosen, so that every volunteer is in
+    the same number of templates, and a further volunteer changes only `MOST_OTHERS` of them.
+    """
+    circle = sorted(names, key=text_digest)
+    known, found = set(circle), dict[str, list[str]]()
+    for own in volunteers:
+        first = bisect_right(circle, text_digest(own), key=text_digest)
+        count = min(MOST_OTHERS, len(circle) - (own in known))
+        found[own] = sorted((circle[first:] + circle[:first])[:count])
+    return found
+
+
+def with_stored_baselines(
+    cube: xr.Dataset, laboratory: Laboratory, digests: Sequence[str]
+) -> xr.Dataset:
+    """Add stored baselines to the cube of their volunteers.
+
+    The result has the variables of `analysis.baselines.VARIABLES`, NaN for trials that were not
+    scored. Raises StoreError if one was removed or changed.
+    """
+    found = [stored(laboratory, BASELINES, digest) for digest in digests]
+    return with_baselines(cube, _collected(cube, found))
 
 
 def typical_motions(laboratory: Laboratory, of: _Volunteer) -> dict[str, str]:
@@ -123,25 +141,18 @@ def typical_motions(laboratory: Laboratory, of: _Volunteer) -> dict[str, str]:
     return found
 
 
-def baselines(laboratory: Laboratory, of: _Volunteer) -> list[xr.Dataset]:
-    """Store and return the baselines of one volunteer, a dataset per instruction."""
+def baselines(laboratory: Laboratory, of: _Volunteer) -> list[str]:
+    """Store the baselines of one volunteer; return their digests, one per instruction."""
     persons = of.recorded(laboratory)
-    found: list[xr.Dataset] = []
+    found: list[str] = []
     for person, trials in persons.items():
-        others = {p: digest for p, digest in of.typical.items() if p[1] == person[1]}
+        others = {
+            (name, person[1]): by_instruction[person[1]]
+            for name, by_instruction in of.typical.items()
+            if person[1] in by_instruction
+        }
         elsewhere = {p[1]: r for p, r in persons.items() if p != person}
-        found.append(_baselines(laboratory, person, trials, others, elsewhere).dataset)
-    return found
-
-
-def _stored(laboratory: Laboratory, digest: str) -> xr.Dataset:
-    """Read a typical motion, which another worker may have computed."""
-    found = laboratory.store.read(TYPICAL.name, digest)
-    if found is None:
-        raise StoreError(
-            f"the typical motion {digest} was changed or removed while the study ran: run the same "
-            "command again, which computes it again"
-        )
+        found.append(_baselines(laboratory, person, trials, others, elsewhere).digest)
     return found
 
 
@@ -205,7 +216,11 @@ def _baselines(
             "instruction": person[1],  # baselines of an instruction depend on all instructions
         },
         lambda: compared(
-            laboratory, person, of, [_stored(laboratory, d) for d in others.values()], elsewhere
+            laboratory,
+            person,
+            of,
+            [stored(laboratory, TYPICAL, d) for d in others.values()],
+            elsewhere,
         ),
         label=" ".join(person),
     )

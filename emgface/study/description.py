@@ -18,12 +18,32 @@ REFERENCES: Final = (
 )
 
 
-def merged_environments(cubes: Iterable[xr.Dataset]) -> dict[str, Any]:
-    """Combine the attribute ``environments`` of cubes, in the order of their digests."""
-    found: dict[str, Any] = {}
-    for cube in cubes:
-        found |= json.loads(str(cube.attrs.get("environments", "{}")))
-    return dict(sorted(found.items()))
+class Origins:
+    """Environments of the trials of a cube, and the dates of their results."""
+
+    def __init__(self) -> None:
+        self.environments: dict[str, Any] = {}
+        self.last = ""  #: date of the last result
+        self._dates: dict[str, tuple[int, str, str]] = {}
+
+    def add(self, part: xr.Dataset, environments: Iterable[str]) -> None:
+        """Add a part of the cube, with the attribute ``environments`` of each of its variants."""
+        for text in environments:
+            self.environments |= json.loads(text)
+        pairs = zip(part["computed"].values.flat, part["computed_with"].values.flat, strict=True)
+        for date, which in ((str(date), str(which)) for date, which in pairs if date):
+            self.last = max(self.last, date)
+            for digest in set(which.split()):
+                count, first, last = self._dates.get(digest, (0, date, date))
+                self._dates[digest] = count + 1, min(first, date), max(last, date)
+
+    def history(self) -> list[str]:
+        """One line per environment, ordered by the date of its last result."""
+        return sorted(
+            f"{last}: emgface {self.environments[digest]['emgface']} (environment {digest}) computed "
+            f"results of {count} trial{'s' if count > 1 else ''}, the first at {first}"
+            for digest, (count, first, last) in self._dates.items()
+        )
 
 
 def with_recordings(cube: xr.Dataset, recordings: Sequence[Recording]) -> xr.Dataset:
@@ -65,57 +85,37 @@ def montages(recordings: Sequence[Recording], parameters: MontageParameters) -> 
 
 
 def described(
-    cube: xr.Dataset,
+    attrs: Mapping[str, Any],
     *,
     name: str,
     face: Mapping[str, str],
     configuration: str,
-    environments: Mapping[str, Any],
+    origins: Origins,
     montage: str,
-) -> xr.Dataset:
-    """Add title, sources, history and environments to a cube.
+) -> dict[str, Any]:
+    """Add title, sources, history and environments to the attributes of a cube.
 
-    `face` contains ``name``, ``origin`` and ``digest``; `configuration` is JSON; `environments` and
-    `montage` are results of `merged_environments` and `montages`. The attributes ``title``,
-    ``source``, ``history``, ``references`` and ``Conventions`` follow the CF conventions (1.11,
-    section 2.6); ``date_created`` is the date of the last result, so that a cube assembled again is
-    identical.
+    `face` contains ``name``, ``origin`` and ``digest``; `configuration` is JSON; `montage` is the
+    result of `montages`. The attributes ``title``, ``source``, ``history``, ``references`` and
+    ``Conventions`` follow the CF conventions (1.11, section 2.6); ``date_created`` is the date of
+    the last result, so that a cube assembled again is identical.
     """
-    which = recordings(origin_of(cube))
+    which = recordings(origin_of(xr.Dataset(attrs=attrs)))
+    environments = dict(sorted(origins.environments.items()))
     versions = sorted({str(one["emgface"]) for one in environments.values()}) or [__version__]
-    return cube.assign_attrs(
-        Conventions="CF-1.11",
-        title=f"{name}: scores of the simulated face against {which}",
-        source=f"emgface {' and '.join(versions)}; {which}; face {face['name']}",
-        history="\n".join(_history(cube, environments)),
-        references=REFERENCES,
-        date_created=max((text for text in cube["computed"].values.flat if text), default=""),
-        name=name,
-        face=face["name"],
-        face_origin=face["origin"],
-        face_digest=face["digest"],
-        configuration=configuration,
-        environments=json.dumps(environments),
-        montage=montage,
-    )
-
-
-def _history(cube: xr.Dataset, environments: Mapping[str, Any]) -> list[str]:
-    """One line per environment, ordered by the date of its last result."""
-    rows = [
-        (str(date), set(str(which).split()))
-        for date, which in zip(
-            cube["computed"].values.flat, cube["computed_with"].values.flat, strict=True
-        )
-        if date
-    ]
-    lines: list[str] = []
-    for digest, one in environments.items():
-        dates = sorted(date for date, which in rows if digest in which)
-        if dates:
-            count = "1 trial" if len(dates) == 1 else f"{len(dates)} trials"
-            lines.append(
-                f"{dates[-1]}: emgface {one['emgface']} (environment {digest}) computed results of "
-                f"{count}, the first at {dates[0]}"
-            )
-    return sorted(lines)
+    return {
+        **attrs,
+        "Conventions": "CF-1.11",
+        "title": f"{name}: scores of the simulated face against {which}",
+        "source": f"emgface {' and '.join(versions)}; {which}; face {face['name']}",
+        "history": "\n".join(origins.history()),
+        "references": REFERENCES,
+        "date_created": origins.last,
+        "name": name,
+        "face": face["name"],
+        "face_origin": face["origin"],
+        "face_digest": face["digest"],
+        "configuration": configuration,
+        "environments": json.dumps(environments),
+        "montage": montage,
+    }

@@ -12,7 +12,7 @@ from emgface.anatomy.airway.area_function import lips_of_trial, tract_of, with_l
 from emgface.face.lip_shape import has_mouth
 from emgface.study.digest import dataset_digest
 from emgface.study.journal import Entry
-from emgface.study.motions import StoredMotion
+from emgface.study.motions import StoredMotion, stored
 from emgface.study.outcomes import Run
 from emgface.study.stages import Laboratory
 from emgface.study.store import Result, Stage
@@ -31,26 +31,23 @@ SOUND: Final = Stage(
 )
 
 
-def add_formants(
+def compute_formants(
     laboratory: Laboratory,
-    cube: xr.Dataset,
     planned: Sequence[PlannedTrial],
     entries: Mapping[tuple[str, str, int, str], Entry],
     extents: Mapping[str, Result],
     run: Run,
-) -> xr.Dataset:
-    """Add the formants of every scored trial to the cube of a study, if it specifies a tract.
+) -> dict[tuple[str, str, int, str], str] | None:
+    """Store the formants of every scored trial, if the study specifies a tract; digests by trial.
 
-    They are computed from the stored motions (`analysis.formants.with_formants`).
-    Arguments are those of `emgface.study.baselines.add_baselines`. A face without a mouth opening
-    has no formants, which the observer of `run` is told.
+    Arguments are those of `emgface.study.baselines.compute_baselines`. The result is None without a
+    tract, and for a face without a mouth opening, which the observer of `run` is told.
     """
-    parameters = laboratory.study.tract
-    if parameters is None:
-        return cube
+    if laboratory.study.tract is None:
+        return None
     if not has_mouth(laboratory.face):
         run.observer.message("No formants are computed, because the face has no mouth opening.")
-        return cube
+        return None
     places = [(*trial.place, trial.strategy) for trial in planned]
     jobs = [
         (trial, entries[place], extents.get(trial.place[0]))
@@ -58,15 +55,11 @@ def add_formants(
         if entries[place].status == "ok"
     ]
     found = run.computed(formants, laboratory, jobs, "formants")
-    return with_formants(
-        cube,
-        {(*job[0].place, job[0].strategy): one for job, one in zip(jobs, found, strict=True)},
-        tract_of(parameters).attrs["assumptions"],
-    )
+    return {(*job[0].place, job[0].strategy): one for job, one in zip(jobs, found, strict=True)}
 
 
-def formants(laboratory: Laboratory, job: tuple[PlannedTrial, Entry, Result | None]) -> xr.Dataset:
-    """Store and return the formants of one trial."""
+def formants(laboratory: Laboratory, job: tuple[PlannedTrial, Entry, Result | None]) -> str:
+    """Store the formants of one trial and return their digest."""
     trial, entry, extent = job
     parameters = laboratory.study.tract
     assert parameters is not None, "a study with formants specifies a tract"
@@ -77,7 +70,19 @@ def formants(laboratory: Laboratory, job: tuple[PlannedTrial, Entry, Result | No
         {"lips": parameters.lips},
         lambda: formants_of(motion.dataset, tract, parameters.lips),
         label=trial.label,
-    ).dataset
+    ).digest
+
+
+def with_stored_formants(
+    cube: xr.Dataset, laboratory: Laboratory, digests: Mapping[tuple[str, str, int, str], str]
+) -> xr.Dataset:
+    """Add stored formants to the cube of their trials (`analysis.formants.with_formants`)."""
+    assert laboratory.study.tract is not None, "a study with formants specifies a tract"
+    return with_formants(
+        cube,
+        {place: stored(laboratory, SOUND, digest) for place, digest in digests.items()},
+        tract_of(laboratory.study.tract).attrs["assumptions"],
+    )
 
 
 def formants_of(motion: xr.Dataset, tract: xr.Dataset, lips: float) -> xr.Dataset:

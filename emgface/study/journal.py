@@ -20,6 +20,8 @@ from emgface.study.store import Event
 
 NOT_FINAL: Final = ("WorkerDied", "StoreError", "ExecutionError")
 """Failures of the machine, not of a trial: a later run computes the trial again."""
+NOT_SYNCHRONISED: Final = ("begin", "recording")
+"""Events without which a resumed run only repeats some work."""
 SCALARS: Final = ("sigma_max", "steps", "run_time", "numerical_error", "motion")
 
 
@@ -95,7 +97,7 @@ class Journal:
             if self._stream.write(data) != len(data):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             self._torn = False
-            if event != "begin":
+            if event not in NOT_SYNCHRONISED:
                 os.fsync(self._stream.fileno())
         except OSError as error:
             raise StoreError(
@@ -255,7 +257,7 @@ def _unpacked(packed: Line) -> xr.Dataset:
     made: dict[str, Any] = {}
     for name, (dims, kind, values) in packed["variables"].items():
         data = np.array(values, dtype=str if kind == "U" else np.dtype(kind))
-        made[name] = (dims, data)
-    dims = {dim for found, _ in made.values() for dim in found}
+        made[name] = xr.Variable(dims, data)
+    dims = {dim for found in made.values() for dim in found.dims}
     coords = {name: made.pop(name) for name in [*made] if name in dims}
     return xr.Dataset(made, coords=coords, attrs=packed["attrs"])

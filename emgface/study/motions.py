@@ -1,13 +1,14 @@
-"""Simulated motions of scored trials, read from the store one at a time."""
+"""Simulated motions of scored trials and other results, read from the store one at a time."""
 
 from dataclasses import dataclass
 from functools import cached_property
 
 import xarray as xr
 
+from emgface.errors import StoreError
 from emgface.study.journal import Entry
 from emgface.study.stages import MOTION, Laboratory
-from emgface.study.store import Result
+from emgface.study.store import Result, Stage
 from emgface.study.table import PlannedTrial
 
 
@@ -38,3 +39,14 @@ class StoredMotion:
         return laboratory.predicted(
             recording, strategy, activation, trial.label, self.extent, self.entry.sigma_max
         ).dataset
+
+
+def stored(laboratory: Laboratory, stage: Stage, digest: str) -> xr.Dataset:
+    """Read a result that this or another worker has stored."""
+    found = laboratory.store.read(stage.name, digest)
+    if found is None:
+        raise StoreError(
+            f"the result {digest} of stage {stage.name} was changed or removed while the study ran: "
+            "run the same command again, which computes it again"
+        )
+    return found

@@ -55,6 +55,11 @@ class Run:
         self.observer.working(self.label(trial))
         return True
 
+    def checkpoint(self) -> None:
+        """Raise KeyboardInterrupt if the run is to stop."""
+        if self.stopping():
+            raise KeyboardInterrupt
+
     def computed(
         self,
         work: Callable[[Laboratory, Job], Outcome],

@@ -8,33 +8,24 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from analysis.axes import combine_cubes, reference_cube
-from analysis.cube import build_cube
-from analysis.trial import Origin
+from analysis.axes import reference_cube
 from emgface.errors import EmgfaceError
-from emgface.muscles import LIP_MARKERS
-from emgface.schema.netcdf import write_netcdf
-from emgface.study.axes import Label
-from emgface.study.baselines import add_baselines
+from emgface.schema.netcdf import read_netcdf
+from emgface.study.assembly import Computed, write_cube
+from emgface.study.baselines import compute_baselines
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.description import described, merged_environments, montages, with_recordings
 from emgface.study.digest import code_version, dataset_digest
 from emgface.study.faces import study_face
-from emgface.study.formants import add_formants
-from emgface.study.journal import Entry, Journal, StoredFiles, events_of, read_trial
+from emgface.study.formants import compute_formants
+from emgface.study.intake import Intake, take_in, take_in_references
+from emgface.study.journal import Entry, Journal, StoredFiles, events_of
 from emgface.study.observer import Observer, Silent
 from emgface.study.outcomes import Entries, Run
 from emgface.study.parallel import Workers
 from emgface.study.provenance import CODE
 from emgface.study.stages import Laboratory
 from emgface.study.store import Event, Result, Store
-from emgface.study.table import (
-    Intake,
-    PlannedTrial,
-    plan_trials,
-    take_in,
-    take_in_references,
-)
+from emgface.study.table import PlannedTrial, Recording, plan_trials
 from emgface.study.variants import variants
 from emgface.study.workers import compute_trials
 from sim.described import Described
@@ -45,7 +36,6 @@ from sim.threads import one_blas_thread
 class StudyResult(Described):
     """Results of a study."""
 
-    cube: xr.Dataset  #: scores and status of every trial
     path: Path  #: file of the cube
     journal: Path  #: file of the events of this run
     #: outcome of every trial, also of those that were simulated again with a lower sigma_max
@@ -71,6 +61,11 @@ class StudyResult(Described):
             "cube": "/".join(self.path.parts[-2:]),
             "computed": f"{len(self.computed())} of {len(self.events)} results",
         }
+
+    @cached_property
+    def cube(self) -> xr.Dataset:
+        """Scores and status of every trial, read from the file when they are first used."""
+        return read_netcdf(self.path, "cube")
 
     @cached_property
     def events(self) -> list[Event]:
@@ -105,7 +100,14 @@ def run_study(
     read or written, and ExecutionError if the workers cannot compute.
     """
     observer = observer or Silent()
-    intake = take_in(study.recordings, study.exclude)
+    intake = take_in(
+        study.recordings,
+        study.exclude,
+        study=out,
+        workers=workers,
+        observer=observer,
+        stopping=stopping,
+    )
     for error in intake.unreadable.values():
         observer.message(f"Omitted: {error}")
     for exclusion in study.exclude:
@@ -124,22 +126,30 @@ def run_study(
         "code": code_version(CODE),
     }
     journal = Journal(out, facts)
+    for line in intake.read:
+        journal.write("recording", **line)
     run = Run(journal, StoredFiles(kept.folder), workers, observer, stopping)
-    cubes: dict[tuple[Label, ...], xr.Dataset] = {}
-    reference: Laboratory | None = None
+    computed: list[Computed] = []
     outcome = "failed"
     try:
         for variant in made:
             laboratory = Laboratory(
                 kept, study_face(variant.study.face), variant.study, observer.message
             )
-            reference = reference or laboratory
             run.variant = variant.label
-            extents = feature_extents(laboratory, intake)
+            extents = feature_extents(laboratory, intake, run)
             entries = _run_trials(run, laboratory, trials, extents)
-            cube = _cube(laboratory, intake, trials, entries)
-            cube = add_baselines(laboratory, cube, trials, entries, extents, run)
-            cubes[variant.labels] = add_formants(laboratory, cube, trials, entries, extents, run)
+            given = (laboratory, trials, entries, extents, run)
+            computed.append(
+                Computed(
+                    variant.labels,
+                    laboratory,
+                    entries,
+                    compute_baselines(*given),
+                    compute_formants(*given),
+                )
+            )
+        path = write_cube(out / "cube.nc", study, computed, intake, trials, run.checkpoint)
         outcome = "finished"
     except KeyboardInterrupt:
         outcome = "interrupted"
@@ -152,31 +162,7 @@ def run_study(
             "one muscle is zero or saturated throughout; it is listed in the attribute "
             f"'warnings' of the results in {kept.folder / 'activation'} ."
         )
-    assert reference is not None, "a study has at least one variant"
-    cube = described(
-        _combined(study, cubes) if study.axis else cubes[made[0].labels],
-        name=study.name,
-        face={
-            "name": str(reference.face.attrs["name"]),
-            "origin": str(reference.face.attrs["origin"]),
-            "digest": reference.face_digest,
-        },
-        configuration=study.model_dump_json(),
-        environments=merged_environments(cubes.values()),
-        montage=montages(intake.recordings, study.signals.montage),
-    )
-    path = write_netcdf(cube, out / "cube.nc", "cube")
-    return StudyResult(cube, path, journal.path, run.entries, kept.events, dict(intake.unreadable))
-
-
-def _combined(study: StudyConfiguration, cubes: dict[tuple[Label, ...], xr.Dataset]) -> xr.Dataset:
-    """Combine the cubes of all variants along the axes of a study."""
-    cube = combine_cubes(cubes, {axis.dim: axis.labels() for axis in study.axis})
-    for axis in study.axis:
-        numeric = cube[axis.dim].dtype.kind == "f"
-        cube[axis.dim].attrs = {"units": "1"} if numeric else {}
-        cube[axis.dim].attrs["parameters"] = ", ".join(axis.parameters)
-    return cube
+    return StudyResult(path, journal.path, run.entries, kept.events, dict(intake.unreadable))
 
 
 def _run_trials(
@@ -234,46 +220,36 @@ def _through_stages(
     )
 
 
-def _cube(
-    laboratory: Laboratory, intake: Intake, trials: list[PlannedTrial], entries: Entries
-) -> xr.Dataset:
-    """Collect the results under one configuration."""
-    cube = build_cube(
-        map(read_trial, entries.values()),
-        volunteers=list(dict.fromkeys(t.place[0] for t in trials)),
-        instructions=list(dict.fromkeys(t.place[1] for t in trials)),
-        repetitions=sorted({t.place[2] for t in trials}),
-        strategies=list(laboratory.study.strategy_names),
-        markers=list(LIP_MARKERS),
-        origin=_origin(intake),
-    )
-    cube = with_recordings(cube, intake.recordings)
-    return cube.assign_attrs({"world": intake.world} if intake.world else {})
+def feature_extents(
+    laboratory: Laboratory, intake: Intake, run: Run | None = None
+) -> dict[str, Result]:
+    """Range of the features per volunteer, if Eq. 8 does not use the range of the trial.
 
-
-def feature_extents(laboratory: Laboratory, intake: Intake) -> dict[str, Result]:
-    """Range of the features per volunteer, if Eq. 8 does not use the range of the trial."""
-    reach = laboratory.study.signals.normalisation.reach
-    if reach == "trial" or laboratory.study.activation_source == "true":
+    Sessions are read by the workers of `run`, or in this process.
+    """
+    study = laboratory.study
+    reach = study.signals.normalisation.reach
+    if reach == "trial" or study.activation_source == "true":
         return {}
-    volunteers = sorted({r.place[0] for r in intake.recordings if intake.of(r.place[0])})
     if reach == "session":
-
-        def session(volunteer: str) -> Result:
-            of = intake.of(volunteer)
-            return laboratory.extent(
-                [r.digest for r in of], lambda: (r.dataset for r in of), f"{volunteer}, session"
-            )
-
-        return {volunteer: session(volunteer) for volunteer in volunteers}
-    references = take_in_references(laboratory.study.recordings)
+        sessions = [(name, tuple(intake.usable[name])) for name in sorted(intake.usable)]
+        if run is None:
+            found = [_session(laboratory, one) for one in sessions]
+        else:
+            found = run.computed(_session, laboratory, sessions, "range")
+        return {name: extent for (name, _), extent in zip(sessions, found, strict=True)}
+    references = take_in_references(study.recordings)
 
     def reference(volunteer: str) -> Result:
         of = references[volunteer]
         return laboratory.extent(map(dataset_digest, of), lambda: of, f"{volunteer}, reference")
 
-    return {volunteer: reference(volunteer) for volunteer in volunteers if volunteer in references}
+    return {name: reference(name) for name in sorted(intake.usable) if name in references}
 
 
-def _origin(intake: Intake) -> Origin:
-    return "simulated" if intake.origin == "simulated" else "measured"
+def _session(laboratory: Laboratory, session: tuple[str, tuple[Recording, ...]]) -> Result:
+    """Range of the features over the recordings of one volunteer."""
+    name, of = session
+    return laboratory.extent(
+        [r.digest for r in of], lambda: (r.dataset for r in of), f"{name}, session"
+    )

@@ -5,7 +5,8 @@ writes to that file, so that simultaneous runs do not affect each other. Lines a
 synchronised when they happen. The last field of a line, ``check``, is a checksum of the others: a
 line that was cut off or damaged is ignored, and its trial is computed or read again.
 
-The line of a trial contains its outcome with its scores, a few kilobytes, and names its stored
+The line of a recording contains its digest and the size and times of its file, by which a later run
+knows it. The line of a trial contains its outcome with its scores, a few kilobytes, and names its stored
 results with their sizes. A later run with the same key (`Laboratory.trial_key`) reuses the trial
 without opening these results, as long as their sizes and modification times are the recorded ones.
 Dates are for the reader, ``at`` counts seconds from the start of the run; nothing depends on the
@@ -14,12 +15,13 @@ order of clocks.
 
 import json
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
 FOLDER: Final = "runs"
 Line = dict[str, Any]
+_EVENT: Final = b'{"event":"%b",'
 _CHECK: Final = b',"check":"'
 
 
@@ -29,12 +31,21 @@ def run_files(folder: Path) -> list[Path]:
 
 
 def lines(path: Path) -> Iterator[tuple[int, Line]]:
-    """Read the events of a run with their positions, without scores and damaged lines."""
+    """Read the events of trials and runs with their positions, without scores and damaged lines."""
+    return _lines(path, lambda data: not data.startswith(_EVENT % b"recording"))
+
+
+def lines_of(path: Path, event: str) -> Iterator[tuple[int, Line]]:
+    """Read the events of one kind with their positions."""
+    begins = _EVENT % event.encode()
+    return _lines(path, lambda data: data.startswith(begins))
+
+
+def _lines(path: Path, wanted: Callable[[bytes], bool]) -> Iterator[tuple[int, Line]]:
     offset = 0
     with path.open("rb") as stream:
         for data in stream:
-            line = parsed(data, scores=False)
-            if line is not None:
+            if wanted(data) and (line := parsed(data, scores=False)) is not None:
                 yield offset, line
             offset += len(data)
 

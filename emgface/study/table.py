@@ -10,11 +10,11 @@ import xarray as xr
 
 from emgface.errors import DataError, EmgfaceError
 from emgface.muscles import INSTRUCTIONS
-from emgface.recordings.dataset import read_recording, read_recordings
+from emgface.recordings.dataset import read_recording
 from emgface.schema.validation import validate
 from emgface.study.configuration import RecordingsConfiguration
 from emgface.study.digest import dataset_digest
-from emgface.study.exclusions import Exclusion, Place, reason_to_exclude
+from emgface.study.exclusions import Place
 
 
 @dataclass(frozen=True)
@@ -59,114 +59,6 @@ class PlannedTrial:
         return " ".join(map(str, (*self.place, self.strategy)))
 
 
-@dataclass(frozen=True)
-class Intake:
-    """Identified recordings of a folder, in the order of the design, and the unreadable files."""
-
-    recordings: tuple[Recording, ...]
-    unreadable: dict[Path, EmgfaceError]
-
-    @property
-    def origin(self) -> str:
-        """Origin of the recordings, measured or simulated, equal for all."""
-        return self.recordings[0].origin
-
-    @property
-    def world(self) -> str:
-        """World of simulated volunteers; empty for measured recordings."""
-        return self.recordings[0].world
-
-    def of(self, volunteer: str) -> tuple[Recording, ...]:
-        """Return the usable recordings of one volunteer."""
-        usable = (r for r in self.recordings if r.error is None and not r.excluded)
-        return tuple(r for r in usable if r.place[0] == volunteer)
-
-
-def take_in(configuration: RecordingsConfiguration, exclude: Sequence[Exclusion] = ()) -> Intake:
-    """Read the recordings selected by a configuration, in the order of the design.
-
-    A recording that identifies its trial but lacks something required by the study is included with
-    the error; its trials fail, the others are computed. Trials in `exclude` are included with the
-    reason and not computed. Raises DataError if the folder contains no recording, none of the
-    selection, or two of the same trial, and ConfigurationError if the mapping contains an unknown
-    entry.
-    """
-    found: dict[Place, Recording] = {}
-    unreadable: dict[Path, EmgfaceError] = {}
-    n_files = 0
-    for path, given in read_recordings(configuration.folder, mapping=configuration.mapping):
-        n_files += 1
-        if isinstance(given, EmgfaceError):
-            unreadable[path] = given
-            continue
-        try:
-            place, error = place_of(given, path.name), None
-        except DataError as unplaced:
-            unreadable[path] = unplaced
-            continue
-        if not _selected(place, configuration):
-            continue
-        if place in found:
-            raise DataError(
-                f"{path.name} and {found[place].path.name} are both volunteer {place[0]}, "
-                f"instruction {place[1]}, repetition {place[2]}: remove or relabel one"
-            )
-        try:
-            given = _checked(given)
-        except DataError as lacking:
-            error = type(lacking)(f"{path.name}: {lacking}")
-        why = reason_to_exclude(place, exclude)
-        found[place] = as_recording(given, path, configuration.mapping, error, why)
-    if not found and unreadable:
-        path, first = next(iter(unreadable.items()))
-        more = f" (and {len(unreadable) - 1} more files)" if len(unreadable) > 1 else ""
-        raise type(first)(f"{first}{more}") from first
-    if not found:
-        raise DataError(
-            f"none of {n_files} recordings in {configuration.folder} is of the selected "
-            "volunteers, instructions and repetitions: extend the selection"
-        )
-    origins = {r.origin for r in found.values()}
-    if len(origins) > 1:
-        raise DataError(
-            f"{configuration.folder} contains measured and simulated recordings, which "
-            "cannot share a cube: run a study of each"
-        )
-    worlds = {r.world for r in found.values()}
-    if len(worlds) > 1:
-        raise DataError(
-            f"{configuration.folder} contains volunteers of several worlds "
-            f"({', '.join(sorted(world or 'without a name' for world in worlds))}), which "
-            "cannot share a cube: run a study of each"
-        )
-    order = list(INSTRUCTIONS)
-    places = sorted(found, key=lambda p: (p[0], order.index(p[1]), p[2]))
-    return Intake(tuple(found[place] for place in places), unreadable)
-
-
-def take_in_references(configuration: RecordingsConfiguration) -> dict[str, list[xr.Dataset]]:
-    """Read the maximum-effort recordings, grouped by volunteer.
-
-    Raises DataError if no reference folder is configured, or one of its files cannot be read.
-    """
-    if configuration.reference_folder is None:
-        raise DataError(
-            "normalisation over a reference requires maximum-effort recordings: set "
-            "recordings.reference_folder"
-        )
-    grouped: dict[str, list[xr.Dataset]] = {}
-    for path, given in read_recordings(
-        configuration.reference_folder, mapping=configuration.mapping
-    ):
-        if isinstance(given, EmgfaceError):
-            raise given
-        volunteer = str(given.attrs.get("volunteer", ""))
-        if not volunteer:
-            raise DataError(f"{path.name} has no attribute volunteer: set it")
-        grouped.setdefault(volunteer, []).append(given)
-    return grouped
-
-
 def plan_trials(recordings: Sequence[Recording], strategies: Sequence[str]) -> list[PlannedTrial]:
     """Combine volunteers, instructions, repetitions and strategies to a complete design.
 
@@ -186,7 +78,7 @@ def plan_trials(recordings: Sequence[Recording], strategies: Sequence[str]) -> l
 def load_recording(path: Path, configuration: RecordingsConfiguration) -> Recording:
     """Describe one recording as `take_in` does."""
     return as_recording(
-        _checked(read_recording(path, mapping=configuration.mapping)), path, configuration.mapping
+        checked(read_recording(path, mapping=configuration.mapping)), path, configuration.mapping
     )
 
 
@@ -195,7 +87,6 @@ def as_recording(
     path: Path,
     mapping: Path | None,
     error: EmgfaceError | None = None,
-    excluded: str = "",
 ) -> Recording:
     """Describe a recording in memory that was read from a file."""
     channels = dataset["channel"].values.tolist() if "channel" in dataset.coords else []
@@ -208,13 +99,12 @@ def as_recording(
         str(dataset.attrs.get("world", "")),
         tuple(map(str, channels)),
         error,
-        excluded,
     )
 
 
 @lru_cache(maxsize=4)
 def _content(path: Path, mapping: Path | None, digest: str) -> xr.Dataset:
-    dataset = _checked(read_recording(path, mapping=mapping))
+    dataset = checked(read_recording(path, mapping=mapping))
     if dataset_digest(dataset) != digest:
         raise DataError(
             f"{path.name} has changed since the study began, expected the same content: run the "
@@ -223,7 +113,7 @@ def _content(path: Path, mapping: Path | None, digest: str) -> xr.Dataset:
     return dataset
 
 
-def _checked(recording: xr.Dataset) -> xr.Dataset:
+def checked(recording: xr.Dataset) -> xr.Dataset:
     """Check a recording for a study; the montage treats missing channels."""
     return validate(recording, "recording", study=True, partial=("channel",))
 
@@ -247,12 +137,3 @@ def place_of(recording: xr.Dataset, name: str) -> Place:
             f"{', '.join(INSTRUCTIONS)}: relabel it"
         )
     return place
-
-
-def _selected(place: Place, configuration: RecordingsConfiguration) -> bool:
-    volunteer, instruction, repetition = place
-    return (
-        (configuration.volunteers is None or volunteer in configuration.volunteers)
-        and instruction in configuration.instructions
-        and (configuration.repetitions is None or repetition in configuration.repetitions)
-    )

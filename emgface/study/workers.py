@@ -1,4 +1,4 @@
-"""Computation of trials, and of what compares them, by workers with a common store.
+"""Reading of recordings, and computation of trials and of what compares them, by workers.
 
 Results go to the store, which is a folder on a file system of all workers. A job contains the names
 and digests of its inputs; a worker reads the face once, and a recording once for its strategies.
@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any, Final, Generic, TypeVar
 
 from analysis.trial import Trial
-from emgface.errors import DataError, ExecutionError, StoreError, WorkerDied
+from emgface.errors import DataError, EmgfaceError, ExecutionError, StoreError, WorkerDied
 from emgface.face.file import load_face, save_face
+from emgface.recordings.dataset import may_be_recording, read_recording
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.digest import code_version, dataset_digest
 from emgface.study.one_trial import origin_of, run_trial
@@ -21,7 +22,7 @@ from emgface.study.provenance import CODE
 from emgface.study.retention import FACES
 from emgface.study.stages import Laboratory
 from emgface.study.store import Event, Result, Store
-from emgface.study.table import PlannedTrial
+from emgface.study.table import PlannedTrial, Recording, as_recording, checked, place_of
 
 Job = TypeVar("Job")
 Outcome = TypeVar("Outcome")
@@ -138,6 +139,8 @@ def _keep_face(laboratory: Laboratory, store: Path) -> None:
 _laboratory: Laboratory | None = None
 _messages: list[str] = []
 """Laboratory of a worker process, and its messages."""
+_mapping: Path | None = None
+"""File that maps the labels of the recordings which the process reads."""
 
 
 def _use(laboratory: Laboratory) -> None:
@@ -146,14 +149,49 @@ def _use(laboratory: Laboratory) -> None:
     _laboratory = laboratory
 
 
-def _begin(study: StudyConfiguration, folder: Path, digest: str, code: str) -> None:
-    """Prepare a worker process, which must have the code and the files of the study."""
-    global _laboratory
+def begin_reading(mapping: Path | None, code: str) -> None:
+    """Prepare a worker process for `identified`."""
+    global _mapping
+    _require_code(code)
+    _mapping = mapping
+
+
+def identified(paths: Sequence[Path]) -> list[Recording | EmgfaceError | None]:
+    """Describe recordings; an error for an unreadable one, None for a file of another kind."""
+    return [_identified(path) for path in paths]
+
+
+def _identified(path: Path) -> Recording | EmgfaceError | None:
+    if not path.is_file():
+        raise ExecutionError(
+            f"a worker does not find {path}, expected a file system that all workers share: "
+            "specify a folder of recordings that exists on all machines"
+        )
+    if not may_be_recording(path):
+        return None
+    try:
+        given = read_recording(path, mapping=_mapping)
+        place_of(given, path.name)
+    except EmgfaceError as error:
+        return error
+    try:
+        return as_recording(checked(given), path, _mapping)
+    except DataError as lacking:
+        return as_recording(given, path, _mapping, type(lacking)(f"{path.name}: {lacking}"))
+
+
+def _require_code(code: str) -> None:
     if code_version(CODE) != code:
         raise ExecutionError(
             "a worker has other source code of emgface than the study, expected the same: install "
             "the same version for the workers and start them again"
         )
+
+
+def _begin(study: StudyConfiguration, folder: Path, digest: str, code: str) -> None:
+    """Prepare a worker process, which must have the code and the files of the study."""
+    global _laboratory
+    _require_code(code)
     path = folder / FACES / f"{digest}.nc"
     if not path.is_file():
         raise ExecutionError(

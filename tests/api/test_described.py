@@ -7,6 +7,7 @@ import sim
 from analysis.cube import build_cube
 from analysis.trial import Trial
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.schema.netcdf import write_netcdf
 from emgface.study.run import StudyResult
 
 
@@ -74,7 +75,8 @@ def test_study_result_shows_design_status_and_median(tmp_path):
         trials, volunteers=["V1"], instructions=["A"], repetitions=[1, 2],
         strategies=["act_all"], markers=["a", "b", "c"], origin="simulated",
     )  # fmt: skip
-    result = StudyResult(cube, tmp_path / "cube.nc", tmp_path / "journal.jsonl", [], [])
+    path = write_netcdf(cube, tmp_path / "cube.nc", "cube")
+    result = StudyResult(path, tmp_path / "journal.jsonl", [], [])
     facts = result.facts()
     assert facts["recordings"] == "simulated" and "2 repetition" in facts["design"]
     assert facts["trials"] == "1 missing, 1 ok"

@@ -16,8 +16,8 @@ from emgface.report.write import render
 from emgface.schema.netcdf import read_netcdf
 from emgface.study import provenance, store
 from emgface.study.digest import dataset_digest
+from emgface.study.intake import take_in
 from emgface.study.run import run_study
-from emgface.study.table import take_in
 from tests.study_run.test_report import text_of
 from tests.study_run.test_run import configured
 

@@ -1,0 +1,274 @@
+"""Recordings of a study, identified by the workers and known again by name, size and times."""
+
+import os
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Final
+
+import xarray as xr
+
+from emgface.errors import DataError, EmgfaceError
+from emgface.muscles import INSTRUCTIONS
+from emgface.recordings.dataset import candidates, none_found, read_recordings
+from emgface.recordings.labels import read_label_map
+from emgface.schema.validation import schema_folder
+from emgface.study.configuration import RecordingsConfiguration
+from emgface.study.digest import code_version, file_digest, text_digest
+from emgface.study.exclusions import Exclusion, Place, reason_to_exclude
+from emgface.study.observer import Observer, Silent
+from emgface.study.parallel import Workers, run_jobs
+from emgface.study.provenance import CODE
+from emgface.study.runs import Line, lines_of, run_files
+from emgface.study.table import Recording
+from emgface.study.workers import begin_reading, identified
+
+PER_JOB: Final = 32  #: recordings that a worker reads at a time; fewer are read in this process
+SETTLED: Final = 2.0
+"""Age [s] from which a change of a file is visible in its times, also on coarse file systems."""
+ALONE: Final = (".nc",)
+"""Suffixes of recordings without further files, which are not read again if they are unchanged."""
+
+File = tuple[str, int, int, int]
+"""Path, size [bytes], and times of the last change of content and of the entry [ns]."""
+
+
+@dataclass(frozen=True)
+class Intake:
+    """Identified recordings of a folder, in the order of the design, and the unreadable files."""
+
+    recordings: tuple[Recording, ...]
+    unreadable: dict[Path, EmgfaceError]
+    #: fields of the lines of the journal by which a later run knows the recordings read now
+    read: list[Line] = field(default_factory=list[Line])
+
+    @property
+    def origin(self) -> str:
+        """Origin of the recordings, measured or simulated, equal for all."""
+        return self.recordings[0].origin
+
+    @property
+    def world(self) -> str:
+        """World of simulated volunteers; empty for measured recordings."""
+        return self.recordings[0].world
+
+    @cached_property
+    def usable(self) -> dict[str, list[Recording]]:
+        """Usable recordings by volunteer."""
+        found: dict[str, list[Recording]] = {}
+        for one in self.recordings:
+            if one.error is None and not one.excluded:
+                found.setdefault(one.place[0], []).append(one)
+        return found
+
+
+def take_in(
+    configuration: RecordingsConfiguration,
+    exclude: Sequence[Exclusion] = (),
+    *,
+    study: Path | None = None,
+    workers: int | Workers = 1,
+    observer: Observer | None = None,
+    stopping: Callable[[], bool] = lambda: False,
+) -> Intake:
+    """Identify the recordings selected by a configuration, in the order of the design.
+
+    A recording that identifies its trial but lacks something required by the study is included with
+    the error; its trials fail, the others are computed. Trials in `exclude` are included with the
+    reason and not computed. Recordings are read by `workers`, except those that the journal in the
+    folder `study` knows; a file whose content changed without its size and times is noticed when a
+    trial is computed from it.
+
+    Raises DataError if the folder contains no recording, none of the selection, or two of the same
+    trial, ConfigurationError if the mapping contains an unknown entry, and KeyboardInterrupt if
+    `stopping` returns True.
+    """
+    read_label_map(configuration.mapping)
+    files = [file_of(path) for path in candidates(configuration.folder)]
+    reader = reader_digest(configuration.mapping)
+    known = {} if study is None else _known(study, reader, configuration.mapping)
+    results: dict[File, Recording | EmgfaceError | None] = {
+        file: known[file] for file in files if file in known
+    }
+    unread = [file for file in files if file not in results]
+    new = _read(unread, configuration.mapping, workers, observer or Silent(), stopping)
+    results.update(new)
+    found: dict[Place, Recording] = {}
+    unreadable: dict[Path, EmgfaceError] = {}
+    n_files = 0
+    for file in files:
+        path, given = Path(file[0]), results[file]
+        if given is None:
+            continue
+        n_files += 1
+        if isinstance(given, EmgfaceError):
+            unreadable[path] = given
+            continue
+        place = given.place
+        if not _selected(place, configuration):
+            continue
+        if place in found:
+            raise DataError(
+                f"{path.name} and {found[place].path.name} are both volunteer {place[0]}, "
+                f"instruction {place[1]}, repetition {place[2]}: remove or relabel one"
+            )
+        found[place] = replace(given, excluded=reason_to_exclude(place, exclude))
+    if not n_files:
+        none_found(configuration.folder)
+    if not found and unreadable:
+        path, first = next(iter(unreadable.items()))
+        more = f" (and {len(unreadable) - 1} more files)" if len(unreadable) > 1 else ""
+        raise type(first)(f"{first}{more}") from first
+    if not found:
+        raise DataError(
+            f"none of {n_files} recordings in {configuration.folder} is of the selected "
+            "volunteers, instructions and repetitions: extend the selection"
+        )
+    _require_one_kind(found.values(), configuration.folder)
+    order = list(INSTRUCTIONS)
+    places = sorted(found, key=lambda p: (p[0], order.index(p[1]), p[2]))
+    lines = [_line(file, reader, given) for file, given in new.items() if _lasting(file, given)]
+    return Intake(tuple(found[place] for place in places), unreadable, lines)
+
+
+def _read(
+    files: Sequence[File],
+    mapping: Path | None,
+    workers: int | Workers,
+    observer: Observer,
+    stopping: Callable[[], bool],
+) -> dict[File, Recording | EmgfaceError | None]:
+    """Read files by the workers; None for those that are not recordings."""
+    jobs = [files[start : start + PER_JOB] for start in range(0, len(files), PER_JOB)]
+
+    def starting(index: int) -> bool:
+        observer.working(f"recording {PER_JOB * index + 1} of {len(files)}")
+        return not stopping()
+
+    found: dict[File, Recording | EmgfaceError | None] = {}
+    done = run_jobs(
+        identified,
+        [[Path(file[0]) for file in job] for job in jobs],
+        workers if len(jobs) > 1 else 1,
+        begin=begin_reading,
+        arguments=(mapping, code_version(CODE)),
+        starting=starting,
+    )
+    for index, results in done:
+        found.update(zip(jobs[index], results, strict=True))
+    if len(found) < len(files):
+        raise KeyboardInterrupt
+    return found
+
+
+def file_of(path: Path) -> File:
+    """Describe a file without opening it."""
+    path = path.absolute()  # workers may have another working folder
+    try:
+        told = path.stat()
+    except OSError as error:
+        raise DataError(
+            f"{path} cannot be read ({error.strerror}), expected a recording: check its permissions"
+        ) from error
+    return str(path), told.st_size, told.st_mtime_ns, told.st_ctime_ns
+
+
+def reader_digest(mapping: Path | None) -> str:
+    """Digest of what determines the description of a recording besides its file."""
+    code = code_version(("emgface.recordings", "emgface.schema", "emgface.study.table"))
+    declared = file_digest(schema_folder() / "recording.json")
+    return text_digest(f"{code} {declared} {'' if mapping is None else file_digest(mapping)}")
+
+
+def _lasting(file: File, given: Recording | EmgfaceError | None) -> bool:
+    """Return True if a usable recording can be known again by its file."""
+    return (
+        isinstance(given, Recording)
+        and given.error is None
+        and os.path.splitext(file[0])[1].lower() in ALONE
+        and abs(time.time() - 1e-9 * file[3]) > SETTLED
+    )
+
+
+def _line(file: File, reader: str, given: Recording | EmgfaceError | None) -> Line:
+    assert isinstance(given, Recording), "only recordings are noted"
+    return {
+        "file": file,
+        "reader": reader,
+        "place": given.place,
+        "digest": given.digest,
+        "origin": given.origin,
+        "world": given.world,
+        "channels": given.channels,
+    }
+
+
+def _known(study: Path, reader: str, mapping: Path | None) -> dict[File, Recording]:
+    """Recordings in the journal of a study that were read in the same way."""
+    found: dict[File, Recording] = {}
+    for path in run_files(study):
+        for _, line in lines_of(path, "recording"):
+            if line["reader"] == reader:
+                name, size, modified, changed = line["file"]
+                volunteer, instruction, repetition = line["place"]
+                found[name, size, modified, changed] = Recording(
+                    (volunteer, instruction, repetition),
+                    line["digest"],
+                    Path(name),
+                    None if mapping is None else mapping.absolute(),
+                    line["origin"],
+                    line["world"],
+                    tuple(line["channels"]),
+                )
+    return found
+
+
+def _require_one_kind(recordings: Iterable[Recording], folder: Path) -> None:
+    """Refuse recordings of several origins or worlds."""
+    recordings = list(recordings)
+    if len({r.origin for r in recordings}) > 1:
+        raise DataError(
+            f"{folder} contains measured and simulated recordings, which "
+            "cannot share a cube: run a study of each"
+        )
+    worlds = {r.world for r in recordings}
+    if len(worlds) > 1:
+        raise DataError(
+            f"{folder} contains volunteers of several worlds "
+            f"({', '.join(sorted(world or 'without a name' for world in worlds))}), which "
+            "cannot share a cube: run a study of each"
+        )
+
+
+def take_in_references(configuration: RecordingsConfiguration) -> dict[str, list[xr.Dataset]]:
+    """Read the maximum-effort recordings, grouped by volunteer.
+
+    Raises DataError if no reference folder is configured, or one of its files cannot be read.
+    """
+    if configuration.reference_folder is None:
+        raise DataError(
+            "normalisation over a reference requires maximum-effort recordings: set "
+            "recordings.reference_folder"
+        )
+    grouped: dict[str, list[xr.Dataset]] = {}
+    for path, given in read_recordings(
+        configuration.reference_folder, mapping=configuration.mapping
+    ):
+        if isinstance(given, EmgfaceError):
+            raise given
+        volunteer = str(given.attrs.get("volunteer", ""))
+        if not volunteer:
+            raise DataError(f"{path.name} has no attribute volunteer: set it")
+        grouped.setdefault(volunteer, []).append(given)
+    return grouped
+
+
+def _selected(place: Place, configuration: RecordingsConfiguration) -> bool:
+    volunteer, instruction, repetition = place
+    return (
+        (configuration.volunteers is None or volunteer in configuration.volunteers)
+        and instruction in configuration.instructions
+        and (configuration.repetitions is None or repetition in configuration.repetitions)
+    )
