@@ -9,11 +9,12 @@ PART is one of
     throughput  stub trials of 0.1 s with 1, 2 and 4 processes, and dask workers started by hand
     thousand    1000 simulated workers and a real driver, over the duration of a trial
     faults      killed processes, full disk, damaged files and others: what happens to the results
+    kills       a small real study, killed (-9) --trials times at random
     plan        10 000 volunteers, extrapolated from the results in --store
     picture     draws the results of `throughput` and `thousand`
 
-Trials are stubs (`benchmarks.scale.stub`): execution, journal and store are those of a study, and
-the computation is replaced by waiting. Results are written to FOLDER/PART.json.
+Except in `kills`, trials are stubs (`benchmarks.scale.stub`): execution, journal and store are those
+of a study, and the computation is replaced by waiting. Results are written to FOLDER/PART.json.
 """
 
 import json
@@ -30,6 +31,7 @@ from benchmarks.report import markdown
 from benchmarks.scale.cluster import StartedByHand
 from benchmarks.scale.cube import limited
 from benchmarks.scale.faults import faults
+from benchmarks.scale.kills import kills
 from benchmarks.scale.plan import plan
 from benchmarks.scale.recordings import recordings
 from benchmarks.scale.simulated import thousand
@@ -37,7 +39,7 @@ from benchmarks.scale.stub import run
 from emgface.study.cluster import DaskWorkers
 from emgface.study.state import read_state
 
-PARTS = ("many", "recordings", "throughput", "thousand", "faults", "plan", "picture")
+PARTS = ("many", "recordings", "throughput", "thousand", "faults", "kills", "plan", "picture")
 
 
 def main(folder: Path, part: str, trials: int = 10_000, store: Path = Path("store")) -> None:
@@ -56,6 +58,7 @@ def main(folder: Path, part: str, trials: int = 10_000, store: Path = Path("stor
         "throughput": lambda: throughput(folder / "throughput"),
         "thousand": lambda: thousand(folder / "thousand"),
         "faults": lambda: faults(folder / "faults"),
+        "kills": lambda: kills(folder / "kills", min(trials, 50)),
         "plan": lambda: plan(store),
     }[part]()
     (folder / f"{part}.json").write_text(json.dumps(rows, indent=1))
@@ -83,11 +86,11 @@ def many(folder: Path, trials: int) -> list[dict[str, Any]]:
     resumed = time.process_time() - spent
     new = trials - made["known"]
     size = sum(path.stat().st_size for path in (folder / "runs").iterdir())
-    half = [limited(folder, trials // 2, at_a_time, 0) for at_a_time in (16, 10**6)]
-    cubes = [limited(folder, trials, at_a_time, 0) for at_a_time in (16, 10**6)]
-    assert all(half) and all(cubes), "the memory of this machine does not suffice"
-    limit = round((cubes[0]["memory_MB"] + cubes[1]["memory_MB"]) / 2)
-    allowed = [bool(limited(folder, trials, at_a_time, limit)) for at_a_time in (16, 10**6)]
+    ways, some = (16, 10**6), trials // 2
+    small, large = ([limited(folder, n, k, 0) for k in ways] for n in (some // 2, some))
+    assert all(small) and all(large), "the memory of this machine does not suffice"
+    limit = round((large[0]["memory_MB"] + large[1]["memory_MB"]) / 2)
+    allowed = [bool(limited(folder, some, k, limit)) for k in ways]
     rows = [
         ("trials computed in this call", new),
         ("processor time per trial, driver and store [ms]", 1e3 * made["driver_cpu_s"] / max(new, 1)),
@@ -97,13 +100,12 @@ def many(folder: Path, trials: int) -> list[dict[str, Any]]:
         ("state read, wall / processor [s]", f"{state:.2f} / {state_cpu:.2f}"),
         ("'emgface study status', new process, wall / processor [s]", f"{told:.2f} / {told_cpu:.2f}"),
         ("resumption, until done, wall / processor [s]", f"{again['wall_s']:.2f} / {resumed:.2f}"),
-        ("memory of the cube, 16 volunteers at a time, half / all trials [MB]",
-         f"{half[0]['memory_MB']:.0f} / {cubes[0]['memory_MB']:.0f}"),
-        ("memory of the cube, all at once, half / all trials [MB]",
-         f"{half[1]['memory_MB']:.0f} / {cubes[1]['memory_MB']:.0f}"),
-        (f"cube written with at most {limit} MB, 16 volunteers at a time / all at once",
-         " / ".join("yes" if one else "no" for one in allowed)),
-        ("cube, processor time per trial [ms]", 1e3 * cubes[0]["seconds"] / trials),
+        *((f"memory of the cube of {some // 2} / {some} trials, {way} [MB]",
+           f"{few['memory_MB']:.0f} / {many['memory_MB']:.0f}")
+          for way, few, many in zip(("in parts", "at once"), small, large, strict=True)),
+        (f"cube of {some} trials in {limit} MB, in parts / at once",
+         " / ".join("written" if one else "not enough memory" for one in allowed)),
+        ("cube, processor time per trial [ms]", 1e3 * large[0]["seconds"] / some),
     ]  # fmt: skip
     print(status.stdout.decode())
     return [{"quantity": name, "value": value} for name, value in rows]

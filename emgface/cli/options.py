@@ -29,6 +29,14 @@ WorkersOption = Annotated[
     int | None,
     typer.Option(min=1, help="Number of simultaneous simulations; default: one per core."),
 ]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="dask.distributed scheduler whose workers compute, such as tcp://host:8786; they "
+        "must share the folder of the results.",
+    ),
+]
 InstructionOption = Annotated[
     str | None, typer.Option(help="Instruction A to F, if the recording does not specify it.")
 ]

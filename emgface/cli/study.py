@@ -8,7 +8,7 @@ import typer
 
 from emgface.cli.console import BAD_INPUT, PARTIAL, Bar, progress, say, tell
 from emgface.cli.machine import announce_compilation, cores, graceful_stop, show_page
-from emgface.cli.options import AccuracyOption, OutPath, WorkersOption
+from emgface.cli.options import AccuracyOption, OutPath, SchedulerOption, WorkersOption
 
 if TYPE_CHECKING:
     from emgface.report.kept import KeptReport, Page
@@ -41,14 +41,7 @@ def run(
     path: Annotated[Path, typer.Argument(help="Study file (TOML).")],
     out_path: Annotated[Path, typer.Option("--out", help="Folder of the results.")],
     workers: WorkersOption = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="dask.distributed scheduler whose workers compute, such as tcp://host:8786; they "
-            "must share the folder of the results.",
-        ),
-    ] = None,
+    scheduler: SchedulerOption = None,
     store: Annotated[
         Path | None,
         typer.Option(

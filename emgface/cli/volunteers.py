@@ -7,8 +7,8 @@ from typing import Annotated, Any
 import typer
 
 from emgface.cli.console import progress, say
-from emgface.cli.machine import announce_compilation, cores
-from emgface.cli.options import StudyPath, WorkersOption
+from emgface.cli.machine import announce_compilation, cores, graceful_stop
+from emgface.cli.options import SchedulerOption, StudyPath, WorkersOption
 
 
 class Form(StrEnum):
@@ -80,9 +80,15 @@ def volunteers(
         bool, typer.Option("--sessions", help="Also write the uncut sessions with their events.")
     ] = False,
     workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     study: StudyPath = None,
 ) -> None:
-    """Simulate volunteers with known activations, sEMG and lip markers."""
+    """Simulate volunteers with known activations, sEMG and lip markers.
+
+    Ctrl-C and SIGTERM complete the sessions that have begun; the same command continues.
+    """
+    from emgface.study.cluster import DaskWorkers
+
     given = {
         "emg": emg.value,
         "resolution": int(resolution) if resolution.isdigit() else resolution,
@@ -90,19 +96,26 @@ def volunteers(
         "electrode_failure": electrode_failure,
         "keep_sessions": sessions,
     }
-    paths = _simulated(
-        out_path,
-        world,
-        given,
-        face,
-        study,
-        step,
-        n=n,
-        repetitions=repetitions,
-        instructions=tuple(instructions),
-        seed=seed,
-        workers=workers or cores(),
-    )
+    chosen = DaskWorkers(scheduler) if scheduler else workers or cores()
+    try:
+        with graceful_stop() as stopping:
+            paths = _simulated(
+                out_path,
+                world,
+                given,
+                face,
+                study,
+                step,
+                n=n,
+                repetitions=repetitions,
+                instructions=tuple(instructions),
+                seed=seed,
+                workers=chosen,
+                stopping=stopping,
+            )
+    finally:
+        if not isinstance(chosen, int):
+            chosen.end()
     _report(paths, out_path, form)
 
 

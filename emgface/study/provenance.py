@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from emgface import __version__
+from emgface.errors import ExecutionError
 from emgface.study.digest import canonical_json, code_version
 
 PACKAGES: Final = (
@@ -54,6 +55,15 @@ def environment() -> str:
             "code": code_version(CODE),
         }
     )
+
+
+def require_code(code: str) -> None:
+    """Raise ExecutionError if the source of this process has another digest than `code`."""
+    if code_version(CODE) != code:
+        raise ExecutionError(
+            "a worker has other source code of emgface than the study, expected the same: install "
+            "the same version for the workers and start them again"
+        )
 
 
 def _blas() -> str:

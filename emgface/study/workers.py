@@ -18,7 +18,7 @@ from emgface.study.configuration import StudyConfiguration
 from emgface.study.digest import code_version, dataset_digest
 from emgface.study.one_trial import origin_of, run_trial
 from emgface.study.parallel import Workers, run_jobs
-from emgface.study.provenance import CODE
+from emgface.study.provenance import CODE, require_code
 from emgface.study.retention import FACES
 from emgface.study.stages import Laboratory
 from emgface.study.store import Event, Result, Store
@@ -152,7 +152,7 @@ def _use(laboratory: Laboratory) -> None:
 def begin_reading(mapping: Path | None, code: str) -> None:
     """Prepare a worker process for `identified`."""
     global _mapping
-    _require_code(code)
+    require_code(code)
     _mapping = mapping
 
 
@@ -180,18 +180,10 @@ def _identified(path: Path) -> Recording | EmgfaceError | None:
         return as_recording(given, path, _mapping, type(lacking)(f"{path.name}: {lacking}"))
 
 
-def _require_code(code: str) -> None:
-    if code_version(CODE) != code:
-        raise ExecutionError(
-            "a worker has other source code of emgface than the study, expected the same: install "
-            "the same version for the workers and start them again"
-        )
-
-
 def _begin(study: StudyConfiguration, folder: Path, digest: str, code: str) -> None:
     """Prepare a worker process, which must have the code and the files of the study."""
     global _laboratory
-    _require_code(code)
+    require_code(code)
     path = folder / FACES / f"{digest}.nc"
     if not path.is_file():
         raise ExecutionError(

@@ -1,6 +1,6 @@
 """Recordings of simulated volunteers with individual faces and known activations."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +16,10 @@ from emgface.face.template.grid import LAYERS, make_grid
 from emgface.muscles import INSTRUCTIONS
 from emgface.recordings.dataset import write_recording
 from emgface.recordings.events import cut_trials
+from emgface.study.digest import code_version
 from emgface.study.observer import Observer, Silent
 from emgface.study.parallel import Workers, run_jobs
+from emgface.study.provenance import CODE, require_code
 from emgface.study.store import Store
 from emgface.volunteers.conduction import Conduction, face_conduction
 from emgface.volunteers.emg import Pools, draw_pools
@@ -54,6 +56,7 @@ def make_volunteers(
     workers: int | Workers = 1,
     observer: Observer | None = None,
     store: Path | None = None,
+    stopping: Callable[[], bool] = lambda: False,
 ) -> list[Path]:
     """Simulate `n` volunteers with `repetitions` of each instruction, and write their recordings.
 
@@ -67,7 +70,8 @@ def make_volunteers(
     or a template face if it is None. sigma_max and tissue stiffness of `parameters` are replaced by
     the person's; `settings` are those of faces, sessions, electrodes and cameras. The recordings do
     not depend on `workers`, a number of processes or the workers of a scheduler; `observer`
-    receives messages and progress.
+    receives messages and progress. If `stopping` returns True, the sessions that have begun are
+    completed before KeyboardInterrupt is raised.
 
     Raises ConfigurationError if an instruction is unknown, SimulationError if a motion cannot be
     simulated, and DataError or StoreError if a file cannot be written.
@@ -89,18 +93,24 @@ def make_volunteers(
     # Volunteers vary fastest, so that every process begins with the rest state of another face.
     jobs = [(index, instruction) for instruction in instructions for index in range(1, n + 1)]
     observer.begin(len(jobs))
-    written = _recorded(setup, jobs, workers, observer)
+    written = _recorded(setup, jobs, workers, observer, stopping)
+    if len(written) < len(jobs):
+        raise KeyboardInterrupt
     return [path for job in sorted(jobs) for path in written[job]]
 
 
 def _recorded(
-    setup: "_Setup", jobs: list["_Place"], workers: int | Workers, observer: Observer
+    setup: "_Setup",
+    jobs: list["_Place"],
+    workers: int | Workers,
+    observer: Observer,
+    stopping: Callable[[], bool],
 ) -> dict["_Place", list[Path]]:
     """Record all sessions, in this process or by workers."""
 
     def starting(index: int) -> bool:
         observer.working("S{:02d} {}".format(*jobs[index]))
-        return True
+        return not stopping()
 
     written: dict[_Place, list[Path]] = {}
     results = run_jobs(
@@ -108,7 +118,7 @@ def _recorded(
         jobs,
         workers,
         begin=_begin,
-        arguments=(setup,),
+        arguments=(setup, code_version(CODE)),
         group=lambda place: place[0],
         starting=starting,
     )
@@ -252,8 +262,9 @@ _notes = _Notes()
 """Recorder of a worker process, and its messages."""
 
 
-def _begin(setup: _Setup) -> None:
+def _begin(setup: _Setup, code: str) -> None:
     global _recorder
+    require_code(code)
     _recorder = _Recorder(setup, _notes)
 
 

@@ -45,7 +45,7 @@ def kill_after(child: int, folder: Path, more: int, rng: random.Random) -> int:
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs to fork a process")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_killed_at_random_the_store_is_never_corrupt(tmp_path: Path) -> None:
-    """`python -m benchmarks interruptions` tests whole studies in the same way."""
+    """`python -m benchmarks scale OUT kills` tests whole studies in the same way."""
     assert work(tmp_path / "whole") == ["computed"] * COUNT
     rng = random.Random(3)
     killed = 0

@@ -1,0 +1,92 @@
+"""Small real study, killed (SIGKILL) at random times and restarted until it ends."""
+
+import random
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.template import template_face
+from emgface.study.audit import content
+from emgface.study.digest import dataset_digest
+from emgface.study.store import damage_of
+from emgface.volunteers.settings import VolunteerParameters
+from emgface.volunteers.simulate import make_volunteers
+
+STUDY = """name = "interrupted"
+strategies = ["act_rel", "act_all"]
+[recordings]
+folder = "{folder}"
+[signals.normalisation]
+silent = "zero"
+[simulation]
+step = 0.02
+sigma_max = 100e3
+[face.template]
+resolution = "coarse"
+"""
+
+
+def start(study: Path, out: Path) -> subprocess.Popen[bytes]:
+    """Start the command in another process."""
+    code = "from emgface.cli import main; main()"
+    command = ["study", "run", str(study), "--out", str(out), "--workers", "1"]
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
+
+
+def results(out: Path) -> dict[str, str]:
+    """Content of the cube and of every stored result, by name, without measured times."""
+    paths = [*(out / "store").rglob("*.nc"), *out.glob("cube.nc")]
+    return {path.relative_to(out).as_posix(): dataset_digest(content(path)) for path in paths}
+
+
+def damaged(out: Path) -> list[str]:
+    """Results that differ from their index; those without one are only to be complete."""
+    found: list[str] = []
+    for path in (out / "store").rglob("[!.]*.nc"):
+        if path.with_suffix(".json").exists():
+            found += [path.name] if damage_of(path) is not None else []
+        else:
+            content(path)  # raises unless the file is complete
+    return found
+
+
+def kills(folder: Path, count: int, seed: int = 0) -> list[dict[str, Any]]:
+    """Kill studies `count` times; compare every stored result with its index, and the ends."""
+    rng, folder = random.Random(seed), folder.resolve()
+    shutil.rmtree(folder, ignore_errors=True)
+    make_volunteers(
+        template_face(resolution="coarse"), folder / "volunteers",
+        n=1, instructions=("A", "B"), seed=5,
+        parameters=SimulationParameters(step=0.02), settings=VolunteerParameters(emg="noise"),
+    )  # fmt: skip
+    study = folder / "study.toml"
+    study.write_text(STUDY.format(folder=folder / "volunteers" / "recordings"))
+    start(study, folder / "warm").wait()  # compiles the kernels if need be
+    began = time.monotonic()
+    start(study, folder / "whole").wait()
+    lasted, whole = time.monotonic() - began, results(folder / "whole")
+    killed = studies = wrong = different = 0
+    while killed < count:
+        out, code = folder / f"killed_{studies:03d}", None
+        while code is None:
+            process = start(study, out)
+            try:
+                code = process.wait(rng.uniform(0.2, 1.0) * lasted if killed < count else None)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+                killed, wrong = killed + 1, wrong + len(damaged(out))
+        studies += 1
+        different += code != 0 or results(out) != whole
+        shutil.rmtree(out)
+    assert whole, "the undisturbed study has no results"
+    rows = [("kills", killed), ("studies", studies), ("results of a study", len(whole)),
+            ("results that differ from their index after a kill", wrong),
+            ("studies that differ from the undisturbed one", different)]  # fmt: skip
+    return [{"quantity": name, "value": value} for name, value in rows]
