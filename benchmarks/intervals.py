@@ -22,23 +22,19 @@ from emgface.face.motion import settle_face, simulate_face
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
-from emgface.inverse.refine import (
-    Assumptions,
-    Refined,
-    emg_precision,
-    marker_precision,
-    refine,
-)
+from emgface.inverse.refine import Assumptions, Refined, emg_precision, refine
 from emgface.inverse.variants import trust_of
 from emgface.muscles import LIP_MARKERS
 from emgface.recordings.dataset import read_recording
-from sim import Activation, State, Workspace, compile_scene
-from sim.inverse import MeasuredActivation, PointTarget, Weights, track
+from sim import State, Workspace, compile_scene
+from sim.inverse import PointTarget
 
 NOISE, EMG_ERROR, EMG_TIME = 3e-4, 0.1, 0.1
 H, STEPS = 0.01, 80
 ACTIVE = 0.05
 """True activation above which a muscle counts as active."""
+ZERO = 5e-4
+"""True activation below which it is silent."""
 
 
 def emg_of_truth(true: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -80,6 +76,7 @@ def main(
     integrator: str = "same",
     iterations: int = 5,
     model_error: float = 0.0,
+    strength: float = 0.0,
 ) -> None:
     """Simulate, invert, count and draw."""
     face = template_face(resolution="coarse")
@@ -91,7 +88,8 @@ def main(
     solver = SIMULATION
     if integrator == "study":
         solver = SimulationParameters(gravity=False, contact={"method": "none"})
-    assumed, t = Assumptions(model_error=model_error), H * np.arange(STEPS + 1)
+    assumed, t = Assumptions(model_error=model_error, strength=strength), H * np.arange(STEPS + 1)
+    counts: list[tuple[int, int]] = []
     for number, path in enumerate(recordings):
         rng = np.random.default_rng(number)
         truth = read_recording(path)["true_activation"].sel(muscle=muscles)
@@ -106,33 +104,28 @@ def main(
         for variant in variants.split(","):
             begun = time.process_time()
             trust = trust_of(variant, muscles, 1.0)
-            measured = MeasuredActivation(Activation(t, emg), trust)
-            weights = Weights(size=0.01, change=0.1, jump=0.2, chase=0.05)
-            start, _ = track(
-                system, [target], duration=float(t[-1]), weights=weights, measured=measured,
-                initial=state, work=work,
-            )  # fmt: skip
             found = refine(
-                system, target, start["activation"].values.T, emg[1:],
-                emg_precision(assumed, np.full(len(muscles), EMG_ERROR), trust, H),
-                marker_precision(assumed, target, q[nodes], NOISE, H), assumed,
+                system, target, emg[1:],
+                emg_precision(assumed, np.full(len(muscles), EMG_ERROR), trust, H), NOISE, assumed,
                 h=H, initial=state, work=work, iterations=iterations,
             )  # fmt: skip
             a, b = found.activation, true[1:]
-            inside, active = (found.low <= b) & (b <= found.high), b > ACTIVE
-            step = start["activation"].values.T
+            inside, active, zero = (found.low <= b) & (b <= found.high), b > ACTIVE, b < ZERO
             print(
-                f"{path.stem} {variant}: correlation {_r(a, b):.3f} (steps {_r(step, b):.2f}), rms "
-                f"{_rms(a - b):.3f} ({_rms(step - b):.3f}), coverage {inside.mean():.1%} "
-                f"(active {inside[active].mean():.1%}, others {inside[~active].mean():.1%}), width "
+                f"{path.stem} {variant}: correlation {_r(a, b):.3f}, rms "
+                f"{_rms(a - b):.3f}, coverage {inside.mean():.1%} (above {ACTIVE} "
+                f"{inside[active].mean():.1%}, lower {inside[~active & ~zero].mean():.1%}, silent "
+                f"{inside[zero].mean():.1%} of {zero.mean():.0%}), width "
                 f"{(found.high - found.low).mean():.3f}, misfit "
                 f"{_rms(found.linearised.residual):.3f} mm, {time.process_time() - begun:.0f} s\n"
                 f"    {'; '.join(found.undetermined) or 'all directions determined'}",
                 flush=True,
             )
+            counts.append((int(inside.sum()), inside.size))
         title = f"SIMULATED trial, truth of {path.stem} on the template, {variant}"
         name = out.with_stem(f"{out.stem}_{path.stem}") if number else out
         draw(found, true, emg, muscles, title).savefig(name, dpi=110)
+    print(f"coverage over all trials {sum(c for c, _ in counts) / sum(n for _, n in counts):.1%}")
 
 
 def _r(a: np.ndarray, b: np.ndarray) -> float:

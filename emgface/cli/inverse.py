@@ -29,6 +29,10 @@ def run(
         Path | None,
         typer.Option(help="Result of emgface inverse calibrate; replaces gain and delay."),
     ] = None,
+    mixing: Annotated[
+        Path | None,
+        typer.Option(help="CSV: share of every muscle (column) in the sEMG over another (row)."),
+    ] = None,
     emg_weight: Annotated[
         float, typer.Option(help="Weight of the sEMG in the assisted variant.")
     ] = 1.0,
@@ -46,9 +50,14 @@ def run(
         bool, typer.Option("--force", help="Compute an existing result again.")
     ] = False,
 ) -> None:
-    """Estimate the activations of all muscles by which the face follows the lip markers."""
+    """Estimate the activations of all muscles by which the face follows the lip markers.
+
+    An interrupted run of the trajectory form continues with its last complete iteration.
+    """
     from emgface.api.given import face_of, recording_of, study_of
     from emgface.inverse.calibration import Calibration
+    from emgface.inverse.kept import Kept
+    from emgface.inverse.mixing import read_mixing
     from emgface.inverse.run import (
         FOLLOWED,
         InverseParameters,
@@ -69,6 +78,7 @@ def run(
     known = None
     if calibration is not None:
         known = Calibration(read_netcdf(calibration, "emg_calibration"))
+    known_mixing = None if mixing is None else read_mixing(mixing)
     parameters = InverseParameters(
         variant=variant,  # pyright: ignore[reportArgumentType]  # checked above
         form=form,  # pyright: ignore[reportArgumentType]
@@ -78,12 +88,15 @@ def run(
         left_out=tuple(leave_out or ()),
     )
     data, model = recording_of(recording, mapping), face_of(face, plan)
+    kept = Kept.beside(out_path)
     announce_compilation()
     with progress("inverting") as bar:
         found = invert(
-            data, model, simulation, plan.signals, parameters, calibration=known, progress=bar.show
-        )
+            data, model, simulation, plan.signals, parameters, calibration=known,
+            mixing=known_mixing, kept=kept, progress=bar.show,
+        )  # fmt: skip
     write_netcdf(found, out_path, "activation")
+    kept.remove()
     rms = 1e3 * float((found["misfit"] ** 2).mean()) ** 0.5
     say(
         f"Wrote {out_path}: {variant}, {found.sizes['time']} steps in "
@@ -112,13 +125,25 @@ def calibrate(
     face: FacePath = None,
     study: StudyPath = None,
     mapping: MappingOption = None,
+    mixing: Annotated[
+        Path | None,
+        typer.Option(help="CSV: share of every muscle (column) in the sEMG over another (row)."),
+    ] = None,
+    cross_talk: Annotated[
+        bool, typer.Option("--cross-talk", help="Estimate the mixing matrix, too.")
+    ] = False,
     force: Annotated[
         bool, typer.Option("--force", help="Compute an existing result again.")
     ] = False,
 ) -> None:
-    """Estimate gain, delay and error of the sEMG of every muscle from trials with markers."""
+    """Estimate gain, delay and error of the sEMG of every muscle from trials with markers.
+
+    An interrupted calibration continues with the last complete iteration of a trial.
+    """
     from emgface.api.given import face_of, recording_of, study_of
     from emgface.inverse.calibrate import calibrate as estimate
+    from emgface.inverse.kept import Kept
+    from emgface.inverse.mixing import read_mixing
     from emgface.inverse.run import without_contact
     from emgface.schema.netcdf import write_netcdf
 
@@ -126,15 +151,26 @@ def calibrate(
         say(f"{out_path} exists and is kept: use --force to compute it again.")
         return
     plan = study_of(study)
+    declared = None if mixing is None else read_mixing(mixing)
     trials = [recording_of(path, mapping) for path in recordings]
     model = face_of(face, plan)
     announce_compilation()
+    kept = [Kept.beside(out_path, str(k)) for k in range(len(trials))]
     with progress("calibrating") as bar:
         found = estimate(
-            trials, model, without_contact(plan.simulation), plan.signals, progress=bar.show
-        )
+            trials, model, without_contact(plan.simulation), plan.signals, mixing=declared,
+            cross_talk=cross_talk, kept=kept,
+            progress=bar.show,
+        )  # fmt: skip
     write_netcdf(found.data, out_path, "emg_calibration")
+    for one in kept:
+        one.remove()
     say(f"Wrote {out_path}: {found.data.attrs['trials']} trials.")
     table = found.data[["gain", "delay", "error", "estimated"]].to_dataframe()
     say(table[table["estimated"] == 1].drop(columns="estimated").round(3).to_string())
+    if cross_talk:
+        share = found.data["mixing"].to_dataframe()["mixing"].unstack()
+        share = share.where(share > 0.02).dropna(how="all", axis=0).dropna(how="all", axis=1)
+        say("Share of muscles (columns) in signals (rows), above 0.02:")
+        say(share.round(2).fillna("").to_string())
     say(f"Error of the face at markers that are left out: {found.model_error:.0%} of their motion.")

@@ -27,6 +27,12 @@ class Calibration:
         one = self.data.sel(muscle=list(muscles))
         return one["gain"].values, one["delay"].values, one["error"].values
 
+    def mixing(self, muscles: Sequence[str]) -> Array | None:
+        """Share (n, n) of every muscle in every signal; None without cross-talk."""
+        if "mixing" not in self.data:
+            return None
+        return self.data["mixing"].sel(signal=list(muscles), muscle=list(muscles)).values
+
     @property
     def model_error(self) -> float:
         """Error of the face at markers that were left out, over their displacement [1]."""

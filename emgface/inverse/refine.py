@@ -1,7 +1,7 @@
 """Most probable activations over a whole recording, with intervals and undetermined directions."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,8 +21,12 @@ from sim.state import Array
 
 LEVEL = 0.9
 """Probability of the intervals."""
-DRAWS, BURN = 640, 300
-"""Draws from the posterior, and sweeps before the first."""
+DRAWS, BURN, APART = 640, 100, 10
+"""Draws from the posterior, and sweeps before the first of a chain and between its draws."""
+ONE_SIDED = 0.2
+"""Ratio of its bounds below which an interval begins at 0."""
+FIRST_ERROR, ITERATIONS = 0.2, 3
+"""Error of the model over the motion before it is estimated, and iterations with it."""
 NAMED = 5
 """Largest number of undetermined directions that are named."""
 PRESCRIBED = 0.01
@@ -37,9 +41,13 @@ class Assumptions:
     ----------
     spacing : float
         Distance of the splines of the activations [s].
-    model_error : float
+    model_error : float, optional
         Standard deviation of the difference between the face and the person, over the root mean square
-        displacement of the markers [1].
+        displacement of the markers [1]; by default estimated from the misfit of the recording.
+    strength : float
+        Standard deviation of the logarithm of the strength of a muscle of the person over that of the
+        face, which the motion does not determine [1]. 0.35 represents the published range of largest
+        stresses (80 to 150 kPa, Eskes et al. 2017) and unequal muscles.
     model_memory, emg_memory : float
         Times within which this difference, and the error of the sEMG, are correlated [s].
     mean, size : float
@@ -50,16 +58,42 @@ class Assumptions:
     """
 
     spacing: float = 0.06
-    model_error: float = 0.2
+    model_error: float | None = None
+    strength: float = 0.35
     model_memory: float = 0.3
     emg_memory: float = 0.2
     mean: float = 0.3
     size: float = 0.5
     change: float = 2.0
 
-    def prior(self, splines: Splines, time: Array, emg: Array, emg_weight: Array) -> Quadratic:
+    def prior(
+        self,
+        splines: Splines,
+        time: Array,
+        emg: Array,
+        emg_weight: Array,
+        mixing: Array | None = None,
+    ) -> Quadratic:
         """Density of the coefficients before the motion is known, as `sim.inverse.prior`."""
-        return prior(splines, time, self.size, self.mean, self.change, emg, emg_weight)
+        return prior(splines, time, self.size, self.mean, self.change, emg, emg_weight, mixing)
+
+
+@dataclass(frozen=True)
+class Begun:
+    """State of a fit between two iterations.
+
+    Attributes
+    ----------
+    coefficients : (n_splines, n_muscles)
+    done : int
+        Iterations done.
+    model_error : float or None
+        Error of the model that is assumed or was found; None before it is found.
+    """
+
+    coefficients: Array
+    done: int
+    model_error: float | None
 
 
 @dataclass(frozen=True)
@@ -74,6 +108,10 @@ class Refined:
     linearised : Linearised
     splines : Splines
     time : (n_steps,) [s].
+    marker_weight : float
+        Of `marker_precision`, with the error of the model that was assumed or found.
+    model_error : float
+        The latter [1].
     """
 
     activation: Array
@@ -83,6 +121,8 @@ class Refined:
     linearised: Linearised
     splines: Splines
     time: Array
+    marker_weight: float
+    model_error: float
 
 
 def marker_precision(
@@ -95,7 +135,8 @@ def marker_precision(
     """
     moved = float(np.sqrt(np.nanmean((target.position - rest) ** 2)))
     lasting = max(assumed.model_memory / h, 1.0)
-    variance = noise**2 + (assumed.model_error * moved) ** 2 * lasting
+    share = FIRST_ERROR if assumed.model_error is None else assumed.model_error
+    variance = noise**2 + (share * moved) ** 2 * lasting
     return target.size**2 / max(variance, (1e-3 * target.size) ** 2)
 
 
@@ -113,60 +154,103 @@ def emg_precision(assumed: Assumptions, error: Array, trust: Array, h: float) ->
 def refine(
     system: System,
     target: PointTarget,
-    start: Array,
     emg: Array,
     emg_weight: Array,
-    marker_weight: float,
+    noise: float,
     assumed: Assumptions,
     *,
     h: float,
     initial: State,
     work: Workspace,
-    iterations: int = 3,
+    iterations: int = 5,
+    mixing: Array | None = None,
     draws: int = DRAWS,
-    progress: Callable[[int, int], None] | None = None,
+    begun: Begun | None = None,
+    after: Callable[[Begun], None] | None = None,
 ) -> Refined:
     """Fit the activations to a whole recording and determine their intervals.
 
     The posterior is normal about the linearisation at the most probable activations, within 0-1
-    (Laplace); its intervals are the shortest with 90 % of `draws` draws, NaN without any.
+    (Laplace); its intervals are those of `intervals` from `draws` draws, NaN without any. If the error
+    of the model is to be estimated, the residual after `ITERATIONS` iterations is that of the model and
+    the noise, and at least one more follows.
 
     Parameters
     ----------
-    start, emg : (n_steps, n_muscles) initial activations, and those estimated from sEMG.
+    emg : (n_steps, n_muscles) activation estimated from sEMG.
     emg_weight : (n_muscles,) of `emg_precision`.
-    marker_weight : float
-        Of `marker_precision`.
+    noise : float
+        Standard deviation of a coordinate of a marker [m].
+    iterations : int
+        Largest number of Gauss-Newton iterations.
+    mixing : (n_muscles, n_muscles), optional
+        Cross-talk of the sEMG, as of `sim.inverse.MeasuredActivation`.
+    begun : Begun, optional
+        Of an interrupted fit, which continues; zero activations by default.
+    after : callable, optional
+        Called with the state after every iteration.
 
     Raises
     ------
     SimulationError
         As of `sim.inverse.linearise`.
     """
-    time = ends_of_steps(len(start), h)
+    time = ends_of_steps(len(emg), h)
     splines = Splines(float(time[-1]), assumed.spacing)
-    before = assumed.prior(splines, time, emg, emg_weight)
-    found = fit(
-        system, [target], splines, splines.fitted(time, start), before, precision=marker_weight,
-        h=h, initial=initial, work=work, iterations=iterations, progress=progress,
-    ).linearised  # fmt: skip
-    problem, n = found.normal(marker_weight) + before, len(system.muscles)
+    n, rest = len(system.muscles), initial.q[target.nodes]
+    before = assumed.prior(splines, time, emg, emg_weight, mixing)
+    state = begun or Begun(np.zeros((splines.n, n)), 0, assumed.model_error)
+
+    def fitted(begin: Array | Linearised, most: int) -> Linearised:
+        at, error = state.done, state.model_error
+
+        def passed(one: Linearised, k: int) -> None:
+            if after is not None:
+                after(Begun(one.coefficients, at + k, error))
+
+        return fit(
+            system, [target], splines, begin, before, precision=weight, h=h, initial=initial,
+            work=work, iterations=most, after=passed,
+        ).linearised  # fmt: skip
+
+    known = replace(assumed, model_error=state.model_error)
+    weight, begin = marker_precision(known, target, rest, noise, h), state.coefficients
+    if state.model_error is None:
+        begin = fitted(begin, max(min(ITERATIONS, iterations) - state.done, 0))
+        found = model_error(begin, target, rest, noise)
+        state = Begun(begin.coefficients, ITERATIONS, found)
+        known = replace(assumed, model_error=found)
+        weight = marker_precision(known, target, rest, noise, h)
+        iterations = max(iterations, ITERATIONS + 1)
+    found = fitted(begin, max(iterations - state.done, 0))
+    problem = found.normal(weight) + before
     posterior, B = _posterior(problem), splines.basis(time)
     low = high = np.full((len(time), n), np.nan)
     if draws:
-        drawn = posterior.draws(draws, burn=BURN, start=found.coefficients.ravel()).reshape(
-            draws, splines.n, n
-        )
-        low, high = shortest(np.einsum("tk,dkn->dtn", B, drawn))
+        centre = found.coefficients.ravel()
+        drawn = posterior.draws(draws, burn=BURN, apart=APART, centre=centre)
+        drawn = drawn.reshape(draws, splines.n, n)
+        spread = np.where(emg_weight < PRESCRIBED**-2.0, assumed.strength, 0.0)
+        drawn = drawn * np.exp(spread * np.random.default_rng(1).standard_normal((draws, 1, n)))
+        low, high = intervals(np.einsum("tk,dkn->dtn", B, drawn).clip(0.0, 1.0))
     told = _undetermined(posterior, _posterior(before), B, target, initial, system.muscles)
-    return Refined(B @ found.coefficients, low, high, told, found, splines, time)
+    activation, error = B @ found.coefficients, float(known.model_error or 0.0)
+    return Refined(activation, low, high, told, found, splines, time, weight, error)
 
 
-def shortest(draws: Array, level: float = LEVEL) -> tuple[Array, Array]:
-    """Bounds of the shortest intervals that contain a share of draws (n, ...) of activations.
+def model_error(found: Linearised, target: PointTarget, rest: Array, noise: float) -> float:
+    """Residual beyond the noise over the root mean square displacement of the markers [1]."""
+    residual = float(np.nanmean((target.size * found.residual) ** 2))
+    moved = float(np.nanmean((target.position - rest) ** 2))
+    return float(np.sqrt(max(residual - noise**2, 0.0) / max(moved, 1e-300)))
 
-    An interval that begins with the smallest draw begins at 0, and one that ends with the largest
-    ends at 1: a muscle may be silent, which a central interval would exclude.
+
+def intervals(draws: Array, level: float = LEVEL) -> tuple[Array, Array]:
+    """Bounds of intervals that contain a share of draws (n, ...) of activations.
+
+    They are the shortest, which contain the densest values. One that begins below `ONE_SIDED` of its
+    end begins at 0 and ends at the quantile of the level: a muscle may be silent, which a sample of a
+    continuous density excludes.
     """
     x = np.sort(draws, axis=0)
     n = len(x)
@@ -174,7 +258,9 @@ def shortest(draws: Array, level: float = LEVEL) -> tuple[Array, Array]:
     first = np.argmin(x[k:] - x[: n - k], axis=0)[None]
     low = np.take_along_axis(x, first, axis=0)[0]
     high = np.take_along_axis(x, first + k, axis=0)[0]
-    return np.where(first[0] == 0, 0.0, low), np.where(first[0] + k == n - 1, 1.0, high)
+    one_sided = (low <= ONE_SIDED * high) | (first[0] == 0)
+    high = np.where(one_sided, x[k], high)
+    return np.where(one_sided, 0.0, low), np.where(first[0] + k == n - 1, 1.0, high)
 
 
 def _posterior(problem: Quadratic) -> Posterior:

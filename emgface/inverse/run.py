@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
@@ -14,18 +14,22 @@ from emgface.face.motion import settle_face
 from emgface.face.recipe import compose_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.calibration import Calibration
+from emgface.inverse.kept import Kept, digest_of
+from emgface.inverse.mixing import in_order_of
 from emgface.inverse.refine import (
+    DRAWS,
     LEVEL,
     Assumptions,
+    Begun,
     Refined,
     emg_precision,
-    marker_precision,
     refine,
 )
 from emgface.inverse.variants import Variant, trust_of
 from emgface.muscles import LIP_MARKERS
 from emgface.signals.activation import IDENTITY, activation_of
 from emgface.signals.parameters import SignalChain
+from emgface.study.digest import dataset_digest
 from emgface.study.measured import measured_during
 from sim import Activation, State, System, Workspace, compile_scene
 from sim.inverse import MeasuredActivation, PointTarget, Weights, track
@@ -87,7 +91,7 @@ class InverseParameters:
     emg_error: float = 0.25
     left_out: tuple[str, ...] = ()
     assumed: Assumptions = field(default_factory=Assumptions)
-    iterations: int = 3
+    iterations: int = 5
 
 
 def form_of(form: str, contact: bool) -> None:
@@ -122,6 +126,7 @@ class Problem:
     emg : Dataset
         Activation from sEMG, before gain and delay.
     scale, noise : ratio of the mouths [1], noise of the markers on the face [m].
+    inputs : digest of the face and of the parameters of its mechanics.
     """
 
     system: System
@@ -133,6 +138,7 @@ class Problem:
     emg: xr.Dataset
     scale: float
     noise: float
+    inputs: str
 
     @property
     def duration(self) -> float:
@@ -187,7 +193,8 @@ def pose_problem(
     wanted, scale = _wanted(position.sel(marker=used), state.q[nodes])
     target = PointTarget(nodes, time, wanted, p.marker_error)
     work = Workspace(system, simulation.linear_solver)
-    return Problem(system, state, work, target, start, h, emg, scale, scale * noise)
+    inputs = digest_of(dataset_digest(face), simulation.model_dump_json())
+    return Problem(system, state, work, target, start, h, emg, scale, scale * noise, inputs)
 
 
 def invert(
@@ -200,6 +207,8 @@ def invert(
     settled: xr.Dataset | None = None,
     session: xr.Dataset | None = None,
     calibration: Calibration | None = None,
+    mixing: Array | None = None,
+    kept: Kept | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> xr.Dataset:
     """Activations by which a face follows the lip markers of a recording.
@@ -208,10 +217,11 @@ def invert(
     the sizes of the two mouths, at the markers of the face at rest. Every step is one linear step of
     implicit Euler (`sim.inverse.track`) of `simulation.output`; lost markers are left out while they
     are lost. `session` is the range of the features, if the chain does not normalise over the trial.
-    In the trajectory form, these activations are the start of a fit to the whole recording
-    (`emgface.inverse.refine`). The sEMG is estimated by `chain` with the strategy act_all, and its
-    gains, delays and errors are those of the calibration, if there is one; a constant channel counts
-    as missing.
+    The trajectory form is a fit to the whole recording (`emgface.inverse.refine`), whose state is
+    stored in `kept` after every iteration and continues from there. The sEMG is estimated by `chain`
+    with the strategy act_all, and its gains, delays and errors are those of the calibration, if there
+    is one; a constant channel counts as missing. `mixing (n_muscles, n_muscles)`,
+    in the order of `emgface.muscles.MUSCLES`, replaces the cross-talk of the calibration.
 
     Returns
     -------
@@ -229,7 +239,8 @@ def invert(
     MarkerError
         Markers are missing, or a marker in `left_out` is unknown.
     ConfigurationError, DataError
-        As of the signal chain, the variant and the calibration.
+        As of the signal chain, the variant and the calibration, or `mixing` with another variant than
+        assisted.
     SimulationError
         A step failed; the face is inverted with linear steps of one size. SceneError: the trajectory
         form does not exist with contact.
@@ -244,50 +255,85 @@ def invert(
     missing = str(problem.emg.attrs.get("silent", "")).split()
     trust = trust_of(p.variant, muscles, p.emg_weight, missing)
     gain, delay, error = (np.full(len(muscles), x) for x in (p.gain, p.delay, p.emg_error))
+    mixing = None if mixing is None else in_order_of(mixing, muscles)
     if calibration is not None:
         gain, delay, error = calibration.of(muscles)
-        p = replace(p, assumed=replace(p.assumed, model_error=calibration.model_error))
+        if mixing is None and p.variant == "assisted":
+            mixing = calibration.mixing(muscles)
+    if mixing is not None and p.variant != "assisted":
+        raise ConfigurationError(
+            f"cross-talk is not part of the variant {p.variant!r}, which "
+            + ("uses no sEMG" if p.variant == "motion" else "prescribes muscles")
+            + ": use the variant 'assisted', or leave the mixing matrix out"
+        )
     each = zip(muscles, gain, delay, strict=True)
     values = np.array([g * problem.delayed(m, d) for m, g, d in each]).T.clip(0.0, 1.0)
+    found = refined = None
     with named_elements(face):
-        found, _ = track(
-            problem.system,
-            [problem.target],
-            duration=problem.duration,
-            h=problem.h,
-            weights=Weights(
-                size=p.size, change=p.change, jump=p.jump, chase=max(p.chase, problem.h)
-            ),
-            measured=MeasuredActivation(Activation(problem.target.time, values), trust),
-            initial=problem.state,
-            before=np.where(np.isinf(trust), values[0], 0.0),
-            work=problem.work,
-            progress=progress,
-        )
-        refined = None
-        if p.form == "trajectory" and not np.isinf(trust).all():
-            refined = refine(
+        if p.form == "step" or np.isinf(trust).all():
+            found, _ = track(
                 problem.system,
-                problem.target,
-                found["activation"].values.T,
-                values[1:],
-                emg_precision(p.assumed, error, trust, problem.h),
-                marker_precision(
-                    p.assumed,
-                    problem.target,
-                    problem.state.q[problem.target.nodes],
-                    problem.noise,
-                    problem.h,
-                ),
-                p.assumed,
+                [problem.target],
+                duration=problem.duration,
                 h=problem.h,
+                weights=Weights(
+                    size=p.size, change=p.change, jump=p.jump, chase=max(p.chase, problem.h)
+                ),
+                measured=MeasuredActivation(Activation(problem.target.time, values), trust, mixing),
                 initial=problem.state,
+                before=np.where(np.isinf(trust), values[0], 0.0),
                 work=problem.work,
-                iterations=p.iterations,
                 progress=progress,
+            )
+        else:
+            weight = emg_precision(p.assumed, error, trust, problem.h)
+            refined = fitted(
+                problem, p, values[1:], weight, kept=kept, progress=progress, mixing=mixing
             )
     result = _result(recording, found, problem, values, p, refined)
     return result.assign_attrs(run_time_s=time.perf_counter() - begun)
+
+
+def fitted(
+    problem: Problem,
+    p: InverseParameters,
+    emg: Array,
+    weight: Array,
+    *,
+    mixing: Array | None = None,
+    kept: Kept | None = None,
+    progress: Callable[[int, int], None] | None = None,
+    draws: int = DRAWS,
+) -> Refined:
+    """Most probable activations of a recording, from a state that was kept if there is one.
+
+    Parameters
+    ----------
+    emg, weight : activation from sEMG (n_steps, n_muscles) and its inverse variances (n_muscles,).
+    """
+    system, target = problem.system, problem.target
+    inputs = digest_of(
+        problem.inputs, problem.state.q, target.position, problem.h, emg, weight, mixing,
+        asdict(p),
+    )  # fmt: skip
+
+    def after(state: Begun) -> None:
+        if kept is not None:
+            kept.write(inputs, state)
+        if progress is not None:
+            progress(state.done, p.iterations)
+
+    begun = None if kept is None else kept.read(inputs)
+    if progress is not None:
+        progress(0 if begun is None else begun.done, p.iterations)
+    refined = refine(
+        system, target, emg, weight, problem.noise, p.assumed, h=problem.h, initial=problem.state,
+        work=problem.work, iterations=p.iterations, mixing=mixing, draws=draws, begun=begun,
+        after=after,
+    )  # fmt: skip
+    if progress is not None:
+        progress(p.iterations, p.iterations)
+    return refined
 
 
 def _positions(
@@ -315,19 +361,19 @@ def _wanted(position: xr.DataArray, rest: np.ndarray) -> tuple[np.ndarray, float
 
 def _result(
     recording: xr.Dataset,
-    found: xr.Dataset,
+    found: xr.Dataset | None,
     problem: Problem,
     estimate: Array,
     p: InverseParameters,
     refined: Refined | None,
 ) -> xr.Dataset:
-    at = problem.start + found["time"].values
     both = ("muscle", "time")
     attrs = {k: v for k, v in recording.attrs.items() if k in IDENTITY}
-    if refined is None:
+    if found is not None:
         result = found[["activation", "violation", "saturated"]]
         misfit = p.marker_error * found["misfit"].values
     else:
+        assert refined is not None  # one of both forms
         parts = {
             "activation": refined.activation,
             "activation_low": refined.low,
@@ -335,10 +381,12 @@ def _result(
         }
         result = xr.Dataset(
             {name: (both, values.T, {"units": "1"}) for name, values in parts.items()},
-            coords={"muscle": found["muscle"], "time": found["time"]},
+            coords={"muscle": list(problem.system.muscles), "time": refined.time},
         )
         misfit = p.marker_error * np.sqrt(np.nanmean(refined.linearised.residual**2, axis=1))
         attrs |= {"interval": LEVEL, "undetermined": "; ".join(refined.undetermined)}
+        attrs |= {"model_error": refined.model_error}
+    at = problem.start + result["time"].values
     result = result.assign_coords(time=("time", at, {"units": "s"}))
     result["misfit"] = ("time", misfit, {"units": "m"})
     result["emg_activation"] = (both, estimate[1:].T, {"units": "1"})

@@ -9,7 +9,6 @@ from scipy.special import ndtr, ndtri
 from sim.state import Array
 
 CHAINS, BURN = 64, 30  #: number of chains, and default of the sweeps before the first draw
-APART = 10  #: sweeps between draws of a chain with a given start
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,12 @@ class Posterior:
     covariance: Array
 
     def draws(
-        self, n: int = 1000, seed: int = 0, burn: int = BURN, start: Array | None = None
+        self,
+        n: int = 1000,
+        seed: int = 0,
+        burn: int = BURN,
+        apart: int = 1,
+        centre: Array | None = None,
     ) -> Array:
         """Draws (n, n_muscles) within the box, by Gibbs sampling of `CHAINS` chains.
 
@@ -35,28 +39,24 @@ class Posterior:
 
         Parameters
         ----------
-        burn : int
-            Sweeps before the first draw.
-        start : (n_muscles,), optional
-            Start of all chains, after which draws of a chain are `APART` sweeps apart; default: random
-            draws that are moved into the box.
+        burn, apart : int
+            Sweeps before the first draw of a chain, and between its draws.
+        centre : (n_muscles,), optional
+            Point about which the chains begin, such as the most probable one; by default the mean. They
+            begin at normal draws about it that are moved into the box, farther apart than the density.
         """
         rng = np.random.default_rng(seed)
         precision = np.asarray(np.linalg.inv(self.covariance), dtype=np.float64)
         sd = 1.0 / np.sqrt(np.diag(precision))
-        apart = 1
-        if start is None:
-            spread = np.asarray(np.linalg.cholesky(self.covariance), dtype=np.float64)
-            x = self.mean + rng.standard_normal((CHAINS, len(sd))) @ spread.T
-            x = np.clip(x, 0.0, 1.0)
-        else:
-            x, apart = np.tile(start, (CHAINS, 1)), APART
+        spread = np.asarray(np.linalg.cholesky(self.covariance), dtype=np.float64)
+        x = rng.standard_normal((CHAINS, len(sd))) @ spread.T
+        x = np.clip(x + (self.mean if centre is None else centre), 0.0, 1.0)
         found: list[Array] = []
         for sweep in range(burn + apart * (-(-n // CHAINS))):
             for i in range(len(sd)):
                 left = (x - self.mean) @ precision[i] - (x[:, i] - self.mean[i]) * precision[i, i]
-                centre = self.mean[i] - left / precision[i, i]
-                x[:, i] = _truncated(centre, float(sd[i]), rng.random(CHAINS))
+                given = self.mean[i] - left / precision[i, i]
+                x[:, i] = _truncated(given, float(sd[i]), rng.random(CHAINS))
             if sweep >= burn and (sweep - burn) % apart == 0:
                 found.append(x.copy())
         return np.concatenate(found)[:n]

@@ -78,9 +78,17 @@ class MeasuredActivation:
     #: (n_muscles,) weight w_e/2 trust (a - a_emg)^2 of each muscle [1], 0 if it is not measured,
     #: infinite if its activation is prescribed
     trust: Array = field(default_factory=lambda: np.zeros(0))
+    #: (n_muscles, n_muscles) share of every muscle (column) in every measured activation (row) by
+    #: cross-talk; by default the identity
+    mixing: Array | None = None
 
     def __post_init__(self) -> None:
         n = self.activation.values.shape[1]
+        if self.mixing is not None and np.isinf(self.trust).any():
+            raise ControlError(
+                "a muscle is prescribed by an activation with cross-talk: leave the mixing matrix out, "
+                "or use a finite trust"
+            )
         if self.trust.shape != (n,) or not (self.trust >= 0.0).all():
             raise ControlError(
                 f"trust of shape {self.trust.shape} for {n} muscles, expected one number >= 0 for each"
@@ -233,13 +241,16 @@ def _problem(
     n = len(last)
     ones = np.ones(n)
     soft, given, fixed = 0.0 * ones, 0.0 * ones, np.zeros(n, dtype=bool)
+    mixing = np.eye(n)
     if measured is not None:
         given = np.nan_to_num(np.clip(measured.activation.at(t1), 0.0, 1.0))
         fixed = np.isinf(measured.trust)
         soft = np.where(fixed, 0.0, measured.trust)
-    quadratic = weights.motion * along.T @ along + np.diag(weights.size + weights.change + soft)
+        mixing = mixing if measured.mixing is None else measured.mixing
+    quadratic = weights.motion * along.T @ along + mixing.T @ (soft[:, None] * mixing)
+    quadratic = quadratic + (weights.size + weights.change) * np.eye(n)
     linear = weights.motion * along.T @ (r + along @ response.activation)
-    linear = linear + weights.change * last + soft * given
+    linear = linear + weights.change * last + mixing.T @ (soft * given)
     low = np.maximum(np.broadcast_to(weights.low, n), last - weights.jump)
     high = np.minimum(np.broadcast_to(weights.high, n), last + weights.jump)
     low, high = np.where(fixed, given, low), np.where(fixed, given, high)

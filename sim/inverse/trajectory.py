@@ -56,13 +56,6 @@ class Splines:
         found = BSpline.design_matrix(inside, self.knots, DEGREE).toarray()
         return np.asarray(found, dtype=np.float64)
 
-    def fitted(self, t: Array, a: Array) -> Array:
-        """Coefficients (n, n_muscles) within 0-1 that represent activations (len(t), n_muscles)."""
-        B = self.basis(t)
-        Q = B.T @ B + 1e-9 * np.eye(self.n)
-        zero, one = np.zeros(self.n), np.ones(self.n)
-        return np.array([minimise_in_box(Q, B.T @ each, zero, one).x for each in a.T]).T
-
 
 def ends_of_steps(n: int, h: float) -> Array:
     """Times (n,) of the ends of steps of length h [s]."""
@@ -127,6 +120,7 @@ def prior(
     change: float,
     measured: Array,
     precision: Array,
+    mixing: Array | None = None,
 ) -> Quadratic:
     """Negative logarithm of a density of the activations before the motion is known.
 
@@ -141,17 +135,20 @@ def prior(
         Constants of the density [1].
     change : float
         Standard deviation of the change of an activation over 1 s, of a random walk [1].
-    measured : (n_steps, n_muscles) activation from sEMG.
-    precision : (n_muscles,) inverse variance of its error times the number of steps within which the
-        error is correlated; 0 for a muscle that is not measured.
+    measured : (n_steps, n_signals) activation from sEMG.
+    precision : (n_signals,) inverse variance of its error over the number of steps within which the
+        error is correlated; 0 for a signal that is not measured.
+    mixing : (n_signals, n_muscles), optional
+        Share of the activation of every muscle in every signal (cross-talk), by default the identity.
     """
     B = splines.basis(t)
     rise = np.diff(np.eye(splines.n), axis=0)
     step = splines.knots[1] - splines.knots[0]
     one = np.eye(splines.n) / size**2 + rise.T @ rise / (change**2 * step)
-    of_size = np.asarray(np.kron(one, np.eye(len(precision))), dtype=np.float64)
-    Q = of_size + np.asarray(np.kron(B.T @ B, np.diag(precision)), dtype=np.float64)
-    return Quadratic(Q, (B.T @ (measured * precision)).ravel() - 1.0 / mean)
+    X = np.eye(len(precision)) if mixing is None else mixing
+    of_size = np.asarray(np.kron(one, np.eye(X.shape[1])), dtype=np.float64)
+    Q = of_size + np.asarray(np.kron(B.T @ B, X.T @ (precision[:, None] * X)), dtype=np.float64)
+    return Quadratic(Q, (B.T @ (measured * precision) @ X).ravel() - 1.0 / mean)
 
 
 @one_blas_thread
@@ -335,7 +332,7 @@ def fit(
     system: System,
     targets: Sequence[Target],
     splines: Splines,
-    start: Array,
+    start: Array | Linearised,
     before: Quadratic,
     *,
     precision: Array | float = 1.0,
@@ -344,7 +341,7 @@ def fit(
     work: Workspace | None = None,
     iterations: int = 3,
     enough: float = 1e-3,
-    progress: Callable[[int, int], None] | None = None,
+    after: Callable[[Linearised, int], None] | None = None,
 ) -> Fit:
     """Minimise half of the squared residuals plus a prior over the coefficients, within 0-1.
 
@@ -353,11 +350,15 @@ def fit(
 
     Parameters
     ----------
-    start : (n_splines, n_muscles)
+    start : (n_splines, n_muscles), or a linearisation
+        Zero is a good start: the activations of single steps may be far from those over the trial.
     before : Quadratic
         The prior.
     precision : float or (m,)
         Inverse variances of the targets over their sizes.
+    after : callable, optional
+        Called as ``after(linearised, iterations done)`` after every iteration; all are done if the fit
+        has converged.
 
     Raises
     ------
@@ -375,17 +376,15 @@ def fit(
         squares = np.where(np.isfinite(one.residual), one.residual, 0.0) ** 2 * precision
         return 0.5 * float(squares.sum()) + before.value(one.coefficients)
 
-    here = at(start)
+    here = start if isinstance(start, Linearised) else at(start)
     reached = [value(here)]
     for k in range(iterations):
-        if progress is not None:
-            progress(k, iterations)
         problem = here.normal(precision) + before
         flat = here.coefficients.ravel()
         wanted = minimise_in_box(problem.Q, problem.c, 0.0 * flat, 0.0 * flat + 1.0, flat).x
         share, found = 1.0, None
         for _ in range(HALVINGS):
-            c = here.coefficients + share * (wanted - flat).reshape(start.shape)
+            c = here.coefficients + share * (wanted - flat).reshape(here.coefficients.shape)
             try:
                 found = at(c, derivatives=False)
             except SimulationError:
@@ -397,8 +396,9 @@ def fit(
             break
         here = at(found.coefficients)
         reached.append(value(here))
-        if reached[-2] - reached[-1] < enough * abs(reached[-2]):
+        converged = reached[-2] - reached[-1] < enough * abs(reached[-2])
+        if after is not None:
+            after(here, iterations if converged else k + 1)
+        if converged:
             break
-    if progress is not None:
-        progress(iterations, iterations)
     return Fit(here, reached)

@@ -5,9 +5,9 @@ import pytest
 import xarray as xr
 
 from emgface.errors import ConfigurationError, DataError
-from emgface.inverse.calibrate import calibrate, regressed
+from emgface.inverse.calibrate import calibrate, common_delay, profile, regressed
 from emgface.inverse.calibration import Calibration
-from emgface.inverse.refine import Assumptions, emg_precision, marker_precision, shortest
+from emgface.inverse.refine import Assumptions, emg_precision, intervals, marker_precision
 from emgface.inverse.run import form_of
 from emgface.muscles import MUSCLES
 from emgface.schema.validation import validate
@@ -15,11 +15,14 @@ from emgface.signals.parameters import SignalChain
 from sim.inverse import PointTarget
 
 
-def test_the_shortest_interval_of_a_silent_muscle_begins_at_zero():
-    draws = np.random.default_rng(0).exponential(0.1, (4000, 1))
-    low, high = shortest(draws)
+def test_the_interval_of_a_muscle_that_may_be_silent_begins_at_zero():
+    rng = np.random.default_rng(0)
+    low, high = intervals(rng.exponential(0.1, (4000, 1)))
     assert low[0] == 0.0 and high[0] == pytest.approx(0.1 * np.log(10.0), rel=0.05)
-    low, high = shortest(np.random.default_rng(0).normal(0.5, 0.1, (4000, 1)))
+    # between two knots the activation is a mean, which is never 0
+    low, high = intervals(rng.exponential(0.1, (4000, 2)).mean(axis=1, keepdims=True))
+    assert low[0] == 0.0 and high[0] == pytest.approx(0.1945, rel=0.05)
+    low, high = intervals(rng.normal(0.5, 0.1, (4000, 1)))
     assert (low[0], high[0]) == pytest.approx((0.3355, 0.6645), abs=0.02)
 
 
@@ -42,16 +45,37 @@ def test_known_gain_delay_and_error_are_estimated():
         return np.clip(np.sin(2.0 * np.pi * (t - delay)), 0.0, 1.0)
 
     a = 0.35 * e(0.055) + 0.05 * rng.standard_normal(len(t))
-    gain, delay, error = regressed(e, a, np.zeros(len(t)), 0.05, 1.0)
+    one = profile(e, a, np.zeros(len(t)), 0.05, 1.0)
+    gain, delay, error = regressed(one, (0.04, 0.02), len(t), 1.0)
     assert gain == pytest.approx(0.35, abs=0.01) and delay == pytest.approx(0.055, abs=0.006)
     assert error == pytest.approx(0.05, rel=0.1)
 
 
 def test_a_muscle_that_the_motion_does_not_determine_keeps_its_gain():
     half = np.full(50, 0.5)
-    gain, delay, error = regressed(lambda _: half, 0.5 * half, half**3 / 2.0, 0.25, 20.0)
+    one = profile(lambda _: half, 0.5 * half, half**3 / 2.0, 0.25, 20.0)
+    gain, delay, error = regressed(one, (0.04, 0.02), 50, 20.0)
     assert gain == pytest.approx(0.5) and delay == pytest.approx(0.04)
     assert error == pytest.approx(0.25)
+
+
+def test_muscles_determine_the_delay_of_a_person_together():
+    """Each of them alone would leave the delay nearer to the value assumed before, 40 ms."""
+    rng, t = np.random.default_rng(2), np.arange(0.0, 1.8, 0.01)
+    found = []
+    for k in range(12):
+        centre = 0.6 + 0.05 * k
+
+        def e(delay: float, centre=centre) -> np.ndarray:
+            return np.exp(-(((t - delay - centre) / 0.15) ** 2))
+
+        a = 0.3 * e(0.065) + 0.02 * rng.standard_normal(len(t))
+        found.append(profile(e, a, np.full(len(t), 0.02**2), 0.04, 20.0))
+    person = common_delay([one.cost for one in found])
+    alone = [regressed(one, (0.04, 0.02), len(t), 20.0)[1] for one in found]
+    assert person == pytest.approx(0.065, abs=0.006) and np.mean(alone) < 0.06
+    own = [regressed(one, (person, 0.01), len(t), 20.0)[1] for one in found]
+    assert np.mean(own) == pytest.approx(0.065, abs=0.005)
 
 
 def known(**attrs) -> Calibration:

@@ -47,16 +47,6 @@ def test_a_known_course_is_recovered_and_the_objective_decreases():
     assert np.abs(a - b).max() <= 1e-3
 
 
-def test_splines_represent_activations_within_their_bounds():
-    t = np.linspace(0.0, 0.2, 41)
-    a = np.stack([np.clip(1.5 * np.sin(20 * t), 0.0, 1.0), 0.3 + 0.0 * t], axis=1)
-    c = SPLINES.fitted(t, a)
-    assert c.min() >= 0.0 and c.max() <= 1.0
-    again = SPLINES.basis(t) @ c
-    assert again[:, 1] == pytest.approx(0.3, abs=1e-6)
-    assert SPLINES.basis(t).sum(axis=1) == pytest.approx(1.0)
-
-
 @pytest.mark.parametrize(
     "make", [lambda: block(damping=sim.Rayleigh(19.0, 0.055)), lambda: block(terms=(stiffening,))]
 )
