@@ -42,7 +42,7 @@ from tests.acoustics.shapes import AH
 if TYPE_CHECKING:
     import xarray as xr
 
-LEVELS = (0.0, 0.3, 0.6, 1.0)  #: activations at which lips are compared
+LEVELS = (0.0, 0.05, 0.1, 0.2, 0.3, 0.6, 1.0)  #: activations at which lips are compared
 
 
 def cost() -> pd.DataFrame:
@@ -258,40 +258,48 @@ def other() -> pd.DataFrame:
 
 def stiffening() -> pd.DataFrame:
     """Lips of generated faces by orbicularis oris before /u/: each cause, mesh and load step."""
-    from unittest.mock import patch
-
-    from emgface.face.template import template_face
-    from emgface.face.template.muscles import RING_LAYERS
     from sim.errors import SimulationError
 
-    with patch.dict(RING_LAYERS, {"OOP": RING_LAYERS["OOP"][:1]}):  # pyright: ignore
-        deep = template_face(resolution="coarse")
-    with patch.dict(RING_LAYERS, {"OOP": RING_LAYERS["OOP"][1:]}):  # pyright: ignore
-        superficial = template_face(resolution="coarse")
-    face, medium = (template_face(resolution=name) for name in ("coarse", "medium"))
-    half = tuple(np.round(np.arange(0.0, 1.01, 0.1), 1))
-    cases: dict[str, tuple[object, ...]] = {
-        "reference": (face, "OOP", {}),
-        "no stiffening": (face, "OOP", {"stiffening": 1.0}),
-        "no teeth": (face, "OOP", {"support": 0.0}),
-        "deep layer alone": (deep, "OOP", {}),
-        "superficial layer alone": (superficial, "OOP", {}),
-        "marginal ring (OOM)": (face, "OOM", {}),
-        "reference, load steps of 0.1": (face, "OOP", {}, half),
-        "reference, medium mesh": (medium, "OOP", {}),
-        "no stiffening, medium mesh": (medium, "OOP", {"stiffening": 1.0}),
-    }
     tables: list[pd.DataFrame] = []
-    for name, case in cases.items():
+    for name, case in rounding_cases().items():
         try:
-            table = _lips_before_u(*case)  # pyright: ignore
+            table = lips_before_u(*case)  # pyright: ignore
         except SimulationError as error:
             table = pd.DataFrame({"activation": [np.nan], "outcome": [type(error).__name__]})
         tables.append(table.assign(case=name))
     return pd.concat(tables).set_index("case").reset_index()
 
 
-def _lips_before_u(
+def rounding_cases() -> dict[str, tuple[object, ...]]:
+    """Face, part of orbicularis oris, changed parameters and levels of the cases of `stiffening`."""
+    from unittest.mock import patch
+
+    from emgface.face.contact_parameters import ContactParameters
+    from emgface.face.template import template_face
+    from emgface.face.template.muscles import RING_LAYERS
+
+    with patch.dict(RING_LAYERS, {"OOP": RING_LAYERS["OOP"][:1]}):  # pyright: ignore
+        deep = template_face(resolution="coarse")
+    with patch.dict(RING_LAYERS, {"OOP": RING_LAYERS["OOP"][1:]}):  # pyright: ignore
+        superficial = template_face(resolution="coarse")
+    face, medium = (template_face(resolution=name) for name in ("coarse", "medium"))
+    half = tuple(np.round(np.arange(0.0, 1.01, 0.05), 2))
+    touching = ContactParameters(method="constraint", between=("lips",))
+    return {
+        "reference": (face, "OOP", {}),
+        "no stiffening": (face, "OOP", {"stiffening": 1.0}),
+        "no teeth": (face, "OOP", {"support": 0.0}),
+        "deep layer alone": (deep, "OOP", {}),
+        "superficial layer alone": (superficial, "OOP", {}),
+        "marginal ring (OOM)": (face, "OOM", {}),
+        "lips in contact": (face, "OOP", {"contact": touching}),
+        "reference, load steps of 0.05": (face, "OOP", {}, half),
+        "reference, medium mesh": (medium, "OOP", {}),
+        "no stiffening, medium mesh": (medium, "OOP", {"stiffening": 1.0}),
+    }
+
+
+def lips_before_u(
     face: "xr.Dataset", muscle: str, changes: dict[str, float], levels: tuple[float, ...] = LEVELS
 ) -> pd.DataFrame:
     """Lips and formants in equilibria under one ring of both sides, at `LEVELS`."""

@@ -44,3 +44,43 @@ AH = np.repeat([1e-4, 7e-4], 8), 0.17
 """Two tubes like an /a/: areas [m^2] and length [m]."""
 EE = np.repeat([8e-4, 1e-4], [9, 6]), 0.165
 """Two tubes like an /i/."""
+
+
+def pipe(
+    line: Floats, radius: Floats | float, *, flat: float = 1.0, around: int = 48
+) -> tuple[Floats, NDArray[np.int64]]:
+    """Surface round a line in the x-z plane: radii (n,), those across the plane times `flat`."""
+    tangent = np.gradient(line, axis=0)
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    across = np.cross(tangent, [0.0, 1.0, 0.0])
+    phi = 2 * np.pi * np.arange(around) / around
+    # a polygon of the same area as the circle
+    r = np.broadcast_to(radius, len(line)) * np.sqrt(
+        2 * np.pi / around / np.sin(2 * np.pi / around)
+    )
+    x = line[:, None] + r[:, None, None] * (
+        np.cos(phi)[None, :, None] * across[:, None]
+        + flat * np.sin(phi)[None, :, None] * np.array([0.0, 1.0, 0.0])
+    )
+    i, j = np.meshgrid(np.arange(len(line) - 1), np.arange(around), indexing="ij")
+    a, b = i * around + j, i * around + (j + 1) % around
+    c, d = a + around, b + around
+    faces = np.concatenate([np.stack([a, b, c], -1), np.stack([b, d, c], -1)]).reshape(-1, 3)
+    return x.reshape(-1, 3), faces
+
+
+STRAIGHT = np.stack([np.linspace(0, 0.17, 120), np.zeros(120), np.zeros(120)], axis=1)
+ANGLE = np.linspace(0, np.pi / 2, 160)
+BENT = 0.1 * np.stack([np.sin(ANGLE), np.zeros(160), 1 - np.cos(ANGLE)], axis=1)
+
+
+def published_airway(shared: Path) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Skin of the tract of one speaker, and its centre line up to the lips, which go on to the face."""
+    from emgface.anatomy.airway.sections import centre_line
+    from emgface.face.artisynth_contact import read_obj
+
+    path = shared / "artisynth_models" / "airway" / "badinairwaylips_morphed_n.obj"
+    position, triangle = read_obj(path)
+    start = np.array([0.126, 0.0, position[:, 2].min()])
+    end = np.array([0.051, 0.0, 0.098])
+    return position, triangle, centre_line(position, triangle, start, end=end, levels=60)

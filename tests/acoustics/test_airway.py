@@ -24,32 +24,7 @@ from emgface.face.mouth import Mouth
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from sim.acoustics import SMALLEST
-
-
-def pipe(line, radius, *, flat=1.0, around=48):
-    """Surface round a line in the x-z plane: radii (n,), those across the plane times `flat`."""
-    tangent = np.gradient(line, axis=0)
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    across = np.cross(tangent, [0.0, 1.0, 0.0])
-    phi = 2 * np.pi * np.arange(around) / around
-    # a polygon of the same area as the circle
-    r = np.broadcast_to(radius, len(line)) * np.sqrt(
-        2 * np.pi / around / np.sin(2 * np.pi / around)
-    )
-    x = line[:, None] + r[:, None, None] * (
-        np.cos(phi)[None, :, None] * across[:, None]
-        + flat * np.sin(phi)[None, :, None] * np.array([0.0, 1.0, 0.0])
-    )
-    i, j = np.meshgrid(np.arange(len(line) - 1), np.arange(around), indexing="ij")
-    a, b = i * around + j, i * around + (j + 1) % around
-    c, d = a + around, b + around
-    faces = np.concatenate([np.stack([a, b, c], -1), np.stack([b, d, c], -1)]).reshape(-1, 3)
-    return x.reshape(-1, 3), faces
-
-
-STRAIGHT = np.stack([np.linspace(0, 0.17, 120), np.zeros(120), np.zeros(120)], axis=1)
-ANGLE = np.linspace(0, np.pi / 2, 160)
-BENT = 0.1 * np.stack([np.sin(ANGLE), np.zeros(160), 1 - np.cos(ANGLE)], axis=1)
+from tests.acoustics.shapes import BENT, STRAIGHT, pipe, published_airway
 
 
 @pytest.mark.parametrize(("line", "flat"), [(STRAIGHT, 1.0), (BENT, 1.0), (STRAIGHT, 0.3)])
@@ -78,14 +53,7 @@ def test_a_centre_line_is_found_and_moves_with_the_body():
 
 def test_the_published_airway_is_of_adult_length_and_keeps_it_in_rigid_motion(shared):
     """Skin of the tract of one speaker, without its lips, which continue over the face."""
-    rows = (
-        (shared / "artisynth_models/airway/badinairwaylips_morphed_n.obj").read_text().split("\n")
-    )
-    position = np.array([row.split()[1:4] for row in rows if row.startswith("v ")], float)
-    corners = [[c.split("/")[0] for c in row.split()[1:4]] for row in rows if row.startswith("f ")]
-    triangle = np.array(corners, int) - 1
-    glottis, lips = position[:, 2].min(), np.array([0.051, 0.0, 0.098])
-    line = centre_line(position, triangle, np.array([0.126, 0.0, glottis]), end=lips, levels=60)
+    position, triangle, line = published_airway(shared)
     found = sections(position, triangle, line, count=30)
     assert 0.15 < found.length < 0.18
     assert ((found.area[1:] > 0.3e-4) & (found.area[1:] < 6e-4)).all()
