@@ -100,17 +100,36 @@ def trial(
 ) -> None:
     """Compute formants and sound of a simulated motion; only the lips move."""
     from emgface.anatomy.airway.area_function import lips_of_trial, with_lips
-    from emgface.anatomy.airway.sound import synthesise as compute
-    from emgface.anatomy.airway.sound import with_formants, write_wave
+    from emgface.anatomy.airway.sound import with_formants
     from emgface.schema.netcdf import read_netcdf
 
     lips = lips_of_trial(read_netcdf(trajectory, "trajectory"))
     sound = with_formants(with_lips(_tract(areas, row, from_lips, vowel), *lips))
-    if wave is not None:
-        with progress("simulating") as bar:
-            sound = compute(sound, source, lung=lung, tension=tension, progress=bar.show)
-        write_wave(sound, wave)
-    _finish(sound, out_path, plot, "lips before a fixed tract", wave)
+    _sounding(sound, wave, source, lung, tension, out_path, plot, "lips before a fixed tract")
+
+
+@app.command()
+def head(
+    path: Annotated[Path, typer.Argument(metavar="HEAD", help="Head of 'emgface head build'.")],
+    motion: Annotated[
+        Path | None, typer.Option(help="Motion of this head by 'emgface head simulate'.")
+    ] = None,
+    wave: Annotated[Path | None, typer.Option("--out", help="Wave file to write.")] = None,
+    source: SourceOption = "folds",
+    lung: LungOption = 785.0,
+    tension: TensionOption = 1.0,
+    out_path: NetcdfOption = None,
+    plot: PlotOption = None,
+) -> None:
+    """Compute area function, formants and sound of a head with face, jaw and tongue."""
+    from emgface.anatomy.airway.head import head_tract
+    from emgface.anatomy.airway.sound import with_formants
+    from emgface.anatomy.head.model import read_head
+    from emgface.anatomy.head.run import read_motion
+
+    moving = None if motion is None else read_motion(motion)[0]
+    sound = with_formants(head_tract(read_head(path), moving))
+    _sounding(sound, wave, source, lung, tension, out_path, plot, f"tract of {path.name}")
 
 
 @app.command()
@@ -164,6 +183,27 @@ def muscles(
         say(f"Wrote {out_path}.")
     show_table(frame(table), "at rest, and changes per activation of 1 (simulated)")
     say(f"Assumptions: {tract.attrs['assumptions']}.")
+
+
+def _sounding(
+    tract: "xr.Dataset",
+    wave: Path | None,
+    source: str,
+    lung: float,
+    tension: float,
+    out_path: Path | None,
+    plot: Path | None,
+    title: str,
+) -> None:
+    """Simulate the sound of a moving tract if it is wanted, and write and print the results."""
+    from emgface.anatomy.airway.sound import synthesise as compute
+    from emgface.anatomy.airway.sound import write_wave
+
+    if wave is not None:
+        with progress("simulating") as bar:
+            tract = compute(tract, source, lung=lung, tension=tension, progress=bar.show)
+        write_wave(tract, wave)
+    _finish(tract, out_path, plot, title, wave)
 
 
 def _tract(areas: Path | None, row: str | None, from_lips: bool, vowel: str) -> "xr.Dataset":

@@ -28,6 +28,8 @@ IDEAL: Final = {
 cavities of the size of an adult's, as textbooks draw them. They are no person's measures."""
 STEP: Final = 0.005
 """Length of a section of the idealised vowels [m]."""
+SECTION: Final = 0.0025
+"""Length of the sections of tubes whose parts move [m]."""
 UNITS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 """Units of surfaces [m]."""
 FRAME: Final = 0.01
@@ -179,6 +181,27 @@ def tract_of(
     return read_areas(parameters.areas, row, from_lips=from_lips)
 
 
+def equal_sections(
+    area: Floats, length: Floats, *, count: int | None = None
+) -> tuple[Floats, Floats]:
+    """Areas (frames, count) of sections of equal length, and lengths (frames,) of tubes of parts.
+
+    `area` and `length` (frames, parts) [m^2], [m] change with time; without `count`, sections are
+    about `SECTION` long. A section that spans several parts has their harmonic mean, which keeps the
+    inertia of the air and is continuous in time, unlike the area at its middle.
+    """
+    total = length.sum(axis=1)
+    n = count or max(2, round(float(total.max()) / SECTION))
+    edge = np.linspace(0.0, 1.0, n + 1)[None] * total[:, None]
+    inertia = np.cumsum(length / np.maximum(area, SMALLEST), axis=1)
+    own = np.cumsum(length, axis=1)
+    sums = [
+        np.interp(at, np.append(0.0, x), np.append(0.0, y))
+        for at, x, y in zip(edge, own, inertia, strict=True)
+    ]
+    return np.diff(edge, axis=1) / np.diff(sums, axis=1), total
+
+
 def with_lips(
     tract: xr.Dataset, area: Floats, protrusion: Floats, time: Floats, *, lips: float = LIPS
 ) -> xr.Dataset:
@@ -207,15 +230,11 @@ def with_lips(
         two areas has their harmonic mean, which keeps the inertia of the air.
     """
     given, L = tract["area"].values[0], float(tract["length"].values[0])
-    total = L + protrusion
-    n = max(len(given), round(L / 0.0025))
-    edge = np.linspace(0.0, 1.0, n + 1)[None] * total[:, None]
-    # the integral of 1/S is continuous in time, unlike areas at the middle of a section
     own = np.linspace(0.0, L, len(given) + 1)
-    inertia = np.append(0.0, np.cumsum(L / len(given) / np.maximum(given, SMALLEST)))
-    front = np.maximum(edge - (L - lips), 0.0) / np.maximum(area, SMALLEST)[:, None]
-    sums = np.interp(np.minimum(edge, L - lips), own, inertia) + front
-    areas = np.diff(edge, axis=1) / np.diff(sums, axis=1)
+    behind = np.diff(np.minimum(own, L - lips))
+    parts = np.hstack([np.tile(given, (len(time), 1)), area[:, None]])
+    ways = np.hstack([np.tile(behind, (len(time), 1)), lips + protrusion[:, None]])
+    areas, total = equal_sections(parts, ways, count=max(len(given), round(L / SECTION)))
     told = f"only the lips move, before a tract that does not ({tract.attrs['assumptions']})"
     return area_function(areas, total, time, assumptions=told.replace(f"; {TUBE_ONLY}", ""))
 
