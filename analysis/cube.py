@@ -44,7 +44,7 @@ PER_TRIAL: Final = {
     "sigma_max": ("Pa", "maximum muscle stress that was used"),
     "steps": ("1", "time steps computed"),
     "run_time": ("s", "computing time"),
-    "numerical_error": ("m", "estimated error of the time steps"),
+    "numerical_error": ("m", "estimated error of the time steps, with that of contact"),
     "motion": ("m", "largest displacement of a simulated marker"),
 }
 OF_RUN: Final = ("sigma_max", "steps", "run_time", "numerical_error", "motion", "inaccurate")

@@ -6,7 +6,9 @@
 Activations are estimated from simulated volunteers' EMG with three strategies, in random order; with
 --shared also from rectified recordings. Every trial is simulated without contact, or with that of a
 study by default (--contact), with each preset and with SDIRK2 in small steps (--reference, in
-seconds); the largest distance of a lip marker over outputs is the true error. The first trials
+seconds); the largest distance of a lip marker over outputs is the true error. With contact, the
+estimate contains the error assumed for its events, or the one measured by repeating every motion of
+a preset in other steps (--check-contact; event_mm in the table). The first trials
 (--check) are also simulated with half of these steps, which are then their reference, and the
 difference of both references is printed. Writes one row per trial and preset, and prints, per
 preset, the fractions of trials whose true error is at most the estimate or the tolerance, medians
@@ -112,12 +114,18 @@ class Bench:
     one: "Bench"
 
     def __init__(
-        self, resolution: str, presets: tuple[str, ...], contact: bool, reference: float
+        self,
+        resolution: str,
+        presets: tuple[str, ...],
+        contact: bool,
+        reference: float,
+        check_contact: bool = False,
     ) -> None:
         warnings.simplefilter("ignore")
         wanted = int(resolution) if resolution.isdigit() else resolution
         self.presets, self.face = presets, template_face(resolution=wanted)
         self.reference = reference
+        self.checked: dict[str, object] = {"check_contact": check_contact}
         self.base: dict[str, object] = {"sigma_max": 100e3, "output": OUTPUT}
         self.base |= {} if contact else FREE
         self.settled: dict[bool, xr.Dataset] = {}
@@ -158,7 +166,7 @@ class Bench:
             found.append(row)
             started = time.process_time()
             try:
-                motion = self.moved(drive, {"accuracy": preset})
+                motion = self.moved(drive, self.checked | {"accuracy": preset})
             except SimulationError as error:
                 row["status"] = type(error).__name__
                 continue
@@ -167,6 +175,7 @@ class Bench:
             row["status"] = "ok"
             row["error_mm"] = 1e3 * float(np.sqrt(((here - exact) ** 2).sum("axis")).max())
             row["estimate_mm"] = 1e3 * motion.attrs.get("numerical_error", np.nan)
+            row["event_mm"] = 1e3 * motion.attrs.get("event_error", 0.0)
             row["steps"] = float(motion["steps"].sum())
             row["iterations"] = float(motion["iterations"].sum())
             if goal is not None:
@@ -222,6 +231,7 @@ def main(
     preset: list[str] = list(PRESETS),  # noqa: B006
     shared: Path | None = None,
     contact: bool = False,
+    check_contact: bool = False,
     trials: int = 0,
     reference: float = OUTPUT / 4,
     check: int = 0,
@@ -229,17 +239,21 @@ def main(
 ) -> None:
     """Measure recordings of `duration` seconds, store after every trial, print.
 
-    `trials` limits their number (0: all).
+    `trials` limits their number (0: all). `check_contact` repeats every motion, as the parameter of a
+    study does.
     """
     warnings.simplefilter("ignore")
     jobs = emg_trials(volunteers, seed, duration)
     if shared is not None:
         jobs = chain(recorded_trials(shared, list(MUSCLES)), jobs)
-    jobs = ((*job, k < check) for k, job in enumerate(islice(jobs, trials or None)))
+    chosen = enumerate(islice(jobs, trials or None))
+    marked: Iterator[Job] = (
+        (label, drive, truth, k < check) for k, (label, drive, truth) in chosen
+    )
     rows: list[dict[str, object]] = []
-    begin = (resolution, tuple(preset), contact, reference)
+    begin = (resolution, tuple(preset), contact, reference, check_contact)
     with get_context("spawn").Pool(workers, Bench, begin) as pool:
-        for found in pool.imap(_of, jobs):
+        for found in pool.imap(_of, marked):
             rows += found
             pd.DataFrame(rows).to_csv(out, index=False)
     print(markdown(summary(pd.DataFrame(rows))))

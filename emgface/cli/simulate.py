@@ -59,6 +59,13 @@ def simulate(
     contact: Annotated[
         bool, typer.Option(help="Contact of lips and teeth as in the study, or none.")
     ] = True,
+    check_contact: Annotated[
+        bool,
+        typer.Option(
+            "--check-contact",
+            help="Repeat a motion with contact in other steps, to estimate its error.",
+        ),
+    ] = False,
 ) -> None:
     """Simulate the motion of the face for an activation or a recording; store it, or show it."""
     if not (out_path or page or movie or vtk):
@@ -86,6 +93,8 @@ def simulate(
         changes["reduced"] = {"file": reduced}
     if reduced or not contact:
         changes["contact"] = {"method": "none"}
+    if check_contact:
+        changes["check_contact"] = True
     announce_compilation()
     with progress("simulating") as bar:
         trajectory = ef.simulate(
@@ -171,7 +180,7 @@ def _write_vtk(folder: Path, face: "xr.Dataset", nodes: "xr.DataArray") -> None:
 
 def _tell(trajectory: "xr.Dataset", written: str) -> None:
     """Report the files written, the displacement of the face and its accuracy."""
-    from emgface.face.numerical_error import NOT_ESTIMATED
+    from emgface.face.event_error import contact_share
     from emgface.face.stability import stability_warning
 
     moved = 1e3 * trajectory.attrs["motion"]
@@ -196,9 +205,10 @@ def _tell(trajectory: "xr.Dataset", written: str) -> None:
         return
     error = 1e3 * trajectory.attrs["numerical_error"]
     share = f", {100 * error / moved:.2g} % of the motion" if moved > 0.0 else ""
-    told = f"Estimated error of the time steps: {error:.2g} mm{share}."
-    if trajectory.attrs.get("contact", "none") != "none":
-        told += f" {NOT_ESTIMATED} (docs/accuracy.md)."
+    told = f"Estimated error of the time steps: {error:.2g} mm{share}"
+    of_contact = contact_share(trajectory)
+    told += f", {of_contact}." if of_contact else "."
     if trajectory.attrs["inaccurate"]:
-        told += " It exceeds a tenth of the motion: specify an --accuracy such as '0.1 mm'."
+        told += " It exceeds a tenth of the motion"
+        told += "." if of_contact else ": specify an --accuracy such as '0.1 mm'."
     say(told)

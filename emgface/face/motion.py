@@ -10,6 +10,8 @@ import xarray as xr
 import sim
 from emgface.errors import ActivationError, UnitsError
 from emgface.face.accuracy import SET_BY_ACCURACY
+from emgface.face.contact import touching
+from emgface.face.event_error import FORCE, ContactForce, event_error, in_other_steps
 from emgface.face.integration import integrator_of, steps_of
 from emgface.face.lip_shape import UP, has_mouth
 from emgface.face.mouth import Mouth
@@ -26,7 +28,15 @@ SETTLE_STEP, SETTLE_CHUNK, SETTLE_LIMIT, SETTLED_SPEED = 0.05, 0.5, 20.0, 1e-5
 """Step [s], time between checks [s], longest time [s], and speed [m/s] regarded as rest."""
 
 NOT_OF_REST: Final = frozenset(
-    {*SET_BY_ACCURACY, "accuracy", "output", "timing", "sigma_max_policy", "reduced"}
+    {
+        *SET_BY_ACCURACY,
+        "accuracy",
+        "output",
+        "timing",
+        "sigma_max_policy",
+        "reduced",
+        "check_contact",
+    }
 )
 """Parameters that do not affect the equilibrium of a face."""
 
@@ -119,7 +129,8 @@ def simulate_face(
 
     The motion starts at `settled`, the result of `settle_face` (default: computed). `further` are
     probes besides markers, lips, smallest J, energies and iterations; ``progress(done,
-    total)`` is called after every step.
+    total)`` is called after every step. With ``parameters.check_contact``, a motion with contact is
+    repeated in other steps.
 
     The result contains ``position(marker, axis, time)`` [m] of the lip markers from time 0, with
     ``smallest_J``, ``iterations``, ``lip_opening`` [m] (negative if the lips have passed each
@@ -131,7 +142,9 @@ def simulate_face(
     (`emgface.face.stability`); the times in the recording, ``recorded_start`` [s] and
     ``recorded_pace`` (recorded per simulated second); ``motion`` [m], the largest displacement of a
     marker, and, if the integrator has an estimate, the largest ``numerical_error`` [m] and
-    ``inaccurate``, 1 if it exceeds a tenth of the motion. With a reduced face
+    ``inaccurate``, 1 if it exceeds a tenth of the motion. If surfaces touched, ``event_error`` [m]
+    is the part of contact in that error, and ``event_error_measured`` 1 if the motion was repeated
+    and 0 if that part is assumed (`emgface.face.event_error`). With a reduced face
     (``parameters.reduced.file``) it is that of `emgface.reduced.motion.trusted_motion`; ``reduced`` is
     then 1, or 0 if the motion was not trusted and is that of full order (``reduction_doubt``).
 
@@ -158,14 +171,17 @@ def simulate_face(
     )
 
     def run(
-        initial: sim.State, probes: tuple[Probe, ...], progress: Progress | None = None
+        initial: sim.State,
+        probes: tuple[Probe, ...],
+        progress: Progress | None = None,
+        stepped: SimulationParameters = parameters,
     ) -> xr.Dataset:
         return sim.simulate(
             system,
             control,
             duration=duration,
-            integrator=integrator_of(parameters),
-            steps=steps_of(face, parameters),
+            integrator=integrator_of(stepped),
+            steps=steps_of(face, stepped),
             every=parameters.output,
             probes=probes,
             initial=initial,
@@ -173,15 +189,26 @@ def simulate_face(
             progress=progress,
         )[0]
 
+    watched = _probes(face)
+    touches = (ContactForce(),) if touching(face, parameters) else ()
     with named_elements(face):
-        trajectory = run(start, (*_probes(face), *further), progress)
+        trajectory = run(start, (*watched, *touches, *further), progress)
     if "unstable_from_s" in trajectory.attrs:
         trajectory.attrs["rounding_sensitivity"] = rounding_sensitivity(
-            system, start, trajectory, lambda moved: run(moved, _probes(face)[:1])
+            system, start, trajectory, lambda moved: run(moved, watched[:1])
         )
+
+    def again() -> xr.Dataset:
+        return run(start, watched[:1], progress, in_other_steps(parameters))
+
+    of_contact = event_error(trajectory, again if parameters.check_contact else None)
     step, left = trajectory["step_error"], trajectory["iteration_error"]
-    error = numerical_error(step, parameters.beta, left)
-    trajectory = trajectory.drop_vars([step.name, left.name]).assign(numerical_error=error)
+    error = (numerical_error(step, parameters.beta, left) + of_contact).assign_attrs(units="m")
+    trajectory = trajectory.drop_vars([step.name, left.name, FORCE], errors="ignore")
+    trajectory = trajectory.assign(numerical_error=error)
+    if of_contact.any():
+        trajectory.attrs["event_error"] = float(of_contact.max())
+        trajectory.attrs["event_error_measured"] = int(parameters.check_contact)
     trajectory.attrs["solver"] = parameters.solver
     if doubt is not None:
         trajectory.attrs |= {"reduced": 0, "reduction_doubt": doubt}

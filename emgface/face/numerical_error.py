@@ -1,15 +1,7 @@
 """Estimate of the numerical error of a motion."""
 
-from typing import Final
-
 import numpy as np
 import xarray as xr
-
-NOT_ESTIMATED: Final = (
-    "With contact, the estimated error excludes events in which a lip passes the edge of a tooth on one "
-    "side or the other; they changed markers by up to 0.3 mm in twelve trials"
-)
-"""Sentence on the errors that the estimate excludes."""
 
 
 def largest_motion(trajectory: xr.Dataset) -> float:
@@ -30,7 +22,8 @@ def numerical_error(
     integrator has no estimate. `memory` [s] is the time within which a disturbance decays: beta for
     tissue with stiffness damping, since a mode much slower than its inertia relaxes as
     exp(-t/beta); 0 for no accumulation. `iteration_error` (time) [m] bounds the error of a position
-    at the end of the iteration. The estimate excludes the error of the mesh. ``python -m benchmarks
+    at the end of the iteration. The estimate excludes the error of the mesh
+    and events of contact (`emgface.face.event_error`). ``python -m benchmarks
     error_coverage`` measures how often it holds for activations from EMG (docs/accuracy.md).
     """
     values = step_error.transpose("time", "marker", "axis").values

@@ -6,7 +6,7 @@ import xarray as xr
 
 from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS
 from emgface.choices import parameter_table
-from emgface.face.numerical_error import NOT_ESTIMATED
+from emgface.face.event_error import contact_statement
 from emgface.inverse.configuration import VARIANT
 from emgface.signals.montage import COMPLETE
 from emgface.study.configuration import StudyConfiguration
@@ -165,8 +165,8 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
         else f" of {1e3 * s.step:g} ms"
     )
     told.append(f"Motion was integrated by {INTEGRATORS[s.solver]} in steps{control}.")
-    if s.contact.method != "none" and s.error_tolerance is not None:
-        told.append(f"{NOT_ESTIMATED}.")
+    if s.contact.method != "none":
+        told.append(f"{contact_statement(repeated=s.check_contact)}.")
     if s.reduced.file is not None:
         otherwise = "at full order" if s.reduced.fall_back else "by it as well"
         told.append(

@@ -12,6 +12,7 @@ MECHANICS: Final = (
     "emgface.face.check",
     "emgface.face.closed",
     "emgface.face.contact",
+    "emgface.face.event_error",
     "emgface.face.integration",
     "emgface.face.lip_shape",
     "emgface.face.lips",

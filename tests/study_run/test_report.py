@@ -323,6 +323,8 @@ def test_methods_state_every_choice_of_the_mechanics() -> None:
         "contact of the lips with each other (incremental potential contact, friction 0.2)" in held
     )
     assert "contact" not in chosen(contact={"method": "none"})
+    assert "the estimated error includes 0.5 mm" in chosen()
+    assert "contact was repeated in other steps" in chosen(check_contact=True)
 
 
 def test_methods_state_every_choice_of_the_signals() -> None:

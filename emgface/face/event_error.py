@@ -1,0 +1,120 @@
+"""Error of a motion with contact that the error estimates of its steps cannot contain.
+
+Where two edges meet, a difference of micrometres decides on which side one passes the other, and two
+nearby motions part. Every step is accurate, so that its estimate remains small. The error is
+therefore estimated by repeating the motion in other steps, or assumed.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import xarray as xr
+
+from emgface.face.simulation_parameters import SimulationParameters
+from sim import Contacts, SimulationError, System
+from sim.probes import Variable
+from sim.state import Control, State, StepReport
+
+ASSUMED: Final = 5e-4
+"""Error of a marker that is assumed from the first contact if a motion is not repeated [m].
+
+It is the largest distance between two motions of one trial with contact in different steps, of several
+settings and trials driven by EMG; that of the default settings from small steps is smaller
+(docs/accuracy.md).
+"""
+
+MARGIN: Final = 2.0
+"""Error relative to the largest distance from the repetition so far.
+
+Either motion may have passed an edge on the wrong side, and one repetition does not find every event.
+"""
+
+SHORTER: Final = 0.5  #: largest step of the repetition, relative to the shorter of step and output
+LOOSER: Final = 5.0
+"""Error tolerance of the repetition, relative to that of the motion, which makes all steps differ."""
+
+ITERATED: Final = 5e-5
+"""Largest tolerance of the iteration [m] to which the repetition increases it, tenfold at most."""
+FORCE: Final = "force_of_contact"
+
+
+@dataclass(frozen=True)
+class ContactForce:
+    """Sum of the normal forces of all contacts of a scene [N]; errors as of `sim.Contacts`."""
+
+    def variables(self) -> tuple[Variable, ...]:
+        """Variable `FORCE`."""
+        return (Variable(FORCE, "N"),)
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[float]:
+        """Measure the force of the state."""
+        return (float(np.sum(Contacts().record(system, state, control, report)[2])),)
+
+
+def in_other_steps(parameters: SimulationParameters) -> SimulationParameters:
+    """Parameters of the repetition of a motion: shorter steps, and larger tolerances."""
+    tolerance, iterated = parameters.error_tolerance, parameters.iteration_tolerance
+    changed = {
+        "step": SHORTER * min(parameters.step, parameters.output),
+        "error_tolerance": None if tolerance is None else LOOSER * tolerance,
+        "iteration_tolerance": max(iterated, min(10.0 * iterated, ITERATED)),
+    }
+    return parameters.model_copy(update=changed)
+
+
+def event_error(motion: xr.Dataset, again: Callable[[], xr.Dataset] | None) -> xr.DataArray:
+    """Error (time,) [m] of the largest marker by events of contact, 0 before the first contact.
+
+    `motion` contains ``position(marker, axis, time)`` [m] and, if surfaces may touch, the variable of
+    `ContactForce`. `again` repeats it in other steps; the error is `MARGIN` times the largest
+    distance of a marker between both motions so far, infinite if the repetition fails, and its run time
+    is added to ``run_time_s`` of the motion. If it is None, the error is `ASSUMED`.
+    """
+    force = motion.get(FORCE, xr.zeros_like(motion["time"])).values
+    touching = np.maximum.accumulate(force > 0.0)
+    if again is None or not touching.any():
+        values = ASSUMED * touching
+    else:
+        try:
+            other = again()
+            apart = other["position"].assign_coords(time=motion["time"]) - motion["position"]
+            motion.attrs["run_time_s"] += other.attrs["run_time_s"]
+            distance = ((apart**2).sum("axis").max("marker") ** 0.5).values
+            values = MARGIN * np.maximum.accumulate(distance)
+        except SimulationError:
+            values = np.full(len(touching), np.inf)
+    return xr.DataArray(values, dims="time", coords={"time": motion["time"]}, attrs={"units": "m"})
+
+
+def contact_statement(*, repeated: bool) -> str:
+    """Sentence on the part of contact in the estimated error, for the methods of a manuscript."""
+    if repeated:
+        return (
+            "Every motion with contact was repeated in other steps, and twice the largest distance "
+            "of a marker between both was added to its estimated error"
+        )
+    return (
+        f"From the first contact, the estimated error includes {1e3 * ASSUMED:g} mm for events "
+        "that error control cannot resolve, such as a lip that passes the edge of a tooth on one "
+        "side or the other: the largest distance of a marker between two motions of one trial in "
+        "different steps, measured in other trials, not in these"
+    )
+
+
+def contact_share(motion: xr.Dataset) -> str:
+    """Phrase on the part of contact in the estimated error of a motion, empty without contact."""
+    error = 1e3 * float(motion.attrs.get("event_error", 0.0))
+    if error == 0.0:
+        return ""
+    if not motion.attrs["event_error_measured"]:
+        return (
+            f"of which {error:.2g} mm is assumed for contact, the largest distance between motions in "
+            "different steps (docs/accuracy.md); --check-contact measures it for this motion"
+        )
+    if not np.isfinite(error):
+        return "since the repetition in other steps failed"
+    return f"of which {error:.2g} mm is twice the distance from the repetition in other steps"

@@ -1,0 +1,96 @@
+"""Error by events of contact: assumed, or the distance from a repetition in other steps."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from emgface.choices import configure
+from emgface.face.event_error import (
+    ASSUMED,
+    FORCE,
+    contact_share,
+    event_error,
+    in_other_steps,
+)
+from emgface.face.motion import simulate_face
+from emgface.face.simulation_parameters import SimulationParameters
+from sim import SingularSystem
+
+
+def motion_of(force, moved=0.0):
+    """Two markers at four instants, the second moved along y at the third."""
+    position = np.zeros((2, 3, 4))
+    position[1, 1, 2] = moved
+    return xr.Dataset(
+        {"position": (("marker", "axis", "time"), position), FORCE: ("time", force)},
+        coords={"time": 0.01 * np.arange(4.0)},
+        attrs={"run_time_s": 2.0},
+    )
+
+
+def test_an_error_is_assumed_from_the_first_contact():
+    assert not event_error(motion_of([0.0] * 4), None).any()
+    assert not event_error(motion_of([0.0] * 4).drop_vars(FORCE), None).any()
+    assumed = event_error(motion_of([0.0, 0.2, 0.0, 0.0]), None)
+    np.testing.assert_array_equal(assumed, [0.0, ASSUMED, ASSUMED, ASSUMED])
+
+
+def test_the_error_is_twice_the_largest_distance_from_the_repetition_so_far():
+    touching = motion_of([0.0, 0.2, 0.0, 0.0])
+    other = motion_of([0.0] * 4, moved=-2e-4)["position"].transpose("time", "axis", "marker")
+    repeated = xr.Dataset({"position": other}, attrs={"run_time_s": 3.0})
+    found = event_error(touching, lambda: repeated)
+    np.testing.assert_allclose(found, [0.0, 0.0, 4e-4, 4e-4], rtol=1e-12)
+    assert touching.attrs["run_time_s"] == 5.0
+
+    def fails() -> xr.Dataset:
+        raise SingularSystem
+
+    assert np.isinf(event_error(touching, fails)).all()
+    assert not event_error(motion_of([0.0] * 4), fails).any(), "without contact it is not repeated"
+
+
+@pytest.mark.parametrize("given", [{}, {"step": 0.02, "output": 0.01}, {"solver": "converged"}])
+def test_the_repetition_takes_other_steps(given):
+    parameters = configure(SimulationParameters, given)
+    other = in_other_steps(parameters)
+    assert other.step == 0.005
+    if parameters.error_tolerance is None:
+        assert other.error_tolerance is None
+    else:
+        assert other.error_tolerance is not None
+        assert other.error_tolerance > 2.0 * parameters.error_tolerance
+        tolerances = {"error_tolerance", "iteration_tolerance"}
+        draft = configure(SimulationParameters, {"accuracy": "draft", "step": 0.005})
+        assert other.model_dump(include=tolerances) == draft.model_dump(include=tolerances)
+    assert SimulationParameters.model_validate(other.model_dump()) == other
+
+
+def pursing(face, duration=0.02):
+    time = np.array([0.0, duration])
+    rows = [[0.0, 1.0] if str(m).startswith("OO") else [0.0, 0.0] for m in face["muscle"].values]
+    coords = {"muscle": face["muscle"].values, "time": time}
+    return xr.DataArray(np.array(rows), dims=("muscle", "time"), coords=coords)
+
+
+def test_the_estimated_error_of_a_motion_with_contact_contains_its_events(coarse):
+    drive, base = pursing(coarse), {"gravity": False, "sigma_max": 100e3, "accuracy": "draft"}
+
+    def run(**values):
+        return simulate_face(coarse, drive, configure(SimulationParameters, base | values))
+
+    assumed = run()
+    assert assumed.attrs["event_error"] == ASSUMED
+    assert assumed.attrs["event_error_measured"] == 0
+    assert ASSUMED < assumed.attrs["numerical_error"] < 3.0 * ASSUMED
+    assert "0.5 mm is assumed" in contact_share(assumed)
+    assert "--check-contact" in contact_share(assumed)
+
+    checked = run(check_contact=True)
+    np.testing.assert_array_equal(checked["position"], assumed["position"])
+    assert checked.attrs["event_error_measured"] == 1
+    assert 1e-8 < checked.attrs["event_error"] < ASSUMED
+    estimated = assumed["numerical_error"].values[:-1] - ASSUMED  # of its last but one output
+    assert checked["numerical_error"].values[-2] > estimated[-1] > 0.0
+    assert "twice the distance from the repetition" in contact_share(checked)
+    assert FORCE not in checked
