@@ -274,7 +274,6 @@ def rounding_cases() -> dict[str, tuple[object, ...]]:
     """Face, part of orbicularis oris, changed parameters and levels of the cases of `stiffening`."""
     from unittest.mock import patch
 
-    from emgface.face.contact_parameters import ContactParameters
     from emgface.face.template import template_face
     from emgface.face.template.muscles import RING_LAYERS
 
@@ -284,7 +283,6 @@ def rounding_cases() -> dict[str, tuple[object, ...]]:
         superficial = template_face(resolution="coarse")
     face, medium = (template_face(resolution=name) for name in ("coarse", "medium"))
     half = tuple(np.round(np.arange(0.0, 1.01, 0.05), 2))
-    touching = ContactParameters(method="constraint", between=("lips",))
     return {
         "reference": (face, "OOP", {}),
         "no stiffening": (face, "OOP", {"stiffening": 1.0}),
@@ -292,7 +290,6 @@ def rounding_cases() -> dict[str, tuple[object, ...]]:
         "deep layer alone": (deep, "OOP", {}),
         "superficial layer alone": (superficial, "OOP", {}),
         "marginal ring (OOM)": (face, "OOM", {}),
-        "lips in contact": (face, "OOP", {"contact": touching}),
         "reference, load steps of 0.05": (face, "OOP", {}, half),
         "reference, medium mesh": (medium, "OOP", {}),
         "no stiffening, medium mesh": (medium, "OOP", {"stiffening": 1.0}),

@@ -13,6 +13,7 @@ from emgface.anatomy.airway.figure import write_figure
 from emgface.anatomy.airway.sound import synthesise, with_formants, write_wave
 from emgface.muscles import MUSCLES
 from emgface.schema.netcdf import read_netcdf, write_netcdf
+from sim.acoustics import Folds
 
 CLOSING = {"OOM": 0.7, "MEN": 0.4}
 """Muscles that close the lips, and their largest activation."""
@@ -22,6 +23,9 @@ SEAL = 1.5e-6
 """Opening in front view that counts as closed [m^2]: lips in contact leave gaps at the corners."""
 LAG = 0.02
 """Time in which an activation begins or ends [s]."""
+ABDUCTED, BEFORE, AFTER = 3e-5, 0.05, 0.05
+"""Area of the open glottis at rest [m^2], and how long before the closure of the lips it begins to open
+and after their release it is closed [s]: the voiceless gesture of a /p/, as commonly quoted."""
 
 
 def drive() -> xr.DataArray:
@@ -34,6 +38,14 @@ def drive() -> xr.DataArray:
             values[k] += level.get(muscle.split("_")[0], 0.0) * held
     dims = {"muscle": list(MUSCLES), "time": time}
     return xr.DataArray(values, dims, ("muscle", "time"), attrs={"units": "1"})
+
+
+def voice(first: float, last: float, duration: float) -> Folds:
+    """Folds that open while the lips are closed from `first` to `last` [s]."""
+    t = np.arange(0.0, duration, 1e-3)
+    share = np.interp(t, [first - BEFORE, first, last, last + AFTER], [0.0, 1.0, 1.0, 0.0])
+    rest = 5e-6 + (ABDUCTED - 5e-6) * 0.5 * (1.0 - np.cos(np.pi * share))
+    return Folds(rest_area=rest, rate=1000.0)
 
 
 def measures(sound: xr.Dataset) -> dict[str, float]:
@@ -57,17 +69,22 @@ def measures(sound: xr.Dataset) -> dict[str, float]:
     slope = np.diff(area[after][:3]).max() / (at[1] - at[0])
     before = slice(np.searchsorted(at, first) - 6, np.searchsorted(at, first))
     F = sound["formant_frequency"].values
+    pulses = np.flatnonzero((t > last) & (np.abs(p) > 0.2 * np.abs(p).max()))
+    burst = level(high, last, last + 0.01)
     return found | {
         "closed from [s]": first,
         "closed to [s]": last,
         "opening at the release [cm2/s]": 1e4 * float(slope),
-        "closure, all frequencies [dB]": level(p, first + 0.02, last) - vowel,
-        "closure, above 2 kHz [dB]": level(high, first + 0.02, last) - hiss,
-        "10 ms after the release, above 2 kHz [dB]": level(high, last, last + 0.01) - hiss,
+        "closure, all frequencies [dB]": level(p, first + 0.03, last - 0.01) - vowel,
+        "10 ms after the release, above 2 kHz, over the closure [dB]":
+            burst - level(high, first + 0.03, last - 0.01),
+        "10 ms after the release, above 2 kHz, over the vowel before [dB]": burst - hiss,
+        "voice begins after the release [ms]": 1e3 * float(t[pulses[0]] - last),
         "F1 30 ms before the closure [Hz]": float(F[before][0, 0]),
         "F1 in the closure [Hz]": float(F[np.searchsorted(at, 0.5 * (first + last)), 0]),
+        "F1 80 ms after the release [Hz]": float(F[np.searchsorted(at, last + 0.08), 0]),
         "largest value of the wave file": float(np.abs(p).max() / sound.attrs["full_scale"]),
-    }
+    }  # fmt: skip
 
 
 def main(out: Path) -> None:
@@ -81,7 +98,8 @@ def main(out: Path) -> None:
     area, forward, time = lips_of_trial(motion)
     area = np.maximum(area - SEAL, 0.0)
     tract = with_formants(with_lips(ideal_vowel("a"), area, forward, time))
-    sound = synthesise(tract, "folds")
+    closed = time[tract["area"].values[:, -1] < 1e-7]
+    sound = synthesise(tract, voice(float(closed[0]), float(closed[-1]), float(time[-1])))
     write_netcdf(sound, out / "apa-sound.nc", "sound")
     write_wave(sound, out / "apa.wav")
     write_figure(sound, out / "apa.png", "apa: lips moved by muscles before a fixed tract")

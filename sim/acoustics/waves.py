@@ -265,10 +265,12 @@ def simulate_tube(
     """
     medium = medium or Medium()
     tube = shapes(areas, length, times)
-    if sections < 2 or not (0.0 < duration <= 3600.0 and 1000.0 <= rate <= 1e6):
+    if sections < 2 or not (
+        2.0 <= duration * rate and duration <= 3600.0 and 1000.0 <= rate <= 1e6
+    ):
         raise AcousticsError(
-            f"{sections} sections, {duration:g} s at {rate:g} Hz: expected at least 2 sections, up to "
-            "3600 s and 1000 Hz to 1 MHz"
+            f"{sections} sections, {duration:g} s at {rate:g} Hz: expected at least 2 sections and 2 "
+            "samples, up to 3600 s and 1000 Hz to 1 MHz"
         )
     cell = float(tube.length.min()) / sections
     steps = substeps or int(np.ceil(medium.c / (0.98 * cell * rate)))

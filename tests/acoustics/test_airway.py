@@ -24,6 +24,7 @@ from emgface.face.mouth import Mouth
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from sim.acoustics import SMALLEST
+from sim.errors import AcousticsError
 from tests.acoustics.shapes import BENT, STRAIGHT, pipe, published_airway
 
 
@@ -207,6 +208,15 @@ def test_sound_files_and_figures(tmp_path):
     assert float(np.abs(again["sound"]).max()) > 0.0
     silent = synthesise(tract, "folds", duration=0.02, lung=0.0)
     assert not wavfile.read(write_wave(silent, tmp_path / "0.wav"))[1].any()
+    with pytest.raises(AcousticsError, match="2 samples"):
+        synthesise(tract, duration=0.0)
+
+
+def test_closed_and_retracted_lips_have_a_faint_and_an_ordinary_sound(tmp_path):
+    lips = np.zeros(2), np.array([0.0, -0.02]), np.array([0.0, 0.1])
+    closed = synthesise(with_lips(ideal_vowel("a"), *lips))
+    assert closed["length"].values == pytest.approx([0.17, 0.161])
+    assert np.abs(wavfile.read(write_wave(closed, tmp_path / "c.wav"))[1]).max() < 0.1 * 32767
 
 
 def test_unknown_sources_and_files_are_refused(tmp_path):

@@ -30,6 +30,8 @@ STEP: Final = 0.005
 """Length of a section of the idealised vowels [m]."""
 SECTION: Final = 0.0025
 """Length of the sections of tubes whose parts move [m]."""
+LEAST: Final = 1e-3
+"""Length to which lips can be retracted [m]."""
 UNITS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 """Units of surfaces [m]."""
 FRAME: Final = 0.01
@@ -233,7 +235,8 @@ def with_lips(
     own = np.linspace(0.0, L, len(given) + 1)
     behind = np.diff(np.minimum(own, L - lips))
     parts = np.hstack([np.tile(given, (len(time), 1)), area[:, None]])
-    ways = np.hstack([np.tile(behind, (len(time), 1)), lips + protrusion[:, None]])
+    front = np.maximum(lips + protrusion, LEAST)[:, None]
+    ways = np.hstack([np.tile(behind, (len(time), 1)), front])
     areas, total = equal_sections(parts, ways, count=max(len(given), round(L / SECTION)))
     told = f"only the lips move, before a tract that does not ({tract.attrs['assumptions']})"
     return area_function(areas, total, time, assumptions=told.replace(f"; {TUBE_ONLY}", ""))

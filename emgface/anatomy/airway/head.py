@@ -28,7 +28,8 @@ DEPTH: Final = 12e-3
 """Distance from the back of the tongue at rest to the wall of the pharynx [m]; about 1 to 1.5 cm in
 adults, as commonly quoted. The head has no pharynx: this wall does not move."""
 HALF_WIDTH: Final = 13e-3
-"""Half the width of the pharynx behind the tongue [m]; the wall is half an ellipse of `DEPTH`."""
+"""Half the width of the pharynx behind the tongue [m]; the wall is half an ellipse of `DEPTH`. Along
+the velum the width increases to that of the palate."""
 VELUM: Final = 30e-3
 """Length of the soft palate [m], over which the distance increases from that of the palate to `DEPTH`;
 the velum is closed."""
@@ -52,7 +53,7 @@ class TractGrid:
 
     outer: Floats
     inner: Floats
-    hard: NDArray[np.bool_]  #: (k,) planes below the hard palate; the others are behind it
+    width: Floats  #: (k,) half the width behind the hard palate, 0 below it [m]
     way: Floats  #: (k + 1,) lengths of the larynx and around the planes [m]
     front: float  #: y of the upper incisors, where the lips begin [m]
 
@@ -86,8 +87,8 @@ class TractGrid:
         normal = np.stack([-along[:, 1], along[:, 0]], axis=1)
         normal /= np.linalg.norm(normal, axis=1, keepdims=True)
         near = float(np.linalg.norm(vault[0] - behind[-1]))
-        way = _length(behind)[-1] - _length(behind)
-        off = near + (DEPTH - near) * np.minimum(way / VELUM, 1.0)
+        way_back = _length(behind)[-1] - _length(behind)
+        off = near + (DEPTH - near) * np.minimum(way_back / VELUM, 1.0)
         dorsum = inner[int(np.argmax(past)) :]
         under = np.minimum(vault[:, 0], dorsum[-1, 0])
         height = np.interp(under, dorsum[:, 0], dorsum[:, 1])
@@ -102,8 +103,10 @@ class TractGrid:
         front = max(float(incisor[0] - middle[-1, 0]), 1e-3)
         before = np.append(way[0] - LARYNX[0], 0.5 * way[1:])
         around = before + np.append(0.5 * way[1:], front)
-        hard = np.arange(STATIONS) >= STATIONS - ahead
-        return cls(outer, below, hard, np.append(LARYNX[0], around), float(incisor[0]))
+        arch = palate.points[palate.points[:, 1] < vault[0, 0] + 1e-3, 0].max() - HALF_WIDTH
+        width = HALF_WIDTH + arch * np.maximum(1.0 - way_back / VELUM, 0.0)
+        width = np.append(width, np.zeros(ahead))
+        return cls(outer, below, width, np.append(LARYNX[0], around), float(incisor[0]))
 
     def areas(self, palate: Surface, teeth: Surface, tongue: Surface) -> Floats:
         """Areas (k,) of the planes [m^2], between palate or pharynx and tongue or lower teeth."""
@@ -113,14 +116,14 @@ class TractGrid:
             reach = float(np.linalg.norm(down))
             down /= reach
             normal = np.array([0.0, down[2], -down[1]])
-            if self.hard[k]:
+            width = float(self.width[k])
+            if width == 0.0:
                 roof = _cut(palate, origin, normal) - origin
                 roof = roof[(roof @ down < ARCH).all(axis=1)]  # not where the plane meets it again
                 width = float(np.abs(roof[..., 0]).max())
                 x = np.linspace(-width, width, SAMPLES) * (1.0 - 1e-9)
                 top = -_nearest(roof[..., 0], -(roof @ down), x)
             else:
-                width = HALF_WIDTH
                 x = np.linspace(-width, width, SAMPLES)
                 top = min(reach, DEPTH) * (1.0 - np.sqrt(1.0 - (x / width) ** 2))
             bottom = np.full(SAMPLES, np.inf)

@@ -25,6 +25,9 @@ from sim.acoustics import (
 Progress = Callable[[int, int], None]
 PEAK: Final = 0.9
 """Largest value of a wave file."""
+FAINT: Final = 2e-3
+"""Sound pressure below which a wave file is not amplified further [Pa], 40 dB, so that a closed mouth is
+quiet."""
 SOURCES: Final = ("folds", "rosenberg")
 
 
@@ -92,7 +95,7 @@ def source_of(name: str, duration: float, *, lung: float, pitch: float, tension:
 
 def synthesise(
     tract: xr.Dataset,
-    source: str = "folds",
+    source: str | Source = "folds",
     *,
     duration: float | None = None,
     rate: int = 44_100,
@@ -111,8 +114,8 @@ def synthesise(
     ----------
     tract : Dataset
         Area function, kind "sound".
-    source : str
-        As in `source_of`.
+    source : str or Source
+        As in `source_of`, or a source itself, such as folds of changing lung pressure and opening.
     duration : float, optional
         [s]; by default up to the last instant of a changing shape, or 0.5 s.
     rate : int
@@ -141,11 +144,15 @@ def synthesise(
         The source, the area function or the sampling is not valid.
     """
     time = tract["time"].values
-    lasting = duration or (float(time[-1] - time[0]) if len(time) > 1 else 0.5)
+    lasting = float(time[-1] - time[0]) if len(time) > 1 else 0.5
+    lasting = lasting if duration is None else duration
+    name = source if isinstance(source, str) else type(source).__name__.lower()
+    if isinstance(source, str):
+        source = source_of(source, lasting, lung=lung, pitch=pitch, tension=tension)
     sound = simulate_tube(
         tract["area"].transpose("time", "section").values,
         tract["length"].values,
-        source_of(source, lasting, lung=lung, pitch=pitch, tension=tension),
+        source,
         times=time - time[0],
         duration=lasting,
         rate=float(rate),
@@ -157,19 +164,19 @@ def synthesise(
     pressure = sound.radiated(float(rate), distance)
     step = round(sound.rate / rate)
     instants = float(time[0]) + np.arange(len(pressure)) / rate
-    full = float(np.abs(pressure).max(initial=0.0)) / PEAK
+    full = max(float(np.abs(pressure).max(initial=0.0)), FAINT) / PEAK
     return (
         tract.assign(
             sound=("time_sound", pressure, {"units": "Pa"}),
             glottal_flow=("time_sound", sound.glottis[::step], {"units": "m3 s-1"}),
         )
         .assign_coords(time_sound=("time_sound", instants, {"units": "s"}))
-        .assign_attrs(source=source, distance=distance, full_scale=full, origin="simulated")
+        .assign_attrs(source=name, distance=distance, full_scale=full, origin="simulated")
     )
 
 
 def write_wave(sound: xr.Dataset, path: Path) -> Path:
-    """Write a sound as a wave file of 16 bits with 0.9 at its largest value; silence stays 0.
+    """Write a sound as a wave file of 16 bits with 0.9 at its largest value, or less if it is faint.
 
     The attribute ``full_scale`` of the dataset is the pressure [Pa] that is 1 in the file.
     """
@@ -177,7 +184,7 @@ def write_wave(sound: xr.Dataset, path: Path) -> Path:
         raise ConfigurationError(f"{path.name} is no wave file, expected the suffix .wav")
     instants = sound["time_sound"].values
     rate = round(1.0 / float(instants[1] - instants[0]))
-    scale = float(sound.attrs["full_scale"]) or 1.0
+    scale = float(sound.attrs["full_scale"])
     samples: NDArray[np.int16] = np.round(32767.0 * sound["sound"].values / scale).astype(np.int16)
     replace_file(path, lambda target: wavfile.write(target, rate, samples))
     return path
