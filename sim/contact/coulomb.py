@@ -14,6 +14,7 @@ SWEEPS, TURNS = 100, 40
 """Sweeps between two attempts to solve directly for the present states of all contacts; attempts."""
 
 SINGULAR = 1e-12  #: relative size of singular values that are due to rows that repeat each other
+REPEATED = 1e-9  #: share of its mobility that a row must retain under the equations
 SLIP = 1e-9  #: share of the largest rate up to which a direct solution may violate a row
 
 
@@ -65,6 +66,9 @@ def forces(S: Array, r: Array, blocks: Blocks, before: Array, error: float) -> t
     if len(u):
         W = np.ascontiguousarray(S[u[:, None], u] - Seu.T @ found[:, :-1])
         b, x = r[u] - Seu.T @ found[:, -1], before[u].copy()
+        # rows that the equations hold already may contradict them by rounding
+        idle = np.diag(W) <= REPEATED * np.diag(S)[u]
+        W[idle], W[:, idle], b[idle], x[idle] = 0.0, 0.0, 0.0, 0.0
         first = np.searchsorted(u, blocks.first) if len(u) else blocks.first
         left = np.inf
         for turn in range(TURNS + 1):

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
@@ -16,13 +17,43 @@ from sim.integrators.newton_factor import alike
 from sim.integrators.touching import InContact, TouchingApart, TouchingInMatrix
 from sim.integrators.workspace import Workspace
 from sim.scene import Index
-from sim.state import Array, Evaluation
+from sim.state import Array, Evaluation, Pose
 
 SLOW, STIFFER = 0.5, 4.0  #: ratio of gaps above which the penalty is increased, and its factor
 FRICTION_SETTLED = 1e-3  #: relative tolerance of the bounds of friction
 UPDATES, RENEWALS = 200, 20  #: largest numbers of updates of multipliers and of rows
 
 Minimise = Callable[[Placed, Point], tuple[Point, Iteration]]
+
+
+class EndInContact(Protocol):
+    """End of a stage with contact; attributes and methods as of `Settled`."""
+
+    @property
+    def memory(self) -> Mapping[str, Array]:
+        """Arrays for the next step."""
+        ...
+
+    @property
+    def pushed(self) -> Array:
+        """Contact forces (n_points, 3) [N]."""
+        ...
+
+    def held(self, rhs: Array, slots: Index) -> Array:
+        """Solution (n,) for a right-hand side with active rows of slots closed."""
+        ...
+
+    def kick(self, old: Index) -> Array:
+        """Motion (n,) due to the forces on vertices that are newly in contact."""
+        ...
+
+    def outside(self, pose: Pose, after: float) -> Pose:
+        """Pose a time [s] after the end, without penetration of active rows."""
+        ...
+
+    def base(self, pose: Pose, after: float) -> Pose:
+        """Base of the next stage, without penetration."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -63,9 +94,12 @@ class Settled:
         push = self.touching.generalised(multipliers.rows.spread(force, len(self.q)))
         return self.touching.held(self.touching.scale * push, np.empty(0, np.int64), self.work)
 
-    def outside(self, q: Array, after: float) -> Array:
-        """Positions (n_nodes, 3) a time [s] after the end, without penetration of the active rows."""
-        return self.step.moved_out(q, self.step.ahead(self.active, after), self.opened)
+    def outside(self, pose: Pose, after: float) -> Pose:
+        """Pose a time [s] after the end, without penetration of the active rows."""
+        q = self.step.moved_out(pose.q, self.step.ahead(self.active, after), self.opened)
+        return pose if q is pose.q else replace(pose, q=q)
+
+    base = outside
 
 
 def minimise_in_contact(
@@ -97,7 +131,7 @@ def minimise_in_contact(
     key : integrator and step of the factor.
     minimise : minimum of a potential from a point.
     until : end of the step, for messages [s].
-    most : total number of iterations after which the step fails.
+    most : total number of iterations after which the step is given up.
     start_closed : True if rows without a gap are active from the start, which the equilibrium of a body
         that is held only by contact requires.
     """
@@ -152,7 +186,7 @@ def minimise_in_contact(
             if last:
                 _require_outside(step, q, until)
             if last or float(near.gaps(q - step.q0).min(initial=0.0)) >= -step.tolerances.left:
-                here = _moved_upright(potential, point, q, until)
+                here = moved_upright(potential, point, q, until)
                 memory = step.memory(q, near, multipliers, acting)
                 released = np.flatnonzero(~np.isin(first.slot, pushing))
                 pushed = multipliers.rows.spread(acting.on_vertices(multipliers.rows), len(q))
@@ -190,7 +224,7 @@ def _require_outside(step: ContactStep, q: Array, until: float) -> None:
         raise NotConverged((), until, f"contact leaves a vertex {deepest:.2g} m inside")
 
 
-def _moved_upright(potential: Placed, point: Point, q: Array, until: float) -> Evaluation:
+def moved_upright(potential: Placed, point: Point, q: Array, until: float) -> Evaluation:
     """Evaluation at a point, with the smallest det F at corrected positions, which is positive."""
     least, element = potential.system.smallest_J(q)
     require_upright(element, least, until)

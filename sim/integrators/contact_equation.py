@@ -22,11 +22,16 @@ ENOUGH = 0.1  #: fraction of the initial slope at which a line search may end
 TURNING = 0.3  #: fraction of the residual above which the sliding directions are updated
 MAX_FLIPS = 6  #: number of changes of a row after which it is released for the step
 
-SHORT, STALLED = 0.1, 8
-"""Relative step length below which an iteration counts as stalled, and number of successive stalled
-iterations that end it. Ordinary steps take two to four passes at full length."""
+SHORT, SLOW, STALLED = 0.1, 0.9, 8
+"""Relative step length below which an iteration counts as stalled, ratio of gaps above which an update
+of the multipliers does, and number of successive stalled ones that end it. Ordinary steps take two to
+four passes at full length."""
 
 PASSES, HALVINGS = 60, 40
+
+MOST, RENEWALS = 2 * PASSES, 30
+"""Passes and matrices of a whole step that end it, ten times those of ordinary steps (3, with friction
+12). The hardest steps of faces that succeeded took 120 and 30."""
 
 Solve = Callable[[Array, float], Array]
 """Solution for a right-hand side, with the largest error of an iterative one [m]."""
@@ -62,6 +67,7 @@ class ContactEquation:
         self._until, self.tolerances = state.t + h, step.tolerances
         self.diagonal = equation.A.to_factorise()[system.pattern.diagonal] / self.scale
         self.solutions = self.factorisations = 0
+        self._passes = self._renewals = 0
         self.definite, self._settling = True, False
 
     def displacement(self, x: Array) -> Array:
@@ -97,8 +103,9 @@ class ContactEquation:
         pushes = (multipliers.normal > 0.0) | (acting.gap < -self.tolerances.residual)
         factored, sticks, solve = pushes, acting.sticks, None
         flips, miss, last = np.zeros(len(rows), dtype=np.int64), np.inf, np.inf
-        stalled = 0
+        short = stalled = 0
         for _ in range(PASSES):
+            self._passes += 1
             force = multipliers.held(acting, pushes)[:, None] * rows.normal + acting.friction
             Ax = self._A.times(x)
             pushed = kinematics.generalised_force(rows.spread(force, n), self._state.pose)
@@ -108,6 +115,9 @@ class ContactEquation:
             # The stiffness of a sliding contact rotates with its direction.
             if solve is None or not same or (acting.turn.any() and left > TURNING * last):
                 first = solve is None
+                self._renewals += 1
+                if self._passes > MOST or self._renewals > RENEWALS:
+                    break
                 solve = self._solver(places, rows, multipliers.stiffness(acting, pushes), x)
                 factored, sticks = pushes, acting.sticks
             else:
@@ -117,8 +127,8 @@ class ContactEquation:
                 x, acting = x + move, multipliers.at(self.displacement(x + move))
             else:
                 x, acting, length = self._along(multipliers, x, move, Ax - self._b)
-                stalled = stalled + 1 if length < SHORT else 0
-                if stalled == STALLED:
+                short = short + 1 if length < SHORT else 0
+                if short == STALLED:
                     break
             rough = float(np.abs(move).max()) if multipliers.bound.any() else 0.0
             settled = np.array_equal(sticks, acting.sticks) and rough <= self.tolerances.accepted
@@ -128,17 +138,21 @@ class ContactEquation:
                 multipliers.released |= flips > MAX_FLIPS
                 pushes = now & ~multipliers.released
                 continue
-            miss, bound = acting.miss(multipliers, pushes), multipliers.bound
+            before, miss = miss, acting.miss(multipliers, pushes)
+            slow = miss > max(SLOW * before, self.tolerances.residual)
+            stalled = stalled + 1 if slow else 0
+            if stalled == STALLED:
+                break
+            bound = multipliers.bound
             multipliers.update(acting)
             change = np.abs(multipliers.bound - bound).max(initial=0.0)
             small = FRICTION_SETTLED * multipliers.bound.max(initial=0.0) + NO_FORCE
             if max(miss, rough) <= self.tolerances.residual and change <= small:
                 return x, acting, solve
             acting, last = multipliers.at(self.displacement(x)), np.inf
-        if miss > self.tolerances.accepted:
+        if solve is None or miss > self.tolerances.accepted:
             left = acting.miss(multipliers)
             raise NotConverged((), self._until, f"contact did not converge; {left:.2g} m remain")
-        assert solve is not None  # The loop is executed at least once.
         return x, acting, solve
 
     def _stand(self, multipliers: Multipliers, acting: Acting, pushes: Flags) -> bool:

@@ -42,6 +42,11 @@ class NewtonFactor:
         self._made_of: Array | None = None
         self._beside: Matrix | None = None
 
+    @property
+    def matrix(self) -> Array | None:
+        """Values of the factorised matrix, or None if it has products or there is no factor."""
+        return self._made_of if self.key is not None and self._beside is None else None
+
     def belongs_to(self, key: Key) -> bool:
         """Test if the latest factor is of this integrator and step, up to rounding of the step."""
         return alike(self.key, key)

@@ -1,13 +1,14 @@
 """Two-stage singly diagonally implicit Runge-Kutta method, solved to a tolerance."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
+
+import numpy as np
 
 from sim.integrators.contract import require_upright
 from sim.integrators.stage import (
     Converged,
-    Solved,
     Stage,
     by_joints,
     final_state,
@@ -78,11 +79,14 @@ class Sdirk2(Converged):
         u1 = kinematics.inertial(first.w, first.pose)
         base = kinematics.advance(state.pose, further * s * first.w, t1 - s)
         u = u0 + further * (u1 - u0)
-        w, base = _stopped(system, first, base, (further - 1.0) * s)
         if first.contact is not None and system.contact is not None:
+            after = (further - 1.0) * s
+            w, base = _stopped(system, first.w, base, first.contact.base(base, after), after)
             # the velocity of an impact changes once, and is not extrapolated
             kick = first.contact.kick(system.contact.pushing(state)) / s
-            u = u + (w - first.w) - (further - 1.0) * kick
+            change = (w - first.w) - (further - 1.0) * kick
+            u = u + kinematics.inertial(change, first.pose)
+            u = u - kinematics.inertial(np.zeros_like(change), first.pose)
         inside = kinematics.state(first.pose, first.w, {**state.memory, **first.memory})
         end = self._solve(whole, Stage(t1, base, u, s, line.at(1.0), D), inside, work)
         with work.timed("force"):
@@ -100,25 +104,26 @@ class Sdirk2(Converged):
         error = _error(h, w0, first.w, end.w)
         error = self._freed(whole, error, _error(h, *rates), D, s, state, end, work)
         memory = {**whole.remember(end.pose.q), **end.memory}
-        w, _ = _stopped(system, end, kinematics.advance(end.pose, s * end.w, t1 + s), s)
+        w = end.w
+        if end.contact is not None:
+            ahead = kinematics.advance(end.pose, s * w, t1 + s)
+            w, _ = _stopped(system, w, ahead, end.contact.outside(ahead, s), s)
         return final_state(system, end, w, memory, h), report_of(h, [first, end], error)
 
 
-def _stopped(system: System, end: Solved, ahead: Pose, after: float) -> tuple[Array, Pose]:
-    """Velocities at the end of a stage and the pose to which they lead, both without penetration.
+def _stopped(
+    system: System, w: Array, ahead: Pose, moved: Pose, after: float
+) -> tuple[Array, Pose]:
+    """Velocities w (n,) at the end of a stage and the pose to which they lead, both without penetration.
 
     A vertex that has reached a face within the stage still has its velocity towards the face, which an
     inelastic impact removes.
 
     Parameters
     ----------
-    ahead : pose to which the velocities lead.
+    ahead, moved : pose to which the velocities lead, and the same without penetration.
     after : time until that pose [s].
     """
-    if end.contact is None:
-        return end.w, ahead
-    q = end.contact.outside(ahead.q, after)
-    if q is ahead.q:
-        return end.w, ahead
-    moved = replace(ahead, q=q)
-    return end.w + system.kinematics.between(ahead, moved) / after, moved
+    if moved is ahead:
+        return w, ahead
+    return w + system.kinematics.between(ahead, moved) / after, moved

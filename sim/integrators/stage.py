@@ -8,8 +8,8 @@ import numpy as np
 
 from sim.contact.step import ContactStep
 from sim.integrators.constrained import Placed, minimise_constrained
-from sim.integrators.contact_converged import Settled, minimise_in_contact
-from sim.integrators.contract import require_fixed_contact
+from sim.integrators.contact_converged import EndInContact, minimise_in_contact, moved_upright
+from sim.integrators.contact_stage import StageWithRows
 from sim.integrators.estimate import relaxed
 from sim.integrators.incremental import (
     IncrementalPotential,
@@ -25,6 +25,9 @@ from sim.matrix import Matrix
 from sim.state import Array, Evaluation, Line, Pose, State, StepReport
 from sim.step_matrices import damping_matrix
 from sim.system import System
+
+FASTER = 2.5
+"""Factor on the displacements of a stage in the search for rows: the base of the next stage is ahead."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,6 @@ class Iterative(Tolerances):
 
         Factors belong to this integrator and s, its implicit part of a step [s].
         """
-        require_fixed_contact(system, type(self).__name__)
         key = type(self).__name__, s
 
         def settle(potential: Placed, point: Point) -> tuple[Point, Iteration]:
@@ -68,7 +70,7 @@ class Solved:
     w: Array
     here: Evaluation
     went: Iteration
-    contact: Settled | None = None
+    contact: EndInContact | None = None
     reaction: Array | None = None
     held: Callable[[Array], Array] | None = None
 
@@ -107,10 +109,17 @@ class Converged(Iterative):
             return Solved(pose, w, end.here, went, None, phi.reaction, phi.held)
         key = (type(self).__name__, stage.s)
         contact = ContactStep(system.contact, state, stage.t)
+        if varies or system.rows is not None:
+            way = np.linalg.norm(phi.positions(phi.inertial_guess()) - state.q, axis=1)
+            rows = StageWithRows(phi, contact, work, key, self, stage.t)
+            done = rows.solve(start, FASTER * way)
+            here = moved_upright(phi, done.point, done.pose.q, stage.t)
+            w = phi.velocities(done.point.d)
+            return Solved(done.pose, w, here, done.went, done, done.reaction)
         v = system.kinematics.displacements(stage.u, stage.base)
         way = np.linalg.norm(stage.base.q + stage.s * v - state.q, axis=1)
-        # Hard landings take up to 150 iterations in all, ordinary steps about ten.
-        most = 3 * self.max_iterations
+        # Ordinary steps take up to 8 iterations in all, with friction 50.
+        most = (3 if system.contact.rubs else 1) * self.max_iterations
         found = minimise_in_contact(phi, start, contact, way, key, work, settle, stage.t, most)
         end = found.point
         pose = replace(phi.pose(end.d), q=found.q)

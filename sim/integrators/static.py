@@ -7,7 +7,7 @@ import numpy as np
 
 from sim.contact.step import ContactStep
 from sim.integrators.contact_converged import minimise_in_contact
-from sim.integrators.contract import require_upright
+from sim.integrators.contract import require_fixed_contact, require_upright
 from sim.integrators.incremental import PotentialOfMoves
 from sim.integrators.newton import Point
 from sim.integrators.stage import Iterative
@@ -51,6 +51,7 @@ class Static(Iterative):
         SingularSystem
             The matrix could not be factorised.
         """
+        require_fixed_contact(system, "Static")
         system = work.form(system).during(state, math.inf)
         energy = _Energy(system, state, control(state.t + h), work)
         q0 = system.carried(state, control(state.t + h))

@@ -296,3 +296,32 @@ def test_a_self_intersecting_surface_is_refused_or_has_no_effect_at_rest(method)
     if error is None:
         end = moved(system, sim.ConvergedEuler(), 3)[-1]
         np.testing.assert_allclose(end.q, mesh.X, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+@pytest.mark.parametrize(
+    "integrator",
+    [sim.ConvergedEuler, sim.Sdirk2, sim.LinearlyImplicitEuler, sim.LinearlyImplicitTrapezoidal],
+)
+def test_a_step_that_cannot_succeed_is_given_up_within_ten_ordinary_ones(integrator, friction):
+    """A lid is pushed through a sheet and the floor below it; work in forces and solutions."""
+    mesh, work = grid((3, 3, 1), (0.02, 0.02, 1e-3)), []
+    for speed in (0.015, 0.5):
+
+        def falling(t, speed=speed):
+            return np.eye(3), np.array([0.0, 0.0, -speed * t])
+
+        floor = box([-0.1, -0.1, -0.01], [0.1, 0.1, -1e-4])
+        lid = box([-0.1, -0.1, 1.1e-3], [0.1, 0.1, 0.01], "lid", falling)
+        sheet = sim.boundary_surface(mesh, "sheet")
+        pairings = tuple(sim.Pairing(sheet, shell) for shell in (floor, lid))
+        system = system_of(mesh, sim.ConstraintContact(pairings, friction=friction))
+        state, memory = system.rest_state(), sim.Workspace(system)
+        step, control = integrator().step, system.control(np.zeros(0))
+        try:
+            for _ in range(3):
+                state, _ = step(system, state, control, 0.01, memory)
+        except (sim.NotConverged, sim.InvertedElement):
+            assert speed == 0.5 and state.t == 0.0
+        work.append(sum(memory.calls.values()))
+    assert work[1] < 10.0 * work[0] / 3.0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import sim
-from benchmarks.stability.rigid_rows import G, bodies_in_contact, cuboid, tower
+from benchmarks.stability.rigid_rows import G, bodies_in_contact, cuboid, plate_on_tissue, tower
 from sim.contact import body_surfaces
 from sim.joints import Planar, Revolute
 from tests.bodies import grid, rotation
@@ -54,6 +54,10 @@ def moved(system, h, steps, twists=None, initial=None, integrator=None):
     return states
 
 
+CONVERGED = [sim.ConvergedEuler, sim.Sdirk2]
+EULER_AND_CONVERGED = [sim.LinearlyImplicitEuler, *CONVERGED]
+
+
 def momentum(system, state):
     """Linear momentum (3,), and angular momentum (3,) about the origin."""
     linear, angular = np.zeros(3), np.zeros(3)
@@ -65,15 +69,16 @@ def momentum(system, state):
     return linear, angular
 
 
+@pytest.mark.parametrize("integrator", EULER_AND_CONVERGED)
 @pytest.mark.parametrize(("friction", "degrees"), [(0.0, 30.0), (0.5, 20.0), (0.5, 35.0)])
-def test_a_block_on_an_incline_sticks_or_slides_as_coulomb_says(friction, degrees):
+def test_a_block_on_an_incline_sticks_or_slides_as_coulomb_says(friction, degrees, integrator):
     """a = g (sin - mu cos) above the friction angle, rest below it: exact in every step."""
     a = np.radians(degrees)
     gravity = (G * np.sin(a), 0.0, -G * np.cos(a))
     system = scene([cuboid("block", (0.02, 0.02, 0.01))], [("block", FLOOR)], gravity, friction)
-    end = moved(system, 0.005, 10)[-1]
+    end = moved(system, 0.005, 10, integrator=integrator())[-1]
     expected = max(0.0, G * (np.sin(a) - friction * np.cos(a)))
-    np.testing.assert_allclose(end.twists[0], [0.05 * expected, 0, 0, 0, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(end.twists[0], [0.05 * expected, 0, 0, 0, 0, 0], atol=2e-9)
     np.testing.assert_allclose(end.frames[0, 2], 0.005, atol=1e-12)
 
 
@@ -98,9 +103,10 @@ def test_a_slender_block_tips_where_its_centre_passes_the_edge(slope):
     assert end.twists[0, 4] == pytest.approx(expected, rel=0.03)
 
 
+@pytest.mark.parametrize("integrator", EULER_AND_CONVERGED)
 @pytest.mark.parametrize("offset", [0.0, 0.006])
-def test_spheres_that_collide_keep_momentum_and_exchange_it_symmetrically(offset):
-    """Two equal spheres; a perfectly inelastic impact.
+def test_spheres_that_collide_keep_momentum_and_exchange_it_symmetrically(offset, integrator):
+    """Two equal spheres; a perfectly inelastic impact, angular momentum to first order of the step.
 
     Head-on both stop. Off the centre each keeps its tangential velocity, as exactly as the normal of
     plane faces, which meet at 23 degrees, agrees with that of a sphere.
@@ -112,11 +118,11 @@ def test_spheres_that_collide_keep_momentum_and_exchange_it_symmetrically(offset
     second = ball("b", radius, centre + 0.0031 * np.array([1.0, 0.0, 0.0]), -normal)
     system = scene([first, second], [("a", "b")], None)
     start = [[0.5, 0, 0, 0, 0, 0], [-0.5, 0, 0, 0, 0, 0]]
-    states = moved(system, 0.0005, 20, start)
+    states = moved(system, 0.0005, 20, start, integrator=integrator())
     before, after = (momentum(system, states[k]) for k in (0, -1))
     size = 0.5 * first[0].mass
     np.testing.assert_allclose(after[0], before[0], atol=1e-12 * size)
-    np.testing.assert_allclose(after[1], before[1], atol=2e-3 * size * radius)
+    np.testing.assert_allclose(after[1], before[1], atol=1e-2 * size * radius)
     a, b = states[-1].twists
     np.testing.assert_allclose(a[:3], -b[:3], atol=1e-9)
     tangential = np.array([0.5, 0.0, 0.0]) - 0.5 * normal[0] * normal
@@ -207,8 +213,9 @@ def test_a_prescribed_body_drags_a_block_until_both_are_equally_fast():
     assert states[-1].frames[0, 2] == pytest.approx(0.005 + 0.01 * 0.25, abs=1e-6)
 
 
+@pytest.mark.parametrize("integrator", EULER_AND_CONVERGED)
 @pytest.mark.parametrize("friction", [0.0, 0.3])
-def test_tissue_and_a_free_body_keep_their_momentum_when_they_collide(friction):
+def test_tissue_and_a_free_body_keep_their_momentum_when_they_collide(friction, integrator):
     """A soft block flies against a heavier body."""
     mesh = grid((2, 2, 1), (0.02, 0.02, 0.01))
     body, X, triangles = cuboid("plate", (0.03, 0.03, 0.01), (-0.005, -0.005, -0.0105))
@@ -221,7 +228,7 @@ def test_tissue_and_a_free_body_keep_their_momentum_when_they_collide(friction):
     w = np.zeros(system.pattern.n)
     w[: 3 * n].reshape(-1, 3)[:] = [0.1, 0.0, -0.5]
     start = system.kinematics.state(system.rest_state().pose, w, {})
-    states = moved(system, 0.0005, 12, initial=start)
+    states = moved(system, 0.0005, 12, initial=start, integrator=integrator())
     before, after = (system.node_mass @ states[k].v for k in (0, -1))
     np.testing.assert_allclose(after, before, atol=1e-11 * np.abs(before).max())
     assert states[-1].twists[0, 2] < -0.05
@@ -230,9 +237,12 @@ def test_tissue_and_a_free_body_keep_their_momentum_when_they_collide(friction):
         :, :, 2
     ]
     kicks = np.diff([s.twists[0, :3] for s in states], axis=0)
-    across = np.cross(normals[:-1], kicks)
+    linear = integrator is sim.LinearlyImplicitEuler
+    across = np.cross(normals[:-1] if linear else normals[1:], kicks)
     if friction == 0.0:
-        np.testing.assert_allclose(across, 0.0, atol=1e-14)
+        # a converged step ends on turned faces, and Sdirk2 has two stages
+        most = 1e-4 if integrator is sim.Sdirk2 else 1e-6
+        np.testing.assert_allclose(across, 0.0, atol=most * np.abs(kicks).max())
     else:
         assert states[-1].twists[0, 0] > 0.002
     _, gap, _ = sim.Contacts().record(system, states[-1], system.control(np.zeros(0)), None)
@@ -261,16 +271,30 @@ def test_bodies_that_start_inside_each_other_go_no_deeper(depth):
     assert lowest > -depth - 1e-5
 
 
-def test_planar_joint_and_floor_repeat_each_other():
+@pytest.mark.parametrize("integrator", EULER_AND_CONVERGED)
+def test_planar_joint_and_floor_repeat_each_other(integrator):
     """A block that a joint already keeps on the floor: the forces are not unique, the motion is."""
     joint = Planar("plane", None, "block", (0.0, 0.0, 0.0))
     system = scene([cuboid("block", (0.02, 0.02, 0.01))], [("block", FLOOR)], joints=(joint,))
-    end = moved(system, 0.01, 5)[-1]
+    end = moved(system, 0.01, 5, integrator=integrator())[-1]
     np.testing.assert_allclose(end.twists, 0.0, atol=1e-9)
 
 
-def test_converged_integrators_refuse_contact_of_bodies():
+@pytest.mark.parametrize("cls", EULER_AND_CONVERGED)
+def test_order_with_a_body_that_slides_on_tissue(cls):
+    """Motion of the plate and the tissue while no contact opens or closes."""
+    system, start = plate_on_tissue()
+    tight = cls() if cls not in CONVERGED else cls(tolerance=1e-11, residual_tolerance=1e-9)
+    ends = [moved(system, 0.008 / n, n, initial=start, integrator=tight)[-1] for n in (4, 8, 16)]
+    pairs = zip(ends, ends[1:], strict=False)
+    change = [np.linalg.norm(system.kinematics.between(b.pose, a.pose)) for a, b in pairs]
+    assert abs(np.log2(change[0] / change[1]) - cls.order) < 0.15
+    forces = [e.memory["contact"][:, 1] > 0.0 for e in (start, *ends)]
+    for now in forces[1:]:
+        np.testing.assert_array_equal(now, forces[0])
+
+
+def test_equilibria_and_inverse_tracking_refuse_contact_of_bodies():
     system = scene([cuboid("block", (0.02, 0.02, 0.01))], [("block", FLOOR)])
-    for integrator in (sim.ConvergedEuler(), sim.Sdirk2(), sim.Static()):
-        with pytest.raises(sim.SceneError, match="does not support contact in scenes with bodies"):
-            moved(system, 0.01, 1, integrator=integrator)
+    with pytest.raises(sim.SceneError, match="does not support contact in scenes with bodies"):
+        moved(system, 0.01, 1, integrator=sim.Static())

@@ -1,0 +1,281 @@
+"""Converged stage of scenes with bodies, attachments or joints, with rows of contact.
+
+Newton's method on the stage's equation g(d) = G'f for the motion d from its base: each iteration
+solves A dx = s^2 (G'f - g) with the forces f of all rows, r + G dx + C f = 0 or >= 0 with Coulomb's law,
+from their Delassus matrix s^2 G A^-1 G' (`rows_of_bodies`). The motion is shortened until
+the Lagrangian phi - f . G d decreases, which has the exact gradient.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.contact.rows import Acting, Rows
+from sim.contact.step import ContactStep
+from sim.errors import NotConverged
+from sim.integrators.contact_linear import ROUNDS
+from sim.integrators.incremental import IncrementalPotential
+from sim.integrators.joint_equations import conditions
+from sim.integrators.newton import (
+    ARMIJO,
+    MAX_HALVINGS,
+    Iteration,
+    Point,
+    Tolerances,
+    error_left,
+)
+from sim.integrators.newton_factor import Key
+from sim.integrators.rows_of_bodies import STILL, RowsAt, RowsOfBodies, SolveMany, dense
+from sim.integrators.workspace import Workspace
+from sim.linear import NotPositiveDefinite
+from sim.multibody import MOST
+from sim.scene import Index
+from sim.state import Array, Pose
+from sim.vectors import dot
+
+PLACES, PLACED = 3, 1e-6
+"""Largest number of renewals of the normals and closest points of rows, and change that needs none."""
+
+
+@dataclass(frozen=True, eq=False)
+class StageInContact:
+    """End of a stage with contact, as of `sim.integrators.contact_converged.EndInContact`."""
+
+    point: Point
+    pose: Pose  #: with penetrations removed
+    went: Iteration
+    memory: Mapping[str, Array]
+    pushed: Array  #: (n_points, 3) contact forces at the end [N]
+    reaction: Array | None  #: forces of joints
+    scale: float
+    rows: Rows
+    at: RowsAt
+    f: Array  #: (m,) forces of all rows
+    step: ContactStep
+    solver: RowsOfBodies
+
+    def held(self, rhs: Array, slots: Index) -> Array:
+        """Solution (n,) for a right-hand side; joints and active rows of slots stay closed."""
+        on = (self.f != 0.0) & ((self.at.slot < 0) | np.isin(self.at.slot, slots))
+        return self.solver.kept(self.at, on, rhs)
+
+    def kick(self, old: Index) -> Array:
+        """Motion (n,) due to the present forces on vertices whose slots are not in `old`."""
+        new = np.where((self.at.slot >= 0) & ~np.isin(self.at.slot, old), self.f, 0.0)
+        return self.scale * (new @ self.at.X)
+
+    def outside(self, pose: Pose, after: float) -> Pose:
+        """Pose a time [s] after the end, without penetration of the active rows."""
+        active = self.rows.take(np.flatnonzero(self.f[self.at.first] > 0.0))
+        return self.solver.moved_out(pose, self.step.ahead(active, after), search=False)[0]
+
+    def base(self, pose: Pose, after: float) -> Pose:
+        """As `outside`, of all rows: bodies would rebound from the face that their base has passed."""
+        return self.solver.moved_out(pose, self.step.ahead(self.rows, after), search=False)[0]
+
+
+class StageWithRows:
+    """Iteration of one stage.
+
+    Parameters
+    ----------
+    phi : potential of the stage.
+    key : integrator and step of the factor.
+    until : end of the stage [s].
+    """
+
+    def __init__(
+        self,
+        phi: IncrementalPotential,
+        step: ContactStep,
+        work: Workspace,
+        key: Key,
+        tolerances: Tolerances,
+        until: float,
+    ) -> None:
+        self._phi, self._step, self._work, self._key = phi, step, work, key
+        self._tolerances, self._until, self._system = tolerances, until, phi.system
+        self._rows = RowsOfBodies(phi.system, step, lambda rhs: self._many(rhs), until)
+        self._many: SolveMany = work.newton.solve_many
+        self._iterations = self._factorisations = self._shifts = 0
+        self._residuals, self._left, self._shortest = list[float](), np.inf, 1.0
+
+    def solve(self, point: Point, way: Array) -> StageInContact:
+        """Motion from a start, with nodal displacements (n_points,) of at most `way` [m].
+
+        Raises NotConverged if the tolerances were not met, or new rows appear in every iteration;
+        SingularSystem if the matrix could not be factorised.
+        """
+        step, made_here, f = self._step, not self._work.newton.belongs_to(self._key), None
+        if made_here:
+            self._renew(point)
+        else:
+            self._solve_densely()
+        found = step.at_start(way)
+        rows, searches, places = step.entering(found), 0, 0
+        lift = rows.gap - found.gap  # initial depths may remain
+        while True:
+            point, at, f = self._settled(rows, point, made_here, f)
+            pose = self._phi.pose(point.d)
+            near = step.at(pose.q)
+            acting = at.acting(f, rows.gaps(pose.q - step.q0))
+            missed = self._rows.missed(rows, acting, pose, near)
+            if len(missed):
+                entering, searches, f = step.entering(missed), searches + 1, None
+                rows, lift = rows.joined(entering), np.r_[lift, entering.gap - missed.gap]
+            elif places < PLACES:
+                moved = _at_end(rows, lift, near)
+                if moved is rows:
+                    break
+                rows, places = moved, places + 1
+            else:
+                break
+            if searches == ROUNDS:
+                reason = "new contact constraints appear in every iteration"
+                raise NotConverged(tuple(self._residuals), self._until, reason)
+        return self._end(point, pose, near, rows, at, f, acting)
+
+    def _end(
+        self, point: Point, pose: Pose, near: Rows, rows: Rows, at: RowsAt, f: Array, acting: Acting
+    ) -> StageInContact:
+        pose, near = self._rows.moved_out(pose, near)
+        n = self._rows.joints
+        went = Iteration(
+            self._iterations,
+            self._factorisations,
+            self._residuals[-1],
+            self._left,
+            self._shortest,
+            self._shifts,
+        )
+        memory = self._step.memory(pose.q, near, at.remembered, acting)
+        pushed = rows.spread(acting.on_vertices(rows), len(pose.q))
+        return StageInContact(
+            point, pose, went, memory, pushed, f[:n] if n else None, self._phi.scale, rows, at, f,
+            self._step, self._rows,
+        )  # fmt: skip
+
+    def _renew(self, point: Point) -> None:
+        with self._work.timed("tangent"):
+            A = self._phi.matrix(point.d)
+        try:
+            more = self._work.newton.factorise(A, self._phi.shift, self._key)
+        except NotPositiveDefinite as error:
+            reason = "the matrix remains indefinite for any shift"
+            raise NotConverged(tuple(self._residuals), self._until, reason) from error
+        self._factorisations, self._shifts = self._factorisations + 1 + more, self._shifts + more
+        if self._shifts > self._tolerances.max_shifts:
+            reason = f"limit of {self._tolerances.max_shifts} factorisations of indefinite matrices"
+            raise NotConverged(tuple(self._residuals), self._until, reason)
+        self._solve_densely()
+
+    def _solve_densely(self) -> None:
+        """In small scenes use the inverse in double precision: rows may repeat each other."""
+        values, pattern = self._work.newton.matrix, self._system.pattern
+        if values is not None and pattern.n <= MOST:
+            inverse = np.linalg.inv(dense(pattern, values))
+            self._many = lambda rhs: rhs @ inverse
+
+    def _at(self, rows: Rows, d: Array) -> RowsAt:
+        """Rows at a motion, with their derivatives by it."""
+        pose, kinematics = self._phi.pose(d), self._system.kinematics
+        at, j = self._rows.at(rows, pose), self._rows.joints
+        at.G = np.array([kinematics.gradient(G, d) for G in at.G]).reshape(at.G.shape)
+        if self._system.rows is not None:
+            now = conditions(self._phi, d)
+            at.G[:j, now.rows.columns], at.value[:j], at.compliance[:j] = (
+                now.G,
+                now.r,
+                now.compliance,
+            )
+        return at
+
+    def _settled(
+        self, rows: Rows, point: Point, made_here: bool, f: Array | None
+    ) -> tuple[Point, RowsAt, Array]:
+        """Motion under some rows, the rows there and their forces, from initial ones."""
+        phi, scale, tolerances = self._phi, self._phi.scale, self._tolerances
+        at, last = self._at(rows, point.d), np.inf
+        for _ in range(tolerances.max_iterations):
+            start, self._iterations = phi.at(point), self._iterations + 1
+            at.X = self._rows.many(at.G)
+            free = -scale * self._many(start.g[None])[0]
+            before = at.before if f is None else f
+            f = self._rows.forces(at, scale, at.value + at.G @ free, before, STILL)
+            move = free + scale * (f @ at.X)
+            found = self._search(start, at, f, move)
+            if found is None:
+                if made_here:
+                    size = float(np.abs(move).max(initial=0.0))
+                    left = float(np.abs(start.g - f @ at.G).max(initial=0.0))
+                    if tolerances.met(size, left):
+                        self._residuals.append(left)
+                        self._left = size
+                        return point, at, f
+                    reason = "no step lowers the Lagrangian"
+                    raise NotConverged(tuple(self._residuals), self._until, reason)
+                self._renew(point)
+                made_here = True
+                continue
+            length, point = found
+            at, moved = self._at(rows, point.d), length * float(np.abs(move).max(initial=0.0))
+            residual = float(np.abs(point.g - f @ at.G).max(initial=0.0))
+            self._shortest = min(self._shortest, length)
+            left, before_last, last = error_left(moved, last), last, moved
+            self._residuals.append(residual)
+            self._left = left
+            if tolerances.met(left, residual):
+                at.X = self._rows.many(at.G)
+                return point, at, f
+            made_here = length < 1.0 or moved > tolerances.keep_factor * before_last
+            if made_here:
+                self._renew(point)
+        raise NotConverged(
+            tuple(self._residuals), self._until, f"limit of {self._iterations} iterations"
+        )
+
+    def _search(
+        self, start: Point, at: RowsAt, f: Array, move: Array
+    ) -> tuple[float, Point] | None:
+        """Longest tried step with det F > 0 and sufficient decrease of the Lagrangian, or None."""
+        Gx, soft = at.G @ move, at.compliance > 0.0
+        slope, borne = dot(start.g, move) - dot(f, Gx), dot(f, Gx)
+        stored = 0.5 * float((Gx[soft] ** 2 / at.compliance[soft]).sum())
+        rounding = 1e-8 * (abs(start.phi) + abs(start.here.energy) + abs(borne))
+        length = self._phi.largest_step(start.d, move)
+        for _ in range(MAX_HALVINGS):
+            trial = self._phi.point(start.d + length * move)
+            if trial.here.smallest_J > 0.0:
+                change = trial.phi - start.phi - length * borne + length**2 * stored
+                if change <= ARMIJO * length * min(slope, 0.0) or abs(change) <= rounding:
+                    return length, trial
+            length *= 0.5
+        return None
+
+
+def _at_end(rows: Rows, lift: Array, near: Rows) -> Rows:
+    """Rows with the normals and closest points that they have at the end, if these differ.
+
+    Those of the start are of first order where surfaces slide while they turn, and their pairs of forces
+    would change the angular momentum. `lift` (k,) are initial depths that may remain [m].
+    """
+    order = np.argsort(near.keys)
+    place = np.searchsorted(near.keys[order], rows.keys).clip(max=max(len(near) - 1, 0))
+    if not len(near) or not len(rows):
+        return rows
+    other = near.take(order[place])
+    same = other.keys == rows.keys
+    turned = np.abs(other.normal - rows.normal).max(axis=1)
+    changed = same & (np.maximum(turned, np.abs(other.weight - rows.weight).max(axis=1)) > PLACED)
+    if not changed.any():
+        return rows
+    one = changed[:, None]
+    return replace(
+        rows,
+        nodes=np.where(one, other.nodes, rows.nodes),
+        weight=np.where(one, other.weight, rows.weight),
+        normal=np.where(one, other.normal, rows.normal),
+        gap=np.where(changed, other.gap + lift, rows.gap),
+        carried=np.where(one, other.carried, rows.carried),
+    )
