@@ -8,7 +8,8 @@ pressure at which they begin to oscillate, and pitch. Cost: two-tube /a/ of 17 c
 largest error of F1 to F4 against the matrix method, and processor seconds per second of sound.
 Stability: folds at 785 Pa, or as stated; sound pressure at 0.3 m; click: largest second difference
 of the sound over that of the voice before a still /a/. Lips: formants of an idealised /u/ for areas and
-protrusions of the lips. Stiffening: the same for the lips of generated faces. Other: the 13
+protrusions of the lips. Stiffening: the same for the lips of generated faces. Head: formants of
+generated heads, after 0.25 s. Other: the 13
 published shapes (EMGFACE_SHARED); theirs / the same nine cells with the matrix method / this
 package.
 """
@@ -324,9 +325,42 @@ def lips_before_u(
     ).round(2)  # fmt: skip
 
 
+def head() -> pd.DataFrame:
+    """Length and formants of generated heads at rest, and with jaw and tongue muscles active."""
+    from emgface.anatomy.airway.head import head_tract
+    from emgface.anatomy.airway.sound import with_formants
+    from emgface.anatomy.head.build import build_head
+    from emgface.anatomy.head.run import raised, simulate_head
+
+    heads = {
+        who: build_head(preset=who, resolution="coarse", contacts=()) for who in ("man", "woman")
+    }
+    cases: dict[str, tuple[str, dict[str, float]]] = {
+        "man, rest": ("man", {}), "woman, rest": ("woman", {}),
+        "man, jaw opened (openers 0.2)": ("man", {"bi_open": 0.2}),
+        "man, jaw opened, GGP 0.4": ("man", {"bi_open": 0.2, "bi_GGP": 0.4}),
+        "man, jaw opened, HG 0.5": ("man", {"bi_open": 0.2, "bi_HG": 0.5}),
+        "man, jaw opened, STY 0.4": ("man", {"bi_open": 0.2, "bi_STY": 0.4}),
+        "man, jaw opened, OOP 0.3": ("man", {"bi_open": 0.2, "OOP_L": 0.3, "OOP_R": 0.3}),
+    }  # fmt: skip
+    rows: list[dict[str, object]] = []
+    for name, (who, levels) in cases.items():
+        motion = None
+        if levels:
+            drive = raised(levels, rise=0.15)
+            motion = simulate_head(heads[who], drive, duration=0.25, step=10e-3, output=0.25)
+        tract = with_formants(head_tract(heads[who], motion)).isel(time=-1)
+        F = tract["formant_frequency"].values
+        rows.append(
+            {"head": name, "length cm": 100.0 * float(tract["length"])}
+            | {f"F{k + 1} Hz": round(f) for k, f in enumerate(F)}
+        )
+    return pd.DataFrame(rows)
+
+
 PARTS = {
     "formants": formant_table, "checks": checks, "folds": folds, "cost": cost,
-    "stability": stability, "lips": lips, "stiffening": stiffening, "other": other,
+    "stability": stability, "lips": lips, "stiffening": stiffening, "head": head, "other": other,
 }  # fmt: skip
 
 

@@ -16,6 +16,7 @@ ORDER = (
     "whole_study",
     "what_rho_means",
     "jaw_from_emg",
+    "voice_of_a_face",
     "published_tables",
     "laws",
 )
