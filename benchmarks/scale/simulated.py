@@ -15,8 +15,8 @@ from emgface.study.journal import Journal, StoredFiles
 from emgface.study.observer import Silent
 from emgface.study.outcomes import Run
 from emgface.study.parallel import run_jobs
+from emgface.study.store import Done
 from emgface.study.table import PlannedTrial
-from emgface.study.workers import Done
 
 
 class SimulatedWorkers:

@@ -29,9 +29,9 @@ from emgface.study.journal import Journal, StoredFiles
 from emgface.study.observer import Silent
 from emgface.study.outcomes import Run
 from emgface.study.parallel import Workers, run_jobs
-from emgface.study.store import Stage, Store
+from emgface.study.store import Done, Stage, Store
 from emgface.study.table import PlannedTrial
-from emgface.study.workers import PAUSE, Done
+from emgface.study.workers import PAUSE
 
 MOTION = Stage("motion", ("benchmarks.scale.stub",))
 STRATEGIES = ("act_all", "act_3", "act_rel")

@@ -18,6 +18,7 @@ from emgface.study.faces import study_face
 from emgface.study.intake import Intake, take_in
 from emgface.study.run import feature_extents
 from emgface.study.stages import Laboratory, StoredFailure
+from emgface.study.state import read_state
 from emgface.study.store import Result, Store
 from emgface.study.table import Place, Recording
 from emgface.study.variants import variants
@@ -146,7 +147,7 @@ def open_results(folder: Path) -> Results:
     try:
         results.intake = take_in(results.study.recordings, results.study.exclude, study=folder)
         results.laboratory = Laboratory(
-            Store(folder / "store", report=results.notes.append),
+            Store(_store(folder), report=results.notes.append),
             study_face(results.study.face),
             results.study,
             results.notes.append,
@@ -157,6 +158,14 @@ def open_results(folder: Path) -> Results:
             f"face can no longer be read: {error}"
         )
     return results
+
+
+def _store(folder: Path) -> Path:
+    """Store of the last run of a study, or the default one without a journal."""
+    try:
+        return read_state(folder).store(folder)
+    except DataError:
+        return folder / "store"
 
 
 def representative(cube: xr.Dataset) -> dict[str, Place]:

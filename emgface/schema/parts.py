@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import netCDF4
 import xarray as xr
@@ -11,6 +11,10 @@ import xarray as xr
 from emgface.errors import SchemaError
 from emgface.files import replace_file
 from emgface.schema.netcdf import ready_to_write, write_netcdf
+
+
+CACHE: Final = 2**16
+"""Cache of each variable [bytes]; by default all of up to 64 MB would remain in memory."""
 
 
 def write_netcdf_parts(
@@ -43,6 +47,8 @@ def write_netcdf_parts(
         start = first.sizes[dim]
         with netCDF4.Dataset(target, "a") as opened:
             opened.set_auto_maskandscale(False)
+            for variable in opened.variables.values():
+                variable.set_var_chunk_cache(size=CACHE)
             for part in chain([second], given):
                 own, _ = ready_to_write(part, kind)
                 if set(own.variables) != set(ready.variables):

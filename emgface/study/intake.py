@@ -86,6 +86,7 @@ def take_in(
     `stopping` returns True.
     """
     read_label_map(configuration.mapping)
+    listed = time.time()
     files = [file_of(path) for path in candidates(configuration.folder)]
     reader = reader_digest(configuration.mapping)
     known = {} if study is None else _known(study, reader, configuration.mapping)
@@ -129,7 +130,9 @@ def take_in(
     _require_one_kind(found.values(), configuration.folder)
     order = list(INSTRUCTIONS)
     places = sorted(found, key=lambda p: (p[0], order.index(p[1]), p[2]))
-    lines = [_line(file, reader, given) for file, given in new.items() if _lasting(file, given)]
+    lines = [
+        _line(file, reader, given) for file, given in new.items() if _lasting(file, given, listed)
+    ]
     return Intake(tuple(found[place] for place in places), unreadable, lines)
 
 
@@ -182,13 +185,13 @@ def reader_digest(mapping: Path | None) -> str:
     return text_digest(f"{code} {declared} {'' if mapping is None else file_digest(mapping)}")
 
 
-def _lasting(file: File, given: Recording | EmgfaceError | None) -> bool:
-    """Return True if a usable recording can be known again by its file."""
+def _lasting(file: File, given: Recording | EmgfaceError | None, listed: float) -> bool:
+    """Return True if a usable recording can be known again by its file, listed at a time [s]."""
     return (
         isinstance(given, Recording)
         and given.error is None
         and os.path.splitext(file[0])[1].lower() in ALONE
-        and abs(time.time() - 1e-9 * file[3]) > SETTLED
+        and abs(listed - 1e-9 * file[3]) > SETTLED
     )
 
 

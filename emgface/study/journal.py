@@ -3,8 +3,9 @@
 import errno
 import os
 import socket
+import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -25,7 +26,7 @@ NOT_SYNCHRONISED: Final = ("begin", "recording")
 SCALARS: Final = ("sigma_max", "steps", "run_time", "numerical_error", "motion")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Entry:
     """Position of the line of a trial, and what a resumed run needs to know of it."""
 
@@ -47,7 +48,7 @@ class Entry:
             line["status"],
             np.nan if sigma_max is None else sigma_max,
             line["muted"],
-            tuple((s["stage"], s["digest"], *s["file"]) for s in line["stages"]),
+            tuple((sys.intern(s["stage"]), s["digest"], *s["file"]) for s in line["stages"]),
         )
 
     @property
@@ -118,7 +119,6 @@ class Journal:
         muted: bool,
     ) -> Entry:
         """Write the outcome of a trial and its stored results."""
-        files = [(event, _stat(store / event.stage / f"{event.digest}.nc")) for event in events]
         line: Line = {
             "trial": [trial.volunteer, trial.instruction, int(trial.repetition), trial.strategy],
             "variant": variant,
@@ -131,7 +131,7 @@ class Journal:
             **{name: _number(getattr(trial, name)) for name in SCALARS},
             "seconds": round(seconds, 4),
             "muted": muted,
-            "stages": [asdict(e) | {"seconds": round(e.seconds, 4), "file": f} for e, f in files],
+            "stages": _stages(events, store),
             "scores": None if trial.scores is None else _packed(trial.scores),
         }
         offset = self.write("trial", **line)
@@ -139,6 +139,24 @@ class Journal:
         if key:
             self.known[key] = entry
         return entry
+
+    def job(
+        self, labels: Sequence[str | int], events: list[Event], store: Path, seconds: float
+    ) -> None:
+        """Write the end of a job of another run table than that of a study, and its stored results.
+
+        It counts as a trial in the state of its folder; a later run does not reuse it.
+        """
+        self.write(
+            "trial",
+            trial=labels,
+            variant="",
+            key="",
+            status="ok",
+            reason="",
+            seconds=round(seconds, 4),
+            stages=_stages(events, store),
+        )
 
     def end(self, outcome: str, events: list[Event]) -> None:
         """Write the outcome of the run and its results of no single trial, and close the file."""
@@ -192,6 +210,18 @@ def read_trial(entry: Entry) -> Trial:
         computed=line["computed"],
         environments=tuple(line["environments"]),
     )
+
+
+def _stages(events: list[Event], store: Path) -> list[Line]:
+    """Stored results of a job with the sizes and modification times of their files."""
+    return [
+        asdict(event)
+        | {
+            "seconds": round(event.seconds, 4),
+            "file": _stat(store / event.stage / f"{event.digest}.nc"),
+        }
+        for event in events
+    ]
 
 
 def _stat(path: Path) -> tuple[int, int]:

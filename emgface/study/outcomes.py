@@ -10,8 +10,9 @@ from emgface.study.journal import Entry, Journal, StoredFiles
 from emgface.study.observer import Observer, Silent
 from emgface.study.parallel import Workers
 from emgface.study.stages import Laboratory
+from emgface.study.store import Done
 from emgface.study.table import Place, PlannedTrial
-from emgface.study.workers import Done, Job, Outcome, compute
+from emgface.study.workers import Job, Outcome, compute
 
 Entries = dict[tuple[str, str, int, str], Entry]
 """Outcomes of the trials by volunteer, instruction, repetition and strategy."""

@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Generic, Literal, TypeVar
 
 import xarray as xr
 
@@ -29,6 +29,7 @@ from emgface.study.digest import canonical_json, code_version, file_digest, text
 from emgface.study.provenance import environment, now
 
 SCHEMA_VERSION = 1
+Output = TypeVar("Output")
 
 Outcome = Literal["computed", "reused", "recomputed"]
 
@@ -52,6 +53,17 @@ class Event:
     digest: str
     label: str
     outcome: Outcome
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Done(Generic[Output]):
+    """Output of a worker: outcome of the job, stored results, messages and duration [s]."""
+
+    outcome: Output
+    events: list[Event]
+    muted: bool
+    messages: list[str]
     seconds: float
 
 

@@ -6,9 +6,8 @@ and digests of its inputs; a worker reads the face once, and a recording once fo
 
 import time
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Generic, TypeVar
+from typing import Any, Final, TypeVar
 
 from analysis.trial import Trial
 from emgface.errors import DataError, EmgfaceError, ExecutionError, StoreError, WorkerDied
@@ -21,24 +20,13 @@ from emgface.study.parallel import Workers, run_jobs
 from emgface.study.provenance import CODE, require_code
 from emgface.study.retention import FACES
 from emgface.study.stages import Laboratory
-from emgface.study.store import Event, Result, Store
+from emgface.study.store import Done, Result, Store
 from emgface.study.table import PlannedTrial, Recording, as_recording, checked, place_of
 
 Job = TypeVar("Job")
 Outcome = TypeVar("Outcome")
 
 PAUSE: Final = 1.0  #: seconds after which a result that could not be written is tried once more
-
-
-@dataclass(frozen=True)
-class Done(Generic[Outcome]):
-    """Output of a worker: outcome of the job, stored results, messages and duration [s]."""
-
-    outcome: Outcome
-    events: list[Event]
-    muted: bool
-    messages: list[str]
-    seconds: float
 
 
 def compute(

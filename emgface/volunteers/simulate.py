@@ -1,5 +1,6 @@
 """Recordings of simulated volunteers with individual faces and known activations."""
 
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,10 +18,11 @@ from emgface.muscles import INSTRUCTIONS
 from emgface.recordings.dataset import write_recording
 from emgface.recordings.events import cut_trials
 from emgface.study.digest import code_version
+from emgface.study.journal import Journal
 from emgface.study.observer import Observer, Silent
 from emgface.study.parallel import Workers, run_jobs
 from emgface.study.provenance import CODE, require_code
-from emgface.study.store import Store
+from emgface.study.store import Done, Event, Store
 from emgface.volunteers.conduction import Conduction, face_conduction
 from emgface.volunteers.emg import Pools, draw_pools
 from emgface.volunteers.mismatch import Mismatch, draw_mismatch, world_parameters
@@ -70,8 +72,9 @@ def make_volunteers(
     or a template face if it is None. sigma_max and tissue stiffness of `parameters` are replaced by
     the person's; `settings` are those of faces, sessions, electrodes and cameras. The recordings do
     not depend on `workers`, a number of processes or the workers of a scheduler; `observer`
-    receives messages and progress. If `stopping` returns True, the sessions that have begun are
-    completed before KeyboardInterrupt is raised.
+    receives messages and progress, and ``out/runs`` the journal that `emgface study status` reads. If
+    `stopping` returns True, the sessions that have begun are completed before KeyboardInterrupt is
+    raised.
 
     Raises ConfigurationError if an instruction is unknown, SimulationError if a motion cannot be
     simulated, and DataError or StoreError if a file cannot be written.
@@ -93,9 +96,24 @@ def make_volunteers(
     # Volunteers vary fastest, so that every process begins with the rest state of another face.
     jobs = [(index, instruction) for instruction in instructions for index in range(1, n + 1)]
     observer.begin(len(jobs))
-    written = _recorded(setup, jobs, workers, observer, stopping)
-    if len(written) < len(jobs):
-        raise KeyboardInterrupt
+    facts = {
+        "study": f"simulated volunteers, {settings.world.label}",
+        "trials": len(jobs),
+        "workers": workers if isinstance(workers, int) else type(workers).__name__,
+        "store": "store" if store is None else str(setup.store),
+        "code": code_version(CODE),
+    }
+    journal, outcome = Journal(setup.out, facts), "failed"
+    try:
+        written = _recorded(setup, jobs, workers, observer, journal, stopping)
+        if len(written) < len(jobs):
+            raise KeyboardInterrupt
+        outcome = "finished"
+    except KeyboardInterrupt:
+        outcome = "interrupted"
+        raise
+    finally:
+        journal.end(outcome, [])
     return [path for job in sorted(jobs) for path in written[job]]
 
 
@@ -104,13 +122,20 @@ def _recorded(
     jobs: list["_Place"],
     workers: int | Workers,
     observer: Observer,
+    journal: Journal,
     stopping: Callable[[], bool],
 ) -> dict["_Place", list[Path]]:
     """Record all sessions, in this process or by workers."""
 
+    def labels(index: int) -> tuple[str, str]:
+        return f"S{jobs[index][0]:02d}", jobs[index][1]
+
     def starting(index: int) -> bool:
-        observer.working("S{:02d} {}".format(*jobs[index]))
-        return not stopping()
+        if stopping():
+            return False
+        journal.write("begin", trial=labels(index), variant="")
+        observer.working(" ".join(labels(index)))
+        return True
 
     written: dict[_Place, list[Path]] = {}
     results = run_jobs(
@@ -122,11 +147,12 @@ def _recorded(
         group=lambda place: place[0],
         starting=starting,
     )
-    for k, (paths, messages) in results:
-        written[jobs[k]] = paths
-        for text in messages:
+    for k, done in results:
+        written[jobs[k]] = done.outcome
+        journal.job(labels(k), done.events, setup.store, done.seconds)
+        for text in done.messages:
             observer.message(text)
-        observer.finished("S{:02d} {}".format(*jobs[k]), "ok")
+        observer.finished(" ".join(labels(k)), "ok")
     return written
 
 
@@ -211,6 +237,11 @@ class _Recorder:
             paths.append(write_recording(trial, path))
         return paths
 
+    def taken_events(self) -> list[Event]:
+        """Return the results that were computed or reused since the last call."""
+        events, self._store.events = self._store.events, []
+        return events
+
     def _subject(self, index: int) -> _Subject:
         if index not in self._subjects:
             setup, settings = self._setup, self._setup.settings
@@ -268,8 +299,9 @@ def _begin(setup: _Setup, code: str) -> None:
     _recorder = _Recorder(setup, _notes)
 
 
-def _work(place: _Place) -> tuple[list[Path], list[str]]:
+def _work(place: _Place) -> Done[list[Path]]:
     assert _recorder is not None, "the recorder of a worker is not set"
     _notes.texts.clear()
-    paths = _recorder.record(place)
-    return paths, list(_notes.texts)
+    started = time.perf_counter()
+    paths, events = _recorder.record(place), _recorder.taken_events()
+    return Done(paths, events, False, list(_notes.texts), time.perf_counter() - started)

@@ -16,6 +16,7 @@ from emgface.muscles import MEASURED
 from emgface.recordings.dataset import read_recording, write_recording
 from emgface.report.contents import verdict
 from emgface.report.methods import methods
+from emgface.report.results import open_results
 from emgface.schema.netcdf import read_netcdf
 from emgface.study import run as run_module
 from emgface.study.configuration import StudyConfiguration
@@ -102,6 +103,8 @@ def test_a_second_run_computes_nothing_and_gives_the_same_cube(
         again = run_study(configured(laboratory), out, **options)
         assert stages(again) == [] and again.path.parent == out
         xr.testing.assert_identical(again.cube, finished.cube)
+    reported = open_results(tmp_path).laboratory
+    assert reported is not None and reported.store.folder == shared["store"].resolve()
 
 
 def test_only_what_was_deleted_is_computed_again(laboratory, finished, tmp_path: Path) -> None:

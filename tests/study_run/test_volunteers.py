@@ -10,6 +10,7 @@ from emgface.choices import configure
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import FACE_MARKERS, LIP_MARKERS
 from emgface.recordings.dataset import read_recording
+from emgface.study.state import read_state
 from emgface.volunteers.person import draw_volunteer, person_face, person_parameters
 from emgface.volunteers.simulate import make_volunteers
 from tests.study_run.conftest import MECHANICS
@@ -32,6 +33,18 @@ def test_a_recording_follows_the_schema_and_is_labelled_simulated(made) -> None:
         assert recording["true_activation"].sizes == {"muscle": 20, "time_true": 1801}
         assert float(recording["time_emg"][-1]) == pytest.approx(1.8, abs=1e-3)
         assert recording.sizes["time_marker"] == 181
+
+
+def test_sessions_are_recorded_as_jobs_of_a_run(laboratory: Path, tmp_path: Path) -> None:
+    state = read_state(laboratory)
+    assert state.total == 2 and state.status == {"ok": 2} and state.runs[-1].state == "finished"
+    motions = list((state.store(laboratory) / "volunteer_motion").glob("*.nc"))
+    size = sum(path.stat().st_size for path in motions)
+    assert state.sizes["volunteer_motion"] == (2, size)
+    with pytest.raises(KeyboardInterrupt):
+        make_volunteers(None, tmp_path, n=1, instructions=("B",), stopping=lambda: True)
+    stopped = read_state(tmp_path)
+    assert stopped.runs[-1].state == "interrupted" and stopped.status == {} and stopped.total == 1
 
 
 def lips_in_head_frame(recording: xr.Dataset) -> np.ndarray:
