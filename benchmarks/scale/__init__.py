@@ -11,7 +11,7 @@ PART is one of
     faults      killed processes, full disk, damaged files and others: what happens to the results
     kills       a small real study, killed (-9) --trials times at random
     plan        10 000 volunteers, extrapolated from --store, `recordings` and `many`
-    picture     draws the results of `throughput`, `thousand` and `plan`
+    picture     draws the results of `thousand` and `plan`
 
 Except in `kills`, trials are stubs (`benchmarks.scale.stub`): execution, journal and store are those
 of a study, and the computation is replaced by waiting. Results are written to FOLDER/PART.json.

@@ -9,30 +9,16 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
 
-ALLOWED = 20.0
-"""Largest processor time of the driver per trial [ms]."""
-
 
 def picture(folder: Path) -> Path:
-    """Draw throughput.json, thousand.json and plan.json to scale.png beside them."""
-    figure, panels = plt.subplots(1, 3, figsize=(13, 3.8), layout="constrained")
-    for axes, name, draw in zip(panels, ("throughput", "thousand", "plan"),
-                                (_overhead, _thousand, _plan), strict=True):  # fmt: skip
+    """Draw thousand.json and plan.json to scale.png beside them."""
+    figure, panels = plt.subplots(1, 2, figsize=(10, 3.8), layout="constrained")
+    for axes, name, draw in zip(panels, ("thousand", "plan"), (_thousand, _plan), strict=True):
         draw(axes, json.loads((folder / f"{name}.json").read_text()))
         axes.spines[["top", "right"]].set_visible(False)
     path = folder / "scale.png"
     figure.savefig(path, dpi=130)
     return path
-
-
-def _overhead(axes: Any, rows: list[dict[str, Any]]) -> None:
-    names = [f"{row['workers']}, {row['number']}" for row in rows]
-    axes.barh(names, [row["driver, processor ms per trial"] for row in rows])
-    axes.axvline(ALLOWED, color="k", ls=":")
-    axes.annotate(f"allowed: {ALLOWED:.0f} ms", (ALLOWED, len(rows) - 1), xytext=(-4, 0),
-                  textcoords="offset points", ha="right", va="center", fontsize=8)  # fmt: skip
-    axes.invert_yaxis()
-    axes.set(xlabel="processor time of the driver per trial [ms]", title="Stub trials, by workers")
 
 
 def _thousand(axes: Any, rows: list[dict[str, Any]]) -> None:
@@ -48,6 +34,7 @@ def _thousand(axes: Any, rows: list[dict[str, Any]]) -> None:
                       xytext=(4, -12), textcoords="offset points", fontsize=8)  # fmt: skip
     axes.set(xlabel="trials per second that 1000 workers finish", ylabel="trials per second",
              title="1000 simulated workers, by duration of a trial")  # fmt: skip
+    axes.set_ylim(0.5 * min(demanded), None)
     axes.legend(frameon=False, fontsize=8)
 
 
@@ -60,10 +47,12 @@ def _plan(axes: Any, rows: list[dict[str, Any]]) -> None:
     names = [
         name.replace(", at most", "").replace(" and 50 other volunteers", "") for name in hours
     ]
-    bars = axes.barh(names, list(hours.values()))
-    told = [f"{60 * h:.2g} min" if h < 1 else f"{h:.2g} h" for h in hours.values()]
-    axes.bar_label(bars, told, padding=3, fontsize=8)
+    for name, value in zip(names, hours.values(), strict=True):
+        axes.plot(value, name, "o", color="C0")
+        told = f"{60 * value:.2g} min" if value < 1 else f"{value:.2g} h"
+        axes.annotate(told, (value, name), xytext=(8, 0), textcoords="offset points", va="center")
     axes.set_xscale("log")
-    axes.set_xlim(min(hours.values()) / 2, 8 * max(hours.values()))
+    axes.set_xlim(min(hours.values()) / 3, 10 * max(hours.values()))
+    axes.grid(axis="x", alpha=0.3)
     axes.invert_yaxis()
     axes.set(xlabel="duration [h]", title="Plan for 10 000 volunteers")

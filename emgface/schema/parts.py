@@ -12,7 +12,6 @@ from emgface.errors import SchemaError
 from emgface.files import replace_file
 from emgface.schema.netcdf import ready_to_write, write_netcdf
 
-
 CACHE: Final = 2**16
 """Cache of each variable [bytes]; by default all of up to 64 MB would remain in memory."""
 
