@@ -273,15 +273,13 @@ def stiffening() -> pd.DataFrame:
 
 def rounding_cases() -> dict[str, tuple[object, ...]]:
     """Face, part of orbicularis oris, changed parameters and levels of the cases of `stiffening`."""
-    from unittest.mock import patch
-
     from emgface.face.template import template_face
-    from emgface.face.template.muscles import RING_LAYERS
+    from emgface.face.template.muscles import parse_ring
 
-    with patch.dict(RING_LAYERS, {"OOP": RING_LAYERS["OOP"][:1]}):  # pyright: ignore
-        deep = template_face(resolution="coarse")
-    with patch.dict(RING_LAYERS, {"OOP": RING_LAYERS["OOP"][1:]}):  # pyright: ignore
-        superficial = template_face(resolution="coarse")
+    deep, superficial = (
+        template_face(resolution="coarse", rings={"OOP": parse_ring(f"peripheral {layer}")})
+        for layer in ("deep", "middle")
+    )
     face, medium = (template_face(resolution=name) for name in ("coarse", "medium"))
     half = tuple(np.round(np.arange(0.0, 1.01, 0.05), 2))
     return {

@@ -1,18 +1,17 @@
-"""Generated head: actions of the tongue, stability, cost of a step, and closing with an open jaw.
+"""Generated head: actions of the tongue, stability and cost of a step.
 
     python -m benchmarks head --part actions     # displacement of tip and back by every muscle
-    python -m benchmarks head --part stability   # all muscles at 1.0, alone and together, by step
+    python -m benchmarks head --part stability --out DIR   # muscles at 1.0; continues its table
     python -m benchmarks head --part cost        # processor time of a step against the face alone
     python -m benchmarks head --part face_on_jaw # the same of a face on a moving jaw
-    python -m benchmarks head --part closing     # area of the mouth by orbicularis against jaw opening
-    python -m benchmarks head --part coupling    # jaw moved by the tongue, tongue moved by the jaw
 
 All results are simulated. "cost" alternates the scenes, so that the load of the machine affects both.
 """
 
+import itertools
 import statistics
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +25,7 @@ from emgface.anatomy.head.model import Head
 from emgface.anatomy.head.run import activation_of, raised, simulate_head
 from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
 from emgface.anatomy.tongue.actions import action_table
+from emgface.files import write_text
 
 Rows = Iterator[dict[str, object]]
 ALL = ("face", "jaw", "tongue", "hyoid")
@@ -44,38 +44,46 @@ def actions(preset: str, resolution: str) -> Rows:
         yield {str(name): value for name, value in row.items()}
 
 
-def stability(preset: str, resolution: str) -> Rows:
-    """Muscles at 1.0 within 0.1 s and held, with a closed and an opening jaw, without contact."""
-    head = build_head(ALL, preset=preset, resolution=resolution, contacts=[])
-    names = [str(e) for e in head.lists["exciter"].values if str(e).startswith("bi_")]
-    tissue = {str(m)[:-2] for p in ("face", "tongue") for m in head.parts[p]["muscle"].values}
-    single = [name for name in names if name[3:] in tissue]
-    scene = head_scene(head, tongue=TONGUE.model_copy(update={"sigma_max": 300e3}))
-    cases = {
-        "all of the tongue": [
-            f"bi_{m}" for m in sorted(tissue) if m.isupper() and m in _tongue(head)
-        ],
-        "all of the face": [f"bi_{m}" for m in sorted(tissue) if m not in _tongue(head)],
-        "all": single,
-        **{name[3:]: [name] for name in single},
+def stability(preset: str, resolution: str, known: pd.DataFrame) -> Rows:
+    """Muscles at 1.0 within 0.1 s and held; jaw closed or opening, without and with contact."""
+    heads = {
+        name: build_head(ALL, preset=preset, resolution=resolution, contacts=pairs)
+        for name, pairs in (("none", []), ("all", None))
     }
-    for opening in (0.0, 1.0):
-        for step in (1e-3, 5e-3, 20e-3):
-            for case, exciters in cases.items():
-                if len(exciters) == 1 and (step != 5e-3 or opening):
-                    continue  # each muscle alone at the default step and with a closed jaw only
-                drive = {name: 1.0 for name in exciters}
-                drive |= {"bi_open": opening} if opening else {"bi_close": 0.02}
-                yield {
-                    "jaw": "opened" if opening else "closed",
-                    "step_ms": 1e3 * step,
-                    "muscles": case,
-                    **_survives(head, scene, drive, step),
-                }
+    head = heads["none"]
+    tongue = {str(m)[:-2] for m in head.parts["tongue"]["muscle"].values}
+    face = {str(m)[:-2] for m in head.parts["face"]["muscle"].values}
+    together = {"all of the tongue": tongue, "all of the face": face, "all": tongue | face}
+    single = {name: {name} for name in sorted(tongue) + sorted(face)}
+    scenes = dict[str, HeadScene]()
+    done = {tuple(row) for row in known[list(LABELS)].itertuples(index=False)}
+    for jaw, contact, step, name in _cases(together, single):
+        if (jaw, contact, step, name) in done:
+            continue
+        if contact not in scenes:
+            scenes[contact] = head_scene(
+                heads[contact], tongue=TONGUE.model_copy(update={"sigma_max": 300e3})
+            )
+        muscles = {**together, **single}[name]
+        drive = {f"bi_{muscle}": 1.0 for muscle in sorted(muscles)}
+        drive |= {"bi_open": 1.0} if jaw == "opening" else {"bi_close": 0.02}
+        yield {
+            **dict(zip(LABELS, (jaw, contact, step, name), strict=True)),
+            **_survives(heads[contact], scenes[contact], drive, 1e-3 * step),
+        }
 
 
-def _tongue(head: Head) -> set[str]:
-    return {str(m)[:-2] for m in head.parts["tongue"]["muscle"].values}
+LABELS = ("jaw", "contact", "step_ms", "muscles")
+
+
+def _cases(*groups: Iterable[str]) -> Iterator[tuple[str, str, float, str]]:
+    """Single muscles at 5 ms with closed jaw, all together at every step, jaw and contact."""
+    together, single = groups
+    for contact, steps in (("none", (5.0, 20.0, 1.0)), ("all", (5.0, 20.0, 1.0))):
+        for step in steps:
+            for jaw in ("closed", "opening"):
+                yield from ((jaw, contact, step, name) for name in together)
+        yield from (("closed", contact, 5.0, name) for name in single)
 
 
 def _survives(
@@ -158,47 +166,7 @@ def timed(
         }
 
 
-def closing(preset: str, resolution: str) -> Rows:
-    """Experiment 4: area of the mouth with and without orbicularis against the opening of the jaw."""
-    head = build_head(ALL, preset=preset, resolution=resolution, contacts=["lip-lip"])
-    scene = head_scene(head)
-    for opening in (0.0, 0.1, 0.2, 0.4):
-        jaw = {"bi_open": opening} if opening else {"bi_close": 0.02}
-        for ring in ("none", "bi_OOP", "bi_OOM"):
-            drive = jaw | ({} if ring == "none" else {ring: 0.3})
-            motion = simulate_head(
-                head, raised(drive, rise=0.15, jaw=False), duration=0.35, step=1e-2, scene=scene
-            )
-            yield {
-                "open": opening,
-                "orbicularis": ring.removeprefix("bi_"),
-                "incisor_down_mm": round(-moved(motion, "lower_incisor")[2], 2),
-                "area_mm2": round(1e6 * float(motion["mouth_area"][-1]), 1),
-                "gap_mm": round(1e3 * float(motion["lip_opening"][-1]), 2),
-            }
-
-
-def coupling(preset: str, resolution: str) -> Rows:
-    """Experiment 6: displacements by muscles of the tongue on the free jaw, and by those of the jaw."""
-    head = build_head(("jaw", "tongue", "hyoid"), preset=preset, resolution=resolution, contacts=[])
-    scene = head_scene(head)
-    for name, drive in {
-        "rest": {},
-        "GGP 0.5": {"bi_GGP": 0.5},
-        "HG 0.5": {"bi_HG": 0.5},
-        "STY 0.5": {"bi_STY": 0.5},
-        "GH and MH 0.5": {"bi_GH": 0.5, "bi_MH": 0.5},
-        "openers 0.2": {"bi_open": 0.2},
-    }.items():
-        motion = simulate_head(head, raised(drive, rise=0.1), duration=0.3, scene=scene)
-        row: dict[str, object] = {"drive": name}
-        for marker in ("lower_incisor", "hyoid", "tip", "back"):
-            forward, up = moved(motion, marker)[1:]
-            row |= {f"{marker}_forward": round(forward, 2), f"{marker}_up": round(up, 2)}
-        yield row
-
-
-PARTS = {f.__name__: f for f in (actions, stability, cost, face_on_jaw, closing, coupling)}
+PARTS = {f.__name__: f for f in (actions, cost, face_on_jaw)}
 
 
 def main(
@@ -206,13 +174,23 @@ def main(
     preset: str = "man",
     resolution: str = "coarse",
     out: Path | None = None,
+    rows: int = 1000,
 ) -> None:
-    """Run one part and print its table."""
-    rows = list[dict[str, object]]()
-    for row in PARTS[part](preset, resolution):
-        rows.append(row)
-        say(str(row))
-    finish(f"head_{part}", pd.DataFrame(rows), out)
+    """Run one part and print its table; "stability" continues that of `out`, by at most `rows` rows."""
+    if part != "stability":
+        table = pd.DataFrame(PARTS[part](preset, resolution))
+    else:
+        stored = None if out is None else out / "head_stability.csv"
+        table = pd.DataFrame(columns=list(LABELS))
+        if stored is not None and stored.is_file():
+            table = pd.read_csv(stored, keep_default_na=False)
+        found = stability(preset, resolution, table)
+        for row in itertools.islice(found, rows):
+            say(str(row))
+            table = pd.concat([table, pd.DataFrame([row])], ignore_index=True)
+            if stored is not None:
+                write_text(stored, table.to_csv(index=False))
+    finish(f"head_{part}", table, out)
 
 
 __all__ = ["main"]

@@ -1,18 +1,28 @@
 """``emgface head``: couple face, jaw, tongue and hyoid of a person, move them, and show the motion."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from emgface.cli.console import progress, say
+from emgface.cli.console import frame, progress, say, show_table
 from emgface.cli.machine import announce_compilation
 from emgface.cli.moved import PictureOption, tell_motion, write_picture
+
+if TYPE_CHECKING:
+    from emgface.anatomy.head.model import Head
 
 app = typer.Typer(
     no_args_is_help=True, help="Build, move and show heads of face, jaw, tongue and hyoid."
 )
 
+ContactOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="lip-lip, lips-teeth, tongue-teeth, tongue-palate or none; repeatable. "
+        "Default: all of the parts."
+    ),
+]
 HeadPath = Annotated[Path, typer.Argument(help="Head (netCDF).")]
 
 
@@ -33,11 +43,11 @@ def build(
     resolution: Annotated[
         str, typer.Option(help="coarse, medium, fine or a number of elements, of face and tongue.")
     ] = "coarse",
-    contact: Annotated[
+    contact: ContactOption = None,
+    ring: Annotated[
         list[str] | None,
         typer.Option(
-            help="lip-lip, lips-teeth, tongue-teeth, tongue-palate or none; repeatable. "
-            "Default: all of the parts."
+            help="Another part of orbicularis oris, such as OOP='peripheral deep gaps=0.2'; repeatable."
         ),
     ] = None,
 ) -> None:
@@ -45,7 +55,9 @@ def build(
     from emgface.anatomy.head.build import build_head
     from emgface.anatomy.head.model import write_head
     from emgface.anatomy.jaw.template.measures import parse_settings
+    from emgface.face.template.muscles import parse_ring
 
+    given = (one.partition("=") for one in ring or [])
     head = build_head(
         [name.strip() for name in parts.split(",")],
         preset=preset,
@@ -53,14 +65,44 @@ def build(
         measures=parse_settings(settings or []),
         resolution=int(resolution) if resolution.isdigit() else resolution,
         contacts=[] if contact == ["none"] else contact,
+        rings={muscle: parse_ring(words) for muscle, _, words in given},
     )
     write_head(head, out_path)
+    _say_written(head, out_path)
+
+
+def _say_written(head: "Head", out_path: Path) -> None:
     own = head.lists
     say(
         f"Wrote {out_path}: {own.attrs['name']}: {own.sizes['muscle']} muscles, "
         f"{own.sizes['attachment']} attached nodes ({', '.join(own['pair'].values) or 'none'}), "
         f"contact of {', '.join(own['contact'].values) or 'nothing'}."
     )
+
+
+@app.command(name="import")
+def import_(
+    folder: Annotated[
+        Path,
+        typer.Argument(help="Folder with jaw_tongue_face, face_badin, face_reference and tongue."),
+    ],
+    out_path: Annotated[Path, typer.Option("--out", help="Head to write (netCDF).")],
+    parts: Annotated[
+        str, typer.Option(help="Names of face, jaw, tongue and hyoid, with commas between.")
+    ] = "face,jaw,tongue,hyoid",
+    contact: ContactOption = None,
+    floor: Annotated[
+        bool, typer.Option(help="Attach the floor of the mouth to tongue and hyoid.")
+    ] = False,
+) -> None:
+    """Import the published coupled head from your files of it."""
+    from emgface.anatomy.head.model import write_head
+    from emgface.anatomy.head.published import import_head
+
+    names = [name.strip() for name in parts.split(",")]
+    head = import_head(folder, names, contacts=[] if contact == ["none"] else contact, floor=floor)
+    write_head(head, out_path)
+    _say_written(head, out_path)
 
 
 @app.command()
@@ -122,6 +164,109 @@ def simulate(
     motion.attrs["task"] = task
     write_motion(motion, head, out_path)
     tell_motion(motion, out_path, head.lists.attrs["name"])
+
+
+@app.command()
+def follow(
+    path: HeadPath,
+    recording: Annotated[
+        Path, typer.Argument(help="Recording with channels of the face and of the jaw (DIG_L ...).")
+    ],
+    out_path: Annotated[Path, typer.Option("--out", help="Motion to write (netCDF).")],
+    mapping: Annotated[
+        Path | None, typer.Option(help="Mapping of labels (TOML), as of `emgface data map`.")
+    ] = None,
+    study: Annotated[
+        Path | None, typer.Option(help="Study file whose signals, face and scores apply.")
+    ] = None,
+    strategy: Annotated[
+        str | None, typer.Option(help="Of the face: act_all, act_3, act_rel or act_threshold.")
+    ] = None,
+    instruction: Annotated[str | None, typer.Option(help="A to F, for act_rel.")] = None,
+    effort: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Recording of maximum effort of the jaw, for its normalisation; repeatable."
+        ),
+    ] = None,
+    step: Annotated[float, typer.Option(help="Largest time step [s].")] = 5e-3,
+) -> None:
+    """Move a head by a recording of face and jaw, and score lips and incisor."""
+    from emgface.anatomy.head.model import read_head
+    from emgface.anatomy.head.recorded import Drive, move_as_recorded, score_head
+    from emgface.anatomy.head.run import write_motion
+    from emgface.api.given import recording_of, study_of
+
+    head, given = read_head(path), recording_of(recording, mapping)
+    efforts = [recording_of(one, mapping) for one in effort or []]
+    drive = Drive(study_of(study), strategy, instruction, efforts)
+    announce_compilation()
+    with progress(f"simulating {recording.stem}") as bar:
+        motion = move_as_recorded(given, head, drive, step=step, progress=bar.show)
+    motion.attrs["task"] = recording.stem
+    write_motion(motion, head, out_path)
+    tell_motion(motion, out_path, head.lists.attrs["name"])
+    if "position" not in given:
+        return
+    scores = score_head(given, motion, head, drive)
+    table = scores[["rho", "amplitude_ratio", "rmse"]].to_dataframe().reset_index()
+    show_table(frame(table.assign(rmse=1e3 * table["rmse"])), "Scores, rmse in mm")
+
+
+@app.command()
+def sweep(
+    plan: Annotated[
+        Path,
+        typer.Argument(
+            help="Table (csv) with one run per row: exciters such as bi_OOP, face.stiffening, "
+            "tongue.sigma_max, ring.OOP, contact, name."
+        ),
+    ],
+    out_path: Annotated[
+        Path, typer.Option("--out", help="Table of outcomes (csv); completed runs are kept.")
+    ],
+    head_path: Annotated[
+        Path | None, typer.Option("--head", help="Head (netCDF); default: a generated one.")
+    ] = None,
+    parts: Annotated[str, typer.Option(help="Parts of the generated head.")] = "face",
+    preset: Annotated[str, typer.Option(help="As of `emgface head build`.")] = "adult",
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of a random person.")] = None,
+    resolution: Annotated[str, typer.Option(help="Of the mesh.")] = "coarse",
+    finer: Annotated[
+        str | None, typer.Option(help="Of a second mesh, for the mesh error; 1150, for example.")
+    ] = None,
+    duration: Annotated[float, typer.Option(help="Simulated time [s].")] = 0.4,
+    step: Annotated[
+        float, typer.Option(help="Time step [s]; half of it is used as well, for the step error.")
+    ] = 1e-2,
+    gravity: Annotated[bool, typer.Option(help="With gravity.")] = True,
+) -> None:
+    """Tabulate lips, jaw and tongue at the end of many runs, with the errors of step and mesh."""
+    from emgface.anatomy.head.model import read_head
+    from emgface.anatomy.head.sweep import STEP_ERROR, Setting, read_plan
+    from emgface.anatomy.head.sweep import sweep as sweep_of
+
+    sizes = [int(r) if r is not None and r.isdigit() else r for r in (resolution, finer)]
+    setting = Setting(
+        parts=tuple(name.strip() for name in parts.split(",")),
+        preset=preset,
+        seed=seed,
+        resolution=sizes[0] or "coarse",
+        finer=sizes[1],
+        duration=duration,
+        step=step,
+        gravity=gravity,
+    )
+    runs = read_plan(plan)
+    head = None if head_path is None else read_head(head_path)
+    announce_compilation()
+    with progress("simulating runs", len(runs)) as bar:
+        table = sweep_of(runs, setting, table=out_path, head=head, progress=bar.show)
+    shown = [c for c in table.columns if not c.endswith(("_error", "key"))]
+    show_table(frame(table[shown]), "Outcomes, simulated")
+    largest = table.filter(like=STEP_ERROR).max(numeric_only=True).max()
+    failed = int((table["end"] != "reached").sum())
+    say(f"Wrote {out_path}: {len(table)} runs, {failed} failed; largest step error {largest:.2g}.")
 
 
 @app.command()

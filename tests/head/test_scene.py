@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 import sim
 from emgface.anatomy.head.build import build_head
-from emgface.anatomy.head.model import Head, read_head, write_head
+from emgface.anatomy.head.model import Head, build_lists, read_head, write_head
 from emgface.anatomy.head.picture import head_page
 from emgface.anatomy.head.run import raised, read_motion, simulate_head, write_motion
 from emgface.anatomy.head.scene import TONGUE, head_scene
@@ -183,3 +184,83 @@ def test_what_is_not_named_costs_nothing() -> None:
         build_head(["jaw"], contacts=["lip-lip"])
     with pytest.raises(HeadError, match="expected different names of face, jaw, tongue, hyoid"):
         build_head(["ear"])
+
+
+def test_nodes_of_the_face_follow_the_tongue(head: Head) -> None:
+    """Attached nodes keep their places at rest, and move with the elements beside them.
+
+    The tongue is drawn 5 mm forward, because nothing of the generated face is near it.
+    """
+    drawn = head.parts["tongue"].copy(deep=True)
+    for name in ("position", "fibre_position"):
+        drawn[name].values[:, 1] += 5e-3
+    parts = {**head.parts, "tongue": drawn}
+    face, tongue = (parts[name]["position"].values for name in ("face", "tongue"))
+    free = np.flatnonzero(head.parts["face"]["fixed"].values == 0)
+    away = np.linalg.norm(face[free, None] - tongue[None], axis=2).min(axis=1)
+    near = free[np.argsort(away)[:2]]
+    own = {str(p): head.attached(str(p)) for p in head.lists["pair"].values}
+    attached = build_lists(
+        parts=parts,
+        named=head.named,
+        attachments={**own, "face-tongue": near},
+        contacts=[],
+        shells={},
+        name="attached",
+    )
+    scene = head_scene(attached, gravity=False)
+    system = scene.system
+    held = next(m for m in scene.scene.reductions if isinstance(m, sim.InElement))
+    assert held.nodes.tolist() == near.tolist() and held.embedding is not None
+    np.testing.assert_allclose(system.rest_state().q[near], face[near], rtol=0, atol=1e-12)
+    n = len(face)
+    assert (held.embedding.nodes >= n).all()
+    motion = simulate_head(attached, raised({"bi_GGP": 0.3}, rise=0.02), duration=0.04, scene=scene)
+    q = motion["node_position"].transpose("time", "node", "axis").values[-1]
+    moved = np.einsum("ka,kai->ki", held.embedding.weights, q[held.embedding.nodes])
+    np.testing.assert_allclose(q[near], moved, rtol=0, atol=1e-9)
+    assert np.linalg.norm(q[near] - face[near], axis=1).min() > 1e-5
+    with pytest.raises(HeadError, match="expected one of face-jaw"):
+        build_lists(
+            parts=head.parts,
+            named=head.named,
+            attachments={"tongue-face": near},
+            contacts=[],
+            shells={},
+            name="refused",
+        )
+    upper = free[np.argsort(face[free, 2])[-1:]]
+    far = {"face-tongue": upper}
+    with pytest.raises(HeadError, match="attachment face-tongue: .* beside the tongue"):
+        head_scene(
+            build_lists(
+                parts=head.parts,
+                named=head.named,
+                attachments=far,
+                contacts=[],
+                shells={},
+                name="far",
+            )
+        )
+
+
+def test_symmetric_drive_keeps_the_head_symmetric(head: Head) -> None:
+    """Equal muscles of both sides move mirrored nodes alike to 1e-9 m; those of one side do not."""
+    scene = head_scene(head)
+
+    def sides(levels: dict[str, float]) -> float:
+        motion = simulate_head(head, raised(levels, rise=0.02), duration=0.03, scene=scene)
+        q = motion["node_position"].transpose("time", "node", "axis").values
+        mirror = np.array([-1.0, 1.0, 1.0])
+        worst = 0.0
+        for first, tissue in ((0, "face"), (head.parts["face"].sizes["node"], "tongue")):
+            X = head.parts[tissue]["position"].values
+            away, image = KDTree(X).query(X * mirror)
+            assert away.max() < 1e-12
+            own = q[-1, first : first + len(X)]
+            worst = max(worst, float(np.abs(own[image] * mirror - own).max()))
+        return worst
+
+    both = {"bi_ZYG": 0.3, "bi_GGP": 0.3, "bi_open": 0.2}
+    assert sides(both) < 1e-9
+    assert sides({**both, "ZYG_L": 0.3}) > 1e-5

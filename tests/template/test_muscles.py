@@ -13,7 +13,7 @@ from emgface.face.template import Measures, muscles, template_face
 from emgface.face.template.calibrate import calibrated_surfaces
 from emgface.face.template.courses import MODIOLUS, courses
 from emgface.face.template.grid import make_grid
-from emgface.face.template.muscles import RINGS
+from emgface.face.template.muscles import RINGS, Ring, parse_ring
 from emgface.face.template.outline import PERIORAL, VERMILION
 from emgface.muscles import MODELLED, SIDES
 
@@ -136,7 +136,48 @@ def test_rings_are_whole_rings(fine: xr.Dataset) -> None:
         assert len(np.unique(element)) == len(element) == len(layers) * grid.rays * len(rings)
         assert set(ring[element]) == set(rings) and set(grid.layer[element]) == layers
         assert len(set(ray[element])) == grid.rays
-    assert RINGS["OOM"] == (0.0, VERMILION) and RINGS["OOP"][1] == PERIORAL
+    assert RINGS["OOM"].inner == 0.0 and RINGS["OOM"].outer == VERMILION
+    assert RINGS["OOP"].outer == PERIORAL
+
+
+@pytest.mark.parametrize(
+    ("words", "layers", "rings", "rays"),
+    [
+        ("marginal superficial", {2}, {0}, 24),
+        ("peripheral deep middle gaps=0.2", {0, 1}, {2, 3}, 20),
+        ("peripheral intermediate deep", {0}, {1, 2, 3}, 24),
+    ],
+)
+def test_rings_of_another_depth_place_or_with_gaps(
+    words: str, layers: set[int], rings: set[int], rays: int
+) -> None:
+    """The elements named by words, mirrored exactly, with fibres inside them."""
+    face = template_face(resolution="coarse", rings={"OOP": parse_ring(words)})
+    grid = make_grid("coarse")
+    ray, ring = grid.element_place
+    left, right = (elements_of(face, f"OOP_{side}") for side in "LR")
+    assert set(grid.mirror_element[left]) == set(right)
+    both = np.concatenate([left, right])
+    assert set(grid.layer[both]) == layers and set(ring[both]) == rings
+    assert len(both) == len(layers) * len(rings) * rays
+    assert len(set(ray[both])) == rays  # gaps of 0.2 remove the two rays at each corner
+    named = face["muscle"].values[face["fibre_muscle"].values]
+    assert (named == "OOP_L").sum() == (2 if "gaps" in words else 1)
+
+
+def test_impossible_rings_are_refused() -> None:
+    for words in (
+        "marginal",
+        "deep",
+        "marginal peripheral deep",
+        "round deep",
+        "marginal deep gaps=2",
+    ):
+        with pytest.raises(FaceError, match="expected"):
+            parse_ring(words)
+    narrow = Ring(0.0, 1e-3, (0,), 0.5)
+    with pytest.raises(FaceError, match="contains no element"):
+        template_face(resolution="coarse", rings={"OOM": narrow})
 
 
 def test_ring_directions_follow_the_ring(fine: xr.Dataset) -> None:

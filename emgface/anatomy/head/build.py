@@ -16,6 +16,7 @@ from emgface.anatomy.tongue.template.palate import palate
 from emgface.errors import HeadError
 from emgface.face.parts import MANDIBLE, SKULL, Arch, Integers, arches_of
 from emgface.face.template import Measures, template_face
+from emgface.face.template.muscles import Ring
 from emgface.schema.validation import validate
 
 REPLACED = ("gh", "am", "pm")
@@ -33,6 +34,7 @@ def build_head(
     resolution: str | int = "coarse",
     tongue_resolution: str | int | None = None,
     contacts: Sequence[str] | None = None,
+    rings: Mapping[str, Ring] | None = None,
 ) -> Head:
     """Generate the head of a person from named parts.
 
@@ -44,6 +46,7 @@ def build_head(
     resolution, tongue_resolution
         Of face and tongue, by default the same name.
     contacts : pairs of `emgface.anatomy.head.model.CONTACTS`, by default all of the named parts.
+    rings : parts of orbicularis oris that differ from those of the template face.
 
     Raises
     ------
@@ -63,7 +66,7 @@ def build_head(
     if "face" in named:
         own = {field.name for field in fields(Measures)}
         given = {k: v for k, v in (measures or {}).items() if k in own}
-        face = template_face(measures=given, resolution=resolution, **who)
+        face = template_face(measures=given, resolution=resolution, rings=rings, **who)
         for bone, name in ((MANDIBLE, "face-jaw"), (SKULL, "face-skull")):
             attachments[name] = np.flatnonzero(face["fixed"].values == bone)
         found["face"] = face

@@ -5,7 +5,7 @@ one Dataset for each part of its own schema, stored as groups of the same netCDF
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -25,8 +25,15 @@ PARTS: Final = ("face", "jaw", "tongue", "hyoid")
 """Parts by which a head is named; jaw and hyoid are bodies of one jaw_model."""
 KINDS: Final = {"face": "face_model", "jaw": "jaw_model", "tongue": "tongue_model"}
 """Schema of the Dataset of each group."""
-PAIRS: Final = ("face-jaw", "face-skull", "tongue-jaw", "tongue-hyoid")
-"""Attachments of nodes of a tissue to bodies."""
+PAIRS: Final = (
+    "face-jaw",
+    "face-skull",
+    "face-hyoid",
+    "face-tongue",
+    "tongue-jaw",
+    "tongue-hyoid",
+)
+"""Attachments of nodes of a tissue to bodies, or to the elements of another tissue."""
 CONTACTS: Final = {
     "lip-lip": ("face",),
     "lips-teeth": ("face",),
@@ -60,6 +67,17 @@ class Head:
         own = self.lists["attachment_pair"].values == pairs.index(pair)
         return self.lists["attachment_node"].values[own].astype(np.int64)
 
+    def touching(self, contacts: Sequence[str]) -> "Head":
+        """Head with some of its contact pairs; HeadError if it does not have one."""
+        own = [str(pair) for pair in self.lists["contact"].values]
+        for pair in contacts:
+            if pair not in own:
+                raise HeadError(
+                    f"the head has no contact {pair!r}, expected some of {', '.join(own) or 'none'}"
+                )
+        kept = [k for k, pair in enumerate(own) if pair in contacts]
+        return replace(self, lists=self.lists.isel(contact=kept))
+
     def shell(self, name: str) -> Arch:
         """Rigid surface "maxilla", "mandible" or "palate".
 
@@ -86,6 +104,7 @@ def build_lists(
     contacts: Sequence[str],
     shells: Mapping[str, Arch],
     name: str,
+    origin: str = "generated",
 ) -> Head:
     """Assemble a head and check it.
 
@@ -93,15 +112,16 @@ def build_lists(
     ----------
     parts : Datasets by group.
     named : parts of `PARTS`.
-    attachments : nodes by pair of `PAIRS`.
+    attachments : nodes by pair of `PAIRS`, of which each node belongs to at most one.
     contacts : pairs of `CONTACTS`.
     shells : rigid surfaces by name.
-    name : str
+    name, origin : str
 
     Raises
     ------
     HeadError
-        A contact pair is unknown or needs a part that is not named, or two muscles have the same name.
+        A contact pair or attachment is unknown or needs a part that is not named, or two muscles have
+        the same name.
     SchemaError, UnitsError
         A Dataset does not follow its declaration.
     """
@@ -111,6 +131,13 @@ def build_lists(
         absent = [part for part in CONTACTS[pair] if part not in named]
         if absent:
             raise HeadError(f"contact {pair} needs the {absent[0]}, expected it among the parts")
+    for pair in attachments:
+        tissue, _, other = pair.partition("-")
+        if pair not in PAIRS or tissue not in parts or (other == "tongue" and other not in parts):
+            raise HeadError(
+                f"attachment {pair!r}, expected one of {', '.join(PAIRS)} with its "
+                "tissues among the parts"
+            )
     muscles = [str(m) for part in parts.values() for m in part["muscle"].values]
     twice = sorted({m for m in muscles if muscles.count(m) > 1})
     if twice:
@@ -160,7 +187,7 @@ def build_lists(
             "muscle": muscles,
             "exciter": list(exciters),
         },
-        attrs={"name": name, "origin": "generated", "frame": FRAME},
+        attrs={"name": name, "origin": origin, "frame": FRAME},
     )
     checked = {group: validate(part, KINDS[group]) for group, part in parts.items()}
     return Head(validate(lists, "head_model"), checked)

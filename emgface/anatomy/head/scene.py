@@ -11,6 +11,7 @@ from emgface.anatomy.head.model import Head
 from emgface.anatomy.jaw.scene import JawScene, jaw_scene
 from emgface.anatomy.tongue.parameters import TongueParameters
 from emgface.anatomy.tongue.scene import TonguePart, tongue_part
+from emgface.errors import HeadError
 from emgface.face.contact import METHODS, contact_pairings
 from emgface.face.lips import lining
 from emgface.face.parts import MANDIBLE, Floats, Integers, facets_of
@@ -27,6 +28,9 @@ from sim.scene import Constraint, Damping, Term
 TONGUE = TongueParameters(sigma_max=100e3, damping_tangent="rest")
 """Tongue of a generated head: the published law with the active stress of the chapter (11.2.2.3), and
 the damping of the face, whose matrix stays positive with active muscles."""
+OUTSIDE = 1.0
+"""Largest negative shape function of a node that follows the elements of another tissue: it may lie
+beside them by the size of an element, and their motion is extrapolated."""
 FREE_SIDES = ("dorsum", "left", "right", "front")
 """Sides of a tongue that may touch teeth and palate."""
 
@@ -181,14 +185,17 @@ def _attached(
 ) -> list[Member]:
     """Attachments of the lists, and points outside the tongue; fixed on bodies that stay."""
     held: dict[str, list[Integers]] = {}
+    found = list[Member]()
     for pair in map(str, head.lists["pair"].values):
         tissue, _, body = pair.partition("-")
-        held.setdefault(body, []).append(head.attached(pair) + first[tissue])
+        if part is not None and body == "tongue":
+            found.append(_in_tissue(head, pair, first, part.mesh))
+        else:
+            held.setdefault(body, []).append(head.attached(pair) + first[tissue])
     if part is not None:
         last = first["tongue"] + part.mesh.n_nodes
         for body, nodes in part.held.items():
             held.setdefault(body, []).append(nodes[nodes >= last])
-    found = list[Member]()
     still = [nodes for body, own in held.items() if body not in bodies for nodes in own]
     if still:
         found.append(sim.Fixed(np.sort(np.concatenate(still)).astype(np.int64)))
@@ -196,6 +203,19 @@ def _attached(
         if body in bodies:
             found.append(sim.OnBody(body, np.concatenate(own).astype(np.int64)))
     return found
+
+
+def _in_tissue(head: Head, pair: str, first: Mapping[str, int], carrier: sim.Mesh) -> sim.InElement:
+    """Nodes of a tissue that follow the elements of another, whose surface is near them."""
+    tissue, _, other = pair.partition("-")
+    nodes = head.attached(pair)
+    points = head.parts[tissue]["position"].values[nodes]
+    try:
+        found = sim.embed(carrier, points, tolerance=OUTSIDE)
+    except sim.MeshError as error:
+        raise HeadError(f"attachment {pair}: {error}; expected nodes beside the {other}") from error
+    moved = replace(found, nodes=found.nodes + first[other])
+    return sim.InElement((nodes + first[tissue]).astype(np.int64), moved)
 
 
 _Carried = tuple[Floats, tuple[sim.OnBody, ...]]

@@ -26,6 +26,7 @@ from emgface.face.template.muscles import (
     RADIUS,
     CourseShift,
     Muscles,
+    Ring,
     draw_course_shift,
     place_muscles,
 )
@@ -50,6 +51,7 @@ def template_face(
     seed: int | None = None,
     radius: float = RADIUS,
     courses: CourseShift | None = None,
+    rings: Mapping[str, Ring] | None = None,
     name: str = "",
 ) -> xr.Dataset:
     """Generate a lower face from the eyes to the chin, with ten muscle pairs and the markers.
@@ -60,7 +62,8 @@ def template_face(
     `preset` is a group of people (`emgface.face.template.volunteers.PRESETS`), of which `seed`
     draws a member; without it the measures are the means of the group. Tissue within `radius` [m]
     of a fibre is muscle, and `courses` are the deviations of the muscle courses of a person from
-    those of the template.
+    those of the template; `rings` replace parts of orbicularis oris (OOP, OOM) by those of another
+    depth, place or with gaps (`emgface.face.template.muscles.parse_ring`).
 
     The result is of schema face_model, origin "generated", with the measures [m] as attributes. The
     face is exactly symmetric unless `width_asymmetry` or `droop` is specified. The frame has y = 0
@@ -92,7 +95,7 @@ def template_face(
         name = f"template face ({preset}" + ("" if seed is None else f", volunteer {seed}") + ")"
     attrs = {"muscle_radius": radius, "preset": preset, "seed": "" if seed is None else seed}
     try:
-        return _built(own, grid, radius, courses, name, attrs)
+        return _built(own, grid, radius, (courses, rings), name, attrs)
     except FaceError as error:
         if any(measure in str(error) for measure in asdict(own)):
             raise
@@ -106,14 +109,17 @@ def _built(
     own: Measures,
     grid: Grid,
     radius: float,
-    courses: CourseShift | None,
+    variant: tuple[CourseShift | None, Mapping[str, Ring] | None],
     name: str,
     attrs: Mapping[str, str | int | float],
 ) -> xr.Dataset:
-    """Assemble surfaces, muscles, attachments, markers and arches."""
+    """Assemble surfaces, muscles of a variant (courses, rings), attachments, markers and arches."""
+    courses, rings = variant
     surfaces = calibrated_surfaces(own)
     position = node_positions(surfaces, grid)
-    muscles = place_muscles(surfaces, grid, position, radius=radius, shift=courses)
+    muscles = place_muscles(surfaces, grid, position, radius=radius, shift=courses, rings=rings)
+    if rings:
+        attrs = {**attrs, **{f"ring_{muscle}": ring.told for muscle, ring in rings.items()}}
     if courses is not None:
         attrs = {**attrs, **{f"course_shift_{k}": v for k, v in muscles.shifted.items()}}
     face_markers = face_marker_positions(surfaces)

@@ -1,10 +1,12 @@
-"""The ten muscles of a side: fibres by their courses, the two rings by ring and layer.
+"""The ten muscles of a side: fibres by their courses, the two rings by ring, layer and gaps.
 
 Rings of orbicularis oris as closed loops: Stavness et al., Coupled biomechanical modeling of the face.
 """
 
+import itertools
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -27,24 +29,80 @@ Integers = NDArray[np.int64]
 
 RADIUS: Final = 5e-3  #: distance from a fibre within which tissue is muscle [m] (Eskes et al. 2017)
 LEAST_SHARE: Final = 0.01  #: fraction of an element below which it does not belong to a muscle [1]
-RINGS: Final[Mapping[str, tuple[float, float]]] = {
-    "OOM": (0.0, VERMILION),
-    "OOP": (VERMILION + (PERIORAL - VERMILION) / 3.0, PERIORAL),
+
+
+@dataclass(frozen=True)
+class Ring:
+    """Part of orbicularis oris: all elements of some layers between two rings around the mouth."""
+
+    inner: float  #: edge towards the margin of the lips, as a ring s of the outline
+    outer: float  #: edge towards the cheeks
+    layers: tuple[int, ...]  #: layers of elements that it fills
+    depth: float  #: depth of its fibre, from 0 at the inner surface to 1 at the skin
+    gaps: float = 0.0
+    """Half-width of a gap at each corner of the mouth, as a fraction of the way from the corner to
+    the midline; 0 is a closed ring."""
+
+    @property
+    def told(self) -> str:
+        """Edges, layers and gaps in words."""
+        layers = " and ".join(name for name, (k, _) in _DEPTHS.items() if k in self.layers)
+        return f"{layers}, s {self.inner:.3g} to {self.outer:.3g}, gaps {self.gaps:g}"
+
+
+_PERIPHERAL: Final = VERMILION + (PERIORAL - VERMILION) / 3.0
+RINGS: Final[Mapping[str, Ring]] = {
+    "OOM": Ring(0.0, VERMILION, (CENTRE,), 0.65),
+    "OOP": Ring(_PERIPHERAL, PERIORAL, (INNER, CENTRE), 0.4),
 }
-"""Rings s of the parts of orbicularis oris, in the layers of `RING_LAYERS`.
+"""The parts of orbicularis oris.
 
 The peripheral part begins at one third of the distance from the vermilion border to the edge of the
 perioral region. Lip protrusion increases with its distance from the lips (Stavness et al., section Lip
-morphology affects protrusion and rounding); with a part at the border, the lips retract.
-"""
-RING_LAYERS: Final[Mapping[str, tuple[int, ...]]] = {"OOM": (CENTRE,), "OOP": (INNER, CENTRE)}
-"""Layers filled by the parts of orbicularis oris.
-
-The marginal part is superficial, beneath the vermilion (Standring, as commonly quoted). A
+morphology affects protrusion and rounding); with a part at the border, the lips retract. The
+marginal part is superficial, beneath the vermilion (Standring, as commonly quoted). A
 superficial ring closes the lips and a deep one opens and protrudes them (Stavness et al., the same
 section): in both layers the marginal part would close the mouth by a tenth of a millimetre.
 """
-_RING_DEPTH: Final = {"OOM": 0.65, "OOP": 0.4}
+_REGIONS: Final = {
+    "marginal": (0.0, VERMILION),
+    "intermediate": (VERMILION, _PERIPHERAL),
+    "peripheral": (_PERIPHERAL, PERIORAL),
+}
+_DEPTHS: Final = {"deep": (INNER, 0.2), "middle": (CENTRE, 0.6), "superficial": (OUTER, 0.95)}
+
+
+def parse_ring(words: str) -> Ring:
+    """Ring from words, such as "peripheral deep middle gaps=0.2".
+
+    Regions are "marginal", "intermediate" and "peripheral", layers "deep", "middle" and
+    "superficial" (that of the skin, as in Stavness et al., Fig. 11.11); adjacent regions may be
+    joined. Raises FaceError for other words, regions that are apart, or without a region or layer.
+    """
+    regions, layers, gaps = list[tuple[float, float]](), list[tuple[int, float]](), 0.0
+    for word in words.split():
+        name, _, value = word.partition("=")
+        if word in _REGIONS:
+            regions.append(_REGIONS[word])
+        elif word in _DEPTHS:
+            layers.append(_DEPTHS[word])
+        elif name == "gaps" and re.fullmatch(r"0?\.\d+|0", value):
+            gaps = float(value)
+        else:
+            raise FaceError(
+                f"ring {words!r} holds {word!r}, expected words of {', '.join([*_REGIONS, *_DEPTHS])} "
+                "or gaps=0.2"
+            )
+    regions.sort()
+    touching = all(a[1] == b[0] for a, b in itertools.pairwise(regions))
+    if not regions or not layers or not touching:
+        raise FaceError(
+            f"ring {words!r}, expected adjacent regions and at least one layer: 'peripheral deep middle'"
+        )
+    depth = float(np.mean([depth for _, depth in layers]))
+    return Ring(regions[0][0], regions[-1][1], tuple(k for k, _ in layers), depth, gaps)
+
+
 _MIRROR: Final = np.array([-1.0, 1.0, 1.0])
 
 
@@ -93,34 +151,45 @@ def place_muscles(
     *,
     radius: float = RADIUS,
     shift: CourseShift | None = None,
+    rings: Mapping[str, Ring] | None = None,
 ) -> Muscles:
     """Fibres and muscle elements of a symmetric face.
 
     A muscle fills a fraction of each element: that within `radius` [m] of its fibres, or all of it
-    in the rings. The skin layer belongs to no muscle. The direction of elements of the rings is
-    along the ring. A `shift` of a course that would move a point out of the tissue is halved until
-    it does not, or omitted. Raises FaceError, with muscle and point, if a point of a muscle is
-    outside the tissue.
+    in the rings. The skin layer belongs to no muscle but a superficial ring. The direction of
+    elements of the rings is along the ring; `rings` replace some of `RINGS`. A `shift` of a course
+    that would move a point out of the tissue is halved until it does not, or omitted. Raises
+    FaceError, with muscle and point, if a point of a muscle is outside the tissue, or if a ring is
+    unknown or contains no element.
     """
     centres = element_centres(position, grid.connectivity)
     ray, ring = grid.element_place
-    soft = np.flatnonzero((grid.layer != OUTER) & (ray < grid.rays // 2))
+    half = ray < grid.rays // 2
+    soft = np.flatnonzero((grid.layer != OUTER) & half)
+    for muscle in rings or {}:
+        if muscle not in RINGS:
+            raise FaceError(f"ring {muscle!r}, expected one of {', '.join(RINGS)}")
+    chosen = {**RINGS, **(rings or {})}
     along = _ring_directions(grid, position)
     placed = _placed(surfaces, courses(surfaces.measures, surfaces.mouth_half_width), shift)
     fibres: list[Fibre] = []
     bundles: list[Bundle] = []
     shifted: dict[str, float] = {}
     for muscle in MODELLED:
-        if muscle in RINGS:
-            low, high = RINGS[muscle]
+        if muscle in chosen:
+            part = chosen[muscle]
             if shift is not None and muscle == "OOP":
-                low = _inner_edge(surfaces.measures, shift.insertion[muscle][1])
-            middle = 0.5 * (grid.s[1:] + grid.s[:-1])[ring[soft]]
-            layer = np.isin(grid.layer[soft], RING_LAYERS[muscle])
-            element = soft[(middle > low) & (middle < high) & layer]
+                inner = _inner_edge(surfaces.measures, part, shift.insertion[muscle][1])
+                part = replace(part, inner=inner)
+            element = np.flatnonzero(half & _within(grid, part))
+            if not len(element):
+                raise FaceError(
+                    f"{muscle}: the ring from s = {part.inner:g} to {part.outer:g} contains no element, "
+                    "expected a finer mesh or a wider ring"
+                )
             direction = along[element]
             share = np.ones(len(element))
-            left = [_ring_fibre(surfaces, grid, 0.5 * (low + high), _RING_DEPTH[muscle])]
+            left = _ring_fibres(surfaces, grid, part)
         else:
             left, shifted[muscle] = placed[muscle]
             share = shares_within(position, grid.connectivity[soft], left, radius)
@@ -186,13 +255,22 @@ def _moved(course: Course, ends: Floats) -> Course:
     return tuple((float(xi), float(tau), float(depth)) for xi, tau, depth in points)
 
 
-def _inner_edge(m: Measures, shift: float) -> float:
+def _within(grid: Grid, part: Ring) -> NDArray[np.bool_]:
+    """Elements of a part of orbicularis oris, of both sides."""
+    ray, ring = grid.element_place
+    middle = 0.5 * (grid.s[1:] + grid.s[:-1])[ring]
+    quarter = grid.rays // 4
+    away = np.abs((ray + 0.5) % (2 * quarter) - quarter) / quarter  # from the nearest corner
+    inside = (middle > part.inner) & (middle < part.outer) & (away > part.gaps)
+    return inside & np.isin(grid.layer, part.layers)
+
+
+def _inner_edge(m: Measures, part: Ring, shift: float) -> float:
     """Ring at which the peripheral part of orbicularis oris begins, shifted outwards by `shift` [m]."""
-    low, high = RINGS["OOP"]
     length = m.upper_lip_height - m.upper_vermilion_height
-    moved = low + shift / length * (PERIORAL - VERMILION)
+    moved = part.inner + shift / length * (PERIORAL - VERMILION)
     # At least half of the part remains, and it does not extend into the vermilion.
-    return float(np.clip(moved, VERMILION, low + 0.5 * (high - low)))
+    return float(np.clip(moved, VERMILION, part.inner + 0.5 * (part.outer - part.inner)))
 
 
 def _in_space(surfaces: Surfaces, rows: Sequence[Course]) -> list[Floats]:
@@ -202,12 +280,16 @@ def _in_space(surfaces: Surfaces, rows: Sequence[Course]) -> list[Floats]:
     return np.split(found, np.cumsum([len(row) for row in rows])[:-1])
 
 
-def _ring_fibre(surfaces: Surfaces, grid: Grid, s: float, depth: float) -> Floats:
+def _ring_fibres(surfaces: Surfaces, grid: Grid, part: Ring) -> list[Floats]:
+    """Fibres of the left half of a ring: one, or one of each lip if it has gaps."""
     q, lip = grid.left_rays
-    skin, inner = surfaces.sheets(q, lip, np.array([s]))
-    points = (inner + depth * (skin - inner))[:, 0] * _MIRROR
+    skin, inner = surfaces.sheets(q, lip, np.array([0.5 * (part.inner + part.outer)]))
+    points = (inner + part.depth * (skin - inner))[:, 0] * _MIRROR
     points[[0, -1], 0] = 0.0
-    return points
+    if not part.gaps:
+        return [points]
+    kept = q <= 1.0 - part.gaps
+    return [points[kept & upper] for upper in (lip > 0.0, lip < 0.0)]
 
 
 def _ring_directions(grid: Grid, position: Floats) -> Floats:

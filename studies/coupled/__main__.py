@@ -1,0 +1,92 @@
+"""Run the seven experiments on a generated head and write `docs/coupled`.
+
+python -m studies.coupled --part closing    one experiment, continued where it was interrupted
+python -m studies.coupled --page            the page only, from the stored tables
+"""
+
+from pathlib import Path
+from typing import Annotated, Final
+
+import pandas as pd
+import typer
+
+from analysis.figures.style import save
+from benchmarks.report import markdown, say, shrink
+from emgface.anatomy.head.sweep import MESH_ERROR, STEP_ERROR, sweep
+from studies.coupled.experiments import EXPERIMENTS
+from studies.coupled.figure import outcome_figure
+from studies.coupled.findings import VERDICTS, findings
+from studies.coupled.page import NOTES, PAGE
+
+HERE: Final = Path(__file__).resolve().parents[2] / "docs" / "coupled"
+
+
+def run(name: str, folder: Path) -> None:
+    """Sweep of an experiment, and its figure."""
+    one = EXPERIMENTS[name]
+    found = sweep(
+        one.runs,
+        one.setting,
+        table=folder / f"{name}.csv",
+        measure=one.measure,
+        progress=lambda done, total: say(f"{name}: {done} of {total} runs"),
+    )
+    figure = outcome_figure(found[found["end"] == "reached"], one.drawn, one.title)
+    shrink(save(figure, folder / f"{name}.png"))
+
+
+def section(name: str, folder: Path) -> str:
+    """Statements, table and figure of an experiment."""
+    one, table = EXPERIMENTS[name], pd.read_csv(folder / f"{name}.csv")
+    rows = pd.DataFrame(
+        [
+            {"published": f.statement, "found": f.found, "": VERDICTS[f.holds]}
+            for f in findings(name, table)
+        ]
+    )
+    shown = pd.DataFrame({"run": table["name"]})
+    for outcome in one.shown:
+        shown[outcome.replace("_", " ")] = [_cell(row, outcome) for _, row in table.iterrows()]
+    return "\n\n".join(
+        [
+            f"## {one.title}",
+            NOTES[name],
+            markdown(rows),
+            f"![{one.title}, simulated]({name}.png)",
+            markdown(shown),
+        ]
+    )
+
+
+def _cell(row: pd.Series, outcome: str) -> str:
+    """Value with step and mesh error, or the reason of a failure."""
+    if row["end"] != "reached":
+        return str(row["end"]).partition(":")[0]
+    errors = [row.get(outcome + ending) for ending in (STEP_ERROR, MESH_ERROR)]
+    known = [f"{float(e):.2f}" for e in errors if e is not None and not pd.isna(e)]
+    return f"{row[outcome]:.2f}" + "".join(f" ± {error}" for error in known)
+
+
+def page(folder: Path = HERE) -> str:
+    """Text of the page, from the tables."""
+    sections = [section(name, folder) for name in EXPERIMENTS if (folder / f"{name}.csv").exists()]
+    return PAGE.replace("{experiments}", "\n\n".join(sections)).rstrip() + "\n"
+
+
+def main(
+    part: Annotated[str, typer.Option(help=", ".join(EXPERIMENTS))] = "",
+    out: Path = HERE,
+    page_only: Annotated[bool, typer.Option("--page")] = False,
+) -> None:
+    """Compute the experiments and write the page."""
+    if part and part not in EXPERIMENTS:
+        raise SystemExit(f"no experiment {part!r}, expected one of {', '.join(EXPERIMENTS)}")
+    out.mkdir(parents=True, exist_ok=True)
+    if not page_only:
+        for name in [part] if part else EXPERIMENTS:
+            run(name, out)
+    (out / "README.md").write_text(page(out), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    typer.run(main)

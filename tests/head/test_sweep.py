@@ -1,0 +1,101 @@
+"""Sweeps: errors of the step, continuation, plans and their refusals."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from typer.testing import CliRunner
+
+from emgface.anatomy.head.build import build_head
+from emgface.anatomy.head.model import Head, write_head
+from emgface.anatomy.head.sweep import Run, Setting, outcomes, read_plan, sweep
+from emgface.cli import app
+from emgface.errors import ConfigurationError, FaceError, HeadError
+
+JAW = Setting(parts=("jaw",), duration=0.08, rise=0.04, step=1e-2)
+RUNS = (Run("open", {"bi_open": 0.3}), Run("left", {"ip_L": 0.3}), Run("right", {"ip_R": 0.3}))
+
+
+@pytest.fixture(scope="module")
+def jaw() -> Head:
+    return build_head(["jaw"], preset="man", resolution=400)
+
+
+def test_step_error_is_the_distance_to_half_the_step(jaw: Head) -> None:
+    """With half of the step the error is about half, as that of a method of first order."""
+    found = [
+        sweep(RUNS[:1], Setting(**{**JAW.__dict__, "step": step})).iloc[0]
+        for step in (2e-3, 1e-3, 5e-4)
+    ]
+    value = [row["lower_incisor_up_mm"] for row in found]
+    error = [row["lower_incisor_up_mm_step_error"] for row in found]
+    assert value[0] < -1.0  # an opener lowers the incisor, in millimetres
+    assert error[1] == pytest.approx(abs(value[1] - value[0]), rel=1e-9)
+    assert 1.5 < error[1] / error[2] < 2.7
+
+
+def test_muscles_of_one_side_mirror_those_of_the_other(jaw: Head) -> None:
+    def sideways(motion, head):
+        x = motion["position"].sel(marker="lower_incisor").transpose("time", "axis").values
+        return {**outcomes(motion, head), "side_mm": 1e3 * (x[-1] - x[0])[0]}
+
+    found = sweep(RUNS[1:], JAW, head=jaw, measure=sideways).to_dict("list")
+    # a lateral pterygoid draws its condyle forward, and the incisor to the other side (+x is right)
+    left, right = found["side_mm"]
+    assert left > 0.1
+    assert left == pytest.approx(-right, abs=1e-9)
+    for name in ("lower_incisor_forward_mm", "lower_incisor_up_mm"):
+        assert found[name][0] == pytest.approx(found[name][1], abs=1e-9)
+
+
+def test_an_interrupted_sweep_continues(jaw: Head, tmp_path: Path) -> None:
+    table, measured = tmp_path / "table.csv", list[str]()
+
+    def once(motion, head):
+        if len(measured) == 4:  # two motions a run
+            raise KeyboardInterrupt
+        measured.append("run")
+        return outcomes(motion, head)
+
+    with pytest.raises(KeyboardInterrupt):
+        sweep(RUNS, JAW, head=jaw, table=table, measure=once)
+    assert list(pd.read_csv(table)["name"]) == ["open", "left"]
+    measured.clear()
+    found = sweep(RUNS, JAW, head=jaw, table=table, measure=once)
+    assert len(measured) == 2
+    whole = sweep(RUNS, JAW, head=jaw)
+    pd.testing.assert_frame_equal(found[whole.columns], whole, check_dtype=False, rtol=1e-12)
+    # another setting computes all of them again
+    measured.clear()
+    sweep(RUNS[:1], Setting(**{**JAW.__dict__, "rise": 0.05}), head=jaw, table=table, measure=once)
+    assert len(measured) == 2
+
+
+def test_plan_of_a_command_and_its_refusals(jaw: Head, tmp_path: Path) -> None:
+    plan, out = tmp_path / "plan.csv", tmp_path / "table.csv"
+    plan.write_text("name,bi_open,contact,tongue.sigma_max,ring.OOP\na,0.3,none,2e5,\n,,,,deep\n")
+    first, second = read_plan(plan)
+    assert first == Run("a", {"bi_open": 0.3}, {}, {"sigma_max": 2e5}, {}, ())
+    assert second == Run("run 2", {}, {}, {}, {"OOP": "deep"}, None)
+    for text, words in (("bi_open\n3\n", "level from 0 to 1"), ("bi_open\n", "no rows")):
+        plan.write_text(text)
+        with pytest.raises(HeadError, match=words):
+            read_plan(plan)
+    with pytest.raises(HeadError, match="is no plan"):
+        read_plan(tmp_path / "absent.csv")
+    for run, error, words in (
+        (Run("a", {"bi_nose": 0.1}), HeadError, "no exciter 'bi_nose'"),
+        (Run("a", {}, rings={"OOP": "deep"}), HeadError, "expected a generated head"),
+        (Run("a", {}, contacts=("lip-lip",)), HeadError, "no contact 'lip-lip'"),
+        (Run("a", {}, face={"stiff": 2.0}), ConfigurationError, "stiffening"),
+    ):
+        with pytest.raises(error, match=words):
+            sweep([run], JAW, head=jaw)
+    with pytest.raises(FaceError, match="at least one layer"):
+        sweep([Run("a", {}, rings={"OOP": "marginal"})], Setting(parts=("face",), resolution=400))
+    plan.write_text("bi_open\n0.3\n")
+    head = write_head(jaw, tmp_path / "head.nc")
+    options = ["--head", str(head), "--out", str(out), "--duration", "0.04"]
+    told = CliRunner().invoke(app, ["head", "sweep", str(plan), *options])
+    assert told.exit_code == 0 and "1 runs, 0 failed" in told.output, told.output
+    assert pd.read_csv(out)["end"].tolist() == ["reached"]

@@ -1,0 +1,33 @@
+"""Published statements about a coupled head, tested against tables of sweeps."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from studies.coupled.__main__ import page
+from studies.coupled.experiments import EXPERIMENTS
+from studies.coupled.findings import FINDINGS, Value, every, findings
+
+
+def test_differences_within_the_error_decide_nothing() -> None:
+    assert Value(2.0, 0.1).above(Value(1.0, 0.2)) is True
+    assert Value(1.0, 0.1).above(Value(2.0, 0.2)) is False
+    assert Value(2.0, 0.6).above(Value(1.0, 0.5)) is None
+    assert Value(float("nan"), 0.0).above(Value(1.0, 0.0)) is None
+    assert every(True, None) is None and every(True, None, False) is False and every(True) is True
+
+
+@pytest.mark.parametrize("name", FINDINGS)
+def test_no_difference_reproduces_no_statement_of_a_direction(name: str) -> None:
+    """With equal outcomes of all runs, no direction is reproduced; absolute limits may be met."""
+    runs = EXPERIMENTS[name].runs
+    columns = [c for c in EXPERIMENTS[name].shown if c.endswith(("mm", "mm2"))]
+    columns += ["lower_incisor_up_mm", "opening_mm", "width_mm"]
+    table = pd.DataFrame({"name": [run.name for run in runs], **dict.fromkeys(columns, 2.0)})
+    found = findings(name, table.assign(**{f"{c}_step_error": 0.1 for c in columns}))
+    assert found and not any(one.holds for one in found)
+
+
+def test_the_page_is_that_of_its_tables(root: Path) -> None:
+    assert page() == (root / "docs" / "coupled" / "README.md").read_text("utf-8")
