@@ -16,9 +16,10 @@ from emgface.anatomy.head.sweep import MESH_ERROR, STEP_ERROR, sweep
 from studies.coupled.experiments import EXPERIMENTS
 from studies.coupled.figure import outcome_figure
 from studies.coupled.findings import VERDICTS, findings
-from studies.coupled.page import NOTES, PAGE
 
 HERE: Final = Path(__file__).resolve().parents[2] / "docs" / "coupled"
+TEMPLATE: Final = Path(__file__).with_name("page.md")
+"""Text of the page, with a place for each experiment and its results."""
 
 
 def run(name: str, folder: Path) -> None:
@@ -35,8 +36,8 @@ def run(name: str, folder: Path) -> None:
     shrink(save(figure, folder / f"{name}.png"))
 
 
-def section(name: str, folder: Path) -> str:
-    """Statements, table and figure of an experiment."""
+def section(name: str, folder: Path) -> dict[str, str]:
+    """Heading, statements with figure and table of an experiment, by their names in the template."""
     one, table = EXPERIMENTS[name], pd.read_csv(folder / f"{name}.csv")
     rows = pd.DataFrame(
         [
@@ -47,15 +48,12 @@ def section(name: str, folder: Path) -> str:
     shown = pd.DataFrame({"run": table["name"]})
     for outcome in one.shown:
         shown[outcome.replace("_", " ")] = [_cell(row, outcome) for _, row in table.iterrows()]
-    return "\n\n".join(
-        [
-            f"## {one.title}",
-            NOTES[name],
-            markdown(rows),
-            f"![{one.title}, simulated]({name}.png)",
-            markdown(shown),
-        ]
-    )
+    return {
+        f"{{{name}}}": f"## {one.title}",
+        f"{{{name} results}}": "\n\n".join(
+            [markdown(rows), f"![{one.title}, simulated]({name}.png)", markdown(shown)]
+        ),
+    }
 
 
 def _cell(row: pd.Series, outcome: str) -> str:
@@ -68,9 +66,13 @@ def _cell(row: pd.Series, outcome: str) -> str:
 
 
 def page(folder: Path = HERE) -> str:
-    """Text of the page, from the tables."""
-    sections = [section(name, folder) for name in EXPERIMENTS if (folder / f"{name}.csv").exists()]
-    return PAGE.replace("{experiments}", "\n\n".join(sections)).rstrip() + "\n"
+    """Text of the page: the template with the tables that are stored in a folder."""
+    text = TEMPLATE.read_text(encoding="utf-8")
+    for name in EXPERIMENTS:
+        if (folder / f"{name}.csv").exists():
+            for place, filled in section(name, folder).items():
+                text = text.replace(place, filled)
+    return text
 
 
 def main(

@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import sim
 from emgface.anatomy.head.model import Head, read_head, write_head
 from emgface.anatomy.head.published import import_head
 from emgface.anatomy.head.run import raised, simulate_head
+from emgface.anatomy.head.scene import head_scene
 from emgface.anatomy.tongue.published import TURN
 from emgface.errors import HeadError
 
@@ -56,6 +58,18 @@ def test_geometry_attachments_and_bodies_are_those_recorded(head: Head, shared: 
         across = own["joint_normal"].values @ TURN
         sign = -1.0 if joint["name"].endswith("TMJ") else 1.0  # of a path that holds both ways
         np.testing.assert_allclose(across, sign * np.array(joint["normal_world_D_z"]), atol=1e-9)
+
+
+def test_floor_of_the_mouth_follows_the_tongue(shared: Path) -> None:
+    """The 20 and 18 nodes of the lists keep their places; all are free in the published program."""
+    floor = import_head(shared / "artisynth_models", ["face", "jaw", "tongue", "hyoid"], floor=True)
+    sizes = {pair: len(floor.attached(pair)) for pair in ("face-tongue", "face-hyoid")}
+    assert sizes == {"face-tongue": 20, "face-hyoid": 18}
+    scene = head_scene(floor.touching([])).scene
+    (held,) = (m for m in scene.reductions if isinstance(m, sim.InElement))
+    assert held.embedding is not None
+    x = np.einsum("na,nai->ni", held.embedding.weights, scene.mesh.X[held.embedding.nodes])
+    np.testing.assert_allclose(x, scene.mesh.X[held.nodes], rtol=0, atol=1e-12)
 
 
 def test_hyoid_springs_have_the_stiffness_of_the_six_axis_spring(head: Head) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
 import sim
 from emgface.anatomy.head.build import build_head
@@ -189,16 +190,17 @@ def test_what_is_not_named_costs_nothing() -> None:
 def test_nodes_of_the_face_follow_the_tongue(head: Head) -> None:
     """Attached nodes keep their places at rest, and move with the elements beside them.
 
-    The tongue is drawn 5 mm forward, because nothing of the generated face is near it.
+    The tongue is shifted until it is 1 mm from the nearest node, because none is near it.
     """
+    face, tongue = (head.parts[name]["position"].values for name in ("face", "tongue"))
+    free = np.flatnonzero(head.parts["face"]["fixed"].values == 0)
+    away, carrier = KDTree(tongue).query(face[free])
+    near = free[[np.argmin(away)]]
+    gap = face[near[0]] - tongue[carrier[np.argmin(away)]]
     drawn = head.parts["tongue"].copy(deep=True)
     for name in ("position", "fibre_position"):
-        drawn[name].values[:, 1] += 5e-3
+        drawn[name].values[:] += gap * (1.0 - 1e-3 / np.linalg.norm(gap))
     parts = {**head.parts, "tongue": drawn}
-    face, tongue = (parts[name]["position"].values for name in ("face", "tongue"))
-    free = np.flatnonzero(head.parts["face"]["fixed"].values == 0)
-    away = np.linalg.norm(face[free, None] - tongue[None], axis=2).min(axis=1)
-    near = free[np.argsort(away)[:2]]
     own = {str(p): head.attached(str(p)) for p in head.lists["pair"].values}
     attached = build_lists(
         parts=parts,
@@ -213,6 +215,12 @@ def test_nodes_of_the_face_follow_the_tongue(head: Head) -> None:
     held = next(m for m in scene.scene.reductions if isinstance(m, sim.InElement))
     assert held.nodes.tolist() == near.tolist() and held.embedding is not None
     np.testing.assert_allclose(system.rest_state().q[near], face[near], rtol=0, atol=1e-12)
+    turn = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
+    turned = (
+        held.embedding.weights
+        @ (drawn["position"].values @ turn.T)[held.embedding.nodes[0] - len(face)]
+    )
+    np.testing.assert_allclose(turned, face[near] @ turn.T, rtol=0, atol=1e-12)
     n = len(face)
     assert (held.embedding.nodes >= n).all()
     motion = simulate_head(attached, raised({"bi_GGP": 0.3}, rise=0.02), duration=0.04, scene=scene)
@@ -231,7 +239,7 @@ def test_nodes_of_the_face_follow_the_tongue(head: Head) -> None:
         )
     upper = free[np.argsort(face[free, 2])[-1:]]
     far = {"face-tongue": upper}
-    with pytest.raises(HeadError, match="attachment face-tongue: .* beside the tongue"):
+    with pytest.raises(HeadError, match="attachment face-tongue: .* mm from the tongue"):
         head_scene(
             build_lists(
                 parts=head.parts,

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import KDTree
 
 import sim
 from emgface.anatomy.head.model import Head
@@ -21,6 +22,7 @@ from emgface.face.surface import triangles
 from sim.bodies import Motion
 from sim.contact import NodeSurface, Pairing, RigidShell
 from sim.contact.bodies import body_surfaces
+from sim.embedding import Embedding
 from sim.kinematics.members import Member
 from sim.mesh import Block
 from sim.scene import Constraint, Damping, Term
@@ -28,9 +30,8 @@ from sim.scene import Constraint, Damping, Term
 TONGUE = TongueParameters(sigma_max=100e3, damping_tangent="rest")
 """Tongue of a generated head: the published law with the active stress of the chapter (11.2.2.3), and
 the damping of the face, whose matrix stays positive with active muscles."""
-OUTSIDE = 1.0
-"""Largest negative shape function of a node that follows the elements of another tissue: it may lie
-beside them by the size of an element, and their motion is extrapolated."""
+BESIDE, HOLDERS = 5e-3, 12
+"""Largest distance of a node from the tissue that it follows [m], and number of nodes there."""
 FREE_SIDES = ("dorsum", "left", "right", "front")
 """Sides of a tongue that may touch teeth and palate."""
 
@@ -206,16 +207,29 @@ def _attached(
 
 
 def _in_tissue(head: Head, pair: str, first: Mapping[str, int], carrier: sim.Mesh) -> sim.InElement:
-    """Nodes of a tissue that follow the elements of another, whose surface is near them."""
+    """Nodes of a tissue that follow the nearest nodes of another, x = sum_a w_a x_a.
+
+    The weights are the smallest with sum_a w_a = 1 and sum_a w_a X_a = X, so that the nodes keep their
+    places at rest and follow every affine motion.
+    """
     tissue, _, other = pair.partition("-")
     nodes = head.attached(pair)
     points = head.parts[tissue]["position"].values[nodes]
-    try:
-        found = sim.embed(carrier, points, tolerance=OUTSIDE)
-    except sim.MeshError as error:
-        raise HeadError(f"attachment {pair}: {error}; expected nodes beside the {other}") from error
-    moved = replace(found, nodes=found.nodes + first[other])
-    return sim.InElement((nodes + first[tissue]).astype(np.int64), moved)
+    away, near = KDTree(carrier.X).query(points, HOLDERS)
+    if (away[:, 0] > BESIDE).any():
+        k = int(np.argmax(away[:, 0]))
+        raise HeadError(
+            f"attachment {pair}: node {nodes[k]} is {1e3 * away[k, 0]:.3g} mm from the {other}, "
+            f"expected at most {1e3 * BESIDE:g} mm"
+        )
+    scale = away[:, -1, None, None]
+    lines = np.concatenate(
+        [np.ones((len(nodes), 1, HOLDERS)), np.zeros((len(nodes), 3, HOLDERS))], 1
+    )
+    lines[:, 1:] = ((carrier.X[near] - points[:, None]) / scale).transpose(0, 2, 1)
+    weights = np.linalg.pinv(lines)[:, :, 0]
+    found = Embedding(np.full(len(nodes), -1), (near + first[other]).astype(np.int64), weights)
+    return sim.InElement((nodes + first[tissue]).astype(np.int64), found)
 
 
 _Carried = tuple[Floats, tuple[sim.OnBody, ...]]
