@@ -149,7 +149,7 @@ class StepSolver:
         if self._columns is None or made_of is None or self._columns[0] is not made_of:
             unit = np.zeros((len(of), self._solver.pattern.n))
             unit[np.arange(len(of)), of] = 1.0
-            self._columns = made_of, np.array([solve(e) for e in unit])
+            self._columns = made_of, solve(unit)
         return self._columns[1]
 
     def extrapolated(self, t: float, h: float, v: Array) -> Array:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from sim._kernels.joints import ALIGNED, ANGLE, TURN, RowTable, evaluate_rows
 from sim.contact.pushes import pushes
@@ -73,7 +74,20 @@ class Rows:
         self.columns: Index = np.flatnonzero(touched)
         own = self._number[self._number >= 0] + 3
         self._turning: Index = np.unique(own[touched[own]])
+        self._lay_out_points(kinematics.matrix(rest))
         self._require_independent(rest)
+
+    def _lay_out_points(self, R: csr_array) -> None:
+        """Places of the entries of R, whose sparsity is fixed, in the rows of points."""
+        self._held: Index = np.flatnonzero(self.table.point >= 0)
+        axis = np.arange(3)
+        component = (3 * self.table.point[self._held][:, None] + axis).ravel()
+        first, count = R.indptr[component], np.diff(R.indptr)[component]
+        ends = np.cumsum(count)
+        self._place: Index = np.repeat(first - ends + count, count) + np.arange(int(count.sum()))
+        self._row: Index = np.repeat(np.repeat(self._held, 3), count)
+        self._axis: Index = np.repeat(np.tile(axis, len(self._held)), count)
+        self._column: Index = np.searchsorted(self.columns, R.indices[self._place])
 
     def _derivatives(self, pose: Pose) -> tuple[Array, Array, Array, Array]:
         """Values (m,), and derivatives by twists of bodies a and b (m, 6) and by points (m, 3)."""
@@ -93,12 +107,10 @@ class Rows:
             k = np.flatnonzero(first >= 0)
             place = np.searchsorted(self.columns, first[k])[:, None] + np.arange(6)
             G[own[k, None], place] += slope[k]
-        held = np.flatnonzero(table.point >= 0)
+        held = self._held
         if len(held):
-            R = kinematics.matrix(pose)
-            for k in held.tolist():
-                part = R[3 * table.point[k] : 3 * table.point[k] + 3]
-                G[k] += JP[k] @ part[:, self.columns].toarray()
+            entry = JP[self._row, self._axis] * kinematics.matrix(pose).data[self._place]
+            np.add.at(G, (self._row, self._column), entry)
         moved = kinematics.drift(pose, pose.t)
         if moved is not None:
             twists = kinematics.prescribed_twists(pose.t)

@@ -6,6 +6,7 @@ x_n + sum_b (share_b c_b + Q_b arm_b), so that rows of R contain weights, shares
 """
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +24,9 @@ from sim.state import Array, Pose, State
 
 _UPPER = np.triu_indices(6)
 _ROTATION = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))  #: entries of -[r]x that are not zero
+
+
+KEPT = 4  #: number of poses whose R is kept
 
 
 class Articulated(Kinematics):
@@ -74,9 +78,11 @@ class Articulated(Kinematics):
         self._body_number[self.free_bodies] = np.arange(len(own))
         n = self.first + 6 * len(own)
 
+        # those of the last poses, by their frames, which do not change
+        self._matrices: list[tuple[Array, csr_array]] = []
+        self._arms_of: tuple[Array | None, Array] = None, np.zeros((0, 3))
         self._lay_out_rows(n)
         self._lay_out_matrix(points, n)
-        self._frames: Array | None = None
         rest = np.array([[*b.centre, 1.0, 0.0, 0.0, 0.0] for b in bodies]).reshape(-1, 7)
         self.rest_frames: Array = rest.astype(np.float64)
         values = np.zeros(self.pattern.nnz)
@@ -151,27 +157,39 @@ class Articulated(Kinematics):
         coupled[self._rows[heavy].indices] = True
         coupled[self.first :] = True
         self._coupled = np.flatnonzero(coupled)
+        numbered = csr_array(
+            (np.arange(self._rows.nnz), self._rows.indices, self._rows.indptr), self._rows.shape
+        )
+        # rows of R with a mass, over these velocities; `data` are places in those of R
+        self._of_coupled: csr_array = numbered[np.flatnonzero(self._point_mass > 0.0)][
+            :, self._coupled
+        ]
+        self._coupled_mass = self._point_mass[self._point_mass > 0.0]
         self._alone = np.flatnonzero(~coupled)
 
     # -- R -----------------------------------------------------------------------------------------
 
     def matrix(self, pose: Pose) -> csr_array:
         """R (3 n_points, n) at a pose; it depends only on the orientations."""
-        if self._frames is not pose.frames:
-            r = self._turned(pose.frames)[self._arms]
-            z = np.stack([r[:, 2], -r[:, 1], -r[:, 2], r[:, 0], r[:, 1], -r[:, 0]], axis=1)
-            data = self._constant.copy()
-            data[self._arm_place] = z.ravel()
-            self._rows = csr_array(
-                (data, self._rows.indices, self._rows.indptr), shape=self._rows.shape
-            )
-            self._frames = pose.frames
-        return self._rows
+        for frames, known in self._matrices:
+            if frames is pose.frames:
+                return known
+        r = self._turned(pose.frames)[self._arms]
+        z = np.stack([r[:, 2], -r[:, 1], -r[:, 2], r[:, 0], r[:, 1], -r[:, 0]], axis=1)
+        data = self._constant.copy()
+        data[self._arm_place] = z.ravel()
+        made = copy(self._rows)  # of the same sparsity, which need not be checked again
+        made.data = data
+        self._matrices = [(pose.frames, made), *self._matrices[: KEPT - 1]]
+        return made
 
     def _turned(self, frames: Array) -> Array:
         """Lever arms (m, 3) in space."""
-        Q = rotations.matrices(frames[:, 3:])
-        return np.einsum("mij,mj->mi", Q[self.chains.body], self.chains.arm)
+        if frames is not self._arms_of[0]:
+            Q = rotations.matrices(frames[:, 3:])
+            turned = np.einsum("mij,mj->mi", Q[self.chains.body], self.chains.arm)
+            self._arms_of = frames, turned
+        return self._arms_of[1]
 
     def velocities(self, state: State) -> Array:
         """Free components of nodes and the twists of free bodies."""
@@ -325,8 +343,12 @@ class Articulated(Kinematics):
         w, own = np.empty_like(p), self._coupled
         w[self._alone] = (p[self._alone].T / self.mass[self._alone]).T
         if len(own):
-            R = self.matrix(pose)[:, own]
-            M = (R.T @ R.multiply(self._point_mass[:, None])).toarray()
+            part, data = self._of_coupled, self.matrix(pose).data
+            entries = data[part.data]
+            R = csr_array((entries, part.indices, part.indptr), shape=part.shape)
+            heavy = np.repeat(self._coupled_mass, np.diff(part.indptr)) * entries
+            mR = csr_array((heavy, part.indices, part.indptr), shape=part.shape)
+            M = np.asarray((R.T @ mR).toarray(), dtype=np.float64)
             start = len(own) - 6 * len(self.free_bodies)
             angular = start + 6 * np.arange(len(self.free_bodies))[:, None] + np.arange(3, 6)
             M[angular[:, :, None], angular[:, None, :]] += self._inertias(pose)
