@@ -49,20 +49,20 @@ LEVELS = (0.0, 0.05, 0.1, 0.2, 0.3, 0.6, 1.0)  #: activations at which lips are 
 def cost() -> pd.DataFrame:
     """Error and processor time by sections and steps, with folds, noise and moving lips."""
     exact = formants(*AH)[0][:4]
-    still = {"areas": AH[0], "length": AH[1]}
+    still: dict[str, object] = {"areas": AH[0], "length": AH[1]}
     rows: list[dict[str, object]] = []
     cells = (16, 24, 32, 48, 60, 90, 120)
     for sections, steps in (*((n, None) for n in cells), (60, 6), (60, 12)):
-        how = still | {"sections": sections, "substeps": steps}
+        how: dict[str, object] = {**still, "sections": sections, "substeps": steps}
         sound = simulate_tube(source=CLICK, duration=0.3, **how)  # pyright: ignore
         error = nearest(resonances(sound.mouth, sound.rate)[0], exact) / exact - 1.0
-        row = {"case": "pulse", "sections": sections, "steps per s": sound.rate}
+        row: dict[str, object] = {"case": "pulse", "sections": sections, "steps per s": sound.rate}
         row["error %"] = 100.0 * float(np.abs(error).max())
-        rows.append(row | _speed(how | {"source": CLICK}))
-    voice = {"source": Folds(), "turbulence": Turbulence()}
+        rows.append({**row, **_speed({**how, "source": CLICK})})
+    voice: dict[str, object] = {"source": Folds(), "turbulence": Turbulence()}
     for name, how in (("folds and noise", still), ("folds, noise, moving lips", _closing(20e-3))):
         row = {"case": name, "sections": 60, "steps per s": 132_300.0, "error %": np.nan}
-        rows.append(row | _speed(how | voice))
+        rows.append({**row, **_speed({**how, **voice})})
     areas, click = np.repeat(AH[0], 4), np.zeros(40_000)
     click[1] = 1e-6
     flow, rate = kelly_lochbaum(areas, AH[1], click)
@@ -73,7 +73,7 @@ def cost() -> pd.DataFrame:
     error = nearest(resonances(flow, rate, skip=0.005, order=24)[0], exact) / exact - 1.0
     row = {"case": "pulse, Kelly-Lochbaum, lossless", "sections": 64, "steps per s": rate}
     row |= {"error %": 100.0 * float(np.abs(error).max()), "s per s": spent}
-    return pd.DataFrame([*rows, row | {"times real time": 1 / spent}])
+    return pd.DataFrame([*rows, {**row, "times real time": 1 / spent}])
 
 
 def _speed(how: dict[str, object]) -> dict[str, float]:
@@ -81,7 +81,7 @@ def _speed(how: dict[str, object]) -> dict[str, float]:
     spent: list[float] = []
     for _ in range(13):  # the first one compiles or loads the kernel
         start = time.process_time()
-        simulate_tube(**how | {"duration": 0.5})  # pyright: ignore
+        simulate_tube(**{**how, "duration": 0.5})  # pyright: ignore
         spent.append(2.0 * (time.process_time() - start))
     return {"s per s": min(spent[1:]), "times real time": 1.0 / min(spent[1:])}
 
@@ -95,10 +95,14 @@ def _closing(width: float) -> dict[str, object]:
 
 def stability() -> pd.DataFrame:
     """Extreme time steps, constrictions and area changes: outcome and largest pressures."""
-    still = {"areas": AH[0], "length": AH[1], "duration": 0.3}
+    still: dict[str, object] = {"areas": AH[0], "length": AH[1], "duration": 0.3}
     step = np.full(16, 8e-4)
     step[8:10] = 1e-8
-    stretch = {"areas": np.full((2, 16), 3e-4), "length": [0.16, 0.19], "times": [0.1, 0.15]}
+    stretch: dict[str, object] = {
+        "areas": np.full((2, 16), 3e-4),
+        "length": [0.16, 0.19],
+        "times": [0.1, 0.15],
+    }
     cases: dict[str, dict[str, object]] = {
         **{f"time step, Courant number {n:g}": still | {"n": n} for n in (0.2, 0.5, 0.999, 1.05)},
         **{f"lips close within {1e3 * w:g} ms": _closing(w) for w in (20e-3, 2e-3, 2e-4)},
@@ -202,7 +206,7 @@ def lips() -> pd.DataFrame:
             tract = with_lips(ideal_vowel("u"), np.array([area]), np.array([forward]), np.zeros(1))
             f = with_formants(tract)["formant_frequency"].values[0]
             named = {f"F{k + 1} Hz": round(v) for k, v in enumerate(f[:3])}
-            rows.append({"area cm2": 1e4 * area, "protrusion mm": 1e3 * forward} | named)
+            rows.append({"area cm2": 1e4 * area, "protrusion mm": 1e3 * forward, **named})
     return pd.DataFrame(rows)
 
 
@@ -349,10 +353,8 @@ def head() -> pd.DataFrame:
             motion = simulate_head(heads[who], drive, duration=0.25, step=10e-3, output=0.25)
         tract = with_formants(head_tract(heads[who], motion)).isel(time=-1)
         F = tract["formant_frequency"].values
-        rows.append(
-            {"head": name, "length cm": 100.0 * float(tract["length"])}
-            | {f"F{k + 1} Hz": round(f) for k, f in enumerate(F)}
-        )
+        named = {f"F{k + 1} Hz": round(float(f)) for k, f in enumerate(F)}
+        rows.append({"head": name, "length cm": 100.0 * float(tract["length"]), **named})
     return pd.DataFrame(rows)
 
 

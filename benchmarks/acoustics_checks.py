@@ -185,7 +185,7 @@ def _radiation_and_walls() -> list[Row]:
     C = wall.circumference(S)
     omega = np.sqrt((wall.rho * wall.c**2 * C / S + wall.stiffness) / wall.mass)
     low = formants(areas, 0.175, medium=wall)[0][0]
-    rows = [
+    rows: list[Row] = [
         ("3 end correction over 8 r/(3 pi), distance from 1 [%]", 100 * abs(correction - 1), 1.0),
         ("3 F1 of a closed tube by its walls [%]", 100 * abs(low * 2 * np.pi / omega - 1.0), 2.0),
     ]

@@ -10,17 +10,15 @@ from typing import Final
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from emgface.anatomy.airway.area_function import area_function, equal_sections
 from emgface.anatomy.head.model import Head
 from emgface.anatomy.jaw.skull import rotated
 from emgface.errors import DataError
 from emgface.face.mouth import Mouth
+from emgface.face.parts import Floats, Integers
 from emgface.face.surface import boundary_faces, triangles
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Surface = tuple[Floats, Integers]
 """Points (n, 3) and triangles (m, 3)."""
 
