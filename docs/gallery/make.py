@@ -13,6 +13,7 @@ HERE = Path(__file__).resolve().parent
 ORDER = (
     "one_face_one_smile",
     "signal_to_motion",
+    "c3d_to_activation",
     "whole_study",
     "what_rho_means",
     "jaw_from_emg",

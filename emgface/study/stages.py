@@ -82,6 +82,8 @@ INVERSE = Stage(
                 *_ALIGNMENT,
                 "emgface.inverse.calibration",
                 "emgface.inverse.configuration",
+                "emgface.inverse.kept",
+                "emgface.inverse.mixing",
                 "emgface.inverse.refine",
                 "emgface.inverse.run",
                 "emgface.inverse.strategy",

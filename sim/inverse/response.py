@@ -165,7 +165,7 @@ def step_response(
     With the equation A(a) w = b(a) of a step, A dw/da_i = db/da_i - dA/da_i w. In the form "affine"
     the matrix is held constant, dw/da_i = h A^-1 F_i with the forces F_i of the muscles. Rows of
     joints and of active contacts hold: their forces are eliminated by the Schur complement, and their
-    directions and the set of active rows are those of this step.
+    directions and the set of active rows are those of this step. Hard volumes hold by multipliers.
 
     Parameters
     ----------
@@ -179,17 +179,12 @@ def step_response(
     Raises
     ------
     SceneError
-        The scene has hard volumes or a barrier, or its form "affine" does not exist.
+        The scene has a barrier, or its form "affine" does not exist.
     InvertedElement, NotConverged, SingularSystem
         As of the step.
     """
     require_no_barrier(system, "inverse tracking")
     require_fixed_contact(system, "inverse tracking", "leave one of the two out")
-    if system.constraints is not None:
-        raise SceneError(
-            "the response under hard volumes is not implemented: use incompressibility by a bulk law, "
-            "by elements or by nodes"
-        )
     if form == "affine":
         require_affine(system)
     whole = system.during(state, h)
@@ -229,6 +224,12 @@ def step_response(
         return Response(
             activation, found.x, H, state.pose, w0, h, equation.moves, len(system.rows.names)
         )
+    if system.constraints is not None:
+        saddle, still = work.constraints.saddle, np.zeros(system.constraints.n)
+        saddle.factorise(equation.A.values, system.constraints.evaluate(state.q)[1])
+        w, _ = saddle.solve(equation.rhs, still)
+        columns = np.array([saddle.solve(load, still)[0] for load in loads(w)]).T
+        return Response(activation, w, columns, state.pose, w0, h, equation.moves, len(still))
     if touched is None:
         solve = work.steps.many(equation.A)
         w = solve(equation.rhs[None])[0]  # it determines the loads
@@ -245,8 +246,11 @@ def equilibrium_response(
     """Derivatives (n, n_muscles) of the coordinates of an equilibrium, K^-1 F [m].
 
     Active contacts of the state hold, as in `step_response`. Raises SingularSystem if the stiffness
-    cannot be factorised.
+    cannot be factorised, and SceneError for hard volumes and barriers.
     """
+    require_no_barrier(system, "the response of an equilibrium")
+    if system.constraints is not None:
+        raise SceneError("the response of an equilibrium under hard volumes is not implemented")
     require_fixed_contact(system, "inverse tracking", "leave one of the two out")
     whole = system.during(state, math.inf)
     pose = state.pose

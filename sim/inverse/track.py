@@ -269,7 +269,8 @@ def _advanced(
 ) -> State:
     """State at the end of a step: the linearised one, or that of the integrator."""
     again = weights.rounds > 1 or weights.form == "affine"
-    again = again or system.rows is not None or system.contact is not None
+    conditions = system.rows, system.contact, system.constraints
+    again = again or any(one is not None for one in conditions)
     if again:
         return integrator.step(system, state, Control(a, state.t + h), h, work)[0]
     w = response.velocity(a)

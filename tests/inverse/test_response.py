@@ -21,7 +21,7 @@ EULER, TRAPEZOIDAL = sim.LinearlyImplicitEuler(), sim.LinearlyImplicitTrapezoida
 A0 = np.array([0.2, 0.1])
 
 
-def block(law=None, damping=None, terms=(), muscles=True) -> sim.System:
+def block(law=None, damping=None, terms=(), muscles=True, conditions=()) -> sim.System:
     mesh = grid()
     solid = sim.Solid(
         (sim.Material(sim.MooneyRivlin(), sim.QuadraticBulk(25e3)),),
@@ -29,7 +29,8 @@ def block(law=None, damping=None, terms=(), muscles=True) -> sim.System:
     )
     base = sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0))
     more = tuple(make(mesh, solid) for make in terms)
-    scene = sim.Scene(mesh, (solid, *more), (base,), damping or sim.RestRayleigh(19.0, 0.055))
+    damping = damping or sim.RestRayleigh(19.0, 0.055)
+    scene = sim.Scene(mesh, (solid, *more), (base,), damping, conditions)
     return sim.compile_scene(scene)
 
 
@@ -56,6 +57,7 @@ CASES = {
     "current Rayleigh": (lambda: block(damping=sim.Rayleigh(19.0, 0.055)), EULER),
     "force-velocity": (lambda: block(muscles=False, terms=(rated,)), TRAPEZOIDAL),
     "stiffening": (lambda: block(terms=(stiffening,)), EULER),
+    "hard volumes": (lambda: block(conditions=(sim.HardElementVolume(),)), EULER),
 }
 
 

@@ -12,6 +12,8 @@ from sim.inverse import (
     minimise_in_box,
     track,
 )
+from tests.bodies import crossed_muscles, grid
+from tests.contact.scenes import square
 from tests.inverse.points import circle, constant_muscles, particle, recorded
 from tests.inverse.test_response import block
 
@@ -84,6 +86,27 @@ def test_an_infeasible_target_leaves_activations_bounded_and_its_residual_known(
     assert a.min() >= 0.0 and a.max() <= 1.0
     assert np.abs(np.diff(a, axis=1)).max() <= 0.05 + 1e-12
     assert found["misfit"][-1] > 10.0 and np.isfinite(end.q).all()
+
+
+def test_a_contact_that_opens_and_closes_makes_no_jump():
+    """Muscles press a block on a sheet, further than the sheet allows, and release it again."""
+    mesh = grid()
+    solid = sim.Solid(muscles=crossed_muscles(mesh))
+    sheet = sim.ConstraintContact((sim.Pairing(sim.boundary_surface(mesh), square()),))
+    side = sim.Fixed(np.flatnonzero(mesh.X[:, 0] == 0.0))
+    damping = sim.RestRayleigh(19.0, 0.055)
+    system = sim.compile_scene(sim.Scene(mesh, (solid, sheet), (side,), damping))
+    node = np.flatnonzero((mesh.X[:, 2] == 0.0) & (mesh.X[:, 0] == mesh.X[:, 0].max()))
+    t = 0.01 * np.arange(31)
+    way = -1e-4 * np.sin(2.0 * np.pi * t / 0.2)[:, None, None] * np.array([0.0, 0.0, 1.0])
+    target = PointTarget(node, t, mesh.X[node] + way, 1e-4)
+    found, end = track(system, [target], duration=0.3, weights=Weights(jump=0.1))
+    rows, a = found["rows"].values, found["activation"].values
+    assert rows.max() > rows.min(), (rows, a)
+    assert np.abs(np.diff(a, axis=1)).max() <= 0.1 + 1e-12
+    assert 0.0 <= a.min() and a.max() <= 1.0 and np.isfinite(end.q).all()
+    assert end.q[:, 2].min() > -1e-5
+    assert np.isfinite(found["misfit"]).all()
 
 
 def test_lost_markers_leave_the_others_and_the_activations_defined():
