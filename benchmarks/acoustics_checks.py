@@ -249,13 +249,15 @@ def _geometry() -> list[Row]:
     from emgface.anatomy.airway.sections import sections
 
     rows: list[Row] = []
-    cases = {"straight": (STRAIGHT, 1.0), "quarter torus": (BENT, 1.0), "elliptic": (STRAIGHT, 0.3)}
+    cases = {
+        "a straight": (STRAIGHT, 1.0), "a bent": (BENT, 1.0), "an elliptic": (STRAIGHT, 0.3),
+    }  # fmt: skip
     for name, (line, flat) in cases.items():
         s = np.append(0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
         found = sections(*pipe(line, 0.008 + 0.003 * np.sin(40 * s), flat=flat), line, count=40)
         middle = (np.arange(40) + 0.5) / 40 * s[-1]
         error = found.area / (np.pi * flat * (0.008 + 0.003 * np.sin(40 * middle)) ** 2) - 1.0
-        rows.append((f"5 areas of a {name} tube [%]", 100.0 * np.abs(error).max(), 1.0))
+        rows.append((f"5 areas of {name} tube [%]", 100.0 * np.abs(error).max(), 1.0))
     position, triangle = pipe(STRAIGHT, 0.008)
     closed = position * np.where(np.abs(position[:, :1] - 0.1) < 0.01, [1.0, 0.0, 0.0], 1.0)
     rows.append(
