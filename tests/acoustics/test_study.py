@@ -1,5 +1,7 @@
 """Formants of a study: from the lips of its motions to cube, table and figure."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -7,13 +9,19 @@ import xarray as xr
 from analysis.cube import build_cube
 from analysis.errors import FigureError
 from analysis.figures import formant_plot
-from analysis.formants import INSTANTS, formant_table, with_formants
+from analysis.formants import INSTANTS, VARIABLES, formant_table, with_formants
 from analysis.listing import trials
 from analysis.trial import Trial
 from emgface.anatomy.airway import sound
 from emgface.anatomy.airway.area_function import ideal_vowel, with_lips
+from emgface.anatomy.airway.parameters import TractParameters
+from emgface.errors import StoreError
 from emgface.schema.validation import validate
-from emgface.study.formants import formants_of
+from emgface.study.formants import formants, formants_of, with_stored_formants
+from emgface.study.journal import Entry
+from emgface.study.stages import MOTION
+from emgface.study.store import Store
+from emgface.study.table import PlannedTrial
 
 PLACE = ("P1", "A", 1, "act_all")
 
@@ -58,6 +66,22 @@ def test_formants_of_a_trial_follow_its_lips(cube):
     assert one["formant_change"].values[:2] == pytest.approx((closed - rest)[:2], rel=0.01)
     assert float(one["simulated_duration"]) == pytest.approx(1.0)
     assert np.isnan(cube["formant_change"].sel(strategy="act_3").values).all()
+
+
+def test_the_cube_reads_the_formants_that_a_worker_stored(closing, cube, tmp_path):
+    store = Store(tmp_path)
+    motion = store.get_or_compute(MOTION, {"of": "a test"}, {}, lambda: closing)
+    tract = TractParameters(vowel="u", lips=0.01)
+    laboratory = SimpleNamespace(store=store, study=SimpleNamespace(tract=tract))
+    entry = Entry(tmp_path, 0, "ok", 3e5, False, (("motion", motion.digest, 0, 0),))
+    digest = formants(laboratory, (PlannedTrial(PLACE[:3], PLACE[3], None), entry, None))
+    bare = cube.drop_vars([*VARIABLES, "formant", "instant"])
+    bare.attrs.pop("tract")
+    found = with_stored_formants(bare, laboratory, {PLACE: digest})
+    xr.testing.assert_identical(found, cube)
+    (tmp_path / "formants" / f"{digest}.nc").unlink()
+    with pytest.raises(StoreError, match="was changed or removed while the study ran"):
+        with_stored_formants(bare, laboratory, {PLACE: digest})
 
 
 def test_the_table_of_formants_states_what_moves(cube):
