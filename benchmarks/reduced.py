@@ -2,13 +2,14 @@
 
     python -m benchmarks reduced FACE.nc FACE.rom.nc [--trials 20] [--out FOLDER]
 
-The trials are random sequences that neither the training nor the calibration contains
-(`emgface.reduced.plan`), simulated at full order with the same steps and without contact. Their
-full-order motions are kept in the folder ``FACE.rom.test``. Times are processor times of one core in
-one run. Stability: the energy without drive from a deformed state, all muscles at once, and activations
-that are noise.
+The trials are sequences of the kind of the training that neither it nor the calibration contains
+(`emgface.reduced.plan`), simulated at full order with the same steps and contact. Their full-order
+motions are kept in the folder ``FACE.rom.test``, so that more trials can be added later. Times are
+processor times of one core in one run. Stability: the energy without drive from a deformed state, all
+muscles at once, and activations that are noise.
 """
 
+import json
 import resource
 import time
 from pathlib import Path
@@ -21,8 +22,8 @@ from analysis.scores import correlation_3d
 from benchmarks.report import Chart, finish, say
 from emgface.face.file import load_face
 from emgface.reduced.model import ReducedFace, parameters_of
-from emgface.reduced.motion import reduced_rest, simulate_reduced
-from emgface.reduced.plan import random_drives
+from emgface.reduced.motion import simulate_reduced
+from emgface.reduced.study_plan import sequences_of
 from emgface.reduced.training import STEP, FullOrder, marker_errors, stored_motion
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.store import Store
@@ -62,10 +63,10 @@ def stability(reduced):
     """Rows on the behaviour of the reduced face outside of trials."""
     system = reduced.model.system
     work = Workspace(system)
-    start = reduced_rest(reduced, work)
+    start = reduced.equilibrium
     n = len(system.muscles)
     pushed = Activation(np.array([0.0, 0.1]), np.array([np.zeros(n), np.full(n, 0.3)]))
-    options = {"integrator": FusedEuler(), "steps": FixedStep(STEP), "work": work}
+    options = {"integrator": FusedEuler(reduced.contact), "steps": FixedStep(STEP), "work": work}
     _, state = simulate(system, pushed, duration=0.3, initial=start, probes=(), **options)
     free, _ = simulate(
         system, resting(n), duration=1.0, initial=state, probes=(Energies(),), **options
@@ -96,10 +97,11 @@ def main(face: Path, rom: Path, trials: int = 20, out: Path | None = None):
     reduced = ReducedFace.of(data, model, parameters)
     steps = reduced.model.system.pattern.n
     loading = time.process_time() - started
-    full = FullOrder.of(model, parameters)
+    full = FullOrder.of(model, parameters, reduced.rest)
+    drives = sequences_of(json.loads(data.attrs["training"])["activations"])
     store = Store(rom.with_suffix(".test"))
     rows = []
-    for drive in random_drives(full.system.muscles, trials, "test", SEED):
+    for drive in drives(full.system.muscles, trials, "test", SEED):
         motion, _ = stored_motion(store, full, drive, 0.1)
         if motion.attrs["scale"] > 0.0:
             rows.append(trial(reduced, drive.scaled(motion.attrs["scale"]), motion))

@@ -82,7 +82,7 @@ def reduce(
     training: "Mapping[str, Any] | None" = None,
     **choices: Any,
 ) -> "xr.Dataset":
-    """Train a reduced face, which simulates hundreds of times faster than full order, without contact.
+    """Train a reduced face, which simulates many times faster than full order.
 
     Parameters
     ----------
@@ -164,7 +164,8 @@ def simulate(
     study : path-like, mapping or StudyConfiguration, optional
         Study whose tables ``[simulation]`` and ``[face]`` apply.
     accuracy : str, optional
-        "draft", "study", "reference", "published", or the desired error such as "0.1 mm".
+        "draft", "study", "reference", "published", "realtime" (with a reduced face), or the desired
+        error such as "0.1 mm".
     settled : Dataset, optional
         Face at rest (`emgface.face.motion.settle_face`) for the parameters, if it has been computed.
     surface : bool

@@ -119,9 +119,16 @@ def reduce(
     points: Annotated[
         int | None, typer.Option(help="Largest number of quadrature points with a weight.")
     ] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of the random sequences.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of the sequences.")] = None,
+    activations: Annotated[
+        str | None,
+        typer.Option(help="Sequences of the training: study (default) or random."),
+    ] = None,
+    contact: Annotated[
+        bool, typer.Option(help="Contact of lips and teeth as in the study, or none.")
+    ] = True,
 ) -> None:
-    """Train a reduced face without contact; the motions are kept, so that it can be resumed."""
+    """Train a reduced face; the motions are kept, so that it can be resumed."""
     import emgface as ef
     from emgface.schema.netcdf import write_netcdf
 
@@ -129,6 +136,10 @@ def reduce(
     options: dict[str, Any] = {name: v for name, v in given.items() if v is not None}
     if sigma_max is not None:
         options["sigma_max"] = sigma_max
+    if activations is not None:
+        options["training"] = {"activations": activations}
+    if not contact:
+        options["contact"] = {"method": "none"}
     announce_compilation()
     with progress("training") as bar:
 

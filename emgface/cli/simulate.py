@@ -49,7 +49,7 @@ def simulate(
     ] = None,
     accuracy: AccuracyOption = None,
     reduced: Annotated[
-        Path | None, typer.Option(help="Reduced face ('face reduce'); implies --no-contact.")
+        Path | None, typer.Option(help="Reduced face ('face reduce'); determines the contact.")
     ] = None,
     strategy: Annotated[
         str | None, typer.Option(help="Strategy, where the source is a recording.")
@@ -90,8 +90,10 @@ def simulate(
     given = {"sigma_max": sigma_max, "solver": solver}
     changes: dict[str, Any] = {name: v for name, v in given.items() if v is not None}
     if reduced:
-        changes["reduced"] = {"file": reduced}
-    if reduced or not contact:
+        from emgface.reduced.model import contact_of
+
+        changes |= {"reduced": {"file": reduced}, "contact": contact_of(reduced)}
+    if not contact:
         changes["contact"] = {"method": "none"}
     if check_contact:
         changes["check_contact"] = True

@@ -25,11 +25,13 @@ PRESETS: Final[dict[str, dict[str, Any]]] = {
         "error_tolerance": 1e-5,
     },
     "published": {"solver": "linearly_implicit", "step": 0.01, "error_tolerance": None},
+    "realtime": {"solver": "linearly_implicit", "step": 0.01, "error_tolerance": None},
 }
 """Solver, largest step [s], tolerances of the iteration [m] and of the steps [m] of each preset.
 
 `docs/accuracy.md` states the measured error and time of each. "published" is the method of the simulator
-of the publication (Eskes et al. 2017: backward Euler, one linear solution per 10 ms).
+of the publication (Eskes et al. 2017: backward Euler, one linear solution per 10 ms). "realtime" is that
+of a reduced face (`docs/reduced.md`), without a repetition at full order.
 """
 SET_BY_ACCURACY: Final = ("solver", "step", "iteration_tolerance", "error_tolerance")
 """Parameters set by an accuracy unless they are specified."""
@@ -40,8 +42,8 @@ _LENGTH = re.compile(r"\s*([0-9.eE+-]+)\s*(\S+)\s*")
 def accuracy_settings(accuracy: str) -> dict[str, Any]:
     """Settings of a preset or a desired error: solver, step [s] and tolerances [m].
 
-    `accuracy` is "draft", "study", "reference", "published", or a length such as "0.1 mm", the
-    error of the lip markers that determines the steps. The keys are ``solver``, ``step``,
+    `accuracy` is "draft", "study", "reference", "published", "realtime", or a length such as "0.1
+    mm", the error of the lip markers that determines the steps. The keys are ``solver``, ``step``,
     ``iteration_tolerance`` and ``error_tolerance``. Raises ValueError for anything but a preset or a
     positive length.
     """

@@ -52,6 +52,11 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
 
     @model_validator(mode="after")
     def _startable(self) -> "SimulationParameters":
+        if self.accuracy == "realtime" and self.reduced.file is None:
+            raise ValueError(
+                "accuracy = 'realtime' requires a reduced face: specify reduced.file (emgface face "
+                "reduce), or choose another accuracy"
+            )
         soft = self.incompressibility in ("element", "nodal")
         if soft and self.bulk_potential != "quadratic":
             raise ValueError(

@@ -13,8 +13,9 @@ class TimeStepping(Parameters):
 
     accuracy: str | None = choice(
         None,
-        "'draft', 'study', 'reference', 'published', or the desired error, such as '0.1 "
-        "mm'; determines solver, step, iteration_tolerance and error_tolerance, unless "
+        "'draft', 'study', 'reference', 'published', 'realtime' (a reduced face, never repeated at "
+        "full order), or the desired error, such as '0.1 mm'; determines solver, step, "
+        "iteration_tolerance and error_tolerance, unless "
         "these are specified.",
         source=f"{OWN}: points measured by `python -m benchmarks work_precision`",
         note="the default is 'study'",

@@ -12,7 +12,6 @@ from scipy.signal import butter, sosfilt
 
 from emgface.errors import SignalError
 from emgface.reduced.model import Floats, ReducedFace
-from emgface.reduced.motion import reduced_rest
 from emgface.signals.activation import emg_of
 from emgface.signals.filters import sampling_rate
 from emgface.signals.mapping import mapping_matrix
@@ -94,23 +93,23 @@ class LiveFace:
         face, r = self.reduced.face, self.reduced.moving
         self._system = self.reduced.model.system
         self._work = Workspace(self._system)
-        self._state: State = reduced_rest(self.reduced, self._work)
+        self._state: State = self.reduced.equilibrium
         nodes = face["marker_node"].values.astype(np.int64)
-        rows = self.reduced.modes[nodes]
-        self._rest, self._moving = self.reduced.rest[nodes], rows[..., :r]
-        self._omitted, self._estimate = rows[..., r:], 0.0
+        self._markers, self._n = self.reduced.markers, len(nodes)
+        self._omitted, self._estimate = self.reduced.modes[nodes][..., r:], 0.0
 
     def __call__(self, activation: Floats) -> tuple[Floats, float, float]:
         """Markers (n, 3) [m] after one step, the bound of their error [m], and the distance [1]."""
-        self._state, _ = FusedEuler().step(
-            self._system, self._state, Control(activation), self.step, self._work
-        )
+        now = Control(activation)
+        integrator = FusedEuler(self.reduced.contact)
+        self._state, _ = integrator.step(self._system, self._state, now, self.step, self._work)
         attrs = self.reduced.dataset.attrs
         moved = self._omitted @ self._state.memory[OMITTED][0]
         self._estimate = max(self._estimate, float(np.linalg.norm(moved, axis=1).max()))
         bound = attrs["error_factor"] * (self._estimate + attrs["error_floor"])
         distance = float(self.reduced.distances(activation[None])[0])
-        return self._rest + self._moving @ self._state.q.reshape(-1), bound, distance
+        (markers,) = self._markers.record(self._system, self._state, now, None)
+        return np.asarray(markers)[: self._n], bound, distance
 
 
 def live(

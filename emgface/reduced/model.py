@@ -11,24 +11,37 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from emgface.errors import FaceError
+from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.digest import canonical_json, dataset_digest
-from sim import compile_scene
-from sim.reduced import ReducedModel, reduce_system
+from sim import State, Workspace, compile_scene
+from sim.reduced import (
+    Closure,
+    FusedEuler,
+    ReducedContact,
+    ReducedMarkers,
+    ReducedModel,
+    reduce_system,
+)
+from sim.reduced.contact import IMPULSES
+from sim.reduced.fused import OMITTED
 
 Floats = NDArray[np.float64]
 
 NOT_MECHANICS: Final = frozenset(
     {
         "accuracy", "solver", "step", "output", "iteration_tolerance", "error_tolerance", "timing",
-        "linear_solver", "sigma_max", "sigma_max_policy", "contact", "reduced",
+        "linear_solver", "sigma_max", "sigma_max_policy", "reduced",
     }
 )  # fmt: skip
-"""Parameters that a reduced face is not bound to; sigma_max may be lower, contact must be absent."""
+"""Parameters that a reduced face is not bound to; sigma_max may be lower."""
 
 
+SETTLING, LONG, AT_REST = 60, 1.0, 1e-12
+"""Largest number of steps to the equilibrium, their length [s], and change at which they end [1]."""
+UPPER, LOWER = "lip opening, upper", "lip opening, lower"
 RIDGE: Final = 0.01
 """Activation below which a combination of muscles that was never trained is not recognised [1]."""
 
@@ -39,11 +52,20 @@ def mechanics_of(parameters: SimulationParameters) -> str:
 
 
 def parameters_of(dataset: xr.Dataset) -> SimulationParameters:
-    """Simulation parameters with which a reduced face was trained, without contact."""
+    """Simulation parameters with which a reduced face was trained."""
     sigma_max = json.loads(dataset.attrs["training"])["sigma_max"]
     values = {**json.loads(dataset.attrs["mechanics"]), "sigma_max": sigma_max}
-    more = {"accuracy": "published", "contact": {"method": "none"}}
-    return SimulationParameters.model_validate(values | more)
+    return SimulationParameters.model_validate(values | {"accuracy": "published"})
+
+
+def contact_of(path: Path) -> dict[str, Any]:
+    """Parameters of the contact of the training of a file; errors as of `read_netcdf`."""
+    return json.loads(read_netcdf(path, "reduced_face").attrs["mechanics"])["contact"]
+
+
+def without_contact(parameters: SimulationParameters) -> SimulationParameters:
+    """The same parameters without contact."""
+    return parameters.model_copy(update={"contact": NO_CONTACT})
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +95,7 @@ class ReducedFace:
         DataError
             The file is absent or damaged.
         FaceError
-            It was trained for another face, other parameters, a lower sigma_max, or without the
-            contact that the parameters request.
+            It was trained for another face, other parameters or contact, or a lower sigma_max.
         """
         dataset = read_netcdf(given, "reduced_face") if isinstance(given, Path) else given
         own = dataset.attrs["face_digest"]
@@ -85,17 +106,18 @@ class ReducedFace:
             )
         trained = json.loads(dataset.attrs["mechanics"])
         given_here = json.loads(mechanics_of(parameters))
+        own_contact, contact = trained["contact"]["method"], given_here["contact"]["method"]
+        if own_contact != contact:
+            raise FaceError(
+                f"the reduced face was trained with contact.method = '{own_contact}', found "
+                f"'{contact}': choose the former, or reduce the face with the latter"
+            )
         differing = [n for n in given_here if given_here[n] != trained.get(n)]
         if differing:
             name = differing[0]
             raise FaceError(
                 f"the reduced face was trained with {name} = {trained.get(name)}, found "
                 f"{given_here[name]}: reduce the face with these parameters"
-            )
-        if parameters.contact.method != "none":
-            raise FaceError(
-                "a reduced face has no contact of lips and teeth, found contact.method = "
-                f"'{parameters.contact.method}': set it to 'none', or simulate at full order"
             )
         highest = float(json.loads(dataset.attrs["training"])["sigma_max"])
         if parameters.sigma_max > highest:
@@ -123,10 +145,60 @@ class ReducedFace:
     @cached_property
     def model(self) -> ReducedModel:
         """Reduced model with the chosen points."""
-        system = compile_scene(compose_scene(self.face, self.parameters))
+        system = compile_scene(compose_scene(self.face, without_contact(self.parameters)))
         sample = self.dataset["point_place"].values, self.dataset["point_weight"].values
         modes = self.modes.reshape(-1, self.modes.shape[2])
         return reduce_system(system, self.rest, modes, self.moving, sample)
+
+    @cached_property
+    def nodes(self) -> tuple[list[str], NDArray[np.int64]]:
+        """Names and nodes of the markers, and of the two points of the lip opening, if there is one."""
+        names = list(map(str, self.face["marker"].values))
+        nodes = self.face["marker_node"].values.astype(np.int64)
+        if "lip_opening_node" not in self.face:
+            return names, nodes
+        return [*names, UPPER, LOWER], np.append(nodes, self.face["lip_opening_node"].values)
+
+    @cached_property
+    def closure(self) -> Closure | None:
+        """Correction of the positions of `nodes`, once it is fitted."""
+        if "closure_weight" not in self.dataset:
+            return None
+        values = self.dataset["closure_weight"].values, self.dataset["closure_offset"].values
+        return Closure(*map(np.ascontiguousarray, values))
+
+    @cached_property
+    def markers(self) -> ReducedMarkers:
+        """Probe of the positions of `nodes`."""
+        names, nodes = self.nodes
+        moving = self.modes[nodes][..., : self.moving].reshape(3 * len(nodes), -1)
+        return ReducedMarkers(self.rest[nodes], np.ascontiguousarray(moving), names, self.closure)
+
+    @cached_property
+    def contact(self) -> ReducedContact | None:
+        """Contact of the points that come close to a face in the training, if there is any."""
+        found = compile_scene(compose_scene(self.face, self.parameters)).contact
+        if found is None:
+            return None
+        modes = self.modes.reshape(-1, self.modes.shape[2])
+        slots = self.dataset["contact_slot"].values.astype(np.int64)
+        return ReducedContact(found, self.rest, modes, slots)
+
+    @cached_property
+    def equilibrium(self) -> State:
+        """State at rest under gravity and contact, also of the omitted coordinates."""
+        system, integrator = self.model.system, FusedEuler(self.contact)
+        work, silent = Workspace(system), system.control(np.zeros(len(system.muscles)))
+        state = system.rest_state()
+        for _ in range(SETTLING):
+            before = state
+            state, _ = integrator.step(system, before, silent, LONG, work)
+            if np.abs(state.q - before.q).max() <= AT_REST * np.abs(state.q).max():
+                break
+        omitted = state.memory[OMITTED] * np.array([[1.0], [0.0]])
+        memory = {**state.memory, OMITTED: omitted}
+        memory.pop(IMPULSES, None)  # those of a long step
+        return State(0.0, state.q, 0.0 * state.v, memory)
 
     def distances(self, activation: Floats) -> Floats:
         """Size (n,) of activations (n, muscle) in units of those of the training, 0 at rest."""

@@ -9,7 +9,7 @@ import xarray as xr
 
 from emgface.errors import DataError
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.reduced.model import Floats, ReducedFace
+from emgface.reduced.model import LOWER, UPPER, Floats, ReducedFace
 from emgface.study.digest import dataset_digest
 from sim import (
     Activation,
@@ -18,12 +18,11 @@ from sim import (
     Iterations,
     SingularSystem,
     State,
-    Static,
     Workspace,
     simulate,
 )
 from sim.probes import Probe, Variable
-from sim.reduced import FusedEuler, ReducedMarkers, ReductionError
+from sim.reduced import FusedEuler, ReductionError
 from sim.state import Control, StepReport
 from sim.system import System
 
@@ -60,29 +59,28 @@ def trusted_motion(
 
     It is not trusted if the bound of the error exceeds ``parameters.reduced.largest_error``, an
     activation is outside the range of the training, or an element inverts. Without
-    ``parameters.reduced.fall_back`` it is returned nevertheless, with the reason in the attribute
-    ``reduction_doubt``, and InvertedElement is raised. Errors as of `ReducedFace.of`.
+    ``parameters.reduced.fall_back``, or with ``accuracy`` "realtime", it is returned nevertheless,
+    with the reason in the attribute ``reduction_doubt``, and InvertedElement is raised. Errors as of
+    `ReducedFace.of`.
     """
     reduced, chosen = reduced_face_of(face, parameters), parameters.reduced
+    fall_back = chosen.fall_back and parameters.accuracy != "realtime"
     times = {"step": parameters.step, "output": parameters.output}
     try:
         found = simulate_reduced(reduced, activation, duration, **times, further=further)
     except (InvertedElement, SingularSystem) as error:
-        if not chosen.fall_back:
+        if not fall_back:
             raise
         return None, f"the reduced motion failed: {error}"
     doubt, bound = found.attrs["reduction_doubt"], float(found["reduction_error"].max())
     if not doubt and bound > chosen.largest_error:
         limit = chosen.largest_error
         doubt = f"the bound of the error is {1e3 * bound:.3g} mm, above {1e3 * limit:.3g} mm"
-    if doubt and chosen.fall_back:
+    if doubt and fall_back:
         return None, doubt
     found.attrs |= {"reduced": 1, "reduction_error": bound, "reduction_doubt": doubt}
     found.attrs["solver"] = "reduced linearly_implicit"
     return found, doubt
-
-
-UPPER, LOWER = "lip opening, upper", "lip opening, lower"
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,14 +102,6 @@ class Lifted:
         q = self.rest + self.modes @ state.q.reshape(-1)
         whole = replace(state, q=q, v=self.modes @ state.v.reshape(-1), memory={})
         return self.probe.record(system, whole, control, report)
-
-
-def reduced_rest(reduced: ReducedFace, work: Workspace) -> State:
-    """Equilibrium of the reduced face under gravity."""
-    system = reduced.model.system
-    silent = system.control(np.zeros(len(system.muscles)))
-    found, _ = Static(tolerance=1e-9).step(system, system.rest_state(), silent, 1.0, work)
-    return replace(found, t=0.0)
 
 
 def simulate_reduced(
@@ -136,17 +126,10 @@ def simulate_reduced(
         A step failed.
     """
     face, r, data = reduced.face, reduced.moving, reduced.dataset
-    names = list(map(str, face["marker"].values))
-    nodes = face["marker_node"].values.astype(np.int64)
     opening = "lip_opening_node" in face
-    if opening:
-        names = [*names, UPPER, LOWER]
-        nodes = np.append(nodes, face["lip_opening_node"].values.astype(np.int64))
-    rows = reduced.modes[nodes]
-    own = rows[: face.sizes["marker"], :, r:]
-    moving = np.ascontiguousarray(rows[..., :r]).reshape(3 * len(nodes), r)
+    own = reduced.modes[face["marker_node"].values.astype(np.int64), :, r:]
     probes: list[Probe] = [
-        ReducedMarkers(reduced.rest[nodes], moving, names),
+        reduced.markers,
         ReductionError(np.ascontiguousarray(own).reshape(-1, own.shape[2])),
         Iterations(),
     ]
@@ -157,11 +140,11 @@ def simulate_reduced(
         system,
         activation,
         duration=duration,
-        integrator=FusedEuler(),
+        integrator=FusedEuler(reduced.contact),
         steps=FixedStep(step),
         every=output,
         probes=probes,
-        initial=reduced_rest(reduced, work),
+        initial=reduced.equilibrium,
         work=work,
     )
     if opening:

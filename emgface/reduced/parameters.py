@@ -1,6 +1,7 @@
 """Parameters of the training and of the use of a reduced face."""
 
 from pathlib import Path
+from typing import Literal
 
 from pydantic import model_validator
 
@@ -10,20 +11,30 @@ from emgface.choices import Parameters, choice, parameter, positive
 class ReductionParameters(Parameters):
     """Size and training of a reduced face."""
 
-    modes: int = parameter(30, "Number of modes that move, a multiple of three.", ge=3, le=240)
+    modes: int = parameter(60, "Number of modes that move, a multiple of three.", ge=3, le=240)
     omitted: int = parameter(
         12, "Number of further modes, whose forces estimate the error of leaving them out.", ge=1
     )
-    points: int = parameter(200, "Largest number of quadrature points with a weight.", ge=10)
+    points: int = parameter(250, "Largest number of quadrature points with a weight.", ge=10)
     sample_tolerance: float = positive(
         1e-5,
         "Displacement that the errors of the sampled forces may cause, root mean square over the "
         "training.",
         unit="m",
     )
-    sequences: int = parameter(30, "Number of random activation sequences of the training.", ge=1)
+    activations: Literal["study", "random"] = choice(
+        "study",
+        "Sequences of the training and of the calibration: activations that the strategies derive "
+        "from the sEMG of simulated volunteers, or random sequences of any muscles.",
+    )
+    ramps: bool = choice(
+        True,
+        "Train ramps of each muscle, too, so that combinations of muscles that no sequence contains are "
+        "within the range.",
+    )
+    sequences: int = parameter(36, "Number of sequences of the training.", ge=1)
     calibration: int = parameter(
-        39, "Number of random sequences that calibrate the estimated error.", ge=1
+        39, "Number of sequences that calibrate the estimated error.", ge=1
     )
     coverage: float = parameter(
         0.95, "Probability with which a trial stays within its estimated error.", gt=0, lt=1
@@ -46,7 +57,7 @@ class ReducedParameters(Parameters):
         "Reduced face as written by `emgface face reduce`; steps are then linearly implicit.",
     )
     largest_error: float = positive(
-        1e-3,
+        2e-3,
         "Bound of the error of a marker by the reduction, above which the trial is simulated at full "
         "order instead.",
         unit="m",

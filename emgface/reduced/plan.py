@@ -4,12 +4,12 @@ The plan is a function of the muscles and a seed:
 
 * a ramp of each muscle to 1, held until the face is nearly still;
 * the same of both sides of each muscle;
-* random sequences with 1 to 20 active muscles, unequal sides and noise, such as the strategies of a
-  study derive from the EMG, in which every muscle may reach 1 (normalisation to its own range);
-* further random sequences, which only calibrate the estimated error.
+* sequences: those of `emgface.reduced.study_plan`, or random ones with 1 to 20 active muscles, unequal
+  sides and noise, in which every muscle may reach 1;
+* further sequences of the same kind, which only calibrate the estimated error.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-RAMP: Final = 0.6
-"""Duration of a ramp [s]: 0.15 s up, 0.25 s held, 0.15 s down."""
+RAMP: Final = 0.4
+"""Duration of a ramp [s]: 0.1 s up, 0.15 s held, 0.1 s down."""
 RANDOM: Final = 1.0
 """Duration of a random sequence [s]."""
+PURPOSES: Final = ("training", "calibration", "test")
+"""Purposes of drives; random sequences of different purposes are independent."""
 SAMPLE: Final = 0.01
 """Time between samples of an activation [s]."""
 
@@ -49,21 +51,31 @@ class Drive:
         return Drive(self.label, self.purpose, self.time, factor * self.values)
 
 
+Sequences = Callable[[Sequence[str], int, str, int], list[Drive]]
+"""Drives for muscles, in some number, for a purpose and with a seed."""
+
+
 def training_plan(
-    muscles: Sequence[str], *, seed: int = 0, sequences: int = 30, calibration: int = 39
+    muscles: Sequence[str],
+    drives: Sequences,
+    *,
+    seed: int = 0,
+    ramps: bool = True,
+    sequences: int = 36,
+    calibration: int = 39,
 ) -> list[Drive]:
     """Drives of the training and of the calibration, for muscles named with their side."""
     names = list(dict.fromkeys(m.rsplit("_", 1)[0] for m in muscles))
     groups = [[i] for i in range(len(muscles))]
     groups += [[i for i, m in enumerate(muscles) if m.rsplit("_", 1)[0] == n] for n in names]
-    plan = [_ramp(muscles, group) for group in groups if len(group)]
-    plan += random_drives(muscles, sequences, "training", seed)
-    return plan + random_drives(muscles, calibration, "calibration", seed)
+    plan = [_ramp(muscles, group) for group in groups if ramps and len(group)]
+    plan += drives(muscles, sequences, "training", seed)
+    return plan + drives(muscles, calibration, "calibration", seed)
 
 
 def random_drives(muscles: Sequence[str], n: int, purpose: str, seed: int) -> list[Drive]:
     """Random sequences; those of different purposes are independent."""
-    stream = ("training", "calibration", "test").index(purpose)
+    stream = PURPOSES.index(purpose)
     return [
         _random(
             muscles,
@@ -76,7 +88,7 @@ def random_drives(muscles: Sequence[str], n: int, purpose: str, seed: int) -> li
 
 
 def _ramp(muscles: Sequence[str], active: Sequence[int]) -> Drive:
-    time = np.array([0.0, 0.15, 0.4, 0.55, RAMP])
+    time = np.array([0.0, 0.1, 0.25, 0.35, RAMP])
     values = np.zeros((len(time), len(muscles)))
     values[1:3, active] = 1.0
     label = "ramp of " + " and ".join(muscles[i] for i in active)

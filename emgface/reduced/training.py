@@ -1,14 +1,17 @@
 """Training of a reduced face: full-order motions, modes, sampled points, calibrated error."""
 
+import pkgutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any, Final
 
 import numpy as np
 import xarray as xr
 
-from emgface.face.contact_parameters import NO_CONTACT
+import sim
+import sim._kernels as kernels
 from emgface.face.motion import settle_face
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
@@ -19,10 +22,12 @@ from emgface.reduced.model import (
     training_text,
     whitened_size,
     whitening,
+    without_contact,
 )
 from emgface.reduced.motion import simulate_reduced
 from emgface.reduced.parameters import ReductionParameters
 from emgface.reduced.plan import Drive, training_plan
+from emgface.reduced.study_plan import sequences_of
 from emgface.schema.validation import validate
 from emgface.study.digest import dataset_digest, text_digest
 from emgface.study.mechanics import MECHANICS
@@ -32,6 +37,7 @@ from sim import (
     FixedStep,
     InvertedElement,
     LinearlyImplicitEuler,
+    NotConverged,
     Positions,
     SingularSystem,
     State,
@@ -40,48 +46,80 @@ from sim import (
     compile_scene,
     simulate,
 )
-from sim.reduced import coverage_factor, mass_modes, projected, reduce_system, static_responses
+from sim.reduced import (
+    Features,
+    FusedEuler,
+    ReducedContact,
+    coverage_factor,
+    fitted_closure,
+    mass_modes,
+    near_slots,
+    projected,
+    reduce_system,
+    static_responses,
+)
 
 Progress = Callable[[str, int, int], None]
 
+
+def _modules(package: ModuleType) -> tuple[str, ...]:
+    """Modules of a package but those of reduced models, on which motions at full order do not depend."""
+    names = (f"{package.__name__}.{m.name}" for m in pkgutil.iter_modules(package.__path__))
+    return tuple(n for n in names if ".reduced" not in n and n != kernels.__name__)
+
+
 SNAPSHOTS: Final = Stage(
-    "snapshots", tuple(m for m in MECHANICS if not m.startswith("emgface.reduced"))
+    "snapshots",
+    (
+        *(m for m in MECHANICS if m != "sim" and not m.startswith("emgface.reduced")),
+        *_modules(sim),
+        *_modules(kernels),
+    ),
 )
 STEP: Final = 0.01
 """Time step of training and reduced motions [s]."""
-FLOOR: Final = 1e-4
+FLOOR: Final = 1e-3
 """Smallest estimate of the error before calibration [m]."""
 WEAKER: Final = 0.8
 """Factor on a drive of the plan after an inverted element."""
 SAMPLED: Final = 300
 """Largest number of training states at which forces are sampled."""
+TOUCHED, CLOSE = 100, 2e-3
+"""Number of training states at which points near opposite faces are found, and their distance [m]."""
 SAMPLED_POINTS: Final = 16000
 """Largest number of points among which the sampled ones are chosen."""
 
 
-def without_contact(parameters: SimulationParameters) -> SimulationParameters:
-    """The same tissue and muscles without contact, with the steps of the training."""
-    changed = parameters.as_accurate("published").model_copy(
-        update={"contact": NO_CONTACT, "step": STEP, "output": STEP}
-    )
-    return changed
+def with_steps(parameters: SimulationParameters) -> SimulationParameters:
+    """The same tissue, muscles and contact with the steps of the training."""
+    steps = {"step": STEP, "output": STEP}
+    return parameters.as_accurate("published").model_copy(update=steps)
 
 
 @dataclass(frozen=True, eq=False)
 class FullOrder:
-    """Full-order motions of a face at rest under gravity, for training and comparison."""
+    """Full-order motions of a face at rest under gravity, for training and comparison.
+
+    `tissue` is the system without contact.
+    """
 
     face: xr.Dataset
     parameters: SimulationParameters
     system: System
+    tissue: System
     rest: Floats
 
     @classmethod
-    def of(cls, face: xr.Dataset, parameters: SimulationParameters) -> "FullOrder":
-        """Compile the face and find its rest."""
-        parameters = without_contact(parameters)
+    def of(
+        cls, face: xr.Dataset, parameters: SimulationParameters, rest: Floats | None = None
+    ) -> "FullOrder":
+        """Compile the face and find its rest, unless it is given."""
+        parameters = with_steps(parameters)
         system = compile_scene(compose_scene(face, parameters))
-        return cls(face, parameters, system, settle_face(face, parameters)["node_position"].values)
+        tissue = compile_scene(compose_scene(face, without_contact(parameters)))
+        if rest is None:
+            rest = settle_face(face, parameters)["node_position"].values
+        return cls(face, parameters, system, tissue, rest)
 
     def motion(self, drive: Drive, every: float) -> xr.Dataset:
         """Positions of nodes [m] at every snapshot, and of markers at every step, of one drive.
@@ -93,7 +131,7 @@ class FullOrder:
         for _ in range(5):
             try:
                 return self._motion(drive.scaled(scale), every).assign_attrs(scale=scale)
-            except (InvertedElement, SingularSystem):
+            except (InvertedElement, NotConverged, SingularSystem):
                 scale *= WEAKER
         return xr.Dataset(attrs={"scale": 0.0})
 
@@ -135,7 +173,7 @@ def reduce_face(
     *,
     progress: Progress | None = None,
 ) -> xr.Dataset:
-    """Train a reduced face for the tissue and muscles of some parameters, without contact.
+    """Train a reduced face for the tissue, muscles and contact of some parameters.
 
     The motions of the plan are stored, so that an interrupted training resumes and another size of
     the basis needs no new motion. The result is of schema reduced_face.
@@ -150,12 +188,17 @@ def reduce_face(
     full = FullOrder.of(face, parameters)
     plan = training_plan(
         full.system.muscles,
+        sequences_of(reduction.activations),
         seed=reduction.seed,
+        ramps=reduction.ramps,
         sequences=reduction.sequences,
         calibration=reduction.calibration,
     )
     # Unsupported parts are refused before the training.
-    reduce_system(full.system, full.rest, np.zeros((full.rest.size, 3)), 3, _no_points())
+    none = np.zeros((full.rest.size, 3))
+    reduce_system(full.tissue, full.rest, none, 3, _no_points())
+    if full.system.contact is not None:
+        ReducedContact(full.system.contact, full.rest, none)
     motions, digests = list[xr.Dataset](), list[str]()
     for k, drive in enumerate(plan):
         tell(drive.label, k, len(plan))
@@ -181,6 +224,7 @@ def reduce_face(
         "calibration_largest": 0.0,
         "origin": "simulated",
     }
+    _correct(full, data, plan, motions)
     _calibrate(full, data, reduction.coverage, plan, motions)
     spent = cost + time.process_time() - begun
     return validate(data.assign_attrs(training_time_s=spent), "reduced_face")
@@ -222,7 +266,7 @@ def _reduced(
     full: FullOrder, reduction: ReductionParameters, plan: list[Drive], motions: list[xr.Dataset]
 ) -> xr.Dataset:
     """Modes, chosen points, and the range of the training."""
-    system, rest, mass = full.system, full.rest, full.system.node_mass
+    system, rest, mass = full.tissue, full.rest, full.tissue.node_mass
     training = [m for _, m in _of(plan, motions, "training")]
     moved = np.concatenate([m["node_position"].values for m in training]) - rest
     levels = np.concatenate([m["activation"].values for m in training])
@@ -263,6 +307,11 @@ def _reduced(
         coords={"axis": list("xyz"), "muscle": list(system.muscles)},
         attrs={"moving": reduction.modes, "sample_error": sample.error},
     )
+    contact = full.system.contact
+    if contact is not None:
+        some = np.linspace(0, len(moved) - 1, min(TOUCHED, len(moved))).astype(int)
+        near = near_slots(contact, rest + moved[some], CLOSE)
+        data["contact_slot"] = "contact_point", near, {"units": "1"}
     return data.assign_attrs(largest_distance=float(whitened_size(levels, root).max()))
 
 
@@ -292,6 +341,38 @@ def marker_errors(
     )
     position = found["position"].transpose("time", "marker", "axis").values
     return np.linalg.norm(position - motion["marker_position"].values, axis=2), found
+
+
+def _correct(
+    full: FullOrder, data: xr.Dataset, plan: list[Drive], motions: list[xr.Dataset]
+) -> None:
+    """Fit the correction of the markers to the motions of the training."""
+    reduced = ReducedFace(data, full.face, full.parameters)
+    _, nodes = reduced.nodes
+    n = reduced.modes.shape[2] + len(full.system.muscles)
+    features, missing = list[Floats](), list[Floats]()
+    for drive, motion in _of(plan, motions, "training"):
+        try:
+            found, _ = simulate(
+                reduced.model.system,
+                Activation(drive.time, drive.values),
+                duration=float(drive.time[-1]),
+                integrator=FusedEuler(reduced.contact),
+                steps=FixedStep(STEP),
+                probes=(reduced.markers, Features(n)),
+                initial=reduced.equilibrium,
+            )
+        except (InvertedElement, SingularSystem):
+            continue
+        whole = motion["node_position"].values[:, nodes]
+        stride = round((found.sizes["time"] - 1) / len(whole))
+        at = slice(stride, stride * len(whole) + 1, stride)
+        position = found["position"].transpose("time", "marker", "axis").values[at]
+        missing.append(whole - position)
+        features.append(found["feature"].transpose("time", "of_closure").values[at])
+    closure = fitted_closure(np.concatenate(features), np.concatenate(missing))
+    data["closure_weight"] = (("corrected", "feature"), closure.weights, {"units": "1"})
+    data["closure_offset"] = ("corrected", closure.offset, {"units": "m"})
 
 
 def _calibrate(

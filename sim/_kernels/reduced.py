@@ -294,7 +294,7 @@ def _factorise(A, n):
 
 
 @inner
-def _solve(A, x, n):
+def solve(A, x, n):
     """Solve L D L' y = x in place."""
     for i in range(n):
         s = x[i]
@@ -309,37 +309,18 @@ def _solve(A, x, n):
             x[j] -= A[i, j] * s
 
 
-@kernel
-def advance(
-    t: PointTable,
-    linear: Linear,
-    relaxed: Reals,
-    h: float,
-    activation: Reals,
-    y: Reals,
-    v: Reals,
-    e: Reals,
-    u: Reals,
-    scratch: Scratch,
-) -> tuple[int, float, int, int]:
-    """One linearly implicit Euler step, in place, with the activation at its end.
+@inner
+def _velocity(t, linear, h, activation, y, v, b, scratch):
+    """Factorise the matrix of a step and write its velocities without contact into b.
 
-    (1 + h D + h^2 K) v1 = v0 + h f(y0), y1 = y0 + h v1. The omitted coordinates e with velocities u
-    follow the forces on them, linearised at rest: relaxed u1 = u0 + h (f(y1) - D v1 - K_rest e0), with
-    `relaxed` the inverse of their 1 + h D + h^2 K_rest.
-
-    Returns
-    -------
-    status, smallest det F at the end or at the failure, its point, number of negative pivots.
+    Returns status, smallest det F, its point and the number of negative pivots.
     """
-    constant, D, K_rest = linear.load, linear.damping, linear.stiffness
-    w, x, f, K, A, b = scratch.w, scratch.x, scratch.f, scratch.K, scratch.A, scratch.b
-    r, n = y.size, constant.size
-    blocks = x.shape[0]
-    _fill(x, y)
-    _fill(f, constant)
+    r, D, K, A, f = y.size, linear.damping, scratch.K, scratch.A, scratch.f
+    blocks = scratch.x.shape[0]
+    _fill(scratch.x, y)
+    _fill(f, linear.load)
     K[:] = 0.0
-    _, J, at = _sum(t, x, activation, np.bool_(True), w, f, K, r)
+    _, J, at = _sum(t, scratch.x, activation, np.bool_(True), scratch.w, f, K, r)
     if not (J > 0.0):
         return INVERTED, J, at, 0
     for i in range(r):
@@ -350,26 +331,79 @@ def advance(
     negative = _factorise(A, r)
     if negative < 0:
         return SINGULAR, J, at, 0
-    _solve(A, b, r)
+    solve(A, b, r)
+    return DONE, J, at, negative
+
+
+@inner
+def _moved(t, linear, relaxed, h, activation, y, v, e, u, impulse, scratch):
+    """Move by the velocities in `scratch.b`, and the omitted coordinates by the forces on them.
+
+    Returns status, smallest det F and its point.
+    """
+    D, K_rest, f, b = linear.damping, linear.stiffness, scratch.f, scratch.b
+    r, n = y.size, linear.load.size
     for i in range(r):
         v[i] = b[i]
         y[i] += h * v[i]
-    _fill(x, y)
-    _fill(f, constant)
-    _, J, at = _sum(t, x, activation, np.bool_(False), w, f, K, r)
+    _fill(scratch.x, y)
+    _fill(f, linear.load)
+    _, J, at = _sum(t, scratch.x, activation, np.bool_(False), scratch.w, f, scratch.K, r)
     if not (J > 0.0):
-        return INVERTED, J, at, negative
+        return INVERTED, J, at
     for i in range(r, n):
         s = f[i // LANES, i % LANES]
         for j in range(r):
             s -= D[i, j] * v[j]
         for j in range(r, n):
             s -= K_rest[i, j] * e[j - r]
-        b[i] = u[i - r] + h * s
+        b[i] = u[i - r] + h * s + impulse[i]
     for i in range(n - r):
         s = 0.0
         for j in range(n - r):
             s += relaxed[i, j] * b[r + j]
         u[i] = s
         e[i] += h * s
-    return DONE, J, at, negative
+    return DONE, J, at
+
+
+@kernel
+def predict(
+    t: PointTable,
+    linear: Linear,
+    h: float,
+    activation: Reals,
+    y: Reals,
+    v: Reals,
+    scratch: Scratch,
+) -> tuple[int, float, int, int]:
+    """Velocities at the end of a linearly implicit Euler step, in `scratch.b`.
+
+    (1 + h D + h^2 K) v1 = v0 + h f(y0) with the activation at the end; `scratch.A` becomes the factor of
+    the matrix. Returns status, smallest det F at the start, its point, number of negative pivots.
+    """
+    return _velocity(t, linear, h, activation, y, v, scratch.b, scratch)
+
+
+@kernel
+def move(
+    t: PointTable,
+    linear: Linear,
+    relaxed: Reals,
+    h: float,
+    activation: Reals,
+    y: Reals,
+    v: Reals,
+    e: Reals,
+    u: Reals,
+    impulse: Reals,
+    scratch: Scratch,
+) -> tuple[int, float, int]:
+    """End of a step with the velocities in `scratch.b`: y1 = y0 + h v1, in place.
+
+    The omitted coordinates e with velocities u follow the forces on them and the impulses (n,) of
+    contacts, linearised at rest: relaxed u1 = u0 + h (f(y1) - D v1 - K_rest e0) + impulse, where
+    `relaxed` is the inverse of their 1 + h D + h^2 K_rest. Returns status, smallest det F at the end
+    and its point.
+    """
+    return _moved(t, linear, relaxed, h, activation, y, v, e, u, impulse, scratch)

@@ -89,6 +89,16 @@ class CompiledContact:
         )
         self.vertex_of_slot: Index = np.concatenate([none] + [d.nodes for d in self._directions])
 
+    @property
+    def directions(self) -> tuple[Direction, ...]:
+        """Vertices of one surface against the faces of another, in the order of their slots."""
+        return tuple(self._directions)
+
+    @property
+    def removes(self) -> bool:
+        """True if initial penetrations are removed."""
+        return self._removal_speed > 0.0
+
     def apart(self, pattern: SymmetricPattern) -> "CompiledContact":
         """Same contact with a pattern without entries for the rows."""
         other = copy(self)

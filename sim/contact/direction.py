@@ -77,26 +77,26 @@ class Direction:
         tolerances: ContactTolerances,
         free: Flags,
     ) -> None:
-        self.pairing, self.vertices, self._share = pairing, vertices, share
+        self.pairing, self.vertices, self.share = pairing, vertices, share
         self.slots = first_slot + np.arange(len(vertices))
         approach = tolerances.length
         self._friction, self._approach, self._free = friction, approach, free
         self._tolerances = tolerances
         self._own, self._signs, self._itself = own, faces, own is faces
-        self._surface, self._faces = own.surface, faces.surface
-        one = (vertices[:, 0] == vertices[:, 1]) & isinstance(self._surface, NodeSurface)
+        self.surface, self.faces = own.surface, faces.surface
+        one = (vertices[:, 0] == vertices[:, 1]) & isinstance(self.surface, NodeSurface)
         self.nodes = np.where(one, vertices[:, 0], -1)
-        among = self.nodes if isinstance(self._faces, NodeSurface) else np.full(len(share), -1)
-        triangles, skin = self._faces.triangles, SKIN * approach
+        among = self.nodes if isinstance(self.faces, NodeSurface) else np.full(len(share), -1)
+        triangles, skin = self.faces.triangles, SKIN * approach
         self.candidates = Candidates(triangles, among, skin, every=self._itself)
-        touched = [s.nodes for s in (self._surface, self._faces) if isinstance(s, NodeSurface)]
+        touched = [s.nodes for s in (self.surface, self.faces) if isinstance(s, NodeSurface)]
         self._all_free = bool(free[np.concatenate(touched)].all())
         self._lifted: tuple[Array, Array, Array] | None = None
 
     @property
     def has_inside(self) -> bool:
         """Test if vertices can be inside the faces."""
-        return self._faces.closed and not self._itself
+        return self.faces.closed and not self._itself
 
     def depths(self, q: Array, t: float) -> Array:
         """Depth of each vertex at positions q and time t [m]; 0 for self-contact."""
@@ -104,10 +104,10 @@ class Direction:
         if self._itself:
             return deep
         here = Move(q, q, t, t)
-        points, x = self._at(here.ends(self._surface)[0]), here.ends(self._faces)[0]
+        points, x = self._at(here.ends(self.surface)[0]), here.ends(self.faces)[0]
         # An open surface has no inside; depths in a closed one are not limited.
-        radius = np.inf if self._faces.closed else self._approach
-        found = self._closest(points, radius, x)
+        radius = np.inf if self.faces.closed else self._approach
+        found = self.closest(points, radius, x)
         gap, _ = self._signs.signed(points, found, x)
         np.maximum.at(deep, found.point, -np.nan_to_num(gap))
         return deep
@@ -115,14 +115,15 @@ class Direction:
     def _at(self, of_vertices: Array) -> Array:
         """Values (n, 3) at the points, of values at the vertices of their surface."""
         one, two = (of_vertices[self.vertices[:, k]] for k in (0, 1))
-        return one + self._share[:, None] * (two - one)
+        return one + self.share[:, None] * (two - one)
 
-    def _closest(self, points: Array, radius: Array | float, x: Array) -> Found:
-        return closest_faces(points, radius, x, self._faces.triangles, self.candidates)
+    def closest(self, points: Array, radius: Array | float, x: Array) -> Found:
+        """Closest faces, at positions x of their vertices, of points within a radius."""
+        return closest_faces(points, radius, x, self.faces.triangles, self.candidates)
 
     def turn(self, t0: float, t1: float) -> Array | None:
         """Rotation (3, 3) of the faces from t0 to t1 [s], if they are a moving shell."""
-        faces = self._faces
+        faces = self.faces
         if not isinstance(faces, RigidShell) or faces.motion is None:
             return None
         return faces.place(t1)[0] @ faces.place(t0)[0].T
@@ -137,10 +138,10 @@ class Direction:
         way : (n_slots,) or None
             Upper bound of the displacement of each vertex in the step [m].
         """
-        faces, blur = self._faces, BLUR * self._approach
+        faces, blur = self.faces, BLUR * self._approach
         x0, x1 = move.ends(faces)
         x = x0 if move.at_start else x1
-        mine = move.ends(self._surface)[0 if move.at_start else 1]
+        mine = move.ends(self.surface)[0 if move.at_start else 1]
         points, may = self._at(mine), allowed[self.slots]
         radius = self._approach + may + (0.0 if way is None else way[self.slots])
         away = self._at(self._signs.normals(x)[1]) if self._itself else NO_NORMALS
@@ -169,9 +170,9 @@ class Direction:
 
         allowed (n_slots,) are the depths that vertices may have [m].
         """
-        x0, x1 = move.ends(self._faces)
-        before, after = self._outside(move, allowed), self._at(move.ends(self._surface)[1])
-        triangles = self._faces.triangles
+        x0, x1 = move.ends(self.faces)
+        before, after = self._outside(move, allowed), self._at(move.ends(self.surface)[1])
+        triangles = self.faces.triangles
         found = entered_faces(before, after, x0, x1, triangles, self.candidates)
         if not len(found.point):
             return no_rows()
@@ -190,12 +191,12 @@ class Direction:
             q0, known, points = self._lifted
             if q0 is move.q0 and known is allowed:
                 return points
-        points = self._at(move.ends(self._surface)[0])
+        points = self._at(move.ends(self.surface)[0])
         self._lifted = move.q0, allowed, points
-        if self._itself or not self._faces.closed:
+        if self._itself or not self.faces.closed:
             return points
-        x0 = move.ends(self._faces)[0]
-        found = self._closest(points, self._tolerances.hair, x0)
+        x0 = move.ends(self.faces)[0]
+        found = self.closest(points, self._tolerances.hair, x0)
         gap, normal = self._signs.signed(points, found, x0)
         hair = np.flatnonzero((gap < 0.0) & (allowed[self.slots][found.point] == 0.0))
         at = found.point[hair]
@@ -205,7 +206,7 @@ class Direction:
 
     def outward(self, q: Array, rows: Rows) -> Array:
         """Normals (k, 3) of rows on a surface of the mesh at nodal positions q; zero on a shell."""
-        if not isinstance(self._faces, NodeSurface):
+        if not isinstance(self.faces, NodeSurface):
             return np.zeros((len(rows), 3))
         return self._signs.normals_of(rows.place, q)
 
@@ -216,21 +217,21 @@ class Direction:
 
         about: their places and ranks.
         """
-        ends, share, k = self.vertices[found.point], self._share[found.point], len(found.point)
+        ends, share, k = self.vertices[found.point], self.share[found.point], len(found.point)
         vertex = ends[:, 0]
-        corners = self._faces.triangles[found.face]
+        corners = self.faces.triangles[found.face]
         weight, carried = np.ones((k, 4)), np.zeros((k, 3))
-        if isinstance(self._faces, NodeSurface):
+        if isinstance(self.faces, NodeSurface):
             nodes, weight[:, 1:] = np.empty((k, 4), np.int64), -found.weight
             nodes[:, 0], nodes[:, 1:] = vertex, corners
-            if not isinstance(self._surface, NodeSurface):
+            if not isinstance(self.surface, NodeSurface):
                 nodes[:, 0], weight[:, 0] = corners[:, 0], 0.0
-                p0, p1 = move.ends(self._surface)
+                p0, p1 = move.ends(self.surface)
                 carried = p0[vertex] - p1[vertex]
         else:
             nodes, weight[:, 2:] = ends[:, [0, 1, 0, 0]], 0.0
             weight[:, 0], weight[:, 1] = 1.0 - share, share
-            x0, x1 = move.ends(self._faces)
+            x0, x1 = move.ends(self.faces)
             carried = np.einsum("kj,kji->ki", found.weight, x1[corners] - x0[corners])
         rows = Rows(
             self.slots[found.point],

@@ -6,19 +6,26 @@ controls of full order apply to it unchanged.
 """
 
 from sim.reduced.basis import mass_modes, projected, static_responses
+from sim.reduced.closure import Closure, fitted_closure
 from sim.reduced.conformal import coverage_factor
+from sim.reduced.contact import ReducedContact, near_slots
 from sim.reduced.cubature import sampled
 from sim.reduced.fused import FusedEuler
 from sim.reduced.model import ReducedModel, reduce_system
-from sim.reduced.probes import ReducedMarkers, ReductionError
+from sim.reduced.probes import Features, ReducedMarkers, ReductionError
 
 __all__ = [
+    "Closure",
+    "Features",
     "FusedEuler",
+    "ReducedContact",
     "ReducedMarkers",
     "ReducedModel",
     "ReductionError",
     "coverage_factor",
+    "fitted_closure",
     "mass_modes",
+    "near_slots",
     "projected",
     "reduce_system",
     "sampled",

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.probes import AXES, Variable
+from sim.reduced.closure import Closure, features_of
 from sim.reduced.fused import OMITTED
 from sim.state import Array, Control, State, StepReport
 from sim.system import System
@@ -18,6 +19,7 @@ class ReducedMarkers:
     rest: Array  #: (k, 3) their positions at y = 0 [m]
     modes: Array  #: (3 k, r) rows of the moving modes
     names: Sequence[str]  #: names of the nodes
+    closure: Closure | None = None  #: correction of their positions
 
     def variables(self) -> tuple[Variable, ...]:
         """One variable."""
@@ -27,8 +29,27 @@ class ReducedMarkers:
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None
     ) -> tuple[Array | float, ...]:
-        """Sum the modes."""
-        return (self.rest + (self.modes @ state.q.reshape(-1)).reshape(-1, 3),)
+        """Sum the modes, and the correction."""
+        position = self.rest + (self.modes @ state.q.reshape(-1)).reshape(-1, 3)
+        return (position if self.closure is None else position + self.closure(state, control),)
+
+
+@dataclass(frozen=True)
+class Features:
+    """Features of a `Closure`, as a variable ``feature``."""
+
+    n: int  #: number of coordinates, omitted coordinates and muscles
+
+    def variables(self) -> tuple[Variable, ...]:
+        """One variable."""
+        coords = {"of_closure": [str(k) for k in range(self.n)]}
+        return (Variable("feature", "1", ("of_closure",), coords),)
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Array | float, ...]:
+        """Record the features."""
+        return (features_of(state, control, self.n),)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +65,9 @@ class ReductionError:
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None
     ) -> tuple[Array | float, ...]:
-        """Norm of the displacement of the worst node; zero at the start."""
-        if report is None or OMITTED not in state.memory:
-            return 0.0, system.smallest_J(state.q)[0]
+        """Norm of the displacement of the worst node."""
+        J = system.smallest_J(state.q)[0] if report is None else report.smallest_J
+        if OMITTED not in state.memory:
+            return 0.0, J
         moved = (self.modes @ state.memory[OMITTED][0]).reshape(-1, 3)
-        return float(np.sqrt((moved**2).sum(axis=1).max(initial=0.0))), report.smallest_J
+        return float(np.sqrt((moved**2).sum(axis=1).max(initial=0.0))), J

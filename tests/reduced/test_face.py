@@ -6,15 +6,16 @@ import pytest
 import xarray as xr
 
 import emgface as ef
-from emgface.errors import FaceError
+from emgface.errors import ConfigurationError, FaceError
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.muscles import CHANNELS
+from emgface.muscles import CHANNELS, RELEVANT
 from emgface.reduced import training
 from emgface.reduced.live import live, summary
 from emgface.reduced.model import ReducedFace
 from emgface.reduced.motion import simulate_reduced
 from emgface.reduced.parameters import ReductionParameters
-from emgface.reduced.plan import Drive, training_plan
+from emgface.reduced.plan import Drive, random_drives, training_plan
+from emgface.reduced.study_plan import study_drives
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.study.store import Store
 from sim import Activation
@@ -23,7 +24,7 @@ SMALL = ReductionParameters(modes=9, omitted=3, points=60, calibration=3, covera
 PARAMETERS = SimulationParameters(sigma_max=50e3, accuracy="published", contact={"method": "none"})
 
 
-def short(muscles, **_):
+def short(muscles, *_, **__):
     """Six drives of 0.15 s: right and left muscles at other levels."""
     time, right = np.array([0.0, 0.1, 0.15]), np.array([m.endswith("_R") for m in muscles])
     drives = []
@@ -101,6 +102,15 @@ def test_an_activation_outside_the_training_is_simulated_at_full_order(face, tra
     assert kept.attrs["reduced"] == 1 and "farther than any" in kept.attrs["reduction_doubt"]
 
 
+def test_realtime_never_repeats_a_trial_at_full_order(face, trained):
+    options = {"sigma_max": 50e3, "accuracy": "realtime", "contact": {"method": "none"}}
+    strict = {"file": trained[1], "largest_error": 1e-9}
+    found = ef.simulate(activation(face, 0.35, 0.45), face, reduced=strict, **options)
+    assert found.attrs["reduced"] == 1 and "above 1e-06 mm" in found.attrs["reduction_doubt"]
+    with pytest.raises(ConfigurationError, match="'realtime' requires a reduced face"):
+        ef.simulate(activation(face, 0.35, 0.45), face, **options)
+
+
 def test_a_bound_that_is_too_large_is_not_trusted(face, trained):
     drive = activation(face, 0.35, 0.45)
     found = simulate(face, drive, file=trained[1], largest_error=1e-9)
@@ -112,7 +122,10 @@ def test_a_bound_that_is_too_large_is_not_trusted(face, trained):
     [
         ({"C10": 2000.0}, "trained with C10 = 2500.0, found 2000.0"),
         ({"sigma_max": 60e3}, "trained with sigma_max = 50000 Pa, found 60000 Pa"),
-        ({"contact": {"method": "constraint"}}, "has no contact of lips and teeth"),
+        (
+            {"contact": {"method": "constraint"}},
+            "trained with contact.method = 'none', found 'constraint'",
+        ),
     ],
 )
 def test_other_parameters_are_refused(face, trained, change, message):
@@ -129,13 +142,32 @@ def test_another_face_is_refused(face, trained):
 
 def test_the_plan_reaches_full_activation_of_each_muscle_and_of_all(face):
     muscles = list(map(str, face["muscle"].values))
-    plan = training_plan(muscles, sequences=12, calibration=2)
+    plan = training_plan(muscles, random_drives, sequences=12, calibration=2)
     ramps = [d.values.max(axis=0) for d in plan if d.label.startswith("ramp")]
     assert np.array_equal(np.array(ramps)[: len(muscles)], np.eye(len(muscles)))
     assert max((d.values > 0.0).any(axis=0).sum() for d in plan) == len(muscles)
-    again = training_plan(muscles, sequences=12, calibration=2)
+    again = training_plan(muscles, random_drives, sequences=12, calibration=2)
     assert all(np.array_equal(a.values, b.values) for a, b in zip(plan, again, strict=True))
     assert sum(d.purpose == "calibration" for d in plan) == 2
+
+
+def test_study_drives_are_those_of_the_strategies(face):
+    """Eighteen in turn contain every pair of instruction and strategy, of other volunteers each."""
+    muscles = list(map(str, face["muscle"].values))
+    drives = study_drives(muscles, 18, "training", 0)
+    assert len({drive.label.split(" ", 2)[2] for drive in drives}) == 18
+    for drive in drives:
+        assert drive.values.min() >= 0.0 and 0.8 < drive.values.max() <= 1.0
+        assert drive.time[0] == 0.0 and drive.time[-1] == pytest.approx(1.1)
+        active = {muscles[i].rsplit("_", 1)[0] for i in np.flatnonzero(drive.values.any(axis=0))}
+        if "act_rel" in drive.label:
+            assert active <= set(RELEVANT[drive.label.split()[2]])
+        if "act_3" in drive.label:
+            assert len(active) == 3
+    again = study_drives(muscles, 1, "training", 0)[0]
+    other = study_drives(muscles, 1, "calibration", 0)[0]
+    np.testing.assert_array_equal(again.values, drives[0].values)
+    assert np.abs(other.values - drives[0].values).max() > 0.1
 
 
 def test_a_live_face_moves_as_one_that_is_simulated_with_the_same_activation(face, trained):

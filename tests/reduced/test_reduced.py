@@ -9,10 +9,12 @@ from sim.reduced import (
     ReducedMarkers,
     ReductionError,
     coverage_factor,
+    fitted_closure,
     mass_modes,
     projected,
     reduce_system,
 )
+from sim.reduced.fused import OMITTED
 from tests.reduced.scenes import STEP, basis, block, drive, full_motion, snapshots
 
 
@@ -175,6 +177,19 @@ def test_other_terms_are_refused():
     current = sim.Scene(scene.mesh, scene.terms, scene.reductions, sim.Rayleigh())
     with pytest.raises(sim.SceneError, match="damping by the stiffness at rest"):
         reduce_system(sim.compile_scene(current), scene.mesh.X, basis(6), 6)
+
+
+def test_a_closure_recovers_a_linear_difference():
+    """Positions that miss a linear function of coordinates, omitted coordinates and activation."""
+    rng = np.random.default_rng(4)
+    features, weights = rng.normal(size=(400, 7)) * [1, 2, 3, 1, 1, 1, 0], rng.normal(size=(6, 7))
+    missing = 1e-3 * (features @ weights.T + 0.5).reshape(-1, 2, 3)
+    closure = fitted_closure(features, missing)
+    memory = {OMITTED: np.stack([features[0, 3:5], np.zeros(2)])}
+    state = sim.State(0.0, features[:1, :3], np.zeros((1, 3)), memory)
+    found = closure(state, sim.Control(features[0, 5:]))
+    np.testing.assert_allclose(found, missing[0], atol=0.02 * np.abs(missing).max())
+    assert (closure.weights[:, 6] == 0.0).all()  # an activation that never varies
 
 
 def test_calibration_covers_new_trials():

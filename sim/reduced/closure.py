@@ -1,0 +1,47 @@
+"""Linear correction of the positions of nodes, fitted to what a reduced model misses in its training.
+
+A Galerkin projection is systematically too stiff, and forces on the omitted modes are known but do not
+move. The difference of nodal positions at full order from those of the reduced model is therefore
+regressed on its coordinates, the omitted coordinates and the activation.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.reduced.fused import OMITTED
+from sim.state import Array, Control, State
+
+RIDGE = 1e-2  #: penalty on the coefficients of features of unit variance
+
+
+@dataclass(frozen=True, eq=False)
+class Closure:
+    """Correction weights @ features + offset of the positions of k nodes [m]."""
+
+    weights: Array  #: (3 k, n_features)
+    offset: Array  #: (3 k,) [m]
+
+    def __call__(self, state: State, control: Control) -> Array:
+        """Correction (k, 3) [m] in a state."""
+        n = self.weights.shape[1]
+        return (self.weights @ features_of(state, control, n) + self.offset).reshape(-1, 3)
+
+
+def features_of(state: State, control: Control, n: int) -> Array:
+    """Coordinates, omitted coordinates (zero at the start) and activation (n,)."""
+    y, a = state.q.reshape(-1), control.activation
+    omitted = state.memory[OMITTED][0] if OMITTED in state.memory else np.zeros(n - len(y) - len(a))
+    return np.concatenate([y, omitted, a])
+
+
+def fitted_closure(features: Array, missing: Array) -> Closure:
+    """Ridge regression of missing displacements (t, k, 3) [m] on features (t, n)."""
+    mean, spread = features.mean(axis=0), features.std(axis=0)
+    scaled = (features - mean) / np.where(spread > 0.0, spread, 1.0)
+    target = missing.reshape(len(missing), -1)
+    centre = target.mean(axis=0)
+    squares = scaled.T @ scaled + RIDGE * len(scaled) * np.eye(scaled.shape[1])
+    found = np.linalg.solve(squares, scaled.T @ (target - centre))
+    weights = (found / np.where(spread > 0.0, spread, 1.0)[:, None]).T
+    return Closure(np.ascontiguousarray(weights), centre - weights @ mean)
