@@ -34,6 +34,15 @@ from sim.reduced import FusedEuler
 SEED = 1  #: seed of the trials
 
 
+def openings(reduced, found, motion):
+    """Lip opening [m] of a reduced motion and of that at full order, at the snapshots of the latter."""
+    upper, lower = reduced.face["lip_opening_node"].values.astype(int)
+    nodes = motion["node_position"].values
+    full = nodes[:, upper, 2] - nodes[:, lower, 2]
+    stride = (found.sizes["time"] - 1) // len(full)
+    return found["lip_opening"].values[stride::stride][: len(full)], full
+
+
 def trial(reduced, drive, motion):
     """Errors, bound and times of one trial."""
     start = time.process_time()
@@ -44,6 +53,7 @@ def trial(reduced, drive, motion):
     full = position.transpose("time", "marker", "axis").copy(data=whole)
     rho = correlation_3d(full, position)
     largest = error.max(axis=1)
+    opening, whole_opening = openings(reduced, found, motion)
     steps = len(largest) - 1
     return {
         "trial": drive.label,
@@ -51,6 +61,9 @@ def trial(reduced, drive, motion):
         "largest [mm]": 1e3 * float(largest.max()),
         "bound [mm]": 1e3 * float(found["reduction_error"].max()),
         "motion [mm]": 1e3 * float(np.linalg.norm(whole - whole[0], axis=2).max()),
+        "opening [mm]": 1e3 * float(opening.min()),
+        "opening of full order [mm]": 1e3 * float(whole_opening.min()),
+        "opening error [mm]": 1e3 * float(np.abs(opening - whole_opening).max()),
         "covered": bool((largest <= found["reduction_error"].values).all()),
         "trusted": found.attrs["reduction_doubt"] == "",
         "least rho": float(rho.min()),
@@ -120,6 +133,9 @@ def main(face: Path, rom: Path, trials: int = 20, out: Path | None = None):
         ("error of markers, rms, mm", float(np.sqrt((table["rms [mm]"] ** 2).mean()))),
         ("error of markers, median of largest, mm", float(table["largest [mm]"].median())),
         ("error of markers, largest, mm", float(table["largest [mm]"].max())),
+        ("smallest lip opening, mm", float(table["opening [mm]"].min())),
+        ("smallest at full order, mm", float(table["opening of full order [mm]"].min())),
+        ("lip opening, largest difference, mm", float(table["opening error [mm]"].max())),
         ("bound, median of largest, mm", float(table["bound [mm]"].median())),
         ("trials within the bound, %", 100.0 * float(table["covered"].mean())),
         ("nominal, %", 100.0 * float(data.attrs["coverage"])),
