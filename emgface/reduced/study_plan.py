@@ -15,7 +15,7 @@ import numpy as np
 
 from emgface.errors import FeatureWarning
 from emgface.muscles import INSTRUCTIONS
-from emgface.reduced.plan import PURPOSES, SAMPLE, Drive, Sequences, random_drives
+from emgface.reduced.plan import PURPOSES, SAMPLE, Drive, Floats, Sequences, random_drives
 from emgface.signals.activation import activation_of
 from emgface.signals.parameters import SignalChain
 from emgface.volunteers.emg import synthesise_emg
@@ -82,7 +82,7 @@ def _drive(
         found = activation_of(recording, SignalChain(), strategy=strategy, instruction=instruction)
     given = found["activation"].transpose("time", "muscle").sel(muscle=list(muscles))
     since = given["time"].values - float(given["time"][0])
-    time = SAMPLE * np.arange(int(since[-1] / SAMPLE + 1e-9) + 1)
+    time: Floats = SAMPLE * np.arange(int(since[-1] / SAMPLE + 1e-9) + 1, dtype=np.float64)
     values = np.array([np.interp(time, since, row) for row in given.values.T]).T
     label = f"{purpose} {person.index % PEOPLE} {instruction} {strategy}"
     return Drive(label, purpose, time, np.clip(values, 0.0, 1.0))

@@ -117,9 +117,10 @@ class FullOrder:
         parameters = with_steps(parameters)
         system = compile_scene(compose_scene(face, parameters))
         tissue = compile_scene(compose_scene(face, without_contact(parameters)))
-        if rest is None:
-            rest = settle_face(face, parameters)["node_position"].values
-        return cls(face, parameters, system, tissue, rest)
+        if rest is not None:
+            return cls(face, parameters, system, tissue, rest)
+        start = settle_face(face, parameters)["node_position"].values
+        return cls(face, parameters, system, tissue, start)
 
     def motion(self, drive: Drive, every: float) -> xr.Dataset:
         """Positions of nodes [m] at every snapshot, and of markers at every step, of one drive.

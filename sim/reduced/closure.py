@@ -37,11 +37,13 @@ def features_of(state: State, control: Control, n: int) -> Array:
 
 def fitted_closure(features: Array, missing: Array) -> Closure:
     """Ridge regression of missing displacements (t, k, 3) [m] on features (t, n)."""
-    mean, spread = features.mean(axis=0), features.std(axis=0)
-    scaled = (features - mean) / np.where(spread > 0.0, spread, 1.0)
+    mean: Array = features.mean(axis=0)
+    spread: Array = features.std(axis=0)
+    size: Array = np.where(spread > 0.0, spread, 1.0)
+    scaled: Array = (features - mean) / size
     target = missing.reshape(len(missing), -1)
-    centre = target.mean(axis=0)
-    squares = scaled.T @ scaled + RIDGE * len(scaled) * np.eye(scaled.shape[1])
-    found = np.linalg.solve(squares, scaled.T @ (target - centre))
-    weights = (found / np.where(spread > 0.0, spread, 1.0)[:, None]).T
-    return Closure(np.ascontiguousarray(weights), centre - weights @ mean)
+    centre: Array = target.mean(axis=0)
+    squares: Array = scaled.T @ scaled + RIDGE * len(scaled) * np.eye(scaled.shape[1])
+    found: Array = np.asarray(np.linalg.inv(squares) @ (scaled.T @ (target - centre)))
+    weights: Array = np.ascontiguousarray((found / size[:, None]).T)
+    return Closure(weights, centre - weights @ mean)

@@ -56,21 +56,21 @@ class FusedEuler:
         activation = control.chord(state.t, h).at(1.0).activation
         about = solid.table, term.linear
         memory, impulse = dict[str, Array](), np.zeros(n)
-        status, J, at, negative = predict(*about, h, activation, y, v, term.scratch)
+        status, least, at, negative = predict(*about, h, activation, y, v, term.scratch)
         if status == DONE:
             if self.contact is not None:
                 memory, impulse = self._touched(self.contact, state, y, v, h, term)
             moving = y, v, omitted[0], omitted[1], impulse
-            status, J, at = move(*about, term.relaxed(h), h, activation, *moving, term.scratch)
+            status, least, at = move(*about, term.relaxed(h), h, activation, *moving, term.scratch)
         if status == INVERTED:
-            raise InvertedElement(int(solid.table.place[at]) // 8, float(J), state.t + h)
+            raise InvertedElement(int(solid.table.place[at]) // 8, float(least), state.t + h)
         if status != DONE:
             raise SingularSystem(
                 f"the reduced matrix of the step from t = {state.t:.4g} s is singular: shorten it"
             )
         memory[OMITTED] = omitted
         new = State(state.t + h, y.reshape(-1, 3), v.reshape(-1, 3), memory)
-        return new, StepReport(h=h, smallest_J=float(J), indefinite=int(negative > 0))
+        return new, StepReport(h=h, smallest_J=float(least), indefinite=int(negative > 0))
 
     @staticmethod
     def _touched(
