@@ -88,13 +88,23 @@ def stability() -> pd.DataFrame:
     jaw = template_jaw(preset="woman")
     stiff = jaw.copy(deep=True)
     stiff["spring_stiffness"][:] = 100.0 * stiff["spring_stiffness"]
+    tense, weightless = jaw.copy(deep=True), jaw.copy(deep=True)
+    tense["muscle_passive_fraction"][:] = 100.0 * tense["muscle_passive_fraction"]
+    weightless["body_inertia"][:] = 0.0
     off = jaw.copy(deep=True)
     off["joint_origin"][0] = off["joint_origin"][0] + [0.0, 0.0, 1e-3]
     both = Task("", 0.4, {"bi_open": [(0.0, 1.0)], "bi_close": [(0.0, 1.0)]})
     cases = {
-        "spring stiffness x 100, opening": (stiff, TASKS["open"], {"duration": 0.4}),
+        "stiffness of springs x 100, opening": (stiff, TASKS["open"], {"duration": 0.4}),
+        "passive stiffness of muscles x 100, opening": (tense, TASKS["open"], {"duration": 0.4}),
         "start 1 mm off the joint surface": (off, TASKS["open"], {"duration": 0.4}),
         "all openers and closers at 1 from t = 0": (jaw, both, {}),
+        "pull of 500 N downwards on the incisor": (
+            jaw,
+            TASKS["pull"],
+            {"duration": 0.4, "load": (0.0, 0.0, -500.0)},
+        ),
+        "bodies without inertia": (weightless, TASKS["open"], {"duration": 0.4}),
         "10 s of clench": (jaw, TASKS["clench"], {"duration": 10.0}),
         **{
             f"opening, steps of {h:g} ms": (jaw, TASKS["open"], {"duration": 0.4, "step": 1e-3 * h})
@@ -114,8 +124,8 @@ def stability() -> pd.DataFrame:
                 "drift of second half mm": f"{np.linalg.norm(d[-1] - d[half]):.2g}",
                 "sideways mm": f"{np.abs(d[:, 0]).max():.2g}",
             }
-        except sim.SimulationError as error:
-            row["result"] = f"{type(error).__name__}: {str(error)[:70]}"
+        except (EmgfaceError, sim.SimulationError) as error:
+            row["result"] = f"{type(error).__name__}: {' '.join(str(error).split())}"
         rows.append(row)
     return pd.DataFrame(rows)
 

@@ -125,7 +125,7 @@ def lay_out_multibody(
         start.astype(np.int64),
         np.array([p for points in paths for p in points], dtype=np.int64),
         np.array([point for point, _ in forces.morsels], dtype=np.int64),
-        np.array([plane for _, plane in forces.morsels], dtype=np.float64).reshape(-1, 8),
+        np.array([plane for _, plane in forces.morsels], dtype=np.float64).reshape(-1, 9),
     )
     kept = _row_table(rows, body, arm)
     return Multibody(

@@ -168,7 +168,7 @@ def add_line(table, lines, k, activation, scratch, by_damping, by_stiffness):
 
 
 @bare
-def add_morsels(table, whole, scratch, by_stiffness):
+def add_morsels(table, whole, scratch, by_damping, by_stiffness):
     """Forces of whole morsels on their points, and their share of A, as `sim.terms.crushable`."""
     for k in range(len(table.morsel)):
         p = table.morsel[k]
@@ -181,7 +181,8 @@ def add_morsels(table, whole, scratch, by_stiffness):
         c = table.column[table.body[p]] if table.body[p] >= 0 else -1
         if c >= 0:
             u = _slope(scratch, p, normal, 1.0)
-            _add_outer(scratch.A, c, c, u, u, by_stiffness * stiffness)
+            along = by_stiffness * stiffness + by_damping * table.plane[k, 8]
+            _add_outer(scratch.A, c, c, u, u, along)
 
 
 @bare

@@ -19,8 +19,8 @@ class BodyTable(NamedTuple):
     body, arm : body of every point, -1 for space, and its place in the axes of the body [m].
     load : (n_points, 3) constant forces [N].
     start, point : points start[k]..start[k + 1] of fibre k, entries of `point`.
-    morsel, plane : points of morsels, and (k, 8) of each: place and normal of its plane, fixed in space,
-        diameter [m] and largest force [N], as `sim.Crushable`.
+    morsel, plane : points of morsels, and (k, 9) of each: place and normal of its plane, fixed in space,
+        diameter [m], largest force [N] and damping [N s/m], as `sim.Crushable`.
     """
 
     column: Index

@@ -125,7 +125,7 @@ def _equation(table, lines, activation, whole, h, theta, scratch):
     copy(table.load, scratch.force)
     for k in range(len(table.start) - 1):
         add_line(table, lines, k, activation, scratch, by_damping, by_stiffness)
-    add_morsels(table, whole, scratch, by_stiffness)
+    add_morsels(table, whole, scratch, by_damping, by_stiffness)
     add_points(table, scratch, by_stiffness)
     for b in range(len(table.column)):
         c = table.column[b]

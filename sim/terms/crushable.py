@@ -16,10 +16,11 @@ GONE = 1e-6  #: distance from the plane at which a morsel is crushed [m]
 
 @dataclass(frozen=True, eq=False)
 class Crushable:
-    """Force F = force_max (1 - d/diameter) along the normal on a point at the distance d from a plane.
+    """Force F = force_max (1 - d/diameter) - damping d' on a point at the distance d from a plane.
 
-    It acts for 0 < d < diameter. If d falls below 1 um, the morsel is crushed, and the force is zero
-    until d exceeds the diameter, at which a new morsel is present. Initially it is crushed.
+    It acts along the normal for 0 < d < diameter. If d falls below 1 um, the morsel is crushed, and the
+    force is zero until d exceeds the diameter, at which a new morsel is present. Initially it is
+    crushed.
 
     Raises
     ------
@@ -28,9 +29,8 @@ class Crushable:
 
     Notes
     -----
-    Source: the food bolus of Hannam et al. 2008, J. Biomech. 41, 1069, without its damping of
-    0.01, whose unit is not stated: at the speed of chewing it is below 0.1 % of the force if per m/s,
-    and some percent if per mm/s.
+    Source: the food bolus of Hannam et al. 2008, J. Biomech. 41, 1069. The unit of its damping of 0.01
+    is not stated; the forces stored with the published model are those of N s/mm (docs/jaw.md).
     """
 
     node: int  #: node or point
@@ -39,10 +39,12 @@ class Crushable:
     normal: Array
     diameter: float = 10e-3  #: [m]
     force_max: float = 35.0  #: [N]
+    damping: float = 10.0  #: [N s/m]
 
     def __post_init__(self) -> None:
         require(self, "diameter", self.diameter, above=GONE)
         require(self, "force_max", self.force_max, least=0.0)
+        require(self, "damping", self.damping, least=0.0)
         if not abs(float(np.linalg.norm(self.normal)) - 1.0) < 1e-6:
             raise SceneError(f"Crushable: normal {self.normal!r} has no unit length: normalise it")
 
@@ -76,7 +78,7 @@ class CompiledCrushable:
     def add_to(self, forces: PointForces) -> None:
         """Add the morsel."""
         term = self._term
-        plane = [*term.origin, *term.normal, term.diameter, term.force_max]
+        plane = [*term.origin, *term.normal, term.diameter, term.force_max, term.damping]
         forces.morsels.append((term.node, np.array(plane)))
 
     def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
@@ -90,6 +92,14 @@ class CompiledCrushable:
             block, stored = k * np.outer(term.normal, term.normal).ravel(), self._target >= 0
             np.add.at(K, self._target[stored], block[stored])
         return Contribution(0.5 * k * left * left)
+
+    def add_damping(self, q: Array, control: Control, D: Array) -> None:
+        """Add the damping along the normal."""
+        term = self._term
+        if self._whole and self._distance(q) < term.diameter:
+            block = term.damping * np.outer(term.normal, term.normal).ravel()
+            stored = self._target >= 0
+            np.add.at(D, self._target[stored], block[stored])
 
 
 class CrushableInStep(CompiledCrushable):

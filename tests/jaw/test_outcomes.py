@@ -38,7 +38,7 @@ def test_tasks_run_without_the_muscles_that_a_fixed_hyoid_lacks(published, share
         "--series",
         str(series),
         "--step",
-        "0.01",
+        "0.005",
         "--out",
         str(out),
     ]

@@ -42,7 +42,28 @@ def test_an_intact_morsel_carries_a_weight_and_a_crushed_one_does_not():
     assert height_after(falling(0.0101, diameter=0.01, force_max=0.5 * weight), 0.8) < -1e-3
 
 
+def test_damping_resists_by_the_speed():
+    """A body falls in a morsel without stiffness as m v' = -m g - (c + b) v, with its own damping b."""
+    m, c, b, g = 0.1, 10.0, 20.0, 9.8
+    system = falling(0.0101, diameter=0.01, force_max=0.0, damping=c)
+    steps = sim.FixedStep(1e-4)
+    motion, _ = sim.simulate(
+        system,
+        sim.resting(0),
+        duration=0.1,
+        steps=steps,
+        every=0.01,
+        integrator=sim.LinearlyImplicitTrapezoidal(),
+        probes=(sim.Frames(("bob",)),),
+    )
+    z = motion["body_position"].sel(axis="z").values.ravel()
+    speed = np.diff(z)[-1] / 0.01
+    assert speed == pytest.approx(-m * g / (c + b), rel=1e-6)
+
+
 def test_invalid_morsels_are_refused():
+    with pytest.raises(sim.SceneError, match="Crushable: damping = -1"):
+        sim.Crushable(0, np.zeros(3), UP, damping=-1.0)
     with pytest.raises(sim.SceneError, match="Crushable: diameter = 0"):
         sim.Crushable(0, np.zeros(3), UP, diameter=0.0)
     with pytest.raises(sim.SceneError, match="has no unit length"):

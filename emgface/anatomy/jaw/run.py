@@ -11,12 +11,12 @@ from emgface.anatomy.jaw.model import AXES, Floats
 from emgface.anatomy.jaw.scene import JawScene, jaw_scene
 from emgface.anatomy.jaw.series import Excitation
 from emgface.anatomy.jaw.tasks import Task, turned_head
+from emgface.errors import JawError
 from emgface.schema.validation import validate
 from sim.integrators import Integrator
 from sim.probes import Probe, Variable
 from sim.scene import Term
 from sim.state import Control, State, StepReport
-from sim.terms.crushable import GONE
 
 STEP, OUTPUT = 1e-3, 5e-3
 """Time step and time between outputs [s]."""
@@ -31,6 +31,7 @@ def simulate_jaw(
     head: float = 0.0,
     load: tuple[float, float, float] = (0.0, 0.0, 0.0),
     morsel: str | None = None,
+    resistance: float = 35.0,
     step: float = STEP,
     output: float = OUTPUT,
     integrator: Integrator | None = None,
@@ -52,6 +53,8 @@ def simulate_jaw(
     load : (3,) constant force on the lower incisor [N].
     morsel : str, optional
         Side of a morsel between the teeth, "L" or "R".
+    resistance : float
+        Largest elastic force of the morsel [N].
     step, output : float
         Time step and time between outputs [s].
     integrator : optional
@@ -67,7 +70,8 @@ def simulate_jaw(
     Raises
     ------
     JawError
-        An exciter or the law is unknown.
+        An exciter or the law is unknown, or the step is too long: where active muscles make the jaw
+        unstable, the matrix of a long step is indefinite, and the motion after it is wrong.
     SimulationError
         As `sim.simulate`.
     """
@@ -75,6 +79,8 @@ def simulate_jaw(
     turn = (
         turned_head(head, jaw["point_position"].sel(point="head_centre").values) if head else None
     )
+
+    eaten = list[sim.Crushable]()
 
     def further(points: Mapping[str, int]) -> tuple[Term, ...]:
         found = list[Term]()
@@ -84,14 +90,15 @@ def simulate_jaw(
         if morsel is not None:
             bite = jaw.sel(joint=f"bite_{morsel}")
             place, normal = bite["joint_origin"].values, bite["joint_normal"].values
-            found.append(sim.Crushable(points[f"bite_{morsel}"], place, normal))
-        return tuple(found)
+            point = points[f"bite_{morsel}"]
+            eaten.append(sim.Crushable(point, place, normal, force_max=resistance))
+        return (*found, *eaten)
 
     parts = jaw_scene(jaw, law=law, head=turn, terms=further)
     system = sim.compile_scene(parts.scene)
     order = list(system.muscles)
     given = activation.reindex(muscle=order).fillna(0.0)  # springs and dampers are never active
-    drive = sim.Activation(excitation.time, given.values.T)
+    drive, effort = sim.Activation(excitation.time, given.values.T), sim.Iterations()
     motion, _ = sim.simulate(
         system,
         drive,
@@ -99,16 +106,17 @@ def simulate_jaw(
         steps=sim.FixedStep(step),
         every=output,
         integrator=sim.LinearlyImplicitEuler() if integrator is None else integrator,
-        probes=_probes(parts),
+        probes=(*_probes(parts), *(Resistance(term) for term in eaten), effort),
         progress=progress,
     )
+    _require_followed(motion, step)
+    motion = motion.drop_vars([v.name for v in effort.variables()])
     found = np.array([drive.at(float(t)) for t in motion["time"].values])
     active = [order.index(str(m)) for m in jaw["muscle"].values]
     motion["activation"] = (("muscle", "time"), found.T[active], {"units": "1"})
     motion["muscle_force"] = (("muscle", "time"), _forces(parts, motion), {"units": "N"})
     motion = motion.drop_vars("muscle_rate")
     if morsel is not None:
-        motion["morsel_force"] = ("time", _morsel_force(jaw, motion, morsel), {"units": "N"})
         motion.attrs["morsel"] = morsel
     motion = motion.assign(drawn(jaw, parts.bodies))
     motion.attrs |= {
@@ -163,25 +171,23 @@ def _probes(parts: JawScene) -> tuple[Probe, ...]:
     )
 
 
+def _require_followed(motion: xr.Dataset, step: float) -> None:
+    bad = np.flatnonzero(motion["indefinite"].values > 0.0)
+    if len(bad):
+        t = float(motion["time"][bad[0]])
+        raise JawError(
+            f"steps of {1e3 * step:g} ms are too long before {t:.4g} s, where the active muscles make "
+            "the jaw unstable and the matrix of a step indefinite: choose shorter ones, such as "
+            f"{250.0 * step:g} ms"
+        )
+
+
 def _forces(parts: JawScene, motion: xr.Dataset) -> Floats:
     """Tension of every muscle over time [N]."""
     rows = (motion[name].values for name in ("muscle_length", "muscle_rate", "activation"))
     return np.array(
         [line.tension(*own) for line, *own in zip(parts.muscles.values(), *rows, strict=True)]
     )
-
-
-def _morsel_force(jaw: xr.Dataset, motion: xr.Dataset, side: str) -> Floats:
-    """Force of a morsel at the outputs, from the distance of its point from the plane [N]."""
-    bite = jaw.sel(joint=f"bite_{side}")
-    x = motion["position"].sel(marker=f"bite_{side}").transpose("time", "axis").values
-    d = (x - bite["joint_origin"].values) @ bite["joint_normal"].values
-    term = sim.Crushable(0, bite["joint_origin"].values, bite["joint_normal"].values)
-    force, whole = np.zeros(len(d)), False
-    for k, gap in enumerate(d.tolist()):
-        whole = gap > term.diameter or (whole and gap >= GONE)
-        force[k] = max(term.force_max * (1.0 - gap / term.diameter), 0.0) if whole else 0.0
-    return force
 
 
 def drawn(jaw: xr.Dataset, bodies: tuple[str, ...]) -> dict[str, object]:
@@ -229,6 +235,30 @@ class Lines:
         way, rate = state.q[b] - state.q[a], state.v[b] - state.v[a]
         length = np.linalg.norm(way, axis=1)
         return length, (way * rate).sum(axis=1) / length
+
+
+@dataclass(frozen=True, eq=False)
+class Resistance:
+    """Force of a morsel [N]."""
+
+    term: sim.Crushable
+
+    def variables(self) -> tuple[Variable, ...]:
+        """Variable ``morsel_force``."""
+        return (Variable("morsel_force", "N"),)
+
+    def record(
+        self, system: sim.System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[float]:
+        """Force at the end of a step, after which an intact morsel is remembered."""
+        term = self.term
+        d, rate = (
+            float(x @ term.normal) for x in (state.q[term.node] - term.origin, state.v[term.node])
+        )
+        whole = any(x[0] > 0.0 for n, x in state.memory.items() if n.startswith("Crushable"))
+        if not whole or d >= term.diameter:
+            return (0.0,)
+        return (max(term.force_max * (1.0 - d / term.diameter) - term.damping * rate, 0.0),)
 
 
 __all__ = ["AXES", "OUTPUT", "STEP", "drawn", "run_excitation", "run_task", "simulate_jaw"]
