@@ -54,13 +54,19 @@ def mechanics_of(parameters: SimulationParameters) -> str:
 def parameters_of(dataset: xr.Dataset) -> SimulationParameters:
     """Simulation parameters with which a reduced face was trained."""
     sigma_max = json.loads(dataset.attrs["training"])["sigma_max"]
-    values = {**json.loads(dataset.attrs["mechanics"]), "sigma_max": sigma_max}
+    values = {**_mechanics(dataset), "sigma_max": sigma_max}
     return SimulationParameters.model_validate(values | {"accuracy": "published"})
 
 
 def contact_of(path: Path) -> dict[str, Any]:
     """Parameters of the contact of the training of a file; errors as of `read_netcdf`."""
-    return json.loads(read_netcdf(path, "reduced_face").attrs["mechanics"])["contact"]
+    return _mechanics(read_netcdf(path, "reduced_face"))["contact"]
+
+
+def _mechanics(dataset: xr.Dataset) -> dict[str, Any]:
+    """Parameters to which a reduced face is bound; earlier files, without contact, do not state it."""
+    absent = {"contact": NO_CONTACT.model_dump(mode="json")}
+    return absent | json.loads(dataset.attrs["mechanics"])
 
 
 def without_contact(parameters: SimulationParameters) -> SimulationParameters:
@@ -104,7 +110,7 @@ class ReducedFace:
                 f"the reduced face belongs to the face with digest {own[:8]}, found one with digest "
                 f"{found[:8]}: reduce this face (emgface face reduce)"
             )
-        trained = json.loads(dataset.attrs["mechanics"])
+        trained = _mechanics(dataset)
         given_here = json.loads(mechanics_of(parameters))
         own_contact, contact = trained["contact"]["method"], given_here["contact"]["method"]
         if own_contact != contact:

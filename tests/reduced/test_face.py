@@ -1,5 +1,7 @@
 """Reduced faces: training that resumes, binding to a face, doubt and fall-back to full order."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,7 +13,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS, RELEVANT
 from emgface.reduced import training
 from emgface.reduced.live import live, summary
-from emgface.reduced.model import ReducedFace
+from emgface.reduced.model import ReducedFace, parameters_of
 from emgface.reduced.motion import simulate_reduced
 from emgface.reduced.parameters import ReductionParameters
 from emgface.reduced.plan import Drive, random_drives, training_plan
@@ -132,6 +134,14 @@ def test_other_parameters_are_refused(face, trained, change, message):
     values = PARAMETERS.model_dump(exclude_unset=True) | change
     with pytest.raises(FaceError, match=message):
         ReducedFace.of(trained[0], face, SimulationParameters.model_validate(values))
+
+
+def test_an_earlier_file_has_no_contact(face, trained):
+    mechanics = json.loads(trained[0].attrs["mechanics"])
+    del mechanics["contact"]
+    earlier = trained[0].assign_attrs(mechanics=json.dumps(mechanics))
+    assert parameters_of(earlier).contact.method == "none"
+    assert ReducedFace.of(earlier, face, PARAMETERS).contact is None
 
 
 def test_another_face_is_refused(face, trained):
