@@ -66,28 +66,37 @@ def in_other_steps(parameters: SimulationParameters) -> SimulationParameters:
     return parameters.model_copy(update=changed)
 
 
-def event_error(motion: xr.Dataset, again: Callable[[], xr.Dataset] | None) -> xr.DataArray:
+def event_error(
+    motion: xr.Dataset, again: Callable[[], xr.Dataset] | None
+) -> tuple[xr.DataArray, dict[str, float | str]]:
     """Error (time,) [m] of the largest marker by events of contact, 0 before the first contact.
 
     `motion` contains ``position(marker, axis, time)`` [m] and, if surfaces may touch, the variable of
     `ContactForce`. `again` repeats it in other steps; the error is `MARGIN` times the largest
-    distance of a marker between both motions so far, infinite if the repetition fails, and its run time
-    is added to ``run_time_s`` of the motion. If it is None, the error is `ASSUMED`.
+    distance of a marker between both motions so far, and its run time is added to ``run_time_s`` of
+    the motion. If it is None or fails, the error is `ASSUMED`. The second result contains the
+    attributes of a motion with contact.
     """
     force = motion.get(FORCE, xr.zeros_like(motion["time"])).values
     touching = np.maximum.accumulate(force > 0.0)
-    if again is None or not touching.any():
-        values = ASSUMED * touching
-    else:
+    values, attrs = ASSUMED * touching, dict[str, float | str]()
+    if touching.any():
+        attrs["event_error_measured"] = 0
+    if again is not None and touching.any():
         try:
             other = again()
+        except SimulationError as error:
+            attrs["repetition_failed"] = f"{type(error).__name__}: {error}"
+        else:
             apart = other["position"].assign_coords(time=motion["time"]) - motion["position"]
-            motion.attrs["run_time_s"] += other.attrs["run_time_s"]
             distance = ((apart**2).sum("axis").max("marker") ** 0.5).values
             values = MARGIN * np.maximum.accumulate(distance)
-        except SimulationError:
-            values = np.full(len(touching), np.inf)
-    return xr.DataArray(values, dims="time", coords={"time": motion["time"]}, attrs={"units": "m"})
+            motion.attrs["run_time_s"] += other.attrs["run_time_s"]
+            attrs["event_error_measured"] = 1
+    if attrs:
+        attrs["event_error"] = float(values.max())
+    found = xr.DataArray(values, dims="time", coords={"time": motion["time"]})
+    return found.assign_attrs(units="m"), attrs
 
 
 def contact_statement(*, repeated: bool) -> str:
@@ -111,10 +120,9 @@ def contact_share(motion: xr.Dataset) -> str:
     if error == 0.0:
         return ""
     if not motion.attrs["event_error_measured"]:
+        advice = "; --check-contact measures it for this motion"
         return (
             f"of which {error:.2g} mm is assumed for contact, the largest distance between motions in "
-            "different steps (docs/accuracy.md); --check-contact measures it for this motion"
+            f"different steps (docs/accuracy.md){'' if 'repetition_failed' in motion.attrs else advice}"
         )
-    if not np.isfinite(error):
-        return "since the repetition in other steps failed"
     return f"of which {error:.2g} mm is twice the distance from the repetition in other steps"

@@ -144,7 +144,8 @@ def simulate_face(
     marker, and, if the integrator has an estimate, the largest ``numerical_error`` [m] and
     ``inaccurate``, 1 if it exceeds a tenth of the motion. If surfaces touched, ``event_error`` [m]
     is the part of contact in that error, and ``event_error_measured`` 1 if the motion was repeated
-    and 0 if that part is assumed (`emgface.face.event_error`). With a reduced face
+    and 0 if that part is assumed (`emgface.face.event_error`), also where the repetition failed
+    (``repetition_failed``). With a reduced face
     (``parameters.reduced.file``) it is that of `emgface.reduced.motion.trusted_motion`; ``reduced`` is
     then 1, or 0 if the motion was not trusted and is that of full order (``reduction_doubt``).
 
@@ -201,14 +202,12 @@ def simulate_face(
     def again() -> xr.Dataset:
         return run(start, watched[:1], progress, in_other_steps(parameters))
 
-    of_contact = event_error(trajectory, again if parameters.check_contact else None)
+    of_contact, told = event_error(trajectory, again if parameters.check_contact else None)
     step, left = trajectory["step_error"], trajectory["iteration_error"]
     error = (numerical_error(step, parameters.beta, left) + of_contact).assign_attrs(units="m")
     trajectory = trajectory.drop_vars([step.name, left.name, FORCE], errors="ignore")
     trajectory = trajectory.assign(numerical_error=error)
-    if of_contact.any():
-        trajectory.attrs["event_error"] = float(of_contact.max())
-        trajectory.attrs["event_error_measured"] = int(parameters.check_contact)
+    trajectory.attrs |= told
     trajectory.attrs["solver"] = parameters.solver
     if doubt is not None:
         trajectory.attrs |= {"reduced": 0, "reduction_doubt": doubt}

@@ -36,14 +36,18 @@ def rounding_sensitivity(
 
 
 def stability_warning(motion: xr.Dataset) -> str:
-    """Warning for a motion that depends on rounding, or whose sigma_max was lowered as a result.
+    """Warning for a motion that depends on rounding or steps, or whose sigma_max was lowered.
 
     The trajectory has the attributes ``unstable_from_s``, ``unstable_until_s`` [s] and
     ``rounding_sensitivity`` [m] if its equilibrium lost stability, and ``lowered_after`` if that of
-    a run with a larger sigma_max did (`emgface.study.policy`). The text is empty otherwise.
+    a run with a larger sigma_max did (`emgface.study.policy`), and ``repetition_failed`` if its
+    repetition did (`emgface.face.event_error`). The text is empty otherwise.
     """
     lowered = str(motion.attrs.get("lowered_after", ""))
     lowered = f"sigma_max was lowered after {lowered}" if lowered else ""
+    if failed := motion.attrs.get("repetition_failed"):
+        failed = f"the repetition in other steps failed ({failed}), its distance is not known"
+        lowered = f"{lowered}; {failed}" if lowered else failed
     changes = float(motion.attrs.get("rounding_sensitivity", 0.0))
     if changes < NOTICED:
         return lowered

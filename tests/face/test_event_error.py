@@ -14,7 +14,8 @@ from emgface.face.event_error import (
 )
 from emgface.face.motion import simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
-from sim import SingularSystem
+from emgface.face.stability import stability_warning
+from sim import NotConverged
 
 
 def motion_of(force, moved=0.0):
@@ -29,25 +30,34 @@ def motion_of(force, moved=0.0):
 
 
 def test_an_error_is_assumed_from_the_first_contact():
-    assert not event_error(motion_of([0.0] * 4), None).any()
-    assert not event_error(motion_of([0.0] * 4).drop_vars(FORCE), None).any()
-    assumed = event_error(motion_of([0.0, 0.2, 0.0, 0.0]), None)
+    for without in (motion_of([0.0] * 4), motion_of([0.0] * 4).drop_vars(FORCE)):
+        found, told = event_error(without, None)
+        assert not found.any() and told == {}
+    assumed, told = event_error(motion_of([0.0, 0.2, 0.0, 0.0]), None)
     np.testing.assert_array_equal(assumed, [0.0, ASSUMED, ASSUMED, ASSUMED])
+    assert told == {"event_error": ASSUMED, "event_error_measured": 0}
 
 
 def test_the_error_is_twice_the_largest_distance_from_the_repetition_so_far():
     touching = motion_of([0.0, 0.2, 0.0, 0.0])
     other = motion_of([0.0] * 4, moved=-2e-4)["position"].transpose("time", "axis", "marker")
     repeated = xr.Dataset({"position": other}, attrs={"run_time_s": 3.0})
-    found = event_error(touching, lambda: repeated)
+    found, told = event_error(touching, lambda: repeated)
     np.testing.assert_allclose(found, [0.0, 0.0, 4e-4, 4e-4], rtol=1e-12)
-    assert touching.attrs["run_time_s"] == 5.0
+    assert told["event_error_measured"] == 1 and touching.attrs["run_time_s"] == 5.0
 
+
+def test_a_repetition_that_fails_loses_no_motion_and_is_told():
     def fails() -> xr.Dataset:
-        raise SingularSystem
+        raise NotConverged((), 0.02, "no")
 
-    assert np.isinf(event_error(touching, fails)).all()
-    assert not event_error(motion_of([0.0] * 4), fails).any(), "without contact it is not repeated"
+    touching = motion_of([0.0, 0.2, 0.0, 0.0])
+    found, told = event_error(touching, fails)
+    assert found.max() == ASSUMED and told["event_error_measured"] == 0
+    moved = touching.assign_attrs(told)
+    assert "failed (NotConverged" in stability_warning(moved)
+    assert "assumed" in contact_share(moved) and "--check-contact" not in contact_share(moved)
+    assert event_error(motion_of([0.0] * 4), fails)[1] == {}, "without contact it is not repeated"
 
 
 @pytest.mark.parametrize("given", [{}, {"step": 0.02, "output": 0.01}, {"solver": "converged"}])
