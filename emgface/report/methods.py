@@ -165,7 +165,8 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
         else f" of {1e3 * s.step:g} ms"
     )
     told.append(f"Motion was integrated by {INTEGRATORS[s.solver]} in steps{control}.")
-    if s.contact.method != "none":
+    full_order = s.reduced.file is None or s.reduced.fall_back
+    if s.contact.method != "none" and full_order:
         told.append(f"{contact_statement(repeated=s.check_contact)}.")
     if s.reduced.file is not None:
         otherwise = "at full order" if s.reduced.fall_back else "by it as well"
