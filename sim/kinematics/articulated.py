@@ -348,7 +348,7 @@ class Articulated(Kinematics):
             R = csr_array((entries, part.indices, part.indptr), shape=part.shape)
             heavy = np.repeat(self._coupled_mass, np.diff(part.indptr)) * entries
             mR = csr_array((heavy, part.indices, part.indptr), shape=part.shape)
-            M = np.asarray((R.T @ mR).toarray(), dtype=np.float64)
+            M = np.asarray(csr_array(R.T @ mR).toarray(), dtype=np.float64)
             start = len(own) - 6 * len(self.free_bodies)
             angular = start + 6 * np.arange(len(self.free_bodies))[:, None] + np.arange(3, 6)
             M[angular[:, :, None], angular[:, None, :]] += self._inertias(pose)
