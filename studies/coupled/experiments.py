@@ -75,7 +75,7 @@ CLOSING: Final[Mapping[str, tuple[Mapping[str, float], Mapping[str, str]]]] = {
     "marginal": ({"bi_OOM": 0.6}, {"OOM": "marginal middle"}),
 }
 """Activated parts of orbicularis oris, and how its two muscles are placed."""
-OPENERS: Final = (0.0, 0.02, 0.05, 0.1, 0.3)
+OPENERS: Final = (0.0, 0.05, 0.1, 0.3)
 
 
 def _closing() -> Iterator[Run]:
@@ -171,7 +171,7 @@ EXPERIMENTS: Final[Mapping[str, Experiment]] = {
         tuple(_closing()),
         ("lower_incisor_up_mm", "opening_mm", "area_mm2", "upper_up_mm", "lower_up_mm", *_SPEED),
         ("lower_incisor_up_mm", "opening_mm", "area_mm2"),
-        Setting(parts=("face", "jaw"), finer=1150, step=2e-2),
+        Setting(parts=("face", "jaw"), step=2e-2),
     ),
     "expressions": Experiment(
         "5 Expressions (11.4.5, Figs 11.14 and 11.15)",
