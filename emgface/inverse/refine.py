@@ -27,6 +27,8 @@ ONE_SIDED = 0.2
 """Ratio of its bounds below which an interval begins at 0."""
 FIRST_ERROR, ITERATIONS = 0.2, 3
 """Error of the model over the motion before it is estimated, and iterations with it."""
+MOST_ERROR = 0.4
+"""Largest error that is estimated: beyond it the sEMG would replace the markers and add misfit."""
 NAMED = 5
 """Largest number of undetermined directions that are named."""
 PRESCRIBED = 0.01
@@ -217,7 +219,7 @@ def refine(
     weight, begin = marker_precision(known, target, rest, noise, h), state.coefficients
     if state.model_error is None:
         begin = fitted(begin, max(min(ITERATIONS, iterations) - state.done, 0))
-        found = model_error(begin, target, rest, noise)
+        found = min(model_error(begin, target, rest, noise), MOST_ERROR)
         state = Begun(begin.coefficients, ITERATIONS, found)
         known = replace(assumed, model_error=found)
         weight = marker_precision(known, target, rest, noise, h)
