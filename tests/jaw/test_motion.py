@@ -122,6 +122,8 @@ def test_invalid_tasks_are_refused_with_a_reason(tmp_path):
     jaw = small_jaw()
     with pytest.raises(JawError, match="no exciter is called 'open', expected one of"):
         simulate_jaw(jaw, ramps({"open": [(0.0, 1.0)]}), duration=0.01)
+    with pytest.raises(JawError, match="rises to 50, expected a fraction"):
+        simulate_jaw(jaw, ramps({"bi_all": [(0.0, 50.0)]}), duration=0.01)
     with pytest.raises(JawError, match="no task is called 'sing'"):
         task_of("sing")
     with pytest.raises(JawError, match="needs the published excitation series"):

@@ -10,6 +10,7 @@ from emgface.errors import JawError
 
 Groups = Mapping[str, Sequence[str]]
 """Muscles or other groups by the name of a group, without sides."""
+LARGEST = 1.1  #: largest excitation [1]: cubic series through values up to 1 exceed them slightly
 
 
 def exciters_of(muscles: Iterable[str], groups: Groups) -> dict[str, dict[str, float]]:
@@ -74,7 +75,7 @@ def muscle_activation(jaw: xr.Dataset, excitation: Mapping[str, Floats]) -> tupl
     Raises
     ------
     JawError
-        An exciter does not exist or an excitation is not finite.
+        An exciter does not exist, or an excitation is not finite or exceeds `LARGEST`.
     """
     known = jaw["exciter"].values.tolist()
     total: Floats | float = 0.0
@@ -85,6 +86,11 @@ def muscle_activation(jaw: xr.Dataset, excitation: Mapping[str, Floats]) -> tupl
         u = np.asarray(values, dtype=np.float64)
         if not np.isfinite(u).all():
             raise JawError(f"excitation of {name} is not finite: interpolate its gaps first")
+        if u.max(initial=0.0) > LARGEST:
+            raise JawError(
+                f"excitation of {name} rises to {u.max():.3g}, expected a fraction of the maximum, 0 to "
+                "1: divide percentages by 100, or normalise the series"
+            )
         negative = min(negative, float(u.min(initial=0.0)))
         gain = jaw["exciter_gain"].values[known.index(name)]
         total = total + np.maximum(u, 0.0)[:, None] * gain
