@@ -215,7 +215,8 @@ def _in_tissue(head: Head, pair: str, first: Mapping[str, int], carrier: sim.Mes
     tissue, _, other = pair.partition("-")
     nodes = head.attached(pair)
     points = head.parts[tissue]["position"].values[nodes]
-    away, near = KDTree(carrier.X).query(points, HOLDERS)
+    found = KDTree(carrier.X).query(points, HOLDERS)
+    away, near = np.asarray(found[0], dtype=np.float64), np.asarray(found[1], dtype=np.int64)
     if (away[:, 0] > BESIDE).any():
         k = int(np.argmax(away[:, 0]))
         raise HeadError(
@@ -227,9 +228,9 @@ def _in_tissue(head: Head, pair: str, first: Mapping[str, int], carrier: sim.Mes
         [np.ones((len(nodes), 1, HOLDERS)), np.zeros((len(nodes), 3, HOLDERS))], 1
     )
     lines[:, 1:] = ((carrier.X[near] - points[:, None]) / scale).transpose(0, 2, 1)
-    weights = np.linalg.pinv(lines)[:, :, 0]
-    found = Embedding(np.full(len(nodes), -1), (near + first[other]).astype(np.int64), weights)
-    return sim.InElement((nodes + first[tissue]).astype(np.int64), found)
+    weights = np.linalg.pinv(lines)[:, :, 0].astype(np.float64)
+    embedding = Embedding(np.full(len(nodes), -1), near + first[other], weights)
+    return sim.InElement((nodes + first[tissue]).astype(np.int64), embedding)
 
 
 _Carried = tuple[Floats, tuple[sim.OnBody, ...]]
