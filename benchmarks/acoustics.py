@@ -3,7 +3,7 @@
     python -m benchmarks acoustics [--part NAME] [--out FOLDER]
 
 Formants: published shapes (EMGFACE_SHARED) by three methods; largest differences of F1 to F4.
-Checks: closed forms, moving tubes and fricatives, with the limits of the specification. Folds:
+Checks: closed forms, moving tubes and fricatives, within limits set in advance. Folds:
 pressure at which they begin to oscillate, and pitch. Cost: two-tube /a/ of 17 cm with all losses;
 largest error of F1 to F4 against the matrix method, and processor seconds per second of sound.
 Stability: folds at 785 Pa, or as stated; sound pressure at 0.3 m; click: largest second difference

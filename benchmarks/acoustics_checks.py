@@ -77,7 +77,7 @@ Row = tuple[str, float, float | tuple[float, float]]
 def checks() -> pd.DataFrame:
     """Closed forms, published shapes, moving tubes, geometry, folds and noise: figures and limits.
 
-    Checks 1 to 7 of the specification; check 8 is the part "stiffening".
+    Checks 1 to 7; check 8 is the part "stiffening".
     """
     rows = [
         *_uniform_and_two_tubes(), *_scheme(), *_published(), *_any_shapes(), *_radiation_and_walls(),

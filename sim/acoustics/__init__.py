@@ -1,4 +1,4 @@
-"""Sound of tubes such as the vocal tract: formants, waves in time and sources.
+"""Sound of tubes such as the vocal tract: formants, waves in time, sources and wall pressure.
 
 Arguments and results are arrays in SI units, independent of any face model. Waves are one-dimensional,
 which is valid up to 4 to 5 kHz; side branches other than the nasal tract are absent.
@@ -8,6 +8,7 @@ from sim.acoustics.matrix import formants, lossless_formants, transfer
 from sim.acoustics.medium import LOSSLESS, SMALLEST, Branch, Medium
 from sim.acoustics.resonances import resonances
 from sim.acoustics.sources import SILENT, Flow, Folds, Source, Turbulence, rosenberg
+from sim.acoustics.wall_pressure import wall_pressure
 from sim.acoustics.waves import TubeSound, kelly_lochbaum, simulate_tube
 
 __all__ = [
@@ -28,4 +29,5 @@ __all__ = [
     "rosenberg",
     "simulate_tube",
     "transfer",
+    "wall_pressure",
 ]

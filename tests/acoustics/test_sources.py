@@ -1,4 +1,4 @@
-"""Sources: folds, pulses and turbulence."""
+"""Sources: folds, pulses, turbulence; pressure of a steady flow on walls."""
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from sim.acoustics import (
     Turbulence,
     rosenberg,
     simulate_tube,
+    wall_pressure,
 )
 from sim.errors import AcousticsError
 from tests.acoustics.shapes import AH
@@ -120,3 +121,21 @@ def test_noise_has_the_same_power_at_every_rate_and_repeats_its_seed():
     assert levels[0] == pytest.approx(levels[1], rel=0.05)
     assert np.array_equal(noise.noise(100, 44_100.0, 5), noise.noise(100, 44_100.0, 5))
     assert not np.array_equal(noise.noise(100, 44_100.0, 5), noise.noise(100, 44_100.0, 6))
+
+
+def test_pressure_on_walls_obeys_bernoulli_up_to_separation():
+    areas = np.array([4.0, 2.0, 1.0, 1.1, 1.3, 4.0]) * 1e-4
+    P, Q = wall_pressure(areas, 800.0)
+    assert pytest.approx(1.2e-4 * np.sqrt(2 * 800.0 / 1.14)) == Q
+    assert P[:4] == pytest.approx(800.0 * (1.0 - (1.2e-4 / areas[:4]) ** 2))
+    assert not P[4:].any()  # the jet has the pressure outside
+    back, flow = wall_pressure(areas[::-1], 0.0, outside=800.0)
+    assert back[::-1] == pytest.approx(P) and flow == -Q
+
+
+def test_a_closure_carries_the_lung_pressure_and_no_flow():
+    areas = np.array([3.0, 3.0, 0.0, 3.0]) * 1e-4
+    P, Q = wall_pressure(areas, 800.0)
+    assert P[:2] == pytest.approx([800.0, 800.0], rel=1e-6) and P[3] == 0.0
+    assert Q < 1e-6
+    assert wall_pressure(areas, 0.0)[1] == 0.0
