@@ -34,6 +34,7 @@ from sim.scene import Index
 from sim.state import Array, Pose
 from sim.vectors import dot
 
+MAX_SHIFTS = 24  #: shifts of indefinite matrices that end a stage; an ordinary one has none
 PLACES, PLACED = 3, 1e-6
 """Largest number of renewals of the normals and closest points of rows, and change that needs none."""
 
@@ -165,8 +166,8 @@ class StageWithRows:
             reason = "the matrix remains indefinite for any shift"
             raise NotConverged(tuple(self._residuals), self._until, reason) from error
         self._factorisations, self._shifts = self._factorisations + 1 + more, self._shifts + more
-        if self._shifts > self._tolerances.max_shifts:
-            reason = f"limit of {self._tolerances.max_shifts} factorisations of indefinite matrices"
+        if self._shifts > MAX_SHIFTS:
+            reason = f"limit of {MAX_SHIFTS} shifts of indefinite matrices"
             raise NotConverged(tuple(self._residuals), self._until, reason)
         self._solve_densely()
 

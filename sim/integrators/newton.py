@@ -101,11 +101,6 @@ class Tolerances:
     #: the factor is renewed if an iteration reduces the residual by a smaller factor
     keep_factor: float = 0.6
 
-    @property
-    def max_shifts(self) -> int:
-        """Shifts of indefinite matrices after which a step is given up; an ordinary one has none."""
-        return int(0.3 * self.max_iterations)
-
     def met(self, left: float, residual: float) -> bool:
         """Test if an estimated error of the positions and a residual are below their tolerances."""
         return left <= self.tolerance and residual <= self.residual_tolerance
@@ -214,9 +209,6 @@ def minimise(
             reason = "the matrix remains indefinite for any shift"
             raise NotConverged(tuple(residuals), until, reason) from error
         factorisations, shifts, age = factorisations + 1 + more, shifts + more, 0
-        if shifts > tolerances.max_shifts:
-            reason = f"limit of {tolerances.max_shifts} factorisations of indefinite matrices"
-            raise NotConverged(tuple(residuals), until, reason)
 
     def account(iteration: int, left: float) -> Iteration:
         return Iteration(iteration, factorisations, point.residual, left, shortest, shifts)

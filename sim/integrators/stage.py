@@ -118,8 +118,8 @@ class Converged(Iterative):
             return Solved(done.pose, w, here, done.went, done, done.reaction)
         v = system.kinematics.displacements(stage.u, stage.base)
         way = np.linalg.norm(stage.base.q + stage.s * v - state.q, axis=1)
-        # Ordinary steps take up to 8 iterations in all, with friction 50.
-        most = (3 if system.contact.rubs else 1) * self.max_iterations
+        # Hard landings take up to 150 iterations in all, ordinary steps about ten.
+        most = 3 * self.max_iterations
         found = minimise_in_contact(phi, start, contact, way, key, work, settle, stage.t, most)
         end = found.point
         pose = replace(phi.pose(end.d), q=found.q)
