@@ -133,11 +133,11 @@ def cut(
     mapping: MappingOption = None,
     offset: Annotated[
         float | None,
-        typer.Option(help="Offset of the marker clock [s]: t_emg = offset + t_marker."),
+        typer.Option(help="Offset of the marker clock in s: t_emg = offset + t_marker."),
     ] = None,
     band: BandOption = None,
-    before: Annotated[float, typer.Option(min=0, help="Time before the onset [s].")] = 0.0,
-    after: Annotated[float, typer.Option(min=0, help="Time after the end [s].")] = 0.0,
+    before: Annotated[float, typer.Option(min=0, help="Time before the onset in s.")] = 0.0,
+    after: Annotated[float, typer.Option(min=0, help="Time after the end in s.")] = 0.0,
 ) -> None:
     """Cut a long recording into trials, by events or by its activity."""
     from emgface.errors import DataError

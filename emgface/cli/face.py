@@ -26,7 +26,7 @@ def artisynth(
     ],
     out_path: Annotated[Path, typer.Option("--out", help="Face model to write (netCDF).")],
     radius: Annotated[
-        float, typer.Option(help="Distance from a fibre within which elements are muscle [m].")
+        float, typer.Option(help="Distance from a fibre within which elements are muscle, in m.")
     ] = 5e-3,
     oop: Annotated[
         str, typer.Option(help="Elements of OOP: oldoop, active, block or radius.")

@@ -119,12 +119,12 @@ def simulate(
             help="Exciter and level that rises within 0.2 s, such as bi_GGP=0.3; repeatable."
         ),
     ] = None,
-    duration: Annotated[float, typer.Option(help="Simulated time [s].")] = 0.5,
+    duration: Annotated[float, typer.Option(help="Simulated time in s.")] = 0.5,
     law: Annotated[
         str, typer.Option(help="Muscle law of the jaw, as of `emgface jaw run`.")
     ] = "peck",
     gravity: Annotated[bool, typer.Option(help="With gravity.")] = True,
-    step: Annotated[float, typer.Option(help="Largest time step [s].")] = 5e-3,
+    step: Annotated[float, typer.Option(help="Largest time step in s.")] = 5e-3,
 ) -> None:
     """Move a head by excitations of any of its muscles."""
     from emgface.anatomy.head.model import read_head
@@ -189,7 +189,7 @@ def follow(
             help="Recording of maximum effort of the jaw, for its normalisation; repeatable."
         ),
     ] = None,
-    step: Annotated[float, typer.Option(help="Largest time step [s].")] = 5e-3,
+    step: Annotated[float, typer.Option(help="Largest time step in s.")] = 5e-3,
 ) -> None:
     """Move a head by a recording of face and jaw, and score lips and incisor."""
     from emgface.anatomy.head.model import read_head
@@ -235,9 +235,9 @@ def sweep(
     finer: Annotated[
         str | None, typer.Option(help="Of a second mesh, for the mesh error; 1150, for example.")
     ] = None,
-    duration: Annotated[float, typer.Option(help="Simulated time [s].")] = 0.4,
+    duration: Annotated[float, typer.Option(help="Simulated time in s.")] = 0.4,
     step: Annotated[
-        float, typer.Option(help="Time step [s]; half of it is used as well, for the step error.")
+        float, typer.Option(help="Time step in s; half of it is used as well, for the step error.")
     ] = 1e-2,
     gravity: Annotated[bool, typer.Option(help="With gravity.")] = True,
 ) -> None:

@@ -38,7 +38,7 @@ def run(
     ] = 1.0,
     gain: Annotated[float, typer.Option(help="Factor on the normalised sEMG.")] = 1.0,
     delay: Annotated[
-        float, typer.Option(help="Time by which the sEMG precedes the force [s].")
+        float, typer.Option(help="Time by which the sEMG precedes the force in s.")
     ] = 0.04,
     leave_out: Annotated[
         list[str] | None, typer.Option(help="Lip marker that is not tracked; repeatable.")

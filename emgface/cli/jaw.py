@@ -23,7 +23,7 @@ SeriesOption = Annotated[
     Path | None,
     typer.Option(help="Folder of published series for a chewing task, such as probes/leftchew."),
 ]
-StepOption = Annotated[float, typer.Option(help="Time step [s].")]
+StepOption = Annotated[float, typer.Option(help="Time step in s.")]
 
 
 @app.command(name="import")
@@ -115,7 +115,7 @@ def run(
         typer.Option(help="Excitations (csv, nc) with a column time and one per exciter."),
     ] = None,
     series: SeriesOption = None,
-    duration: Annotated[float | None, typer.Option(help="Simulated time [s].")] = None,
+    duration: Annotated[float | None, typer.Option(help="Simulated time in s.")] = None,
     law: Annotated[
         str, typer.Option(help="Muscle law: peck, hill, pennate, spring or constant.")
     ] = "peck",

@@ -16,7 +16,9 @@ def live(
     log: Annotated[Path, typer.Option(help="Table of all frames to write (csv).")],
     face: FacePath = None,
     mapping: MappingOption = None,
-    seconds: Annotated[float, typer.Option(help="Duration [s]; the recording is repeated.")] = 60.0,
+    seconds: Annotated[
+        float, typer.Option(help="Duration in s; the recording is repeated.")
+    ] = 60.0,
 ) -> None:
     """Move a reduced face by sEMG in real time; log latency and jitter."""
     import pandas as pd

@@ -117,7 +117,7 @@ def simulate(
 
 def show(
     path: Annotated[
-        Path, typer.Argument(help="Recording, activation, trajectory, scores, cube or face.")
+        Path, typer.Argument(help="Recording, activation, motion, scores, cube, model or sound.")
     ],
     out_path: Annotated[
         Path | None,

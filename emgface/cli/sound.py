@@ -60,7 +60,7 @@ def synthesise(
     from_lips: FromLipsOption = False,
     vowel: VowelOption = "u",
     source: SourceOption = "folds",
-    duration: Annotated[float | None, typer.Option(help="Duration [s].")] = None,
+    duration: Annotated[float | None, typer.Option(help="Duration in s.")] = None,
     rate: RateOption = 44_100,
     lung: LungOption = 785.0,
     tension: TensionOption = 1.0,

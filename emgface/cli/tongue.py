@@ -21,7 +21,7 @@ VariantOption = Annotated[
         help="elements (active stress), lines (axial forces, constant volumes), linear or stable."
     ),
 ]
-StepOption = Annotated[float, typer.Option(help="Largest time step [s].")]
+StepOption = Annotated[float, typer.Option(help="Largest time step in s.")]
 
 
 @app.command(name="import")
@@ -103,7 +103,7 @@ def simulate(
     level: Annotated[
         float, typer.Option(min=0, max=1, help="Largest excitation of --muscle.")
     ] = 0.3,
-    duration: Annotated[float | None, typer.Option(help="Simulated time [s].")] = None,
+    duration: Annotated[float | None, typer.Option(help="Simulated time in s.")] = None,
     variant: VariantOption = "elements",
     gravity: Annotated[bool, typer.Option(help="With gravity.")] = True,
     step: StepOption = 5e-3,

@@ -64,7 +64,7 @@ def volunteers(
     ] = Source.motor_units,
     step: Annotated[
         float | None,
-        typer.Option(help="Time step of the simulation [s]; default: half the step of the study."),
+        typer.Option(help="Time step of the simulation in s; default: half the step of the study."),
     ] = None,
     cross_talk: Annotated[
         float | None,

@@ -3,11 +3,15 @@
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
+from rich.text import Text
+from typer.main import get_command
 from typer.testing import CliRunner
 
 from emgface import __version__
@@ -71,6 +75,24 @@ def study_file(laboratory: Path, folder: Path, recordings: Path | None = None) -
 
 
 # what works
+
+
+def test_no_help_loses_text_to_the_markup_of_the_terminal() -> None:
+    """A unit such as [s] is a style of the terminal's markup, which prints nothing in its place."""
+
+    def commands(command: Any, name: str) -> Iterator[tuple[str, Any]]:
+        yield name, command
+        for word, below in getattr(command, "commands", {}).items():
+            yield from commands(below, f"{name} {word}")
+
+    texts = [
+        (f"{name} {part.name}", part.help)
+        for name, command in commands(get_command(app), "emgface")
+        for part in (command, *command.params)
+        if getattr(part, "help", None)
+    ]
+    assert len(texts) > 300
+    assert [name for name, text in texts if Text.from_markup(text).plain != text] == []
 
 
 def test_help_names_every_command_without_loading_the_numerics() -> None:
