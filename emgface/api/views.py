@@ -27,7 +27,7 @@ def show(
     activation: "xr.Dataset | None" = None,
     mapping: "Mapping[str, Any] | File | None" = None,
 ) -> "View":
-    """Show a recording, activation, motion, scores, cube or face.
+    """Show a recording, activation, motion, scores, cube, model or sound.
 
     Parameters
     ----------
@@ -61,8 +61,8 @@ def show(
     from emgface.pictures.show import kind, opened
 
     named = os.fspath(mapping) if isinstance(mapping, os.PathLike) else mapping
-    data = opened(shown, named)
-    view = View(data, kind(data), activation)
+    data, parts = opened(shown, named)
+    view = View(data, kind(data), activation, parts)
     if out is not None:
         view.save(out)
     return view
@@ -74,8 +74,14 @@ class View:
     `kind` is that of the dataset, such as "trajectory".
     """
 
-    def __init__(self, data: "xr.Dataset", kind: str, activation: "xr.Dataset | None") -> None:
-        self._data, self._kind, self._activation = data, kind, activation
+    def __init__(
+        self,
+        data: "xr.Dataset",
+        kind: str,
+        activation: "xr.Dataset | None",
+        parts: "Mapping[str, xr.Dataset]",
+    ) -> None:
+        self._data, self._kind, self._activation, self._parts = data, kind, activation, parts
 
     @property
     def moving(self) -> bool:
@@ -90,14 +96,14 @@ class View:
 
         if self._kind == "trajectory" and self.moving:
             return motion_page(self._data, self._activation)
-        return page(self._data)
+        return page(self._data, self._parts)
 
     @cached_property
     def figure(self) -> "Figure":
         """Still picture."""
         from emgface.pictures.show import figure
 
-        return figure(self._data)
+        return figure(self._data, self._parts)
 
     def save(self, path: "File") -> "Path":
         """Write a page, a picture or, for a moving face, a movie, according to the suffix.
@@ -114,7 +120,7 @@ class View:
 
         path = Path(path)
         if path.suffix.lower() not in PAGES:
-            return draw(self._data, path)
+            return draw(self._data, path, self._parts)
         write_text(path, self.page)
         return path
 

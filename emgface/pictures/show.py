@@ -1,4 +1,4 @@
-"""Pictures of datasets and files: recording, activation, motion, scores, cube or face."""
+"""Pictures of datasets and files: recordings, activations, motions, scores, cubes, models, sound."""
 
 import os
 import sys
@@ -20,21 +20,23 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PAGES: Final = (".html", ".htm")
-BONES: Final = ("jaw_motion", "tongue_motion")  #: kinds that only their declaration identifies
+Parts = Mapping[str, xr.Dataset]  #: parts of a head, which its file holds as groups
 
 
 @dataclass(frozen=True)
 class Drawing:
     """Pictures of one kind of dataset: a figure, and a page if it is not that of the figure.
 
-    Both are functions of the dataset, stated as "module:name" and imported when they are used.
+    Both are functions of the dataset and, where there are some, of its parts. They are stated as
+    "module:name" and imported when they are used, like the function that reads a file with parts.
     """
 
     figure: str
     page: str = ""
+    parts: str = ""
 
 
-def draw(data: xr.Dataset, path: Path) -> Path:
+def draw(data: xr.Dataset, path: Path, parts: Parts | None = None) -> Path:
     """Write a dataset as a page, a picture or, for a motion with its surface, a movie.
 
     The suffix determines the format. Raises DataError if it is unknown, the file cannot be written,
@@ -44,36 +46,46 @@ def draw(data: xr.Dataset, path: Path) -> Path:
     from emgface.pictures.stills import write_figure
 
     if path.suffix.lower() in PAGES:
-        write_text(path, page(data))
+        write_text(path, page(data, parts))
         return path
     if path.suffix.lower() in SUFFIXES:
         return write_movie(data, path)
-    return write_figure(figure(data), path)
+    return write_figure(figure(data, parts), path)
 
 
-def page(data: xr.Dataset) -> str:
+def page(data: xr.Dataset, parts: Parts | None = None) -> str:
     """Return the page of a dataset as HTML without network requests (`emgface.show`)."""
     from emgface.pictures.page import figure_page
 
     drawing = DRAWINGS[kind(data)]
     if not drawing.page or _only_markers(data):
-        return figure_page(figure(data))
-    return _function(drawing.page)(data)
+        return figure_page(figure(data, parts))
+    return _drawn(drawing.page, data, parts)
 
 
-def figure(data: xr.Dataset) -> "Figure":
+def figure(data: xr.Dataset, parts: Parts | None = None) -> "Figure":
     """Return the figure of a dataset (`emgface.show`)."""
-    return _function(DRAWINGS[kind(data)].figure)(data)
+    return _drawn(DRAWINGS[kind(data)].figure, data, parts)
 
 
-def _function(stated: str) -> Callable[[xr.Dataset], Any]:
+def _drawn(stated: str, data: xr.Dataset, parts: Parts | None) -> Any:
+    if not DRAWINGS[kind(data)].parts:
+        return _function(stated)(data)
+    if not parts:
+        raise DataError(
+            "the dataset is the head of a file without its parts, expected both: show the file itself"
+        )
+    return _function(stated)(data, parts)
+
+
+def _function(stated: str) -> Callable[..., Any]:
     module, _, name = stated.partition(":")
     return getattr(import_module(module), name)
 
 
 def kind(data: xr.Dataset) -> str:
     """Identify the kind of a dataset, one of `DRAWINGS`, by its variables; DataError for others."""
-    if (named := data.attrs.get("schema", "")) in BONES:
+    if (named := data.attrs.get("schema", "")) in DRAWINGS and named != "recording":
         return named
     signs = {
         "face_model": "connectivity" in data,
@@ -89,7 +101,7 @@ def kind(data: xr.Dataset) -> str:
         held = ", ".join(map(str, data.data_vars)) or "no variable"
         raise DataError(
             f"the dataset holds {held}, expected a recording, activation, trajectory, scores, cube or "
-            "face model of this package"
+            "a model of this package"
         )
     return "recording" if found == "markers" else found
 
@@ -97,27 +109,29 @@ def kind(data: xr.Dataset) -> str:
 def opened(
     shown: xr.Dataset | str | os.PathLike[str],
     mapping: str | Path | Mapping[str, Any] | None = None,
-) -> xr.Dataset:
-    """Read the dataset to be shown if a path is passed (`emgface.show`)."""
+) -> tuple[xr.Dataset, Parts]:
+    """Dataset to be shown, read if a path is passed, and its parts (`emgface.show`)."""
     from emgface.recordings.dataset import read_recording
     from emgface.schema.netcdf import kind_of, read_netcdf
     from emgface.schema.validation import kinds
 
     if isinstance(shown, xr.Dataset):
-        return shown
+        return shown, {}
     path = Path(shown)
     if path.is_dir() and (path / "cube.nc").is_file():
         path = path / "cube.nc"
     if path.suffix.lower() == ".nc":
         named = kind_of(path)
         if named in DRAWINGS and named != "recording":
-            return read_netcdf(path, named)
+            if reader := DRAWINGS[named].parts:
+                return _function(reader)(path)
+            return read_netcdf(path, named), {}
         if named in kinds() and named != "recording":
-            use = ": use 'emgface head show'" if named == "head_motion" else ""
             raise DataError(
-                f"{path} is of the kind {named!r}, expected one of {', '.join(DRAWINGS)}{use}"
+                f"{path} is of the kind {named!r}, which has no picture, expected one of "
+                f"{', '.join(DRAWINGS)}"
             )
-    return read_recording(path, mapping=mapping)
+    return read_recording(path, mapping=mapping), {}
 
 
 def check_display() -> None:
@@ -205,5 +219,17 @@ DRAWINGS: Final[Mapping[str, Drawing]] = {
         "emgface.anatomy.tongue.picture:tongue_figure",
         "emgface.anatomy.tongue.picture:tongue_page",
     ),
+    "head_motion": Drawing(
+        "emgface.anatomy.head.picture:head_figure",
+        "emgface.anatomy.head.picture:head_page",
+        parts="emgface.anatomy.head.run:read_motion",
+    ),
+    "jaw_model": Drawing("emgface.anatomy.head.still:jaw_model_figure"),
+    "tongue_model": Drawing("emgface.anatomy.head.still:tongue_model_figure"),
+    "head_model": Drawing(
+        "emgface.anatomy.head.still:head_model_figure",
+        parts="emgface.anatomy.head.model:read_lists",
+    ),
+    "sound": Drawing("emgface.anatomy.airway.figure:draw_sound"),
 }
 """By the kind of dataset that ``data_schema`` declares."""

@@ -9,13 +9,17 @@ import xarray as xr
 from matplotlib import image
 
 from analysis.statistics.simulated import simulated_scores
+from emgface.anatomy.head.build import build_head
+from emgface.anatomy.head.model import write_head
+from emgface.anatomy.jaw.template import template_jaw
+from emgface.anatomy.tongue.template import template_tongue
 from emgface.api.views import show
 from emgface.errors import DataError
 from emgface.face.file import save_face
 from emgface.muscles import MUSCLES
 from emgface.pictures import show as module
 from emgface.pictures.show import draw, figure, kind, page
-from emgface.schema.netcdf import write_netcdf
+from emgface.schema.netcdf import read_netcdf, write_netcdf
 from tests.tongue.small import small_tongue_motion
 
 
@@ -87,16 +91,37 @@ def test_files_are_drawn_by_their_contents(
         draw(motion.drop_vars("surface_position"), tmp_path / "motion.gif")
 
 
-def test_motions_of_tongues_are_drawn_and_those_of_heads_name_their_command(tmp_path: Path) -> None:
-    motion = small_tongue_motion()
-    write_netcdf(motion, tmp_path / "tongue.nc", "tongue_motion")
+def test_motions_of_tongues_are_drawn(tmp_path: Path) -> None:
+    write_netcdf(small_tongue_motion(), tmp_path / "tongue.nc", "tongue_motion")
     for name in ("tongue.html", "tongue.png"):
         show(tmp_path / "tongue.nc", tmp_path / name)
         assert (tmp_path / name).stat().st_size > 5000
-    motion.attrs["schema"] = "head_motion"
-    motion.to_netcdf(tmp_path / "head.nc")
-    with pytest.raises(DataError, match=r"of the kind 'head_motion', .* 'emgface head show'"):
-        show(tmp_path / "head.nc")
+
+
+def test_models_of_jaw_tongue_and_head_are_drawn_at_rest(tmp_path: Path) -> None:
+    jaw, tongue = template_jaw(), template_tongue(resolution="coarse")
+    write_netcdf(jaw, tmp_path / "jaw.nc", "jaw_model")
+    write_netcdf(tongue, tmp_path / "tongue.nc", "tongue_model")
+    write_head(build_head(("jaw", "tongue", "hyoid")), tmp_path / "head.nc")
+    for name in ("jaw", "tongue", "head"):
+        view = show(tmp_path / f"{name}.nc")
+        assert "at rest" in view.figure.get_suptitle()
+        for panel in view.figure.axes:
+            seen = panel.get_images()[0].get_array()
+            assert seen is not None and np.mean(seen[..., 3] > 0) > 0.05, "nothing is drawn"
+    # Without its bones a jaw still has muscles.
+    bare = jaw.drop_vars(["surface_position", "surface_triangle", "surface_body"])
+    assert len(figure(bare.assign_attrs(schema="jaw_model")).axes) == 3
+    lists = read_netcdf(tmp_path / "head.nc", "head_model")
+    with pytest.raises(DataError, match="without its parts"):
+        figure(lists)
+
+
+def test_a_kind_without_picture_is_named(tmp_path: Path) -> None:
+    motion = small_tongue_motion().assign_attrs(schema="reduced_face")
+    motion.to_netcdf(tmp_path / "reduced.nc")
+    with pytest.raises(DataError, match="of the kind 'reduced_face', which has no picture"):
+        show(tmp_path / "reduced.nc")
 
 
 def test_window(monkeypatch: pytest.MonkeyPatch) -> None:

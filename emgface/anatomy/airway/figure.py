@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 @styled
-def draw_sound(data: xr.Dataset, title: str) -> "Figure":
+def draw_sound(data: xr.Dataset, title: str = "sound of a vocal tract") -> "Figure":
     """Draw what a dataset of the kind "sound" holds; "(simulated)" is added to the title."""
     rows = 2 + 2 * ("sound" in data)
     figure = blank(7.0, 2.1 * rows)

@@ -205,6 +205,12 @@ def read_head(path: str | Path) -> Head:
     return Head(lists, read_parts(path, lists["part"].values.tolist()))
 
 
+def read_lists(path: str | Path) -> tuple[xr.Dataset, Mapping[str, xr.Dataset]]:
+    """Read the lists of a head and its parts, as `read_head`."""
+    head = read_head(path)
+    return head.lists, head.parts
+
+
 def read_parts(path: str | Path, named: Sequence[str]) -> dict[str, xr.Dataset]:
     """Read the groups of named parts."""
     groups = dict.fromkeys("jaw" if name == "hyoid" else name for name in named)

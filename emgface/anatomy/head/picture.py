@@ -138,8 +138,8 @@ _PAINTERS = {"face": _face, "jaw": _jaw, "tongue": _tongue}
 
 
 @styled
-def head_figure(motion: xr.Dataset) -> "Figure":
-    """Draw paths of points from the left, the opening of the mouth and the activations."""
+def head_figure(motion: xr.Dataset, parts: Parts | None = None) -> "Figure":
+    """Draw paths of points from the left, opening of the mouth and activations; parts are not drawn."""
     figure = blank(9.0, 6.4)
     (paths, opening), (drive, least) = grid(figure, 2, 2)
     t = motion["time"].values
