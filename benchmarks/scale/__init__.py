@@ -10,6 +10,7 @@ PART is one of
     thousand    1000 simulated workers and a real driver, over the duration of a trial
     faults      killed processes, full disk, damaged files and others: what happens to the results
     kills       a small real study, killed (-9) --trials times at random
+    objects     results copied to and from object storage (--url, by default a folder)
     plan        10 000 volunteers, extrapolated from --store, `recordings` and `many`
     picture     draws the results of `thousand` and `plan`
 
@@ -32,6 +33,7 @@ from benchmarks.scale.cluster import StartedByHand
 from benchmarks.scale.cube import limited
 from benchmarks.scale.faults import faults
 from benchmarks.scale.kills import kills
+from benchmarks.scale.objects import objects
 from benchmarks.scale.plan import plan
 from benchmarks.scale.recordings import recordings
 from benchmarks.scale.simulated import thousand
@@ -39,10 +41,13 @@ from benchmarks.scale.stub import run
 from emgface.study.cluster import DaskWorkers
 from emgface.study.state import read_state
 
-PARTS = ("many", "recordings", "throughput", "thousand", "faults", "kills", "plan", "picture")
+PARTS = ("many", "recordings", "throughput", "thousand", "faults", "kills", "objects", "plan",
+         "picture")  # fmt: skip
 
 
-def main(folder: Path, part: str, trials: int = 10_000, store: Path = Path("store")) -> None:
+def main(
+    folder: Path, part: str, trials: int = 10_000, store: Path = Path("store"), url: str = ""
+) -> None:
     """Measure one part and print it as a table."""
     if part not in PARTS:
         raise SystemExit(f"there is no part {part!r}, expected one of {', '.join(PARTS)}")
@@ -59,6 +64,9 @@ def main(folder: Path, part: str, trials: int = 10_000, store: Path = Path("stor
         "thousand": lambda: thousand(folder / "thousand"),
         "faults": lambda: faults(folder / "faults"),
         "kills": lambda: kills(folder / "kills", min(trials, 50)),
+        "objects": lambda: objects(
+            folder / "objects", url or f"file://{(folder / 'objects' / 'bucket').resolve()}"
+        ),
         "plan": lambda: plan(store, folder),
     }[part]()
     (folder / f"{part}.json").write_text(json.dumps(rows, indent=1))

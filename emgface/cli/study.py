@@ -48,6 +48,14 @@ def run(
             help="Folder of the stored results, which studies may share; default: in --out."
         ),
     ] = None,
+    objects: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Object storage from which results are copied if it has them, and to which computed "
+            "ones are copied, such as s3://bucket/folder.",
+        ),
+    ] = None,
     accuracy: AccuracyOption = None,
 ) -> None:
     """Run a study, or complete one that was interrupted.
@@ -60,7 +68,7 @@ def run(
     configuration = _as_accurate(load_study(path), accuracy)
     chosen = DaskWorkers(scheduler) if scheduler else workers or cores()
     try:
-        raise typer.Exit(_run(configuration, out_path, chosen, store))
+        raise typer.Exit(_run(configuration, out_path, chosen, store, objects))
     finally:
         if not isinstance(chosen, int):
             chosen.end()
@@ -79,10 +87,11 @@ def _run(
     out_path: Path,
     workers: "int | Workers",
     store: Path | None,
+    objects: str | None,
 ) -> int:
     """Run a study, print its tables and return the exit code."""
     with graceful_stop() as stopping:
-        result, report = _results(configuration, out_path, workers, store, stopping)
+        result, report = _results(configuration, out_path, workers, store, objects, stopping)
     tell(report.summary)
     for sentence in report.meaning:
         tell(sentence)
@@ -97,6 +106,7 @@ def _results(
     out_path: Path,
     workers: "int | Workers",
     store: Path | None = None,
+    objects: str | None = None,
     stopping: Callable[[], bool] = lambda: False,
 ) -> "tuple[StudyResult, Report]":
     """Run a study and write its tables."""
@@ -111,6 +121,7 @@ def _results(
             workers=workers,
             observer=bar,
             store=store,
+            objects=objects,
             stopping=stopping,
         )
     return result, write_report(result.cube, out_path)

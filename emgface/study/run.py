@@ -19,6 +19,7 @@ from emgface.study.faces import study_face
 from emgface.study.formants import compute_formants
 from emgface.study.intake import Intake, take_in, take_in_references
 from emgface.study.journal import Entry, Journal, StoredFiles, events_of
+from emgface.study.objects import Objects
 from emgface.study.observer import Observer, Silent
 from emgface.study.outcomes import Entries, Run
 from emgface.study.parallel import Workers
@@ -86,20 +87,24 @@ def run_study(
     workers: int | Workers = 1,
     observer: Observer | None = None,
     store: Path | None = None,
+    objects: str | None = None,
     stopping: Callable[[], bool] = lambda: False,
 ) -> StudyResult:
     """Run a study, computing only results that are not stored.
 
     The folder `out` receives ``cube.nc``, the journal of the run under ``runs`` and the stages under
-    ``store``, or in the folder `store`, which several studies may share; the results do not depend
-    on `workers`, a number of processes or the workers of a scheduler; `observer` receives messages
-    and progress. A failure of one trial is recorded with its status and reason in the cube. After
-    an interruption (KeyboardInterrupt), completed results remain stored; if `stopping` returns
-    True, the trials that have begun are completed before KeyboardInterrupt is raised. Raises
+    ``store``, or in the folder `store`, which several studies may share. With `objects`, an address
+    such as ``s3://bucket/folder``, results are copied from this object storage if it has them, and
+    to it otherwise. The results do not depend on `workers`, a number of processes or the workers of
+    a scheduler; `observer` receives messages and progress. A failure of one trial is recorded with
+    its status and reason in the cube. After an interruption (KeyboardInterrupt), completed results
+    remain stored; if `stopping` returns True, the trials that have begun are completed before
+    KeyboardInterrupt is raised. Raises
     DataError if no recording can be used or the face is not valid, StoreError if results cannot be
     read or written, and ExecutionError if the workers cannot compute.
     """
     observer = observer or Silent()
+    remote = None if objects is None else Objects(objects)
     intake = take_in(
         study.recordings,
         study.exclude,
@@ -117,12 +122,13 @@ def run_study(
     made = variants(study)
     total = len(trials) * len(made)
     observer.begin(total)
-    kept = Store(store or out / "store", report=observer.message)
+    kept = Store(store or out / "store", report=observer.message, objects=remote)
     facts = {
         "study": study.name,
         "trials": total,
         "workers": workers if isinstance(workers, int) else type(workers).__name__,
         "store": "store" if store is None else str(store.resolve()),
+        "objects": objects or "",
         "code": code_version(CODE),
     }
     journal = Journal(out, facts)
@@ -150,6 +156,8 @@ def run_study(
                 )
             )
         path = write_cube(out / "cube.nc", study, computed, intake, trials, run.checkpoint)
+        if remote is not None:
+            remote.add_missing(kept.folder)
         outcome = "finished"
     except KeyboardInterrupt:
         outcome = "interrupted"

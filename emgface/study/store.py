@@ -26,6 +26,7 @@ import xarray as xr
 from emgface.errors import DataError, StoreError
 from emgface.files import replace_file
 from emgface.study.digest import canonical_json, code_version, file_digest, text_digest
+from emgface.study.objects import Objects
 from emgface.study.provenance import environment, now
 
 SCHEMA_VERSION = 1
@@ -88,12 +89,14 @@ class Store:
     """Folder of stage results.
 
     `report` receives one sentence if a stored file is damaged and computed again; `events` lists
-    the results that this process has computed and reused, in order.
+    the results that this process has computed and reused, in order. With `objects`, a result that
+    the folder lacks is copied from there, and a computed one is copied there.
     """
 
     folder: Path
     report: Callable[[str], None] = print
     events: list[Event] = field(default_factory=list)
+    objects: Objects | None = None
 
     def __post_init__(self) -> None:  # noqa: D105
         try:
@@ -139,6 +142,9 @@ class Store:
         path = self.path(key)
         started = time.perf_counter()
         damage, result = self._stored(path, key)
+        if result is None and self.objects is not None:
+            lost, result = self._fetched(path, key, self.objects)
+            damage = damage or lost
         if result is not None:
             self._log(stage, path, label, "reused", started)
             return result
@@ -148,6 +154,8 @@ class Store:
             )
         computed = compute()
         self._write(computed, path, key, label, time.perf_counter() - started)
+        if self.objects is not None:
+            self.objects.publish(path)
         outcome: Outcome = "recomputed" if damage else "computed"
         self._log(stage, path, label, outcome, started)
         # Identical to what a later run reads, including attributes.
@@ -167,6 +175,19 @@ class Store:
             ) from error
         except (OSError, ValueError, RuntimeError) as error:
             return f"cannot be read ({error})", None
+
+    def _fetched(
+        self, path: Path, key: Mapping[str, Any], objects: Objects
+    ) -> tuple[str, Result | None]:
+        """Problem of a result in object storage, and the result if it is valid, as `_stored`."""
+        try:
+            index = objects.fetch(path)
+        except DataError as error:
+            return str(error), None
+        if index is None:
+            return "", None
+        write_text(index, path.with_suffix(".json"))
+        return self._stored(path, key)
 
     def read(self, stage: str, digest: str) -> xr.Dataset | None:
         """Return the stored result with a digest, None if it is absent or damaged."""

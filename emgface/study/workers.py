@@ -15,6 +15,7 @@ from emgface.face.file import load_face, save_face
 from emgface.recordings.dataset import may_be_recording, read_recording
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.digest import code_version, dataset_digest
+from emgface.study.objects import Objects
 from emgface.study.one_trial import origin_of, run_trial
 from emgface.study.parallel import Workers, run_jobs
 from emgface.study.provenance import CODE, require_code
@@ -53,7 +54,9 @@ def compute(
         folder = laboratory.store.folder.resolve()
         _keep_face(laboratory, folder)
         digest, code = laboratory.face_digest, code_version(CODE)
-        begin, arguments = _begin, (laboratory.study, folder, digest, code)
+        objects = laboratory.store.objects
+        url = None if objects is None else objects.url
+        begin, arguments = _begin, (laboratory.study, folder, digest, code, url)
 
     def dead(given: tuple[Any, Job], error: WorkerDied) -> Done[Outcome]:
         if lost is None:
@@ -168,7 +171,9 @@ def _identified(path: Path) -> Recording | EmgfaceError | None:
         return as_recording(given, path, _mapping, type(lacking)(f"{path.name}: {lacking}"))
 
 
-def _begin(study: StudyConfiguration, folder: Path, digest: str, code: str) -> None:
+def _begin(
+    study: StudyConfiguration, folder: Path, digest: str, code: str, objects: str | None
+) -> None:
     """Prepare a worker process, which must have the code and the files of the study."""
     global _laboratory
     require_code(code)
@@ -181,7 +186,8 @@ def _begin(study: StudyConfiguration, folder: Path, digest: str, code: str) -> N
     face = load_face(path)
     if dataset_digest(face) != digest:
         raise ExecutionError(f"{path} was changed while the study ran: run the study again")
-    store = Store(folder, report=_messages.append)
+    remote = None if objects is None else Objects(objects)
+    store = Store(folder, report=_messages.append, objects=remote)
     _laboratory = Laboratory(store, face, study, _messages.append)
 
 
