@@ -36,8 +36,9 @@ class Objects:
             from fsspec.core import url_to_fs
             from fsspec.utils import get_protocol
         except ImportError as error:
+            package = str(error.name).partition(".")[0]
             raise ConfigurationError(
-                f"object storage requires the package {error.name}, which is not installed: install "
+                f"object storage requires the package {package}, which is not installed: install "
                 "'emgface[objects]', or use --store without --objects"
             ) from error
         self.url = url.rstrip("/")
