@@ -1,6 +1,7 @@
 """Copies of stored results in object storage: reuse elsewhere, damage, two writers, failures."""
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -156,7 +157,7 @@ def test_unusable_addresses_are_one_sentence(tmp_path: Path, monkeypatch) -> Non
         Store(tmp_path / "a", objects=Objects(f"file://{readonly}")).get_or_compute(
             STAGE, {}, {}, table
         )
-    monkeypatch.setitem(__import__("sys").modules, "fsspec", None)
+    monkeypatch.setitem(sys.modules, "fsspec.core", None)
     with pytest.raises(
         ConfigurationError, match=r"requires the package fsspec.*emgface\[objects\]"
     ):
