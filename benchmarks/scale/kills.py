@@ -30,6 +30,10 @@ resolution = "coarse"
 """
 
 
+DATES = ("history", "date_created")
+"""Attributes of a cube that contain the date of its computation."""
+
+
 def start(study: Path, out: Path) -> subprocess.Popen[bytes]:
     """Start the command in another process."""
     code = "from emgface.cli import main; main()"
@@ -40,9 +44,14 @@ def start(study: Path, out: Path) -> subprocess.Popen[bytes]:
 
 
 def results(out: Path) -> dict[str, str]:
-    """Content of the cube and of every stored result, by name, without measured times."""
+    """Content of the cube and of every stored result, by name, without measured times and dates."""
     paths = [*(out / "store").rglob("*.nc"), *out.glob("cube.nc")]
-    return {path.relative_to(out).as_posix(): dataset_digest(content(path)) for path in paths}
+    found: dict[str, str] = {}
+    for path in paths:
+        dataset = content(path).drop_vars("computed", errors="ignore")
+        dataset.attrs = {k: v for k, v in dataset.attrs.items() if k not in DATES}
+        found[path.relative_to(out).as_posix()] = dataset_digest(dataset)
+    return found
 
 
 def damaged(out: Path) -> list[str]:

@@ -5,6 +5,7 @@ store, which lies on a file system shared by all workers. dask.distributed retri
 worker died (setting ``distributed.scheduler.allowed-failures``, three by default).
 """
 
+import logging
 import time
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
@@ -98,5 +99,7 @@ class DaskWorkers:
 
     def end(self) -> None:
         """Disconnect from the scheduler."""
+        # A client that is closed while it tries to connect again logs a traceback.
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         with suppress(Exception):
             self._client.close(timeout=5)
