@@ -74,4 +74,4 @@ class WorkerDied(ExecutionError):
 
 
 class FeatureWarning(UserWarning):
-    """A feature is zero, saturated, or of a narrowed pass-band."""
+    """A feature is zero, saturated, or of a narrowed pass-band, or a series begins late."""

@@ -11,7 +11,7 @@ from emgface.anatomy.jaw.run import run_task, simulate_jaw
 from emgface.anatomy.jaw.series import ramps, read_excitation, read_probe, read_probes
 from emgface.anatomy.jaw.tasks import TASKS, HeadTurn, Task, task_of, with_series
 from emgface.cli import app
-from emgface.errors import JawError
+from emgface.errors import FeatureWarning, JawError
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from tests.jaw.small import small_jaw
 
@@ -58,6 +58,38 @@ def test_negative_excitations_are_clipped_and_reported(tmp_path):
     a.to_dataset(name="activation").to_netcdf(tmp_path / "drive.nc")
     again = read_excitation(tmp_path / "drive.nc")
     np.testing.assert_allclose(again.values["close_R"], [0.0, 0.4])
+
+
+@pytest.mark.parametrize(
+    ("time", "said"),
+    [
+        ([0.0, 0.5, 0.4, 1.0], r"do not ascend, 0.4 s follows 0.5 s in row 3"),
+        ([0.0, 0.5, 0.5], "0.5 s follows 0.5 s"),
+        ([0.0], "holds 1 instants, expected at least two"),
+        (list(range(0, 1001, 10)), "every 10 s.*times in milliseconds by 1000"),
+    ],
+)
+def test_times_that_cannot_be_seconds_are_refused(time, said, tmp_path):
+    table = pd.DataFrame({"time": time, "bi_all": 0.1})
+    table.to_csv(tmp_path / "drive.csv", index=False)
+    with pytest.raises(JawError, match=said):
+        read_excitation(tmp_path / "drive.csv")
+
+
+def test_a_late_start_is_told_and_milliseconds_of_files_are_converted(tmp_path):
+    table = pd.DataFrame({"time": [0.3, 0.6], "bi_all": [0.2, 0.4]})
+    table.to_csv(tmp_path / "drive.csv", index=False)
+    with pytest.warns(FeatureWarning, match="begins at 0.3 s: .* first values are held"):
+        given = read_excitation(tmp_path / "drive.csv")
+    a, _ = given.activation(small_jaw())
+    told = a.assign_coords(time=("time", 1e3 * a["time"].values, {"units": "ms"}))
+    told.to_dataset(name="activation").to_netcdf(tmp_path / "drive.nc")
+    with pytest.warns(FeatureWarning):
+        np.testing.assert_allclose(read_excitation(tmp_path / "drive.nc").time, [0.3, 0.6])
+    told["time"].attrs["units"] = "mV"
+    told.to_dataset(name="activation").to_netcdf(tmp_path / "drive2.nc")
+    with pytest.raises(JawError, match="not a unit of time"):
+        read_excitation(tmp_path / "drive2.nc")
 
 
 def test_free_fall_ends_at_the_teeth_and_muscles_hold_the_weight():
@@ -120,7 +152,7 @@ def test_command_moves_a_jaw_by_a_table(tmp_path):
 
 def test_invalid_tasks_are_refused_with_a_reason(tmp_path):
     jaw = small_jaw()
-    with pytest.raises(JawError, match="no exciter is called 'open', expected one of"):
+    with pytest.raises(JawError, match=r"no exciter is called 'open'.*, expected one of"):
         simulate_jaw(jaw, ramps({"open": [(0.0, 1.0)]}), duration=0.01)
     with pytest.raises(JawError, match="rises to 50, expected a fraction"):
         simulate_jaw(jaw, ramps({"bi_all": [(0.0, 50.0)]}), duration=0.01)

@@ -7,6 +7,7 @@ import xarray as xr
 
 from emgface.anatomy.jaw.model import Floats
 from emgface.errors import JawError
+from emgface.schema.rules import hint
 
 Groups = Mapping[str, Sequence[str]]
 """Muscles or other groups by the name of a group, without sides."""
@@ -82,7 +83,9 @@ def muscle_activation(jaw: xr.Dataset, excitation: Mapping[str, Floats]) -> tupl
     negative = 0.0
     for name, values in excitation.items():
         if name not in known:
-            raise JawError(f"no exciter is called {name!r}, expected one of {', '.join(known)}")
+            raise JawError(
+                f"no exciter is called {name!r}{hint(name, known)}, expected one of {', '.join(known)}"
+            )
         u = np.asarray(values, dtype=np.float64)
         if not np.isfinite(u).all():
             raise JawError(f"excitation of {name} is not finite: interpolate its gaps first")

@@ -1,6 +1,7 @@
 """Excitation over time: from published probe files, CSV and netCDF files, and piecewise linear ramps."""
 
 import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +13,13 @@ from scipy.interpolate import CubicHermiteSpline
 
 from emgface.anatomy.jaw.exciters import muscle_activation
 from emgface.anatomy.jaw.model import Floats
-from emgface.errors import JawError
+from emgface.errors import FeatureWarning, JawError
 from emgface.schema.rules import one_line
+from emgface.schema.units import to_si
 
 NANOSECONDS = 1e9
+SAMPLED, SLOWEST = 20, 0.2
+"""Number of instants from which a table is a sampled series, and its largest interval [s]."""
 _DRIVES = {"am": "my", "pd": "retracthyoid"}
 """Exciters of published series that drive a group; the others drive the muscle of their name."""
 _SWITCHED_OFF = ("th", "oh")
@@ -141,12 +145,17 @@ def read_excitation(path: str | os.PathLike[str]) -> Excitation:
     Raises
     ------
     JawError
-        The file cannot be read, holds no such series, or its times do not ascend.
+        The file cannot be read, holds no such series, or its times do not ascend or cannot be seconds.
+
+    Warns
+    -----
+    FeatureWarning
+        The series begins after time 0.
     """
     path = Path(path)
     try:
         if path.suffix == ".nc":
-            with xr.open_dataset(path, engine="netcdf4") as opened:
+            with xr.open_dataset(path, engine="netcdf4", decode_times=False) as opened:
                 given = excitation_in(opened.load())
         else:
             table = pd.read_csv(path).set_index("time").astype(np.float64)
@@ -157,14 +166,42 @@ def read_excitation(path: str | os.PathLike[str]) -> Excitation:
             f"{path} holds no excitations ({one_line(error)}): expected a table with a column time in "
             "seconds and one per exciter, or a netCDF file with activation over muscle and time"
         ) from error
-    if not (len(given.time) and (np.diff(given.time) > 0.0).all()):
-        raise JawError(f"{path}: the times do not ascend")
+    _check_times(path, given)
     return given
 
 
+def _check_times(path: Path, given: Excitation) -> None:
+    """Refuse times that do not ascend or cannot be in seconds; tell a late start."""
+    t = given.time
+    if len(t) < 2:
+        raise JawError(f"{path} holds {len(t)} instants, expected at least two")
+    steps = np.diff(t)
+    if not (steps > 0.0).all():
+        row = int(np.argmin(steps > 0.0)) + 1
+        raise JawError(
+            f"{path}: the times do not ascend, {t[row]:g} s follows {t[row - 1]:g} s in row {row + 1}: "
+            "expected every instant once, in order"
+        )
+    if len(t) >= SAMPLED and np.median(steps) > SLOWEST:
+        raise JawError(
+            f"{path} holds {len(t)} instants every {np.median(steps):g} s, expected at most "
+            f"{SLOWEST:g} s in a series: divide times in milliseconds by 1000, or resample the series"
+        )
+    if t[0] > 0.0:
+        warnings.warn(
+            f"{path.name} begins at {t[0]:g} s: from time 0 to then its first values are held",
+            FeatureWarning,
+            stacklevel=3,
+        )
+
+
 def excitation_in(dataset: xr.Dataset) -> Excitation:
-    """Excitations of a Dataset with ``excitation`` or ``activation`` over time and one other dim."""
+    """Excitations of a Dataset with ``excitation`` or ``activation`` over time and one other dim.
+
+    Raises UnitsError if the unit of the time is absent or is not one of time.
+    """
     rows = dataset["excitation" if "excitation" in dataset else "activation"]
+    rows = rows.assign_coords(time=to_si(rows["time"], "time"))
     (row,) = (dim for dim in rows.dims if dim != "time")
     values = rows.transpose(row, "time").values.astype(np.float64)
     names, start = map(str, rows[row].values), dataset.attrs.get("recorded_start")
