@@ -34,6 +34,7 @@ from emgface.study.mechanics import MECHANICS
 from emgface.study.store import Stage, Store
 from sim import (
     Activation,
+    ContactFailure,
     FixedStep,
     InvertedElement,
     LinearlyImplicitEuler,
@@ -80,8 +81,10 @@ STEP: Final = 0.01
 """Time step of training and reduced motions [s]."""
 FLOOR: Final = 1e-3
 """Smallest estimate of the error before calibration [m]."""
+MECHANICAL: Final = (InvertedElement, NotConverged, SingularSystem, ContactFailure)
+"""Failures that a weaker activation avoids."""
 WEAKER: Final = 0.8
-"""Factor on a drive of the plan after an inverted element."""
+"""Factor on a drive of the plan after such a failure."""
 SAMPLED: Final = 300
 """Largest number of training states at which forces are sampled."""
 TOUCHED, CLOSE = 100, 2e-3
@@ -125,14 +128,15 @@ class FullOrder:
     def motion(self, drive: Drive, every: float) -> xr.Dataset:
         """Positions of nodes [m] at every snapshot, and of markers at every step, of one drive.
 
-        A drive that inverts an element is repeated with a weaker activation; the attribute ``scale``
-        is its factor, and the result is empty (scale 0) if none of five succeeds.
+        A drive that inverts an element, or brings lips into contact whose distance at rest exceeds the
+        reach of the contact, is repeated with a weaker activation; the attribute ``scale`` is its
+        factor, and the result is empty (scale 0) if none of five succeeds.
         """
         scale = 1.0
         for _ in range(5):
             try:
                 return self._motion(drive.scaled(scale), every).assign_attrs(scale=scale)
-            except (InvertedElement, NotConverged, SingularSystem):
+            except MECHANICAL:
                 scale *= WEAKER
         return xr.Dataset(attrs={"scale": 0.0})
 
@@ -363,7 +367,7 @@ def _correct(
                 probes=(reduced.markers, Features(n)),
                 initial=reduced.equilibrium,
             )
-        except (InvertedElement, SingularSystem):
+        except MECHANICAL:
             continue
         whole = motion["node_position"].values[:, nodes]
         stride = round((found.sizes["time"] - 1) / len(whole))

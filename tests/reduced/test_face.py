@@ -20,7 +20,7 @@ from emgface.reduced.plan import Drive, random_drives, training_plan
 from emgface.reduced.study_plan import study_drives
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.study.store import Store
-from sim import Activation
+from sim import Activation, ContactFailure, InvertedElement
 
 SMALL = ReductionParameters(modes=9, omitted=3, points=60, calibration=3, coverage=0.7, every=0.01)
 PARAMETERS = SimulationParameters(sigma_max=50e3, accuracy="published", contact={"method": "none"})
@@ -42,6 +42,25 @@ def short(muscles, *_, **__):
 @pytest.fixture(scope="module")
 def face(coarse) -> xr.Dataset:
     return coarse
+
+
+@pytest.mark.parametrize(
+    "failure",
+    [ContactFailure("the reach", surface="lips"), InvertedElement(1, -0.1, 0.2)],
+    ids=lambda error: type(error).__name__,
+)
+def test_a_drive_that_fails_is_repeated_with_a_weaker_one(failure, monkeypatch) -> None:
+    def moved(_, drive: Drive, every: float) -> xr.Dataset:
+        if drive.values.max() > 0.7:
+            raise failure
+        return xr.Dataset(attrs={"largest": float(drive.values.max())})
+
+    monkeypatch.setattr(training.FullOrder, "_motion", moved)
+    full = object.__new__(training.FullOrder)
+    drive = Drive("a", "training", np.array([0.0, 1.0]), np.ones((2, 1)))
+    motion = full.motion(drive, 0.01)
+    assert motion.attrs["scale"] == motion.attrs["largest"] == pytest.approx(0.64)
+    assert full.motion(drive.scaled(10.0), 0.01).attrs["scale"] == 0.0
 
 
 @pytest.fixture(scope="module")
