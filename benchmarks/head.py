@@ -2,6 +2,7 @@
 
     python -m benchmarks head --part actions     # displacement of tip and back by every muscle
     python -m benchmarks head --part stability --out DIR   # muscles at 1.0; continues its table
+    python -m benchmarks head --part opening     # how far parts of a head let the jaw open
     python -m benchmarks head --part cost        # processor time of a step against the face alone
     python -m benchmarks head --part face_on_jaw # the same of a face on a moving jaw
 
@@ -88,24 +89,56 @@ def _cases(*groups: Iterable[str]) -> Iterator[tuple[str, str, float, str]]:
 
 
 def _survives(
-    head: Head, scene: HeadScene, drive: dict[str, float], step: float
+    head: Head,
+    scene: HeadScene,
+    drive: dict[str, float],
+    step: float,
+    *,
+    rise: float = 0.1,
+    duration: float = 0.16,
+    output: float = 0.02,
 ) -> dict[str, object]:
     try:
         motion = simulate_head(
             head,
-            raised(drive, rise=0.1, jaw=False),
-            duration=0.16,
+            raised(drive, rise=rise, jaw=False),
+            duration=duration,
             step=step,
-            output=0.02,
+            output=output,
             scene=scene,
         )
     except sim.SimulationError as error:
         return {"end": type(error).__name__, "why": str(error)[:90]}
     return {
         "end": "reached",
-        "smallest_J": round(float(motion["smallest_J"].min()), 3),
+        "smallest_J": round(float(motion["smallest_J"].min()), 3)
+        if "smallest_J" in motion
+        else None,
         "incisor_down_mm": round(-moved(motion, "lower_incisor")[2], 1),
     }
+
+
+WIDE = {"bi_open": 1.0, "bi_infrahyoid": 0.3, "bi_retracthyoid": 0.35}
+"""Excitations of the task "gape" of a jaw."""
+STRENGTHENED = ("ad", "pd", "ip", "sp", "sh", "oh", "th", "gh", "stet", "steh", "mh")
+"""Muscles that open the jaw or hold the hyoid below, without their side."""
+
+
+def opening(preset: str, resolution: str) -> Rows:
+    """Widest opening of jaw, tongue and face together, with normal and with eightfold strength."""
+    cases = [(("jaw", "hyoid"), 1.0, 5.0), (("jaw", "tongue", "hyoid"), 1.0, 5.0),
+             (("face", "jaw", "hyoid"), 1.0, 5.0), *((ALL, k, h) for k in (1.0, 8.0)
+                                                    for h in (1.0, 5.0, 10.0))]  # fmt: skip
+    for parts, strength, step in cases:
+        head = build_head(parts, preset=preset, resolution=resolution, contacts=[])
+        jaw = head.parts["jaw"].copy(deep=True)
+        opens = [str(name).rpartition("_")[0] in STRENGTHENED for name in jaw["muscle"].values]
+        jaw["muscle_force_max"][opens] *= strength
+        strong = Head(head.lists, {**head.parts, "jaw": jaw})
+        row = _survives(
+            strong, head_scene(strong), WIDE, 1e-3 * step, rise=0.3, duration=1.0, output=0.05
+        )
+        yield {"parts": ", ".join(parts), "strength": strength, "step_ms": step, **row}
 
 
 def face_on_jaw(preset: str, resolution: str) -> Rows:
@@ -167,7 +200,7 @@ def timed(
         }
 
 
-PARTS = {f.__name__: f for f in (actions, cost, face_on_jaw)}
+PARTS = {f.__name__: f for f in (actions, opening, cost, face_on_jaw)}
 
 
 def main(
