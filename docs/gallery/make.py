@@ -17,7 +17,9 @@ ORDER = (
     "whole_study",
     "what_rho_means",
     "jaw_from_emg",
+    "one_head",
     "voice_of_a_face",
+    "reduced_face",
     "published_tables",
     "laws",
 )
