@@ -8,7 +8,9 @@ The recordings contain their true activation. The face that inverts is the coars
 contact and gravity, so that shape, tissue and strength of every volunteer differ from it. Compared are
 all twenty muscles over the whole trial. Two markers are left out of the targets. `--known` moves the
 template itself by the true activation in 0.5 s around its onset, tracks all nodes with the same steps,
-and prints the largest difference of any activation.
+and prints the largest difference of any activation. The row "others" is the null hypothesis that needs
+neither markers nor sEMG of the person: the mean true activation of the other volunteers in the same
+instruction, shifted in time to the onset of the motion.
 """
 
 import time
@@ -69,6 +71,38 @@ def measures(found: xr.Dataset, recording: xr.Dataset, face: xr.Dataset, rest) -
 
 def _correlation(a: np.ndarray, b: np.ndarray) -> float:
     return np.nan if a.std() == 0.0 else float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
+
+
+def others(path: Path, recordings: list[Path], face: xr.Dataset, rest) -> xr.Dataset | None:
+    """Mean true activation of the other volunteers in the same instruction, None if there are none."""
+    recording = read_recording(path)
+    at = recording["time_marker"].values
+    names = [str(m) for m in face["muscle"].values]
+    start, found = _onset(recording, face, rest), []
+    for other in map(read_recording, recordings):
+        if other.attrs["instruction"] != recording.attrs["instruction"]:
+            continue
+        if other.attrs["volunteer"] != recording.attrs["volunteer"]:
+            shifted = at - start + _onset(other, face, rest)
+            truth = other["true_activation"].sel(muscle=names)
+            # Recordings begin and end at rest.
+            truth = truth.interp(time_true=shifted, kwargs={"fill_value": 0.0})
+            found.append(truth.transpose("muscle", ...).values)
+    if not found:
+        return None
+    return xr.Dataset(
+        {"activation": (("muscle", "time"), np.mean(found, axis=0), {"units": "1"})},
+        {"muscle": names, "time": ("time", at, {"units": "s"})},
+    )
+
+
+def _onset(recording: xr.Dataset, face: xr.Dataset, rest) -> float:
+    """Time at which the lip markers have made half of their largest displacement [s]."""
+    at = recording["time_marker"].values
+    moved = targets_of(recording, face, rest, at)
+    size = np.sqrt(((moved - moved.isel(time=slice(0, 10)).mean("time")) ** 2).sum("axis"))
+    size = size.mean("marker").values
+    return float(at[int((size > 0.5 * np.nanmax(size)).argmax())])
 
 
 def known_activation(face: xr.Dataset, path: Path) -> str:
@@ -143,7 +177,7 @@ def main(
     recordings: list[Path],
     out: Annotated[Path, typer.Option()] = Path("inverse.png"),
     emg_weights: str = "0.1,1,10",
-    form: Annotated[str, typer.Option(help="step or trajectory.")] = "step",
+    form: Annotated[str, typer.Option(help="step, trajectory or quasi_static.")] = "step",
     calibration: Annotated[Path | None, typer.Option(help="Of the volunteer.")] = None,
     variants: str = ",".join(v for v in VARIANTS if v != "assisted"),
     known: Annotated[
@@ -174,9 +208,9 @@ def main(
             for w in emg_weights.split(",")
             if w
         ]
+        world = str(recording.attrs.get("world", "")).removesuffix(" world")
         for p in settings:
             label = p.variant + (f" {p.emg_weight:g}" if p.variant == "assisted" else "")
-            world = str(recording.attrs.get("world", "")).removesuffix(" world")
             begin = {"world": world, "trial": path.stem, "variant": label}
             try:
                 found = invert(
@@ -188,6 +222,11 @@ def main(
                 continue
             if path == recordings[-1] and (p.variant != "assisted" or p.emg_weight == 1.0):
                 drawn[label] = found
+        if (mean := others(path, recordings, face, rest)) is not None:
+            rows.append(
+                {"world": world, "trial": path.stem, "variant": "others"}
+                | measures(mean, recording, face, rest)
+            )
         print(
             pd.DataFrame([r for r in rows if r["trial"] == path.stem]).round(3).to_string(),
             flush=True,

@@ -23,7 +23,10 @@ def run(
     variant: Annotated[str, typer.Option(help="assisted, hybrid, motion or driven.")] = "assisted",
     form: Annotated[
         str,
-        typer.Option(help="trajectory: over the whole trial, with intervals; or step by step."),
+        typer.Option(
+            help="trajectory: over the whole trial, with intervals; step: every step by itself; "
+            "quasi_static: equilibria, of faces that move slowly."
+        ),
     ] = "trajectory",
     calibration: Annotated[
         Path | None,

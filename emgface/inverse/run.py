@@ -32,10 +32,10 @@ from emgface.signals.parameters import SignalChain
 from emgface.study.digest import dataset_digest
 from emgface.study.measured import measured_during
 from sim import Activation, State, System, Workspace, compile_scene
-from sim.inverse import MeasuredActivation, PointTarget, Weights, track
+from sim.inverse import MeasuredActivation, PointTarget, Weights, equilibria, track
 from sim.state import Array
 
-Form = Literal["trajectory", "step"]
+Form = Literal["trajectory", "step", "quasi_static"]
 
 REST = 0.1
 """Duration at the start of a recording whose mean is the position at rest [s]."""
@@ -50,9 +50,10 @@ class InverseParameters:
     Attributes
     ----------
     variant : "driven", "hybrid", "assisted" or "motion"
-    form : "trajectory" or "step"
+    form : "trajectory", "step" or "quasi_static"
         Most probable activations over the whole recording, with intervals; or those of every step
-        by itself, without intervals.
+        by itself; or those whose equilibria have the positions of the markers, for faces that move
+        slowly or are held. The last two have no intervals.
     emg_weight : float
         Weight w_e of the sEMG of a muscle with electrodes, in the assisted variant [1]. In the
         trajectory form, a factor on the inverse variance of its error.
@@ -270,21 +271,9 @@ def invert(
     values = np.array([g * problem.delayed(m, d) for m, g, d in each]).T.clip(0.0, 1.0)
     found = refined = None
     with named_elements(face):
-        if p.form == "step" or np.isinf(trust).all():
-            found, _ = track(
-                problem.system,
-                [problem.target],
-                duration=problem.duration,
-                h=problem.h,
-                weights=Weights(
-                    size=p.size, change=p.change, jump=p.jump, chase=max(p.chase, problem.h)
-                ),
-                measured=MeasuredActivation(Activation(problem.target.time, values), trust, mixing),
-                initial=problem.state,
-                before=np.where(np.isinf(trust), values[0], 0.0),
-                work=problem.work,
-                progress=progress,
-            )
+        if p.form != "trajectory" or np.isinf(trust).all():
+            measured = MeasuredActivation(Activation(problem.target.time, values), trust, mixing)
+            found = _followed(problem, p, measured, progress)
         else:
             weight = emg_precision(p.assumed, error, trust, problem.h)
             refined = fitted(
@@ -292,6 +281,30 @@ def invert(
             )
     result = _result(recording, found, problem, values, p, refined)
     return result.assign_attrs(run_time_s=time.perf_counter() - begun)
+
+
+def _followed(
+    problem: Problem,
+    p: InverseParameters,
+    measured: MeasuredActivation,
+    progress: Callable[[int, int], None] | None,
+) -> xr.Dataset:
+    """Activations of every time by itself: of steps, or of equilibria."""
+    target, h = problem.target, problem.h
+    weights = Weights(size=p.size, change=p.change, jump=p.jump, chase=max(p.chase, h))
+    before = np.where(np.isinf(measured.trust), measured.activation.values[0], 0.0)
+    if p.form == "quasi_static":
+        found, _ = equilibria(
+            problem.system, [target], target.time[1:], weights=weights, measured=measured,
+            initial=problem.state, before=before, work=problem.work, progress=progress,
+        )  # fmt: skip
+        return found
+    found, _ = track(
+        problem.system, [target], duration=problem.duration, h=h, weights=weights,
+        measured=measured, initial=problem.state, before=before, work=problem.work,
+        progress=progress,
+    )  # fmt: skip
+    return found
 
 
 def fitted(

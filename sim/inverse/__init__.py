@@ -1,7 +1,10 @@
 """Inverse simulation: activations of muscles from motion, with and without measured activations."""
 
+from sim.inverse.force_targets import RowForceTarget
+from sim.inverse.objective import MeasuredActivation, Weights
 from sim.inverse.posterior import Posterior, in_words, laplace
 from sim.inverse.quadratic import Minimum, minimise_in_box
+from sim.inverse.quasi_static import equilibria
 from sim.inverse.response import (
     ActiveForces,
     Response,
@@ -9,8 +12,9 @@ from sim.inverse.response import (
     require_affine,
     step_response,
 )
+from sim.inverse.shape_targets import AreaTarget, SeparationTarget
 from sim.inverse.targets import PointTarget, Target, Together
-from sim.inverse.track import MeasuredActivation, Weights, track
+from sim.inverse.track import track
 from sim.inverse.trajectory import (
     Fit,
     Linearised,
@@ -24,6 +28,7 @@ from sim.inverse.trajectory import (
 
 __all__ = [
     "ActiveForces",
+    "AreaTarget",
     "Fit",
     "Linearised",
     "MeasuredActivation",
@@ -32,11 +37,14 @@ __all__ = [
     "Posterior",
     "Quadratic",
     "Response",
+    "RowForceTarget",
+    "SeparationTarget",
     "Splines",
     "Target",
     "Together",
     "Weights",
     "ends_of_steps",
+    "equilibria",
     "equilibrium_response",
     "fit",
     "in_words",

@@ -1,7 +1,7 @@
 """Response of steps and equilibria to the activations, with frozen rows of joints and contact."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal, Protocol
 
 import numpy as np
@@ -13,6 +13,8 @@ from sim.integrators.contact_linear import LinearContact
 from sim.integrators.contract import require_fixed_contact, require_no_barrier
 from sim.integrators.held import held_solution
 from sim.integrators.workspace import Workspace
+from sim.joints.compiled import REDUNDANT
+from sim.joints.compiled import Rows as JointRows
 from sim.scene import ActsLocally, CompiledTerm, Index, Stiffens
 from sim.state import Array, Control, ControlAt, Line, Pose, State, StepReport
 from sim.step_matrices import LinearStep, damping_matrix, stiffness_matrix
@@ -58,6 +60,9 @@ class Response:
     h: float
     moves: float
     rows: int  #: number of frozen rows
+    force: Array = field(default_factory=lambda: np.zeros(0))  #: (m,) forces of rows of joints
+    #: (m, n_muscles) their derivatives, if they were asked for
+    force_slope: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def velocity(self, activation: Array) -> Array:
         """End velocities (n,) for an activation."""
@@ -159,6 +164,7 @@ def step_response(
     work: Workspace,
     forces: ActiveForces,
     form: Form = "exact",
+    row_forces: bool = False,
 ) -> Response:
     """Response of one step from a state to the activation, by one factor and n_muscles solutions.
 
@@ -175,6 +181,9 @@ def step_response(
     forces : ActiveForces
         Of the system.
     form : "exact" or "affine"
+    row_forces : bool
+        Also return the derivatives of the forces of rows of joints; they are not unique if rows are
+        redundant, and those of the least squares are returned.
 
     Raises
     ------
@@ -216,14 +225,17 @@ def step_response(
         return h * half + (theta * h) ** 2 * slope
 
     if system.rows is not None:
-        found, _ = held_solution(
+        found, f = held_solution(
             whole, system.rows, equation.A, equation.rhs, w0, pose, h, 1e-10, work
         )
         assert found.roughly is not None  # set by every solution
-        H = np.array([found.roughly(load) for load in loads(found.x)]).T
-        return Response(
-            activation, found.x, H, state.pose, w0, h, equation.moves, len(system.rows.names)
-        )
+        given = loads(found.x)
+        H = np.array([found.roughly(load) for load in given]).T
+        slope = np.zeros((0, 0))
+        if row_forces:
+            left = np.array([equation.A.times(x) for x in H.T]) - given
+            slope = _force_slope(system.rows, pose, f, left[:, system.rows.columns].T / h)
+        return Response(activation, found.x, H, state.pose, w0, h, equation.moves, len(f), f, slope)
     if system.constraints is not None:
         saddle, still = work.constraints.saddle, np.zeros(system.constraints.n)
         saddle.factorise(equation.A.values, system.constraints.evaluate(state.q)[1])
@@ -265,6 +277,15 @@ def equilibrium_response(
     N = _normals(system, near.take(np.flatnonzero(pushing)), pose)
     X = work.steps.many(A)(np.concatenate([F, N]))
     return _held(X[: len(F)], X[len(F) :], N).T
+
+
+def _force_slope(rows: JointRows, pose: Pose, f: Array, left: Array) -> Array:
+    """Derivatives (m, n_muscles) of the forces of rows, with G'df = left (k, n_muscles)."""
+    out = np.zeros((len(f), left.shape[1]))
+    on = ~rows.unilateral | (f > 0.0)
+    G = rows.evaluate(pose).G[on]
+    out[on] = np.linalg.lstsq(G.T, left, rcond=REDUNDANT)[0]
+    return out
 
 
 def _differences(

@@ -39,7 +39,7 @@ class Target(Protocol):
         ...
 
 
-def _interpolated(time: Array, values: Array, t: float) -> Array:
+def interpolated(time: Array, values: Array, t: float) -> Array:
     """Linear interpolation over the first dim, constant outside; NaN beside a missing sample."""
     i = int(np.clip(np.searchsorted(time, t, side="right") - 1, 0, len(time) - 1))
     j = min(i + 1, len(time) - 1)
@@ -49,7 +49,8 @@ def _interpolated(time: Array, values: Array, t: float) -> Array:
     return (1.0 - s) * values[i] + s * values[j]
 
 
-def _check(name: str, time: Array, values: Array, size: float) -> None:
+def check_target(name: str, time: Array, values: Array, size: float) -> None:
+    """Raise SceneError for times that do not ascend, missing values, or a size that is not positive."""
     if len(time) == 0 or values.shape[:1] != time.shape or not (np.diff(time) > 0.0).all():
         raise SceneError(
             f"{name}: values of shape {values.shape} at {time.shape} times, expected ascending times "
@@ -69,7 +70,7 @@ class PointTarget:
     size: float = 1e-3  #: standard deviation of a coordinate [m], the unit of the residuals
 
     def __post_init__(self) -> None:
-        _check("PointTarget", self.time, self.position, self.size)
+        check_target("PointTarget", self.time, self.position, self.size)
         if self.position.shape[1:] != (len(self.nodes), 3):
             raise SceneError(
                 f"PointTarget: positions of shape {self.position.shape}, expected (time, "
@@ -88,7 +89,7 @@ class PointTarget:
 
     def wanted(self, t: float) -> Array:
         """Interpolated positions (3 k,)."""
-        return _interpolated(self.time, self.position, t).ravel()
+        return interpolated(self.time, self.position, t).ravel()
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,12 +100,13 @@ class Together:
 
     def value(self, q: Array) -> Array:
         """Values of all targets over their sizes."""
-        return np.concatenate([part.value(q) / part.size for part in self.parts])
+        return np.concatenate([np.zeros(0), *(part.value(q) / part.size for part in self.parts)])
 
     def slope(self, q: Array) -> csr_array:
         """Derivatives of all values."""
-        return csr_array(vstack([part.slope(q) / part.size for part in self.parts]))
+        none = csr_array((0, q.size))
+        return csr_array(vstack([none, *(part.slope(q) / part.size for part in self.parts)]))
 
     def wanted(self, t: float) -> Array:
         """Wanted values of all targets."""
-        return np.concatenate([part.wanted(t) / part.size for part in self.parts])
+        return np.concatenate([np.zeros(0), *(part.wanted(t) / part.size for part in self.parts)])

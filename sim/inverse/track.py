@@ -2,107 +2,25 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 import xarray as xr
 
-from sim.activation import Activation
-from sim.errors import ControlError, SceneError
+from sim.errors import SceneError
 from sim.integrators import LinearlyImplicitEuler, Workspace
 from sim.integrators.contract import require_upright
-from sim.inverse.quadratic import Minimum, minimise_in_box
-from sim.inverse.response import ActiveForces, Form, LinearlyImplicit, Response, step_response
+from sim.inverse.force_targets import RowForceTarget
+from sim.inverse.objective import MeasuredActivation, Objective, Weights
+from sim.inverse.quadratic import minimise_in_box
+from sim.inverse.response import ActiveForces, LinearlyImplicit, Response, step_response
 from sim.inverse.targets import Target, Together
+from sim.joints.contract import REACTIONS
+from sim.scene import Index
 from sim.state import Array, Control, State
 from sim.system import System
 from sim.threads import one_blas_thread
 
-Aim = Literal["position", "velocity"]
 EULER = LinearlyImplicitEuler()
-REDONE = 3  #: largest number of linearisations of a step
-
-
-@dataclass(frozen=True)
-class Weights:
-    """Terms of the objective of a step, all dimensionless, and the bounds of the activations.
-
-    The objective is motion/2 |r|^2 + size/2 |a|^2 + change/2 |a - a_before|^2 + the sEMG term of
-    `MeasuredActivation`, where r are the residuals over the sizes of their targets.
-    """
-
-    #: weights [1]
-    motion: float = 1.0
-    size: float = 1e-4
-    change: float = 1e-4
-    #: bounds of the activations, within 0-1
-    low: float | Array = 0.0
-    high: float | Array = 1.0
-    jump: float = 1.0  #: largest change of an activation in one step
-    #: time T in which a deviation is to vanish [s], at least the step; default: the step
-    chase: float | None = None
-    #: the end of the step should be at x + h (x_t' + (x_t - x)/T) with the mean velocity x_t' of the
-    #: target, so that T = h reaches the target without overshoot; or have the velocity
-    #: x_t' + (x_t - x)/T with x_t at the end of the step, the rule of the published controller,
-    #: which moves x by h x_t' too far in each step if T = h
-    aim: Aim = "position"
-    #: divide the residuals by the Frobenius norm of their derivatives, as the published controller
-    #: does. The meaning of the weights then changes from step to step
-    normalise: bool = False
-    #: derivatives of `step_response`, at the activation of the step before; or, as published, with the
-    #: matrix of the step at activation 0
-    form: Form = "exact"
-    #: linearisations of each step, at most three. With one and the exact form, the linearised step is
-    #: the step; otherwise, and with joints or contact, the step is computed again with its activation
-    rounds: int = 1
-
-    def __post_init__(self) -> None:
-        low, high = np.asarray(self.low), np.asarray(self.high)
-        if not (np.all(low >= 0.0) and np.all(high <= 1.0) and np.all(low <= high)):
-            raise ControlError("bounds of the activations must satisfy 0 <= low <= high <= 1")
-        values = (self.motion, self.size, self.change)
-        if not (np.isfinite(values).all() and min(values) >= 0.0 and self.jump > 0.0):
-            raise SceneError(
-                f"weights {values} and jump {self.jump}: expected numbers >= 0, jump > 0"
-            )
-        if not 1 <= self.rounds <= REDONE:
-            raise SceneError(f"rounds = {self.rounds}, expected 1 to {REDONE}")
-
-
-@dataclass(frozen=True, eq=False)
-class MeasuredActivation:
-    """Activation estimated from sEMG, and the trust in each muscle."""
-
-    activation: Activation  #: of all muscles; values of muscles without trust are ignored
-    #: (n_muscles,) weight w_e/2 trust (a - a_emg)^2 of each muscle [1], 0 if it is not measured,
-    #: infinite if its activation is prescribed
-    trust: Array = field(default_factory=lambda: np.zeros(0))
-    #: (n_muscles, n_muscles) share of every muscle (column) in every measured activation (row) by
-    #: cross-talk; by default the identity
-    mixing: Array | None = None
-
-    def __post_init__(self) -> None:
-        n = self.activation.values.shape[1]
-        if self.mixing is not None and np.isinf(self.trust).any():
-            raise ControlError(
-                "a muscle is prescribed by an activation with cross-talk: leave the mixing matrix out, "
-                "or use a finite trust"
-            )
-        if self.trust.shape != (n,) or not (self.trust >= 0.0).all():
-            raise ControlError(
-                f"trust of shape {self.trust.shape} for {n} muscles, expected one number >= 0 for each"
-            )
-
-
-@dataclass(frozen=True)
-class _Problem:
-    """Quadratic programme of one step, Q and c, with its bounds."""
-
-    Q: Array
-    c: Array
-    low: Array
-    high: Array
 
 
 @one_blas_thread
@@ -118,6 +36,7 @@ def track(
     initial: State | None = None,
     before: Array | None = None,
     work: Workspace | None = None,
+    forces: Sequence[RowForceTarget] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[xr.Dataset, State]:
     """Activations of every step by which a system follows its targets.
@@ -136,6 +55,9 @@ def track(
         Rest by default.
     before : (n_muscles,) activation before the first step, 0 by default.
     work : Workspace, optional
+    forces : sequence of RowForceTarget
+        Wanted forces of joints, such as a bite force; their residuals are those at the end of the step,
+        without the chase time.
     progress : callable, optional
         Called as ``progress(done, total)``.
 
@@ -165,7 +87,8 @@ def track(
     """
     weights = weights or Weights()
     target, n = Together(tuple(targets)), len(system.muscles)
-    if not targets or not n:
+    pushes = tuple((one.indices(system), one) for one in forces)
+    if not (targets or forces) or not n:
         raise SceneError(f"{len(targets)} targets and {n} muscles, expected at least one of each")
     chase = h if weights.chase is None else weights.chase
     if chase < h * (1.0 - 1e-9):
@@ -174,7 +97,7 @@ def track(
         )
     state = initial or system.rest_state()
     work = work or Workspace(system)
-    forces = ActiveForces(system)
+    active = ActiveForces(system)
     total = round(duration / h)
     a = np.zeros(n) if before is None else before
     records: list[tuple[Array, Array, Array, float, float, float, float]] = []
@@ -182,22 +105,27 @@ def track(
     started = time.perf_counter()
     for k in range(total):
         t1, last, rounds = state.t + h, a, 0
+        objective = Objective.at(t1, last, weights, measured)
         while True:
             around = np.zeros(n) if weights.form == "affine" and not rounds else a
             response = step_response(
-                system, integrator, state, around, h, work, forces, weights.form
+                system, integrator, state, around, h, work, active, weights.form, bool(pushes)
             )
-            problem = _problem(system, response, target, state, last, chase, weights, measured)
-            found = minimise_in_box(problem.Q, problem.c, problem.low, problem.high, last)
+            along, r = _residuals(system, response, target, pushes, state, chase, weights)
+            Q, c = objective.quadratic(along, r, response.activation)
+            found = minimise_in_box(Q, c, objective.low, objective.high, last)
             moved = float(np.abs(found.x - a).max())
             a, rounds = found.x, rounds + 1
             if rounds >= weights.rounds or moved < 1e-9:
                 break
         state = _advanced(system, integrator, state, response, a, h, work, weights)
         reached, wanted = target.value(state.q), target.wanted(t1)
+        for rows, one in pushes:
+            reached = np.concatenate([reached, state.memory[REACTIONS][rows] / one.size])
+            wanted = np.concatenate([wanted, one.wanted(t1) / one.size])
         gap = (reached - wanted)[np.isfinite(wanted)]
         misfit = float(np.sqrt(np.mean(gap**2))) if len(gap) else np.nan
-        saturated = float((found.at_high & (problem.high > problem.low)).sum())
+        saturated = float((found.at_high & (objective.high > objective.low)).sum())
         records.append((a, reached, wanted, misfit, found.violation, response.rows, saturated))
         times.append(t1)
         if progress is not None:
@@ -205,17 +133,16 @@ def track(
     return _dataset(system, times, records, time.perf_counter() - started), state
 
 
-def _problem(
+def _residuals(
     system: System,
     response: Response,
     target: Together,
+    pushes: Sequence[tuple[Index, RowForceTarget]],
     state: State,
-    last: Array,
     chase: float,
     weights: Weights,
-    measured: MeasuredActivation | None,
-) -> _Problem:
-    """Objective of one step in terms of the activation."""
+) -> tuple[Array, Array]:
+    """Derivatives of the quantities by the activations, and residuals, at the linearisation."""
     h, t0, t1 = response.h, state.t, state.t + response.h
     kinematics, pose = system.kinematics, response.pose
     end = response.end(system, response.w)
@@ -234,27 +161,10 @@ def _problem(
         reached = kinematics.state(end, response.w, {}).v.reshape(-1)
         moved = chase * (slope @ points)
         r = chase * (rate + (to - x0) / chase - slope @ reached)
-    seen = np.isfinite(r)
-    along, r = moved[seen], r[seen]
-    norm = float(np.linalg.norm(along)) if weights.normalise else 1.0
-    along, r = along / max(norm, 1e-300), r / max(norm, 1e-300)
-    n = len(last)
-    ones = np.ones(n)
-    soft, given, fixed = 0.0 * ones, 0.0 * ones, np.zeros(n, dtype=bool)
-    mixing = np.eye(n)
-    if measured is not None:
-        given = np.nan_to_num(np.clip(measured.activation.at(t1), 0.0, 1.0))
-        fixed = np.isinf(measured.trust)
-        soft = np.where(fixed, 0.0, measured.trust)
-        mixing = mixing if measured.mixing is None else measured.mixing
-    quadratic = weights.motion * along.T @ along + mixing.T @ (soft[:, None] * mixing)
-    quadratic = quadratic + (weights.size + weights.change) * np.eye(n)
-    linear = weights.motion * along.T @ (r + along @ response.activation)
-    linear = linear + weights.change * last + mixing.T @ (soft * given)
-    low = np.maximum(np.broadcast_to(weights.low, n), last - weights.jump)
-    high = np.minimum(np.broadcast_to(weights.high, n), last + weights.jump)
-    low, high = np.where(fixed, given, low), np.where(fixed, given, high)
-    return _Problem(quadratic, linear, low, np.maximum(low, high))
+    for rows, one in pushes:
+        r = np.concatenate([r, (one.wanted(t1) - response.force[rows]) / one.size])
+        moved = np.concatenate([moved, response.force_slope[rows] / one.size])
+    return moved, r
 
 
 def _advanced(
@@ -301,6 +211,3 @@ def _dataset(
         coords={"muscle": list(system.muscles), "time": ("time", np.array(times), {"units": "s"})},
         attrs={"run_time_s": seconds},
     )
-
-
-__all__ = ["MeasuredActivation", "Minimum", "Weights", "track"]

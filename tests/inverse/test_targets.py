@@ -1,0 +1,161 @@
+"""Targets that are shapes or forces: closed forms, derivatives, and activations that reach them."""
+
+import numpy as np
+import pytest
+
+import sim
+from emgface.anatomy.jaw.scene import jaw_scene
+from emgface.anatomy.jaw.template import template_jaw
+from sim.inverse import (
+    ActiveForces,
+    AreaTarget,
+    PointTarget,
+    RowForceTarget,
+    SeparationTarget,
+    Weights,
+    step_response,
+    track,
+)
+from tests.inverse.test_response import block
+
+STILL = np.zeros(1)
+
+
+def separation(wanted: float = 0.0) -> SeparationTarget:
+    return SeparationTarget(np.array([0, 1]), np.array([2, 3, 4]), STILL, np.array([wanted]))
+
+
+def area(nodes, wanted: float = 0.0) -> AreaTarget:
+    return AreaTarget(np.asarray(nodes), STILL, np.array([wanted]))
+
+
+def test_a_rectangle_has_its_area_and_overlapping_lips_a_negative_one():
+    """Seen against y, (z, x) is counterclockwise; exchanging upper and lower side reverses the sign."""
+    upper, lower = [[0.0, 0.1, 0.01], [0.04, 0.2, 0.01]], [[0.04, 0.0, 0.0], [0.0, 0.3, 0.0]]
+    open_, passed = np.array(upper + lower), np.array(upper + lower)
+    passed[:2, 2] = -0.005
+    assert area(range(4)).value(open_) == pytest.approx([4e-4], rel=1e-12)
+    assert area(range(4)).value(passed) == pytest.approx([-2e-4], rel=1e-12)
+
+
+def test_a_separation_has_the_sign_of_its_direction():
+    q = np.zeros((5, 3))
+    q[:2, 2], q[2:, 2] = (0.003, 0.005), 0.001
+    assert separation().value(q) == pytest.approx([0.003], rel=1e-12)
+    q[:2, 2] = -0.002
+    assert separation().value(q) == pytest.approx([-0.003], rel=1e-12)
+
+
+@pytest.mark.parametrize("target", [separation(), area([5, 1, 0, 7]), area([2, 3, 2, 6, 8])])
+def test_slopes_are_derivatives(target):
+    q, near = np.random.default_rng(0).standard_normal((9, 3)), 1e-6
+    way = np.random.default_rng(1).standard_normal(q.shape)
+    change = (target.value(q + near * way) - target.value(q - near * way)) / (2.0 * near)
+    assert target.slope(q) @ way.ravel() == pytest.approx(change, rel=1e-8)
+
+
+def test_opening_and_area_alone_recover_the_activation_of_two_muscles():
+    system = block()
+    nodes = np.flatnonzero(system.mesh.X[:, 2] == system.mesh.X[:, 2].max())
+    x, y = (system.mesh.X[nodes, :2] - system.mesh.X[nodes, :2].mean(axis=0)).T
+    outer = np.hypot(x, y) > 0.0
+    ring = nodes[outer][np.argsort(np.arctan2(y, x)[outer])]
+    true, h = np.array([0.25, 0.1]), 0.01
+    motion, _ = sim.simulate(
+        system, sim.Activation(np.zeros(1), true[None]), duration=0.05, probes=(sim.Positions(),),
+        integrator=sim.LinearlyImplicitEuler(), steps=sim.FixedStep(h),
+    )  # fmt: skip
+    q, t = motion["node_position"].transpose("time", ...).values, motion["time"].values
+    base, along = np.flatnonzero(system.mesh.X[:, 2] == 0.0), (1.0, 0.0, 0.0)
+    gaps = np.array(
+        [SeparationTarget(nodes[:1], base, STILL, STILL, along).value(at)[0] for at in q]
+    )
+    areas = np.array([AreaTarget(ring, STILL, STILL, (0.0, 0.0, 1.0)).value(at)[0] for at in q])
+    targets = [
+        SeparationTarget(nodes[:1], base, t, gaps, along, 1e-6),
+        AreaTarget(ring, t, areas, (0.0, 0.0, 1.0), 1e-8),
+    ]
+    weights = Weights(size=0.0, change=1e-10, rounds=3)
+    found, _ = track(system, targets, duration=0.05, h=h, weights=weights)
+    assert found["activation"].values == pytest.approx(np.tile(true[:, None], 5), abs=1e-5)
+
+
+def bite(t, force) -> RowForceTarget:
+    return RowForceTarget(("bite_L", "bite_R"), np.asarray(t), np.asarray(force, float), 1.0)
+
+
+@pytest.fixture(scope="module")
+def jaw():
+    parts = jaw_scene(template_jaw())
+    return parts, sim.compile_scene(parts.scene)
+
+
+def bitten(jaw, left: float, right: float):
+    """Last forces and activations of a jaw that keeps its teeth together."""
+    parts, system = jaw
+    node = np.array([parts.points["lower_incisor"]])
+    closed = PointTarget(node, STILL, system.rest_state().q[node][None], 1e-4)
+    high = np.isin(system.muscles, list(parts.muscles)).astype(float)
+    found, _ = track(
+        system, [closed], duration=0.3, h=0.005,
+        forces=[bite([0.0, 0.2], [[0, 0], [left, right]])],
+        weights=Weights(size=1e-3, change=1e-3, chase=0.02, jump=0.05, high=high),
+    )  # fmt: skip
+    last = found.isel(time=-1)
+    return last["tracked"].values[3:], last["activation"].to_series()
+
+
+def test_bite_forces_are_reached_on_both_sides(jaw):
+    """60 N on one side and 40 N on the other, by closers; mirrored forces by mirrored muscles."""
+    force, left = bitten(jaw, 60.0, 40.0)
+    assert force == pytest.approx([60.0, 40.0], abs=0.1)
+    closers = ["at", "mt", "pt", "sm", "dm", "mp"]
+    assert sum(left[f"{m}_L"] - left[f"{m}_R"] for m in closers) > 0.02
+    assert left[["ad_L", "ad_R", "ip_L", "ip_R"]].max() < 0.01
+    force, right = bitten(jaw, 40.0, 60.0)
+    assert force == pytest.approx([40.0, 60.0], abs=0.1)
+    for m in closers:
+        assert left[f"{m}_L"] == pytest.approx(right[f"{m}_R"], abs=1e-6)
+
+
+def test_the_derivatives_of_bite_forces_are_those_of_the_step(jaw):
+    parts, system = jaw
+    active = np.flatnonzero(np.isin(system.muscles, list(parts.muscles)))
+    level = np.zeros(len(system.muscles))
+    level[[system.muscles.index(name) for name in ("sm_L", "sm_R", "at_L", "at_R")]] = 0.3
+    euler, state, h = sim.LinearlyImplicitEuler(), system.rest_state(), 5e-4
+
+    def stepped(a):
+        work = sim.Workspace(system)
+        return euler.step(system, state, sim.Control(a, state.t + h), h, work)[0].memory["joints"]
+
+    for _ in range(5):
+        control = sim.Control(level, state.t + 5e-3)
+        state, _ = euler.step(system, state, control, 5e-3, sim.Workspace(system))
+    response = step_response(
+        system, euler, state, level, h, sim.Workspace(system), ActiveForces(system), row_forces=True
+    )
+    rows, near = bite([0.0], [[0, 0]]).indices(system), 1e-3
+    assert response.force[rows] == pytest.approx(stepped(level)[rows], abs=1e-6)
+    assert (response.force[rows] > 5.0).all()
+    for i in active[:6]:
+        up, down = level.copy(), level.copy()
+        up[i], down[i] = up[i] + near, max(down[i] - near, 0.0)
+        change = (stepped(up) - stepped(down))[rows] / (up[i] - down[i])
+        # The response holds the directions of the curved joints: an error of first order in h, 2e-4.
+        assert response.force_slope[rows, i] == pytest.approx(change, rel=1e-3)
+
+
+def test_targets_that_a_scene_does_not_have_are_refused(jaw):
+    with pytest.raises(sim.SceneError, match="no row 'bite_L'.*because it has no joints"):
+        bite([0.0], [[0, 0]]).indices(block())
+    with pytest.raises(sim.SceneError, match="no row 'tooth', expected one of tmj_L"):
+        RowForceTarget(("tooth",), STILL, np.zeros((1, 1))).indices(jaw[1])
+    with pytest.raises(sim.SceneError, match="length 2"):
+        SeparationTarget(np.array([0]), np.array([1]), STILL, STILL, (0.0, 0.0, 2.0))
+    with pytest.raises(sim.SceneError, match="2 points, expected at least 3"):
+        area([0, 1])
+    with pytest.raises(sim.SceneError, match="no points"):
+        SeparationTarget(np.array([0]), np.zeros(0, int), STILL, STILL)
+    with pytest.raises(sim.SceneError, match=r"shape \(1, 3\)"):
+        bite([0.0], [[0, 0, 0]])
