@@ -1,7 +1,6 @@
 """Reduced face that follows a stream of sEMG: causal filter, feature, activation, step, markers."""
 
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -10,10 +9,8 @@ import pandas as pd
 import xarray as xr
 from scipy.signal import butter, sosfilt
 
-from emgface.errors import SignalError
 from emgface.reduced.model import Floats, ReducedFace
-from emgface.signals.activation import emg_of
-from emgface.signals.filters import sampling_rate
+from emgface.reduced.stream import Source, frames_of
 from emgface.signals.mapping import mapping_matrix
 from sim import Control, State, Workspace
 from sim.reduced import FusedEuler
@@ -55,25 +52,6 @@ class CausalFeature:
         return np.sqrt(self._squares.mean(axis=1))
 
 
-def frames_of(
-    recording: xr.Dataset, step: float, muscles: Sequence[str]
-) -> tuple[list[Floats], float, Floats]:
-    """Samples (n_channels, k) [V] of every step of a recording, their rate, and the mapping.
-
-    Raises SchemaError or SignalError if there is no sEMG, or it has gaps.
-    """
-    emg = emg_of(recording).transpose("channel", "time_emg")
-    rate = sampling_rate(emg["time_emg"])
-    weights = mapping_matrix()
-    known = [c for c in map(str, emg["channel"].values) if c in weights["channel"].values]
-    values = emg.sel(channel=known).values
-    if not np.isfinite(values).all():
-        raise SignalError("the recording has gaps, expected a stream without: fill them first")
-    ends = np.round(np.arange(1, int(values.shape[1] / rate / step) + 1) * step * rate).astype(int)
-    chosen = weights.sel(channel=known, muscle=list(muscles)).values
-    return np.split(values[:, : ends[-1]], ends[:-1], axis=1), rate, chosen
-
-
 @dataclass
 class LiveFace:
     """Reduced face that takes one step per frame.
@@ -112,39 +90,51 @@ class LiveFace:
         return np.asarray(markers)[: self._n], bound, distance
 
 
+def heard(recording: xr.Dataset, step: float, muscles: Sequence[str]) -> tuple[Floats, Floats]:
+    """Least and largest feature (n_muscles,) [V] over one pass of a recording.
+
+    Raises SchemaError or SignalError if there is no sEMG, or it has gaps.
+    """
+    frames, rate, names = frames_of(recording, step)
+    feature = CausalFeature(rate, weights_of(names, muscles))
+    values = np.array([feature(frame) for frame in frames])
+    return values.min(axis=0), values.max(axis=0)
+
+
+def weights_of(channels: Sequence[str], muscles: Sequence[str]) -> Floats:
+    """Weights (n_muscles, n_channels) of Eqs 2-6 for known channels."""
+    chosen = mapping_matrix().sel(channel=list(channels), muscle=list(muscles))
+    return chosen.transpose("muscle", "channel").values
+
+
 def live(
-    recording: xr.Dataset,
+    source: Source,
     reduced: ReducedFace,
+    between: tuple[Floats, Floats],
     *,
     seconds: float,
     step: float = 0.01,
-    clock: Callable[[], float] = time.perf_counter,
-    wait: Callable[[float], None] = time.sleep,
 ) -> Iterator[tuple[Floats, Floats, dict[str, float]]]:
-    """Play a recording in real time, repeated up to a duration, and move the face with it.
+    """Move the face with a stream of sEMG, in real time.
 
-    The features are divided by their range over one earlier pass of the recording and limited to
-    0-1. Yields the activation (n_muscles,), the markers (n, 3) [m] and a row of the log for each
-    frame: time, latency from the arrival of its last sample to the markers, computing time [s],
-    bound of the error [m], distance, 1 if the frame is trusted.
+    The features are divided by their range `between` (`heard`) and limited to 0-1. Yields the
+    activation (n_muscles,), the markers (n, 3) [m] and a row of the log for each frame: time, latency
+    from the arrival of its last sample to the markers, computing time [s], number of samples lost
+    before it, bound of the error [m], distance, 1 if the frame is trusted. Errors as of the source.
     """
-    frames, rate, weights = frames_of(recording, step, reduced.model.system.muscles)
-    first = CausalFeature(rate, weights)
-    heard = np.array([first(frame) for frame in frames])
-    low, high = heard.min(axis=0), heard.max(axis=0)
+    low, high = between
     span = np.where(high > low, high - low, 1.0)
-    feature, face = CausalFeature(rate, weights), LiveFace(reduced, step)
+    weights = weights_of(source.channels, reduced.model.system.muscles)
+    feature, face = CausalFeature(source.rate, weights), LiveFace(reduced, step)
     largest = reduced.dataset.attrs["largest_distance"]
     face(np.zeros(len(low)))  # loads the kernel before the clock starts
-    start = clock()
+    source.start()
     for k in range(round(seconds / step)):
-        arrived = start + (k + 1) * step
-        if (early := arrived - clock()) > 0.0:
-            wait(early)
-        begun = clock()
-        activation = np.clip((feature(frames[k % len(frames)]) - low) / span, 0.0, 1.0)
+        samples, arrived, lost = source.frame(k)
+        begun = source.now()
+        activation = np.clip((feature(samples) - low) / span, 0.0, 1.0)
         markers, bound, distance = face(activation)
-        done = clock()
+        done = source.now()
         yield (
             activation,
             markers,
@@ -152,6 +142,7 @@ def live(
                 "time": (k + 1) * step,
                 "latency": done - arrived,
                 "computing": done - begun,
+                "lost": float(lost),
                 "bound": bound,
                 "distance": distance,
                 "trusted": float(distance <= largest),
@@ -173,5 +164,6 @@ def summary(log: pd.DataFrame, step: float) -> dict[str, float]:
         "jitter": float(latency.std()),
         "median computing": float(log["computing"].median()),
         "late frames": float((latency > step).sum()),
+        "lost samples": float(log["lost"].sum()),
         "frames not trusted": float((log["trusted"] == 0.0).sum()),
     }

@@ -12,11 +12,12 @@ from emgface.errors import ConfigurationError, FaceError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS, RELEVANT
 from emgface.reduced import training
-from emgface.reduced.live import live, summary
+from emgface.reduced.live import heard, live, summary
 from emgface.reduced.model import ReducedFace, parameters_of
 from emgface.reduced.motion import simulate_reduced
 from emgface.reduced.parameters import ReductionParameters
 from emgface.reduced.plan import Drive, random_drives, training_plan
+from emgface.reduced.stream import Played
 from emgface.reduced.study_plan import study_drives
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.study.store import Store
@@ -213,7 +214,9 @@ def test_a_live_face_moves_as_one_that_is_simulated_with_the_same_activation(fac
     def wait(seconds):
         now[0] += seconds
 
-    frames = list(live(recording, reduced, seconds=0.1, step=0.01, clock=lambda: now[0], wait=wait))
+    source = Played(recording, 0.01, clock=lambda: now[0], wait=wait)
+    between = heard(recording, 0.01, reduced.model.system.muscles)
+    frames = list(live(source, reduced, between, seconds=0.1, step=0.01))
     log = pd.DataFrame([row for _, _, row in frames])
     found = summary(log, 0.01)
     assert found["frames"] == 10 and found["late frames"] == 0 and now[0] == pytest.approx(0.1)
