@@ -62,7 +62,14 @@ class Multibody:
             **dict.fromkeys(("c", "drift", "target", "f", "held", "positive"), (m,)),
             **{"G": (m, n), "Y": (n, m), "S": (m, m), "T": (m, m)},
             **dict.fromkeys(("JA", "JB"), (m, 6)),
-            **{"JP": (m, 3), "A": (n, n), "I": (3, 3), "still": (k, 6), "inverse": (k, 3, 3)},
+            **{
+                "JP": (m, 3),
+                "way": (len(self.table.point), 4),
+                "A": (n, n),
+                "I": (3, 3),
+                "still": (k, 6),
+                "inverse": (k, 3, 3),
+            },
         }
         arrays = {
             name: np.zeros(shape, order="F" if name in ("A", "T") else "C")

@@ -135,11 +135,13 @@ def _drift(rows, twists, scratch):
 
 @bare
 def _mobility(table, rows, scratch):
-    """Y = M^-1 G' and S = G M^-1 G' with the inverse inertia of `scratch.inverse`."""
+    """Y = M^-1 G' and S = G M^-1 G' of active rows, with the inverse inertia of `scratch.inverse`."""
     G, Y, S, n = scratch.G, scratch.Y, scratch.S, len(scratch.w0)
     for k in range(len(scratch.c)):
         for j in range(n):
             Y[j, k] = 0.0
+        if not scratch.on[k]:
+            continue
         for side in range(2):
             b = rows.body_a[k] if side == 0 else rows.body_b[k]
             c = table.column[b] if b >= 0 else -1
@@ -154,7 +156,8 @@ def _mobility(table, rows, scratch):
     S[:] = 0.0
     for k in range(n):
         for i in range(len(scratch.c)):
-            add_product(S, i, G[i, k], Y, k)
+            if scratch.on[i]:
+                add_product(S, i, G[i, k], Y, k)
 
 
 @bare
@@ -213,39 +216,36 @@ def project_on_rows(rows, kinds, table, twists, most, drift, scratch):
         _evaluate(table, rows, scratch)
         worst, more = 0.0, k < 0
         for i in range(m):
-            held = kinds.rigid[i] or (kinds.unilateral[i] and scratch.c[i] < -drift)
-            if held:
+            if kinds.rigid[i] or (kinds.unilateral[i] and scratch.c[i] < -drift):
                 worst = max(worst, abs(scratch.c[i]))
                 more = more or not on[i]
-        if turn == most or not worst > drift:
-            break
-        # the directions at this distance differ by less than rounding
-        if more or worst > KEPT:
+        last = turn == most or not worst > drift
+        if last:
+            _drift(rows, twists, scratch)
+        # the directions at a short distance differ by less than rounding
+        if last or more or worst > KEPT:
             for i in range(m):
-                on[i] = kinds.rigid[i] or (kinds.unilateral[i] and scratch.c[i] < -drift)
+                fallen = kinds.unilateral[i] and scratch.c[i] < -drift
+                on[i] = kinds.rigid[i] or (fallen and not last)
+                if last:  # the velocities are projected to the rigid rows
+                    scratch.c[i] = scratch.drift[i]
+                    for j in range(n):
+                        scratch.c[i] += scratch.G[i, j] * scratch.w1[j]
             _mobility(table, rows, scratch)
-            k = factor_rows(scratch, 0.0)
-            if k < 0:
-                k = factor_rows(scratch, SOFTENED)
+            k = -1
+            for softened in (0.0, SOFTENED):
+                if k < 0 and not (last and softened > 0.0):
+                    k = factor_rows(scratch, softened)
             if k < 0:
                 return False
-        _solve_rows(scratch, k, scratch.c)
         # the forces of S f = -c change the rows by -c
+        _solve_rows(scratch, k, scratch.c)
         _push(scratch, n)
+        if last:
+            break
         for b in range(len(table.column)):
             if table.column[b] >= 0:
                 move(scratch.frames, b, scratch.g, table.column[b])
-    _drift(rows, twists, scratch)
-    for i in range(m):
-        on[i] = kinds.rigid[i]
-        for j in range(n):
-            scratch.drift[i] += scratch.G[i, j] * scratch.w1[j]
-    _mobility(table, rows, scratch)
-    k = factor_rows(scratch, 0.0)
-    if k < 0:
-        return False
-    _solve_rows(scratch, k, scratch.drift)
-    _push(scratch, n)
     for j in range(n):
         scratch.w1[j] += scratch.g[j]
     return True

@@ -57,7 +57,7 @@ class Led(NamedTuple):
 class Scratch(NamedTuple):
     """Memory of a step for n velocities, m rows, p points and k bodies, all of it zero at first.
 
-    A and T are stored by columns.
+    A and T are stored by columns; `way` holds direction and length of the segments of fibres.
     """
 
     frames: Array
@@ -68,6 +68,7 @@ class Scratch(NamedTuple):
     arm: Array
     force: Array
     carried: Array
+    way: Array
     A: Array
     sign: Array
     w0: Array

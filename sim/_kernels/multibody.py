@@ -13,7 +13,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.body_forces import add_line, add_morsels, add_points, morsel_gap
+from sim._kernels.body_forces import (
+    add_line,
+    add_morsels,
+    add_points,
+    measure_segments,
+    morsel_gap,
+)
 from sim._kernels.body_rows import hold_rows, project_on_rows
 from sim._kernels.body_tables import BodyTable, Flags, Index, Led, RowKinds, Scratch
 from sim._kernels.dense import copy, factorise, solve_lower, solve_upper
@@ -21,6 +27,7 @@ from sim._kernels.frames import (
     add,
     cross,
     move,
+    placed,
     put,
     rotated,
     turn_between,
@@ -60,9 +67,6 @@ def _velocities(table, twists, scratch, v):
 @bare
 def _carry(table, led, i, scratch):
     """Velocities of points by the prescribed bodies at the end of step i."""
-    for p in range(len(table.body)):
-        for d in range(3):
-            scratch.carried[p, d] = 0.0
     for k in range(len(led.body)):
         u = (led.twists[i, k, 3], led.twists[i, k, 4], led.twists[i, k, 5])
         for p in range(len(table.body)):
@@ -123,6 +127,7 @@ def _equation(table, lines, activation, whole, h, theta, scratch):
     for i in range(n):
         r[i] = 0.0
     copy(table.load, scratch.force)
+    measure_segments(table, scratch)
     for k in range(len(table.start) - 1):
         add_line(table, lines, k, activation, scratch, by_damping, by_stiffness)
     add_morsels(table, whole, scratch, by_damping, by_stiffness)
@@ -173,6 +178,7 @@ def change_of_bodies(
         _place_points(table, start if side == 0 else end, scratch)
         scratch.r[:] = 0.0
         copy(table.load, scratch.force)
+        measure_segments(table, scratch)
         for k in range(len(table.start) - 1):
             add_line(table, lines, k, activation, scratch, 0.0, 0.0)
         add_points(table, scratch, 0.0)
@@ -270,9 +276,8 @@ def advance_bodies(
             if table.column[b] >= 0:
                 for d in range(6):
                     twists[i + 1, b, d] = scratch.w1[table.column[b] + d]
-        if len(table.morsel) > 0:
-            _place_points(table, scratch.frames, scratch)
         for k in range(len(table.morsel)):
-            d = morsel_gap(table, k, scratch)
+            p = table.morsel[k]
+            d = morsel_gap(table, k, placed(scratch.frames, table.body[p], vector(table.arm, p)))
             whole[i + 1, k] = d > table.plane[k, 6] or (whole[i, k] and d >= gone)
     return len(h)
