@@ -6,7 +6,14 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from sim._kernels.body_tables import BodyTable, RowKinds, Scratch
+from sim._kernels.body_tables import (
+    BodyTable,
+    PointScratch,
+    RowKinds,
+    RowScratch,
+    Scratch,
+    StepScratch,
+)
 from sim._kernels.joints import RowTable
 from sim._kernels.lines import PARAMETERS, LineTable
 from sim.bodies import Body
@@ -55,27 +62,25 @@ class Multibody:
     def scratch(self) -> Scratch:
         """Empty memory for steps."""
         n, m, k, p = self.n, len(self.rows.kind), len(self.table.column), len(self.table.body)
-        shapes = {
-            **dict.fromkeys(("frames", "ahead"), (k, 7)),
-            **dict.fromkeys(("q", "v", "arm", "force", "carried"), (p, 3)),
-            **dict.fromkeys(("sign", "w0", "w1", "p", "r", "g"), (n,)),
-            **dict.fromkeys(("c", "drift", "target", "f", "held", "positive"), (m,)),
-            **{"G": (m, n), "Y": (n, m), "S": (m, m), "T": (m, m)},
-            **dict.fromkeys(("JA", "JB"), (m, 6)),
-            **{
-                "JP": (m, 3),
-                "way": (len(self.table.point), 4),
-                "A": (n, n),
-                "I": (3, 3),
-                "still": (k, 6),
-                "inverse": (k, 3, 3),
-            },
-        }
-        arrays = {
-            name: np.zeros(shape, order="F" if name in ("A", "T") else "C")
-            for name, shape in shapes.items()
-        }
-        return Scratch(**arrays, on=np.zeros(m, dtype=bool), place=np.zeros(m, dtype=np.int64))
+        points = (np.zeros((p, 3)) for _ in range(5))
+        step = StepScratch(
+            *(np.zeros((k, width)) for width in (7, 7, 6)),
+            np.zeros((n, n), order="F"),
+            *(np.zeros(n) for _ in range(6)),
+            np.zeros((3, 3)),
+            np.zeros((k, 3, 3)),
+        )
+        rows = RowScratch(
+            np.zeros((m, n)),
+            np.zeros((n, m)),
+            np.zeros((m, m)),
+            np.zeros((m, m), order="F"),
+            *(np.zeros(m) for _ in range(6)),
+            *(np.zeros((m, width)) for width in (6, 6, 3)),
+            np.zeros(m, dtype=np.bool_),
+            np.zeros(m, dtype=np.int64),
+        )
+        return Scratch(PointScratch(*points, np.zeros((len(self.table.point), 4))), step, rows)
 
 
 def lay_out_multibody(
@@ -120,14 +125,16 @@ def lay_out_multibody(
     inverse[free] = np.linalg.inv(inertia[free])
     paths = [points for _, fibres in forces.lines for points in fibres]
     start = np.cumsum([0, *(len(points) for points in paths)])
+    columns = kinematics.body_columns(len(bodies))
     table = BodyTable(
-        kinematics.body_columns(len(bodies))[:-1].copy(),
+        columns[:-1].copy(),
         np.array([b.mass for b in bodies], dtype=np.float64),
         inertia,
         inverse,
         np.array([b.damping for b in bodies], dtype=np.float64),
         body,
         arm,
+        np.where(body < 0, -1, columns[body]).astype(np.int64),
         forces.load,
         start.astype(np.int64),
         np.array([p for points in paths for p in points], dtype=np.int64),

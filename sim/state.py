@@ -155,5 +155,7 @@ class StepReport:
     indefinite: int = 0  #: number of steps solved with a matrix that is not positive definite
     #: estimated local error of the positions [m]; None if the method has no estimate
     local_error: Array | None = field(default=None, compare=False, repr=False)
+    #: largest change of the velocity of a point in a step, times the step [m]; NaN if not computed
+    jump: float = float("nan")
     #: sum of the estimated errors at the watched nodes over the interval [m]; NaN without error control
     error: float = float("nan")

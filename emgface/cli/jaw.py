@@ -120,6 +120,13 @@ def run(
         str, typer.Option(help="Muscle law: peck, hill, pennate, spring or constant.")
     ] = "peck",
     step: StepOption = 1e-3,
+    accuracy: Annotated[
+        str | None,
+        typer.Option(
+            help="Desired error of the points, such as '0.1 mm': steps are halved until the estimated "
+            "error is below it."
+        ),
+    ] = None,
 ) -> None:
     """Move a jaw by a task or by excitations."""
     from emgface.anatomy.jaw.run import run_excitation, run_task
@@ -128,7 +135,8 @@ def run(
     from emgface.schema.netcdf import read_netcdf, write_netcdf
 
     jaw = read_netcdf(path, "jaw_model")
-    options: dict[str, object] = {"law": law, "step": step}
+    tolerance = _tolerance(accuracy)
+    options: dict[str, object] = {"law": law, "step": step, "tolerance": tolerance}
     options |= {} if duration is None else {"duration": duration}
     if excitation is not None:
         name, simulated = excitation.stem, partial(run_excitation, jaw, read_excitation(excitation))
@@ -143,7 +151,36 @@ def run(
     write_netcdf(motion, out_path, "jaw_motion")
     if absent := motion.attrs.get("absent_exciters"):
         say(f"The model has no exciter {absent}: the task runs without.")
+    _tell_error(motion, tolerance)
     tell_motion(motion, out_path, jaw.attrs["name"])
+
+
+def _tolerance(accuracy: str | None) -> float | None:
+    from emgface.errors import JawError
+    from emgface.face.accuracy import desired_error
+
+    if accuracy is None:
+        return None
+    found = desired_error(accuracy)
+    if found is None:
+        raise JawError(f"accuracy = {accuracy!r}, expected an error such as '0.1 mm'")
+    return found
+
+
+def _tell_error(motion: "xr.Dataset", tolerance: float | None) -> None:
+    """Tell the estimated error, and what reduces it if it is large."""
+    import numpy as np
+
+    error, x = motion.attrs["numerical_error"], motion["position"]
+    moved = float(np.sqrt(((x - x.isel(time=0)) ** 2).sum("axis")).max())
+    told = f"Estimated error of the time steps: {1e3 * error:.2g} mm"
+    told += f", {100.0 * error / moved:.2g} % of the motion." if moved > 0.0 else "."
+    if tolerance is not None and error > tolerance:
+        shortest = 1e3 * motion.attrs["step_s"]
+        told += f" It exceeds the desired one with the shortest steps, {shortest:.2g} ms."
+    elif tolerance is None and error > 0.1 * moved:
+        told += " It exceeds a tenth of the motion: specify an --accuracy such as '0.1 mm'."
+    say(told)
 
 
 @app.command()

@@ -1,5 +1,6 @@
 """Presets of accuracy, chosen by measured run times."""
 
+import math
 import re
 from typing import Any, Final
 
@@ -39,6 +40,17 @@ SET_BY_ACCURACY: Final = ("solver", "step", "iteration_tolerance", "error_tolera
 _LENGTH = re.compile(r"\s*([0-9.eE+-]+)\s*(\S+)\s*")
 
 
+def desired_error(accuracy: str) -> float | None:
+    """Positive length such as "0.1 mm" [m]; None for anything else."""
+    found = _LENGTH.fullmatch(accuracy)
+    unit = spelling(found[2]) if found else ""
+    try:
+        length = float(found[1]) / DIVISORS["m"][unit] if found else 0.0
+    except (KeyError, ValueError):
+        return None
+    return length if 0.0 < length < math.inf else None
+
+
 def accuracy_settings(accuracy: str) -> dict[str, Any]:
     """Settings of a preset or a desired error: solver, step [s] and tolerances [m].
 
@@ -49,13 +61,8 @@ def accuracy_settings(accuracy: str) -> dict[str, Any]:
     """
     if accuracy in PRESETS:
         return dict(PRESETS[accuracy])
-    found = _LENGTH.fullmatch(accuracy)
-    unit = spelling(found[2]) if found else ""
-    try:
-        length = float(found[1]) / DIVISORS["m"][unit] if found else 0.0
-    except (KeyError, ValueError):
-        length = 0.0
-    if not length > 0.0:
+    length = desired_error(accuracy)
+    if length is None:
         raise ValueError(
             f"accuracy = {accuracy!r}, expected one of {', '.join(PRESETS)} or an error such as "
             "'0.1 mm'"

@@ -53,52 +53,46 @@ def _add_wrench(x, c, s, f, factor):
 
 
 @bare
-def _column(table, p):
-    """First velocity of the body of point p, -1 where it is not free."""
-    return table.column[table.body[p]] if table.body[p] >= 0 else -1
-
-
-@bare
-def measure_segments(table, scratch):
-    """Unit vectors and lengths of the segments of all fibres, into `scratch.way`."""
-    for i in range(len(table.point) - 1):
-        d = minus(vector(scratch.q, table.point[i + 1]), vector(scratch.q, table.point[i]))
+def measure_segments(point, q, way):
+    """Unit vectors and lengths of the segments of all fibres from positions q."""
+    for i in range(len(point) - 1):
+        d = minus(vector(q, point[i + 1]), vector(q, point[i]))
         size = math.sqrt(inner_product(d, d))
-        put(scratch.way, i, 0, d, 1.0 / size if size > 0.0 else 0.0)
-        scratch.way[i, 3] = size
+        put(way, i, 0, d, 1.0 / size if size > 0.0 else 0.0)
+        way[i, 3] = size
 
 
 @bare
-def _add_segment(table, i, across, along, scratch):
-    """A += across V'V + along (V'e)(V'e)' and g += V'e with the derivative V of segment i."""
-    a, b, e = table.point[i], table.point[i + 1], vector(scratch.way, i)
-    ca, cb = _column(table, a), _column(table, b)
+def _add_segment(a, b, first, arm, e, across, along, A, g):
+    """A += across V'V + along (V'e)(V'e)' and g += V'e for the segment from point a to b along e.
+
+    V is the derivative of the vector from a to b by twists.
+    """
+    later = first[a] > first[b]
     for block in range(3):
-        first = block == 0 or (block == 2 and ca > cb)
-        p, row = (a, ca) if first else (b, cb)
-        other = first if block < 2 else not first
-        r, column = (a, ca) if other else (b, cb)
-        if row < 0 or column < 0 or (block == 2 and row == column):
+        p = a if block == 0 or (block == 2 and later) else b
+        q = p if block < 2 else (b if later else a)
+        row, column = first[p], first[q]
+        if row < 0 or column < 0:
             continue
         sign = 1.0 if block < 2 else -1.0
-        s, t = vector(scratch.arm, p), vector(scratch.arm, r)
-        _add_block(scratch.A, row, column, s, t, e, sign * across, sign * along)
+        s, t = vector(arm, p), vector(arm, q)
+        _add_block(A, row, column, s, t, e, sign * across, sign * along)
         if block < 2:
-            _add_wrench(scratch.g, row, s, e, -1.0 if first else 1.0)
+            _add_wrench(g, row, s, e, 2.0 * block - 1.0)
 
 
 @bare
-def _rate(table, k, v, scratch):
-    """Rate of the length of fibre k by the velocities v of points [m/s]."""
+def _rate(point, first, last, v, way):
+    """Rate of the length of segments first..last by the velocities v of points [m/s]."""
     rate = 0.0
-    for i in range(table.start[k], table.start[k + 1] - 1):
-        away = minus(vector(v, table.point[i + 1]), vector(v, table.point[i]))
-        rate += inner_product(vector(scratch.way, i), away)
+    for i in range(first, last):
+        rate += inner_product(vector(way, i), minus(vector(v, point[i + 1]), vector(v, point[i])))
     return rate
 
 
 @bare
-def add_line(table, lines, k, activation, scratch, by_damping, by_stiffness):
+def add_line(table, lines, k, activation, points, by_damping, by_stiffness, A, r, g):
     """Forces of fibre k on its points, and its share of A, after `measure_segments`.
 
     With the length L of the path the stiffness is F' g g' + F d2L/dx2, and the damping d g g', g =
@@ -106,37 +100,37 @@ def add_line(table, lines, k, activation, scratch, by_damping, by_stiffness):
     one body contribute nothing. A force-velocity relation is linear about the rate r of the start of the
     step, with the force F_act (f_v(r) - 1 - f_v' r) and the damping F_act f_v'.
     """
-    A, g, n = scratch.A, scratch.g, len(scratch.g)
+    way, point, n = points.way, table.point, len(g)
     total, first, last = 0.0, table.start[k], table.start[k + 1] - 1
     for i in range(first, last):
-        total += scratch.way[i, 3]
+        total += way[i, 3]
     _, F, slope = tension(lines, k, total, activation)
     damping, excess = lines.damping[k], 0.0
     if lines.relation[k, 0] > 0.0:
-        rate = _rate(table, k, scratch.v, scratch)
+        rate = _rate(point, first, last, points.v, way)
         active = F - passive_tension(lines, k, total)
         excess, steep = velocity_factor(lines, k, rate)
         excess = active * (excess - steep * rate)
         damping += active * steep
     along = by_stiffness * slope + by_damping * damping
     one = last == first + 1
-    pull = damping * _rate(table, k, scratch.carried, scratch) + excess
+    pull = damping * _rate(point, first, last, points.carried, way) + excess
     whole = pull != 0.0 or not one
     if whole:
         for i in range(n):
             g[i] = 0.0
     for i in range(first, last):
-        a, b = table.point[i], table.point[i + 1]
-        if table.body[a] == table.body[b]:
+        a, b, e = point[i], point[i + 1], vector(way, i)
+        if table.first[a] == table.first[b]:
             continue
-        e = vector(scratch.way, i)
-        add(scratch.force, a, 0, e, F)
-        add(scratch.force, b, 0, e, -F)
-        across = by_stiffness * F / scratch.way[i, 3]
-        _add_segment(table, i, across, (along if one else 0.0) - across, scratch)
+        add(points.force, a, 0, e, F)
+        add(points.force, b, 0, e, -F)
+        across = by_stiffness * F / way[i, 3]
+        rest = (along if one else 0.0) - across
+        _add_segment(a, b, table.first, points.arm, e, across, rest, A, g)
     if whole:
         for i in range(n):
-            scratch.r[i] -= pull * g[i]
+            r[i] -= pull * g[i]
     if not one and along != 0.0:
         for i in range(n):
             if g[i] != 0.0:
@@ -146,42 +140,39 @@ def add_line(table, lines, k, activation, scratch, by_damping, by_stiffness):
 
 
 @bare
-def add_morsels(table, whole, scratch, by_damping, by_stiffness):
+def add_morsels(morsel, plane, first, whole, points, by_damping, by_stiffness, A):
     """Forces of whole morsels on their points, and their share of A, as `sim.terms.crushable`."""
-    for k in range(len(table.morsel)):
-        p = table.morsel[k]
-        normal = vector(table.plane[k : k + 1, 3:6], 0)
-        d = morsel_gap(table, k, vector(scratch.q, p))
-        left = table.plane[k, 6] - d
+    for k in range(len(morsel)):
+        p = morsel[k]
+        normal = vector(plane[k : k + 1, 3:6], 0)
+        left = plane[k, 6] - morsel_gap(plane, k, vector(points.q, p))
         if not whole[k] or left <= 0.0:
             continue
-        stiffness = table.plane[k, 7] / table.plane[k, 6]
-        add(scratch.force, p, 0, normal, stiffness * left)
-        c, s = _column(table, p), vector(scratch.arm, p)
+        stiffness = plane[k, 7] / plane[k, 6]
+        add(points.force, p, 0, normal, stiffness * left)
+        c, s = first[p], vector(points.arm, p)
         if c >= 0:
-            along = by_stiffness * stiffness + by_damping * table.plane[k, 8]
-            _add_block(scratch.A, c, c, s, s, normal, 0.0, along)
+            along = by_stiffness * stiffness + by_damping * plane[k, 8]
+            _add_block(A, c, c, s, s, normal, 0.0, along)
 
 
 @bare
-def morsel_gap(table, k, x):
-    """Distance of the point of morsel k, at x, from its plane."""
-    place, normal = vector(table.plane, k), vector(table.plane[k : k + 1, 3:6], 0)
-    return inner_product(minus(x, place), normal)
+def morsel_gap(plane, k, x):
+    """Distance of a point x from the plane of morsel k."""
+    return inner_product(minus(x, vector(plane, k)), vector(plane[k : k + 1, 3:6], 0))
 
 
 @bare
-def add_points(table, scratch, by_stiffness):
+def add_points(first, points, by_stiffness, A, r):
     """Forces and moments of the loads of all points, and the rotation of their arms."""
-    for p in range(len(table.body)):
-        c = _column(table, p)
-        if c < 0:
+    for p in range(len(first)):
+        if first[p] < 0:
             continue
-        s, f = vector(scratch.arm, p), vector(scratch.force, p)
+        s, f = vector(points.arm, p), vector(points.force, p)
         sf = inner_product(s, f)
-        _add_wrench(scratch.r, c, s, f, 1.0)
+        _add_wrench(r, first[p], s, f, 1.0)
         # trace(s f') 1 less the symmetric part of s f'
-        A, k, half = scratch.A, c + 3, 0.5 * by_stiffness
+        k, half = first[p] + 3, 0.5 * by_stiffness
         A[k, k] += by_stiffness * (sf - s[0] * f[0])
         A[k + 1, k + 1] += by_stiffness * (sf - s[1] * f[1])
         A[k + 2, k + 2] += by_stiffness * (sf - s[2] * f[2])

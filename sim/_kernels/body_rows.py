@@ -30,13 +30,12 @@ KEPT = 1e-9
 
 
 @bare
-def factor_rows(scratch, softened):
+def _factor(on, place, S, T, positive, softened):
     """Factor of S over the active rows with an increased diagonal; their number, -1 if S is singular.
 
     Redundant rows, such as stops that are reached together, make S singular. If all rows have a small
     compliance, the force is divided among them by least squares.
     """
-    on, place, T = scratch.on, scratch.place, scratch.T
     k = 0
     for i in range(len(on)):
         if on[i]:
@@ -44,30 +43,29 @@ def factor_rows(scratch, softened):
             k += 1
     for i in range(k):
         for j in range(i + 1):
-            T[i, j] = scratch.S[place[i], place[j]]
+            T[i, j] = S[place[i], place[j]]
         T[i, i] *= 1.0 + softened
-    good = factorise(T, scratch.positive, k) == 0
+    good = factorise(T, positive, k) == 0
     for i in range(k):
-        good = good and T[i, i] * T[i, i] > REPEATED * scratch.S[place[i], place[i]]
+        good = good and T[i, i] * T[i, i] > REPEATED * S[place[i], place[i]]
     return k if good else -1
 
 
 @bare
-def _solve_rows(scratch, k, b):
+def _solve(T, place, k, b, x, f):
     """Forces f with S f = -b of the k active rows, zero for the others."""
-    f, x = scratch.f, scratch.target
     for i in range(k):
-        x[i] = -b[scratch.place[i]]
-    solve_lower(scratch.T, x, k)
-    solve_upper(scratch.T, x, k)
+        x[i] = -b[place[i]]
+    solve_lower(T, x, k)
+    solve_upper(T, x, k)
     for i in range(len(f)):
         f[i] = 0.0
     for i in range(k):
-        f[scratch.place[i]] = x[i]
+        f[place[i]] = x[i]
 
 
 @bare
-def _complementary(scratch, kinds, b):
+def _complementary(unilateral, b, S, T, on, place, positive, x, f):
     """Forces with S f + b = 0 of equations, and 0 <= f, S f + b >= 0, f (S f + b) = 0 of inequalities.
 
     The primal-dual active set strategy of `sim.contact.pushes`. It may cycle; then the last row that
@@ -75,22 +73,21 @@ def _complementary(scratch, kinds, b):
     Pires 1994, A block principal pivoting algorithm for large-scale strictly monotone linear
     complementarity problems, Comput. Oper. Res. 21, 587-596.
     """
-    on, f, S = scratch.on, scratch.f, scratch.S
     m = len(on)
     for softened in (0.0, SOFTENED):
         for i in range(m):
-            on[i] = not kinds.unilateral[i] or b[i] < 0.0
+            on[i] = not unilateral[i] or b[i] < 0.0
         for change in range(CHANGES + SINGLE):
-            k = factor_rows(scratch, softened)
+            k = _factor(on, place, S, T, positive, softened)
             if k < 0:
                 break
-            _solve_rows(scratch, k, b)
+            _solve(T, place, k, b, x, f)
             same, slack = True, 0.0
             for i in range(m):
                 slack = max(slack, abs(f[i]))
             slack *= SLACK if softened > 0.0 else 0.0
             for i in range(m - 1, -1, -1):
-                if kinds.unilateral[i] and (same or change < CHANGES):
+                if unilateral[i] and (same or change < CHANGES):
                     pushes = f[i] > -slack
                     if not on[i]:
                         s = b[i]
@@ -105,147 +102,152 @@ def _complementary(scratch, kinds, b):
 
 
 @bare
-def _evaluate(table, rows, scratch):
-    """Values c, derivatives G by the velocities, and rates by prescribed motion, at `scratch.frames`."""
-    G, JA, JB, c = scratch.G, scratch.JA, scratch.JB, scratch.c
-    evaluate_rows(rows, scratch.frames, scratch.q, c, JA, JB, scratch.JP)
+def _evaluate(column, table, frames, q, c, G, JA, JB, JP):
+    """Values c, derivatives G by the velocities, and by twists of both bodies, at frames."""
+    evaluate_rows(table, frames, q, c, JA, JB, JP)
     for k in range(len(c)):
         G[k] = 0.0
         for side in range(2):
-            b = rows.body_a[k] if side == 0 else rows.body_b[k]
-            if b >= 0 and table.column[b] >= 0:
+            b = table.body_a[k] if side == 0 else table.body_b[k]
+            if b >= 0 and column[b] >= 0:
                 J = JA if side == 0 else JB
                 for d in range(6):
-                    G[k, table.column[b] + d] += J[k, d]
+                    G[k, column[b] + d] += J[k, d]
 
 
 @bare
-def _drift(rows, twists, scratch):
+def _drift(body_a, body_b, JA, JB, twists, drift):
     """Rates of rows by twists (n_bodies, 6)."""
-    for k in range(len(scratch.c)):
+    for k in range(len(drift)):
         s = 0.0
         for side in range(2):
-            b = rows.body_a[k] if side == 0 else rows.body_b[k]
-            J = scratch.JA if side == 0 else scratch.JB
+            b = body_a[k] if side == 0 else body_b[k]
+            J = JA if side == 0 else JB
             if b >= 0:
                 for d in range(6):
                     s += J[k, d] * twists[b, d]
-        scratch.drift[k] = s
+        drift[k] = s
 
 
 @bare
-def _mobility(table, rows, scratch):
-    """Y = M^-1 G' and S = G M^-1 G' of active rows, with the inverse inertia of `scratch.inverse`."""
-    G, Y, S, n = scratch.G, scratch.Y, scratch.S, len(scratch.w0)
-    for k in range(len(scratch.c)):
+def _mobility(column, mass, inverse, body_a, body_b, on, G, Y, S):
+    """Y = M^-1 G' and S = G M^-1 G' of active rows, with the inverse inertia of all bodies."""
+    n = Y.shape[0]
+    for k in range(len(on)):
         for j in range(n):
             Y[j, k] = 0.0
-        if not scratch.on[k]:
+        if not on[k]:
             continue
         for side in range(2):
-            b = rows.body_a[k] if side == 0 else rows.body_b[k]
-            c = table.column[b] if b >= 0 else -1
+            b = body_a[k] if side == 0 else body_b[k]
+            c = column[b] if b >= 0 else -1
             if c >= 0:
                 for d in range(3):
-                    Y[c + d, k] = G[k, c + d] / table.mass[b]
+                    Y[c + d, k] = G[k, c + d] / mass[b]
                     Y[c + 3 + d, k] = (
-                        scratch.inverse[b, d, 0] * G[k, c + 3]
-                        + scratch.inverse[b, d, 1] * G[k, c + 4]
-                        + scratch.inverse[b, d, 2] * G[k, c + 5]
+                        inverse[b, d, 0] * G[k, c + 3]
+                        + inverse[b, d, 1] * G[k, c + 4]
+                        + inverse[b, d, 2] * G[k, c + 5]
                     )
     S[:] = 0.0
     for k in range(n):
-        for i in range(len(scratch.c)):
-            if scratch.on[i]:
+        for i in range(len(on)):
+            if on[i]:
                 add_product(S, i, G[i, k], Y, k)
 
 
 @bare
-def _push(scratch, n):
+def _push(f, Y, g):
     """Sum Y f of the forces of rows, into g."""
-    for j in range(n):
+    for j in range(len(g)):
         s = 0.0
-        for i in range(len(scratch.f)):
-            s += scratch.f[i] * scratch.Y[j, i]
-        scratch.g[j] = s
+        for i in range(len(f)):
+            s += f[i] * Y[j, i]
+        g[j] = s
 
 
 @bare
-def hold_rows(rows, kinds, table, twists, h, scratch):
+def hold_rows(table, kinds, column, twists, q, h, step, rows):
     """Add h A^-1 G'f with the forces of rows to w1, as `sim.integrators.held.held_solution`."""
-    m, n, S, G, Y = len(scratch.c), len(scratch.w0), scratch.S, scratch.G, scratch.Y
-    _evaluate(table, rows, scratch)
-    _drift(rows, twists, scratch)
+    m, n, S, G, Y = len(rows.c), len(step.w0), rows.S, rows.G, rows.Y
+    drift, sign, w1, g = rows.drift, step.sign, step.w1, step.g
+    _evaluate(column, table, step.frames, q, rows.c, G, rows.JA, rows.JB, rows.JP)
+    _drift(table.body_a, table.body_b, rows.JA, rows.JB, twists, drift)
     for i in range(m):
         for j in range(n):
             Y[j, i] = G[i, j]
-    solve_lower_all(scratch.A, Y, n, m)
+    solve_lower_all(step.A, Y, n, m)
     S[:] = 0.0
     for k in range(n):
         for i in range(m):
-            add_product(S, i, h * scratch.sign[k] * Y[k, i], Y, k)
+            add_product(S, i, h * sign[k] * Y[k, i], Y, k)
     for i in range(m):
         time = h if kinds.unilateral[i] else h + kinds.damping_time[i]
         S[i, i] += kinds.compliance[i] / time
-        b = scratch.drift[i]
         for j in range(n):
-            b += G[i, j] * scratch.w1[j]
-        scratch.drift[i] = b if kinds.rigid[i] else b + scratch.c[i] / time
-    if not _complementary(scratch, kinds, scratch.drift):
+            drift[i] += G[i, j] * w1[j]
+        if not kinds.rigid[i]:
+            drift[i] += rows.c[i] / time
+    if not _complementary(
+        kinds.unilateral, drift, S, rows.T, rows.on, rows.place, rows.positive, rows.target, rows.f
+    ):
         return False
     for i in range(m):
-        scratch.held[i] = scratch.f[i]
-    _push(scratch, n)
+        rows.held[i] = rows.f[i]
+    _push(rows.f, Y, g)
     for j in range(n):
-        scratch.g[j] *= h * scratch.sign[j]
-    solve_upper(scratch.A, scratch.g, n)
+        g[j] *= h * sign[j]
+    solve_upper(step.A, g, n)
     for j in range(n):
-        scratch.w1[j] += scratch.g[j]
+        w1[j] += g[j]
     return True
 
 
 @bare
-def project_on_rows(rows, kinds, table, twists, most, drift, scratch):
+def project_on_rows(table, kinds, bodies, twists, q, most, drift, step, rows):
     """Project frames and velocities to the rows, as `sim.joints.compiled.Rows.projected`."""
-    m, n, on = len(scratch.c), len(scratch.w0), scratch.on
-    for b in range(len(table.column)):
-        if table.column[b] >= 0:
-            turned_tensor(scratch.frames, b, table.inverse[b], scratch.inverse[b])
+    m, n, on, c, column = len(rows.c), len(step.w0), rows.on, rows.c, bodies.column
+    frames, inverse = step.frames, step.inverse
+    for b in range(len(column)):
+        if column[b] >= 0:
+            turned_tensor(frames, b, bodies.inverse[b], inverse[b])
     k = -1
     for turn in range(most + 1):
-        _evaluate(table, rows, scratch)
+        _evaluate(column, table, frames, q, c, rows.G, rows.JA, rows.JB, rows.JP)
         worst, more = 0.0, k < 0
         for i in range(m):
-            if kinds.rigid[i] or (kinds.unilateral[i] and scratch.c[i] < -drift):
-                worst = max(worst, abs(scratch.c[i]))
+            if kinds.rigid[i] or (kinds.unilateral[i] and c[i] < -drift):
+                worst = max(worst, abs(c[i]))
                 more = more or not on[i]
         last = turn == most or not worst > drift
         if last:
-            _drift(rows, twists, scratch)
+            _drift(table.body_a, table.body_b, rows.JA, rows.JB, twists, rows.drift)
         # the directions at a short distance differ by less than rounding
         if last or more or worst > KEPT:
             for i in range(m):
-                fallen = kinds.unilateral[i] and scratch.c[i] < -drift
+                fallen = kinds.unilateral[i] and c[i] < -drift
                 on[i] = kinds.rigid[i] or (fallen and not last)
                 if last:  # the velocities are projected to the rigid rows
-                    scratch.c[i] = scratch.drift[i]
+                    c[i] = rows.drift[i]
                     for j in range(n):
-                        scratch.c[i] += scratch.G[i, j] * scratch.w1[j]
-            _mobility(table, rows, scratch)
+                        c[i] += rows.G[i, j] * step.w1[j]
+            _mobility(
+                column, bodies.mass, inverse, table.body_a, table.body_b, on, rows.G, rows.Y, rows.S
+            )
             k = -1
             for softened in (0.0, SOFTENED):
                 if k < 0 and not (last and softened > 0.0):
-                    k = factor_rows(scratch, softened)
+                    k = _factor(on, rows.place, rows.S, rows.T, rows.positive, softened)
             if k < 0:
                 return False
         # the forces of S f = -c change the rows by -c
-        _solve_rows(scratch, k, scratch.c)
-        _push(scratch, n)
+        _solve(rows.T, rows.place, k, c, rows.target, rows.f)
+        _push(rows.f, rows.Y, step.g)
         if last:
             break
-        for b in range(len(table.column)):
-            if table.column[b] >= 0:
-                move(scratch.frames, b, scratch.g, table.column[b])
+        for b in range(len(column)):
+            if column[b] >= 0:
+                move(frames, b, step.g, column[b])
     for j in range(n):
-        scratch.w1[j] += scratch.g[j]
+        step.w1[j] += step.g[j]
     return True

@@ -1,4 +1,8 @@
-"""Tables and memory of the fused step of rigid bodies."""
+"""Tables and memory of the fused step of rigid bodies.
+
+Each function of a kernel receives the arrays that it uses, because numba passes every number of every
+array of a tuple by itself: whole tables doubled the time of compilation.
+"""
 
 from typing import NamedTuple
 
@@ -17,6 +21,7 @@ class BodyTable(NamedTuple):
     mass, inertia, inverse, damping : (n_bodies,), (n_bodies, 3, 3) in the axes of the body, its inverse,
         and (n_bodies, 2).
     body, arm : body of every point, -1 for space, and its place in the axes of the body [m].
+    first : (n_points,) first velocity of the body of every point, -1 where it is not free.
     load : (n_points, 3) constant forces [N].
     start, point : points start[k]..start[k + 1] of fibre k, entries of `point`.
     morsel, plane : points of morsels, and (k, 9) of each: place and normal of its plane, fixed in space,
@@ -30,6 +35,7 @@ class BodyTable(NamedTuple):
     damping: Array
     body: Index
     arm: Array
+    first: Index
     load: Array
     start: Index
     point: Index
@@ -54,21 +60,23 @@ class Led(NamedTuple):
     twists: Array
 
 
-class Scratch(NamedTuple):
-    """Memory of a step for n velocities, m rows, p points and k bodies, all of it zero at first.
+class PointScratch(NamedTuple):
+    """Memory of a step for p points, and direction and length of the segments of fibres."""
 
-    A and T are stored by columns; `way` holds direction and length of the segments of fibres.
-    """
-
-    frames: Array
-    ahead: Array
-    still: Array
     q: Array
     v: Array
     arm: Array
     force: Array
     carried: Array
     way: Array
+
+
+class StepScratch(NamedTuple):
+    """Memory of a step for n velocities and k bodies; A is stored by columns."""
+
+    frames: Array
+    ahead: Array
+    still: Array
     A: Array
     sign: Array
     w0: Array
@@ -78,6 +86,11 @@ class Scratch(NamedTuple):
     g: Array
     I: Array  # noqa: E741
     inverse: Array
+
+
+class RowScratch(NamedTuple):
+    """Memory of a step for m rows; T is stored by columns."""
+
     G: Array
     Y: Array
     S: Array
@@ -93,3 +106,11 @@ class Scratch(NamedTuple):
     JP: Array
     on: Flags
     place: Index
+
+
+class Scratch(NamedTuple):
+    """Memory of a step, all of it zero at first."""
+
+    points: PointScratch
+    step: StepScratch
+    rows: RowScratch

@@ -42,79 +42,79 @@ Array = NDArray[np.float64]
 
 
 @bare
-def _place_points(table, frames, scratch):
-    for p in range(len(table.body)):
-        arm = rotated(frames, table.body[p], vector(table.arm, p))
-        put(scratch.arm, p, 0, arm, 1.0)
-        put(scratch.q, p, 0, arm, 1.0)
-        if table.body[p] >= 0:
-            add(scratch.q, p, 0, vector(frames, table.body[p]), 1.0)
+def _place_points(body, place, frames, q, arm):
+    """Positions of points, and their lever arms, from their places in the axes of their bodies."""
+    for p in range(len(body)):
+        r = rotated(frames, body[p], vector(place, p))
+        put(arm, p, 0, r, 1.0)
+        put(q, p, 0, r, 1.0)
+        if body[p] >= 0:
+            add(q, p, 0, vector(frames, body[p]), 1.0)
 
 
 @bare
-def _velocities(table, twists, scratch, v):
-    """Velocities of points at the lever arms of `scratch.arm`."""
-    for p in range(len(table.body)):
-        b = table.body[p]
+def _velocities(body, arm, twists, v):
+    """Velocities of points at their lever arms."""
+    for p in range(len(body)):
+        b = body[p]
         for d in range(3):
             v[p, d] = 0.0
         if b >= 0:
-            u = cross((twists[b, 3], twists[b, 4], twists[b, 5]), vector(scratch.arm, p))
+            u = cross((twists[b, 3], twists[b, 4], twists[b, 5]), vector(arm, p))
             for d in range(3):
                 v[p, d] = twists[b, d] + u[d]
 
 
 @bare
-def _carry(table, led, i, scratch):
-    """Velocities of points by the prescribed bodies at the end of step i."""
-    for k in range(len(led.body)):
-        u = (led.twists[i, k, 3], led.twists[i, k, 4], led.twists[i, k, 5])
-        for p in range(len(table.body)):
-            if table.body[p] == led.body[k]:
-                v = cross(u, vector(scratch.arm, p))
+def _carry(body, arm, led, twists, carried):
+    """Velocities of points by the prescribed bodies (k,) with twists (k, 6); others stay zero."""
+    for k in range(len(led)):
+        u = (twists[k, 3], twists[k, 4], twists[k, 5])
+        for p in range(len(body)):
+            if body[p] == led[k]:
+                v = cross(u, vector(arm, p))
                 for d in range(3):
-                    scratch.carried[p, d] = led.twists[i, k, d] + v[d]
+                    carried[p, d] = twists[k, d] + v[d]
 
 
 @bare
-def _start(table, frames, twists, scratch):
+def _start(column, mass, inertia, frames, twists, step):
     """Momentum p and velocities w0 of the state, and A = 0."""
-    scratch.A[:] = 0.0
-    for b in range(len(table.column)):
-        c = table.column[b]
+    I = step.I  # noqa: E741
+    step.A[:] = 0.0
+    for b in range(len(column)):
+        c = column[b]
         if c < 0:
             continue
         for d in range(6):
-            scratch.w0[c + d] = twists[b, d]
-        turned_tensor(frames, b, table.inertia[b], scratch.I)
+            step.w0[c + d] = twists[b, d]
+        turned_tensor(frames, b, inertia[b], I)
         for d in range(3):
-            scratch.p[c + d] = table.mass[b] * twists[b, d]
-            scratch.p[c + 3 + d] = (
-                scratch.I[d, 0] * twists[b, 3]
-                + scratch.I[d, 1] * twists[b, 4]
-                + scratch.I[d, 2] * twists[b, 5]
+            step.p[c + d] = mass[b] * twists[b, d]
+            step.p[c + 3 + d] = (
+                I[d, 0] * twists[b, 3] + I[d, 1] * twists[b, 4] + I[d, 2] * twists[b, 5]
             )
 
 
 @bare
-def _add_mass(table, h, scratch):
-    """A += M at the pose predicted by the initial velocities; `scratch.ahead` are the initial frames."""
-    for b in range(len(table.column)):
-        c = table.column[b]
+def _add_mass(column, mass, inertia, h, step):
+    """A += M at the pose predicted by the initial velocities; `step.ahead` are the initial frames."""
+    for b in range(len(column)):
+        c = column[b]
         if c < 0:
             continue
         for d in range(6):
-            scratch.g[c + d] = h * scratch.w0[c + d]
-        move(scratch.ahead, b, scratch.g, c)
-        turned_tensor(scratch.ahead, b, table.inertia[b], scratch.I)
+            step.g[c + d] = h * step.w0[c + d]
+        move(step.ahead, b, step.g, c)
+        turned_tensor(step.ahead, b, inertia[b], step.I)
         for i in range(3):
-            scratch.A[c + i, c + i] += table.mass[b]
+            step.A[c + i, c + i] += mass[b]
             for j in range(i + 1):
-                scratch.A[c + 3 + i, c + 3 + j] += scratch.I[i, j]
+                step.A[c + 3 + i, c + 3 + j] += step.I[i, j]
 
 
 @bare
-def _equation(table, lines, activation, whole, h, theta, scratch):
+def _equation(table, lines, activation, whole, h, theta, points, step):
     """Factor of A = M + theta h D + (theta h)^2 K, and the velocities w1 without rows.
 
     Returns the number of negative eigenvalues of A, -1 without a factor.
@@ -122,23 +122,23 @@ def _equation(table, lines, activation, whole, h, theta, scratch):
     A w1 = p + h f - (1 - theta)/theta (A - M) w0: implicit Euler for theta = 1, the trapezoidal rule for
     theta = 1/2.
     """
-    A, r, w0, w1, n = scratch.A, scratch.r, scratch.w0, scratch.w1, len(scratch.w0)
+    A, r, w0, w1, n, column = step.A, step.r, step.w0, step.w1, len(step.w0), table.column
     by_damping, by_stiffness = theta * h, (theta * h) ** 2
     for i in range(n):
         r[i] = 0.0
-    copy(table.load, scratch.force)
-    measure_segments(table, scratch)
+    copy(table.load, points.force)
+    measure_segments(table.point, points.q, points.way)
     for k in range(len(table.start) - 1):
-        add_line(table, lines, k, activation, scratch, by_damping, by_stiffness)
-    add_morsels(table, whole, scratch, by_damping, by_stiffness)
-    add_points(table, scratch, by_stiffness)
-    for b in range(len(table.column)):
-        c = table.column[b]
+        add_line(table, lines, k, activation, points, by_damping, by_stiffness, A, r, step.g)
+    add_morsels(table.morsel, table.plane, table.first, whole, points, by_damping, by_stiffness, A)
+    add_points(table.first, points, by_stiffness, A, r)
+    for b in range(len(column)):
+        c = column[b]
         if c >= 0:
             for d in range(6):
                 A[c + d, c + d] += by_damping * table.damping[b, d // 3]
     for i in range(n):
-        w1[i] = scratch.p[i] + h * r[i]
+        w1[i] = step.p[i] + h * r[i]
     if theta < 1.0:
         left = (1.0 - theta) / theta
         for i in range(n):
@@ -146,12 +146,12 @@ def _equation(table, lines, activation, whole, h, theta, scratch):
             for j in range(i):
                 w1[i] -= left * A[i, j] * w0[j]
                 w1[j] -= left * A[i, j] * w0[i]
-    _add_mass(table, h, scratch)
-    negative = factorise(A, scratch.sign, n)
+    _add_mass(column, table.mass, table.inertia, h, step)
+    negative = factorise(A, step.sign, n)
     if negative >= 0:
         solve_lower(A, w1, n)
         for i in range(n):
-            w1[i] *= scratch.sign[i]
+            w1[i] *= step.sign[i]
         solve_upper(A, w1, n)
     return negative
 
@@ -171,19 +171,21 @@ def change_of_bodies(
 
     Forces are those of loads and line muscles, without morsels and rates.
     """
-    scratch.A[:] = 0.0  # no share of a matrix is added to it
-    scratch.carried[:] = 0.0
-    scratch.v[:] = 0.0
+    points, A, r, g = scratch.points, scratch.step.A, scratch.step.r, scratch.step.g
+    A[:] = 0.0  # no share of a matrix is added to it
+    points.carried[:] = 0.0
+    points.v[:] = 0.0
     for side in range(2):
-        _place_points(table, start if side == 0 else end, scratch)
-        scratch.r[:] = 0.0
-        copy(table.load, scratch.force)
-        measure_segments(table, scratch)
+        frames = start if side == 0 else end
+        _place_points(table.body, table.arm, frames, points.q, points.arm)
+        r[:] = 0.0
+        copy(table.load, points.force)
+        measure_segments(table.point, points.q, points.way)
         for k in range(len(table.start) - 1):
-            add_line(table, lines, k, activation, scratch, 0.0, 0.0)
-        add_points(table, scratch, 0.0)
+            add_line(table, lines, k, activation, points, 0.0, 0.0, A, r, g)
+        add_points(table.first, points, 0.0, A, r)
         for i in range(len(change)):
-            change[i] = scratch.r[i] if side == 0 else change[i] - scratch.r[i]
+            change[i] = r[i] if side == 0 else change[i] - r[i]
     for b in range(len(table.column)):
         c = table.column[b]
         if c >= 0:
@@ -195,12 +197,11 @@ def change_of_bodies(
 
 @bare_kernel
 def place_bodies(
-    table: BodyTable, scratch: Scratch, frames: Array, twists: Array, q: Array, v: Array
+    body: Index, place: Array, frames: Array, twists: Array, arm: Array, q: Array, v: Array
 ) -> None:
-    """Positions q and velocities v (n_points, 3) of all points."""
-    _place_points(table, frames, scratch)
-    _velocities(table, twists, scratch, v)
-    copy(scratch.q, q)
+    """Positions q and velocities v (n_points, 3) of points at places in the axes of their bodies."""
+    _place_points(body, place, frames, q, arm)
+    _velocities(body, arm, twists, v)
 
 
 @bare_kernel
@@ -230,54 +231,57 @@ def advance_bodies(
     the matrix. At most `most` projections reduce the values of rows to `drift`. Morsels are whole from a
     distance above their diameter to `gone`.
     """
-    still = scratch.still
+    points, step, held = scratch.points, scratch.step, scratch.rows
+    column, still, q = table.column, step.still, points.q
     rated = False
     for k in range(len(lines.relation)):
         rated = rated or lines.relation[k, 0] > 0.0
     for i in range(len(h)):
-        copy(frames[i], scratch.frames)
-        copy(frames[i], scratch.ahead)
+        copy(frames[i], step.frames)
+        copy(frames[i], step.ahead)
         if rated:
-            _place_points(table, scratch.frames, scratch)
-            _velocities(table, twists[i], scratch, scratch.v)
+            _place_points(table.body, table.arm, step.frames, q, points.arm)
+            _velocities(table.body, points.arm, twists[i], points.v)
         for k in range(len(led.body)):
             for d in range(7):
-                scratch.frames[led.body[k], d] = led.frames[i, k, d]
+                step.frames[led.body[k], d] = led.frames[i, k, d]
             for d in range(6):
                 still[led.body[k], d] = led.twists[i, k, d]
-        _start(table, scratch.ahead, twists[i], scratch)
-        _place_points(table, scratch.frames, scratch)
-        _carry(table, led, i, scratch)
-        negative[i] = _equation(table, lines, activation[i], whole[i], h[i], theta, scratch)
+        _start(column, table.mass, table.inertia, step.ahead, twists[i], step)
+        _place_points(table.body, table.arm, step.frames, q, points.arm)
+        if len(led.body) > 0:
+            _carry(table.body, points.arm, led.body, led.twists[i], points.carried)
+        negative[i] = _equation(table, lines, activation[i], whole[i], h[i], theta, points, step)
         if negative[i] < 0:
             return i
-        if len(scratch.c) > 0 and not hold_rows(rows, kinds, table, still, h[i], scratch):
+        if len(held.c) > 0 and not hold_rows(rows, kinds, column, still, q, h[i], step, held):
             return i
-        for j in range(len(scratch.g)):
-            scratch.g[j] = h[i] * ((1.0 - theta) * scratch.w0[j] + theta * scratch.w1[j])
-        for b in range(len(table.column)):
-            if table.column[b] >= 0:
-                move(scratch.frames, b, scratch.g, table.column[b])
-        if len(scratch.c) > 0 and not project_on_rows(
-            rows, kinds, table, still, most, drift, scratch
+        for j in range(len(step.g)):
+            step.g[j] = h[i] * ((1.0 - theta) * step.w0[j] + theta * step.w1[j])
+        for b in range(len(column)):
+            if column[b] >= 0:
+                move(step.frames, b, step.g, column[b])
+        if len(held.c) > 0 and not project_on_rows(
+            rows, kinds, table, still, q, most, drift, step, held
         ):
             return i
         finite = True
-        for j in range(len(scratch.w1)):
-            finite = finite and math.isfinite(scratch.w1[j])
+        for j in range(len(step.w1)):
+            finite = finite and math.isfinite(step.w1[j])
         if not finite:
             return i
-        copy(scratch.frames, frames[i + 1])
+        copy(step.frames, frames[i + 1])
         # forces of rows in their direction at the start, and those due to the rotation of the rows
-        for j in range(len(scratch.c)):
-            reaction[i, j] = scratch.held[j] + scratch.f[j] / h[i]
+        for j in range(len(held.c)):
+            reaction[i, j] = held.held[j] + held.f[j] / h[i]
         copy(still, twists[i + 1])
-        for b in range(len(table.column)):
-            if table.column[b] >= 0:
+        for b in range(len(column)):
+            if column[b] >= 0:
                 for d in range(6):
-                    twists[i + 1, b, d] = scratch.w1[table.column[b] + d]
+                    twists[i + 1, b, d] = step.w1[column[b] + d]
         for k in range(len(table.morsel)):
             p = table.morsel[k]
-            d = morsel_gap(table, k, placed(scratch.frames, table.body[p], vector(table.arm, p)))
+            x = placed(step.frames, table.body[p], vector(table.arm, p))
+            d = morsel_gap(table.plane, k, x)
             whole[i + 1, k] = d > table.plane[k, 6] or (whole[i, k] and d >= gone)
     return len(h)

@@ -9,7 +9,9 @@ three times, and its threads wait by spinning.
 
 # pyright: basic, reportCallIssue=false
 
-from collections.abc import Callable, Iterable
+import gc
+from collections.abc import Callable, Generator, Iterable
+from contextlib import contextmanager
 from functools import wraps
 from pathlib import Path
 from typing import Any
@@ -31,13 +33,26 @@ _BARE = {**_ALL, "_nrt": False}
 _INNER: dict[str, Any] = {"no_cpython_wrapper": True, "forceinline": True}
 
 
+@contextmanager
+def _without_collection() -> Generator[None]:
+    """Suspend the search for cycles of objects, a twelfth of the time of a compilation."""
+    searching = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if searching:
+            gc.enable()
+
+
 def _compiled_once(dispatcher: Any) -> Any:
     """Let one process compile a kernel; others that require it wait and then load it."""
     compile_here = dispatcher.compile
     lock = Path(dispatcher.stats.cache_path) / f"{dispatcher.__module__}.{dispatcher.__name__}.lock"
 
     def compile_or_load(signature):
-        with global_compiler_lock, in_one_process(lock):  # in this order in every thread
+        # locks in this order in every thread
+        with global_compiler_lock, in_one_process(lock), _without_collection():
             return compile_here(signature)
 
     dispatcher.compile = compile_or_load

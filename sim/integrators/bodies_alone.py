@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -75,7 +76,24 @@ class BodiesAlone:
             reaction,
             negative,
         )
-        return Passed(self, time, h, frames, twists, whole, reaction, negative > 0, done)
+        jump = self._jumps(h[:done], twists[: done + 1])
+        return Passed(self, time, h, frames, twists, whole, reaction, negative > 0, done, jump)
+
+    def _jumps(self, h: Array, twists: Array) -> Array:
+        """Step times the largest change (n,) of the velocity of a point of a free body in it."""
+        change = np.diff(twists, axis=0)
+        speed = np.linalg.norm(change[..., :3], axis=2)
+        speed += self._reach * np.linalg.norm(change[..., 3:], axis=2)
+        return h * speed[:, self.tables.table.column >= 0].max(axis=1, initial=0.0)
+
+    @cached_property
+    def _reach(self) -> Array:
+        """Largest distance (n_bodies,) of a point of a body from its centre [m]."""
+        table = self.tables.table
+        found = np.zeros(len(table.column))
+        on = table.body >= 0
+        np.maximum.at(found, table.body[on], np.linalg.norm(table.arm[on], axis=1))
+        return found
 
     def change(self, before: State, after: State, control: Control) -> tuple[Array, Array]:
         """Motion (n,) between two states, and decrease (n,) of forces outside a step."""
@@ -130,6 +148,7 @@ class Passed:
     h, reaction, indefinite : length, forces of rows and definiteness of the matrix of every step.
     done : int
         Number of steps that were possible.
+    jump : of every step possible, as of `sim.state.StepReport`.
     """
 
     bodies: BodiesAlone
@@ -141,12 +160,14 @@ class Passed:
     reaction: Array
     indefinite: Flags
     done: int
+    jump: Array
 
     def state(self, k: int) -> State:
         """State after k > 0 steps."""
         tables, frames, twists = self.bodies.tables, self.frames[k].copy(), self.twists[k].copy()
-        q, v = np.empty_like(tables.table.arm), np.empty_like(tables.table.arm)
-        place_bodies(tables.table, self.bodies.scratch, frames, twists, q, v)
+        table, arm = tables.table, self.bodies.scratch.points.arm
+        q, v = np.empty_like(arm), np.empty_like(arm)
+        place_bodies(table.body, table.arm, frames, twists, arm, q, v)
         memory = {REACTIONS: self.reaction[k - 1].copy()} if len(tables.rows.kind) else {}
         for name, whole in zip(tables.eaten, self.whole[k], strict=True):
             memory[name] = np.array([float(whole)])
@@ -156,4 +177,5 @@ class Passed:
         """Report of the steps after the first up to the last."""
         n, indefinite = last - first, int(self.indefinite[first:last].sum())
         h = float(self.h[first:last].min())
-        return StepReport(h, float("inf"), n, 0, n, n, indefinite=indefinite)
+        jump = float(self.jump[first:last].max())
+        return StepReport(h, float("inf"), n, 0, n, n, indefinite=indefinite, jump=jump)

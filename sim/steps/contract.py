@@ -80,6 +80,7 @@ def united(reports: list[StepReport], rejected: int) -> StepReport:
         line_search=min(r.line_search for r in reports),
         shifts=sum(r.shifts for r in reports),
         indefinite=sum(r.indefinite for r in reports),
+        jump=float(np.fmax.reduce([r.jump for r in reports])),
         local_error=_sum([r.local_error for r in reports]),
         error=sum(r.error for r in reports),
     )

@@ -10,10 +10,12 @@ import sim
 from emgface.anatomy.jaw.model import AXES, Floats
 from emgface.anatomy.jaw.scene import JawScene, jaw_scene
 from emgface.anatomy.jaw.series import Excitation
+from emgface.anatomy.jaw.step_error import Jumps, with_error
 from emgface.anatomy.jaw.tasks import Task, turned_head
 from emgface.errors import JawError
 from emgface.schema.validation import validate
 from sim.integrators import Integrator
+from sim.integrators.contract import TimeIntegrator
 from sim.probes import Probe, Variable
 from sim.scene import Term
 from sim.state import Control, State, StepReport
@@ -35,6 +37,8 @@ def simulate_jaw(
     step: float = STEP,
     output: float = OUTPUT,
     integrator: Integrator | None = None,
+    check: bool = True,
+    tolerance: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> xr.Dataset:
     """Simulate a jaw.
@@ -59,8 +63,14 @@ def simulate_jaw(
         Time step and time between outputs [s].
     integrator : optional
         `sim.LinearlyImplicitEuler` by default.
+    check : bool
+        Whether the motion is repeated with half the step to estimate its error
+        (`emgface.anatomy.jaw.step_error`), the variable ``numerical_error``.
+    tolerance : float, optional
+        Desired error [m]; steps are halved until the estimated error is at most this, or 2^-6 of
+        `step`.
     progress : callable, optional
-        As of `sim.simulate`.
+        As of `sim.simulate`, of the motion with the first step.
 
     Returns
     -------
@@ -98,20 +108,31 @@ def simulate_jaw(
     system = sim.compile_scene(parts.scene)
     order = list(system.muscles)
     given = activation.reindex(muscle=order).fillna(0.0)  # springs and dampers are never active
-    drive, effort = sim.Activation(excitation.time, given.values.T), sim.Iterations()
-    motion, _ = sim.simulate(
-        system,
-        drive,
-        duration=duration,
-        steps=sim.FixedStep(step),
-        every=output,
-        integrator=sim.LinearlyImplicitEuler() if integrator is None else integrator,
-        probes=(*_probes(parts), *(Resistance(term) for term in eaten), effort),
-        progress=progress,
-    )
-    _require_followed(motion, step)
-    motion = motion.drop_vars([v.name for v in effort.variables()])
-    found = np.array([drive.at(float(t)) for t in motion["time"].values])
+    drive, effort = sim.Activation(excitation.time, given.values.T), (sim.Iterations(), Jumps())
+    probes = (*_probes(parts), *(Resistance(term) for term in eaten), *effort)
+    scheme = sim.LinearlyImplicitEuler() if integrator is None else integrator
+
+    def run(h: float) -> xr.Dataset:
+        motion, _ = sim.simulate(
+            system,
+            drive,
+            duration=duration,
+            steps=sim.FixedStep(h),
+            every=output,
+            integrator=scheme,
+            probes=probes,
+            progress=progress if h == step else None,
+        )
+        _require_followed(motion, h)
+        return motion
+
+    if check or tolerance is not None:
+        power = scheme.order if isinstance(scheme, TimeIntegrator) else 1
+        motion = with_error(run, step, power, tolerance)
+    else:
+        motion = run(step)
+    motion = motion.drop_vars([v.name for probe in effort for v in probe.variables()])
+    found = drive.at_all(motion["time"].values)
     active = [order.index(str(m)) for m in jaw["muscle"].values]
     motion["activation"] = (("muscle", "time"), found.T[active], {"units": "1"})
     motion["muscle_force"] = (("muscle", "time"), _forces(parts, motion), {"units": "N"})

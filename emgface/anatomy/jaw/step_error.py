@@ -1,0 +1,76 @@
+"""Estimated error of the time steps of a jaw, and steps that reach a desired error."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+import sim
+from emgface.anatomy.jaw.model import Floats
+from sim.probes import Variable
+from sim.state import Control, State, StepReport
+
+HALVINGS = 6
+"""Largest number of times that steps are halved to reach a desired error."""
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """Largest ``jump`` of a step since the output before [m], as of `sim.state.StepReport`."""
+
+    def variables(self) -> tuple[Variable, ...]:
+        """Describe the variable."""
+        return (Variable("jump", "m"),)
+
+    def record(
+        self, system: sim.System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[float]:
+        """Copy it from the report; 0 at the start and with integrators that do not tell it."""
+        return (0.0 if report is None else float(np.nan_to_num(report.jump)),)
+
+
+def estimated_error(motion: xr.Dataset, finer: xr.Dataset, order: int) -> Floats:
+    """Estimated error (time,) of the points of a motion until every instant [m].
+
+    It is the sum of two parts. For steps h and a method of order p the error is that of the series
+    in h, 2^p/(2^p - 1) of the distance from a motion with steps h/2. Where an impact or a burst within
+    a step decides the further motion, both motions may err alike: a velocity that changes by dv at
+    an unknown instant of a step displaces a point by up to h dv.
+
+    Parameters
+    ----------
+    motion, finer : with ``position``; the first with ``jump``.
+    order : p
+    """
+    away = motion["position"].values - finer["position"].values
+    dims = motion["position"].dims
+    apart = np.sqrt((away**2).sum(axis=dims.index("axis"), keepdims=True))
+    apart = np.moveaxis(apart, dims.index("time"), 0).reshape(motion.sizes["time"], -1).max(axis=1)
+    doubled = 2.0**order
+    found = doubled / (doubled - 1.0) * np.maximum.accumulate(apart)
+    return np.asarray(found + np.maximum.accumulate(motion["jump"].values), dtype=np.float64)
+
+
+def with_error(
+    run: Callable[[float], xr.Dataset], step: float, order: int, tolerance: float | None
+) -> xr.Dataset:
+    """Motion with ``numerical_error``.
+
+    Steps are halved until the error is at most a tolerance [m], at most `HALVINGS` times; without a
+    tolerance they are those given.
+
+    Parameters
+    ----------
+    run : motion with steps of a length [s].
+    """
+    motion = run(step)
+    for halved in range(HALVINGS + 1):
+        finer = run(0.5 * step)
+        error = estimated_error(motion, finer, order)
+        if tolerance is None or error[-1] <= tolerance or halved == HALVINGS:
+            break
+        motion, step = finer, 0.5 * step
+    motion = motion.assign(numerical_error=("time", error, {"units": "m"}))
+    motion.attrs["numerical_error"] = float(error[-1])
+    return motion
