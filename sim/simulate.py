@@ -96,7 +96,7 @@ def simulate(
     origin = state.t if origin is None else origin
     plan = intervals(state.t, duration, longest, every, origin)
 
-    control, fused = Driven(system, activation), None
+    control, fused, known = Driven(system, activation), None, np.zeros((0, len(system.muscles)))
     motion = Motion(integrator, system, control, work)
     if (
         work.bodies is not None
@@ -107,6 +107,7 @@ def simulate(
         plan = joined(plan)
         ends = [interval.ends for interval in plan]
         fused = steps.through(motion, state, ends)
+        known = activation.at_all(np.array([interval.until for interval in plan]))
     inside = ((activation.values >= 0.0) & (activation.values <= 1.0)).all(axis=1)
     system.control(activation.values[int(np.argmin(inside))])  # errors before the first step
     start = time.perf_counter()
@@ -132,7 +133,7 @@ def simulate(
             else:
                 passed = outputs_of(advance, state, interval, smallest_J, max(bent, astray))
         before, state = state, passed[-1][0]
-        here = control(state.t)
+        here = control(state.t) if fused is None else Control(known[i], state.t)
         shifted = (report.indefinite + report.shifts for _, report in passed if report is not None)
         if sum(shifted) > 0 or snapped(system, before, state, here, work.bodies):
             unstable += [before.t, state.t]

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import sim
+from sim.integrators import Workspace
 from sim.joints import Bushing, Limit, PointOnCurve, PointOnPlane, Revolute, Spherical, Weld
 from tests.kinematics.scenes import INERTIA, mixed_system, swing
 
@@ -302,3 +303,28 @@ def test_stops_that_are_reached_together_share_the_force():
     state = passed.state(200)
     np.testing.assert_allclose(state.memory["joints"], 1.0, rtol=1e-6)
     assert np.abs(state.q[:4, 2]).max() < 1e-9
+
+
+def test_jump_is_the_change_of_the_velocity_of_a_point_times_the_step():
+    """A body that falls gains g h in every step; one that is hit at an arm r turns, too."""
+    h, mass, r, push = 2e-3, 0.1, 0.04, 3.0
+    body = sim.Body("stone", mass, 1e-5 * np.eye(3))
+    points = np.array([[0.0, 0.0, 0.0], [r, 0.0, 0.0]])
+    for load, expected in (
+        ([0.0, 0.0, -9.8 * mass], 9.8 * h * h),
+        ([0.0, 0.0, push], h * h * (push / mass + r * push * r / 1e-5)),
+    ):
+        node = int(expected != 9.8 * h * h)
+        terms = (sim.NodeLoad(np.array([node]), np.array([load])),)
+        stone = sim.Scene(
+            sim.NO_TISSUE,
+            terms,
+            (sim.OnBody("stone", np.array([0, 1])),),
+            bodies=(body,),
+            points=points,
+        )
+        system = sim.compile_scene(stone)
+        method, work = sim.LinearlyImplicitEuler(), Workspace(system)
+        still = system.control(np.zeros(0))
+        _, report = method.step(system, system.rest_state(), still, h, work)
+        assert report.jump == pytest.approx(expected, rel=0.02)

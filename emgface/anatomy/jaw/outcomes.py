@@ -89,6 +89,8 @@ def outcome_table(
 ) -> pd.DataFrame:
     """Outcome of every task [mm, s] beside the published one, and the exciters that the model lacks.
 
+    ``error`` is the estimated error of the time steps [mm].
+
     Parameters
     ----------
     jaw : xarray.Dataset
@@ -106,6 +108,7 @@ def outcome_table(
         task, options = with_series(name, series)
         motion = run_task(jaw, task, step=step, **options)
         found = {key: round(value, 3) for key, value in outcome(motion).items()}
+        found["error"] = round(1e3 * motion.attrs["numerical_error"], 3)
         without = motion.attrs["absent_exciters"]
         rows.append({"task": name, **found, "without": without, "published": PUBLISHED[name]})
         if progress is not None:
