@@ -112,7 +112,7 @@ def simulate_jaw(
     probes = (*_probes(parts), *(Resistance(term) for term in eaten), *effort)
     scheme = sim.LinearlyImplicitEuler() if integrator is None else integrator
 
-    def run(h: float) -> xr.Dataset:
+    def run(h: float, whole: bool = True) -> xr.Dataset:
         motion, _ = sim.simulate(
             system,
             drive,
@@ -120,7 +120,7 @@ def simulate_jaw(
             steps=sim.FixedStep(h),
             every=output,
             integrator=scheme,
-            probes=probes,
+            probes=probes if whole else (_markers(parts), *effort),
             progress=progress if h == step else None,
         )
         _require_followed(motion, h)
@@ -181,15 +181,18 @@ def run_excitation(jaw: xr.Dataset, excitation: Excitation, **options: object) -
 
 
 def _probes(parts: JawScene) -> tuple[Probe, ...]:
-    numbers = np.array(list(parts.points.values()))
     ends = np.array([line.ends for line in parts.muscles.values()])
     joints = tuple(joint.name for joint in parts.scene.joints)
     return (
         sim.Frames(parts.bodies),
         *((sim.Reactions(joints),) if joints else ()),
-        sim.Markers(numbers, tuple(parts.points)),
+        _markers(parts),
         Lines(ends, tuple(parts.muscles)),
     )
+
+
+def _markers(parts: JawScene) -> Probe:
+    return sim.Markers(np.array(list(parts.points.values())), tuple(parts.points))
 
 
 def _require_followed(motion: xr.Dataset, step: float) -> None:

@@ -53,7 +53,7 @@ def estimated_error(motion: xr.Dataset, finer: xr.Dataset, order: int) -> Floats
 
 
 def with_error(
-    run: Callable[[float], xr.Dataset], step: float, order: int, tolerance: float | None
+    run: Callable[[float, bool], xr.Dataset], step: float, order: int, tolerance: float | None
 ) -> xr.Dataset:
     """Motion with ``numerical_error``.
 
@@ -62,11 +62,11 @@ def with_error(
 
     Parameters
     ----------
-    run : motion with steps of a length [s].
+    run : motion with steps of a length [s], with all variables or the positions alone.
     """
-    motion = run(step)
+    motion = run(step, True)
     for halved in range(HALVINGS + 1):
-        finer = run(0.5 * step)
+        finer = run(0.5 * step, tolerance is not None)
         error = estimated_error(motion, finer, order)
         if tolerance is None or error[-1] <= tolerance or halved == HALVINGS:
             break
