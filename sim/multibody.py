@@ -1,6 +1,6 @@
 """Scenes of rigid bodies without tissue, laid out for the fused steps of `sim._kernels.multibody`."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
@@ -62,25 +62,33 @@ class Multibody:
     def scratch(self) -> Scratch:
         """Empty memory for steps."""
         n, m, k, p = self.n, len(self.rows.kind), len(self.table.column), len(self.table.body)
-        points = (np.zeros((p, 3)) for _ in range(5))
-        step = StepScratch(
-            *(np.zeros((k, width)) for width in (7, 7, 6)),
-            np.zeros((n, n), order="F"),
-            *(np.zeros(n) for _ in range(6)),
-            np.zeros((3, 3)),
-            np.zeros((k, 3, 3)),
+        points = {
+            **dict.fromkeys(("q", "v", "arm", "force", "carried"), (p, 3)),
+            "way": (len(self.table.point), 4),
+        }
+        step = {
+            **dict.fromkeys(("frames", "ahead"), (k, 7)),
+            **dict.fromkeys(("sign", "w0", "w1", "p", "r", "g"), (n,)),
+            **{"still": (k, 6), "A": (n, n), "I": (3, 3), "inverse": (k, 3, 3)},
+        }
+        rows = {
+            **dict.fromkeys(("c", "drift", "target", "f", "held", "positive"), (m,)),
+            **{"G": (m, n), "Y": (n, m), "S": (m, m), "T": (m, m)},
+            **{"JA": (m, 6), "JB": (m, 6), "JP": (m, 3)},
+        }
+        on, place = np.zeros(m, dtype=bool), np.zeros(m, dtype=np.int64)
+        return Scratch(
+            PointScratch(**_zeros(points)),
+            StepScratch(**_zeros(step)),
+            RowScratch(**_zeros(rows), on=on, place=place),
         )
-        rows = RowScratch(
-            np.zeros((m, n)),
-            np.zeros((n, m)),
-            np.zeros((m, m)),
-            np.zeros((m, m), order="F"),
-            *(np.zeros(m) for _ in range(6)),
-            *(np.zeros((m, width)) for width in (6, 6, 3)),
-            np.zeros(m, dtype=np.bool_),
-            np.zeros(m, dtype=np.int64),
-        )
-        return Scratch(PointScratch(*points, np.zeros((len(self.table.point), 4))), step, rows)
+
+
+def _zeros(shapes: Mapping[str, tuple[int, ...]]) -> dict[str, Array]:
+    return {
+        name: np.zeros(shape, order="F" if name in ("A", "T") else "C")
+        for name, shape in shapes.items()
+    }
 
 
 def lay_out_multibody(

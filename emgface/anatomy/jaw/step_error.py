@@ -64,13 +64,13 @@ def with_error(
     ----------
     run : motion with steps of a length [s], with all variables or the positions alone.
     """
-    motion = run(step, True)
-    for halved in range(HALVINGS + 1):
-        finer = run(0.5 * step, tolerance is not None)
+    whole, halved, motion = tolerance is not None, 0, run(step, True)
+    finer = run(0.5 * step, whole)
+    error = estimated_error(motion, finer, order)
+    while tolerance is not None and error[-1] > tolerance and halved < HALVINGS:
+        step, halved, motion = 0.5 * step, halved + 1, finer
+        finer = run(0.5 * step, whole)
         error = estimated_error(motion, finer, order)
-        if tolerance is None or error[-1] <= tolerance or halved == HALVINGS:
-            break
-        motion, step = finer, 0.5 * step
     motion = motion.assign(numerical_error=("time", error, {"units": "m"}))
     motion.attrs["numerical_error"] = float(error[-1])
     return motion
