@@ -7,6 +7,7 @@
     python -m benchmarks jaw --part variants       # outcomes of every variant; needs it, too
     python -m benchmarks jaw --part causes         # under changes of one setting; needs it, too
     python -m benchmarks jaw --part cost           # chewing: error and time over the step; needs it, too
+    python -m benchmarks jaw --part errors         # estimated and true error; needs it, too
     python -m benchmarks jaw --part posterior --samples 264 --out FOLDER    # needs it, too
     python -m benchmarks jaw --part steps          # the generated jaw: error and time over the step
     python -m benchmarks jaw --part stability      # the generated jaw under bad parameters
@@ -29,7 +30,7 @@ import pandas as pd
 import xarray as xr
 
 import sim
-from benchmarks import jaw_generated, jaw_posterior, jaw_stored, jaw_variants
+from benchmarks import jaw_errors, jaw_generated, jaw_posterior, jaw_stored, jaw_variants
 from benchmarks.jaw_variants import SHARED, published
 from benchmarks.report import finish
 from emgface.anatomy.jaw.run import simulate_jaw
@@ -128,6 +129,7 @@ def main(part: str = "steps", samples: int = 264, out: Path | None = None) -> No
         "reference": reference,
         **{n: getattr(jaw_stored, n) for n in ("forces", "morsel", "chewing")},
         **{n: getattr(jaw_variants, n) for n in ("variants", "causes", "cost")},
+        "errors": jaw_errors.errors,
         **{n: getattr(jaw_generated, n) for n in ("steps", "stability", "extremes", "emg")},
     }
     finish(f"jaw_{part}", parts[part](), out)
