@@ -112,16 +112,7 @@ def feature_before_normalisation(
     emg = emg_of(recording)
     montage = montage_of(map(str, emg["channel"].values), chain.montage)
     emg = with_mirrored(emg, montage)
-    filtered = bandpass(emg, chain.filter)
-    silent = constant_rows(emg)
-    if silent and chain.normalisation.silent == "error":
-        raise SignalError(
-            f"{'channels' if len(silent) > 1 else 'channel'} {', '.join(silent)} "
-            f"{'hold' if len(silent) > 1 else 'holds'} one value throughout, so that Eq. 8 "
-            "would be 0/0: check the electrode, or choose silent = 'zero' for activation 0"
-        )
-    # A filtered constant consists of rounding noise, which Eq. 8 would amplify to 0-1.
-    filtered = filtered.where(~filtered["channel"].isin(silent), 0.0)
+    filtered, silent = filtered_channels(emg, chain)
     oom, stage = chain.mapping.oom, chain.mapping.mapping_stage
     if stage == "signal":
         filtered = map_channels(filtered, oom, montage.estimated)
@@ -129,6 +120,25 @@ def feature_before_normalisation(
     if stage == "feature":
         feature = map_channels(feature, oom, montage.estimated)
     return feature, silent
+
+
+def filtered_channels(
+    emg: xr.DataArray, chain: SignalChain
+) -> tuple[xr.DataArray, tuple[str, ...]]:
+    """Filtered sEMG, zero where a channel has a constant value, and the names of these channels.
+
+    Raises SignalError if there is one and the normalisation does not choose silent = "zero".
+    """
+    silent = constant_rows(emg)
+    if silent and chain.normalisation.silent == "error":
+        raise SignalError(
+            f"{'channels' if len(silent) > 1 else 'channel'} {', '.join(silent)} "
+            f"{'hold' if len(silent) > 1 else 'holds'} one value throughout, so that Eq. 8 "
+            "would be 0/0: check the electrode, or choose silent = 'zero' for activation 0"
+        )
+    filtered = bandpass(emg, chain.filter)
+    # A filtered constant consists of rounding noise, which Eq. 8 would amplify to 0-1.
+    return filtered.where(~filtered["channel"].isin(silent), 0.0), silent
 
 
 def emg_of(recording: xr.Dataset) -> xr.DataArray:

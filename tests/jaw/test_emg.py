@@ -13,7 +13,7 @@ from emgface.anatomy.jaw.tasks import TASKS
 from emgface.anatomy.jaw.template import template_jaw
 from emgface.choices import configure
 from emgface.cli import app
-from emgface.errors import JawError, MarkerError, SchemaError
+from emgface.errors import JawError, MarkerError, SchemaError, SignalError
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.signals.parameters import SignalChain
 
@@ -109,6 +109,17 @@ def test_sides_and_missing_channels_are_kept_apart(recording):
         )
     with pytest.raises(JawError, match="expected DIG_L"):
         excitation_of(recording, RMS, reference=[recording.drop_sel(channel="DIG_L")])
+
+
+def test_a_dead_channel_and_other_units_are_refused(recording, effort):
+    dead = recording.copy(deep=True)
+    dead["emg"][0] = 0.0
+    with pytest.raises(SignalError, match="channel TEM_L holds one value throughout"):
+        excitation_of(dead, RMS, reference=[effort])
+    loud = recording.assign(emg=1e6 * recording["emg"].assign_attrs(units="V"))
+    loud["emg"].attrs["units"] = "V"
+    with pytest.raises(JawError, match=r"e\+0\d times as strong .* check the units"):
+        excitation_of(loud, RMS, reference=[effort])
 
 
 def test_time_of_a_recording_that_starts_late_is_kept(jaw, recording):

@@ -12,10 +12,9 @@ import xarray as xr
 
 from emgface.errors import JawError
 from emgface.schema.validation import validate
-from emgface.signals.activation import IDENTITY, emg_of
+from emgface.signals.activation import IDENTITY, emg_of, filtered_channels
 from emgface.signals.envelope import muscle_activation
 from emgface.signals.features import feature_of
-from emgface.signals.filters import bandpass
 from emgface.signals.normalisation import normalise
 from emgface.signals.parameters import SignalChain
 from emgface.signals.resampling import resample, simulation_times
@@ -76,7 +75,7 @@ def excitation_of(
     Raises
     ------
     JawError
-        No channel is known.
+        No channel is known, or half of a recording is stronger than maximum effort.
     SchemaError, UnitsError, SignalError, ActivationError
         As `emgface.signals.activation.activation_of`.
     """
@@ -84,6 +83,8 @@ def excitation_of(
     feature = _feature(recording, chain)
     held = [str(name) for name in feature["channel"].values]
     extent = _range([_feature(one, chain, held) for one in reference])
+    if extent is not None:
+        _require_effort(feature, extent)
     normalised = normalise(feature, extent, chain.normalisation)
     if chain.feature.kind == "envelope":
         normalised = muscle_activation(normalised, chain.feature.A)
@@ -131,8 +132,20 @@ def _feature(
             f"recording has the channels {', '.join(found) or 'none'}, expected "
             f"{', '.join(lacking or known)}: assign the labels of the file by a mapping"
         )
-    filtered = bandpass(emg.sel(channel=chosen), chain.filter)
+    filtered, _ = filtered_channels(emg.sel(channel=chosen), chain)
     return feature_of(filtered, chain.feature, phase=chain.filter.phase)
+
+
+def _require_effort(feature: xr.DataArray, extent: xr.Dataset) -> None:
+    """Refuse a recording that is stronger for half of the time than maximum effort is at its best."""
+    times = (feature.median("time") / extent["maximum"]).sel(channel=feature["channel"]).values
+    k = int(np.nanargmax(times))
+    if times[k] > 1.0:
+        channel = feature["channel"].values[k]
+        raise JawError(
+            f"channel {channel} is in the median {times[k]:.3g} times as strong as the strongest "
+            "instant of maximum effort, expected less than 1: check the units and the channels of both"
+        )
 
 
 def _range(features: list[xr.DataArray]) -> xr.Dataset | None:
