@@ -153,6 +153,7 @@ class StepReport:
     line_search: float = 1.0  #: smallest accepted fraction of a Newton step
     shifts: int = 0  #: number of shifts that made the matrix positive definite
     indefinite: int = 0  #: number of steps solved with a matrix that is not positive definite
+    touching: int = 0  #: number of steps at whose end surfaces of contact constraints press
     #: estimated local error of the positions [m]; None if the method has no estimate
     local_error: Array | None = field(default=None, compare=False, repr=False)
     #: largest change of the velocity of a point in a step, times the step [m]; NaN if not computed

@@ -37,22 +37,27 @@ LOOSER: Final = 5.0
 
 ITERATED: Final = 5e-5
 """Largest tolerance of the iteration [m] to which the repetition increases it, tenfold at most."""
-FORCE: Final = "force_of_contact"
+FORCE, TOUCHING = "force_of_contact", "steps_with_contact"
 
 
 @dataclass(frozen=True)
 class ContactForce:
-    """Sum of the normal forces of all contacts of a scene [N]; errors as of `sim.Contacts`."""
+    """Sum of the normal forces of all contacts [N], and number of steps with contact.
+
+    The steps are those since the last output: surfaces may touch and part again between two outputs.
+    Errors as of `sim.Contacts`.
+    """
 
     def variables(self) -> tuple[Variable, ...]:
-        """Variable `FORCE`."""
-        return (Variable(FORCE, "N"),)
+        """Variables `FORCE` and `TOUCHING`."""
+        return (Variable(FORCE, "N"), Variable(TOUCHING, "1"))
 
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[float]:
-        """Measure the force of the state."""
-        return (float(np.sum(Contacts().record(system, state, control, report)[2])),)
+    ) -> tuple[float, float]:
+        """Measure the force of the state, and copy the number from the report."""
+        force = float(np.sum(Contacts().record(system, state, control, report)[2]))
+        return force, 0.0 if report is None else float(report.touching)
 
 
 def in_other_steps(parameters: SimulationParameters) -> SimulationParameters:
@@ -71,14 +76,15 @@ def event_error(
 ) -> tuple[xr.DataArray, dict[str, float | str]]:
     """Error (time,) [m] of the largest marker by events of contact, 0 before the first contact.
 
-    `motion` contains ``position(marker, axis, time)`` [m] and, if surfaces may touch, the variable of
+    `motion` contains ``position(marker, axis, time)`` [m] and, if surfaces may touch, the variables of
     `ContactForce`. `again` repeats it in other steps; the error is `MARGIN` times the largest
     distance of a marker between both motions so far, and its run time is added to ``run_time_s`` of
     the motion. If it is None or fails, the error is `ASSUMED`. The second result contains the
     attributes of a motion with contact.
     """
-    force = motion.get(FORCE, xr.zeros_like(motion["time"])).values
-    touching = np.maximum.accumulate(force > 0.0)
+    none = xr.zeros_like(motion["time"])
+    force, steps = (motion.get(name, none).values for name in (FORCE, TOUCHING))
+    touching = np.maximum.accumulate((force > 0.0) | (steps > 0.0))
     values, attrs = ASSUMED * touching, dict[str, float | str]()
     if touching.any():
         attrs["event_error_measured"] = 0

@@ -11,7 +11,13 @@ import sim
 from emgface.errors import ActivationError, UnitsError
 from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.contact import touching
-from emgface.face.event_error import FORCE, ContactForce, event_error, in_other_steps
+from emgface.face.event_error import (
+    FORCE,
+    TOUCHING,
+    ContactForce,
+    event_error,
+    in_other_steps,
+)
 from emgface.face.integration import integrator_of, steps_of
 from emgface.face.lip_shape import UP, has_mouth
 from emgface.face.mouth import Mouth
@@ -205,7 +211,7 @@ def simulate_face(
     of_contact, told = event_error(trajectory, again if parameters.check_contact else None)
     step, left = trajectory["step_error"], trajectory["iteration_error"]
     error = (numerical_error(step, parameters.beta, left) + of_contact).assign_attrs(units="m")
-    trajectory = trajectory.drop_vars([step.name, left.name, FORCE], errors="ignore")
+    trajectory = trajectory.drop_vars([step.name, left.name, FORCE, TOUCHING], errors="ignore")
     trajectory = trajectory.assign(numerical_error=error)
     trajectory.attrs |= told
     trajectory.attrs["solver"] = parameters.solver

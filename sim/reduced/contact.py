@@ -25,7 +25,9 @@ ALLOWED, IMPULSES = "allowed depths", "contact impulses"
 """Memory of a state: depth that each point may have [m], and its impulse of the last step [N s]."""
 
 FASTER = 1.5  #: factor on the displacement by the velocities for the search radius of a point
-SOFTNESS = 1e-5  #: compliance of a row [m/N], which makes redundant rows solvable
+SOFTNESS = 1e-4
+"""Compliance of a row [m/N]. It makes redundant rows solvable, and lets points overlap by some tenths of
+a millimetre, because few modes cannot meet hundreds of rows: with 1e-5 some motions are locked."""
 SWEEPS, TOLERANCE = 200, 1e-4  #: largest number of sweeps; change of a rate [m/s] at which they end
 DEEPEST = 0.01  #: largest depth at the start [m]
 FASTEST = 0.02  #: speed at which points that are too deep are moved out [m/s]

@@ -1,7 +1,7 @@
 """Interface of step controls, and shared functions."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -29,7 +29,11 @@ class Motion:
 
     def step(self, state: State, h: float) -> tuple[State, StepReport]:
         """One step of length h [s]."""
-        return self.integrator.step(self.system, state, self.control, h, self.work)
+        new, report = self.integrator.step(self.system, state, self.control, h, self.work)
+        contact = self.system.contact
+        if contact is not None and len(contact.pushing(new)):
+            report = replace(report, touching=1)
+        return new, report
 
 
 class StepControl(Protocol):
@@ -81,6 +85,7 @@ def united(reports: list[StepReport], rejected: int) -> StepReport:
         shifts=sum(r.shifts for r in reports),
         indefinite=sum(r.indefinite for r in reports),
         jump=float(np.fmax.reduce([r.jump for r in reports])),
+        touching=sum(r.touching for r in reports),
         local_error=_sum([r.local_error for r in reports]),
         error=sum(r.error for r in reports),
     )

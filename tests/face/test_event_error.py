@@ -8,6 +8,8 @@ from emgface.choices import configure
 from emgface.face.event_error import (
     ASSUMED,
     FORCE,
+    TOUCHING,
+    ContactForce,
     contact_share,
     event_error,
     in_other_steps,
@@ -15,7 +17,22 @@ from emgface.face.event_error import (
 from emgface.face.motion import simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.stability import stability_warning
-from sim import NotConverged
+from sim import (
+    ConstraintContact,
+    FixedStep,
+    LinearlyImplicitTrapezoidal,
+    NodeSurface,
+    NotConverged,
+    Pairing,
+    Positions,
+    RestRayleigh,
+    State,
+    boundary_surface,
+    resting,
+    simulate,
+)
+from tests.bodies import grid
+from tests.contact.scenes import contact_of, square, system_of
 
 
 def motion_of(force, moved=0.0):
@@ -36,6 +53,26 @@ def test_an_error_is_assumed_from_the_first_contact():
     assumed, told = event_error(motion_of([0.0, 0.2, 0.0, 0.0]), None)
     np.testing.assert_array_equal(assumed, [0.0, ASSUMED, ASSUMED, ASSUMED])
     assert told == {"event_error": ASSUMED, "event_error_measured": 0}
+
+
+def test_a_contact_between_two_outputs_counts():
+    """A block falls on a floor, rebounds, and is far from it at every output."""
+    mesh = grid((1, 1, 1))
+    floor = square(-1e-3)
+    block = NodeSurface(boundary_surface(mesh).triangles, "block")
+    contact = contact_of(ConstraintContact, (Pairing(block, floor),))
+    system = system_of(mesh, contact, damping=RestRayleigh(0.0, 1e-4))
+    rest = system.rest_state()
+    fast = State(0.0, rest.q, rest.v - [0.0, 0.0, 0.5])
+    found, _ = simulate(
+        system, resting(0), duration=0.06, every=0.03, initial=fast, steps=FixedStep(1e-3),
+        integrator=LinearlyImplicitTrapezoidal(), probes=(ContactForce(), Positions()),
+    )  # fmt: skip
+    assert (found[FORCE] == 0.0).all() and (found["node_position"].sel(axis="z") > -1e-3).all()
+    assert float(found[TOUCHING].max()) >= 1.0
+    still = xr.zeros_like(found["node_position"]).rename(node="marker")
+    error, told = event_error(found[[FORCE, TOUCHING]].assign(position=still), None)
+    assert float(error.max()) == ASSUMED and told["event_error_measured"] == 0
 
 
 def test_the_error_is_twice_the_largest_distance_from_the_repetition_so_far():
