@@ -1,6 +1,6 @@
 """Equilibrium of a face under gravity, and its motion under an activation."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Final
 
@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 import sim
-from emgface.errors import ActivationError, UnitsError
 from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.contact import touching
+from emgface.face.control import control_of, seconds
 from emgface.face.event_error import (
     FORCE,
     TOUCHING,
@@ -164,12 +164,12 @@ def simulate_face(
     if parameters.reduced.file is not None:
         from emgface.reduced.motion import trusted_motion  # which requires this module
 
-        control, duration, pace = _control(activation, face["muscle"].values, parameters)
+        control, duration, pace = control_of(activation, face["muscle"].values, parameters)
         trajectory, doubt = trusted_motion(face, control, duration, parameters, further)
         if trajectory is not None:
             return _described(trajectory, face, activation, parameters, pace)
     system = sim.compile_scene(compose_scene(face, parameters))
-    control, duration, pace = _control(activation, system.muscles, parameters)
+    control, duration, pace = control_of(activation, system.muscles, parameters)
     if settled is None:
         settled = settle_face(face, parameters)
     rest = system.rest_state()
@@ -240,7 +240,7 @@ def _described(
         "sigma_max": parameters.sigma_max,
         "origin": "simulated",
         "face": str(face.attrs.get("name", "")),
-        "recorded_start": float(activation["time"].values[0]),
+        "recorded_start": float(seconds(activation["time"])[0]),
         "recorded_pace": pace,
     }
     trajectory.attrs["motion"] = largest_motion(trajectory)
@@ -263,66 +263,3 @@ def _probes(face: xr.Dataset) -> tuple[Probe, ...]:
         sim.Energies(),
         sim.Iterations(),
     )
-
-
-def _check_units(activation: xr.DataArray) -> None:
-    """Refuse other units than 1 and s, if the arrays state them."""
-    for name, array, expected in (
-        ("activation", activation, "1"),
-        ("time of the activation", activation["time"], "s"),
-    ):
-        units = array.attrs.get("units", expected)
-        if units != expected:
-            raise UnitsError(
-                f"the {name} is in {units!r}, expected {expected!r}: convert the values and set the "
-                "attribute units"
-            )
-
-
-def _control(
-    activation: xr.DataArray, muscles: Iterable[str], parameters: SimulationParameters
-) -> tuple[sim.Activation, float, float]:
-    """Activation from time 0, duration [s], and recorded time per simulated time [1]."""
-    given, muscles = list(map(str, activation["muscle"].values)), list(map(str, muscles))
-    twice = sorted({name for name in given if given.count(name) > 1})
-    if twice:
-        raise ActivationError(
-            f"the activation contains {', '.join(twice)} more than once, expected every "
-            "muscle once: remove or rename the others"
-        )
-    missing = [name for name in muscles if name not in given]
-    unknown = [name for name in given if name not in muscles]
-    if missing or unknown:
-        found = (
-            (f"lacks {', '.join(missing)}")
-            if missing
-            else f"contains the unknown {', '.join(unknown)}"
-        )
-        raise ActivationError(
-            f"the activation {found}, expected exactly the muscles of the face: "
-            f"{', '.join(muscles)}; for inactive others use "
-            "activation.reindex(muscle=face['muscle'].values, fill_value=0)"
-        )
-    _check_units(activation)
-    values = activation.sel(muscle=muscles).transpose("time", "muscle").values
-    times = np.asarray(activation["time"].values, dtype=np.float64)
-    if len(times) < 2:
-        raise ActivationError(f"the activation has {len(times)} sample, expected at least two")
-    if not (np.diff(times) > 0.0).all():
-        at = int(np.argmin(np.diff(times) > 0.0))
-        raise ActivationError(
-            f"the time of the activation changes from t = {times[at]:.6g} s to "
-            f"{times[at + 1]:.6g} s, expected ascending times: sort its samples"
-        )
-    every = parameters.output
-    if parameters.timing == "normalised":
-        simulated = every * np.arange(len(times), dtype=np.float64)
-        pace = float((times[-1] - times[0]) / simulated[-1])
-        return sim.Activation(simulated, values), float(simulated[-1]), pace
-    outputs = round((times[-1] - times[0]) / every)  # held over at most half of one at its end
-    if outputs < 1:
-        raise ActivationError(
-            f"the activation lasts {times[-1] - times[0]:.4g} s, less than one output of {every:g} s: "
-            "choose a shorter output or timing = 'normalised'"
-        )
-    return sim.Activation(times - times[0], values), every * outputs, 1.0

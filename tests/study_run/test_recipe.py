@@ -146,6 +146,11 @@ def test_normalised_timing_takes_one_step_per_sample(slab, settled) -> None:
             UnitsError,
             "is in 'ms', expected 's'",
         ),
+        (
+            lambda a: a.assign_coords(time=1e4 * a["time"].drop_attrs()),
+            ActivationError,
+            "states no unit",
+        ),
     ],
 )
 @pytest.mark.parametrize("timing", ["recorded", "normalised"])
@@ -158,6 +163,19 @@ def test_an_unusable_activation_is_refused(
     parameters = PARAMETERS.model_copy(update={"timing": timing})
     with pytest.raises(error, match=said):
         simulate_face(slab, given, parameters, settled=settled)
+
+
+@pytest.mark.parametrize(
+    "start", [np.timedelta64(0, "ns"), np.datetime64("2026-01-05T10:00", "ns")]
+)
+def test_times_of_durations_and_dates_are_seconds(slab, settled, start) -> None:
+    given = activation(0.2, "MEN_L")
+    ticks = np.round(1e9 * given["time"].values).astype("timedelta64[ns]")
+    dated = given.assign_coords(time=start + ticks)
+    motions = [simulate_face(slab, a, PARAMETERS, settled=settled) for a in (given, dated)]
+    np.testing.assert_allclose(motions[1]["position"], motions[0]["position"], atol=1e-12)
+    np.testing.assert_allclose(motions[1]["time"], motions[0]["time"])
+    assert motions[1].attrs["recorded_start"] == 0.0
 
 
 def test_an_inverted_element_is_named_by_its_id_in_the_face(slab, settled) -> None:
