@@ -62,6 +62,11 @@ def control_of(
     activation: xr.DataArray, muscles: Iterable[str], parameters: SimulationParameters
 ) -> tuple[sim.Activation, float, float]:
     """Activation from time 0, duration [s], and recorded time per simulated time [1]."""
+    if set(activation.dims) != {"muscle", "time"}:
+        raise ActivationError(
+            f"the activation has the dimensions {', '.join(map(str, activation.dims))}, expected muscle "
+            "and time: select one entry of every other dimension"
+        )
     given, muscles = list(map(str, activation["muscle"].values)), list(map(str, muscles))
     twice = sorted({name for name in given if given.count(name) > 1})
     if twice:

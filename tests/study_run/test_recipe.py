@@ -131,6 +131,7 @@ def test_normalised_timing_takes_one_step_per_sample(slab, settled) -> None:
         (lambda a: a.isel(muscle=slice(1, None)), ActivationError, "lacks ZYG_L"),
         (lambda a: a.assign_coords(muscle=["XYZ_L", *MUSCLES[1:]]), ActivationError, "lacks ZYG_L"),
         (lambda a: a.isel(time=[0]), ActivationError, "1 sample"),
+        (lambda a: a.expand_dims(repetition=2), ActivationError, "dimensions repetition, muscle"),
         (lambda a: a.assign_coords(time=a["time"] / 1e3), ActivationError, "less than one output"),
         (
             lambda a: a.isel(muscle=[0, *range(len(MUSCLES))]),
