@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from emgface.cli.console import frame, progress, say, show_table
-from emgface.cli.machine import announce_compilation
+from emgface.cli.machine import announce_compilation, executing, graceful_stop
 from emgface.cli.moved import PictureOption, tell_motion, write_picture
+from emgface.cli.options import SchedulerOption, WorkersOption
 
 if TYPE_CHECKING:
     from emgface.anatomy.head.model import Head
@@ -240,8 +241,14 @@ def sweep(
         float, typer.Option(help="Time step in s; half of it is used as well, for the step error.")
     ] = 1e-2,
     gravity: Annotated[bool, typer.Option(help="With gravity.")] = True,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
 ) -> None:
-    """Tabulate lips, jaw and tongue at the end of many runs, with the errors of step and mesh."""
+    """Tabulate lips, jaw and tongue at the end of many runs, with the errors of step and mesh.
+
+    A repeated command computes only runs that are missing or whose inputs or code changed; `emgface
+    study status` shows the state of the folder that has the name of the table.
+    """
     from emgface.anatomy.head.model import read_head
     from emgface.anatomy.head.sweep import STEP_ERROR, Setting, read_plan
     from emgface.anatomy.head.sweep import sweep as sweep_of
@@ -260,8 +267,12 @@ def sweep(
     runs = read_plan(plan)
     head = None if head_path is None else read_head(head_path)
     announce_compilation()
-    with progress("simulating runs", len(runs)) as bar:
-        table = sweep_of(runs, setting, table=out_path, head=head, progress=bar.show)
+    with executing(workers, scheduler) as chosen, graceful_stop() as stopping:
+        with progress("simulating runs") as bar:
+            table = sweep_of(
+                runs, setting, table=out_path, head=head, workers=chosen, observer=bar,
+                stopping=stopping,
+            )  # fmt: skip
     shown = [c for c in table.columns if not c.endswith(("_error", "key"))]
     show_table(frame(table[shown]), "Outcomes, simulated")
     largest = table.filter(like=STEP_ERROR).max(numeric_only=True).max()

@@ -2,21 +2,37 @@
 
 import warnings
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from emgface.cli.console import progress, say
-from emgface.cli.machine import announce_compilation
-from emgface.cli.options import FacePath, MappingOption, StudyPath
+from emgface.cli.console import BAD_INPUT, PARTIAL, Rows, progress, say, show_table
+from emgface.cli.machine import announce_compilation, executing, graceful_stop
+from emgface.cli.options import FacePath, MappingOption, SchedulerOption, StudyPath, WorkersOption
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from emgface.inverse.calibration import Calibration
+    from emgface.inverse.run import InverseParameters
+    from emgface.study.configuration import StudyConfiguration
+    from sim.state import Array
 
 app = typer.Typer(no_args_is_help=True, help="Estimate activations from measured motion.")
 
 
 @app.command()
 def run(
-    recording: Annotated[Path, typer.Argument(help="Recording of one trial.")],
-    out_path: Annotated[Path, typer.Option("--out", help="Activation to write (netCDF).")],
+    recordings: Annotated[
+        list[Path], typer.Argument(help="Recordings of one trial each.", metavar="RECORDING...")
+    ],
+    out_path: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            help="Activation to write (netCDF), or the folder for those of several recordings.",
+        ),
+    ],
     face: FacePath = None,
     study: StudyPath = None,
     mapping: MappingOption = None,
@@ -49,39 +65,37 @@ def run(
     contact: Annotated[
         bool, typer.Option(help="Contact of lips and teeth as in the study, or none.")
     ] = False,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     force: Annotated[
-        bool, typer.Option("--force", help="Compute an existing result again.")
+        bool, typer.Option("--force", help="Compute the existing result of one recording again.")
     ] = False,
 ) -> None:
     """Estimate the activations of all muscles by which the face follows the lip markers.
 
-    An interrupted run of the trajectory form continues with its last complete iteration.
+    Several recordings are inverted at the same time, and a repeated command computes what is missing or
+    whose inputs or code changed; `emgface study status` shows the state of their folder. An interrupted
+    run of the trajectory form continues with its last complete iteration.
     """
-    from emgface.api.given import face_of, recording_of, study_of
+    from emgface.api.given import face_of, study_of
     from emgface.inverse.calibration import Calibration
-    from emgface.inverse.kept import Kept
     from emgface.inverse.mixing import read_mixing
-    from emgface.inverse.run import (
-        FOLLOWED,
-        InverseParameters,
-        form_of,
-        invert,
-        without_contact,
-    )
+    from emgface.inverse.run import InverseParameters, form_of, without_contact
     from emgface.inverse.variants import trust_of
-    from emgface.schema.netcdf import read_netcdf, write_netcdf
+    from emgface.schema.netcdf import read_netcdf
 
     trust_of(variant, (), emg_weight)  # errors before the face is built
     form_of(form, contact)
-    if out_path.exists() and not force:
+    several = len(recordings) > 1
+    if not several and out_path.exists() and not force:
         say(f"{out_path} exists and is kept: use --force to compute it again.")
         return
     plan = study_of(study)
-    simulation = plan.simulation if contact else without_contact(plan.simulation)
+    if not contact:
+        plan = plan.model_copy(update={"simulation": without_contact(plan.simulation)})
     known = None
     if calibration is not None:
         known = Calibration(read_netcdf(calibration, "emg_calibration"))
-    known_mixing = None if mixing is None else read_mixing(mixing)
     parameters = InverseParameters(
         variant=variant,  # pyright: ignore[reportArgumentType]  # checked above
         form=form,  # pyright: ignore[reportArgumentType]
@@ -90,19 +104,43 @@ def run(
         delay=delay,
         left_out=tuple(leave_out or ()),
     )
-    data, model = recording_of(recording, mapping), face_of(face, plan)
-    kept = Kept.beside(out_path)
+    given = (face_of(face, plan), plan, out_path, parameters, mapping, known)
+    known_mixing = None if mixing is None else read_mixing(mixing)
     announce_compilation()
+    if several:
+        _invert_all(recordings, *given, known_mixing, workers, scheduler)
+    else:
+        _invert(recordings[0], *given, known_mixing)
+
+
+def _invert(
+    path: Path,
+    face: "xr.Dataset",
+    plan: "StudyConfiguration",
+    out_path: Path,
+    parameters: "InverseParameters",
+    mapping: Path | None,
+    calibration: "Calibration | None",
+    mixing: "Array | None",
+) -> None:
+    """Invert one recording in this process and report the result."""
+    from emgface.api.given import recording_of
+    from emgface.inverse.kept import Kept
+    from emgface.inverse.many import unlike_markers
+    from emgface.inverse.run import FOLLOWED, invert
+    from emgface.schema.netcdf import write_netcdf
+
+    kept, data = Kept.beside(out_path), recording_of(path, mapping)
     with progress("inverting") as bar:
         found = invert(
-            data, model, simulation, plan.signals, parameters, calibration=known,
-            mixing=known_mixing, kept=kept, progress=bar.show,
+            data, face, plan.simulation, plan.signals, parameters, calibration=calibration,
+            mixing=mixing, kept=kept, progress=bar.show,
         )  # fmt: skip
     write_netcdf(found, out_path, "activation")
     kept.remove()
     rms = 1e3 * float((found["misfit"] ** 2).mean()) ** 0.5
     say(
-        f"Wrote {out_path}: {variant}, {found.sizes['time']} steps in "
+        f"Wrote {out_path}: {parameters.variant}, {found.sizes['time']} steps in "
         f"{found.attrs['run_time_s']:.1f} s, rms distance of the tracked markers {rms:.2f} mm per "
         f"coordinate ({found.attrs['misfit_ratio']:.0%} of their motion)."
     )
@@ -114,11 +152,53 @@ def run(
             f"At the largest motion: {told or 'every direction is determined by the data'}."
         )
     if not found.attrs["misfit_ratio"] <= FOLLOWED:
-        warnings.warn(
-            f"the face does not follow the markers: the misfit exceeds {FOLLOWED:.0%} of their motion. "
-            "Check names, axes and unit of the markers (`emgface data check`) before using the result.",
-            stacklevel=1,
-        )
+        warnings.warn(unlike_markers(), stacklevel=1)
+
+
+def _invert_all(
+    paths: list[Path],
+    face: "xr.Dataset",
+    plan: "StudyConfiguration",
+    out_path: Path,
+    parameters: "InverseParameters",
+    mapping: Path | None,
+    calibration: "Calibration | None",
+    mixing: "Array | None",
+    workers: int | None,
+    scheduler: str | None,
+) -> None:
+    """Invert several recordings by workers and print a table of them."""
+    from emgface.inverse.many import invert_all
+
+    with executing(workers, scheduler) as chosen, graceful_stop() as stopping:
+        with progress("inverting") as bar:
+            found = invert_all(
+                paths, face, plan, out_path, parameters, mapping=mapping,
+                calibration=calibration, mixing=mixing, workers=chosen, observer=bar,
+                stopping=stopping,
+            )  # fmt: skip
+    heads = ("recording", "rms distance [mm]", "of the motion", "width of intervals")
+    done = [one for one in found if one.status == "ok"]
+    show_table(
+        Rows(
+            heads,
+            tuple(
+                (one.name, f"{1e3 * one.misfit:.2f}", f"{one.misfit_ratio:.0%}", _number(one.width))
+                for one in done
+            ),
+        ),
+        f"Inverted, {parameters.variant}",
+    )
+    for one in found:
+        if one not in done:
+            say(f"Failed: {one.name}: {one.status.removeprefix('failed:')}: {one.reason}")
+    say(f"Wrote {len(done)} of {len(found)} activations to {out_path}.")
+    if len(done) < len(found):
+        raise typer.Exit(PARTIAL if done else BAD_INPUT)
+
+
+def _number(value: float) -> str:
+    return "" if value != value else f"{value:.2f}"
 
 
 @app.command()

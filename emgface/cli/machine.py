@@ -8,8 +8,12 @@ import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from emgface.cli.console import say
+
+if TYPE_CHECKING:
+    from emgface.study.parallel import Workers
 
 
 def cores() -> int:
@@ -64,6 +68,21 @@ def graceful_stop() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, handler)
+
+
+@contextmanager
+def executing(workers: int | None, scheduler: str | None) -> "Iterator[int | Workers]":
+    """Number of processes, by default one per core, or the workers of a scheduler until the end."""
+    if scheduler is None:
+        yield workers or cores()
+        return
+    from emgface.study.cluster import DaskWorkers
+
+    chosen = DaskWorkers(scheduler)
+    try:
+        yield chosen
+    finally:
+        chosen.end()
 
 
 def show_page(page: Path) -> None:

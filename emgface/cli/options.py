@@ -33,8 +33,8 @@ SchedulerOption = Annotated[
     str | None,
     typer.Option(
         metavar="ADDRESS",
-        help="dask.distributed scheduler whose workers compute, such as tcp://host:8786; they "
-        "must share the folder of the results.",
+        help="dask.distributed scheduler whose workers compute, such as tcp://host:8786, or the file "
+        "of 'dask scheduler --scheduler-file'; they must share the folder of the results.",
     ),
 ]
 InstructionOption = Annotated[

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from emgface.cli.console import BAD_INPUT, PARTIAL, Bar, progress, say, tell
-from emgface.cli.machine import announce_compilation, cores, graceful_stop, show_page
+from emgface.cli.machine import announce_compilation, cores, executing, graceful_stop, show_page
 from emgface.cli.options import AccuracyOption, OutPath, SchedulerOption, WorkersOption
 
 if TYPE_CHECKING:
@@ -62,16 +62,11 @@ def run(
 
     Ctrl-C and SIGTERM complete the trials that have begun; a second one stops at once.
     """
-    from emgface.study.cluster import DaskWorkers
     from emgface.study.file import load_study
 
     configuration = _as_accurate(load_study(path), accuracy)
-    chosen = DaskWorkers(scheduler) if scheduler else workers or cores()
-    try:
+    with executing(workers, scheduler) as chosen:
         raise typer.Exit(_run(configuration, out_path, chosen, store, objects))
-    finally:
-        if not isinstance(chosen, int):
-            chosen.end()
 
 
 def _as_accurate(configuration: "StudyConfiguration", accuracy: str | None) -> "StudyConfiguration":

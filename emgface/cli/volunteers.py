@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from emgface.cli.console import progress, say
-from emgface.cli.machine import announce_compilation, cores, graceful_stop
+from emgface.cli.machine import announce_compilation, executing, graceful_stop
 from emgface.cli.options import SchedulerOption, StudyPath, WorkersOption
 
 
@@ -87,8 +87,6 @@ def volunteers(
 
     Ctrl-C and SIGTERM complete the sessions that have begun; the same command continues.
     """
-    from emgface.study.cluster import DaskWorkers
-
     given = {
         "emg": emg.value,
         "resolution": int(resolution) if resolution.isdigit() else resolution,
@@ -96,26 +94,21 @@ def volunteers(
         "electrode_failure": electrode_failure,
         "keep_sessions": sessions,
     }
-    chosen = DaskWorkers(scheduler) if scheduler else workers or cores()
-    try:
-        with graceful_stop() as stopping:
-            paths = _simulated(
-                out_path,
-                world,
-                given,
-                face,
-                study,
-                step,
-                n=n,
-                repetitions=repetitions,
-                instructions=tuple(instructions),
-                seed=seed,
-                workers=chosen,
-                stopping=stopping,
-            )
-    finally:
-        if not isinstance(chosen, int):
-            chosen.end()
+    with executing(workers, scheduler) as chosen, graceful_stop() as stopping:
+        paths = _simulated(
+            out_path,
+            world,
+            given,
+            face,
+            study,
+            step,
+            n=n,
+            repetitions=repetitions,
+            instructions=tuple(instructions),
+            seed=seed,
+            workers=chosen,
+            stopping=stopping,
+        )
     _report(paths, out_path, form)
 
 

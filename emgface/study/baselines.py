@@ -27,14 +27,15 @@ from emgface.study.store import Result, Stage
 from emgface.study.table import PlannedTrial
 
 _CODE = (
-    *ALIGNED.modules,
+    *dict.fromkeys((*ALIGNED.modules, *SCORES.modules)),
+    "analysis.baselines",
     "analysis.registration",
     "analysis.individual",
     "emgface.study.against_baselines",
 )
 
 TYPICAL = Stage("typical", (*_CODE, __name__))
-BASELINES = Stage("baselines", (*_CODE, *SCORES.modules, "analysis.baselines", __name__))
+BASELINES = Stage("baselines", (*_CODE, __name__))
 
 MOST_OTHERS: Final = 50
 """Largest number of other volunteers in a template, so that its cost does not grow with the study.

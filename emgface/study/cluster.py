@@ -5,11 +5,13 @@ store, which lies on a file system shared by all workers. dask.distributed retri
 worker died (setting ``distributed.scheduler.allowed-failures``, three by default).
 """
 
+import json
 import logging
 import time
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from contextlib import suppress
+from pathlib import Path
 from typing import Any, Final
 
 from emgface.errors import ConfigurationError, ExecutionError, WorkerDied
@@ -23,8 +25,9 @@ AHEAD: Final = 2
 class DaskWorkers:
     """Workers of a dask.distributed scheduler, which may join and leave during a run.
 
-    Raises ConfigurationError if the package distributed is not installed, and ExecutionError if no
-    scheduler answers at `address`, such as ``tcp://host:8786``.
+    `address` is that of the scheduler, such as ``tcp://host:8786``, or the file to which it writes it
+    (``dask scheduler --scheduler-file``). Raises ConfigurationError if the package distributed is not
+    installed or the file does not contain an address, and ExecutionError if no scheduler answers.
     """
 
     tries = 1
@@ -37,12 +40,12 @@ class DaskWorkers:
                 "a scheduler requires the package distributed, which is not installed: install "
                 "'emgface[distributed]', or use --workers without --scheduler"
             ) from error
-        self.address = address
+        self.address = address if "://" in address else _address_in(Path(address))
         try:
-            self._client = Client(address, timeout=timeout, set_as_default=False)
+            self._client: Any = Client(self.address, timeout=timeout, set_as_default=False)
         except (OSError, ValueError) as error:  # a timeout is an OSError
             raise ExecutionError(
-                f"no scheduler answers at {address} ({error}): start one with 'dask scheduler', or "
+                f"no scheduler answers at {self.address} ({error}): start one with 'dask scheduler', or "
                 "correct the address"
             ) from error
         self._executor = self._client.get_executor(pure=False)
@@ -103,3 +106,14 @@ class DaskWorkers:
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         with suppress(Exception):
             self._client.close(timeout=5)
+
+
+def _address_in(file: Path) -> str:
+    """Address in the file of a scheduler."""
+    try:
+        return str(json.loads(file.read_text(encoding="utf-8"))["address"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ConfigurationError(
+            f"{file} contains no address of a scheduler ({error}), expected tcp://host:8786 or the file "
+            "of 'dask scheduler --scheduler-file'"
+        ) from error

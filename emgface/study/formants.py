@@ -23,6 +23,7 @@ SOUND: Final = Stage(
     (
         "sim.acoustics",
         "analysis.formants",
+        "analysis.typed",
         "emgface.anatomy.airway.area_function",
         "emgface.anatomy.airway.parameters",
         "emgface.anatomy.airway.sound",

@@ -141,7 +141,13 @@ class Journal:
         return entry
 
     def job(
-        self, labels: Sequence[str | int], events: list[Event], store: Path, seconds: float
+        self,
+        labels: Sequence[str],
+        events: list[Event],
+        store: Path,
+        seconds: float,
+        status: str,
+        reason: str,
     ) -> None:
         """Write the end of a job of another run table than that of a study, and its stored results.
 
@@ -152,8 +158,8 @@ class Journal:
             trial=labels,
             variant="",
             key="",
-            status="ok",
-            reason="",
+            status=status,
+            reason=reason,
             seconds=round(seconds, 4),
             stages=_stages(events, store),
         )

@@ -14,7 +14,16 @@ from emgface.study.store import Result, Stage
 if TYPE_CHECKING:
     from emgface.study.stages import Laboratory
 
-SKIN: Final = Stage("skin", (*MECHANICS, "emgface.pictures.body", "emgface.study.skin"))
+SKIN: Final = Stage(
+    "skin",
+    (
+        *MECHANICS,
+        "emgface.pictures.body",
+        "emgface.pictures.subdivision",
+        "emgface.pictures.surface",
+        "emgface.study.skin",
+    ),
+)
 
 
 class SkinMotions:

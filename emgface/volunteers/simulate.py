@@ -18,7 +18,7 @@ from emgface.muscles import INSTRUCTIONS
 from emgface.recordings.dataset import write_recording
 from emgface.recordings.events import cut_trials
 from emgface.study.digest import code_version
-from emgface.study.journal import Journal
+from emgface.study.jobs import run_table
 from emgface.study.observer import Observer, Silent
 from emgface.study.parallel import Workers, run_jobs
 from emgface.study.provenance import CODE, require_code
@@ -95,65 +95,25 @@ def make_volunteers(
     )  # fmt: skip
     # Volunteers vary fastest, so that every process begins with the rest state of another face.
     jobs = [(index, instruction) for instruction in instructions for index in range(1, n + 1)]
-    observer.begin(len(jobs))
-    facts = {
-        "study": f"simulated volunteers, {settings.world.label}",
-        "trials": len(jobs),
-        "workers": workers if isinstance(workers, int) else type(workers).__name__,
-        "store": "store" if store is None else str(setup.store),
-        "code": code_version(CODE),
-    }
-    journal, outcome = Journal(setup.out, facts), "failed"
-    try:
-        written = _recorded(setup, jobs, workers, observer, journal, stopping)
-        if len(written) < len(jobs):
-            raise KeyboardInterrupt
-        outcome = "finished"
-    except KeyboardInterrupt:
-        outcome = "interrupted"
-        raise
-    finally:
-        journal.end(outcome, [])
-    return [path for job in sorted(jobs) for path in written[job]]
-
-
-def _recorded(
-    setup: "_Setup",
-    jobs: list["_Place"],
-    workers: int | Workers,
-    observer: Observer,
-    journal: Journal,
-    stopping: Callable[[], bool],
-) -> dict["_Place", list[Path]]:
-    """Record all sessions, in this process or by workers."""
-
-    def labels(index: int) -> tuple[str, str]:
-        return f"S{jobs[index][0]:02d}", jobs[index][1]
-
-    def starting(index: int) -> bool:
-        if stopping():
-            return False
-        journal.write("begin", trial=labels(index), variant="")
-        observer.working(" ".join(labels(index)))
-        return True
-
-    written: dict[_Place, list[Path]] = {}
-    results = run_jobs(
-        _work,
-        jobs,
-        workers,
-        begin=_begin,
-        arguments=(setup, code_version(CODE)),
-        group=lambda place: place[0],
-        starting=starting,
+    written = run_table(
+        lambda starting: run_jobs(
+            _work,
+            jobs,
+            workers,
+            begin=_begin,
+            arguments=(setup, code_version(CODE)),
+            group=lambda place: place[0],
+            starting=starting,
+        ),
+        [(f"S{index:02d}", instruction) for index, instruction in jobs],
+        name=f"simulated volunteers, {settings.world.label}",
+        out=setup.out,
+        store=setup.store,
+        workers=workers,
+        observer=observer,
+        stopping=stopping,
     )
-    for k, done in results:
-        written[jobs[k]] = done.outcome
-        journal.job(labels(k), done.events, setup.store, done.seconds)
-        for text in done.messages:
-            observer.message(text)
-        observer.finished(" ".join(labels(k)), "ok")
-    return written
+    return [path for _, paths in sorted(zip(jobs, written, strict=True)) for path in paths]
 
 
 def other_resolution(resolution: str | int, factor: float) -> str | int:

@@ -13,6 +13,7 @@ import typer
 from analysis.figures.style import save
 from benchmarks.report import markdown, say, shrink
 from emgface.anatomy.head.sweep import MESH_ERROR, STEP_ERROR, sweep
+from emgface.study.observer import Silent
 from studies.coupled.experiments import EXPERIMENTS
 from studies.coupled.figure import outcome_figure
 from studies.coupled.findings import VERDICTS, findings
@@ -22,6 +23,14 @@ TEMPLATE: Final = Path(__file__).with_name("page.md")
 """Text of the page, with a place for each experiment and its results."""
 
 
+class Said(Silent):
+    """Observer that prints every completed run."""
+
+    def finished(self, label: str, status: str) -> None:
+        """Print the status of a run."""
+        say(f"{label}: {status}")
+
+
 def run(name: str, folder: Path) -> None:
     """Sweep of an experiment, and its figure."""
     one = EXPERIMENTS[name]
@@ -29,8 +38,9 @@ def run(name: str, folder: Path) -> None:
         one.runs,
         one.setting,
         table=folder / f"{name}.csv",
+        folder=Path("results", "coupled", name),
         measure=one.measure,
-        progress=lambda done, total: say(f"{name}: {done} of {total} runs"),
+        observer=Said(),
     )
     figure = outcome_figure(found[found["end"] == "reached"], one.drawn, one.title)
     shrink(save(figure, folder / f"{name}.png"))

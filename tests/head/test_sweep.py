@@ -1,5 +1,6 @@
 """Sweeps: errors of the step, continuation, plans and their refusals."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -11,6 +12,7 @@ from emgface.anatomy.head.model import Head, write_head
 from emgface.anatomy.head.sweep import Run, Setting, outcomes, read_plan, sweep
 from emgface.cli import app
 from emgface.errors import ConfigurationError, FaceError, HeadError
+from emgface.study.state import read_state
 
 JAW = Setting(parts=("jaw",), duration=0.08, rise=0.04, step=1e-2)
 RUNS = (Run("open", {"bi_open": 0.3}), Run("left", {"ip_L": 0.3}), Run("right", {"ip_R": 0.3}))
@@ -60,15 +62,30 @@ def test_an_interrupted_sweep_continues(jaw: Head, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         sweep(RUNS, JAW, head=jaw, table=table, measure=once)
     assert list(pd.read_csv(table)["name"]) == ["open", "left"]
+    state = read_state(tmp_path / "table")
+    assert state.runs[-1].state == "interrupted" and state.status == {"ok": 2}
     measured.clear()
     found = sweep(RUNS, JAW, head=jaw, table=table, measure=once)
     assert len(measured) == 2
-    whole = sweep(RUNS, JAW, head=jaw)
-    pd.testing.assert_frame_equal(found[whole.columns], whole, check_dtype=False, rtol=1e-12)
-    # another setting computes all of them again
+    measured[:] = ["run"] * 5  # beyond the interruption
+    whole = sweep(RUNS, JAW, head=jaw, measure=once)
+    pd.testing.assert_frame_equal(found, whole)
+    # another setting, head of the same name, or measure computes all of them again
     measured.clear()
     sweep(RUNS[:1], Setting(**{**JAW.__dict__, "rise": 0.05}), head=jaw, table=table, measure=once)
     assert len(measured) == 2
+    measured.clear()
+    other = replace(jaw, parts={"jaw": jaw.parts["jaw"].assign_attrs(source="another")})
+    sweep(RUNS[:1], JAW, head=other, table=table, measure=once)
+    assert len(measured) == 2
+    assert sweep(RUNS[:1], JAW, head=jaw, table=table)["key"][0] != whole["key"][0]
+
+
+def test_rows_do_not_depend_on_the_number_of_workers(jaw: Head, tmp_path: Path) -> None:
+    alone = sweep(RUNS[:2], JAW, head=jaw)
+    both = sweep(RUNS[:2], JAW, head=jaw, table=tmp_path / "table.csv", workers=2)
+    pd.testing.assert_frame_equal(both, alone)
+    assert read_state(tmp_path / "table").status == {"ok": 2}
 
 
 def test_plan_of_a_command_and_its_refusals(jaw: Head, tmp_path: Path) -> None:
@@ -95,7 +112,7 @@ def test_plan_of_a_command_and_its_refusals(jaw: Head, tmp_path: Path) -> None:
         sweep([Run("a", {}, rings={"OOP": "marginal"})], Setting(parts=("face",), resolution=400))
     plan.write_text("bi_open\n0.3\n")
     head = write_head(jaw, tmp_path / "head.nc")
-    options = ["--head", str(head), "--out", str(out), "--duration", "0.04"]
+    options = ["--head", str(head), "--out", str(out), "--duration", "0.04", "--workers", "1"]
     told = CliRunner().invoke(app, ["head", "sweep", str(plan), *options])
     assert told.exit_code == 0 and "1 runs, 0 failed" in told.output, told.output
     assert pd.read_csv(out)["end"].tolist() == ["reached"]

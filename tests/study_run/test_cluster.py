@@ -35,6 +35,19 @@ def test_a_scheduler_that_does_not_answer_is_named() -> None:
 
 
 @needed
+def test_a_file_of_a_scheduler_names_its_address(tmp_path: Path) -> None:
+    file = tmp_path / "scheduler.json"
+    for text in (None, "{", "{}", "[1]"):
+        if text is not None:
+            file.write_text(text)
+        with pytest.raises(ConfigurationError, match="scheduler.json contains no address"):
+            DaskWorkers(str(file))
+    file.write_text('{"address": "tcp://127.0.0.1:1"}')
+    with pytest.raises(ExecutionError, match="no scheduler answers at tcp://127.0.0.1:1 "):
+        DaskWorkers(str(file), timeout=0.2)
+
+
+@needed
 @pytest.mark.slow
 def test_jobs_are_done_by_workers_that_may_die_and_the_loss_of_the_scheduler_is_an_error(
     tmp_path: Path,

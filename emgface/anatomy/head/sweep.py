@@ -1,49 +1,42 @@
 """Sweep of a head: outcomes in mm and mm2 of a table of runs, with the errors of step and mesh."""
 
-import hashlib
+import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
-import numpy as np
 import pandas as pd
 import xarray as xr
 
 import sim
 from emgface.anatomy.head.build import build_head
-from emgface.anatomy.head.model import PARTS, Head
+from emgface.anatomy.head.model import PARTS, Head, read_head, write_head
+from emgface.anatomy.head.outcomes import Measure, outcomes
+from emgface.anatomy.head.plan import Run, labels, read_plan
 from emgface.anatomy.head.run import raised, simulate_head
 from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
 from emgface.anatomy.tongue.parameters import TongueParameters
 from emgface.choices import configure
 from emgface.errors import HeadError
-from emgface.face.lip_shape import lip_rim, lip_shape
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.muscles import parse_ring
 from emgface.files import write_text
 from emgface.schema.rules import one_line
+from emgface.study.digest import canonical_json, code_version, dataset_digest, text_digest
+from emgface.study.jobs import run_table
+from emgface.study.mechanics import MECHANICS
+from emgface.study.observer import Observer, Silent
+from emgface.study.parallel import Workers, run_jobs
+from emgface.study.provenance import CODE, require_code
+from emgface.study.store import Done, Stage, Store
+from sim.threads import one_blas_thread
 
 STEP_ERROR, MESH_ERROR = "_step_error", "_mesh_error"
 """Endings of the columns with the numerical errors of an outcome."""
-_POINTS: Final = ("lower_incisor", "hyoid", "tip", "back")
-_TWO_SIDED: Final = ("corner_left", "corner_right")
-
-
-@dataclass(frozen=True)
-class Run:
-    """One row of a sweep."""
-
-    name: str
-    #: level of exciters, raised linearly and held [1]
-    drive: Mapping[str, float]
-    #: parameters of the face and of the tongue that differ from the defaults, nested ones with dots
-    face: Mapping[str, Any] = field(default_factory=dict)
-    tongue: Mapping[str, Any] = field(default_factory=dict)
-    #: parts of orbicularis oris in words (`emgface.face.template.muscles.parse_ring`)
-    rings: Mapping[str, str] = field(default_factory=dict)
-    #: contact pairs; None for all of the parts
-    contacts: tuple[str, ...] | None = None
+ROW: Final = Stage("sweep", (*MECHANICS, "emgface.anatomy", "emgface.choices", "emgface.face"))
+"""Rows of sweeps; the module of their measure is part of their code, too."""
 
 
 @dataclass(frozen=True)
@@ -62,17 +55,18 @@ class Setting:
     gravity: bool = True
 
 
-Measure = Callable[[xr.Dataset, Head], Mapping[str, float]]
-
-
+@one_blas_thread
 def sweep(
     runs: Sequence[Run],
     setting: Setting | None = None,
     *,
     table: Path | None = None,
+    folder: Path | None = None,
     head: Head | None = None,
     measure: Measure | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    workers: int | Workers = 1,
+    observer: Observer | None = None,
+    stopping: Callable[[], bool] = lambda: False,
 ) -> pd.DataFrame:
     """Simulate all runs and tabulate their outcomes with errors.
 
@@ -81,15 +75,23 @@ def sweep(
     runs : sequence of Run
     setting : Setting, optional
     table : Path, optional
-        CSV file that is written after every run. Its rows that belong to the same runs and setting are
-        not computed again, so that an interrupted sweep continues.
+        CSV file that is written after every run.
+    folder : Path, optional
+        Of the journal and of the rows, which are stored under the digest of run, setting, head and code,
+        so that a repeated sweep computes only what is missing or changed; by default that of the name of
+        the table.
     head : Head, optional
         Of all runs, such as an imported one; parts, person and resolution of the setting are then not
         used, and there is no mesh error.
     measure : callable, optional
-        Outcomes of a motion, by default `outcomes`.
-    progress : callable, optional
-        Receives the number of completed runs and of all.
+        Outcomes of a motion, by default `outcomes`; a function of a module, if it is not used by this
+        process alone. Its name and the source of its module are part of the digest.
+    workers : int or Workers
+        Processes, or workers of a scheduler, which share `folder`. The rows do not depend on them.
+    observer : Observer, optional
+        Receives messages and progress.
+    stopping : callable
+        If it returns True, the runs that have begun are completed, and KeyboardInterrupt is raised.
 
     Returns
     -------
@@ -104,71 +106,112 @@ def sweep(
         An exciter or contact is unknown, or a given head shall have other rings.
     FaceError, ConfigurationError
         A ring or parameter is invalid.
+    StoreError
+        A row cannot be stored.
     """
-    shared = setting or Setting()
-    who = "" if head is None else head.lists.attrs["name"]
-    stored = _stored(table)
-    rows = list[dict[str, Any]]()
-    heads = _Heads(shared, head)
-    for k, run in enumerate(runs):
-        key = hashlib.sha256(repr((run, shared, who)).encode()).hexdigest()[:12]
-        known = stored.get(key)
-        if known is None:
-            known = {**_labels(run), **_row(run, heads, measure or outcomes), "key": key}
-        rows.append(known)
+    code = code_version(CODE)
+    rows: list[dict[str, Any] | None] = [None] * len(runs)
+
+    def finished(index: int, row: dict[str, Any]) -> None:
+        rows[index] = row
         if table is not None:
-            write_text(table, pd.DataFrame(rows).to_csv(index=False))
-        if progress is not None:
-            progress(k + 1, len(runs))
+            write_text(table, pd.DataFrame([r for r in rows if r is not None]).to_csv(index=False))
+
+    with TemporaryDirectory(prefix="emgface-sweep-") as temporary:
+        own = folder or (Path(temporary) if table is None else table.with_suffix(""))
+        store = Store(own.absolute() / "store")
+        given = None if head is None else _stored_head(head, store)
+        run_table(
+            lambda starting: run_jobs(
+                _work,
+                runs,
+                workers,
+                begin=_begin,
+                arguments=(setting or Setting(), given, measure or outcomes, store.folder, code),
+                group=_of_head,
+                starting=starting,
+            ),
+            [(run.name,) for run in runs],
+            name="sweep of a head",
+            out=own,
+            store=store.folder,
+            workers=workers,
+            observer=observer or Silent(),
+            stopping=stopping,
+            status=_status,
+            finished=finished,
+        )
     return pd.DataFrame(rows)
 
 
-def outcomes(motion: xr.Dataset, head: Head) -> dict[str, float]:
-    """Outcomes at the end of a motion, as displacements from its start unless they are absolute.
-
-    Of a face: `opening_mm` between the margins in the midline (negative if they have passed each
-    other), `area_mm2` through which one sees from the front, and `width_mm` between the ends of the
-    margins, all absolute; `protrusion_mm` of the margins; `corner_in_mm`, `corner_forward_mm` and
-    `corner_up_mm`, the means of both corners; `upper_up_mm` and `lower_up_mm` of the margins. Of jaw,
-    hyoid and tongue: lower incisor, hyoid, tip and back of the tongue forward and up. `smallest_J` is
-    the smallest det F of the motion, and `speed_mm_s` the largest speed of a named point at the end.
-    """
-    x = motion["position"].transpose("time", "marker", "axis")
-    d = 1e3 * (x - x.isel(time=0))
-    last = d.isel(time=-1)
-    found = dict[str, float]()
-    if "face" in head.parts:
-        found |= _of_mouth(motion, head.parts["face"])
-        left, right = (last.sel(marker=name).values for name in _TWO_SIDED)
-        found["corner_in_mm"] = float(0.5 * (left[0] - right[0]))
-        found["corner_forward_mm"] = float(0.5 * (left[1] + right[1]))
-        found["corner_up_mm"] = float(0.5 * (left[2] + right[2]))
-    for name in _POINTS:
-        if name in x["marker"].values:
-            found[f"{name}_forward_mm"], found[f"{name}_up_mm"] = map(
-                float, last.sel(marker=name).values[1:]
-            )
-    if "smallest_J" in motion:
-        found["smallest_J"] = float(motion["smallest_J"].min())
-    t = motion["time"].values
-    moved = np.linalg.norm(d.values[-1] - d.values[-2], axis=-1)
-    found["speed_mm_s"] = float(moved.max() / (t[-1] - t[-2]))
-    return found
+def _stored_head(head: Head, store: Store) -> Path:
+    """File of a head in the store, from which the workers read it."""
+    path = store.folder / "head" / f"{digest_of(head)}.nc"
+    return path if path.is_file() else write_head(head, path)
 
 
-def _of_mouth(motion: xr.Dataset, face: xr.Dataset) -> dict[str, float]:
-    n = face.sizes["node"]
-    q = motion["node_position"].transpose("time", "node", "axis").values[[0, -1], :n]
-    margins = face["lip_opening_node"].values
-    upper, lower = 1e3 * (q[1] - q[0])[margins]
-    return {
-        "opening_mm": 1e3 * float(motion["lip_opening"][-1]),
-        "area_mm2": 1e6 * float(motion["mouth_area"][-1]),
-        "width_mm": 1e3 * lip_shape(face, lip_rim(face), q[1])["width"],
-        "protrusion_mm": 0.5 * float(upper[1] + lower[1]),
-        "upper_up_mm": float(upper[2]),
-        "lower_up_mm": float(lower[2]),
-    }
+def digest_of(head: Head) -> str:
+    """Digest of the content of a head."""
+    parts = {name: dataset_digest(part) for name, part in head.parts.items()}
+    return text_digest(canonical_json({"lists": dataset_digest(head.lists), "parts": parts}))
+
+
+@dataclass(frozen=True)
+class _Worker:
+    """What a process simulates: heads, measure and store of the rows."""
+
+    heads: "_Heads"
+    measure: Measure
+    store: Store
+
+
+_worker: _Worker | None = None
+_messages: list[str] = []
+
+
+def _begin(setting: Setting, given: Path | None, measure: Measure, store: Path, code: str) -> None:
+    global _worker
+    require_code(code)
+    head = None if given is None else read_head(given)
+    _worker = _Worker(_Heads(setting, head), measure, Store(store, report=_messages.append))
+
+
+def _work(run: Run) -> Done[dict[str, Any]]:
+    """Return the row of a run, from the store if it is there."""
+    assert _worker is not None, "the heads of a worker are not set"
+    heads, measure, store = _worker.heads, _worker.measure, _worker.store
+    _messages.clear()
+    started, before = time.perf_counter(), len(store.events)
+    stage = Stage(ROW.name, tuple(dict.fromkeys((*ROW.modules, measure.__module__))))
+    result = store.get_or_compute(
+        stage,
+        {} if heads.given is None else {"head": digest_of(heads.given)},
+        {"run": asdict(run), "setting": asdict(heads.setting), "measure": measure.__qualname__},
+        lambda: _as_dataset(_row(run, heads, measure)),
+        label=run.name,
+    )
+    row = {**labels(run), **_as_row(result.dataset), "key": result.digest}
+    events = store.events[before:]
+    return Done(row, events, False, list(_messages), time.perf_counter() - started)
+
+
+def _of_head(run: Run) -> str:
+    """Text that is equal for runs with the same head and scene."""
+    return repr((run.face, run.tongue, run.rings, run.contacts))
+
+
+def _status(row: Mapping[str, Any]) -> tuple[str, str]:
+    name, _, reason = str(row["end"]).partition(": ")
+    return ("ok", "") if name == "reached" else (f"failed:{name}", reason)
+
+
+def _as_dataset(row: Mapping[str, Any]) -> xr.Dataset:
+    numbers = {name: ((), value) for name, value in row.items() if name != "end"}
+    return xr.Dataset(numbers, attrs={"end": row["end"], "origin": "simulated"})
+
+
+def _as_row(stored: xr.Dataset) -> dict[str, Any]:
+    return {str(k): float(v) for k, v in stored.items()} | {"end": stored.attrs["end"]}
 
 
 class _Heads:
@@ -180,7 +223,7 @@ class _Heads:
 
     def of(self, run: Run, resolution: str | int) -> tuple[Head, HeadScene]:
         """Head and compiled scene of a run."""
-        key = repr((run.face, run.tongue, run.rings, run.contacts))
+        key = _of_head(run)
         if resolution not in self.kept or self.kept[resolution][0] != key:
             head = self._head(run, resolution)
             unknown = [name for name in run.drive if name not in head.lists["exciter"].values]
@@ -266,81 +309,6 @@ def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
             place = place.setdefault(part, {})
         place[last] = value
     return found
-
-
-def _labels(run: Run) -> dict[str, Any]:
-    """Columns that describe a run, as those of a plan."""
-    contacts = {} if run.contacts is None else {"contact": " ".join(run.contacts) or "none"}
-    return {
-        "name": run.name,
-        **run.drive,
-        **{f"face.{name}": value for name, value in run.face.items()},
-        **{f"tongue.{name}": value for name, value in run.tongue.items()},
-        **{f"ring.{name}": words for name, words in run.rings.items()},
-        **contacts,
-    }
-
-
-def _stored(table: Path | None) -> dict[str, dict[str, Any]]:
-    """Rows of a table by key, without empty cells."""
-    if table is None or not table.is_file():
-        return {}
-    try:
-        found = pd.read_csv(table, dtype={"key": str})
-        return {
-            str(row["key"]): {str(k): v for k, v in row.items() if not pd.isna(v)}
-            for row in found.to_dict("records")
-        }
-    except (ValueError, KeyError) as error:
-        raise HeadError(
-            f"{table} is no table of a sweep ({one_line(error)}), expected a new name or one written by "
-            "this command"
-        ) from error
-
-
-def read_plan(path: str | Path) -> tuple[Run, ...]:
-    """Runs of a CSV table, one per row.
-
-    Columns are exciters with their levels, ``name``, ``contact`` (pairs with spaces between, or none),
-    ``ring.OOP`` and ``ring.OOM`` (words), and ``face.`` or ``tongue.`` with the name of a parameter.
-    Empty cells keep the default.
-
-    Raises
-    ------
-    HeadError
-        The file cannot be read, has no rows, or a level is not between 0 and 1.
-    """
-    try:
-        table = pd.read_csv(path, comment="#", skipinitialspace=True)
-    except (OSError, ValueError) as error:
-        raise HeadError(
-            f"{path} is no plan ({one_line(error)}): expected a table with columns such as bi_OOP, "
-            "face.stiffening, ring.OOP and contact"
-        ) from error
-    if table.empty:
-        raise HeadError(f"{path} has no rows, expected one per run")
-    return tuple(_run(row, k) for k, row in enumerate(table.to_dict("records"), start=1))
-
-
-def _run(row: Mapping[Any, Any], number: int) -> Run:
-    kinds: dict[str, dict[str, Any]] = {"face": {}, "tongue": {}, "ring": {}, "": {}}
-    name, contacts = f"run {number}", None
-    for column, value in row.items():
-        kind, dot, rest = str(column).partition(".")
-        if pd.isna(value):
-            continue
-        if column == "name":
-            name = str(value)
-        elif column == "contact":
-            contacts = () if value == "none" else tuple(str(value).split())
-        elif dot and kind in kinds:
-            kinds[kind][rest] = value
-        else:
-            kinds[""][str(column)] = value
-    for exciter, level in kinds[""].items():
-        if not isinstance(level, (int, float)) or not 0.0 <= level <= 1.0:
-            raise HeadError(f"row {number}: {exciter} = {level}, expected a level from 0 to 1")
-    return Run(name, kinds[""], kinds["face"], kinds["tongue"], kinds["ring"], contacts)
 
 
 __all__ = ["Run", "Setting", "outcomes", "read_plan", "sweep"]

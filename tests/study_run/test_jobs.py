@@ -1,0 +1,97 @@
+"""Run tables of other jobs than trials: several recordings inverted by workers."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+from emgface.choices import configure
+from emgface.cli import app
+from emgface.errors import DataError
+from emgface.inverse.many import invert_all
+from emgface.inverse.run import InverseParameters, invert
+from emgface.recordings.dataset import read_recording, write_recording
+from emgface.schema.netcdf import read_netcdf
+from emgface.study.configuration import StudyConfiguration
+from emgface.study.state import read_state
+from emgface.study.store import Store
+from tests.study_run.conftest import MECHANICS
+
+STUDY = configure(StudyConfiguration, {"simulation": MECHANICS})
+STEPWISE = InverseParameters(variant="motion", form="step")
+
+
+@pytest.fixture
+def recordings(laboratory: Path, tmp_path: Path) -> list[Path]:
+    """B, and E without its markers in the first 0.2 s."""
+    made = list[Path]()
+    for name in ("S01_B_1", "S01_E_1"):
+        one = read_recording(laboratory / "recordings" / f"{name}.nc")
+        if name == "S01_E_1":
+            one["position"] = one["position"].where(one["time_marker"] > 0.2)
+        made.append(write_recording(one, tmp_path / "given" / f"{name}.nc"))
+    return made
+
+
+@pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+def test_recordings_are_inverted_alike_by_any_number_of_workers_and_continued(
+    recordings: list[Path], slab: xr.Dataset, tmp_path: Path
+) -> None:
+    def inverted(name: str, **options):
+        return invert_all(recordings, slab, STUDY, tmp_path / name, STEPWISE, **options)
+
+    alone = invert(
+        read_recording(recordings[0]), slab, STUDY.simulation, STUDY.signals, STEPWISE
+    ).drop_attrs()
+    for name, workers in (("one", 1), ("two", 2)):
+        good, bad = inverted(name, workers=workers)
+        assert good.status == "ok" and 0.0 < good.misfit_ratio < 0.5
+        assert bad.status == "failed:MarkerError" and "not visible" in bad.reason
+        written = read_netcdf(tmp_path / name / "S01_B_1.nc", "activation")
+        xr.testing.assert_identical(written.drop_attrs(), alone)
+        assert not (tmp_path / name / "S01_E_1.nc").exists()
+        state = read_state(tmp_path / name)
+        assert state.runs[-1].state == "finished" and state.total == 2
+        assert state.status == {"ok": 1, "failed:MarkerError": 1}
+        assert state.failures[0][0] == "S01_E_1"
+    (tmp_path / "one" / "S01_B_1.nc").unlink()
+    again, _ = inverted("one")
+    assert again.misfit == good.misfit and (tmp_path / "one" / "S01_B_1.nc").exists()
+    events = [name for name, (n, _) in read_state(tmp_path / "one").sizes.items() if n]
+    assert sorted(events) == ["inverted", "rest"]
+    assert len(list((tmp_path / "one" / "store" / "inverted").glob("*.nc"))) == 1
+    with pytest.raises(KeyboardInterrupt):
+        inverted("stopped", stopping=lambda: True)
+    assert read_state(tmp_path / "stopped").runs[-1].state == "interrupted"
+
+
+def test_results_never_replace_recordings_or_one_another(
+    recordings: list[Path], slab: xr.Dataset, tmp_path: Path
+) -> None:
+    with pytest.raises(DataError, match="contains the recordings"):
+        invert_all(recordings, slab, STUDY, recordings[0].parent)
+    with pytest.raises(DataError, match="2 recordings are named S01_B_1"):
+        invert_all([recordings[0], tmp_path / "S01_B_1.edf"], slab, STUDY, tmp_path / "out")
+
+
+def test_command_inverts_several_recordings_and_reports_those_that_failed(
+    recordings: list[Path], laboratory: Path, tmp_path: Path
+) -> None:
+    out, study = tmp_path / "out", tmp_path / "study.toml"
+    study.write_text('[simulation]\nsolver = "linearly_implicit"\nstep = 0.02\noutput = 0.02\n')
+    options = ["--face", str(laboratory / "face.nc"), "--study", str(study), "--variant", "motion"]
+    paths = [str(path) for path in recordings]
+    told = CliRunner().invoke(
+        app,
+        ["inverse", "run", *paths, "--out", str(out), *options, "--form", "step", "--workers", "1"],
+    )
+    assert told.exit_code == 1, told.output
+    assert "Failed: S01_E_1: MarkerError: marker" in told.output
+    assert "Wrote 1 of 2 activations" in told.output
+    found = read_netcdf(out / "S01_B_1.nc", "activation")
+    assert np.isfinite(found["activation"].values).all()
+    told = CliRunner().invoke(app, ["study", "status", str(out)])
+    assert told.exit_code == 0 and "inverse, motion: 2 of 2" in told.output, told.output
+    assert Store(out / "store").folder.is_dir()
