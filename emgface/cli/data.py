@@ -213,13 +213,15 @@ def propose(
     tables = propose_for(recording, side=None if side is None else side.value)
     for kind, table in tables.items():
         show_table(frame(table), f"{path.name}: {kind}s")
-        for row in table[table["certainty"] == "unresolved"].itertuples():
-            say(f"Unresolved: {kind} {row.label!r} ({row.reason}).")
+        if unresolved := int((table["certainty"] == "unresolved").sum()):
+            say(f"Unresolved: {unresolved} of {len(table)} {kind}s; the table states the reasons.")
         lacking = missing_names(table, kind)
         if lacking:
             say(f"No label found for: {', '.join(lacking)}.")
-    for label, reason in note(recording, "dropped").items():
-        say(f"Omitted on reading: {label!r} ({reason}).")
+    dropped = note(recording, "dropped")
+    for reason in dict.fromkeys(dropped.values()):
+        labels = ", ".join(repr(label) for label in dropped if dropped[label] == reason)
+        say(f"Omitted on reading ({reason}): {labels}.")
     if out_path is None:
         say("No file was written: specify one with --out.")
         return

@@ -71,9 +71,11 @@ def motion_page(motion: xr.Dataset, activation: xr.Dataset | None = None) -> str
 
 def trial_name(motion: xr.Dataset) -> str:
     """Label of the trial of a trajectory or activation, as far as its attributes specify it."""
-    named = [str(motion.attrs[n]) for n in ("volunteer", "instruction", "repetition", "strategy")
-             if n in motion.attrs]  # fmt: skip
+    parts = ("volunteer", "instruction", "repetition", "strategy")
+    named = [str(motion.attrs[name]) for name in parts if name in motion.attrs]
     said = INSTRUCTIONS.get(str(motion.attrs.get("instruction", "")), "")
+    if named and "repetition" in motion.attrs and "instruction" not in motion.attrs:
+        named[int("volunteer" in motion.attrs)] = f"repetition {motion.attrs['repetition']}"
     return " ".join(named) + (f" ({said})" if said else "") or "motion"
 
 

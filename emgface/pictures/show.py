@@ -161,7 +161,7 @@ def motion_figure(data: xr.Dataset) -> "Figure":
     times = data["frame_time"].values
     shown = {f"{times[k]:.2f} s": frames[k] for k in dict.fromkeys((0, far))}
     return body_figure(
-        body, shown, title=f"{trial_name(data)}, simulated: at the start, and farthest"
+        body, shown, title=f"{trial_name(data)}, simulated: start and largest displacement"
     )
 
 

@@ -54,29 +54,42 @@ def cut_trials(
     `events` has the columns ``onset`` and ``duration`` [s], and ``label``, the instruction unless
     it is empty (`read_events`, `find_repetitions`); the trial begins `before` the onset and ends
     `after` the end [s]. Yields trials with time 0 at their start; ``repetition`` counts the events
-    of the same instruction, ``cut_from`` is the interval in the long recording [s]. Raises
-    SignalError if an interval extends beyond the recording.
+    of the same instruction, ``cut_from`` is the interval in the long recording [s]. Events whose
+    interval extends beyond the recording are omitted; a SignalError lists them after the last trial.
     """
     counts: dict[str, int] = {}
+    outside: list[str] = []
     for onset, duration, label in zip(*(events[c] for c in COLUMNS), strict=True):
         start, stop = float(onset) - before, float(onset) + float(duration) + after
-        for name in ("time_emg", "time_marker"):
-            if name not in recording.coords:
-                continue
-            time = recording[name].values
-            room = 1.0 / sampling_rate(time)
-            if not (start >= time[0] - room and stop <= time[-1] + room):
-                raise SignalError(
-                    f"the event {label!r} at {onset:.4g} s needs {start:.4g} to {stop:.4g} s and "
-                    f"{name} lasts from {time[0]:.4g} to {time[-1]:.4g} s, expected it inside: "
-                    "shorten before and after, or omit the event"
-                )
         instruction = str(label) or str(recording.attrs.get("instruction", ""))
         counts[instruction] = counts.get(instruction, 0) + 1
+        if beyond := _beyond(recording, start, stop):
+            shown = f" {label!r}" if label else ""
+            outside.append(
+                f"the event{shown} at {onset:.4g} s needs {start:.4g} to {stop:.4g} s and {beyond}"
+            )
+            continue
         named = {"instruction": instruction} if instruction else {}
         yield cut(recording, start, stop).assign_attrs(
             **named, repetition=counts[instruction], cut_from=[start, stop]
         )
+    if outside:
+        raise SignalError(
+            f"{'; '.join(outside)}: expected every interval inside; shorten before and after, or omit "
+            "the event"
+        )
+
+
+def _beyond(recording: xr.Dataset, start: float, stop: float) -> str:
+    """Name and limits of a clock that does not contain the interval [s], or an empty text."""
+    for name in ("time_emg", "time_marker"):
+        if name not in recording.coords:
+            continue
+        time = recording[name].values
+        room = 1.0 / sampling_rate(time)
+        if not (start >= time[0] - room and stop <= time[-1] + room):
+            return f"{name} lasts from {time[0]:.4g} to {time[-1]:.4g} s"
+    return ""
 
 
 def find_repetitions(

@@ -104,8 +104,8 @@ def face_figure(results: Results, faces: xr.Dataset, body: Body) -> list[Drawn]:
     """Draw the faces at their largest displacements."""
     text = (
         "Simulated faces at the instant of the largest marker displacement, with the "
-        "markers of the recording at that instant, after Fig. 4 of Eskes et al. 2017. One trial "
-        "represents each instruction. "
+        "markers of the recording at that instant, shifted as in the moving face, after Fig. 4 of "
+        "Eskes et al. 2017. One trial represents each instruction."
     )
     return _drawn(results, "faces", "Faces", text, lambda: study_faces(faces, body))
 

@@ -101,11 +101,21 @@ def _farthest(
 
 
 def _measured(trial: Trial, moved: xr.Dataset) -> NDArray[np.float64]:
-    """Aligned measured markers at the frames (frame, marker, axis), NaN if there are none."""
+    """Aligned measured markers at the frames (frame, marker, axis), NaN if there are none.
+
+    They are shifted by one vector, so that their mean in the first complete frame is that of the
+    simulated markers: the lips of a person lie elsewhere in the head than those of the face model.
+    """
     aligned = trial.aligned["position"].transpose("time", "marker", "axis")
     order = [str(name) for name in moved["marker"].values]
     wanted = np.searchsorted(aligned["time"].values, moved["time"].values - 1e-9)
-    return aligned.sel(marker=order).values[np.minimum(wanted, aligned.sizes["time"] - 1)]
+    found = aligned.sel(marker=order).values[np.minimum(wanted, aligned.sizes["time"] - 1)]
+    complete = np.isfinite(found).all(axis=(1, 2))
+    if not complete.any():
+        return found
+    first = int(np.argmax(complete))
+    own = moved["position"].transpose("time", "marker", "axis").values[first]
+    return found + (own - found[first]).mean(axis=0)
 
 
 def _encoded(

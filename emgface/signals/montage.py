@@ -98,7 +98,8 @@ class Montage:
             f"{listed((*self.recorded, *self.ignored)) or 'none'}), which {strategy} needs; "
             f"expected the {len(CHANNELS)} channels of the study: map the labels of the recording, or "
             "choose signals.montage.missing_side (mirror, zero, leave_out) and "
-            "signals.montage.missing_muscle (zero, leave_out)"
+            "signals.montage.missing_muscle (zero, leave_out), which the commands call --missing-side "
+            "and --missing-muscle"
         )
 
 

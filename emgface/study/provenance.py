@@ -20,10 +20,9 @@ PACKAGES: Final = (
 )  # fmt: skip
 """Packages whose versions may change a result, in addition to this package."""
 SETTINGS: Final = (
-    "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS",
-    "NUMBA_THREADING_LAYER", "MKL_CBWR", "MKL_THREADING_LAYER",
+    "OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_CBWR", "MKL_THREADING_LAYER",
 )  # fmt: skip
-"""Environment variables that affect numerical libraries."""
+"""Environment variables that may change a result; the threads of element loops do not."""
 CODE: Final = ("analysis", "emgface", "sim")
 
 

@@ -73,9 +73,12 @@ def test_trials_are_cut_by_events(tmp_path: Path) -> None:
     assert [t["time_emg"].values[-1] for t in trials] == pytest.approx([2.25, 1.75, 2.75])
     assert trials[2].attrs["cut_from"] == [7.5, 10.25]
     validate(trials[0], "recording")
-    late = pd.DataFrame({"onset": [19.5], "duration": [1.0], "label": ["C"]})
+    late = pd.DataFrame({"onset": [19.5, 2.0], "duration": [1.0, 1.0], "label": ["C", "A"]})
+    written = []
     with pytest.raises(SignalError, match="event 'C' at 19.5 s needs 19.5 to 20.5 s and time_emg"):
-        list(cut_trials(long(), late))
+        for trial in cut_trials(long(), late):  # the other events are cut before
+            written.append(trial.attrs["instruction"])
+    assert written == ["A"]
 
 
 def test_invalid_events_are_refused(tmp_path: Path) -> None:

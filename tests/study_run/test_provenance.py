@@ -1,6 +1,7 @@
 """Computing environment of each trial in the cube, and of the report."""
 
 import json
+import os
 import re
 import shutil
 from pathlib import Path
@@ -48,6 +49,15 @@ def test_the_cube_states_its_computing_environment(made) -> None:
     dates = cube["computed"].values.ravel()
     assert all(re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ", date) for date in dates)
     assert cube.attrs["date_created"] == max(dates)
+
+
+def test_the_threads_of_element_loops_are_no_other_environment(monkeypatch) -> None:
+    """They change no bit of a result, and differ between a process and its workers."""
+    before = provenance.environment()
+    monkeypatch.setenv(
+        "NUMBA_NUM_THREADS", "1" if os.environ.get("NUMBA_NUM_THREADS") != "1" else "2"
+    )
+    assert provenance.environment.__wrapped__() == before
 
 
 def test_the_cube_states_recordings_face_and_conventions(made, laboratory: Path) -> None:

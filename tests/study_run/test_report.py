@@ -100,7 +100,10 @@ def test_figures_have_captions(page: Path) -> None:
 
 
 def test_motion_in_the_page_is_that_of_the_study(page: Path) -> None:
-    """Markers decoded from the page, against those stored by the study, to the rounding."""
+    """Markers decoded from the page, against those stored by the study, to the rounding.
+
+    The measured ones start around the simulated ones.
+    """
     text = page.read_text(encoding="utf-8")
     found = re.search(r'id="motions">(.*?)</script>', text, re.DOTALL)
     assert found
@@ -126,6 +129,8 @@ def test_motion_in_the_page_is_that_of_the_study(page: Path) -> None:
     centre = (rest.min(axis=0) + rest.max(axis=0)) / 2
     simulated = decoded("simulated", 10) * QUANTUM + centre
     assert abs(simulated - wanted.values).max() <= QUANTUM / 2 * (1 + 1e-6)
+    measured = decoded("measured", 10)[0] * QUANTUM + centre
+    assert abs((measured - simulated[0]).mean(axis=0)).max() <= QUANTUM  # shifted together
     skin = decoded("skin", data["nodes"])
     assert skin.shape[1] == len(rest) and abs(np.ptp(skin, axis=0)).max() * QUANTUM > 1e-4
 
