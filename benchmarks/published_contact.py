@@ -183,7 +183,7 @@ class PublishedContact:
         rhs = 2.0 * kinematics.apply_mass(w0, state.pose) - A.times(w0) + h * force
         rows = self._rows
         both = self._united(rows)
-        _, G = both.evaluate(state.q)
+        _, G = both.evaluate(state.pose)
         w1, impulse = self._solved(both, A.values, G, rhs, np.zeros(both.n))
         q = kinematics.advance(state.pose, 0.5 * h * (w0 + w1), state.t + h).q
         pulled = rows.vertex[impulse[both.n - len(rows.vertex) :] > 0.0]
@@ -205,7 +205,8 @@ class PublishedContact:
         if rows is not None and len(rows.vertex):
             rows.scale = self._scale
             parts.append(rows)
-        found = unite(parts, self._pattern)
+        rest = self.system.rest_state().pose
+        found = unite(parts, self.system.kinematics, rest)
         assert found is not None  # there are volumes, or rows
         return found
 
@@ -222,8 +223,8 @@ class PublishedContact:
         if not volumes and not len(deep):
             return q
         both = self._united(rows, volumes)
-        c, _ = both.evaluate(q)
-        _, G = both.evaluate(state.q)
+        c, _ = both.evaluate(replace(state.pose, q=q))
+        _, G = both.evaluate(state.pose)
         wanted = -c
         if len(deep):
             wanted[both.n - len(deep) :] = -self._scale * deep

@@ -35,7 +35,9 @@ CASES = (
     "jh_open_ad_ip_0.2",
     "jht_element_GGP_0.2_nocontact",
     "jht_element_open_ad_ip_0.2_nocontact",
+    "jht_line_GGP_0.2_nocontact",
 )
+VARIANTS = {"jht_element": "elements", "jht_line": "lines"}
 INTEGRATORS = {
     "Trapezoidal": sim.LinearlyImplicitTrapezoidal(tolerance=1e-9),
     "ConstrainedBackwardEuler": sim.LinearlyImplicitEuler(tolerance=1e-9),
@@ -57,15 +59,18 @@ class Coupled:
     points: Mapping[str, int]
 
 
-def coupled_scene(model: dict[str, Any], tongue: bool = False, displaced: bool = False) -> Coupled:
-    """Jaw and hyoid of a recorded model, with the published tongue if asked.
+def coupled_scene(name: str, at_rest: bool = False) -> Coupled:
+    """Jaw and hyoid of a recorded model, with its variant of the published tongue if it has one.
 
-    `displaced` attaches its nodes where they begin in the recorded motions, up to 0.7 mm from rest.
+    The nodes of the tongue are attached where they begin in the recorded motions, up to 0.7 mm from
+    where they are without stress, or `at_rest`.
     """
+    files = SHARED / "artisynth_reference" / "coupled"
+    model = json.loads((files / f"model_{name}.json").read_text())
     part = None
-    if tongue:
-        whole = published(SHARED, "coupled/model_jht_element", rest="rest_il01")
-        part = tongue_part(whole, variant("elements"))
+    if name in VARIANTS:
+        whole = published(SHARED, f"coupled/model_{name}", rest="rest_il01")
+        part = tongue_part(whole, variant(VARIANTS[name]))
     rigid = model["rigid"]
     moving = {b["name"]: _body(b) for b in rigid["bodies"] if b["dynamic"]}
     first = 0 if part is None else part.mesh.n_nodes
@@ -90,10 +95,9 @@ def coupled_scene(model: dict[str, Any], tongue: bool = False, displaced: bool =
     start = np.array(positions)
     if part is not None:
         # the rest shape is replaced after nodes are attached, which therefore begin elsewhere
-        file = SHARED / "artisynth_reference" / "coupled" / "model_jht_element.npz"
-        with np.load(file) as arrays:
+        with np.load(files / f"model_{name}.npz") as arrays:
             tissue = arrays["tongue_position_at_start"][: part.mesh.n_nodes] @ TO_M.T
-        start = np.concatenate([tissue if displaced else part.mesh.X, start])
+        start = np.concatenate([part.mesh.X if at_rest else tissue, start])
     members = [
         sim.OnBody(body, np.array(nodes), start[nodes])
         for body, nodes in held.items()
@@ -104,6 +108,7 @@ def coupled_scene(model: dict[str, Any], tongue: bool = False, displaced: bool =
         (*terms, sim.Gravity((0.0, 0.0, -9.8))),
         (*members, sim.Fixed(np.array(held[""]))),
         None if part is None else part.damping,
+        () if part is None else part.constraints,
         bodies=tuple(moving.values()),
         points=np.array(positions),
         joints=_joints(rigid, points),
@@ -157,11 +162,10 @@ def _joints(rigid: dict[str, Any], points: Mapping[str, int]) -> tuple[Joint, ..
     return tuple(found)
 
 
-def repeated(name: str, step: float | None = None, displaced: bool = False) -> dict[str, Any]:
+def repeated(name: str, step: float | None = None, at_rest: bool = False) -> dict[str, Any]:
     """Distances of points and nodes from a recorded motion [mm]; the step is the recorded one [s]."""
     case, arrays = recorded(name, "coupled")
-    model = SHARED / "artisynth_reference" / "coupled" / f"model_{case['variant']}.json"
-    coupled = coupled_scene(json.loads(model.read_text()), bool(case["fems"]), displaced)
+    coupled = coupled_scene(case["variant"], at_rest)
     system = sim.compile_scene(coupled.scene)
     target = {"bi_ad": ("lad", "rad"), "bi_ip": ("lip", "rip")}
     peak = np.zeros(len(system.muscles))
@@ -213,14 +217,14 @@ def main(
     out: Path | None = None,
     case: list[str] | None = None,
     step: float | None = None,
-    displaced: bool = False,
+    at_rest: bool = False,
 ) -> None:
     """Repeat the cases without contact, print the table and store it."""
     rows = list[dict[str, Any]]()
     for name in case or CASES:
         say(name)
         try:
-            rows.append(repeated(name, step, displaced))
+            rows.append(repeated(name, step, at_rest))
         except sim.SimulationError as error:
             rows.append({"case": name, "ends": str(error)})
     finish("tongue-coupled", pd.DataFrame(rows), out)

@@ -55,13 +55,14 @@ def compile_scene(scene: Scene) -> System:
     pattern, kinematics = lay_out_kinematics(mesh, mass, keys, scene.bodies, scene.reductions)
     layout = Layout(mesh, mass, pattern, tuple(names))
     terms = tuple(term.compile(layout) for term in declared)
-    alone = scene.constraints or any(isinstance(term, StopsMoves) for term in terms)
-    if (kinematics.matrix_varies or scene.joints) and alone:
+    stops = any(isinstance(term, StopsMoves) for term in terms)
+    if (kinematics.matrix_varies or scene.joints) and stops:
         raise SceneError(
-            "barriers and hard volumes are not implemented for scenes with bodies, joints or "
-            "attachments: use ConstraintContact or a soft volume, or leave one of the two out"
+            "barriers are not implemented for scenes with bodies, joints or attachments: use "
+            "ConstraintContact, or leave one of the two out"
         )
-    conditions = unite([c.compile(layout) for c in scene.constraints], pattern)
+    rest = _rest(kinematics, mesh)
+    conditions = unite([c.compile(layout) for c in scene.constraints], kinematics, rest)
     sparse = _sparse(scene, terms)
     system = System(
         scene,
@@ -72,7 +73,7 @@ def compile_scene(scene: Scene) -> System:
         terms,
         layout.muscles,
         conditions,
-        _rows(scene, kinematics, mesh),
+        _rows(scene, kinematics, rest),
         sparse,
         recompiled=compile_scene,
     )
@@ -99,11 +100,14 @@ def compile_scene(scene: Scene) -> System:
     return replace(system, damping_law=damping)
 
 
-def _rows(scene: Scene, kinematics: Kinematics, mesh: Mesh) -> Rows | None:
+def _rest(kinematics: Kinematics, mesh: Mesh) -> Pose:
+    start = Pose(mesh.X, kinematics.rest_frames, 0.0)
+    return kinematics.advance(start, np.zeros(kinematics.pattern.n), 0.0)
+
+
+def _rows(scene: Scene, kinematics: Kinematics, rest: Pose) -> Rows | None:
     if not scene.joints:
         return None
-    start = Pose(mesh.X, kinematics.rest_frames, 0.0)
-    rest = kinematics.advance(start, np.zeros(kinematics.pattern.n), 0.0)
     numbers = {body.name: b for b, body in enumerate(scene.bodies)}
     return Rows(scene.joints, numbers, kinematics, rest)
 

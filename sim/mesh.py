@@ -1,6 +1,7 @@
 """Mesh: nodes at rest, and blocks of elements of one type."""
 
 from collections.abc import Iterable
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -109,6 +110,12 @@ class Mesh(Described):
         """Rest volume of every element [m^3], shape (n_elements,), by quadrature."""
         volumes = [b.gradients(self.X)[1] @ b.kind.weights for b in self.blocks]
         return np.concatenate([*volumes, np.empty(0)])
+
+    def of_blocks(self, first: int, last: int | None) -> "Mesh":
+        """Mesh with some of the blocks; the other nodes remain, without elements."""
+        found = copy(self)  # a checked mesh, whose check would refuse nodes without elements
+        object.__setattr__(found, "blocks", self.blocks[first:last])
+        return found
 
     def with_points(self, points: Array) -> "Mesh":
         """The same mesh with nodes (k, 3) appended that belong to no element."""

@@ -8,6 +8,7 @@ from scipy.sparse import csr_array, triu
 from sim.constraints.union import Constraints
 from sim.linear import linear_solver
 from sim.linear.conjugate_gradients import conjugate_gradients
+from sim.linear.contract import Operator
 from sim.pattern import Array, Sparsity
 
 SHARE = 1e-10  #: largest relative change of the multipliers in the last iteration
@@ -27,7 +28,7 @@ class Projection:
 
     Parameters
     ----------
-    mass : (n_free,) diagonal of the mass [kg].
+    mass : (n,) diagonal of the mass [kg, kg m^2].
 
     Attributes
     ----------
@@ -53,8 +54,10 @@ class Projection:
             self._factorise(kept["made_of"])
             self._due = bool(kept["due"][0])
 
-    def displacement(self, G: Array, c: Array) -> Array:
+    def displacement(self, G: Array, c: Array, inverse: Operator | None = None) -> Array:
         """Displacement (n_free,) that closes c (n,), with the entries of G.
+
+        `inverse` is the map p -> M^-1 p of a mass that is not diagonal, or of motions that joints allow.
 
         Raises SingularSystem if the constraints are linearly dependent.
         """
@@ -64,8 +67,12 @@ class Projection:
             self.factorisations = 1
         rows, solutions = self._constraints.matrix(G), 0
 
+        def pushed(y: Array) -> Array:
+            p = rows.T @ y
+            return p / self._mass if inverse is None else inverse(p)
+
         def product(y: Array) -> Array:
-            return rows @ ((rows.T @ y) / self._mass)
+            return rows @ pushed(y)
 
         def precondition(r: Array) -> Array:
             nonlocal solutions
@@ -74,7 +81,7 @@ class Projection:
 
         y = conjugate_gradients(product, precondition, c, SHARE, LIMIT)
         self.iterations, self._due = solutions, solutions > PATIENCE
-        return -(rows.T @ y) / self._mass
+        return -pushed(y)
 
     def _factorise(self, G: Array) -> None:
         """Factorise G M^-1 G'."""

@@ -1,4 +1,7 @@
-"""Constraints of a scene on its free unknowns, and the saddle matrix [[A, G'], [G, 0]]."""
+"""Constraints of a scene on its velocities w, and the saddle matrix [[A, G'], [G, 0]].
+
+With v = R w + gamma the derivatives by w are those by the points times R.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,20 +9,25 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim.pattern import Index, Sparsity, SymmetricPattern
+from sim.kinematics import Kinematics
+from sim.pattern import Index, Sparsity
 from sim.scene import CompiledConstraint
-from sim.state import Array
+from sim.state import Array, Pose
 
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
     """Union of the constraints of a scene."""
 
-    saddle: Sparsity  #: of [[A, G'], [G, 0]] over the free unknowns and the multipliers
+    saddle: Sparsity  #: of [[A, G'], [G, 0]] over the velocities and the multipliers
     _parts: tuple[CompiledConstraint, ...]
-    _rows: tuple[Index, ...]  # constraints of each part that depend on a free unknown
-    _entries: tuple[Index, ...]  # entries of G of each part for free unknowns
-    _G: csr_array  # with the position of each value in the order of _entries
+    _rows: tuple[Index, ...]  # constraints of each part that depend on a velocity
+    _kinematics: Kinematics
+    # entries of G are sums of products of a derivative by a point and an entry of R
+    _slope: Index  # numbers of the derivatives of all parts
+    _entry: Index  # places of the entries of R
+    _sum: Index  # entries of G
+    _G: csr_array  # sparsity of G
     _A_place: Index
     _G_place: Index
 
@@ -28,12 +36,28 @@ class Constraints:
         """Number of constraints."""
         return self._G.shape[0]
 
-    def evaluate(self, q: Array) -> tuple[Array, Array]:
-        """Values c (n,) at positions q (n_nodes, 3), and the entries of G = dc/dw."""
-        found = [part.evaluate(q) for part in self._parts]
+    def evaluate(self, pose: Pose) -> tuple[Array, Array]:
+        """Values c (n,) at a pose, and the entries of G = dc/dw."""
+        found = [part.evaluate(pose.q) for part in self._parts]
         c = [value[rows] for (value, _), rows in zip(found, self._rows, strict=True)]
-        G = [entry[own] for (_, entry), own in zip(found, self._entries, strict=True)]
-        return np.concatenate(c), np.concatenate(G)
+        slopes = np.concatenate([entry for _, entry in found])[self._slope]
+        slopes *= self._kinematics.matrix(pose).data[self._entry]
+        G = np.bincount(self._sum, slopes, self._G.nnz).astype(np.float64)
+        return np.concatenate(c), G
+
+    def drift(self, pose: Pose, t: float) -> Array:
+        """Rates (n,) of c at a pose by the motions that are prescribed at a time [s]."""
+        gamma = self._kinematics.drift(pose, t)
+        if gamma is None:
+            return np.zeros(self.n)
+        rates = list[Array]()
+        for part, rows in zip(self._parts, self._rows, strict=True):
+            _, entry = part.evaluate(pose.q)
+            own = np.repeat(np.arange(len(part.start) - 1), np.diff(part.start))
+            moved = entry * gamma.reshape(-1)[part.unknown]
+            rate = np.bincount(own, moved, len(part.start) - 1).astype(np.float64)
+            rates.append(rate[rows])
+        return np.concatenate(rates)
 
     def add_curvature(self, q: Array, multiplier: Array, K: Array) -> None:
         """K += sum_i multiplier_i d2c_i/dq2; follows `evaluate(q)`."""
@@ -65,31 +89,38 @@ class Constraints:
         return values
 
 
-def unite(parts: Sequence[CompiledConstraint], pattern: SymmetricPattern) -> Constraints | None:
-    """Restrict the constraints to the free unknowns; None if there are none.
+def unite(
+    parts: Sequence[CompiledConstraint], kinematics: Kinematics, rest: Pose
+) -> Constraints | None:
+    """Express the constraints in the velocities; None if there are none.
 
-    A constraint that depends only on fixed unknowns is omitted.
+    A constraint that depends on no free node is omitted: an element of attached and fixed nodes alone
+    has the volume that its bodies give it.
     """
-    n_free = pattern.n
-    number = np.full(3 * pattern.n_nodes, -1, dtype=np.int64)
-    number[pattern.free] = np.arange(n_free)
+    R, pattern = kinematics.matrix(rest), kinematics.pattern
+    n_free, bodies = pattern.n, kinematics.body_columns(len(rest.frames))
+    first = int(bodies[bodies >= 0].min(initial=n_free))  # the velocities of nodes precede it
     rows: list[Index] = []
-    entries: list[Index] = []
-    row_of: list[Index] = []
-    column_of: list[Index] = []
-    n = 0
+    parts_of: list[tuple[Index, Index, Index, Index]] = []  # slope, entry of R, row, column
+    n = slopes = 0
     for part in parts:
         row = np.repeat(np.arange(len(part.start) - 1), np.diff(part.start))
-        own = np.flatnonzero(number[part.unknown] >= 0)
-        kept, compact = np.unique(row[own], return_inverse=True)
+        count = np.diff(R.indptr)[part.unknown].astype(np.int64)
+        ends = np.cumsum(count)
+        slope = np.repeat(np.arange(len(row)), count)
+        entry = np.repeat(R.indptr[part.unknown] - ends + count, count) + np.arange(len(slope))
+        column = R.indices[entry].astype(np.int64)
+        kept = np.unique(row[slope[column < first]])
+        own = np.isin(row[slope], kept)
+        number = n + np.searchsorted(kept, row[slope[own]])
+        parts_of.append((slopes + slope[own], entry[own], number, column[own]))
         rows.append(kept.astype(np.int64))
-        entries.append(own)
-        row_of.append(n + compact.astype(np.int64))
-        column_of.append(number[part.unknown[own]])
-        n += len(kept)
+        n, slopes = n + len(kept), slopes + len(row)
     if n == 0:
         return None
-    row, column = np.concatenate(row_of), np.concatenate(column_of)
+    slope, entry, row, column = map(np.concatenate, zip(*parts_of, strict=True))
+    key, place_of_sum = np.unique(row * n_free + column, return_inverse=True)
+    row, column = key // n_free, key % n_free
     indptr = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n))])
     G = csr_array((np.zeros(len(row)), column, indptr), shape=(n, n_free))
 
@@ -108,7 +139,10 @@ def unite(parts: Sequence[CompiledConstraint], pattern: SymmetricPattern) -> Con
         saddle,
         tuple(parts),
         tuple(rows),
-        tuple(entries),
+        kinematics,
+        slope,
+        entry,
+        place_of_sum.ravel(),
         G,
         place[:nnz],
         place[nnz : nnz + len(row)],

@@ -1,6 +1,6 @@
 """Hard incompressibility: constant volume of every element, with one multiplier (minus its pressure)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from sim.volumes import ElementVolumes
 
 @dataclass(frozen=True)
 class HardElementVolume:
-    """c_e = v_e - V_e = 0 for every element.
+    """c_e = v_e - V_e = 0 for every element, or those of some blocks of the mesh.
 
     Replaces the bulk law of a solid, whose kappa must be 0. The multiplier is minus the pressure of
     the element [Pa].
@@ -25,16 +25,22 @@ class HardElementVolume:
     Source: hard element incompressibility of the published demonstration (Stavness et al., coupled
     face model). Constant-pressure hexahedra do not satisfy the inf-sup condition: the displacements
     are free of locking, but the pressures may alternate between elements. Elements whose nodes are
-    all fixed have no constraint.
+    all fixed or on bodies have no constraint. With bodies, joints or attachments only linearly implicit
+    steps support it.
     """
+
+    #: blocks of the mesh that have it, from the first to the one before the last; all by default
+    first: int = 0
+    last: int | None = None
 
     def pair_keys(self, mesh: Mesh) -> Index:
         """All pairs of nodes within an element."""
-        return element_pair_keys(mesh)
+        return element_pair_keys(mesh.of_blocks(self.first, self.last))
 
     def compile(self, layout: Layout) -> "CompiledElementVolumes":
         """Lay out volumes and rows."""
-        return CompiledElementVolumes(layout)
+        mesh = layout.mesh.of_blocks(self.first, self.last)
+        return CompiledElementVolumes(replace(layout, mesh=mesh))
 
 
 class CompiledElementVolumes:

@@ -30,6 +30,10 @@ class Placed(Potential, Protocol):
     system: System
     base: Pose
 
+    def pose(self, d: Array) -> Pose:
+        """Pose after a motion."""
+        ...
+
     def positions(self, d: Array) -> Array:
         """Nodal positions (n_nodes, 3)."""
         ...
@@ -51,7 +55,7 @@ def minimise_constrained(
     """
     conditions = potential.system.constraints
     assert conditions is not None  # Callers check that the scene has constraints.
-    c, slopes = conditions.evaluate(potential.positions(point.d))
+    c, slopes = conditions.evaluate(potential.pose(point.d))
     multiplier = (
         work.constraints.multipliers
         if work.constraints.multipliers is not None
@@ -71,7 +75,7 @@ def minimise_constrained(
             raise NotConverged(tuple(residuals), until, "no step lowers the constrained potential")
         length, point = found
         shortest = min(shortest, length)
-        c, slopes = conditions.evaluate(potential.positions(point.d))
+        c, slopes = conditions.evaluate(potential.pose(point.d))
         rows = conditions.matrix(slopes)
         residuals.append(float(np.abs(point.g + rows.T @ multiplier).max()))
         size = np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1)).ravel())
@@ -89,9 +93,9 @@ def _lagrangian_matrix(potential: Placed, d: Array, multiplier: Array) -> Array:
     """Values of scale times the second derivative of phi + lambda . c."""
     conditions = potential.system.constraints
     assert conditions is not None
-    curvature, q = np.zeros(potential.system.point_pattern.nnz), potential.positions(d)
-    conditions.evaluate(q)
-    conditions.add_curvature(q, multiplier, curvature)
+    curvature, pose = np.zeros(potential.system.point_pattern.nnz), potential.pose(d)
+    conditions.evaluate(pose)
+    conditions.add_curvature(pose.q, multiplier, curvature)
     return potential.matrix(d).values + potential.scale * curvature
 
 
@@ -136,7 +140,7 @@ def _search(
     for _ in range(MAX_HALVINGS):
         trial = potential.point(start.d + length * step)
         if trial.here.smallest_J > 0.0:
-            now = conditions.evaluate(potential.positions(trial.d))[0]
+            now = conditions.evaluate(potential.pose(trial.d))[0]
             change = trial.phi - start.phi + rho * float(np.abs(now).sum()) - broken
             if change <= ARMIJO * length * min(slope, 0.0) or abs(change) <= rounding:
                 return length, trial

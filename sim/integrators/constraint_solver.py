@@ -1,17 +1,18 @@
 """Solutions under the constraints of a scene, and their multipliers."""
 
 from collections.abc import Mapping
-
-import numpy as np
+from functools import partial
 
 from sim.constraints.projection import Projection
 from sim.constraints.union import Constraints
 from sim.errors import SceneError
 from sim.integrators.clock import PhaseClock
 from sim.integrators.kept import named, part_of
+from sim.integrators.step_solver import Solution
 from sim.linear import Factor, ReusedFactor
 from sim.linear.saddle import Saddle
-from sim.state import Array
+from sim.matrix import Matrix
+from sim.state import Array, Pose
 from sim.system import System
 
 
@@ -38,21 +39,53 @@ class ConstraintSolver:
     def saddle(self) -> Saddle:
         """Solver with the constraints of the scene, analysed at the first use."""
         if self._saddle is None:
-            linear = self._linear
-            factor = type(linear.factor)() if isinstance(linear, ReusedFactor) else None
-            pattern = self._system.point_pattern
-            self._saddle = Saddle(pattern, self._constraints, factor, self._timed)
+            linear, system = self._linear, self._system
+            # rows of joints and of contact with bodies are solved for with the matrix itself
+            whole = system.kinematics.matrix_varies or system.rows is not None
+            factor = (
+                type(linear.factor)() if isinstance(linear, ReusedFactor) and not whole else None
+            )
+            self._saddle = Saddle(system.pattern, self._constraints, factor, self._timed)
         return self._saddle
 
     @property
     def projection(self) -> Projection:
         """Projection of positions to the constraints, analysed at the first use."""
         if self._projection is None:
-            # constraints are for nodes alone, whose mass is diagonal
-            one, pose = np.ones(self._system.pattern.n), self._system.rest_state().pose
-            mass = self._system.kinematics.apply_mass(one, pose)
-            self._projection = Projection(self._constraints, mass)
+            self._projection = Projection(self._constraints, self._system.kinematics.mass)
         return self._projection
+
+    def solve(self, A: Matrix, rhs: Array, pose: Pose, start: Array, error: float) -> Solution:
+        """Velocities x of A x + G'y = rhs, G x = -drift with G at a pose; arguments as of `StepSolver`.
+
+        Raises SingularSystem if the constraints contradict each other or depend on each other.
+        """
+        saddle, conditions = self.saddle, self._constraints
+        saddle.factorise(A.values, conditions.evaluate(pose)[1])
+        x, _ = saddle.solve(rhs, -conditions.drift(pose, pose.t), start, error)
+        definite = saddle.definite is not False
+        return Solution(x, saddle.iterations, saddle.factorisations, definite, saddle.roughly)
+
+    def projected(self, start: Pose, pose: Pose) -> Pose:
+        """Pose projected to the constraints along their derivative at the start of a step.
+
+        The displacement has the smallest norm of the mass among those that joints allow.
+        """
+        conditions, kinematics, joints = (
+            self._constraints,
+            self._system.kinematics,
+            self._system.rows,
+        )
+        _, G = conditions.evaluate(start)
+        c, _ = conditions.evaluate(pose)
+        inverse = None
+        if joints is not None:
+            inverse = joints.inverse_under_rows(pose)
+        elif kinematics.matrix_varies:
+            inverse = partial(kinematics.solve_mass, pose=pose)
+        with self._timed("solution"):
+            back = self.projection.displacement(G, c, inverse)
+        return kinematics.advance(pose, back, pose.t)
 
     @property
     def _constraints(self) -> Constraints:

@@ -202,7 +202,10 @@ class ContactEquation:
         if places is not None:
             places.add(block, self.scale, A.values)
         if system.constraints is not None:
-            saddle, slopes = work.constraints.saddle, system.constraints.evaluate(self._state.q)[1]
+            saddle, slopes = (
+                work.constraints.saddle,
+                system.constraints.evaluate(self._state.pose)[1],
+            )
             saddle.factorise(A.values, slopes)
             gamma = -(system.constraints.matrix(slopes) @ x)
 

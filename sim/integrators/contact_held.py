@@ -50,7 +50,7 @@ class HeldContact:
         """Solve for the motion without rows: densely if it is small, else as the workspace does."""
         A, rhs = self._equation.A, self._equation.rhs
         self._factorisations, self._definite = 1, True
-        if len(rhs) <= MOST and not A.products:
+        if len(rhs) <= MOST and not A.products and self._system.constraints is None:
             whole = dense(A.pattern, A.values)
             try:
                 inverse, values = np.linalg.inv(whole), np.linalg.eigvalsh(whole)
@@ -59,7 +59,7 @@ class HeldContact:
             self._free, self._solutions, self._definite = inverse @ rhs, 1, values[0] > 0.0
             return lambda rows: rows @ inverse
         start = work.steps.extrapolated(self._state.t, self._h, self._w0)
-        found = work.steps.solve(A, rhs, start, self._error)
+        found = work.solve(self._system, A, rhs, self._start, start, self._error)
         self._free, self._solutions, self._definite = found.x, found.iterations, found.definite
         assert found.roughly is not None  # Every solution of a step has one.
         self._factorisations = found.factorisations

@@ -41,14 +41,14 @@ def held_solution(
     Rigid rows are satisfied by the velocities, G w = -drift; with a time a = h + damping time
     compliant ones are c + a (G w + drift) + compliance f = 0, and inequalities c + h (G w + drift)
     >= 0. S = h G X G' with X = A^-1 E of the velocities on which rows depend is their Delassus
-    matrix. With an older factor the solution is refined: the remaining residual A w - h G'f is
-    solved for again under the rows.
+    matrix. Under constraints all solutions are those of the saddle matrix. With an older factor the
+    solution is refined: the remaining residual A w - h G'f is solved for again under the rows.
 
     Raises NotConverged if the refinement did not converge; SingularSystem if the matrix could not be
     factorised.
     """
     now, columns = rows.evaluate(pose), rows.columns
-    found = work.steps.solve(A, rhs, start, error)
+    found = work.solve(system, A, rhs, pose, start, error)
     solve = found.roughly
     assert solve is not None  # set by `solve`
     X = work.steps.columns(columns, solve)

@@ -65,7 +65,8 @@ def linear_step(
     """State at t + h with A v1 = rhs and q1 = q0 + h ((1 - moves) v0 + moves v1).
 
     Constraints are satisfied by the velocities, G(q0) v1 = 0; then the positions are projected to
-    c(q1) = 0 by the displacement along the same G with the smallest norm of the mass. Contact adds
+    c(q1) = 0 by the displacement along the same G with the smallest norm of the mass, which keeps the
+    rows of joints. Contact adds
     its forces to the equation (`sim.integrators.contact_linear`).
 
     Raises InvertedElement if det F <= 0 at the end; NotConverged if the active set of contacts did not
@@ -91,18 +92,11 @@ def linear_step(
         pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * found.x), t1)
         pose, v1, impulse = system.rows.projected(pose, found.x)
         forces = forces + impulse / h
-    elif conditions is None:
-        start = work.steps.extrapolated(state.t, h, v0)
-        found = work.steps.solve(A, rhs, start, error / (moves * h))
+    else:
+        start, now = work.steps.extrapolated(state.t, h, v0), kinematics.at(pose0, t1)
+        found = work.solve(system, A, rhs, now, start, error / (moves * h))
         v1 = found.x
         pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * v1), t1)
-    else:
-        saddle, start = work.constraints.saddle, work.steps.extrapolated(state.t, h, v0)
-        saddle.factorise(A.values, conditions.evaluate(state.q)[1])
-        v1, _ = saddle.solve(rhs, np.zeros(conditions.n), start, error / (moves * h))
-        pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * v1), t1)
-        counts, definite = (saddle.iterations, saddle.factorisations), saddle.definite is not False
-        found = Solution(v1, *counts, definite, saddle.roughly)
     with work.timed("force"):
         least, element = system.smallest_J(pose.q)
     local_error = None
@@ -110,7 +104,7 @@ def linear_step(
         pushed = touched.pushed if touched else np.zeros_like(pose.q)
         local_error = _estimate(system, state, equation.missed, found, pushed, pose, work)
     if conditions is not None:
-        pose = _projected(system, state, pose, work)
+        pose = work.constraints.projected(pose0, pose)
         done = work.constraints.projection
         found = replace(
             found,
@@ -171,14 +165,3 @@ def _estimate(
     gained = inertia - h * (kinematics.generalised_force(f0, pose) - D.force(w0))
     unbalanced = h * (kinematics.generalised_force(f1, end) - D.force(w1)) - inertia
     return relaxed(system, error, 0.5 * gained - unbalanced, D, h, found.roughly, end)
-
-
-def _projected(system: System, state: State, pose: Pose, work: Workspace) -> Pose:
-    """Pose projected to the constraints, along their derivative at the start of the step."""
-    conditions = system.constraints
-    assert conditions is not None  # Callers check that the scene has constraints.
-    _, G = conditions.evaluate(state.q)
-    c, _ = conditions.evaluate(pose.q)
-    with work.timed("solution"):
-        back = work.constraints.projection.displacement(G, c)
-    return system.kinematics.advance(pose, back, pose.t)

@@ -7,6 +7,7 @@ from functools import reduce
 import numpy as np
 
 from sim.contact.step import ContactStep
+from sim.errors import SceneError
 from sim.integrators.constrained import Placed, minimise_constrained
 from sim.integrators.contact_converged import EndInContact, minimise_in_contact, moved_upright
 from sim.integrators.contact_stage import StageWithRows
@@ -47,6 +48,11 @@ class Iterative(Tolerances):
         Factors belong to this integrator and s, its implicit part of a step [s].
         """
         key = type(self).__name__, s
+        if system.constraints is not None and (system.rows or system.kinematics.matrix_varies):
+            raise SceneError(
+                f"{key[0]} does not solve hard volumes together with bodies, joints or attachments: use "
+                "LinearlyImplicitEuler, or a soft volume"
+            )
 
         def settle(potential: Placed, point: Point) -> tuple[Point, Iteration]:
             if system.rows is not None:

@@ -16,7 +16,7 @@ from sim.integrators.newton import BySecants, Point
 from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
 from sim.scene import Index
-from sim.state import Array
+from sim.state import Array, Pose
 from sim.system import System
 
 IN_MATRIX, APART = 3.0, 300.0
@@ -62,6 +62,10 @@ class Touching:
         self.system: System = potential.system
         self.base = potential.base
         self.scale, self.shift = potential.scale, potential.shift
+
+    def pose(self, d: Array) -> Pose:
+        """Pose after a motion."""
+        return self._potential.pose(d)
 
     def positions(self, d: Array) -> Array:
         """Nodal positions (n_nodes, 3)."""

@@ -8,9 +8,10 @@ from sim.integrators.clock import PhaseClock
 from sim.integrators.constraint_solver import ConstraintSolver
 from sim.integrators.contact_memory import ContactMemory
 from sim.integrators.newton_factor import NewtonFactor
-from sim.integrators.step_solver import StepSolver
+from sim.integrators.step_solver import Solution, StepSolver
 from sim.linear import Factor, ReusedFactor
-from sim.state import Array, State
+from sim.matrix import Matrix
+from sim.state import Array, Pose, State
 from sim.system import System
 
 
@@ -57,6 +58,17 @@ class Workspace:
     def linear(self) -> Factor | ReusedFactor:
         """Solver of the matrices of steps."""
         return self._solver.linear
+
+    def solve(
+        self, system: System, A: Matrix, rhs: Array, pose: Pose, start: Array, error: float
+    ) -> Solution:
+        """Velocities of A w = rhs, under the constraints of the scene at a pose if it has any.
+
+        Arguments and errors as of `StepSolver.solve`, or `ConstraintSolver.solve`.
+        """
+        if system.constraints is None:
+            return self.steps.solve(A, rhs, start, error)
+        return self.constraints.solve(A, rhs, pose, start, error)
 
     def form(self, system: System, state: State | None = None) -> System:
         """Return the system in the form required by the solver: with products, or fully assembled.

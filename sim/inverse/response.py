@@ -238,7 +238,7 @@ def step_response(
         return Response(activation, found.x, H, state.pose, w0, h, equation.moves, len(f), f, slope)
     if system.constraints is not None:
         saddle, still = work.constraints.saddle, np.zeros(system.constraints.n)
-        saddle.factorise(equation.A.values, system.constraints.evaluate(state.q)[1])
+        saddle.factorise(equation.A.values, system.constraints.evaluate(pose)[1])
         w, _ = saddle.solve(equation.rhs, still)
         columns = np.array([saddle.solve(load, still)[0] for load in loads(w)]).T
         return Response(activation, w, columns, state.pose, w0, h, equation.moves, len(still))

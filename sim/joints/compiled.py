@@ -1,6 +1,6 @@
 """Rows of all joints of a scene: values, derivatives by velocities, forces from the Schur complement."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -170,6 +170,17 @@ class Rows:
         unit = np.zeros((self._kinematics.pattern.n, len(self.columns)))
         unit[self.columns, np.arange(len(self.columns))] = 1.0
         return self._kinematics.solve_mass(unit, pose)
+
+    def inverse_under_rows(self, pose: Pose) -> Callable[[Array], Array]:
+        """Map p (n,) -> x with M x = p + G'f and G x = 0 for the rigid rows at a pose."""
+        X, G = self.inverse_mass(pose), self.evaluate(pose).G[self.rigid]
+        S = G @ X[self.columns] @ G.T
+
+        def inverse(p: Array) -> Array:
+            x = self._kinematics.solve_mass(p, pose)
+            return x - X @ (G.T @ np.linalg.solve(S, G @ x[self.columns])) if len(G) else x
+
+        return inverse
 
     def projected(self, pose: Pose, w: Array) -> tuple[Pose, Array, Array]:
         """Project pose and velocities to the rows, with the smallest change in the norm of the mass.

@@ -13,7 +13,7 @@ from sim.constraints.union import Constraints
 from sim.errors import SingularSystem
 from sim.linear import Factor, ReusedFactor, linear_solver, symmetric_product
 from sim.linear.reused import Timed, untimed
-from sim.pattern import Array, Index, Sparsity, SymmetricPattern
+from sim.pattern import Array, Index, Sparsity
 
 # With this compliance the matrix is quasi-definite, and every ordering has a factor (Vanderbei 1995).
 COMPLIANCE = 1e-8
@@ -112,7 +112,7 @@ class Penalised:
 
     solutions_per_factorisation: ClassVar[int] = 8
 
-    def __init__(self, pattern: SymmetricPattern, constraints: Constraints, factor: Factor) -> None:
+    def __init__(self, pattern: Sparsity, constraints: Constraints, factor: Factor) -> None:
         self._constraints, self._own, self._factor = constraints, pattern, factor
         first, column = constraints.rows_of_entries
         counts = np.diff(first)
@@ -183,7 +183,7 @@ class Saddle:
 
     def __init__(
         self,
-        pattern: SymmetricPattern,
+        pattern: Sparsity,
         constraints: Constraints,
         factor: Factor | None = None,
         timed: Timed = untimed,
@@ -278,7 +278,9 @@ class Saddle:
         return x, y
 
     def roughly(self, r: Array) -> Array:
-        """X of G x = 0 with an existing factor, of this matrix or a similar one."""
+        """X of G x = 0 with an existing factor, of this matrix or a similar one; r (n,) or (k, n)."""
+        if r.ndim == 2:
+            return np.array([self.roughly(row) for row in r]).reshape(r.shape)
         rhs = np.concatenate([r, np.zeros(self._constraints.n)])
         solver = self._solver
         z = solver.roughly(rhs) if isinstance(solver, ReusedFactor) else solver.solve(rhs)

@@ -1,6 +1,5 @@
 """Term of some element blocks of a mesh that joins several parts, such as face and tongue."""
 
-from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,16 +26,10 @@ class OfBlocks:
     first: int
     last: int
 
-    def part(self, mesh: Mesh) -> Mesh:
-        """The mesh with these blocks alone; the other nodes remain, without elements."""
-        found = copy(mesh)  # a checked mesh, whose check would refuse nodes without elements
-        object.__setattr__(found, "blocks", mesh.blocks[self.first : self.last])
-        return found
-
     def node_mass(self, mesh: Mesh) -> Array:
         """Mass of the term, if it has any."""
         if isinstance(self.term, HasMass):
-            return self.term.node_mass(self.part(mesh))
+            return self.term.node_mass(mesh.of_blocks(self.first, self.last))
         return np.zeros(mesh.n_nodes)
 
     def muscle_names(self) -> tuple[str, ...]:
@@ -45,8 +38,9 @@ class OfBlocks:
 
     def pair_keys(self, mesh: Mesh) -> Index:
         """Pairs of the term."""
-        return self.term.pair_keys(self.part(mesh))
+        return self.term.pair_keys(mesh.of_blocks(self.first, self.last))
 
     def compile(self, layout: Layout) -> CompiledTerm:
         """Compile the term for these blocks."""
-        return self.term.compile(replace(layout, mesh=self.part(layout.mesh)))
+        part = layout.mesh.of_blocks(self.first, self.last)
+        return self.term.compile(replace(layout, mesh=part))

@@ -41,7 +41,7 @@ def test_a_correction_moves_nodes_out_and_gives_no_velocity() -> None:
     np.testing.assert_allclose(end.v, 0.0, rtol=0, atol=1e-9)
     conditions = contact.system.constraints
     assert conditions is not None
-    change, _ = conditions.evaluate(end.q)
+    change, _ = conditions.evaluate(end.pose)
     # of second order in the strain, where it would be of first order without the condition
     strain, volume = DEPTH / (0.5 * SIZE), (0.5 * SIZE) ** 3
     assert np.abs(change).max() < strain**2 * volume

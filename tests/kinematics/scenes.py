@@ -45,9 +45,8 @@ def mixed_system(*, prescribed=True, **more) -> sim.System:
         members.append(sim.PrescribedBody("skull", swing))
     solid = sim.Solid((sim.Material(sim.MooneyRivlin()),), muscles=crossed_muscles(mesh))
     terms = (solid, sim.NodalVolume(), sim.Gravity(), *more.pop("terms", ()))
-    scene = sim.Scene(
-        mesh, terms, tuple(members), sim.RestRayleigh(), (), (jaw, skull), points, **more
-    )
+    more = {"bodies": (jaw, skull), "points": points, **more}
+    scene = sim.Scene(mesh, terms, tuple(members), sim.RestRayleigh(), **more)
     return sim.compile_scene(scene)
 
 

@@ -133,9 +133,6 @@ def test_cycles_and_double_members_are_refused_by_name():
         solid_system(mesh, reductions=(sim.OnBody("chin", np.array([0])),), bodies=(body,))
     with pytest.raises(sim.SceneError, match="free node 8 has no mass"):
         solid_system(mesh, points=np.zeros((1, 3)))
-    with pytest.raises(sim.SceneError, match="barriers and hard volumes"):
-        hard = (sim.HardElementVolume(),)
-        solid_system(mesh, bodies=(body,), constraints=hard)
     with pytest.raises(sim.SceneError, match="two prescribed motions"):
         twice = (sim.PrescribedBody("jaw", swing), sim.PrescribedBody("jaw"))
         solid_system(mesh, reductions=twice, bodies=(body,))

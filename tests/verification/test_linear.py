@@ -227,7 +227,7 @@ def test_hard_volumes_with_an_older_factor_are_those_of_a_saddle_factor_a_step(i
     assert np.abs(exact.q - MESH.X).max() > 1e-3
     assert np.abs(state.q - exact.q).max() < 5e-9
     assert trajectory.factorisations.sum() < trajectory.iterations.sum() / 2
-    ended, _ = system.constraints.evaluate(state.q)
+    ended, _ = system.constraints.evaluate(state.pose)
     cell = 1.0 / 64 * np.ptp(MESH.X, axis=0).prod()
     limit = 1e-7 if isinstance(integrator, sim.ConvergedEuler) else 1e-3
     assert np.abs(ended).max() < limit * cell

@@ -127,7 +127,7 @@ def head_scene(
         tuple(terms),
         tuple(members),
         _damping(tissues, p),
-        tuple(c for t in tissues for c in t.constraints),
+        _constraints(tissues),
         bodies=() if jaw is None else jaw.scene.bodies,
         points=np.concatenate(points),
         joints=() if jaw is None else jaw.scene.joints,
@@ -168,6 +168,16 @@ def _joined(tissues: list[_Tissue]) -> list[Term]:
         found += [sim.OfBlocks(term, n, last) for term in tissue.terms]
         n = last
     return found
+
+
+def _constraints(tissues: list[_Tissue]) -> tuple[Constraint, ...]:
+    """Constant volumes of the tissues that have them, each for the blocks of its own."""
+    found, n = list[Constraint](), 0
+    for tissue in tissues:
+        last = n + len(tissue.mesh.blocks)
+        found += [sim.HardElementVolume(n, last)] if tissue.constraints else []
+        n = last
+    return tuple(found)
 
 
 def _damping(tissues: list[_Tissue], p: SimulationParameters) -> Damping | None:
