@@ -3,8 +3,9 @@
     python -m benchmarks tongue_coupled --out FOLDER    # table of docs/tongue.md; needs the recordings
 
 The model is that recorded: bodies, muscles, springs and joints in millimetres, in the frame x
-posterior, y right, z superior. The condyles are on the cubic, in place of its 20 strips. The tongue
-is the published one with the rest shape of the coupled model and the recorded fibre directions.
+posterior, y right, z superior. Condyles that stay on the first of the 20 strips of their paths slide on
+its plane, others on the cubic. The tongue is the published one with the rest shape of the coupled
+model and the recorded fibre directions.
 """
 
 import json
@@ -37,7 +38,8 @@ CASES = (
     "jht_element_open_ad_ip_0.2_nocontact",
     "jht_line_GGP_0.2_nocontact",
 )
-VARIANTS = {"jht_element": "elements", "jht_line": "lines"}
+VARIANTS = {"jht_element": variant("elements", stiffening=1.0), "jht_line": variant("lines")}
+"""Tongues of the recorded models; that of elements does not stiffen there."""
 INTEGRATORS = {
     "Trapezoidal": sim.LinearlyImplicitTrapezoidal(tolerance=1e-9),
     "ConstrainedBackwardEuler": sim.LinearlyImplicitEuler(tolerance=1e-9),
@@ -59,18 +61,19 @@ class Coupled:
     points: Mapping[str, int]
 
 
-def coupled_scene(name: str, at_rest: bool = False) -> Coupled:
+def coupled_scene(name: str, at_rest: bool = False, one_strip: bool = False) -> Coupled:
     """Jaw and hyoid of a recorded model, with its variant of the published tongue if it has one.
 
     The nodes of the tongue are attached where they begin in the recorded motions, up to 0.7 mm from
-    where they are without stress, or `at_rest`.
+    where they are without stress, or `at_rest`. With `one_strip` the condyles slide on the first strip
+    of their recorded paths, otherwise on the cubic.
     """
     files = SHARED / "artisynth_reference" / "coupled"
     model = json.loads((files / f"model_{name}.json").read_text())
     part = None
     if name in VARIANTS:
         whole = published(SHARED, f"coupled/model_{name}", rest="rest_il01")
-        part = tongue_part(whole, variant(VARIANTS[name]))
+        part = tongue_part(whole, VARIANTS[name])
     rigid = model["rigid"]
     moving = {b["name"]: _body(b) for b in rigid["bodies"] if b["dynamic"]}
     first = 0 if part is None else part.mesh.n_nodes
@@ -111,7 +114,7 @@ def coupled_scene(name: str, at_rest: bool = False) -> Coupled:
         () if part is None else part.constraints,
         bodies=tuple(moving.values()),
         points=np.array(positions),
-        joints=_joints(rigid, points),
+        joints=_joints(rigid, points, one_strip),
     )
     return Coupled(scene, points)
 
@@ -137,7 +140,7 @@ def _muscle(m: dict[str, Any], points: Mapping[str, int]) -> sim.LineMuscles:
     return sim.LineMuscles((m["name"],), [line], law, damping=p["damping"])
 
 
-def _joints(rigid: dict[str, Any], points: Mapping[str, int]) -> tuple[Joint, ...]:
+def _joints(rigid: dict[str, Any], points: Mapping[str, int], one_strip: bool) -> tuple[Joint, ...]:
     found: list[Joint] = []
     biting = Rotation.from_rotvec([0.0, TURNED, 0.0]).as_matrix()
     for c in rigid["connectors"]:
@@ -146,14 +149,25 @@ def _joints(rigid: dict[str, Any], points: Mapping[str, int]) -> tuple[Joint, ..
         place, name = TO_M @ (biting @ c["point_in_body_mm"] + BITING), c["name"]
         if c["type"] == "PlanarConnector":
             normal = TURN @ np.array(c["normal_world_D_z"])
+            depth = float((place - TO_M @ np.array(c["point_world_mm"])) @ normal)
+            if (
+                c["unilateral"] and depth > 0.0
+            ):  # that program corrects only what exceeds a tolerance
+                place = place - min(depth, 1e-3 * c["penetration_tol"]) * normal
             found.append(
                 PointOnPlane(name, points[name], None, place, normal, bool(c["unilateral"]))
             )
         else:
             down, forward = np.array([0.0, 0.0, -1.0]), np.array([0.0, 1.0, 0.0])
             path = np.array(condylar_path())
-            guided = name, points[name], None, place, down, forward
-            found.append(PointOnCurve(*guided, path, (0.0, STRAIGHT), bool(c["unilateral"])))
+            guided = name, points[name], None, place
+            one_sided = bool(c["unilateral"])
+            if one_strip:
+                normal = TURN @ np.array(c["planes"][0]["normal_world"])
+                found.append(PointOnPlane(*guided, normal, one_sided))
+            else:
+                curve = down, forward, path, (0.0, STRAIGHT)
+                found.append(PointOnCurve(*guided, *curve, one_sided))
     for s in rigid["frame_springs"]:
         p = s["material_properties"]
         stiffness = (*p["stiffness"], *(3 * [1e-6 * p["rotaryStiffness"]]))
@@ -162,10 +176,17 @@ def _joints(rigid: dict[str, Any], points: Mapping[str, int]) -> tuple[Joint, ..
     return tuple(found)
 
 
-def repeated(name: str, step: float | None = None, at_rest: bool = False) -> dict[str, Any]:
+def repeated(
+    name: str, step: float | None = None, at_rest: bool = False, until: float | None = None
+) -> dict[str, Any]:
     """Distances of points and nodes from a recorded motion [mm]; the step is the recorded one [s]."""
     case, arrays = recorded(name, "coupled")
-    coupled = coupled_scene(case["variant"], at_rest)
+    duration = case["t_end_s"] if until is None else until
+    condyles = [k for k, m in enumerate(case["markers"]) if m in ("ltmj", "rtmj")]
+    moved = np.abs(
+        arrays["marker_pos_mm"][:, condyles, 0] - arrays["marker_pos_mm"][0, condyles, 0]
+    )
+    coupled = coupled_scene(case["variant"], at_rest, moved.max() < CURVE_LENGTH / CURVE_STRIPS)
     system = sim.compile_scene(coupled.scene)
     target = {"bi_ad": ("lad", "rad"), "bi_ip": ("lip", "rip")}
     peak = np.zeros(len(system.muscles))
@@ -182,7 +203,7 @@ def repeated(name: str, step: float | None = None, at_rest: bool = False) -> dic
     motion, _ = sim.simulate(
         system,
         sim.Activation(np.array([0.0, ramp]), np.stack([0.0 * peak, peak])),
-        duration=case["t_end_s"],
+        duration=duration,
         steps=sim.FixedStep(case["h_s"] if step is None else step),
         every=case["output_interval_s"],
         integrator=INTEGRATORS[case["integrator"]],
@@ -191,12 +212,12 @@ def repeated(name: str, step: float | None = None, at_rest: bool = False) -> dic
     )
     spent = time.process_time() - began
     ours = motion["position"].transpose("time", "marker", "axis").values @ TURN * 1e3
-    theirs = arrays["marker_pos_mm"][:, [k for k, _ in known]]
+    theirs = arrays["marker_pos_mm"][: len(ours), [k for k, _ in known]]
     apart = np.linalg.norm(ours - theirs, axis=2)
     centre = motion["body_position"].transpose("time", "body", "axis").values @ TURN * 1e3
-    hyoid = np.linalg.norm(centre[:, 1] - arrays["body_pose"][:, 1, :3], axis=1)
+    hyoid = np.linalg.norm(centre[:, 1] - arrays["body_pose"][: len(ours), 1, :3], axis=1)
     incisor = names.index("lowerincisor")
-    steps = case["t_end_s"] / (case["h_s"] if step is None else step)
+    steps = duration / (case["h_s"] if step is None else step)
     row = {
         "case": name,
         "our step ms": 1e3 * (case["h_s"] if step is None else step),
@@ -208,7 +229,7 @@ def repeated(name: str, step: float | None = None, at_rest: bool = False) -> dic
         "theirs": round(case["cpu_ms_per_step_median"], 1),
     }
     if case["fems"]:
-        nodes = distances(motion.isel(node=slice(0, 946)), 1e-3 * arrays["pos_tongue"])
+        nodes = distances(motion.isel(node=slice(0, 946)), 1e-3 * arrays["pos_tongue"][: len(ours)])
         row |= {"tongue": f"{nodes.max():.2g}", "tongue at the end": f"{nodes[-1].max():.2g}"}
     return row
 

@@ -61,8 +61,10 @@ def compile_scene(scene: Scene) -> System:
             "barriers are not implemented for scenes with bodies, joints or attachments: use "
             "ConstraintContact, or leave one of the two out"
         )
-    rest = _rest(kinematics, mesh)
-    conditions = unite([c.compile(layout) for c in scene.constraints], kinematics, rest)
+    conditions = None
+    if scene.constraints:
+        parts = [c.compile(layout) for c in scene.constraints]
+        conditions = unite(parts, kinematics, _rest(kinematics, mesh))
     sparse = _sparse(scene, terms)
     system = System(
         scene,
@@ -73,7 +75,7 @@ def compile_scene(scene: Scene) -> System:
         terms,
         layout.muscles,
         conditions,
-        _rows(scene, kinematics, rest),
+        _rows(scene, kinematics, mesh),
         sparse,
         recompiled=compile_scene,
     )
@@ -105,9 +107,10 @@ def _rest(kinematics: Kinematics, mesh: Mesh) -> Pose:
     return kinematics.advance(start, np.zeros(kinematics.pattern.n), 0.0)
 
 
-def _rows(scene: Scene, kinematics: Kinematics, rest: Pose) -> Rows | None:
+def _rows(scene: Scene, kinematics: Kinematics, mesh: Mesh) -> Rows | None:
     if not scene.joints:
         return None
+    rest = _rest(kinematics, mesh)
     numbers = {body.name: b for b, body in enumerate(scene.bodies)}
     return Rows(scene.joints, numbers, kinematics, rest)
 

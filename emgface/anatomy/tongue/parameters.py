@@ -36,7 +36,6 @@ class TongueParameters(Parameters):
         "element",
         "Constant volume of every element by multipliers, or the pressure of the bulk modulus alone.",
         source=PROGRAM,
-        note="'hard' is not implemented together with moving bodies",
     )
     stiffening: float = parameter(
         10.0,
