@@ -45,7 +45,8 @@ def middle_of(rest: NDArray[np.floating]) -> NDArray[np.float64]:
 
 def muscle_names(muscles: NDArray[Any]) -> list[dict[str, str]]:
     """Names of muscles such as ``ZYG_L`` for the panel of activations."""
-    return [{"id": str(m), "name": MUSCLE_NAMES[str(m).rpartition("_")[0]]} for m in muscles]
+    plain = [(str(m), str(m).rpartition("_")[0]) for m in muscles]
+    return [{"id": m, "name": MUSCLE_NAMES.get(own, own)} for m, own in plain]
 
 
 def levels(activation: xr.DataArray, at: NDArray[np.floating]) -> str:

@@ -89,15 +89,25 @@ class FaceConfiguration(Parameters):
         "Face model written by 'emgface face import' or 'emgface face build'; relative to "
         "this file. Without a path, the template is generated.",
     )
+    head: Path | None = choice(
+        None,
+        "Head with face and jaw (emgface head build), instead of path: recordings with channels of the "
+        "jaw move it, others its face alone.",
+        note="motions of a head take linearly implicit steps of 5 ms, and are repeated with 10 ms "
+        "for their error",
+    )
     template: TemplateParameters | None = Field(
         default=None, description="Parameters of the generated face, instead of path."
     )
 
     @model_validator(mode="after")
     def _one_source(self) -> "FaceConfiguration":
-        if self.path is not None and self.template is not None:
+        given = {"path": self.path, "head": self.head, "template": self.template}
+        named = [name for name, value in given.items() if value is not None]
+        if len(named) > 1:
             raise ValueError(
-                "both path and template are specified, expected one source of the face: remove the other"
+                f"both {' and '.join(named)} are specified, expected one source of the face: remove the "
+                "other"
             )
         return self
 

@@ -40,7 +40,7 @@ def load_study(path: Path) -> StudyConfiguration:
     study = study.model_copy(
         update={
             "recordings": recordings,
-            "face": absolute(study.face, "path"),
+            "face": absolute(study.face, "path", "head"),
             "tract": study.tract and absolute(study.tract, "areas"),
             "simulation": study.simulation.model_copy(
                 update={"reduced": absolute(study.simulation.reduced, "file")}

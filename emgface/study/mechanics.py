@@ -35,3 +35,5 @@ MECHANICS: Final = (
     "emgface.study.digest",
 )
 """Modules of the mechanics and of the scene, and their imports."""
+OF_HEADS: Final = (*MECHANICS, "emgface.anatomy", "emgface.signals")
+"""The same for heads, whose levels are computed from the channels of the jaw."""

@@ -8,7 +8,7 @@ from emgface.face.motion import simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.pictures.body import skin_of
 from emgface.pictures.surface import SurfaceProbe, frame_stride
-from emgface.study.mechanics import MECHANICS
+from emgface.study.mechanics import MECHANICS, OF_HEADS
 from emgface.study.store import Result, Stage
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ SKIN: Final = Stage(
         "emgface.study.skin",
     ),
 )
+SKIN_OF_HEAD: Final = Stage("skin", (*SKIN.modules, *OF_HEADS))
 
 
 class SkinMotions:
@@ -40,7 +41,7 @@ class SkinMotions:
         `digest` is that of the activation; `label` identifies the trial in the index of the store.
         """
         moved = self._moved(activation, parameters)
-        self._kept(parameters, digest, label, moved)
+        self._kept(parameters, digest, label, moved, self._stage(activation))
         return moved.drop_vars("surface_position")
 
     def motion(self, activation: xr.DataArray, sigma_max: float, digest: str, label: str) -> Result:
@@ -52,10 +53,22 @@ class SkinMotions:
         """
         study = self._laboratory.study.simulation
         return self._kept(
-            study.model_copy(update={"sigma_max": sigma_max}), digest, label, activation
+            study.model_copy(update={"sigma_max": sigma_max}),
+            digest,
+            label,
+            activation,
+            self._stage(activation),
         )
 
+    def _stage(self, activation: xr.DataArray) -> Stage:
+        return SKIN if self._laboratory.head_of(activation) is None else SKIN_OF_HEAD
+
     def _moved(self, activation: xr.DataArray, parameters: SimulationParameters) -> xr.Dataset:
+        head = self._laboratory.head_of(activation)
+        if head is not None:
+            from emgface.anatomy.head.recorded import trajectory_of_head
+
+            return trajectory_of_head(head, activation, parameters, self._probe.node)
         return simulate_face(
             self._laboratory.face,
             activation,
@@ -70,6 +83,7 @@ class SkinMotions:
         digest: str,
         label: str,
         given: xr.Dataset | xr.DataArray,
+        stage: Stage,
     ) -> Result:
         """Store the skin of a motion, or of the motion caused by an activation."""
         every = frame_stride(parameters.output)
@@ -86,7 +100,7 @@ class SkinMotions:
             return chosen
 
         return self._laboratory.store.get_or_compute(
-            SKIN,
+            stage,
             {**self._laboratory.moved, "activation": digest},
             {
                 **parameters.model_dump(mode="json"),

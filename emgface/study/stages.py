@@ -12,6 +12,8 @@ import xarray as xr
 
 from analysis.align import align
 from analysis.scores import score
+from emgface.anatomy.head.model import Head
+from emgface.anatomy.head.recorded import activation_of_head, has_jaw
 from emgface.errors import FeatureWarning
 from emgface.face.motion import NOT_OF_REST, settle_face
 from emgface.face.simulation_parameters import SimulationParameters
@@ -27,8 +29,9 @@ from emgface.study.digest import (
     file_digest,
     text_digest,
 )
+from emgface.study.faces import study_head
 from emgface.study.measured import measured_during
-from emgface.study.mechanics import MECHANICS
+from emgface.study.mechanics import MECHANICS, OF_HEADS
 from emgface.study.policy import lower_sigma_max
 from emgface.study.skin import SKIN, SkinMotions
 from emgface.study.store import Result, Stage, Store
@@ -67,6 +70,8 @@ RANGE = Stage("range", _SIGNALS)
 ACTIVATION = Stage("activation", _SIGNALS)
 REST = Stage("rest", MECHANICS)
 MOTION = Stage("motion", (*MECHANICS, "emgface.study.policy"))
+MOTION_OF_HEAD = Stage("motion", (*OF_HEADS, "emgface.study.policy"))
+ACTIVATION_OF_HEAD = Stage("activation", (*_SIGNALS, "emgface.anatomy"))
 ALIGNED = Stage("aligned", _ALIGNMENT)
 SCORES = Stage(
     "scores",
@@ -131,10 +136,21 @@ class Laboratory:
 
     @cached_property
     def moved(self) -> dict[str, str]:
-        """Digests of what moves: the face, and the reduced face if one is simulated."""
-        file = self.study.simulation.reduced.file
-        reduced = {} if file is None else {"reduced": file_digest(file)}
-        return {"face": self.face_digest, **reduced}
+        """Digests of what moves: the face, and the reduced face or the head if there is one."""
+        files = {"reduced": self.study.simulation.reduced.file, "head": self.study.face.head}
+        others = {name: file_digest(file) for name, file in files.items() if file is not None}
+        return {"face": self.face_digest, **others}
+
+    @cached_property
+    def head(self) -> Head | None:
+        """Head of the study, if it has one."""
+        path = self.study.face.head
+        return None if path is None else study_head(path)
+
+    def head_of(self, activation: xr.DataArray) -> Head | None:
+        """Head that moves under an activation: that of the study, if its muscles are those of a head."""
+        own = set(self.face["muscle"].values.tolist())
+        return self.head if not own.issuperset(activation["muscle"].values.tolist()) else None
 
     @cached_property
     def skin(self) -> SkinMotions:
@@ -195,7 +211,8 @@ class Laboratory:
     def _study_digest(self) -> str:
         """Digest of the parameters and of the code of a trial."""
         tables = {"activation_source", "signals", "simulation", "alignment", "score"}
-        modules = {name for stage in (*STAGES, SKIN) for name in stage.modules}
+        of_head = () if self.study.face.head is None else (MOTION_OF_HEAD, ACTIVATION_OF_HEAD)
+        modules = {name for stage in (*STAGES, SKIN, *of_head) for name in stage.modules}
         chosen = self.study.model_dump(mode="json", include=tables)
         code = code_version((*sorted(modules), __name__, "emgface.study.one_trial"))
         return text_digest(f"{canonical_json(chosen)} {code}")
@@ -235,6 +252,16 @@ class Laboratory:
             ),
             label=label,
         )
+        head = self.head
+        if head is not None and has_jaw(recording.channels):
+            of_face = result
+            result = self.store.get_or_compute(
+                ACTIVATION_OF_HEAD,
+                {"activation": of_face.digest, "recording": recording.digest, **self.moved},
+                parameters,
+                lambda: activation_of_head(of_face.dataset, recording.dataset, head, chain),
+                label=label,
+            )
         noted = result.dataset.attrs["warnings"].splitlines()
         if chain.normalisation.silent == "zero":  # muscles may be silent
             noted = [text for text in noted if " is zero in every window" not in text]
@@ -326,7 +353,7 @@ class Laboratory:
         simulated.
         """
         result = self.store.get_or_compute(
-            MOTION,
+            MOTION if self.head_of(activation) is None else MOTION_OF_HEAD,
             {**self.moved, "activation": activation_digest(activation)},
             self.study.simulation.model_dump(mode="json"),
             lambda: self._move(activation, label),

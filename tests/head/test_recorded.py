@@ -1,18 +1,24 @@
 """A head driven by a recording of face and jaw: levels, motion, and scores against the known motion."""
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
 
 from emgface.anatomy.head.build import build_head
-from emgface.anatomy.head.model import Head
+from emgface.anatomy.head.model import Head, write_head
 from emgface.anatomy.head.recorded import Drive, excitation_of_head, move_as_recorded, score_head
 from emgface.anatomy.head.run import simulate_head
 from emgface.anatomy.jaw.series import ramps
 from emgface.choices import configure
 from emgface.errors import HeadError
 from emgface.muscles import FACE_MARKERS, LIP_MARKERS
-from emgface.study.configuration import StudyConfiguration
+from emgface.study.configuration import FaceConfiguration, StudyConfiguration
+from emgface.study.faces import study_face
+from emgface.study.stages import Laboratory
+from emgface.study.store import Store
 
 RATE, START, DURATION = 2000.0, 10.0, 0.9
 STUDY = configure(
@@ -137,3 +143,53 @@ def test_recordings_and_heads_that_cannot_be_coupled(head: Head, recording: xr.D
         excitation_of_head(face, head)
     with pytest.raises(HeadError, match="the head has no face"):
         excitation_of_head(recording, build_head(["jaw"]))
+
+
+def test_a_study_moves_a_head_where_the_jaw_was_recorded_and_the_face_elsewhere(
+    head: Head, recording: xr.Dataset, tmp_path: Path
+) -> None:
+    """The same laboratory: lips and an error of the head, and the bits of the face alone."""
+    path = write_head(head, tmp_path / "head.nc")
+    study = STUDY.model_copy(
+        update={
+            "face": FaceConfiguration(head=path),
+            "signals": STUDY.signals.model_copy(
+                update={
+                    "normalisation": STUDY.signals.normalisation.model_copy(
+                        update={"reach": "trial"}
+                    )
+                }
+            ),
+        }
+    )
+    face = study_face(study.face)
+    alone = recording.sel(channel=[c for c in recording["channel"].values if c[:-2] in TRUTH])
+    found = []
+    for k, own in enumerate((recording, alone)):
+        trial = SimpleNamespace(
+            digest=f"digest {k}",
+            label=f"r{k}",
+            dataset=own,
+            channels=tuple(map(str, own["channel"].values)),
+        )
+        laboratory = Laboratory(Store(tmp_path / "store"), face, study, print)
+        activation = laboratory.activation(trial, "act_all").dataset["activation"]
+        activation = activation.isel(time=slice(35, 50))
+        found.append((laboratory, activation, laboratory.motion(activation, trial.label)))
+    (laboratory, levels, moved), (_, of_face, still) = found
+    assert {"ad_L", "ip_R"} < set(levels["muscle"].values) and len(of_face["muscle"]) == 20
+    motion = moved.dataset
+    assert motion["marker"].values.tolist() == list(LIP_MARKERS)
+    assert 0.0 < motion.attrs["numerical_error"] < 2e-3
+    apart = motion["position"] - still.dataset["position"]
+    assert np.abs(apart.values).max() > 2e-3
+    skin = laboratory.skin_motion(levels, motion.attrs["sigma_max"], "r0").dataset
+    drawn = motion["position"].sel(time=skin["time"], method="nearest")
+    np.testing.assert_allclose(skin["position"], drawn.transpose("time", ...), atol=1e-12)
+    plain = Laboratory(
+        Store(tmp_path / "other"),
+        face,
+        study.model_copy(update={"face": FaceConfiguration()}),
+        print,
+    )
+    assert (plain.motion(of_face, "r1").dataset["position"] == still.dataset["position"]).all()

@@ -199,6 +199,15 @@ def write_head(head: Head, path: str | Path) -> Path:
     return write_netcdf(head.lists, path, "head_model", groups=parts)
 
 
+def require_face_and_jaw(head: Head) -> None:
+    """Raise HeadError unless a head has both."""
+    for part in ("face", "jaw"):
+        if part not in head.named:
+            raise HeadError(
+                f"the head has no {part}, expected face and jaw: emgface head build --parts face,jaw"
+            )
+
+
 def read_head(path: str | Path) -> Head:
     """Read a head; errors as of `emgface.schema.netcdf.read_netcdf`."""
     lists = read_netcdf(path, "head_model")

@@ -1,6 +1,6 @@
 """Head driven by a recording: activations of the face, excitations of the jaw, and scores."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -8,14 +8,19 @@ import xarray as xr
 
 from analysis.align import align
 from analysis.scores import score
-from emgface.anatomy.head.model import Head
+from emgface.anatomy.head.model import Head, require_face_and_jaw
 from emgface.anatomy.head.run import CLOSERS, STEP, simulate_head
+from emgface.anatomy.head.scene import HeadScene, head_scene
 from emgface.anatomy.jaw.emg import CHANNELS, excitation_of
 from emgface.anatomy.jaw.recorded import INCISOR, score_motion
 from emgface.anatomy.jaw.series import Excitation, excitation_in
 from emgface.errors import HeadError
+from emgface.face.numerical_error import largest_motion
+from emgface.face.parts import Integers
+from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import LIP_MARKERS
 from emgface.signals.activation import activation_of, feature_range
+from emgface.signals.parameters import SignalChain
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.measured import measured_during
 
@@ -52,15 +57,8 @@ def excitation_of_head(recording: xr.Dataset, head: Head, drive: Drive | None = 
         As of the two functions.
     """
     given = drive or Drive()
-    for part in ("face", "jaw"):
-        if part not in head.named:
-            raise HeadError(
-                f"the head has no {part}, expected face and jaw: emgface head build --parts face,jaw"
-            )
-    channels = (
-        {str(name)[:-2] for name in recording["channel"].values} if "emg" in recording else set()
-    )
-    if not channels & set(CHANNELS):
+    require_face_and_jaw(head)
+    if not has_jaw(map(str, recording["channel"].values) if "emg" in recording else ()):
         raise HeadError(
             f"the recording has no channel of the jaw ({', '.join(CHANNELS)}): simulate it on the face, "
             "which costs less (emgface simulate)"
@@ -74,7 +72,49 @@ def excitation_of_head(recording: xr.Dataset, head: Head, drive: Drive | None = 
         instruction=given.instruction,
         reference=feature_range(given.effort, chain) if by_effort else None,
     )["activation"]
-    jaw = excitation_in(excitation_of(recording, chain, reference=given.effort))
+    return _with_jaw(activation, recording, head, given)
+
+
+def has_jaw(channels: Iterable[str]) -> bool:
+    """True if a muscle of the jaw is among the recorded channels."""
+    return any(name[:-2] in CHANNELS for name in channels)
+
+
+def activation_of_head(
+    activation: xr.Dataset, recording: xr.Dataset, head: Head, chain: SignalChain
+) -> xr.Dataset:
+    """Activation (muscle, time) of a face with that of all other muscles of a head.
+
+    Those of the jaw follow their channels, normalised by the range of the recording itself.
+
+    Raises
+    ------
+    HeadError, DataError
+        As of `excitation_of_head`.
+    """
+    study = StudyConfiguration(signals=chain)
+    levels = _with_jaw(activation["activation"], recording, head, Drive(study))
+    given, _ = levels.activation(head.lists)
+    of_face = {str(m) for m in activation["muscle"].values}
+    others = [str(m) for m in given["muscle"].values if str(m) not in of_face]
+    time = activation["time"].values - activation["time"].values[0]
+    rows = np.array([np.interp(time, levels.time, given.sel(muscle=m).values) for m in others])
+    face = activation["activation"].transpose("muscle", "time")
+    return xr.Dataset(
+        {"activation": (("muscle", "time"), np.concatenate([face.values, rows]), face.attrs)},
+        coords={
+            "muscle": [*face["muscle"].values, *others],
+            "time": ("time", face["time"].values, face["time"].attrs),
+        },
+        attrs=activation.attrs,
+    )
+
+
+def _with_jaw(
+    activation: xr.DataArray, recording: xr.Dataset, head: Head, given: Drive
+) -> Excitation:
+    """Levels of the muscles of the face and of the exciters of the jaw, from time 0."""
+    jaw = excitation_in(excitation_of(recording, given.study.signals, reference=given.effort))
     start = float(activation["time"].values[0])
     assert jaw.recorded_start is not None
     own = activation["time"].values - start
@@ -111,24 +151,98 @@ def move_as_recorded(
     """
     given = drive or Drive()
     levels = excitation_of_head(recording, head, given)
-    output = given.study.simulation.output
+    simulation = given.study.simulation
+    scene = head_scene(head, face=simulation, gravity=simulation.gravity)
+    return _moved(head, scene, levels, simulation.output, step, progress)
+
+
+def _moved(
+    head: Head,
+    scene: HeadScene,
+    levels: Excitation,
+    output: float,
+    step: float,
+    progress: Callable[[int, int], None] | None = None,
+) -> xr.Dataset:
+    """Motion for levels, after the head has come to rest at the first of them."""
     first = output * np.ceil(SETTLING / output)
     duration = float(first + output * np.floor(levels.time[-1] / output + 1e-9))
     later = Excitation(levels.time + first, levels.values, levels.recorded_start)
     motion = simulate_head(
-        head,
-        later,
-        duration=duration,
-        face=given.study.simulation,
-        step=step,
-        output=output,
-        progress=progress,
+        head, later, duration=duration, scene=scene, step=step, output=output, progress=progress
     )
     motion = motion.isel(time=motion["time"].values > first - 1e-9)
     shifted = ("time", motion["time"].values - motion["time"].values[0], motion["time"].attrs)
     motion = motion.assign_coords(time=shifted)
     motion.attrs |= {"recorded_start": levels.recorded_start, "recorded_pace": 1.0}
     return motion
+
+
+def trajectory_of_head(
+    head: Head, activation: xr.DataArray, parameters: SimulationParameters, nodes: Integers
+) -> xr.Dataset:
+    """Motion of the lips of a head, in the form of `emgface.face.motion.simulate_face`.
+
+    Linearly implicit steps of 5 ms, halved where they fail, from rest at the first levels. The motion
+    is repeated with twice the step, and ``numerical_error`` is the distance of the markers between
+    both: the error of a method of first order. Step, solver and tolerances of the parameters do not
+    apply.
+
+    Parameters
+    ----------
+    activation : (muscle, time) of all muscles of the head, as of `activation_of_head`.
+    nodes : of the face, whose ``surface_position`` is recorded.
+
+    Raises
+    ------
+    HeadError
+        The parameters specify a reduced face, or another time than the recorded one.
+    SimulationError
+        As of `simulate_head`.
+    """
+    p = parameters
+    if p.reduced.file is not None or p.timing != "recorded":
+        raise HeadError(
+            "a head has no reduced form and moves in recorded time: remove reduced.file and set "
+            "timing = 'recorded', or leave out face.head"
+        )
+    start = float(activation["time"].values[0])
+    time = activation["time"].values - start
+    values = {str(m): activation.sel(muscle=m).values for m in activation["muscle"].values}
+    levels = Excitation(time, values, start)
+    scene = head_scene(head, face=p, gravity=p.gravity)
+    rough, motion = (_moved(head, scene, levels, p.output, h, None) for h in (2 * STEP, STEP))
+    face = head.parts["face"]
+    x, other = (m["position"].sel(marker=face["marker"].values) for m in (motion, rough))
+    error = xr.apply_ufunc(np.sqrt, ((x - other) ** 2).sum(dim="axis").max(dim="marker"))
+    found = {
+        "position": x.transpose("marker", "axis", "time"),
+        "numerical_error": error.assign_attrs(units="m"),
+        "surface_position": motion["node_position"]
+        .isel(node=nodes)
+        .rename(node="surface_node")
+        .transpose("time", "surface_node", "axis"),
+    }
+    kept = ("smallest_J", "iterations", "lip_opening", "mouth_area", "lip_protrusion")
+    found |= {name: motion[name] for name in kept if name in motion}
+    trajectory = xr.Dataset(found).drop_vars(["muscle", "tissue", "named", "body"], errors="ignore")
+    trajectory.attrs = {
+        "solver": "linearly_implicit",
+        "contact": p.contact.method,
+        "step": STEP,
+        "output": p.output,
+        "sigma_max": p.sigma_max,
+        "origin": "simulated",
+        "face": str(face.attrs.get("name", "")),
+        "head": str(head.lists.attrs["name"]),
+        "recorded_start": start,
+        "recorded_pace": 1.0,
+        "run_time_s": float(rough.attrs["run_time_s"] + motion.attrs["run_time_s"]),
+    }
+    trajectory.attrs["motion"] = moved = largest_motion(trajectory)
+    trajectory.attrs["numerical_error"] = float(error.max())
+    trajectory.attrs["inaccurate"] = int(float(error.max()) > 0.1 * moved)
+    return trajectory
 
 
 def score_head(
