@@ -3,6 +3,7 @@
     python -m benchmarks head --part actions     # displacement of tip and back by every muscle
     python -m benchmarks head --part stability --out DIR   # muscles at 1.0; continues its table
     python -m benchmarks head --part opening     # how far parts of a head let the jaw open
+    python -m benchmarks head --part led         # muscles at 1.0 on a jaw that is led to 50 mm
     python -m benchmarks head --part cost        # processor time of a step against the face alone
     python -m benchmarks head --part face_on_jaw # the same of a face on a moving jaw
 
@@ -13,11 +14,13 @@ import itertools
 import statistics
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import xarray as xr
+from scipy.optimize import brentq
 
 import sim
 from benchmarks.report import finish, say
@@ -27,6 +30,8 @@ from emgface.anatomy.head.run import activation_of, raised, simulate_head
 from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
 from emgface.anatomy.tongue.actions import action_table
 from emgface.files import write_text
+from sim.integrators import Integrator
+from sim.joints import Joint
 
 Rows = Iterator[dict[str, object]]
 ALL = ("face", "jaw", "tongue", "hyoid")
@@ -97,6 +102,7 @@ def _survives(
     rise: float = 0.1,
     duration: float = 0.16,
     output: float = 0.02,
+    integrator: Integrator | None = None,
 ) -> dict[str, object]:
     try:
         motion = simulate_head(
@@ -106,6 +112,7 @@ def _survives(
             step=step,
             output=output,
             scene=scene,
+            integrator=integrator,
         )
     except sim.SimulationError as error:
         return {"end": type(error).__name__, "why": str(error)[:90]}
@@ -139,6 +146,82 @@ def opening(preset: str, resolution: str) -> Rows:
             strong, head_scene(strong), WIDE, 1e-3 * step, rise=0.3, duration=1.0, output=0.05
         )
         yield {"parts": ", ".join(parts), "strength": strength, "step_ms": step, **row}
+
+
+OPEN, SLID = 50e-3, np.array([0.0, 10.7e-3, -6.1e-3])
+"""Distance between incisors to which a jaw is led, and the motion of its condyles when muscles open it
+wide [m]."""
+LED_RISE = 0.3  #: time in which it opens [s]
+
+
+def led_jaw(head: Head, scene: HeadScene) -> HeadScene:
+    """A head whose jaw turns about its condyles and slides with them, from closed to `OPEN`."""
+    jaw = head.parts["jaw"]
+    at = {str(n): x for n, x in zip(jaw["point"].values, jaw["point_position"].values, strict=True)}
+    hinge = 0.5 * (at["condyle_L"] + at["condyle_R"])
+    body = next(b for b in scene.scene.bodies if b.name == "jaw")
+    arm = np.asarray(body.centre) - hinge
+
+    def turned(x: np.ndarray, angle: float) -> np.ndarray:
+        """About the axis to the right, the front going down."""
+        c, s = np.cos(angle), np.sin(angle)
+        return np.array([x[0], c * x[1] + s * x[2], c * x[2] - s * x[1]])
+
+    incisor = at["lower_incisor"] - hinge
+    angle = brentq(
+        lambda a: float(np.linalg.norm(turned(incisor, a) + SLID - incisor)) - OPEN, 0.1, 1.2
+    )
+
+    def motion(t: float) -> tuple[np.ndarray, tuple[float, ...]]:
+        part = min(t / LED_RISE, 1.0)
+        part *= part * (3.0 - 2.0 * part)
+        half = -0.5 * part * angle
+        return hinge + part * SLID + turned(arm, part * angle), (
+            np.cos(half),
+            np.sin(half),
+            0.0,
+            0.0,
+        )
+
+    joints = tuple(j for j in scene.scene.joints if not _acts_on(j, "jaw", scene))
+    members = (*scene.scene.reductions, sim.PrescribedBody("jaw", motion))
+    return replace(scene, scene=replace(scene.scene, joints=joints, reductions=members))
+
+
+def _acts_on(joint: Joint, body: str, scene: HeadScene) -> bool:
+    """True if a joint connects a body, or a point on it, with space."""
+    assert scene.jaw is not None  # the head has a jaw
+    own = {scene.jaw.points[n] for n in ("condyle_L", "condyle_R", "bite_L", "bite_R")}
+    return any(body in (row.body_a, row.body_b) or row.point in own for row in joint.rows())
+
+
+def led(preset: str, resolution: str) -> Rows:
+    """Passive tissue, and all muscles of tongue and face at 1.0, while the jaw is led to 50 mm.
+
+    Steps are converged: a linearly implicit one evaluates the forces with the bones at their end and the
+    tissue at its start, which inverts elements that the bone crosses by a third in a step.
+    """
+    head = build_head(ALL, preset=preset, resolution=resolution, contacts=[])
+    scene = led_jaw(head, head_scene(head, tongue=TONGUE.model_copy(update={"sigma_max": 300e3})))
+    tongue, face = (
+        {f"bi_{str(m)[:-2]}": 1.0 for m in head.parts[part]["muscle"].values}
+        for part in ("tongue", "face")
+    )
+    drives = {"none": {}, "tongue": tongue, "face": face, "all": tongue | face}
+    for (name, drive), step in itertools.product(drives.items(), (5.0, 20.0, 1.0)):
+        if step == 1.0 and name not in ("none", "all"):
+            continue
+        row = _survives(
+            head,
+            scene,
+            drive,
+            1e-3 * step,
+            rise=0.1,
+            duration=0.4,
+            output=0.04,
+            integrator=sim.ConvergedEuler(),
+        )
+        yield {"muscles": name, "step_ms": step, **row}
 
 
 def face_on_jaw(preset: str, resolution: str) -> Rows:
@@ -200,7 +283,7 @@ def timed(
         }
 
 
-PARTS = {f.__name__: f for f in (actions, opening, cost, face_on_jaw)}
+PARTS = {f.__name__: f for f in (actions, opening, led, cost, face_on_jaw)}
 
 
 def main(

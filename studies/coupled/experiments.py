@@ -11,10 +11,12 @@ from typing import Any, Final
 
 import numpy as np
 import xarray as xr
+from scipy.spatial import KDTree
 
 from emgface.anatomy.head.model import Head
 from emgface.anatomy.head.sweep import Measure, Run, Setting, outcomes
 from emgface.face.muscle_parameters import SIGMA_MAX
+from emgface.face.parts import facets_of
 from studies.mechanics.expressions import EXPRESSIONS, landmarks
 
 FACE: Final = Setting(parts=("face",), finer=1150, step=2e-2, gravity=False)
@@ -130,17 +132,30 @@ LABIALS: Final[Mapping[str, Mapping[str, float]]] = {
 """Published levels; those of muscles that the generated face lacks (LLS, lower OOM) are left out."""
 
 
+OWN_LABIALS: Final[Mapping[str, Mapping[str, float]]] = {
+    "own closure": {"OOP": 0.6, "MEN": 0.2},
+    "own fricative": {"MEN": 0.8, "RIS": 0.6, "LLSAN": 0.5},
+    "own approximant": {"OOP": 0.045},
+}
+"""Levels found by trial for the generated face; the closure has a superficial peripheral ring."""
+
+
 def _labials() -> Iterator[Run]:
-    for name, levels in LABIALS.items():
-        yield Run(name, {f"bi_{muscle}": level for muscle, level in levels.items()}, LAW)
+    for name, levels in (LABIALS | OWN_LABIALS).items():
+        rings = {"OOP": "peripheral superficial"} if name == "own closure" else {}
+        yield Run(name, {f"bi_{m}": level for m, level in levels.items()}, LAW, rings=rings)
+
+
+MIDLINE: Final = 6e-3  #: largest distance from the midline of incisors, and of the lip at them [m]
 
 
 def with_teeth(motion: xr.Dataset, head: Head) -> dict[str, float]:
-    """Outcomes, with the distance of the margin of the lower lip from the upper teeth."""
-    face = head.parts["face"]
-    lower = int(face["lip_opening_node"].values[1])
-    at = motion["node_position"].transpose("time", "node", "axis").values[-1, lower]
-    away = np.linalg.norm(head.shell("maxilla").points - at, axis=1).min()
+    """Outcomes, with the distance of the margin of the lower lip from the upper incisors."""
+    nodes = np.unique(facets_of(head.parts["face"], "lower_lip_margin"))
+    margin = motion["node_position"].transpose("time", "node", "axis").values[-1, nodes]
+    teeth = head.shell("maxilla").points
+    near = [x[np.abs(x[:, 0]) < MIDLINE] for x in (margin, teeth)]
+    away = KDTree(near[1]).query(near[0])[0].min()
     return {**outcomes(motion, head), "lower_to_teeth_mm": 1e3 * float(away)}
 
 

@@ -250,21 +250,24 @@ def _coupling(at: Results) -> Iterator[Finding]:
 
 
 def _labials(at: Results) -> Iterator[Finding]:
-    closure = at("closure", "area_mm2")
-    yield Finding("Closure: area 0", f"{closure} mm²", Value(1.0, 0.0).above(closure))
-    lip = at("fricative", "lower_to_teeth_mm")
-    yield Finding(
-        "Fricative: lower lip within 1 mm of the upper incisors",
-        f"{lip} mm",
-        Value(1.0, 0.0).above(lip),
-    )
-    rest, small = (at(name, "area_mm2") for name in ("rest", "approximant"))
-    ratio = small.size / rest.size
-    yield Finding(
-        "Approximant: a small opening, 0.40 of that at rest (15.9 of 40.1 mm²)",
-        f"{small} of {rest} mm², {ratio:.2f}",
-        every(rest.above(small), 0.28 < ratio < 0.52),
-    )
+    for own, levels in (("", "published"), ("own ", "own")):
+        closure = at(f"{own}closure", "area_mm2")
+        yield Finding(
+            f"Closure: area 0 ({levels} levels)", f"{closure} mm²", Value(1.0, 0.0).above(closure)
+        )
+        lip, open_ = (at(f"{own}fricative", name) for name in ("lower_to_teeth_mm", "area_mm2"))
+        yield Finding(
+            f"Fricative: open, lower lip within 1 mm of the upper incisors ({levels} levels)",
+            f"{lip} mm, {open_} mm²",
+            every(Value(1.0, 0.0).above(lip), open_.above(Value(1.0, 0.0))),
+        )
+        rest, small = at("rest", "area_mm2"), at(f"{own}approximant", "area_mm2")
+        ratio = small.size / rest.size
+        yield Finding(
+            f"Approximant: a small opening, 0.40 of that at rest (15.9 of 40.1 mm²; {levels} levels)",
+            f"{small} of {rest} mm², {ratio:.2f}",
+            every(rest.above(small), 0.28 < ratio < 0.52),
+        )
 
 
 FINDINGS: Final[Mapping[str, Callable[[Results], Iterator[Finding]]]] = {
