@@ -21,6 +21,10 @@ class DataError(EmgfaceError, ValueError):
     """A recording, face model or stored result cannot be used as it is."""
 
 
+class RecordingChanged(DataError):
+    """A recording that was identified can no longer be read, or has other content."""
+
+
 class SchemaError(DataError):
     """Names, dims or ranges of a dataset differ from its declared schema."""
 

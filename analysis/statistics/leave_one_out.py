@@ -22,10 +22,11 @@ def leave_one_volunteer_out(data: Comparison) -> xr.Dataset:
     estimates, chances = np.full(shape, np.nan), np.full(shape, np.nan)
     for row, each in enumerate(data.pairs):
         kept = np.flatnonzero(np.isfinite(each.means.values))
+        patterns = sign_patterns(len(kept) - 1) if len(kept) > 1 else np.ones((1, 0))
         for column in kept if len(kept) > 1 else ():
             rest = each.means.values[kept[kept != column]]
             estimates[row, column] = rest.mean()
-            chances[row, column] = sign_flip_p(rest, sign_patterns(len(rest)))
+            chances[row, column] = sign_flip_p(rest, patterns)
     rows = {each.label: row for row, each in enumerate(data.pairs)}
     result = judged(
         data.pairs,

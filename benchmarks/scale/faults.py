@@ -4,6 +4,7 @@ After every fault the same command is repeated, and the outcomes and stored resu
 are compared with those of an undisturbed run.
 """
 
+import json
 import os
 import re
 import shutil
@@ -12,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +23,7 @@ from benchmarks.scale import stub
 from benchmarks.scale.cluster import StartedByHand
 from emgface.study.digest import dataset_digest
 from emgface.study.journal import Entry, read_trial
-from emgface.study.runs import lines, run_files
+from emgface.study.runs import lines, run_files, written
 from emgface.study.store import damage_of
 
 TRIALS, SECONDS = 24, 0.1
@@ -123,6 +125,16 @@ def terminated_driver(folder: Path) -> str:
     return f"exit {code}, {said}"
 
 
+def terminated_twice(folder: Path) -> str:
+    """Send SIGTERM twice."""
+    process = start(folder, "--workers", "2")
+    wait_for(folder, 4)
+    for _ in range(2):
+        process.send_signal(signal.SIGTERM)
+        time.sleep(0.05)
+    return f"exit {finish(process)[0]} at once"
+
+
 def killed_scheduler(folder: Path) -> str:
     """Kill the scheduler and its workers; the repetition uses a new scheduler."""
     with StartedByHand(folder, 2) as started:
@@ -154,6 +166,33 @@ def full_disk(folder: Path) -> str:
         shutil.copytree(small / "study", folder)
     finally:
         subprocess.run(["umount", str(small)], check=True)
+    return told
+
+
+def read_only(folder: Path) -> str:
+    """Run on a file system that becomes read-only."""
+    here(folder)
+    shutil.rmtree(folder / "runs")
+    for path in sorted((folder / "store" / "motion").iterdir())[:8]:
+        path.unlink()
+    if subprocess.run(["mount", "--bind", str(folder), str(folder)]).returncode:
+        return "not tested: no permission to mount a file system"
+    try:
+        subprocess.run(["mount", "-o", "remount,ro,bind", str(folder)], check=True)
+        return "exit {}, {}".format(*finish(start(folder)))
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+def folder_as_result(folder: Path) -> str:
+    """Put a folder in the place of a result, and remove it after the next run."""
+    here(folder)
+    shutil.rmtree(folder / "runs")
+    victim = next((folder / "store" / "motion").glob("*.nc"))
+    victim.unlink()
+    victim.mkdir()
+    told = "exit {}, {}".format(*finish(start(folder)))
+    victim.rmdir()
     return told
 
 
@@ -194,16 +233,26 @@ def corrupted_journal(folder: Path) -> str:
     return f"{TRIALS - recorded(folder)} of {TRIALS} lines lost"
 
 
-def clock_back(folder: Path) -> str:
-    """Let all files appear to be a day younger than the clock."""
+def other_journal(folder: Path) -> str:
+    """Let the journal be that of another version."""
+    here(folder)
+    (path,) = run_files(folder)
+    made = [json.loads(line) for line in path.read_bytes().splitlines()]
+    other = [{k: v for k, v in line.items() if k != "check"} | {"format": 0} for line in made]
+    path.write_bytes(b"".join(map(written, other)))
+    return "journal ignored"
+
+
+def clock_jumped(folder: Path, seconds: float) -> str:
+    """Change the time of all files of an interrupted study."""
     process = start(folder)
     wait_for(folder, 8)
     process.send_signal(signal.SIGKILL)
     process.communicate()
-    later = time.time() + 86400
+    then = time.time() + seconds
     for path in folder.rglob("*"):
-        os.utime(path, (later, later))
-    return f"{recorded(folder)} trials of tomorrow"
+        os.utime(path, (then, then))
+    return f"{recorded(folder)} trials are kept"
 
 
 def two_runs(folder: Path) -> str:
@@ -216,13 +265,18 @@ FAULTS: dict[str, Fault] = {
     "local worker killed (-9)": killed_worker,
     "study killed (-9), three times": killed_driver,
     "SIGTERM": terminated_driver,
+    "SIGTERM twice": terminated_twice,
     "dask scheduler killed": killed_scheduler,
     "dask worker killed": killed_dask_worker,
     "disk full": full_disk,
+    "file system read-only": read_only,
+    "folder in the place of a result": folder_as_result,
     "result not readable": unreadable,
     "results damaged, truncated, deleted": corrupted_result,
     "journal damaged and cut": corrupted_journal,
-    "clock jumped back by a day": clock_back,
+    "journal of another version": other_journal,
+    "clock jumped back by a day": partial(clock_jumped, seconds=86400.0),
+    "clock jumped forward by a day": partial(clock_jumped, seconds=-86400.0),
     "two runs at once": two_runs,
 }
 

@@ -11,7 +11,11 @@ from typing import Any, Final
 import numpy as np
 import xarray as xr
 
+from analysis.cube import OF_NOISE, PER_MARKER, PER_TRIAL, TRIAL_DIMS, build_cube
+from analysis.trial import Trial
 from emgface.errors import DataError
+from emgface.schema.netcdf import read_netcdf
+from emgface.study.axes import Label
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.faces import study_face
 from emgface.study.intake import Intake, take_in
@@ -68,6 +72,7 @@ class Planned:
     trial: PlannedTrial
     extent: Result | None
     last: Line | None
+    labels: Mapping[str, Label]  #: of the variant, by the dims of the cube
 
     @property
     def key(self) -> str:
@@ -104,7 +109,8 @@ def planned_trials(
             label = f"{variant.label}: {trial.label}" if variant.label else trial.label
             line = last.get((variant.label, trial.label))
             extent = extents.get(trial.place[0])
-            found.append(Planned(label, variant.label, laboratory, trial, extent, line))
+            labels = dict(zip((axis.dim for axis in study.axis), variant.labels, strict=True))
+            found.append(Planned(label, variant.label, laboratory, trial, extent, line, labels))
     return found
 
 
@@ -203,9 +209,12 @@ def reproduce(
     """Compute trials again in an empty store and compare all results with the stored ones.
 
     `count` trials are drawn with `seed`, or all of them if it is None. Results are equal if names,
-    dims, values and attributes are, except measured computing times. Raises DataError if no trial
-    of the study has been computed.
+    dims, values and attributes are, except measured computing times. Status and scores are also
+    compared with the cube in `folder`, if there is one. Raises DataError if no trial of the study has
+    been computed, or the cube cannot be read.
     """
+    path = folder / "cube.nc"
+    cube = read_netcdf(path, "cube") if path.is_file() else None
     with tempfile.TemporaryDirectory(prefix="emgface-reproduce-") as place:
         fresh = Store(Path(place), report=report)
         planned = [
@@ -217,17 +226,17 @@ def reproduce(
             raise DataError(f"{folder} has no computed trial, expected some: run the study first")
         if count is not None and count < len(planned):
             planned = random.Random(seed).sample(planned, count)
-        return [_compared(one, fresh, store) for one in planned]
+        return [_compared(one, fresh, store, cube) for one in planned]
 
 
-def _compared(one: Planned, fresh: Store, store: Path) -> Compared:
+def _compared(one: Planned, fresh: Store, store: Path, cube: xr.Dataset | None) -> Compared:
     assert one.last is not None, "only computed trials are compared"
     laboratory, last = one.laboratory, one.last
     if last["key"] != one.key and last["sigma_max"] is not None:
         # Another trial of the volunteer required a lower sigma_max.
         laboratory = laboratory.lowered(last["sigma_max"])
     before = len(fresh.events)
-    run_trial(laboratory, one.trial, one.extent)
+    trial = run_trial(laboratory, one.trial, one.extent)
     made = [event for event in fresh.events[before:] if event.stage != "rest"]
     told = [stage for stage in last["stages"] if stage["stage"] != "rest"]
     equal, found = 0, list[str]()
@@ -247,7 +256,29 @@ def _compared(one: Planned, fresh: Store, store: Path) -> Compared:
             found.append(f"{event.stage}: {change}")
         else:
             equal += 1
-    return Compared(one.label, equal, found)
+    change = "" if cube is None else _change_of_cell(cube, trial, one.labels)
+    return Compared(one.label, equal, [*found, f"cube: {change}"] if change else found)
+
+
+def _change_of_cell(cube: xr.Dataset, trial: Trial, labels: Mapping[str, Label]) -> str:
+    """First difference of the status and scores of a trial in a cube, empty if they are equal."""
+    made = build_cube([trial], markers=cube["marker"].values.tolist())
+    place = {**labels, **{dim: getattr(trial, dim) for dim in TRIAL_DIMS}}
+    try:
+        cell = cube.sel(place)
+    except KeyError:
+        return "it does not contain the trial"
+    for name in ("status", *PER_MARKER, *OF_NOISE, *PER_TRIAL):
+        if name in MEASURED or name not in cell:
+            continue
+        a, b = cell[name].values, made[name].values[0, 0, 0, 0]
+        if a.dtype.kind != "f":
+            if a != b:
+                return f"{name} is {a}, computed again {b}"
+        elif not np.array_equal(a, b, equal_nan=True):
+            largest = float(np.nanmax(np.abs(a - b), initial=0.0))
+            return f"{name} differs by up to {largest:.3g} {made[name].attrs.get('units', '')}"
+    return ""
 
 
 def content(path: Path) -> xr.Dataset:

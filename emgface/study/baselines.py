@@ -8,19 +8,21 @@ from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Final
 
+import netCDF4
 import numpy as np
 import xarray as xr
 
-from analysis.baselines import VARIABLES, mean_of, with_baselines
+from analysis.baselines import TRIAL, VARIABLES, mean_of, with_baselines
 from analysis.errors import AnalysisError
 from analysis.individual import instants
 from analysis.registration import mean_motion
 from emgface.study.against_baselines import Person, Recorded, compared
 from emgface.study.digest import text_digest
 from emgface.study.journal import Entry
-from emgface.study.motions import StoredMotion, stored
+from emgface.study.motions import StoredMotion, stored, stored_file
 from emgface.study.outcomes import Run
 from emgface.study.stages import ALIGNED, SCORES, Laboratory
 from emgface.study.store import Result, Stage
@@ -127,7 +129,7 @@ def with_stored_baselines(
     The result has the variables of `analysis.baselines.VARIABLES`, NaN for trials that were not
     scored. Raises StoreError if one was removed or changed.
     """
-    found = [stored(laboratory, BASELINES, digest) for digest in digests]
+    found = [_tables(stored_file(laboratory, BASELINES, digest)) for digest in digests]
     return with_baselines(cube, _collected(cube, found))
 
 
@@ -227,15 +229,39 @@ def _baselines(
     )
 
 
-def _collected(cube: xr.Dataset, found: Sequence[xr.Dataset]) -> dict[str, xr.DataArray]:
+_Tables = Mapping[str, tuple[tuple[str, ...], np.ndarray]]
+
+
+def _tables(path: Path) -> _Tables:
+    """Dims and values of all variables of a file; xarray takes several times as long to open it."""
+    with netCDF4.Dataset(path) as opened:
+        opened.set_auto_mask(False)
+        return {name: (v.dimensions, v[...]) for name, v in opened.variables.items()}
+
+
+def _collected(cube: xr.Dataset, found: Sequence[_Tables]) -> dict[str, xr.DataArray]:
     """Combine the values of all volunteers and instructions in one array per variable."""
-    collected: dict[str, xr.DataArray] = {}
-    for name, (dims, _, _) in VARIABLES.items():
-        if name == "skill":
-            continue
-        shape = tuple(cube.sizes[dim] for dim in dims)
-        data = xr.DataArray(np.full(shape, np.nan), dims=dims, coords={d: cube[d] for d in dims})
-        for one in found:
-            data.loc[{dim: one[dim] for dim in dims}] = one[name].transpose(*dims)
-        collected[name] = data
-    return collected
+    place = {
+        str(dim): {label: k for k, label in enumerate(cube[dim].values.tolist())}
+        for dim in cube.dims
+    }
+    made = {
+        name: np.full(tuple(cube.sizes[dim] for dim in dims), np.nan)
+        for name, (dims, _, _) in VARIABLES.items()
+        if name != "skill"
+    }
+    for one in found:
+        at = {
+            dim: [place[dim][label] for label in one[dim][1].tolist()] for dim in (*TRIAL, "marker")
+        }
+        for name, values in made.items():
+            dims = VARIABLES[name][0]
+            own, data = one[name]
+            values[np.ix_(*(at[dim] for dim in dims))] = data.transpose(
+                [own.index(dim) for dim in dims]
+            )
+    return {
+        name: xr.DataArray(values, dims=dims, coords={dim: cube[dim] for dim in dims})
+        for name, values in made.items()
+        for dims in [VARIABLES[name][0]]
+    }

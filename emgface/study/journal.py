@@ -16,10 +16,10 @@ import xarray as xr
 from analysis.trial import Trial
 from emgface.errors import StoreError
 from emgface.study.provenance import now
-from emgface.study.runs import FOLDER, Line, lines, parsed, run_files, written
+from emgface.study.runs import FOLDER, FORMAT, Line, lines, parsed, run_files, run_number, written
 from emgface.study.store import Event
 
-NOT_FINAL: Final = ("WorkerDied", "StoreError", "ExecutionError")
+NOT_FINAL: Final = ("WorkerDied", "StoreError", "ExecutionError", "RecordingChanged")
 """Failures of the machine, not of a trial: a later run computes the trial again."""
 NOT_SYNCHRONISED: Final = ("begin", "recording")
 """Events without which a resumed run only repeats some work."""
@@ -66,7 +66,8 @@ class Journal:
 
     def __init__(self, folder: Path, facts: Mapping[str, Any]) -> None:
         self.known: dict[str, Entry] = {}
-        for path in run_files(folder):
+        earlier = run_files(folder)
+        for path in earlier:
             for offset, line in lines(path):
                 if line["event"] == "trial" and line["key"]:
                     self.known[line["key"]] = Entry.of(path, offset, line)
@@ -83,7 +84,8 @@ class Journal:
                 f"the journal {self.path} cannot be written ({error.strerror}): specify a "
                 "writable folder"
             ) from error
-        self.write("run", host=host, process=process, **facts)
+        number = 1 + max(map(run_number, earlier), default=0)
+        self.write("run", format=FORMAT, number=number, host=host, process=process, **facts)
 
     def write(self, event: str, **fields: Any) -> int:
         """Write an event and return the position of its line."""

@@ -12,6 +12,7 @@ MECHANICS: Final = (
     "emgface.face.check",
     "emgface.face.closed",
     "emgface.face.contact",
+    "emgface.face.control",
     "emgface.face.event_error",
     "emgface.face.integration",
     "emgface.face.lip_shape",

@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from pathlib import Path
 
 import xarray as xr
 
 from emgface.errors import StoreError
 from emgface.study.journal import Entry
 from emgface.study.stages import MOTION, Laboratory
-from emgface.study.store import Result, Stage
+from emgface.study.store import Result, Stage, damage_of
 from emgface.study.table import PlannedTrial
 
 
@@ -45,8 +46,20 @@ def stored(laboratory: Laboratory, stage: Stage, digest: str) -> xr.Dataset:
     """Read a result that this or another worker has stored."""
     found = laboratory.store.read(stage.name, digest)
     if found is None:
-        raise StoreError(
-            f"the result {digest} of stage {stage.name} was changed or removed while the study ran: "
-            "run the same command again, which computes it again"
-        )
+        raise _changed(stage, digest)
     return found
+
+
+def stored_file(laboratory: Laboratory, stage: Stage, digest: str) -> Path:
+    """File of a result that this or another worker has stored."""
+    path = laboratory.store.folder / stage.name / f"{digest}.nc"
+    if damage_of(path) is not None:
+        raise _changed(stage, digest)
+    return path
+
+
+def _changed(stage: Stage, digest: str) -> StoreError:
+    return StoreError(
+        f"the result {digest} of stage {stage.name} was changed or removed while the study ran: "
+        "run the same command again, which computes it again"
+    )

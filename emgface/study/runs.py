@@ -9,8 +9,8 @@ The line of a recording contains its digest and the size and times of its file, 
 knows it. The line of a trial contains its outcome with its scores, a few kilobytes, and names its stored
 results with their sizes. A later run with the same key (`Laboratory.trial_key`) reuses the trial
 without opening these results, as long as their sizes and modification times are the recorded ones.
-Dates are for the reader, ``at`` counts seconds from the start of the run; nothing depends on the
-order of clocks.
+Dates are for the reader, ``at`` counts seconds from the start of the run, and ``number`` of a run is
+larger than those of the runs that it found: clocks that differ or jump do not change their order.
 """
 
 import json
@@ -20,14 +20,24 @@ from pathlib import Path
 from typing import Any, Final
 
 FOLDER: Final = "runs"
+FORMAT: Final = 1
+"""Version of the fields of the lines; runs of another one are ignored, and their results read again."""
 Line = dict[str, Any]
 _EVENT: Final = b'{"event":"%b",'
 _CHECK: Final = b',"check":"'
 
 
 def run_files(folder: Path) -> list[Path]:
-    """Files of the runs of a study, the one that was changed last at the end."""
-    return sorted((folder / FOLDER).glob("*.jsonl"), key=lambda path: path.stat().st_mtime_ns)
+    """Files of the runs of a study in order; of simultaneous ones, that changed last at the end."""
+    files = (folder / FOLDER).glob("*.jsonl")
+    return sorted(files, key=lambda path: (run_number(path), path.stat().st_mtime_ns))
+
+
+def run_number(path: Path) -> int:
+    """Number of a run, 0 if it is not known."""
+    with path.open("rb") as stream:
+        first = parsed(stream.readline())
+    return 0 if first is None else int(first.get("number", 0))
 
 
 def lines(path: Path) -> Iterator[tuple[int, Line]]:
@@ -44,6 +54,9 @@ def lines_of(path: Path, event: str) -> Iterator[tuple[int, Line]]:
 def _lines(path: Path, wanted: Callable[[bytes], bool]) -> Iterator[tuple[int, Line]]:
     offset = 0
     with path.open("rb") as stream:
+        if (parsed(stream.readline()) or {}).get("format", FORMAT) != FORMAT:
+            return
+        stream.seek(0)
         for data in stream:
             if wanted(data) and (line := parsed(data, scores=False)) is not None:
                 yield offset, line

@@ -112,7 +112,10 @@ def read_state(folder: Path) -> State:
         if run is not None:
             state.runs.append(run)
     if not state.runs:
-        raise DataError(f"the journal in {folder} is damaged, expected lines of JSON: run it again")
+        raise DataError(
+            f"the journal in {folder} is damaged or of another version of emgface, expected lines of "
+            "JSON of this version: run the study again, or use that version"
+        )
     state.total = state.runs[-1].first["trials"]
     state.status = Counter(status for status, _ in trials.values())
     state.failures = [

@@ -17,6 +17,7 @@ import os
 import shutil
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, Literal, TypeVar
@@ -208,7 +209,8 @@ class Store:
                 return  # another process has written the same result meanwhile
             _put(own, path, keep=not path.with_suffix(".json").exists())
         finally:
-            own.unlink(missing_ok=True)
+            with suppress(OSError):  # of a file system that is read-only
+                own.unlink(missing_ok=True)
         index = {
             "label": label,
             "written": now(),
@@ -234,6 +236,8 @@ def damage_of(path: Path, key: Mapping[str, Any] | None = None) -> str | None:
         return "is missing, but its index exists"
     if not index.exists():
         return "has no index, so that its origin is unknown"
+    if path.is_dir() or index.is_dir():
+        return "is a folder, or its index is one"
     try:
         known = json.loads(index.read_text(encoding="utf-8"))
         digest, size, recorded = known["sha256"], known["bytes"], known["key"]
@@ -265,7 +269,10 @@ def _put(source: Path, path: Path, *, keep: bool) -> None:
                 pass
         source.replace(path)
     except OSError as error:
-        raise StoreError(f"{path} cannot be written ({error.strerror})") from error
+        raise StoreError(
+            f"{path} cannot be written ({error.strerror}): make its folder writable, or remove what has "
+            "its name if it is not a file"
+        ) from error
 
 
 def _made(path: Path) -> tuple[str, str]:

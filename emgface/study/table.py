@@ -8,7 +8,7 @@ from pathlib import Path
 
 import xarray as xr
 
-from emgface.errors import DataError, EmgfaceError
+from emgface.errors import DataError, EmgfaceError, RecordingChanged
 from emgface.muscles import INSTRUCTIONS
 from emgface.recordings.dataset import read_recording
 from emgface.schema.validation import validate
@@ -35,7 +35,7 @@ class Recording:
     def dataset(self) -> xr.Dataset:
         """Content, read from the file; the last few recordings are kept.
 
-        Raises DataError if the file has changed since it was included.
+        Raises RecordingChanged if the file has changed since it was included.
         """
         return _content(self.path, self.mapping, self.digest)
 
@@ -104,9 +104,15 @@ def as_recording(
 
 @lru_cache(maxsize=4)
 def _content(path: Path, mapping: Path | None, digest: str) -> xr.Dataset:
-    dataset = checked(read_recording(path, mapping=mapping))
+    try:
+        dataset = checked(read_recording(path, mapping=mapping))
+    except EmgfaceError as error:
+        raise RecordingChanged(
+            f"{path.name} could be read when the study began, and now it cannot ({error}): make it "
+            "available and run the study again"
+        ) from error
     if dataset_digest(dataset) != digest:
-        raise DataError(
+        raise RecordingChanged(
             f"{path.name} has changed since the study began, expected the same content: run the "
             "study again"
         )

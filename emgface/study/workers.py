@@ -53,10 +53,10 @@ def compute(
     else:
         folder = laboratory.store.folder.resolve()
         _keep_face(laboratory, folder)
-        digest, code = laboratory.face_digest, code_version(CODE)
+        code = code_version(CODE)
         objects = laboratory.store.objects
         url = None if objects is None else objects.url
-        begin, arguments = _begin, (laboratory.study, folder, digest, code, url)
+        begin, arguments = _begin, (laboratory.study, folder, laboratory.moved, code, url)
 
     def dead(given: tuple[Any, Job], error: WorkerDied) -> Done[Outcome]:
         if lost is None:
@@ -124,7 +124,10 @@ def _keep_face(laboratory: Laboratory, store: Path) -> None:
             return
     except DataError:
         pass
-    save_face(laboratory.face, path)
+    try:
+        save_face(laboratory.face, path)
+    except DataError as error:
+        raise StoreError(str(error)) from error
 
 
 _laboratory: Laboratory | None = None
@@ -172,23 +175,36 @@ def _identified(path: Path) -> Recording | EmgfaceError | None:
 
 
 def _begin(
-    study: StudyConfiguration, folder: Path, digest: str, code: str, objects: str | None
+    study: StudyConfiguration,
+    folder: Path,
+    moved: Mapping[str, str],
+    code: str,
+    objects: str | None,
 ) -> None:
     """Prepare a worker process, which must have the code and the files of the study."""
     global _laboratory
     require_code(code)
-    path = folder / FACES / f"{digest}.nc"
+    path = folder / FACES / f"{moved['face']}.nc"
     if not path.is_file():
         raise ExecutionError(
             f"a worker does not find {path}, expected a file system that all workers share: "
             "specify a folder for the results that exists on all machines"
         )
     face = load_face(path)
-    if dataset_digest(face) != digest:
-        raise ExecutionError(f"{path} was changed while the study ran: run the study again")
     remote = None if objects is None else Objects(objects)
     store = Store(folder, report=_messages.append, objects=remote)
     _laboratory = Laboratory(store, face, study, _messages.append)
+    try:
+        same = _laboratory.moved == moved
+    except OSError as error:
+        raise ExecutionError(
+            f"a worker cannot read {error.filename} ({error.strerror}), expected a file system that all "
+            "workers share: specify files that exist on all machines"
+        ) from error
+    if not same:
+        raise ExecutionError(
+            "the face, the reduced face or the head was changed while the study ran: run it again"
+        )
 
 
 def _work(

@@ -1,9 +1,11 @@
 """Status, explanation, removal, copies and repetition of a finished study."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 
+import netCDF4
 import pytest
 import xarray as xr
 from typer.testing import CliRunner
@@ -16,7 +18,7 @@ from emgface.study.configuration import StudyConfiguration
 from emgface.study.digest import file_digest
 from emgface.study.retention import export, unused_files
 from emgface.study.run import run_study
-from emgface.study.runs import lines, run_files
+from emgface.study.runs import lines, run_files, written
 from emgface.study.state import read_state
 from emgface.study.store import write_netcdf
 
@@ -62,6 +64,28 @@ def test_damaged_and_unfinished_lines_of_a_journal_are_ignored(folder: Path) -> 
     again = run_study(configuration(folder), folder)
     assert again.computed() == [] and (again.cube["status"] == "ok").all()
     assert read_state(folder).status == {"ok": 2}
+
+
+def test_runs_are_in_order_although_a_clock_jumped(folder: Path) -> None:
+    (first,) = run_files(folder)
+    later = first.stat().st_mtime + 86400
+    os.utime(first, (later, later))
+    again = run_study(configuration(folder), folder)
+    assert run_files(folder) == [first, again.journal]
+    assert read_state(folder).runs[-1].path == again.journal
+
+
+def test_a_journal_of_another_version_is_ignored(folder: Path) -> None:
+    (path,) = run_files(folder)
+    made = [json.loads(line) for line in path.read_bytes().splitlines()]
+    other = [{**line, "format": 2, "scores": "new"} for line in made]
+    path.write_bytes(
+        b"".join(written({k: line[k] for k in line if k != "check"}) for line in other)
+    )
+    with pytest.raises(DataError, match="of another version of emgface"):
+        read_state(folder)
+    again = run_study(configuration(folder), folder)
+    assert again.computed() == [] and read_state(folder).status == {"ok": 2}
 
 
 def test_explain_names_what_changed(folder: Path) -> None:
@@ -113,6 +137,13 @@ def test_reproduce_passes_and_detects_a_planted_change(folder: Path) -> None:
     choice = {"wanted": ["S01", "B", "1", "act_rel"], "report": lambda text: None}
     (found,) = reproduce(study, folder, store, **choice)
     assert found.differences == [] and found.equal == 5
+    cube = folder / "cube.nc"
+    with netCDF4.Dataset(cube, "a") as opened:
+        rho = opened["rho"][..., 1, 3].item()
+        opened["rho"][..., 1, 3] = rho + 1e-12
+    (found,) = reproduce(study, folder, store, **choice)
+    assert found.equal == 5 and found.differences == ["cube: rho differs by up to 1e-12 1"]
+    cube.unlink()
     line = next(
         line for _, line in lines(run_files(folder)[0]) if line.get("trial", [""])[-1] == "act_rel"
         and line["event"] == "trial"

@@ -9,12 +9,16 @@ from typer.testing import CliRunner
 
 from emgface.choices import configure
 from emgface.cli import app
-from emgface.errors import DataError
+from emgface.errors import DataError, ExecutionError
 from emgface.inverse.many import invert_all
 from emgface.inverse.run import InverseParameters, invert
 from emgface.recordings.dataset import read_recording, write_recording
 from emgface.schema.netcdf import read_netcdf
+from emgface.study import workers
 from emgface.study.configuration import StudyConfiguration
+from emgface.study.digest import code_version
+from emgface.study.provenance import CODE
+from emgface.study.stages import Laboratory
 from emgface.study.state import read_state
 from emgface.study.store import Store
 from tests.study_run.conftest import MECHANICS
@@ -45,8 +49,8 @@ def test_recordings_are_inverted_alike_by_any_number_of_workers_and_continued(
     alone = invert(
         read_recording(recordings[0]), slab, STUDY.simulation, STUDY.signals, STEPWISE
     ).drop_attrs()
-    for name, workers in (("one", 1), ("two", 2)):
-        good, bad = inverted(name, workers=workers)
+    for name, count in (("one", 1), ("two", 2)):
+        good, bad = inverted(name, workers=count)
         assert good.status == "ok" and 0.0 < good.misfit_ratio < 0.5
         assert bad.status == "failed:MarkerError" and "not visible" in bad.reason
         written = read_netcdf(tmp_path / name / "S01_B_1.nc", "activation")
@@ -95,3 +99,16 @@ def test_command_inverts_several_recordings_and_reports_those_that_failed(
     told = CliRunner().invoke(app, ["study", "status", str(out)])
     assert told.exit_code == 0 and "inverse, motion: 2 of 2" in told.output, told.output
     assert Store(out / "store").folder.is_dir()
+
+
+def test_a_worker_refuses_a_reduced_face_that_changed(slab: xr.Dataset, tmp_path: Path) -> None:
+    laboratory = Laboratory(Store(tmp_path), slab, STUDY, print)
+    workers._keep_face(laboratory, tmp_path)
+    code = code_version(CODE)
+    workers._begin(STUDY, tmp_path, laboratory.moved, code, None)
+    with pytest.raises(ExecutionError, match="was changed while the study ran"):
+        workers._begin(STUDY, tmp_path, laboratory.moved | {"reduced": "other"}, code, None)
+    reduced = {"reduced": {"file": str(tmp_path / "absent.nc")}}
+    study = configure(StudyConfiguration, {"simulation": MECHANICS | reduced})
+    with pytest.raises(ExecutionError, match=r"a worker cannot read .*absent\.nc"):
+        workers._begin(study, tmp_path, laboratory.moved, code, None)

@@ -20,6 +20,7 @@ from emgface.report.results import open_results
 from emgface.schema.netcdf import read_netcdf
 from emgface.study import run as run_module
 from emgface.study.configuration import StudyConfiguration
+from emgface.study.observer import Silent
 from emgface.study.run import run_study
 from emgface.study.runs import lines, run_files
 from emgface.volunteers.settings import VolunteerParameters
@@ -336,6 +337,28 @@ def test_an_unreadable_file_is_omitted_and_listed(laboratory, finished, tmp_path
     result = run_study(study, tmp_path / "study")
     assert list(result.unreadable) == [broken]
     assert (result.cube["status"] == "ok").all()
+
+
+def test_a_recording_that_cannot_be_read_for_a_while_is_tried_again(laboratory, tmp_path) -> None:
+    folder = tmp_path / "recordings"
+    shutil.copytree(laboratory / "recordings", folder)
+    study = configured(laboratory, recordings={"folder": str(folder)})
+    shutil.copytree(laboratory / "study", tmp_path / "study")
+    for name in ("runs", "store/activation"):
+        shutil.rmtree(tmp_path / "study" / name)
+    path, away = folder / "S01_B_1.nc", tmp_path / "away.nc"
+
+    class Unmounted(Silent):
+        def working(self, label: str) -> None:
+            if label == "S01 B 1 act_rel":
+                path.rename(away)
+
+    status = run_study(study, tmp_path / "study", observer=Unmounted()).cube["status"]
+    assert status.sel(instruction="B").item() == "failed:RecordingChanged"
+    assert status.sel(instruction="E").item() == "ok"
+    away.rename(path)
+    again = run_study(study, tmp_path / "study")
+    assert (again.cube["status"] == "ok").all()
 
 
 def test_a_folder_of_unreadable_files_is_an_error(laboratory, tmp_path) -> None:

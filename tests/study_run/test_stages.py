@@ -49,10 +49,12 @@ TRACT = {  # make the tract, whose digest is part of that of formants, or what f
     "analysis.cube",
     "analysis.tables",
 }
+HEAD = {"emgface.anatomy.head.recorded"}  # of heads, whose stages list it
 NAMES = {"emgface._callable", "emgface.api"}  # public names, of which sweeps use none
 ALLOWED = {
     **{stage: set() for stage in (*STAGES, INVERSE, REST, MOTION)},
-    **{stage: KEPT for stage in (SKIN, TYPICAL, BASELINES)},
+    **{stage: KEPT for stage in (TYPICAL, BASELINES)},
+    SKIN: KEPT | HEAD,
     SOUND: KEPT | TRACT,
     ROW: NAMES,
 }

@@ -1,5 +1,6 @@
 """Stored stages: reuse, recomputation, and damaged files."""
 
+import errno
 import json
 from pathlib import Path
 
@@ -191,3 +192,25 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
     with pytest.raises(StoreError, match="taken"):
         Store(tmp_path / "taken" / "inside")
+
+
+@pytest.mark.parametrize("suffix", [".nc", ".json"])
+def test_a_folder_with_the_name_of_a_result_is_an_error(tmp_path: Path, suffix: str) -> None:
+    store = Store(tmp_path, report=lambda text: None)
+    path = store.get_or_compute(STAGE, {}, {}, Doubling()).path.with_suffix(suffix)
+    path.unlink()
+    path.mkdir()
+    with pytest.raises(StoreError, match="Cannot write|cannot be written .Is a directory.: make"):
+        store.get_or_compute(STAGE, {}, {}, Doubling())
+
+
+def test_a_store_on_a_file_system_that_is_read_only_is_an_error(
+    tmp_path: Path, monkeypatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr("emgface.files.tempfile.mkstemp", refuse)
+    monkeypatch.setattr(Path, "unlink", refuse)
+    with pytest.raises(StoreError, match="Read-only file system; expected a writable folder"):
+        Store(tmp_path).get_or_compute(STAGE, {}, {}, Doubling())
