@@ -39,8 +39,8 @@ class EndInContact(Protocol):
         """Contact forces (n_points, 3) [N]."""
         ...
 
-    def held(self, rhs: Array, slots: Index) -> Array:
-        """Solution (n,) for a right-hand side with active rows of slots closed."""
+    def held(self, rhs: Array) -> Array:
+        """Solution (n,) for a right-hand side with active rows closed."""
         ...
 
     def kick(self, old: Index) -> Array:
@@ -75,9 +75,9 @@ class Settled:
     opened: Opened
     work: Workspace
 
-    def held(self, rhs: Array, slots: Index) -> Array:
-        """Solve with the latest factor for a right-hand side (n,); active rows of slots stay closed."""
-        return self.touching.held(rhs, slots, self.work)
+    def held(self, rhs: Array) -> Array:
+        """Solve with the latest factor for a right-hand side (n,); active rows stay closed."""
+        return self.touching.held(rhs, self.work)
 
     def kick(self, old: Index) -> Array:
         """Displacement (n,) due to the present forces on vertices that are newly in contact.
@@ -92,14 +92,19 @@ class Settled:
             return np.zeros(self.touching.system.pattern.n)
         force = np.where(new, multipliers.normal, 0.0)[:, None] * multipliers.rows.normal
         push = self.touching.generalised(multipliers.rows.spread(force, len(self.q)))
-        return self.touching.held(self.touching.scale * push, np.empty(0, np.int64), self.work)
+        return self.touching.answer(self.touching.scale * push, self.work)
 
     def outside(self, pose: Pose, after: float) -> Pose:
         """Pose a time [s] after the end, without penetration of the active rows."""
-        q = self.step.moved_out(pose.q, self.step.ahead(self.active, after), self.opened)
-        return pose if q is pose.q else replace(pose, q=q)
+        return self._moved_out(pose, self.active, after)
 
-    base = outside
+    def base(self, pose: Pose, after: float) -> Pose:
+        """As `outside`, of all rows: vertices would rebound from a face that their base has passed."""
+        return self._moved_out(pose, self.touching.multipliers.rows, after)
+
+    def _moved_out(self, pose: Pose, rows: Rows, after: float) -> Pose:
+        q = self.step.moved_out(pose.q, self.step.ahead(rows, after), self.opened)
+        return pose if q is pose.q else replace(pose, q=q)
 
 
 def minimise_in_contact(

@@ -56,10 +56,9 @@ class StageInContact:
     step: ContactStep
     solver: RowsOfBodies
 
-    def held(self, rhs: Array, slots: Index) -> Array:
-        """Solution (n,) for a right-hand side; joints and active rows of slots stay closed."""
-        on = (self.f != 0.0) & ((self.at.slot < 0) | np.isin(self.at.slot, slots))
-        return self.solver.kept(self.at, on, rhs)
+    def held(self, rhs: Array) -> Array:
+        """Solution (n,) for a right-hand side; joints and active rows stay closed."""
+        return self.solver.kept(self.at, self.f != 0.0, rhs)
 
     def kick(self, old: Index) -> Array:
         """Motion (n,) due to the present forces on vertices whose slots are not in `old`."""

@@ -102,7 +102,7 @@ class Sdirk2(Converged):
             kinematics.momentum(u2 - u, end.pose) / s,
         )
         error = _error(h, w0, first.w, end.w)
-        error = self._freed(whole, error, _error(h, *rates), D, s, state, end, work)
+        error = self._freed(whole, error, _error(h, *rates), D, s, end, work)
         memory = {**whole.remember(end.pose.q), **end.memory}
         w = end.w
         if end.contact is not None:

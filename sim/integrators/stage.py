@@ -138,20 +138,20 @@ class Converged(Iterative):
         momentum: Array,
         D: Matrix,
         s: float,
-        state: State,
         end: Solved,
         work: Workspace,
     ) -> Array:
         """Return an error estimate at the end of a stage without the contribution of a jump of the load.
 
-        Other arguments and result as of `relaxed`. Vertices that have touched since the start of the
-        step, at `state`, stay on their faces.
+        Other arguments and result as of `relaxed`. Vertices that touch at the end stay on their faces,
+        also those that were stopped within the step: their position is that of the face, whenever they
+        met it.
         """
         held = end.held
 
         def solve(rhs: Array) -> Array:
-            if end.contact is not None and system.contact is not None:
-                return end.contact.held(rhs, system.contact.pushing(state))
+            if end.contact is not None:
+                return end.contact.held(rhs)
             if held is not None:
                 return held(rhs)
             return (

@@ -100,6 +100,12 @@ class Touching:
         self.shift = self._potential.shift
         return A
 
+    def answer(self, rhs: Array, work: Workspace) -> Array:
+        """Solution (n,) with the factor for a right-hand side."""
+        if self.system.constraints is None:
+            return work.newton.solve(rhs)
+        return work.constraints.saddle.roughly(rhs)
+
     def acting(self, d: Array) -> Acting:
         """Contact forces at displacements d."""
         return self.multipliers.at(self.positions(d) - self._q0)
@@ -126,13 +132,9 @@ class TouchingInMatrix(BySecants, Touching):
         """Contact forces at the end of the iteration."""
         return self.acting(d)
 
-    def held(self, rhs: Array, slots: Index, work: Workspace) -> Array:
+    def held(self, rhs: Array, work: Workspace) -> Array:
         """Solution with the factor, whose matrix contains the active rows."""
-        return (
-            work.newton.solve(rhs)
-            if self.system.constraints is None
-            else work.constraints.saddle.roughly(rhs)
-        )
+        return self.answer(rhs, work)
 
     def opened(
         self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
@@ -250,14 +252,14 @@ class TouchingApart(Touching):
         """Contact forces at the end of the iteration: the multipliers."""
         return replace(self.acting(d), force=self.multipliers.normal)
 
-    def held(self, rhs: Array, slots: Index, work: Workspace) -> Array:
-        """Solution x with the factor and D x = 0 for the active rows of some slots.
+    def held(self, rhs: Array, work: Workspace) -> Array:
+        """Solution x with the factor and D x = 0 for the active rows.
 
         x = A^-1 (rhs - s^2 D' f), (D C D' + 1/rho) f = D A^-1 rhs, with the compliance C = s^2 A^-1. The
         solution is repeated, because C may belong to an earlier factor.
         """
         multipliers = self.multipliers
-        on = np.flatnonzero((multipliers.normal > 0.0) & np.isin(multipliers.rows.slot, slots))
+        on = np.flatnonzero(multipliers.normal > 0.0)
         x = work.newton.solve(rhs)
         if not len(on):
             return x

@@ -199,3 +199,21 @@ def test_vertices_in_contact_have_the_normal_velocity_of_the_face(integrator):
     for k, speed in ((5, 0.075), (9, 0.0), (14, -0.025)):
         assert (states[k].q[lower, 2] >= motion(states[k].t)[1][2] - 5e-6).all()
         np.testing.assert_allclose(states[k].v[lower, 2], speed, atol=2e-3)
+
+
+@pytest.mark.parametrize("integrator", IMPLICIT)
+@pytest.mark.parametrize(("speed", "h"), [(0.1, 2.5e-3), (0.5, 2.5e-3)])
+def test_soft_tissue_lands_without_rebound(integrator, speed, h):
+    """A step of several stages may not begin a stage inside the floor, from which it would rebound."""
+    mesh = grid((2, 2, 2))
+    floor = box([-0.1, -0.1, -0.105], [0.15, 0.15, -0.003])
+    touching = sim.ConstraintContact((sim.Pairing(sim.boundary_surface(mesh), floor),))
+    solid = sim.Solid((sim.Material(sim.NeoHooke(1e3)),))
+    damping = sim.RestRayleigh(19.0, 0.03)
+    system = system_of(mesh, sim.Gravity(), touching, damping=damping, solid=solid)
+    falls = np.zeros_like(mesh.X) - [0.0, 0.0, speed]
+    states = moved(system, integrator(), round((0.003 / speed + 0.012) / h), h, falls)
+    lowest = np.array([state.q[:, 2].min() for state in states]) + 0.003
+    landed = int(np.argmax(lowest < 1e-5))
+    assert 0 < landed < len(states) - 3
+    assert np.abs(lowest[landed:]).max() < 1e-5
