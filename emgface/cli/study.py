@@ -148,19 +148,15 @@ def report(
 ) -> None:
     """Print the tables of a finished study; with --out, write its report as one page."""
     from emgface.report.kept import KeptReport, study_folder
-    from emgface.study.parallel import kept_processes
 
     folder = study_folder(folder)
     kept = KeptReport(folder)
     page = kept.page(out_path, faces=faces) if out_path is not None else None
-    draw = out_path is not None and page is None
-    # Other processes import the drawing library meanwhile.
-    with kept_processes(cores() if draw else 1, ("emgface.report.drawing",)):
-        known = _tables(folder, kept)
-        if page is not None:
-            _wrote(page)
-        elif out_path is not None:
-            _page(folder, out_path, known, faces=faces)
+    known = _tables(folder, kept)
+    if page is not None:
+        _wrote(page)
+    elif out_path is not None:
+        _page(folder, out_path, known, faces=faces)
 
 
 def _tables(folder: Path, kept: "KeptReport") -> "Report | None":
@@ -189,7 +185,7 @@ def _page(folder: Path, out_path: Path, known: "Report | None", *, faces: bool =
             bar.working(f"moving face {label}")
             bar.show(done, total)
 
-        page = write_page(folder, out_path, faces=faces, workers=cores(), known=known, say=show)
+        page = write_page(folder, out_path, faces=faces, known=known, say=show)
     _wrote(page)
 
 

@@ -17,7 +17,6 @@ from emgface.pictures.page import as_json, environment, policy, style, viewer_sc
 from emgface.pictures.render import VIEWS
 from emgface.pictures.stills import recording_label
 from emgface.report import contents, figures, provenance
-from emgface.report.drawing import begin_figures
 from emgface.report.kept import KeptReport, Page, study_folder
 from emgface.report.methods import methods, parameter_rows
 from emgface.report.motion import moving_faces
@@ -34,7 +33,6 @@ def write_page(
     out: Path,
     *,
     faces: bool = True,
-    workers: int = 1,
     known: Report | None = None,
     say: Callable[[str, int, int], None] | None = None,
 ) -> Page:
@@ -43,18 +41,18 @@ def write_page(
     `folder` is that of ``emgface study run --out``, or contains it. A page of the same cube,
     recordings and code is not written again: an existing file `out` (``*.html``) is unchanged, and
     a page in the store of the study is copied. `faces` includes moving and rendered faces, which
-    require one simulation per instruction and strategy (stored); `workers` is the number of
-    processes that draw figures; `known` are the tables of the study, if they have been computed, which
-    saves a second; `say` receives description, completed number and total. A content
-    security policy, which lists the digests of the scripts, forbids every request. Raises DataError
-    if the folder has no cube or it cannot be read, and StoreError if the page cannot be written.
+    require one simulation per instruction and strategy (stored); `known` are the tables of the
+    study, if they have been computed, which saves a second; `say` receives description, completed
+    number and total. A content security policy, which lists the digests of the scripts, forbids
+    every request. Raises DataError if the folder has no cube or it cannot be read, and StoreError if
+    the page cannot be written.
     """
     folder = study_folder(folder)
     kept = KeptReport(folder)
     if page := kept.page(out, faces=faces):
         return page
     results = open_results(folder)
-    text = render(results, faces=faces, workers=workers, known=known, say=say)
+    text = render(results, faces=faces, known=known, say=say)
     if not results.notes:
         text = kept.keep_page(text, faces=faces)
     write_text(text, out)
@@ -65,7 +63,6 @@ def render(
     results: Results,
     *,
     faces: bool = True,
-    workers: int = 1,
     known: Report | None = None,
     say: Callable[[str, int, int], None] | None = None,
 ) -> str:
@@ -73,7 +70,6 @@ def render(
     cube = results.base
     empty = contents.is_empty(cube)
     scored = not empty and bool(np.isfinite(cube["rho"].values).any())
-    drawn = begin_figures(results, workers) if scored else None
     moving = moving_faces(results, say) if faces and scored else None
     tables = {} if empty else report_tables(cube)
     listed = tables.pop("trials", None)
@@ -91,14 +87,14 @@ def render(
         "scored": scored,
         "tables": {name: cells(table) for name, table in tables.items()} if scored else {},
         "trials": cells(listed) if listed is not None else None,
-        "score_figures": [],
+        "score_figures": figures.score_figures(results) if scored else [],
         "meaning": meaning,
         "baseline_tables": {name: cells(table) for name, table in compared.items()},
-        "baseline_figure": [],
+        "baseline_figure": figures.baseline_figure(results) if scored else [],
         "formants": cells(table) if scored and (table := formant_table(cube)) else None,
-        "formant_figure": [],
+        "formant_figure": figures.formant_figure(results) if scored else [],
         "face_figures": figures.face_figure(results, *moving[:2]) if moving else [],
-        "trial_figures": [],
+        "trial_figures": figures.trial_figures(results) if scored else [],
         "least_volunteers": LEAST_VOLUNTEERS,
         "choices": figures.choices_figure(results, change) if change is not None else [],
         "choices_table": cells(choices_table(change)) if change is not None else None,
@@ -115,7 +111,7 @@ def render(
         "mixture": cells(table) if (table := provenance.mixture(results.cube)) else None,
         "writer": provenance.writer(),
         "recordings": provenance.recording_rows(results),
-        "notes": results.notes,  # those about figures are added below
+        "notes": results.notes,
         "views": VIEWS,
         "labels": {
             "simulated": "simulated by the face model",
@@ -124,7 +120,6 @@ def render(
         "tag": "simulated motion",
         "viewer": as_json(moving[2]) if moving else None,
     }
-    values |= drawn.result() if drawn else {}
     script = viewer_script() if moving else ""
     return (
         environment("emgface.report")

@@ -16,7 +16,6 @@ from emgface.face.parts import Bundle, Fibre
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import MUSCLES
 from emgface.report import figures
-from emgface.report.drawing import PARTS
 from emgface.report.write import write_page
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.run import run_study
@@ -143,9 +142,8 @@ def laboratory(slab: xr.Dataset, made_once: MadeOnce, tmp_path_factory) -> Path:
 
 def leave_out_figures(patch: pytest.MonkeyPatch) -> None:
     """Write reports without their figures, which take most of the time."""
-    for name in PARTS:
+    for name in ("trial_figures", "score_figures", "baseline_figure", "formant_figure"):
         patch.setattr(figures, name, lambda results: [])
-    patch.setattr("emgface.cli.study.cores", lambda: 1)  # no processes, which would draw them
 
 
 @pytest.fixture
@@ -176,7 +174,7 @@ def shown(laboratory: Path, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def page(shown: Path) -> Path:
-    """Report of the study `shown` with moving faces, with figures drawn by two processes."""
-    written = write_page(shown, shown.parent / "report.html", workers=2)
+    """Report of the study `shown` with moving faces."""
+    written = write_page(shown, shown.parent / "report.html")
     assert written.notes == []
     return written.path
