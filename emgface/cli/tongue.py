@@ -94,7 +94,10 @@ def simulate(
     out_path: Annotated[Path, typer.Option("--out", help="Motion to write (netCDF).")],
     excitation: Annotated[
         Path | None,
-        typer.Option(help="Excitations (csv, nc) with a column time and one per exciter."),
+        typer.Option(
+            help="Excitations (csv, nc) with a column time and one per exciter, or a published "
+            "gesture (txt)."
+        ),
     ] = None,
     muscle: Annotated[
         list[str] | None,
@@ -112,6 +115,7 @@ def simulate(
     from emgface.anatomy.jaw.series import read_excitation
     from emgface.anatomy.tongue.actions import DURATION, raised
     from emgface.anatomy.tongue.parameters import variant as variant_of
+    from emgface.anatomy.tongue.published import read_gesture
     from emgface.anatomy.tongue.run import OUTPUT, simulate_tongue
     from emgface.errors import ConfigurationError
     from emgface.schema.netcdf import read_netcdf, write_netcdf
@@ -126,7 +130,8 @@ def simulate(
         duration = DURATION if duration is None else duration
         drive = raised(*(muscle or []), level=level, duration=duration)
     else:
-        drive, name = read_excitation(excitation), excitation.stem
+        read = read_gesture if excitation.suffix == ".txt" else read_excitation
+        drive, name = read(excitation), excitation.stem
         if duration is None:
             duration = OUTPUT * int(float(drive.time[-1]) / OUTPUT + 1e-9)  # whole outputs
     parameters = variant_of(variant, gravity=gravity)

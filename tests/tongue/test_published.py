@@ -7,7 +7,7 @@ import pytest
 
 from benchmarks.tongue import published as with_recorded_directions
 from emgface.anatomy.tongue.model import attached_nodes
-from emgface.anatomy.tongue.published import TURN, import_tongue
+from emgface.anatomy.tongue.published import TURN, import_tongue, read_gesture
 from emgface.anatomy.tongue.scene import segment_forces
 from emgface.errors import TongueError
 from emgface.face.quality import element_quality
@@ -88,3 +88,22 @@ def test_incomplete_folders_and_unknown_options_are_refused(shared, tmp_path):
     (own / "derived" / "muscle_elements.csv").unlink()
     with pytest.raises(TongueError, match="muscle_elements.csv of the published tongue not found"):
         import_tongue(own)
+
+
+def test_a_published_gesture_is_read_by_its_columns(tmp_path):
+    path = tmp_path / "excitations.txt"
+    rows = [[0.0] * 12, [0.5, -2e-17, *np.linspace(0.1, 0.9, 9), 1.0]]
+    text = "\n".join(" ".join(map(str, row)) for row in rows)
+    path.write_text(f"0.1 1.1 2.0\nLinear 11 explicit\n{text}\n")
+    found = read_gesture(path)
+    np.testing.assert_allclose(found.time, [0.1, 1.1])
+    assert found.values["bi_GGP"].tolist() == [0.0, 0.0] and found.values["SL"][1] == 1.0
+    assert found.values["bi_GGM"][1] == pytest.approx(0.1)
+    for bad, why in (
+        ("0 1 1\nLinear 12 explicit\n" + text, "Linear 12"),
+        ("0 1 1\nLinear 11 explicit\n" + text.replace("1.0", "1.5"), "from -2e-17 to 1.5"),
+        ("0 1 1\nLinear 11 explicit\n0 1 2", "3 numbers"),
+    ):
+        path.write_text(bad)
+        with pytest.raises(TongueError, match=why):
+            read_gesture(path)

@@ -8,12 +8,13 @@ folder `derived`. Their frame is x posterior, y right, z superior, in metres.
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
+from emgface.anatomy.jaw.series import Excitation
 from emgface.anatomy.tongue.model import build_tongue
 from emgface.errors import TongueError
 from emgface.face.ansys import read_elements, read_nodes, solid_nodes
@@ -159,6 +160,50 @@ def _postures(folder: Path, X: Floats) -> dict[str, Floats]:
 def _positions(path: Path) -> Integers:
     """Numbers of nodes counted from 0."""
     return np.array([int(word) for line in _lines(path) for word in line.split()])
+
+
+ROUNDING: Final = 1e-6  #: largest excess of an excitation over 0-1 that is clipped
+GESTURE: Final = ("GGP", "GGM", "GGA", "STY", "GH", "MH", "HG", "VERT", "TRANS", "IL", "SL")
+"""Muscles of the columns of a published gesture, both sides of each."""
+
+
+def read_gesture(path: str | os.PathLike[str]) -> Excitation:
+    """Excitations of a published gesture of the tongue, such as ``excitations.txt``.
+
+    The first line holds start, stop and scale of the times, the second ``Linear 11 explicit``; rows are
+    a time and the excitations of `GESTURE`, as named in the file ``0probes.art`` beside it. Values outside
+    0-1 by rounding are clipped.
+
+    Raises
+    ------
+    TongueError
+        The file is absent or has another form, or a value is outside 0-1.
+    """
+    place = Path(path)
+    lines = _lines(place)
+    try:
+        start, _, scale = map(float, lines[0].split())
+        if lines[1].split() != ["Linear", str(len(GESTURE)), "explicit"]:
+            raise ValueError(f"its second line is {lines[1]!r}")
+        rows = np.array([[float(x) for x in line.split()] for line in lines[2:]])
+        if rows.shape[1:] != (1 + len(GESTURE),):
+            raise ValueError(f"its {len(rows)} rows have {rows[:1].size} numbers")
+    except (IndexError, ValueError) as error:
+        raise TongueError(
+            f"{place} is no gesture ({one_line(error)}): expected 'start stop scale', "
+            "'Linear 11 explicit', and rows of a time and 11 excitations"
+        ) from error
+    values = rows[:, 1:]
+    if values.min() < -ROUNDING or values.max() > 1.0 + ROUNDING:
+        raise TongueError(
+            f"{place} holds excitations from {values.min():.3g} to {values.max():.3g}, "
+            "expected 0 to 1"
+        )
+    names = [name if name == "SL" else f"bi_{name}" for name in GESTURE]
+    clipped = np.clip(values, 0.0, 1.0)
+    return Excitation(
+        start + scale * rows[:, 0], {name: clipped[:, k] for k, name in enumerate(names)}
+    )
 
 
 def _table(path: Path, columns: list[str]) -> pd.DataFrame:
