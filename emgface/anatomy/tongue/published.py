@@ -171,8 +171,8 @@ def read_gesture(path: str | os.PathLike[str]) -> Excitation:
     """Excitations of a published gesture of the tongue, such as ``excitations.txt``.
 
     The first line holds start, stop and scale of the times, the second ``Linear 11 explicit``; rows are
-    a time and the excitations of `GESTURE`, as named in the file ``0probes.art`` beside it. Values outside
-    0-1 by rounding are clipped.
+    a time and the excitations of `GESTURE`, as named in the file ``0probes.art`` beside it. Values
+    outside 0-1 by rounding are clipped.
 
     Raises
     ------
