@@ -74,7 +74,7 @@ def main(
     out: Annotated[Path, typer.Option()],
     variants: str = "assisted,motion",
     integrator: str = "same",
-    iterations: int = 5,
+    iterations: int = 12,
     model_error: float = 0.0,
     strength: float = 0.0,
 ) -> None:
@@ -104,10 +104,10 @@ def main(
         for variant in variants.split(","):
             begun = time.process_time()
             trust = trust_of(variant, muscles, 1.0)
+            weight = emg_precision(assumed, np.full(len(muscles), EMG_ERROR), trust, H)
             found = refine(
-                system, target, emg[1:],
-                emg_precision(assumed, np.full(len(muscles), EMG_ERROR), trust, H), NOISE, assumed,
-                h=H, initial=state, work=work, iterations=iterations,
+                system, target, assumed.density(emg[1:], weight, H), NOISE, assumed, h=H,
+                initial=state, work=work, iterations=iterations,
             )  # fmt: skip
             a, b = found.activation, true[1:]
             inside, active, zero = (found.low <= b) & (b <= found.high), b > ACTIVE, b < ZERO

@@ -29,7 +29,9 @@ from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 from emgface.inverse.calibration import Calibration
-from emgface.inverse.run import InverseParameters, invert, targets_of
+from emgface.inverse.markers import targets_of
+from emgface.inverse.parameters import InverseParameters
+from emgface.inverse.run import invert
 from emgface.inverse.variants import VARIANTS
 from emgface.recordings.dataset import read_recording
 from emgface.schema.netcdf import read_netcdf

@@ -18,7 +18,9 @@ from emgface.face.motion import settle_face, simulate_face
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
-from emgface.inverse.run import InverseParameters, invert, targets_of
+from emgface.inverse.markers import targets_of
+from emgface.inverse.parameters import InverseParameters
+from emgface.inverse.run import invert
 from emgface.muscles import LIP_MARKERS, MUSCLES
 from emgface.recordings.dataset import read_recording
 from sim import Control, Workspace, compile_scene

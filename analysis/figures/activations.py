@@ -1,6 +1,6 @@
 """Muscle activations: one trial as a heat map, all trials as box plots."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import numpy as np
@@ -159,6 +159,77 @@ def feature_boxes(activations: Iterable[xr.Dataset], *, variable: str = "activat
     what = "normalised features" if variable == "activation" else variable
     heading(figure, f"{what} per muscle and instruction", origins.pop())
     return figure
+
+
+@styled
+def difference_map(pairs: Mapping[str, Sequence[tuple[xr.Dataset, xr.Dataset]]]) -> "Figure":
+    """Draw where the activations of strategies differ from those of another one.
+
+    Parameters
+    ----------
+    pairs : mapping of str to sequence of (Dataset, Dataset)
+        For every strategy, one pair per trial: its ``activation`` (muscle, time) [1] and that of the
+        strategy with which it is compared; attributes ``instruction``, ``origin`` and, of the second,
+        ``strategy``.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        For every strategy two panels over muscle and instruction: the mean difference, and the
+        correlation over time, both means over the trials; grey where an activation does not change.
+
+    Raises
+    ------
+    FigureError
+        There is no trial, or a variable or attribute is missing.
+    """
+    each = [pair for trials in pairs.values() for pair in trials]
+    if not each:
+        raise FigureError("there are no trials to draw")
+    muscles = [str(label) for label in each[0][0]["muscle"].values]
+    instructions = sorted({str(one.attrs["instruction"]) for one, _ in each})
+    width = 1.4 + len(pairs) * (1.6 + 0.5 * len(instructions))
+    figure = blank(max(width, 5.5), 1.4 + 0.19 * len(muscles))
+    panels = grid(figure, 1, 2 * len(pairs), sharey=True)[0]
+    other, mesh = str(each[0][1].attrs.get("strategy", "the other")), None
+    for k, (strategy, trials) in enumerate(pairs.items()):
+        found = np.full((2, len(muscles), len(instructions)), np.nan)
+        for column, instruction in enumerate(instructions):
+            both = [_compared(*p) for p in trials if p[0].attrs["instruction"] == instruction]
+            if both:
+                known = np.isfinite(both)
+                total = np.where(known, both, 0.0).sum(axis=0)
+                found[:, :, column] = total / np.where(known.any(axis=0), known.sum(axis=0), np.nan)
+        for panel, values, title in zip(
+            panels[2 * k :], found, ("mean difference", "correlation"), strict=False
+        ):
+            panel.set_facecolor("0.85")
+            mesh = panel.pcolormesh(values, cmap="PuOr_r", vmin=-1.0, vmax=1.0)
+            panel.set_title(f"{strategy} - {other}\n{title}" if title[0] == "m" else title)
+            ticks(panel, "x", [i + 0.5 for i in range(len(instructions))], instructions)
+            ticks(panel, "y", [i + 0.5 for i in range(len(muscles))], muscles)
+            panel.tick_params(length=0)
+    panels[0].invert_yaxis()
+    cast(Any, figure).colorbar(mesh, ax=panels, pad=0.02)
+    origins = {origin_of(one) for one, _ in each}
+    heading(figure, f"activations of strategies compared with {other}", origins.pop())
+    return figure
+
+
+def _compared(one: xr.Dataset, other: xr.Dataset) -> NDArray[np.float64]:
+    """Mean difference and correlation over time (2, muscle) of two activations."""
+    a, b = _of(one, "activation"), _of(other, "activation")
+    if list(a["muscle"].values) != list(b["muscle"].values):
+        raise FigureError("the trials have different muscles, expected the same in each")
+    time, given = a["time"].values, b["time"].values
+    inside = (time >= given[0]) & (time <= given[-1])
+    x = a.values[:, inside]
+    y = np.array([np.interp(time[inside], given, row) for row in b.values])
+    u, v = x - x.mean(axis=1, keepdims=True), y - y.mean(axis=1, keepdims=True)
+    size = np.sqrt((u**2).sum(axis=1) * (v**2).sum(axis=1))
+    moving = size > 1e-12
+    r = np.where(moving, (u * v).sum(axis=1) / np.where(moving, size, 1.0), np.nan)
+    return np.array([(x - y).mean(axis=1), r])
 
 
 def _of(data: xr.Dataset, variable: str) -> xr.DataArray:

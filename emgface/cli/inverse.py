@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from emgface.inverse.calibration import Calibration
-    from emgface.inverse.run import InverseParameters
+    from emgface.inverse.parameters import InverseParameters
     from emgface.study.configuration import StudyConfiguration
     from sim.state import Array
 
@@ -80,7 +80,7 @@ def run(
     from emgface.api.given import face_of, study_of
     from emgface.inverse.calibration import Calibration
     from emgface.inverse.mixing import read_mixing
-    from emgface.inverse.run import InverseParameters, form_of, without_contact
+    from emgface.inverse.parameters import InverseParameters, form_of, without_contact
     from emgface.inverse.variants import trust_of
     from emgface.schema.netcdf import read_netcdf
 
@@ -104,13 +104,13 @@ def run(
         delay=delay,
         left_out=tuple(leave_out or ()),
     )
-    given = (face_of(face, plan), plan, out_path, parameters, mapping, known)
     known_mixing = None if mixing is None else read_mixing(mixing)
+    given = (face_of(face, plan), plan, out_path, parameters, mapping, known, known_mixing)
     announce_compilation()
     if several:
-        _invert_all(recordings, *given, known_mixing, workers, scheduler)
+        _invert_all(recordings, *given, workers, scheduler)
     else:
-        _invert(recordings[0], *given, known_mixing)
+        _invert(recordings[0], *given)
 
 
 def _invert(
@@ -126,8 +126,8 @@ def _invert(
     """Invert one recording in this process and report the result."""
     from emgface.api.given import recording_of
     from emgface.inverse.kept import Kept
-    from emgface.inverse.many import unlike_markers
-    from emgface.inverse.run import FOLLOWED, invert
+    from emgface.inverse.many import doubts
+    from emgface.inverse.run import invert
     from emgface.schema.netcdf import write_netcdf
 
     kept, data = Kept.beside(out_path), recording_of(path, mapping)
@@ -151,8 +151,10 @@ def _invert(
             f"Mean width of the {found.attrs['interval']:.0%} intervals {width:.2f}. "
             f"At the largest motion: {told or 'every direction is determined by the data'}."
         )
-    if not found.attrs["misfit_ratio"] <= FOLLOWED:
-        warnings.warn(unlike_markers(), stacklevel=1)
+    if parameters.variant != "motion" and found.attrs["missing"]:
+        say(f"Muscles without own sEMG, which are free: {found.attrs['missing']}.")
+    for text in doubts(found):
+        warnings.warn(text, stacklevel=1)
 
 
 def _invert_all(
@@ -174,8 +176,8 @@ def _invert_all(
         with progress("inverting") as bar:
             found = invert_all(
                 paths, face, plan, out_path, parameters, mapping=mapping,
-                calibration=calibration, mixing=mixing, workers=chosen, observer=bar,
-                stopping=stopping,
+                calibration=calibration, mixing=mixing, workers=chosen,
+                observer=bar, stopping=stopping,
             )  # fmt: skip
     heads = ("recording", "rms distance [mm]", "of the motion", "width of intervals")
     done = [one for one in found if one.status == "ok"]
@@ -227,7 +229,7 @@ def calibrate(
     from emgface.inverse.calibrate import calibrate as estimate
     from emgface.inverse.kept import Kept
     from emgface.inverse.mixing import read_mixing
-    from emgface.inverse.run import without_contact
+    from emgface.inverse.parameters import without_contact
     from emgface.schema.netcdf import write_netcdf
 
     if out_path.exists() and not force:

@@ -14,8 +14,10 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.calibration import Calibration, over_session
 from emgface.inverse.kept import Kept
 from emgface.inverse.mixing import estimated_row, in_order_of
+from emgface.inverse.parameters import InverseParameters
+from emgface.inverse.problem import Problem, pose_problem
 from emgface.inverse.refine import emg_precision
-from emgface.inverse.run import InverseParameters, Problem, fitted, pose_problem
+from emgface.inverse.run import fitted
 from emgface.inverse.variants import RECORDED
 from emgface.muscles import LIP_MARKERS, MUSCLES
 from emgface.signals.activation import feature_range
@@ -205,7 +207,8 @@ def _linearised(
     recorded = np.array([m.rpartition("_")[0] in RECORDED for m in problem.system.muscles])
     trust = np.where(recorded, 1.0, 0.0)
     weight = emg_precision(p.assumed, error, trust, problem.h)
-    refined = fitted(problem, p, emg[1:], weight, kept=kept, draws=0)
+    density = p.assumed.density(emg[1:], weight, problem.h)
+    refined = fitted(problem, p, density, kept=kept, draws=0)
     return _Trial(problem, refined.linearised, refined.splines, refined.time, refined.marker_weight)
 
 
@@ -218,8 +221,8 @@ def _prior(
 ) -> Quadratic:
     gain, delay, error = scales
     weight = emg_precision(p.assumed, error, np.where(use, 1.0, 0.0), trial.problem.h)
-    emg, assumed = _emg(trial, gain, delay), p.assumed
-    return assumed.prior(trial.splines, trial.time, emg, weight, mixing)
+    emg = _emg(trial, gain, delay)
+    return p.assumed.density(emg, weight, trial.problem.h, mixing).quadratic
 
 
 def _expected(

@@ -11,7 +11,8 @@ import xarray as xr
 from emgface.errors import DataError, ExecutionError, StoreError, WorkerDied
 from emgface.inverse.calibration import Calibration
 from emgface.inverse.kept import Kept
-from emgface.inverse.run import FOLLOWED, InverseParameters, form_of, invert
+from emgface.inverse.parameters import InverseParameters, form_of
+from emgface.inverse.run import FOLLOWED, RESTING, invert
 from emgface.recordings.dataset import read_recording
 from emgface.schema.netcdf import write_netcdf
 from emgface.study.configuration import StudyConfiguration
@@ -147,8 +148,8 @@ def invert_one(laboratory: Laboratory, job: Job) -> Inverted:
         raise StoreError(str(error)) from error
     kept.remove()
     misfit, ratio = float((found["misfit"] ** 2).mean()) ** 0.5, float(found.attrs["misfit_ratio"])
-    if not ratio <= FOLLOWED:
-        laboratory.report(f"{name}: {unlike_markers()}")
+    for text in doubts(found):
+        laboratory.report(f"{name}: {text}")
     if caught:
         more = f" (and {len(caught) - 1} more warnings)" if len(caught) > 1 else ""
         laboratory.report(f"{name}: {caught[0].message}{more}")
@@ -158,12 +159,20 @@ def invert_one(laboratory: Laboratory, job: Job) -> Inverted:
     return Inverted(name, "ok", "", misfit, ratio, width)
 
 
-def unlike_markers() -> str:
-    """Sentence on a face that does not follow the markers."""
-    return (
-        f"the face does not follow the markers: the misfit exceeds {FOLLOWED:.0%} of their motion. "
-        "Check names, axes and unit of the markers (`emgface data check`) before using the result."
-    )
+def doubts(found: xr.Dataset) -> list[str]:
+    """Sentences on a trial that does not begin at rest, and a face that does not follow the markers."""
+    told: list[str] = []
+    if not found.attrs["rest_ratio"] <= RESTING:
+        told.append(
+            f"the markers move in the first 0.1 s by {found.attrs['rest_ratio']:.0%} of the motion of "
+            "the trial, but their displacements are counted from there: begin the trial at rest"
+        )
+    if not found.attrs["misfit_ratio"] <= FOLLOWED:
+        told.append(
+            f"the face does not follow the markers: the misfit exceeds {FOLLOWED:.0%} of their motion. "
+            "Check names, axes and unit of the markers (`emgface data check`) before using the result."
+        )
+    return told
 
 
 def _inverted(laboratory: Laboratory, job: Job, kept: Kept) -> xr.Dataset:
@@ -195,4 +204,4 @@ def _lost(job: Job, error: WorkerDied) -> Inverted:
     return Inverted(job.path.stem, "failed:WorkerDied", str(error))
 
 
-__all__ = ["Inverted", "invert_all", "unlike_markers"]
+__all__ = ["Inverted", "doubts", "invert_all"]

@@ -68,16 +68,43 @@ class Assumptions:
     size: float = 0.5
     change: float = 2.0
 
-    def prior(
-        self,
-        splines: Splines,
-        time: Array,
-        emg: Array,
-        emg_weight: Array,
-        mixing: Array | None = None,
-    ) -> Quadratic:
-        """Density of the coefficients before the motion is known, as `sim.inverse.prior`."""
-        return prior(splines, time, self.size, self.mean, self.change, emg, emg_weight, mixing)
+    def splines(self, n_steps: int, h: float) -> tuple[Splines, Array]:
+        """Splines over steps of length h [s], and the times (n_steps,) of their ends."""
+        time = ends_of_steps(n_steps, h)
+        return Splines(float(time[-1]), self.spacing), time
+
+    def density(
+        self, emg: Array, emg_weight: Array, h: float, mixing: Array | None = None
+    ) -> "Density":
+        """Density that `sim.inverse.prior` states, of activations from sEMG (n_steps, n_muscles).
+
+        Parameters
+        ----------
+        emg_weight : (n_muscles,) of `emg_precision`.
+        h : step [s].
+        mixing : (n_muscles, n_muscles), optional
+            Cross-talk of the sEMG, as of `sim.inverse.MeasuredActivation`.
+        """
+        splines, time = self.splines(len(emg), h)
+        found = prior(splines, time, self.size, self.mean, self.change, emg, emg_weight, mixing)
+        free = np.where(emg_weight < PRESCRIBED**-2.0, self.strength, 0.0)
+        return Density(found, free)
+
+
+@dataclass(frozen=True)
+class Density:
+    """Density of the activations of a trial before its motion is known.
+
+    Attributes
+    ----------
+    quadratic : Quadratic
+        Negative logarithm of the density of the coefficients.
+    spread : (n_muscles,) standard deviation of the logarithm of the strength of the person's muscles
+        over those of the face, which the motion does not determine [1].
+    """
+
+    quadratic: Quadratic
+    spread: Array
 
 
 @dataclass(frozen=True)
@@ -156,16 +183,14 @@ def emg_precision(assumed: Assumptions, error: Array, trust: Array, h: float) ->
 def refine(
     system: System,
     target: PointTarget,
-    emg: Array,
-    emg_weight: Array,
+    density: Density,
     noise: float,
     assumed: Assumptions,
     *,
     h: float,
     initial: State,
     work: Workspace,
-    iterations: int = 5,
-    mixing: Array | None = None,
+    iterations: int = 12,
     draws: int = DRAWS,
     begun: Begun | None = None,
     after: Callable[[Begun], None] | None = None,
@@ -179,14 +204,14 @@ def refine(
 
     Parameters
     ----------
-    emg : (n_steps, n_muscles) activation estimated from sEMG.
-    emg_weight : (n_muscles,) of `emg_precision`.
+    target : PointTarget
+        Its times are those of the steps, the first at the start.
+    density : Density
+        Of the activations before the motion is known.
     noise : float
         Standard deviation of a coordinate of a marker [m].
     iterations : int
         Largest number of Gauss-Newton iterations.
-    mixing : (n_muscles, n_muscles), optional
-        Cross-talk of the sEMG, as of `sim.inverse.MeasuredActivation`.
     begun : Begun, optional
         Of an interrupted fit, which continues; zero activations by default.
     after : callable, optional
@@ -197,10 +222,9 @@ def refine(
     SimulationError
         As of `sim.inverse.linearise`.
     """
-    time = ends_of_steps(len(emg), h)
-    splines = Splines(float(time[-1]), assumed.spacing)
+    splines, time = assumed.splines(len(target.time) - 1, h)
     n, rest = len(system.muscles), initial.q[target.nodes]
-    before = assumed.prior(splines, time, emg, emg_weight, mixing)
+    before = density.quadratic
     state = begun or Begun(np.zeros((splines.n, n)), 0, assumed.model_error)
 
     def fitted(begin: Array | Linearised, most: int) -> Linearised:
@@ -231,9 +255,8 @@ def refine(
     if draws:
         centre = found.coefficients.ravel()
         drawn = posterior.draws(draws, burn=BURN, apart=APART, centre=centre)
-        drawn = drawn.reshape(draws, splines.n, n)
-        spread = np.where(emg_weight < PRESCRIBED**-2.0, assumed.strength, 0.0)
-        drawn = drawn * np.exp(spread * np.random.default_rng(1).standard_normal((draws, 1, n)))
+        strengths = np.random.default_rng(1).standard_normal((draws, 1, n))
+        drawn = drawn.reshape(draws, splines.n, n) * np.exp(density.spread * strengths)
         low, high = intervals(np.einsum("tk,dkn->dtn", B, drawn).clip(0.0, 1.0))
     told = _undetermined(posterior, _posterior(before), B, target, initial, system.muscles)
     activation, error = B @ found.coefficients, float(known.model_error or 0.0)

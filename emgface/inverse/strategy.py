@@ -6,7 +6,8 @@ import xarray as xr
 
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.configuration import VARIANT, InverseConfiguration
-from emgface.inverse.run import InverseParameters, invert
+from emgface.inverse.parameters import InverseParameters
+from emgface.inverse.run import invert
 from emgface.muscles import LIP_MARKERS
 from emgface.signals.parameters import SignalChain
 

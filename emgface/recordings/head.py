@@ -6,6 +6,8 @@ least-squares sense; the remaining motion of the lip markers is motion of the li
 Source: Kabsch 1976, Acta Cryst A 32:922; Eskes et al. 2017, Methods (six face markers).
 """
 
+from typing import Literal
+
 import numpy as np
 import xarray as xr
 from scipy.interpolate import PchipInterpolator
@@ -25,6 +27,8 @@ def in_head_frame(
     recording_position: xr.DataArray,
     parameters: HeadFrameParameters,
     reference: xr.DataArray | None = None,
+    *,
+    lost: Literal["refused", "kept"] = "refused",
 ) -> xr.DataArray:
     """Remove the rigid motion of the head from marker positions.
 
@@ -43,7 +47,7 @@ def in_head_frame(
     for longer than `max_gap`. Its attrs are ``head_reference``, ``residual_rms`` and
     ``residual_max`` [m] of the face markers about the reference (shape differences, skin motion,
     noise), ``bridged`` (number of interpolated marker frames), ``face_markers_left_out`` (names,
-    lost in any frame).
+    lost in any frame). With `lost` = "kept", a lip marker that is lost for longer is NaN meanwhile.
 
     Raises MarkerError, UnitsError or SignalError if a marker is missing, the markers fit the mirror
     image of the reference better than the reference, a lip marker is never visible or lost for
@@ -77,7 +81,7 @@ def in_head_frame(
     about = target if given is None else given
     distance = np.linalg.norm(moved[:, face] - about, axis=2)[present]
     distance = distance[np.isfinite(distance)]
-    bridged = _bridge(moved, names, time, rate, parameters.max_gap)
+    bridged = _bridge(moved, names, time, rate, parameters.max_gap, lost == "refused")
     result = position.copy(data=moved.transpose(1, 2, 0))
     left_out = np.array(FACE_MARKERS)[~present.all(axis=0)]
     result.attrs |= {
@@ -239,7 +243,12 @@ def _fit(
 
 
 def _bridge(
-    moved: np.ndarray, names: list[str], time: np.ndarray, rate: float, max_gap: float
+    moved: np.ndarray,
+    names: list[str],
+    time: np.ndarray,
+    rate: float,
+    max_gap: float,
+    refused: bool,
 ) -> int:
     """Interpolate gaps of every marker in place, and count the interpolated frames."""
     bridged = 0
@@ -247,7 +256,7 @@ def _bridge(
         lost = ~np.isfinite(moved[:, m, 0])
         if not lost.any():
             continue
-        must = name in LIP_MARKERS
+        must = refused and name in LIP_MARKERS
         if must and lost.all():
             raise MarkerError(
                 f"marker {name} is never visible, expected it in at least part of the trial: "

@@ -16,6 +16,7 @@ from analysis.figures import (
     activation_heat_map,
     baseline_plot,
     box_plots,
+    difference_map,
     emg_with_features,
     feature_boxes,
     formant_plot,
@@ -25,6 +26,7 @@ from analysis.figures import (
 )
 from analysis.tables import origin_of
 from emgface.errors import FeatureWarning
+from emgface.inverse.configuration import VARIANT
 from emgface.pictures.body import Body
 from emgface.pictures.page import svg_of
 from emgface.report.faces import study_faces
@@ -147,6 +149,7 @@ def trial_figures(results: Results) -> list[Drawn]:
             lambda: _emg(results, trial),
         )
         drawn += _features(results)
+        drawn += _differences(results)
     drawn += _drawn(
         results,
         "activation",
@@ -211,6 +214,35 @@ def _features(results: Results) -> list[Drawn]:
         " Fig. 5 of Eskes et al. 2017. Whiskers span the 5th to 95th percentile."
     )
     return _drawn(results, "features", "Features per muscle", text, lambda: feature_boxes(found))
+
+
+def _differences(results: Results) -> list[Drawn]:
+    """Compare the activations that follow the markers with those of the first strategy from sEMG."""
+    assert results.study is not None and results.intake is not None
+    strategies = results.study.strategies
+    by_markers = [name for name in strategies if name in VARIANT]
+    by_emg = [name for name in strategies if name not in VARIANT]
+    if not by_markers or not by_emg:
+        return []
+    pairs: dict[str, list[tuple[xr.Dataset, xr.Dataset]]] = {name: [] for name in by_markers}
+    for recording in results.intake.recordings:
+        if recording.error is not None or recording.excluded:
+            continue
+        for name in by_markers:
+            try:
+                one, other = (results.activation(recording, s) for s in (name, by_emg[0]))
+            except FAILURES:  # the trial is in the list of exclusions
+                continue
+            pairs[name].append((one, other))
+    text = (
+        f"Activations of {' and '.join(by_markers)}, which follow all markers, compared with "
+        f"{by_emg[0]} in every muscle and instruction, means over the trials. Purple: lower, or "
+        "opposite over time; orange: higher, or equal in course. The scale of activations from sEMG is "
+        "that of their normalisation, so that differences of their size are no finding by themselves; "
+        "grey: one of both does not change."
+    )
+    title = "Where activations disagree"
+    return _drawn(results, "differences", title, text, lambda: difference_map(pairs))
 
 
 def _drawn(

@@ -29,7 +29,7 @@ def measured_during(
     """
     head = in_head_frame(recording["position"], head_frame, face["face_marker_position"])
     lips = head.sel(marker=list(LIP_MARKERS))
-    _check_sides(lips)
+    check_lips(lips)
     simulated = motion["time"].values
     times = motion.attrs["recorded_start"] + motion.attrs["recorded_pace"] * simulated
     seen = lips.isel(time_marker=measured_span(lips))
@@ -70,14 +70,22 @@ def measured_during(
     )
 
 
-def _check_sides(lips: xr.DataArray) -> None:
-    """Refuse lip markers of the left that are on the right on average (axis x points to the right)."""
-    side = lips.sel(axis="x").mean("time_marker")
-    for left in (name for name in LIP_MARKERS if name.endswith("left")):
-        right = left.replace("left", "right")
-        apart = float(side.sel(marker=right) - side.sel(marker=left))
-        if apart < 0:
-            raise MarkerError(
-                f"{right} is {-1e3 * apart:.3g} mm to the left of {left} on average, expected it to the "
-                "right: exchange the two names in the recording or its sidecar"
-            )
+def check_lips(lips: xr.DataArray) -> None:
+    """Refuse lip markers whose names are exchanged (axis x points to the right, z upwards).
+
+    On average, those of the left are to the left of those of the right, and those of the upper lip above
+    those of the lower; markers that are never visible are not checked.
+    """
+    mean = lips.mean("time_marker")
+    for axis, first, second, where in (
+        ("x", "left", "right", "to the right of"),
+        ("z", "lower", "upper", "above"),
+    ):
+        for name in (one for one in LIP_MARKERS if first in one):
+            other = name.replace(first, second)
+            apart = float((mean.sel(marker=other) - mean.sel(marker=name)).sel(axis=axis))
+            if apart < 0:
+                raise MarkerError(
+                    f"{other} is not {where} {name}, but {-1e3 * apart:.3g} mm to the other side on "
+                    "average: exchange the two names in the recording or its sidecar"
+                )

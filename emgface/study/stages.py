@@ -18,7 +18,7 @@ from emgface.errors import FeatureWarning
 from emgface.face.motion import NOT_OF_REST, settle_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.configuration import VARIANT
-from emgface.inverse.run import without_contact
+from emgface.inverse.parameters import without_contact
 from emgface.inverse.strategy import FOLDS, crossed, inverse_activation
 from emgface.signals.activation import activation_of, feature_range
 from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
@@ -88,9 +88,13 @@ INVERSE = Stage(
                 "emgface.inverse.calibration",
                 "emgface.inverse.configuration",
                 "emgface.inverse.kept",
+                "emgface.inverse.markers",
                 "emgface.inverse.mixing",
+                "emgface.inverse.parameters",
+                "emgface.inverse.problem",
                 "emgface.inverse.refine",
                 "emgface.inverse.run",
+                "emgface.inverse.signals",
                 "emgface.inverse.strategy",
                 "emgface.inverse.variants",
             )

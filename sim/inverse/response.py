@@ -246,7 +246,7 @@ def step_response(
         solve = work.steps.many(equation.A)
         w = solve(equation.rhs[None])[0]  # it determines the loads
         return Response(activation, w, solve(loads(w)).T, state.pose, w0, h, equation.moves, 0)
-    N = _normals(system, touched.active, state.pose)
+    N = generalised_normals(system, touched.active, state.pose)
     X = work.steps.many(equation.A)(np.concatenate([loads(touched.w), N]))
     held = _held(X[: len(activation)], X[len(activation) :], N)
     return Response(activation, touched.w, held.T, state.pose, w0, h, equation.moves, len(N))
@@ -274,7 +274,7 @@ def equilibrium_response(
     step = ContactStep(system.contact, state, state.t + 1.0, equilibrium=True)
     near = step.at(pose.q)
     pushing = np.isin(near.slot, system.contact.pushing(state))
-    N = _normals(system, near.take(np.flatnonzero(pushing)), pose)
+    N = generalised_normals(system, near.take(np.flatnonzero(pushing)), pose)
     X = work.steps.many(A)(np.concatenate([F, N]))
     return _held(X[: len(F)], X[len(F) :], N).T
 
@@ -309,7 +309,7 @@ def _differences(
     return np.array(rows)
 
 
-def _normals(system: System, rows: Rows, pose: Pose) -> Array:
+def generalised_normals(system: System, rows: Rows, pose: Pose) -> Array:
     """Generalised directions (k, n) of contact rows."""
     out = np.zeros((len(rows), system.pattern.n))
     for j in range(len(rows)):

@@ -1,7 +1,7 @@
 """Trajectory form of inverse tracking: spline activations over a whole trial by Gauss-Newton."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,9 +10,10 @@ from scipy.sparse import csr_array
 
 from sim.errors import SceneError, SimulationError
 from sim.integrators import LinearlyImplicitEuler, Workspace
-from sim.integrators.contract import require_upright
+from sim.integrators.contact_linear import LinearContact
+from sim.integrators.contract import require_fixed_contact, require_no_barrier, require_upright
 from sim.inverse.quadratic import minimise_in_box
-from sim.inverse.response import NEAR, ActiveForces
+from sim.inverse.response import NEAR, ActiveForces, generalised_normals
 from sim.inverse.targets import Target, Together
 from sim.pattern import Sparsity
 from sim.state import Array, Control, Line, State
@@ -23,6 +24,8 @@ from sim.threads import one_blas_thread
 DEGREE = 1
 """Degree of the splines: an activation that is zero is one coefficient at its bound, which has a
 positive density; the sum of several positive coefficients would not."""
+KEPT = 0.5
+"""Ratio of a decrease and its prediction above which the next iteration has the same derivatives."""
 HALVINGS = 5
 """Largest number of halvings of a Gauss-Newton step."""
 DECAYED = 1e-5
@@ -73,12 +76,15 @@ class Linearised:
     J : (n_steps, m, n_splines n_muscles) derivatives of the reached targets over their sizes; empty
         without derivatives.
     final : State
+    exact : bool
+        False if J is that at the coefficients of an earlier iteration.
     """
 
     coefficients: Array
     residual: Array
     J: Array
     final: State
+    exact: bool = True
 
     @property
     def misfit(self) -> float:
@@ -173,12 +179,14 @@ def linearise(
     where dK[w1] is the derivative of K along w1 and F are the forces of the muscles: the derivative of
     K along dq0, times w1, equals that along w1, times dq0, because K is the second derivative of an
     energy. One factor serves the step and all its derivatives, which are exact if the damping matrix is
-    constant. Columns that have decayed to `decayed` [m] are dropped.
+    constant. Rows of active contacts stay closed, N (dq0 + h dw1) = 0, with the directions of the step;
+    a row that opens or closes is a kink of the motion. Columns that have decayed to `decayed` [m] are
+    dropped.
 
     Raises
     ------
     SceneError
-        Steps have contact, joints, constraints, memory, matrix-free products, rotating coordinates, or
+        Steps have joints, a barrier, constraints, memory, matrix-free products, rotating coordinates, or
         a damping matrix that depends on the activation.
     InvertedElement, SingularSystem
         A step failed.
@@ -205,8 +213,13 @@ def linearise(
         a = np.clip(basis[k] @ coefficients, 0.0, 1.0)
         line = Line(a, np.zeros(n), state.t, h)
         equation = integrator.equation(system, state, line, work)
-        solve = work.steps.many(equation.A)
-        w = solve(equation.rhs[None])[0]
+        touched, normals = None, np.zeros((0, x.shape[2]))
+        if system.contact is not None:
+            touched = LinearContact(system, state, equation, h, work).solve()
+            normals = generalised_normals(system, touched.active, state.pose)
+        if touched is None or derivatives:
+            solve = work.steps.many(equation.A)
+        w = solve(equation.rhs[None])[0] if touched is None else touched.w
         if derivatives:
             while begun < splines.n and splines.knots[begun] < t1:
                 alive = np.append(alive, begun * n + np.arange(n))
@@ -217,12 +230,15 @@ def linearise(
             K = full.matrix(_later_stiffness(system, state, w, control, h))
             rhs = (M @ x[1].T - h * (K @ x[0].T)).T
             rhs += basis[k][alive // n, None] * load[alive % n]
-            x[1] = solve(rhs)
+            x[1] = _held(solve, rhs, normals, -(normals @ x[0].T) / h)
             x[0] += h * x[1]
-        pose = kinematics.advance(state.pose, h * w, state.t + h)
+        if touched is None:
+            pose, memory = kinematics.advance(state.pose, h * w, state.t + h), {}
+        else:
+            pose, memory = touched.pose, touched.memory
         least, element = system.smallest_J(pose.q)
         require_upright(element, least, state.t + h)
-        state = kinematics.state(pose, w, {})
+        state = kinematics.state(pose, w, memory)
         rows.append(target.wanted(state.t) - target.value(state.q))
         if derivatives:
             out = np.zeros((len(rows[-1]), total))
@@ -236,9 +252,21 @@ def linearise(
     return Linearised(coefficients, np.array(rows), J, state)
 
 
+def _held(solve: Callable[[Array], Array], rhs: Array, N: Array, rate: Array) -> Array:
+    """Solutions X (k, n) of A X' = rhs' + N' f for forces f with which N X' = rate (m, k)."""
+    if not len(N):
+        return solve(rhs)
+    both = solve(np.concatenate([rhs, N]))
+    X, Y = both[: len(rhs)], both[len(rhs) :]
+    f = np.linalg.lstsq(N @ Y.T, rate - N @ X.T, rcond=1e-12)[0]
+    return np.asarray(X + f.T @ Y, dtype=np.float64)
+
+
 def _require_smooth(system: System, forces: ActiveForces, state: State, h: float) -> None:
+    require_no_barrier(system, "inverse tracking")
+    require_fixed_contact(system, "inverse tracking", "leave one of the two out")
     parts = {
-        "contact": system.contact is not None or bool(system.stops),
+        "stops": bool(system.stops),
         "joints": system.rows is not None,
         "constraints": system.constraints is not None,
         "history-dependent tissue": system.during(state, h) is not system,
@@ -346,7 +374,9 @@ def fit(
     """Minimise half of the squared residuals plus a prior over the coefficients, within 0-1.
 
     Gauss-Newton: every iteration solves the linearised problem within the box and halves its change
-    until the objective decreases. It ends with a relative decrease below `enough`.
+    until the objective decreases. The derivatives of an iteration serve the next one as well if the
+    decrease is at least `KEPT` times the predicted one. It ends with a relative decrease below `enough`
+    in an iteration with its own derivatives.
 
     Parameters
     ----------
@@ -357,8 +387,8 @@ def fit(
     precision : float or (m,)
         Inverse variances of the targets over their sizes.
     after : callable, optional
-        Called as ``after(linearised, iterations done)`` after every iteration; all are done if the fit
-        has converged.
+        Called as ``after(linearised, iterations done)`` after every iteration that computed its
+        derivatives; all are done if the fit has converged.
 
     Raises
     ------
@@ -382,6 +412,7 @@ def fit(
         problem = here.normal(precision) + before
         flat = here.coefficients.ravel()
         wanted = minimise_in_box(problem.Q, problem.c, 0.0 * flat, 0.0 * flat + 1.0, flat).x
+        predicted = problem.value(flat) - problem.value(wanted)
         share, found = 1.0, None
         for _ in range(HALVINGS):
             c = here.coefficients + share * (wanted - flat).reshape(here.coefficients.shape)
@@ -392,12 +423,18 @@ def fit(
             if found is not None and value(found) < reached[-1]:
                 break
             share, found = 0.5 * share, None
-        if found is None:
+        if found is None and here.exact:
             break
-        here = at(found.coefficients)
-        reached.append(value(here))
-        converged = reached[-2] - reached[-1] < enough * abs(reached[-2])
-        if after is not None:
+        if found is None:
+            here = at(here.coefficients)
+            continue
+        reached.append(value(found))
+        decrease = reached[-2] - reached[-1]
+        little = decrease < enough * abs(reached[-2])
+        converged = little and here.exact
+        keep = converged or (not little and decrease > KEPT * predicted)
+        here = replace(found, J=here.J, exact=False) if keep else at(found.coefficients)
+        if after is not None and (converged or here.exact):
             after(here, iterations if converged else k + 1)
         if converged:
             break

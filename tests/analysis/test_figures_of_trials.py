@@ -11,6 +11,7 @@ from analysis.align import align
 from analysis.errors import CubeError, FigureError
 from analysis.figures import (
     activation_heat_map,
+    difference_map,
     emg_with_features,
     feature_boxes,
     marker_traces,
@@ -54,6 +55,22 @@ def test_feature_boxes_show_the_medians() -> None:
     expected = [float(np.median(pooled[k + side])) for k in range(10) for side in (0, 10)]
     np.testing.assert_allclose([y for _, y in drawn], expected)
     assert "simulated recordings" in figure.get_suptitle()
+
+
+def test_differences_of_two_strategies_are_means_over_trials() -> None:
+    one = activation(strategy="act_all")
+    other = one.copy(deep=True).assign_attrs(strategy="inverse")
+    other["activation"] = (0.5 * one["activation"]).assign_attrs(one["activation"].attrs)
+    figure = difference_map({"inverse": [(other, one), (one, one)]})
+    size, course = (panel.collections[0].get_array() for panel in figure.axes[:2])
+    expected = -0.25 * one["activation"].mean("time").values[:, None]
+    np.testing.assert_allclose(size, expected, atol=1e-12)
+    changes = one["activation"].std("time").values > 0.0
+    np.testing.assert_allclose(course[changes], 1.0)
+    assert np.isnan(np.ma.filled(course[~changes], np.nan)).all()
+    assert "compared with act_all (simulated" in figure.get_suptitle()
+    with pytest.raises(FigureError, match="no trials"):
+        difference_map({"inverse": []})
 
 
 def test_signals_and_features() -> None:

@@ -7,8 +7,8 @@ import xarray as xr
 from emgface.errors import ConfigurationError, DataError
 from emgface.inverse.calibrate import calibrate, common_delay, profile, regressed
 from emgface.inverse.calibration import Calibration
+from emgface.inverse.parameters import form_of
 from emgface.inverse.refine import Assumptions, emg_precision, intervals, marker_precision
-from emgface.inverse.run import form_of
 from emgface.muscles import MUSCLES
 from emgface.schema.validation import validate
 from emgface.signals.parameters import SignalChain

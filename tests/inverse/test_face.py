@@ -1,14 +1,44 @@
-"""Inversion of recordings on the face: variants, lost markers, missing channels, refusals."""
+"""Targets and sEMG of recordings on a face: variants, lost markers, missing channels, refusals."""
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from emgface.errors import ConfigurationError, MarkerError
-from emgface.inverse.run import InverseParameters, _wanted, invert
+from emgface.errors import ConfigurationError, MarkerError, SignalError, UnitsError
+from emgface.inverse.markers import marker_nodes, wanted_positions
+from emgface.inverse.parameters import InverseParameters
+from emgface.inverse.run import invert
+from emgface.inverse.signals import estimated_activation
 from emgface.inverse.variants import VARIANTS, trust_of
 from emgface.muscles import LIP_MARKERS, MUSCLES
-from emgface.study.measured import _check_sides
+from emgface.signals.parameters import HeadFrameParameters, SignalChain
+from emgface.study.measured import check_lips
+from tests.inverse.recordings import recording_of
+
+TIME = 0.01 * np.arange(121)
+
+
+@pytest.fixture(scope="module")
+def face(coarse):
+    return coarse
+
+
+@pytest.fixture(scope="module")
+def recording(face):
+    return recording_of(face, 1.25)
+
+
+def wanted(recording, face, **options):
+    rest = face["position"].values[marker_nodes(face)]
+    return wanted_positions(recording, rest, face, HeadFrameParameters(), TIME, 0.0, **options)
+
+
+def lost(recording, name, begin, end):
+    """Recording without one marker between two times."""
+    position = recording["position"].copy()
+    away = (position["time_marker"] >= begin) & (position["time_marker"] <= end)
+    position.loc[{"marker": name}] = position.sel(marker=name).where(~away)
+    return recording.assign(position=position)
 
 
 def test_the_variants_are_one_family_of_trust():
@@ -26,38 +56,102 @@ def test_the_variants_are_one_family_of_trust():
         trust_of("assisted", MUSCLES, -1.0)
 
 
-def test_targets_are_displacements_scaled_to_the_mouth_of_the_face():
-    rng = np.random.default_rng(0)
-    rest = rng.standard_normal((10, 3)) * 0.02
-    person = 1.25 * rest + 0.3
-    move = 1e-3 * np.arange(30)[:, None, None] * np.array([0.0, 0.0, 1.0])
-    move[:12] = 0.0
-    position = xr.DataArray(
-        person + move, dims=("time", "marker", "axis"),
-        coords={"time": 0.01 * np.arange(30), "marker": list(LIP_MARKERS)},
-    )  # fmt: skip
-    wanted, scale = _wanted(position, rest)
-    assert scale == pytest.approx(0.8)
-    assert np.abs(wanted - (rest + 0.8 * move)).max() < 1e-12
-    with pytest.raises(MarkerError, match="marker corner_left is not visible in the first 0.1 s"):
-        _wanted(position.where(position["marker"] != "corner_left"), rest)
+def test_targets_are_displacements_scaled_to_the_mouth_of_the_face(face, recording):
+    found = wanted(recording, face)
+    rest = face["position"].values[marker_nodes(face)]
+    assert found.scale == pytest.approx(0.8, abs=2e-3)
+    moved = found.position.values - rest
+    left = LIP_MARKERS.index("corner_left")
+    assert moved[60, left] == pytest.approx([-4e-3, 0.0, 0.0], abs=4e-4)
+    assert np.abs(moved[:10]).max() < 5e-4 and found.at_rest < 2e-4
+    # of a coordinate; 0.1 mm in the recording, and the head frame adds its own
+    assert found.noise == pytest.approx(0.8e-4, rel=0.4)
 
 
-def test_an_unknown_marker_to_leave_out_is_refused():
+def test_a_lost_marker_is_left_out_while_it_is_lost_and_the_others_stay(face, recording):
+    whole = wanted(recording, face).position.values
+    m = LIP_MARKERS.index("corner_left")
+    for begin, end in ((0.4, 0.8), (0.9, 9.0)):
+        x = wanted(lost(recording, "corner_left", begin, end), face).position.values
+        gone = np.isnan(x[:, m, 0])
+        assert gone.sum() == pytest.approx(100 * (min(end, 1.2) - begin), abs=3)
+        others = np.delete(np.arange(10), m)
+        assert np.isfinite(x[:, others]).all()
+        assert np.abs(x[:, others] - whole[:, others]).max() < 1e-4
+        assert np.abs(x[~gone, m] - whole[~gone, m]).max() < 3e-4
+    brief = wanted(lost(recording, "corner_left", 0.5, 0.54), face).position.values
+    assert np.isfinite(brief).all()
+
+
+def test_a_marker_that_is_never_visible_can_be_left_out(face, recording):
+    away = lost(recording, "corner_left", 0.0, 9.0)
+    with pytest.raises(MarkerError, match="corner_left is not visible in the first 0.1 s"):
+        wanted(away, face)
+    absent = recording.sel(marker=[m for m in recording["marker"].values if m != "corner_left"])
+    for one in (away, absent):
+        found = wanted(one, face, left_out=("corner_left",))
+        assert found.scale == pytest.approx(0.8, rel=0.03)
+    with pytest.raises(MarkerError, match="missing marker corner_left"):
+        wanted(absent, face)
+
+
+def test_the_size_of_the_mouth_does_not_depend_on_the_markers_left_out(face, recording):
+    found = wanted(recording, face, left_out=LIP_MARKERS[1:])
+    assert found.scale == wanted(recording, face).scale
+
+
+def test_unknown_and_all_markers_to_leave_out_are_refused():
     with pytest.raises(MarkerError, match="left_out contains 'chin'"):
         invert(xr.Dataset(), xr.Dataset(), parameters=InverseParameters(left_out=("chin",)))
+    with pytest.raises(MarkerError, match="all lip markers are left out"):
+        invert(xr.Dataset(), xr.Dataset(), parameters=InverseParameters(left_out=LIP_MARKERS))
 
 
-def test_lip_markers_on_the_wrong_side_are_refused():
-    position = xr.DataArray(
-        np.zeros((10, 3, 5)), dims=("marker", "axis", "time_marker"),
-        coords={"marker": list(LIP_MARKERS), "axis": list("xyz")},
-    )  # fmt: skip
-    position.loc[{"axis": "x"}] = 0.01
-    for name in LIP_MARKERS:
-        if name.endswith("left"):
-            position.loc[{"axis": "x", "marker": name}] = -0.01
-    _check_sides(position)
-    exchanged = position * xr.where(position["axis"] == "x", -1.0, 1.0)
-    with pytest.raises(MarkerError, match="corner_right is 20 mm to the left of corner_left"):
-        _check_sides(exchanged)
+def test_lip_markers_with_exchanged_names_are_refused(recording):
+    lips = recording["position"].sel(marker=list(LIP_MARKERS))
+    check_lips(lips)
+    exchanged = lips * xr.where(lips["axis"] == "x", -1.0, 1.0)
+    with pytest.raises(MarkerError, match="corner_right is not to the right of corner_left"):
+        check_lips(exchanged)
+    pair = {"upper_lateral_left": "lower_lateral_left", "lower_lateral_left": "upper_lateral_left"}
+    names = [pair.get(str(m), str(m)) for m in lips["marker"].values]
+    with pytest.raises(MarkerError, match="upper_lateral_left is not above lower_lateral_left"):
+        check_lips(lips.assign_coords(marker=names))
+
+
+@pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+def test_muscles_without_own_sEMG_are_free_and_named(recording):
+    chain = SignalChain()
+
+    def missing(one, variant="assisted"):
+        return set(estimated_activation(one, chain, variant, None).attrs["missing"].split())
+
+    assert missing(recording) == set()
+    left = recording.sel(channel=[c for c in recording["channel"].values if c.endswith("_L")])
+    assert missing(left) == {m for m in MUSCLES if m.endswith("_R")}
+    flat = recording.copy(deep=True)
+    flat["emg"].loc[{"channel": "OOS_L"}] = 3e-5
+    assert missing(flat) == {"OOP_L", "OOM_L"}  # half of their signal is lost
+    with pytest.raises(ConfigurationError, match="no sEMG, which the variant 'assisted' needs"):
+        missing(recording.drop_vars("emg"))
+
+
+@pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+def test_the_motion_alone_needs_no_sEMG(recording):
+    chain = SignalChain()
+    gap = recording.copy(deep=True)
+    gap["emg"][3, 100:400] = np.nan
+    with pytest.raises(SignalError, match="gap"):
+        estimated_activation(gap, chain, "assisted", None)
+    for one in (gap, recording.drop_vars("emg")):
+        found = estimated_activation(one, chain, "motion", None)
+        assert float(found["activation"].max()) == 0.0
+        assert found.attrs["montage"].startswith("the sEMG is not used: ")
+        assert float(found["time"][-1]) == pytest.approx(1.2)
+
+
+@pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+def test_sEMG_in_another_unit_is_refused(recording):
+    other = recording.assign(emg=(1e3 * recording["emg"]).assign_attrs(units="V"))
+    with pytest.raises(UnitsError, match="expected sEMG of at most 0.01 V: check the unit"):
+        estimated_activation(other, SignalChain(), "assisted", None)

@@ -8,13 +8,15 @@ import xarray as xr
 
 import sim
 from emgface.inverse.kept import Kept
+from emgface.inverse.parameters import InverseParameters
+from emgface.inverse.problem import Problem
 from emgface.inverse.refine import Assumptions, model_error
-from emgface.inverse.run import InverseParameters, Problem, fitted
+from emgface.inverse.run import fitted
 from sim.inverse import Linearised, PointTarget, Splines, linearise
 from tests.inverse.test_response import block
 
 H, NODES = 0.02, np.array([20, 26])
-PARAMETERS = InverseParameters(iterations=5, assumed=Assumptions(spacing=0.05))
+PARAMETERS = InverseParameters(iterations=12, assumed=Assumptions(spacing=0.05))
 
 
 @pytest.fixture(scope="module")
@@ -48,8 +50,8 @@ def run(problem, kept, until=99, draws=0):
         if k >= until:
             raise Stop
 
-    emg, weight = np.zeros((10, 2)), np.zeros(2)
-    return fitted(problem, PARAMETERS, emg, weight, kept=kept, progress=progress, draws=draws), done
+    density = PARAMETERS.assumed.density(np.zeros((10, 2)), np.zeros(2), H)
+    return fitted(problem, PARAMETERS, density, kept=kept, progress=progress, draws=draws), done
 
 
 def test_an_interrupted_fit_goes_on_with_the_same_result(problem, tmp_path):
@@ -92,7 +94,8 @@ def test_unequal_strengths_widen_the_intervals_of_active_muscles(problem):
     widths = []
     for strength in (0.0, 0.5):
         p = replace(PARAMETERS, assumed=Assumptions(0.05, 0.01, strength))
-        found = fitted(problem, p, np.zeros((10, 2)), np.zeros(2), draws=256)
+        density = p.assumed.density(np.zeros((10, 2)), np.zeros(2), H)
+        found = fitted(problem, p, density, draws=256)
         assert found.model_error == 0.01
         assert np.all((found.low <= found.activation) & (found.activation <= found.high))
         widths.append((found.high - found.low).max())

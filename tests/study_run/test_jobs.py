@@ -11,7 +11,8 @@ from emgface.choices import configure
 from emgface.cli import app
 from emgface.errors import DataError, ExecutionError
 from emgface.inverse.many import invert_all
-from emgface.inverse.run import InverseParameters, invert
+from emgface.inverse.parameters import InverseParameters
+from emgface.inverse.run import invert
 from emgface.recordings.dataset import read_recording, write_recording
 from emgface.schema.netcdf import read_netcdf
 from emgface.study import workers

@@ -1,0 +1,90 @@
+"""Activation from the sEMG of a recording, as far as it was recorded."""
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import ConfigurationError, SchemaError, SignalError, UnitsError
+from emgface.inverse.variants import Variant
+from emgface.muscles import CHANNELS, MUSCLES
+from emgface.recordings.verdicts import LARGEST_VARIATION
+from emgface.signals.activation import IDENTITY, activation_of, emg_of, filtered_channels
+from emgface.signals.mapping import sources_of
+from emgface.signals.montage import montage_of
+from emgface.signals.parameters import SignalChain
+from emgface.signals.resampling import simulation_times
+
+
+def estimated_activation(
+    recording: xr.Dataset, chain: SignalChain, variant: Variant, session: xr.Dataset | None
+) -> xr.Dataset:
+    """Activation of all muscles by act_all, 0 where none is measured.
+
+    Channels that are absent or constant do not end the inversion: the attribute ``missing`` contains
+    the muscles that are computed from them. In the variant "motion", which does not use the sEMG,
+    neither does a recording whose sEMG is absent or cannot be processed: the activation is 0 at the
+    times of the markers, and the attribute ``montage`` states why.
+
+    Raises
+    ------
+    ConfigurationError
+        There is no sEMG, and another variant.
+    SchemaError, UnitsError, SignalError, ActivationError
+        As of `activation_of`, in other variants than "motion"; UnitsError also if a channel varies by
+        more than sEMG can.
+    """
+    if "emg" not in recording and variant != "motion":
+        raise ConfigurationError(
+            f"the recording has no sEMG, which the variant {variant!r} needs: use the variant 'motion'"
+        )
+    try:
+        return _estimated(recording, chain, session)
+    except (SchemaError, UnitsError, SignalError) as error:
+        if variant != "motion":
+            raise
+        frames = recording["time_marker"].values
+        times = simulation_times(float(frames[0]), float(frames[-1]), chain.resampling)
+        silent = np.zeros((len(MUSCLES), len(times)))
+        attrs = {k: v for k, v in recording.attrs.items() if k in IDENTITY}
+        return xr.Dataset(
+            {"activation": (("muscle", "time"), silent, {"units": "1"})},
+            coords={"muscle": list(MUSCLES), "time": ("time", times, {"units": "s"})},
+            attrs=attrs
+            | {"montage": f"the sEMG is not used: {error}", "missing": " ".join(MUSCLES)},
+        )
+
+
+def _estimated(recording: xr.Dataset, chain: SignalChain, session: xr.Dataset | None) -> xr.Dataset:
+    emg = emg_of(recording)
+    free = {
+        name: "leave_out"
+        for name in ("missing_side", "missing_muscle")
+        if getattr(chain.montage, name) == "error"
+    }
+    chain = chain.model_copy(
+        update={
+            "normalisation": chain.normalisation.model_copy(update={"silent": "zero"}),
+            "montage": chain.montage.model_copy(update=free),
+        }
+    )
+    found = activation_of(recording, chain, strategy="act_all", session=session)
+    _check_unit(emg, chain)
+    montage = montage_of(map(str, emg["channel"].values), chain.montage)
+    silent = set(str(found.attrs["silent"]).split()) | set(montage.zero)
+    missing = [
+        name
+        for name in MUSCLES
+        if name not in montage.estimated or silent & {name, *sources_of(name)}
+    ]
+    return found.assign_attrs(missing=" ".join(missing))
+
+
+def _check_unit(emg: xr.DataArray, chain: SignalChain) -> None:
+    known = emg.sel(channel=[name for name in emg["channel"].values if str(name) in CHANNELS])
+    spread = filtered_channels(known, chain)[0].std("time_emg").values
+    k = int(np.argmax(spread))
+    if spread[k] > LARGEST_VARIATION:
+        raise UnitsError(
+            f"channel {known['channel'].values[k]} varies by {spread[k]:.3g} V after the filter, "
+            f"expected sEMG of at most {LARGEST_VARIATION:g} V: check the unit of the recording or "
+            "its sidecar"
+        )
