@@ -3,16 +3,20 @@
     python -m benchmarks inverse RECORDING.nc ... --out FIGURE.png [--emg-weights 0.01,0.1,1,10]
         [--form trajectory] [--calibration CALIBRATION.nc]
     python -m benchmarks inverse RECORDING.nc ... --known
+    python -m benchmarks inverse RECORDING.nc ... --truth
 
 The recordings contain their true activation. The face that inverts is the coarse template without
 contact and gravity, so that shape, tissue and strength of every volunteer differ from it. Compared are
 all twenty muscles over the whole trial. Two markers are left out of the targets. `--known` moves the
 template itself by the true activation in 0.5 s around its onset, tracks all nodes with the same steps,
-and prints the largest difference of any activation. The row "others" is the null hypothesis that needs
+and prints the largest difference of any activation. `--truth` moves the template by the true activation
+times the true strengths, with and without contact and the laws of the volunteer, and prints how far its
+markers are from the recorded ones. The row "others" is the null hypothesis that needs
 neither markers nor sEMG of the person: the mean true activation of the other volunteers in the same
 instruction, shifted in time to the onset of the motion.
 """
 
+import json
 import time
 from pathlib import Path
 from typing import Annotated
@@ -128,6 +132,46 @@ def known_activation(face: xr.Dataset, path: Path) -> str:
     return f"{path.stem}: largest error {error.max():.1e} ({worst}), largest truth {true.max():.2f}"
 
 
+def at_truth(face: xr.Dataset, path: Path) -> str:
+    """Error of the markers over their motion, cosine and size of the motion, at the true activation."""
+    recording, told = read_recording(path), [path.stem]
+    at = recording["time_marker"].values
+    person, mismatch = (json.loads(recording.attrs[k]) for k in ("person", "mismatch"))
+    factor = person["sigma_max"] / SIMULATION.sigma_max
+    a = recording["true_activation"].interp(time_true=at).rename(time_true="time")
+    a = a.transpose("muscle", "time")
+    strength = xr.DataArray(
+        [factor * mismatch["strength"][str(m)] for m in a["muscle"].values], dims="muscle"
+    )
+    drive = (a * strength).clip(0.0, 1.0).assign_attrs(units="1")
+    own = SIMULATION.model_dump() | {
+        "fibre_law": "generic", "kappa": 4.0 * SIMULATION.kappa,
+        "incompressibility": "element", "bulk_potential": "quadratic",
+    }  # fmt: skip
+    touching = {"contact": SimulationParameters().contact}
+    laws = SimulationParameters.model_validate(own)
+    for label, one in {
+        "without contact": SIMULATION,
+        "contact": SIMULATION.model_copy(update=touching),
+        "laws of the volunteer": laws,
+        "laws and contact": laws.model_copy(update=touching),
+    }.items():
+        rest = settle_face(face, one)
+        moved = simulate_face(face, drive, one, settled=rest)["position"].interp(time=at)
+        wanted = targets_of(recording, face, rest, at)
+        x = moved.sel(marker=wanted["marker"]).transpose("time", "marker", "axis").values
+        u = x - x[0]
+        v = wanted.values - np.nanmean(wanted.values[:8], axis=0)
+        seen = np.isfinite(u) & np.isfinite(v)
+        u, v = u[seen], v[seen]
+        size = np.linalg.norm(v)
+        told.append(
+            f"{label}: error {np.linalg.norm(u - v) / size:.2f}, cosine "
+            f"{u @ v / np.linalg.norm(u) / size:.2f}, size {np.linalg.norm(u) / size:.2f}"
+        )
+    return "; ".join(told)
+
+
 def cost(face: xr.Dataset) -> str:
     """Processor time of a tracked step over that of a forward step, kernels warm."""
     system = sim.compile_scene(compose_scene(face, SIMULATION))
@@ -185,12 +229,15 @@ def main(
     known: Annotated[
         bool, typer.Option("--known", help="Track all nodes of the template.")
     ] = False,
+    truth: Annotated[
+        bool, typer.Option("--truth", help="Error of the template at the true activation.")
+    ] = False,
 ) -> None:
     """Invert, compare, print and draw."""
     face = template_face(resolution="coarse")
-    if known:
+    if known or truth:
         for path in recordings:
-            print(known_activation(face, path), flush=True)
+            print((known_activation if known else at_truth)(face, path), flush=True)
         return
     rest = settle_face(face, SIMULATION)
     calibrated = None

@@ -224,7 +224,10 @@ def _compared(one: xr.Dataset, other: xr.Dataset) -> NDArray[np.float64]:
     time, given = a["time"].values, b["time"].values
     inside = (time >= given[0]) & (time <= given[-1])
     x = a.values[:, inside]
-    y = np.array([np.interp(time[inside], given, row) for row in b.values])
+    at, rows = np.asarray(time[inside], dtype=np.float64), np.asarray(b.values, dtype=np.float64)
+    y = np.zeros((len(rows), len(at)))
+    for k, row in enumerate(rows):
+        y[k] = np.interp(at, given, row)
     u, v = x - x.mean(axis=1, keepdims=True), y - y.mean(axis=1, keepdims=True)
     size = np.sqrt((u**2).sum(axis=1) * (v**2).sum(axis=1))
     moving = size > 1e-12

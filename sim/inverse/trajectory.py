@@ -1,6 +1,6 @@
 """Trajectory form of inverse tracking: spline activations over a whole trial by Gauss-Newton."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -214,11 +214,11 @@ def linearise(
         line = Line(a, np.zeros(n), state.t, h)
         equation = integrator.equation(system, state, line, work)
         touched, normals = None, np.zeros((0, x.shape[2]))
+        memory: Mapping[str, Array] = {}
         if system.contact is not None:
             touched = LinearContact(system, state, equation, h, work).solve()
             normals = generalised_normals(system, touched.active, state.pose)
-        if touched is None or derivatives:
-            solve = work.steps.many(equation.A)
+        solve = work.steps.many(equation.A) if touched is None or derivatives else np.asarray
         w = solve(equation.rhs[None])[0] if touched is None else touched.w
         if derivatives:
             while begun < splines.n and splines.knots[begun] < t1:
@@ -233,7 +233,7 @@ def linearise(
             x[1] = _held(solve, rhs, normals, -(normals @ x[0].T) / h)
             x[0] += h * x[1]
         if touched is None:
-            pose, memory = kinematics.advance(state.pose, h * w, state.t + h), {}
+            pose = kinematics.advance(state.pose, h * w, state.t + h)
         else:
             pose, memory = touched.pose, touched.memory
         least, element = system.smallest_J(pose.q)
