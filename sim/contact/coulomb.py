@@ -67,7 +67,7 @@ def forces(S: Array, r: Array, blocks: Blocks, before: Array, error: float) -> t
         W = np.ascontiguousarray(S[u[:, None], u] - Seu.T @ found[:, :-1])
         b, x = r[u] - Seu.T @ found[:, -1], before[u].copy()
         # rows that the equations hold already may contradict them by rounding
-        idle = np.diag(W) <= REPEATED * np.diag(S)[u]
+        idle = np.abs(np.diag(W)) <= REPEATED * np.abs(np.diag(S)[u])
         W[idle], W[:, idle], b[idle], x[idle] = 0.0, 0.0, 0.0, 0.0
         first = np.searchsorted(u, blocks.first) if len(u) else blocks.first
         left = np.inf
@@ -82,6 +82,8 @@ def forces(S: Array, r: Array, blocks: Blocks, before: Array, error: float) -> t
             if left <= error or turn == TURNS:
                 break
             left = sweep(W, b, first, blocks.friction, x, SWEEPS, error)
+            # an indefinite matrix may have rows that sweeps cannot close
+            left = max(left, -float((W @ x + b)[first].min()))
         f[u] = x
     f[e] = -found[:, -1] - found[:, :-1] @ f[u]
     return f, left

@@ -6,6 +6,7 @@ import pytest
 import sim
 from benchmarks.stability.rigid_rows import G, bodies_in_contact, cuboid, plate_on_tissue, tower
 from sim.contact import body_surfaces
+from sim.contact.coulomb import Blocks, forces
 from sim.joints import Planar, Revolute
 from tests.bodies import grid, rotation
 from tests.contact.scenes import box, square
@@ -52,6 +53,13 @@ def moved(system, h, steps, twists=None, initial=None, integrator=None):
         )
         states.append(stepped[0])
     return states
+
+
+def test_rows_that_an_indefinite_matrix_cannot_close_are_reported():
+    """A force pulls the row on which it acts further in."""
+    one = Blocks(np.empty(0, np.int64), np.array([0]), np.zeros(1))
+    assert forces(np.array([[-2.0]]), np.array([-0.5]), one, np.zeros(1), 1e-12)[1] == 0.5
+    assert forces(np.array([[2.0]]), np.array([-0.5]), one, np.zeros(1), 1e-12)[1] == 0.0
 
 
 CONVERGED = [sim.ConvergedEuler, sim.Sdirk2]
