@@ -3,6 +3,7 @@
 from sim import waiting as _waiting  # noqa: F401  # before NumPy is loaded  # pyright: ignore[reportUnusedImport]
 from sim.activation import Activation, resting
 from sim.bodies import Body, body_of_surface
+from sim.body_probes import Frames, Reactions
 from sim.compile import compile_scene
 from sim.constraints import HardElementVolume
 from sim.contact import (
@@ -65,12 +66,10 @@ from sim.prestretch import IN_VIVO, initial_stretch, stretch_field
 from sim.probes import (
     Contacts,
     Energies,
-    Frames,
     Iterations,
     Markers,
     Opening,
     Positions,
-    Reactions,
     SmallestJ,
     StepErrors,
 )

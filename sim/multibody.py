@@ -72,15 +72,21 @@ class Multibody:
             **{"still": (k, 6), "A": (n, n), "I": (3, 3), "inverse": (k, 3, 3)},
         }
         rows = {
-            **dict.fromkeys(("c", "drift", "target", "f", "held", "positive"), (m,)),
-            **{"G": (m, n), "Y": (n, m), "S": (m, m), "T": (m, m)},
+            **dict.fromkeys(("c", "drift", "target", "f", "held", "positive", "violated"), (m,)),
+            **{"G": (m, n), "Y": (m, n), "S": (m, m), "T": (m, m)},
             **{"JA": (m, 6), "JB": (m, 6), "JP": (m, 3)},
         }
-        on, place = np.zeros(m, dtype=bool), np.zeros(m, dtype=np.int64)
+        flags, numbers = np.zeros((2, m), dtype=bool), np.zeros((2, m), dtype=np.int64)
         return Scratch(
             PointScratch(**_zeros(points)),
             StepScratch(**_zeros(step)),
-            RowScratch(**_zeros(rows), on=on, place=place),
+            RowScratch(
+                **_zeros(rows),
+                on=flags[0],
+                place=numbers[0],
+                chosen=flags[1],
+                near=numbers[1],
+            ),
         )
 
 

@@ -1,6 +1,6 @@
 """States at the times of output, at the ends of steps or interpolated within them."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -77,18 +77,6 @@ class Interval:
     until: float  #: end of the interval [s]
     inside: tuple[float, ...]  #: instants of output before the end [s]
     ends_output: bool  #: True if the end is an output
-    ends: tuple[float, ...] = ()  #: ends of the steps within the interval [s], if they are `joined`
-
-
-def joined(plan: Sequence[Interval]) -> list[Interval]:
-    """Combine the steps up to each output into one interval."""
-    found, ends = list[Interval](), list[float]()
-    for interval in plan:
-        ends.append(interval.until)
-        if interval.ends_output:
-            found.append(replace(interval, ends=tuple(ends)))
-            ends = []
-    return found
 
 
 def intervals(
@@ -103,6 +91,34 @@ def intervals(
     Raises ControlError if neither h nor `every` is a whole multiple of the other, or the duration is no
     whole number of outputs.
     """
+    if _per_output(duration, h, every) > 1:
+        groups = steps_to_outputs(start, duration, h, every, origin)
+        return [Interval(end, (), end == group[-1]) for group in groups for end in group]
+    outputs, per_step = round(duration / every), max(round(h / every), 1)
+    unit = every if per_step > 1 else h
+    start, before = _counted(start, unit, origin)
+    found: list[Interval] = []
+    for first in range(0, outputs, per_step):
+        last = min(first + per_step, outputs)
+        inside = tuple(start + (before + k) * every for k in range(first + 1, last))
+        # If every step is an output, both times are the same product and round equally.
+        end = start + (before + last) * unit
+        found.append(Interval(end, inside, True))
+    return found
+
+
+def steps_to_outputs(
+    start: float, duration: float, h: float, every: float, origin: float | None = None
+) -> list[list[float]]:
+    """Ends [s] of the steps to each output, as of `intervals`, if no output is inside a step."""
+    outputs, per_output = round(duration / every), _per_output(duration, h, every)
+    start, before = _counted(start, h, origin)
+    count = before + np.arange(1, outputs * per_output + 1)
+    return (start + count * h).reshape(outputs, per_output).tolist()
+
+
+def _per_output(duration: float, h: float, every: float) -> int:
+    """Whole steps to an output, at least 1; ControlError if the times do not fit each other."""
     outputs = round(duration / every)
     if outputs < 1 or abs(outputs * every - duration) > 1e-9 * max(duration, every):
         raise ControlError(
@@ -114,25 +130,15 @@ def intervals(
             f"steps of {h:g} s and outputs every {every:g} s: expected one to be a whole multiple of "
             "the other"
         )
-    unit = every if per_step > 1 else h
+    return per_output
+
+
+def _counted(start: float, unit: float, origin: float | None) -> tuple[float, int]:
+    """Time from which units [s] are counted, and the number of those before the start."""
     before = 0 if origin is None else round((start - origin) / unit)
     if origin is not None and before >= 0 and abs(origin + before * unit - start) <= 1e-9 * unit:
-        start = origin
-    else:
-        before = 0
-    if per_output > 1:
-        return [
-            Interval(start + (before + i) * h, (), i % per_output == 0)
-            for i in range(1, outputs * per_output + 1)
-        ]
-    found: list[Interval] = []
-    for first in range(0, outputs, per_step):
-        last = min(first + per_step, outputs)
-        inside = tuple(start + (before + k) * every for k in range(first + 1, last))
-        # If every step is an output, both times are the same product and round equally.
-        end = start + (before + last) * unit
-        found.append(Interval(end, inside, True))
-    return found
+        return origin, before
+    return start, 0
 
 
 @dataclass

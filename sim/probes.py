@@ -3,14 +3,13 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from sim.errors import SceneError
-from sim.integrators.held import forces_of_rows
 from sim.scene import Index, MeasuresContact
-from sim.state import Array, Control, State, StepReport
+from sim.state import Array, Control, Outputs, State, StepReport
 from sim.system import System
 from sim.vectors import dot
 
@@ -41,6 +40,28 @@ class Probe(Protocol):
         ...
 
 
+@runtime_checkable
+class RecordsTogether(Probe, Protocol):
+    """Interface of probes that evaluate several outputs at once."""
+
+    def record_all(self, system: System, outputs: Outputs, activation: Array) -> tuple[Array, ...]:
+        """Values of every variable along the first axis, under activations (n, n_muscles)."""
+        ...
+
+
+def recorded(
+    probe: Probe, system: System, outputs: Outputs, activation: Array
+) -> tuple[Array, ...]:
+    """Values of a probe over several outputs under activations (n, n_muscles)."""
+    if isinstance(probe, RecordsTogether):
+        return probe.record_all(system, outputs, activation)
+    rows = [
+        probe.record(system, outputs.state(k), Control(a, float(outputs.t[k])), report)
+        for k, (a, report) in enumerate(zip(activation, outputs.reports, strict=True))
+    ]
+    return tuple(np.array(column, dtype=np.float64) for column in zip(*rows, strict=True))
+
+
 def _over_markers(name: str, markers: tuple[str, ...]) -> tuple[Variable, ...]:
     """One variable of named nodes, (marker, axis) [m]."""
     return (Variable(name, "m", ("marker", "axis"), {"marker": markers, "axis": AXES}),)
@@ -62,6 +83,10 @@ class Markers:
     ) -> tuple[Array | float, ...]:
         """Copy the marker positions."""
         return (state.q[self.nodes],)
+
+    def record_all(self, system: System, outputs: Outputs, activation: Array) -> tuple[Array, ...]:
+        """Copy the marker positions."""
+        return (outputs.q[:, self.nodes],)
 
 
 @dataclass(frozen=True)
@@ -157,58 +182,6 @@ class Energies:
 
 
 @dataclass(frozen=True)
-class Frames:
-    """Centres [m] and quaternions of all bodies."""
-
-    names: tuple[str, ...]  #: bodies in the order of the scene
-
-    def variables(self) -> tuple[Variable, ...]:
-        """Variables ``body_position`` and ``body_quaternion``."""
-        body = {"body": self.names}
-        centre = Variable("body_position", "m", ("body", "axis"), body | {"axis": AXES})
-        parts = body | {"part": ("w", "x", "y", "z")}
-        return centre, Variable("body_quaternion", "1", ("body", "part"), parts)
-
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
-        """Copy the frames."""
-        return state.frames[:, :3].copy(), state.frames[:, 3:].copy()
-
-
-@dataclass(frozen=True)
-class Reactions:
-    """Force [N] and moment [N m] that every joint exerts on its body b, or on its point.
-
-    They are means over the step that ends at the output; with explicit integrators, and at the start,
-    they are those of the motion at the output (NaN with limits and compliant joints). The moment is
-    about the place of the joint on b; the opposite force and moment act on body a.
-
-    Raises
-    ------
-    SceneError
-        On recording: the scene has no or other joints.
-    """
-
-    names: tuple[str, ...]  #: joints in the order of the scene
-
-    def variables(self) -> tuple[Variable, ...]:
-        """Variables ``joint_force`` and ``joint_moment``."""
-        coords = {"joint": self.names, "axis": AXES}
-        names = (("joint_force", "N"), ("joint_moment", "N m"))
-        return tuple(Variable(name, units, ("joint", "axis"), coords) for name, units in names)
-
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
-        """Sum the forces of the rows of each joint."""
-        found = () if system.rows is None else system.rows.joints
-        if system.rows is None or found != self.names:
-            raise SceneError(f"the probe Reactions names {self.names}, expected the joints {found}")
-        return system.rows.reactions(state.pose, forces_of_rows(system, state, control))
-
-
-@dataclass(frozen=True)
 class Iterations:
     """Solver statistics of every interval: iterations, factorisations, steps, rejections, residual."""
 
@@ -221,8 +194,13 @@ class Iterations:
         self, system: System, state: State, control: Control, report: StepReport | None
     ) -> tuple[Array | float, ...]:
         """Copy the report; zeros for the initial state."""
-        if report is None:
-            return (0.0,) * 7
+        return (0.0,) * 7 if report is None else self._of(report)
+
+    def record_all(self, system: System, outputs: Outputs, activation: Array) -> tuple[Array, ...]:
+        """Copy the reports."""
+        return tuple(np.array([self._of(r) for r in outputs.reports], dtype=np.float64).T)
+
+    def _of(self, report: StepReport) -> tuple[float, ...]:
         return (
             report.iterations,
             report.factorisations,

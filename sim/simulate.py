@@ -1,22 +1,22 @@
 """Time loop: labelled trajectory of a compiled scene for an activation."""
 
 import time
-from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import xarray as xr
 
 from sim.activation import Activation, Driven
-from sim.errors import SceneError, SimulationError
+from sim.errors import SceneError
 from sim.integrators import ConvergedEuler, Integrator, Workspace
 from sim.integrators.contract import RunsSteps
-from sim.outputs import intervals, joined, outputs_of
+from sim.outputs import Interval, intervals, outputs_of, steps_to_outputs
 from sim.probes import Probe, SmallestJ
+from sim.record import Log
 from sim.restart import solver_memory, with_solver_memory
-from sim.snapping import snapped
-from sim.state import Array, Control, State, StepReport
-from sim.steps import FixedStep, Motion, StepControl, StepsThrough, Watch, united
+from sim.snapping import snapped, snapped_bodies
+from sim.state import Array, State, StepReport, united
+from sim.steps import FixedStep, Motion, StepControl, StepsThrough, Watch
 from sim.system import System
 from sim.threads import one_blas_thread
 
@@ -94,29 +94,78 @@ def simulate(
     every = steps.h if every is None else every
     longest = min(steps.h, every) if system.holds_at_ends else steps.h
     origin = state.t if origin is None else origin
-    plan = intervals(state.t, duration, longest, every, origin)
-
-    control, fused, known = Driven(system, activation), None, np.zeros((0, len(system.muscles)))
+    times = state.t, duration, longest, every, origin
+    control, log = Driven(system, activation), Log(system, probes)
     motion = Motion(integrator, system, control, work)
-    if (
-        work.bodies is not None
-        and isinstance(steps, StepsThrough)
-        and isinstance(integrator, RunsSteps)
-        and not plan[0].inside
-    ):
-        plan = joined(plan)
-        ends = [interval.ends for interval in plan]
-        fused = steps.through(motion, state, ends)
-        known = activation.at_all(np.array([interval.until for interval in plan]))
+    through = steps if isinstance(steps, StepsThrough) else None
+    if work.bodies is None or not isinstance(integrator, RunsSteps) or longest > 1.5 * every:
+        through = None  # or outputs are inside steps
+    groups, plan = ([], intervals(*times)) if through is None else (steps_to_outputs(*times), [])
     inside = ((activation.values >= 0.0) & (activation.values <= 1.0)).all(axis=1)
     system.control(activation.values[int(np.argmin(inside))])  # errors before the first step
-    start = time.perf_counter()
-    records = [_record(probes, system, state, control(state.t), None)]
-    times = [state.t]
-    reports: list[StepReport] = []
-    unstable: list[float] = []
+    began = time.perf_counter()
+    log.add(state, control(state.t), None)
+    if through is not None:
+        state = _bodies_alone(motion, through, state, groups, activation, log, progress)
+    else:
+        state = _one_by_one(motion, control, steps, state, plan, log, progress)
+    attrs = {
+        "integrator": type(integrator).__name__,
+        "step_control": type(steps).__name__,
+        "step_s": longest,
+        "output_s": every,
+        "linear_solver": work.linear.name,
+        "run_time_s": time.perf_counter() - began,
+        "n_unknowns": system.pattern.n,
+    }
+    if log.unstable:
+        attrs |= {"unstable_from_s": log.unstable[0], "unstable_until_s": log.unstable[-1]}
+    return log.dataset(attrs), with_solver_memory(state, work, origin)
+
+
+def _bodies_alone(
+    motion: Motion,
+    steps: StepsThrough,
+    state: State,
+    groups: Sequence[Sequence[float]],
+    activation: Activation,
+    log: Log,
+    progress: Progress | None,
+) -> State:
+    """Record a scene of bodies after each group of steps; the last state."""
+    bodies, outputs, done = motion.work.bodies, None, 0
+    assert bodies is not None
+    t, frames = np.array([state.t]), state.frames[None]
+    passed = steps.through(motion, state, groups)
+    while done < len(groups):
+        with log.told():
+            outputs = next(passed)
+        driven = activation.at_all(outputs.t)
+        t, frames = np.concatenate([t, outputs.t]), np.concatenate([frames, outputs.frames])
+        lost = snapped_bodies(bodies, frames, driven)
+        lost |= [report.indefinite + report.shifts > 0 for report in outputs.reports]
+        log.unstable += [float(x) for k in np.flatnonzero(lost) for x in t[k : k + 2]]
+        log.add_all(outputs, driven)
+        before, done, t, frames = done, done + len(outputs.t), t[-1:], frames[-1:]
+        for k in range(before if progress else done, done):
+            assert progress is not None
+            progress(k + 1, len(groups))
+    return state if outputs is None else outputs.state(-1)
+
+
+def _one_by_one(
+    motion: Motion,
+    control: Driven,
+    steps: StepControl,
+    state: State,
+    plan: Sequence[Interval],
+    log: Log,
+    progress: Progress | None,
+) -> State:
+    """Record the outputs of a plan; the last state."""
+    system, work, reports = motion.system, motion.work, list[StepReport]()
     # At rest, the state is not yet in equilibrium with the initial activation.
-    astray = 0.0 if state.v.any() else float(activation.at(state.t).max(initial=0.0))
+    astray = 0.0 if state.v.any() else float(control(state.t).activation.max(initial=0.0))
 
     def advance(state: State, until: float, watch: Watch | None) -> tuple[State, StepReport]:
         return steps.advance(motion, state, until, watch)
@@ -126,17 +175,14 @@ def simulate(
 
     for i, interval in enumerate(plan):
         bent, astray = astray, control.astray(state.t, interval.until) if interval.inside else 0.0
-        with _told(unstable):
+        with log.told():
             # The initial velocities, too, result from the activation before the interval.
-            if fused is not None:
-                passed = [next(fused)]
-            else:
-                passed = outputs_of(advance, state, interval, smallest_J, max(bent, astray))
+            passed = outputs_of(advance, state, interval, smallest_J, max(bent, astray))
         before, state = state, passed[-1][0]
-        here = control(state.t) if fused is None else Control(known[i], state.t)
+        here = control(state.t)
         shifted = (report.indefinite + report.shifts for _, report in passed if report is not None)
         if sum(shifted) > 0 or snapped(system, before, state, here, work.bodies):
-            unstable += [before.t, state.t]
+            log.unstable += [before.t, state.t]
         for at, report in passed:
             whole = None
             if report is not None:
@@ -145,38 +191,10 @@ def simulate(
                 continue
             if report is not None:
                 whole, reports = united(reports, 0), []
-            driven = here if at is state else control(at.t)
-            records.append(_record(probes, system, at, driven, whole))
-            times.append(at.t)
+            log.add(at, here if at is state else control(at.t), whole)
         if progress is not None:
             progress(i + 1, len(plan))
-    attrs = {
-        "integrator": type(integrator).__name__,
-        "step_control": type(steps).__name__,
-        "step_s": longest,
-        "output_s": every,
-        "linear_solver": work.linear.name,
-        "run_time_s": time.perf_counter() - start,
-        "n_unknowns": system.pattern.n,
-    }
-    if unstable:
-        attrs |= {"unstable_from_s": unstable[0], "unstable_until_s": unstable[-1]}
-    return _dataset(probes, times, records, attrs), with_solver_memory(state, work, origin)
-
-
-@contextmanager
-def _told(unstable: list[float]) -> Generator[None]:
-    """Add an earlier loss of stability to an error message."""
-    try:
-        yield
-    except SimulationError as error:
-        if unstable:
-            error.add_note(
-                f"the equilibrium lost stability between {unstable[0]:.4g} and "
-                f"{unstable[-1]:.4g} s, so that the occurrence and the time of this depend "
-                "on rounding"
-            )
-        raise
+    return state
 
 
 def _require_finite(state: State) -> None:
@@ -190,34 +208,3 @@ def _require_finite(state: State) -> None:
                 f"{name} of {kind} {node} in the initial state is not finite ({values[node].tolist()}), "
                 "expected numbers: repair it, or start from rest"
             )
-
-
-def _record(
-    probes: Sequence[Probe],
-    system: System,
-    state: State,
-    control: Control,
-    report: StepReport | None,
-) -> list[Array | float]:
-    return [value for p in probes for value in p.record(system, state, control, report)]
-
-
-def _dataset(
-    probes: Sequence[Probe],
-    times: list[float],
-    records: list[list[Array | float]],
-    attrs: Mapping[str, object],
-) -> xr.Dataset:
-    variables = [v for p in probes for v in p.variables()]
-    data: dict[str, xr.DataArray] = {}
-    for i, variable in enumerate(variables):
-        values = np.array([record[i] for record in records], dtype=np.float64)
-        coords = {name: list(labels) for name, labels in (variable.coords or {}).items()}
-        data[variable.name] = xr.DataArray(
-            np.moveaxis(values, 0, -1),
-            dims=(*variable.dims, "time"),
-            coords=coords,
-            attrs={"units": variable.units},
-        )
-    time_axis = xr.DataArray(np.array(times), dims="time", attrs={"units": "s"})
-    return xr.Dataset(data, coords={"time": time_axis}, attrs=attrs)

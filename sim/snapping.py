@@ -3,7 +3,8 @@
 import numpy as np
 
 from sim.integrators.bodies_alone import BodiesAlone
-from sim.state import Control, State
+from sim.pattern import Flags
+from sim.state import Array, Control, State
 from sim.system import System
 from sim.vectors import dot, norm
 
@@ -31,14 +32,25 @@ def snapped(
     control : of both forces.
     bodies : evaluates the forces of a scene of rigid bodies in less time.
     """
+    if bodies is not None:
+        frames, activation = np.stack([before.frames, after.frames]), control.activation[None]
+        return bool(snapped_bodies(bodies, frames, activation)[0])
     kinematics = system.kinematics
-    d, change = (None, None) if bodies is None else bodies.change(before, after, control)
-    if d is None:
-        d = kinematics.between(before.pose, after.pose)
+    d = kinematics.between(before.pose, after.pose)
     if not np.abs(d).max() > STILL:
         return False
-    if change is None:
-        f0, f1 = system.force(before.q, control).f, system.force(after.q, control).f
-        change = kinematics.generalised_force(f0, before.pose)
-        change = change - kinematics.generalised_force(f1, after.pose)
+    f0, f1 = system.force(before.q, control).f, system.force(after.q, control).f
+    change = kinematics.generalised_force(f0, before.pose)
+    change = change - kinematics.generalised_force(f1, after.pose)
     return dot(d, change) < -ROUNDING * norm(d) * norm(change)
+
+
+def snapped_bodies(bodies: BodiesAlone, frames: Array, activation: Array) -> Flags:
+    """Test (n,) of every motion between successive frames (n + 1, ...) of bodies, as `snapped`.
+
+    The forces at both ends of a motion are those under its activation, one of (n, n_muscles).
+    """
+    d, change = bodies.changes(frames, activation)
+    size = np.linalg.norm(d, axis=1) * np.linalg.norm(change, axis=1)
+    concave = (d * change).sum(axis=1) < -ROUNDING * size
+    return concave & (np.abs(d).max(axis=1) > STILL)

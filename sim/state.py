@@ -1,4 +1,4 @@
-"""State, control, and the report of a step."""
+"""State, control, the report of a step, and the states at several outputs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -160,3 +160,63 @@ class StepReport:
     jump: float = float("nan")
     #: sum of the estimated errors at the watched nodes over the interval [m]; NaN without error control
     error: float = float("nan")
+
+
+def united(reports: Sequence[StepReport], rejected: int) -> StepReport:
+    """Combine several reports, and add rejected attempts."""
+    if len(reports) == 1 and rejected == 0:
+        return reports[0]
+    return StepReport(
+        h=min(r.h for r in reports),
+        smallest_J=min(r.smallest_J for r in reports),
+        steps=sum(r.steps for r in reports),
+        rejected=rejected + sum(r.rejected for r in reports),
+        iterations=sum(r.iterations for r in reports),
+        factorisations=sum(r.factorisations for r in reports),
+        residual=max(r.residual for r in reports),
+        increment=sum(r.increment for r in reports),
+        line_search=min(r.line_search for r in reports),
+        shifts=sum(r.shifts for r in reports),
+        indefinite=sum(r.indefinite for r in reports),
+        jump=float(np.fmax.reduce([r.jump for r in reports])),
+        touching=sum(r.touching for r in reports),
+        local_error=_sum([r.local_error for r in reports]),
+        error=sum(r.error for r in reports),
+    )
+
+
+def _sum(errors: list[Array | None]) -> Array | None:
+    known = [e for e in errors if e is not None]
+    return np.sum(known, axis=0) if known and len(known) == len(errors) else None
+
+
+@dataclass(frozen=True, eq=False)
+class Outputs:
+    """Successive states of a scene of bodies, along the first axis of every array.
+
+    Attributes
+    ----------
+    t, q, v, memory, frames, twists : as of `State`.
+    reports : on the steps before each.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    memory: Mapping[str, Array]
+    frames: Array
+    twists: Array
+    reports: Sequence[StepReport]
+
+    @classmethod
+    def of(cls, state: State, report: StepReport) -> "Outputs":
+        """One output."""
+        memory = {name: x[None] for name, x in state.memory.items()}
+        t, (q, v) = np.array([state.t]), (x[None] for x in (state.q, state.v))
+        return cls(t, q, v, memory, state.frames[None], state.twists[None], (report,))
+
+    def state(self, k: int) -> State:
+        """State k."""
+        memory = {name: x[k].copy() for name, x in self.memory.items()}
+        q, v, frames, twists = (x[k].copy() for x in (self.q, self.v, self.frames, self.twists))
+        return State(float(self.t[k]), q, v, memory, frames, twists)

@@ -5,13 +5,7 @@ The equations are those of `sim.integrators.held.held_solution` and `sim.joints.
 
 # pyright: basic
 
-from sim._kernels.dense import (
-    add_product,
-    factorise,
-    solve_lower,
-    solve_lower_all,
-    solve_upper,
-)
+from sim._kernels.dense import factorise, solve_lower, solve_upper
 from sim._kernels.frames import move, turned_tensor
 from sim._kernels.joints import evaluate_rows
 from sim._kernels.options import bare
@@ -30,14 +24,14 @@ KEPT = 1e-9
 
 
 @bare
-def _factor(on, place, S, T, positive, softened):
-    """Factor of S over the active rows with an increased diagonal; their number, -1 if S is singular.
+def _factor(on, m, place, S, T, positive, softened):
+    """Factor of S (m, m) over the active rows with an increased diagonal; their number, -1 if singular.
 
     Redundant rows, such as stops that are reached together, make S singular. If all rows have a small
     compliance, the force is divided among them by least squares.
     """
     k = 0
-    for i in range(len(on)):
+    for i in range(m):
         if on[i]:
             place[k] = i
             k += 1
@@ -52,42 +46,42 @@ def _factor(on, place, S, T, positive, softened):
 
 
 @bare
-def _solve(T, place, k, b, x, f):
-    """Forces f with S f = -b of the k active rows, zero for the others."""
+def _solve(T, place, k, b, m, x, f):
+    """Forces f (m,) with S f = -b of the k active rows, zero for the others."""
     for i in range(k):
         x[i] = -b[place[i]]
     solve_lower(T, x, k)
     solve_upper(T, x, k)
-    for i in range(len(f)):
+    for i in range(m):
         f[i] = 0.0
     for i in range(k):
         f[place[i]] = x[i]
 
 
 @bare
-def _complementary(unilateral, b, S, T, on, place, positive, x, f):
+def _complementary(unilateral, near, m, b, S, T, on, place, positive, x, f):
     """Forces with S f + b = 0 of equations, and 0 <= f, S f + b >= 0, f (S f + b) = 0 of inequalities.
 
-    The primal-dual active set strategy of `sim.contact.pushes`. It may cycle; then the last row that
-    violates its condition is changed alone, which ends for a positive definite S. Source: Judice and
-    Pires 1994, A block principal pivoting algorithm for large-scale strictly monotone linear
-    complementarity problems, Comput. Oper. Res. 21, 587-596.
+    Row i of S (m, m) and b is row `near`[i] of the scene. The primal-dual active set strategy of
+    `sim.contact.pushes`. It may cycle; then the last row that violates its condition is changed alone,
+    which ends for a positive definite S. Source: Judice and Pires 1994, A block principal pivoting
+    algorithm for large-scale strictly monotone linear complementarity problems, Comput. Oper. Res. 21,
+    587-596.
     """
-    m = len(on)
     for softened in (0.0, SOFTENED):
         for i in range(m):
-            on[i] = not unilateral[i] or b[i] < 0.0
+            on[i] = not unilateral[near[i]] or b[i] < 0.0
         for change in range(CHANGES + SINGLE):
-            k = _factor(on, place, S, T, positive, softened)
+            k = _factor(on, m, place, S, T, positive, softened)
             if k < 0:
                 break
-            _solve(T, place, k, b, x, f)
+            _solve(T, place, k, b, m, x, f)
             same, slack = True, 0.0
             for i in range(m):
                 slack = max(slack, abs(f[i]))
             slack *= SLACK if softened > 0.0 else 0.0
             for i in range(m - 1, -1, -1):
-                if unilateral[i] and (same or change < CHANGES):
+                if unilateral[near[i]] and (same or change < CHANGES):
                     pushes = f[i] > -slack
                     if not on[i]:
                         s = b[i]
@@ -130,124 +124,191 @@ def _drift(body_a, body_b, JA, JB, twists, drift):
 
 
 @bare
-def _mobility(column, mass, inverse, body_a, body_b, on, G, Y, S):
-    """Y = M^-1 G' and S = G M^-1 G' of active rows, with the inverse inertia of all bodies."""
-    n = Y.shape[0]
-    for k in range(len(on)):
+def _mobility(column, mass, inverse, body_a, body_b, near, m, G, Y, S):
+    """Y = G M^-1 (m, n) and S = G M^-1 G' of some rows, with the inverse inertia of all bodies."""
+    n = Y.shape[1]
+    for i in range(m):
+        k = near[i]
         for j in range(n):
-            Y[j, k] = 0.0
-        if not on[k]:
-            continue
+            Y[i, j] = 0.0
         for side in range(2):
             b = body_a[k] if side == 0 else body_b[k]
             c = column[b] if b >= 0 else -1
             if c >= 0:
                 for d in range(3):
-                    Y[c + d, k] = G[k, c + d] / mass[b]
-                    Y[c + 3 + d, k] = (
+                    Y[i, c + d] = G[k, c + d] / mass[b]
+                    Y[i, c + 3 + d] = (
                         inverse[b, d, 0] * G[k, c + 3]
                         + inverse[b, d, 1] * G[k, c + 4]
                         + inverse[b, d, 2] * G[k, c + 5]
                     )
-    S[:] = 0.0
-    for k in range(n):
-        for i in range(len(on)):
-            if on[i]:
-                add_product(S, i, G[i, k], Y, k)
+        for j in range(i + 1):
+            S[i, j] = 0.0
+            for d in range(n):
+                S[i, j] += G[near[j], d] * Y[i, d]
 
 
 @bare
-def _push(f, Y, g):
-    """Sum Y f of the forces of rows, into g."""
+def _push(f, m, Y, g):
+    """Sum f Y of the forces of rows, into g."""
     for j in range(len(g)):
-        s = 0.0
-        for i in range(len(f)):
-            s += f[i] * Y[j, i]
-        g[j] = s
+        g[j] = 0.0
+    for i in range(m):
+        for j in range(len(g)):
+            g[j] += f[i] * Y[i, j]
 
 
 @bare
-def hold_rows(table, kinds, column, twists, q, h, step, rows):
-    """Add h A^-1 G'f with the forces of rows to w1, as `sim.integrators.held.held_solution`."""
-    m, n, S, G, Y = len(rows.c), len(step.w0), rows.S, rows.G, rows.Y
+def _choose(chosen, near):
+    """Numbers of the chosen rows, into near; their number."""
+    m = 0
+    for i in range(len(chosen)):
+        if chosen[i]:
+            near[m] = i
+            m += 1
+    return m
+
+
+@bare
+def _hold(table, kinds, twists, h, step, rows):
+    """Add h A^-1 G'f with the forces of rows to w1, as `sim.integrators.held.held_solution`.
+
+    The forces are found for the equations and the inequalities that the motion without forces violates;
+    others that it then violates are added.
+    """
+    n, S, G, Y, b, near = len(step.w0), rows.S, rows.G, rows.Y, rows.violated, rows.near
     drift, sign, w1, g = rows.drift, step.sign, step.w1, step.g
-    _evaluate(column, table, step.frames, q, rows.c, G, rows.JA, rows.JB, rows.JP)
     _drift(table.body_a, table.body_b, rows.JA, rows.JB, twists, drift)
-    for i in range(m):
-        for j in range(n):
-            Y[j, i] = G[i, j]
-    solve_lower_all(step.A, Y, n, m)
-    S[:] = 0.0
-    for k in range(n):
-        for i in range(m):
-            add_product(S, i, h * sign[k] * Y[k, i], Y, k)
-    for i in range(m):
+    for i in range(len(drift)):
         time = h if kinds.unilateral[i] else h + kinds.damping_time[i]
-        S[i, i] += kinds.compliance[i] / time
         for j in range(n):
             drift[i] += G[i, j] * w1[j]
         if not kinds.rigid[i]:
             drift[i] += rows.c[i] / time
-    if not _complementary(
-        kinds.unilateral, drift, S, rows.T, rows.on, rows.place, rows.positive, rows.target, rows.f
-    ):
-        return False
+        rows.chosen[i] = not kinds.unilateral[i] or drift[i] < 0.0
+        rows.held[i] = 0.0
+    m, more = 0, True
+    while more:
+        m = _choose(rows.chosen, near)
+        for i in range(m):
+            k = near[i]
+            b[i] = drift[k]
+            for j in range(n):
+                Y[i, j] = G[k, j]
+            solve_lower(step.A, Y[i], n)
+            for j in range(i + 1):
+                S[i, j] = 0.0
+                for d in range(n):
+                    S[i, j] += h * sign[d] * Y[i, d] * Y[j, d]
+            time = h if kinds.unilateral[k] else h + kinds.damping_time[k]
+            S[i, i] += kinds.compliance[k] / time
+        if not _complementary(
+            kinds.unilateral,
+            near,
+            m,
+            b,
+            S,
+            rows.T,
+            rows.on,
+            rows.place,
+            rows.positive,
+            rows.target,
+            rows.f,
+        ):
+            return False
+        _push(rows.f, m, Y, g)
+        for j in range(n):
+            g[j] *= h * sign[j]
+        solve_upper(step.A, g, n)
+        more = False
+        for i in range(len(drift)):
+            if not rows.chosen[i]:
+                s = drift[i]
+                for j in range(n):
+                    s += G[i, j] * g[j]
+                rows.chosen[i] = s < 0.0
+                more = more or s < 0.0
     for i in range(m):
-        rows.held[i] = rows.f[i]
-    _push(rows.f, Y, g)
-    for j in range(n):
-        g[j] *= h * sign[j]
-    solve_upper(step.A, g, n)
+        rows.held[near[i]] = rows.f[i]
     for j in range(n):
         w1[j] += g[j]
     return True
 
 
 @bare
-def project_on_rows(table, kinds, bodies, twists, q, most, drift, step, rows):
-    """Project frames and velocities to the rows, as `sim.joints.compiled.Rows.projected`."""
-    m, n, on, c, column = len(rows.c), len(step.w0), rows.on, rows.c, bodies.column
+def move_on_rows(table, kinds, bodies, twists, q, h, theta, known, most, drift, step, rows):
+    """Move bodies by w1 with the forces of rows, and project frames and velocities to the rows.
+
+    The projection is that of `sim.joints.compiled.Rows.projected`. The forces of the rows of the step,
+    and the impulses on the velocities as forces over it, are added in `held`. If the rows are `known` at
+    the first frames, they are not evaluated there.
+    """
+    n, c, column, near, g = len(step.w0), rows.c, bodies.column, rows.near, step.g
     frames, inverse = step.frames, step.inverse
-    for b in range(len(column)):
-        if column[b] >= 0:
-            turned_tensor(frames, b, bodies.inverse[b], inverse[b])
-    k = -1
-    for turn in range(most + 1):
-        _evaluate(column, table, frames, q, c, rows.G, rows.JA, rows.JB, rows.JP)
-        worst, more = 0.0, k < 0
-        for i in range(m):
-            if kinds.rigid[i] or (kinds.unilateral[i] and c[i] < -drift):
-                worst = max(worst, abs(c[i]))
-                more = more or not on[i]
-        last = turn == most or not worst > drift
-        if last:
-            _drift(table.body_a, table.body_b, rows.JA, rows.JB, twists, rows.drift)
-        # the directions at a short distance differ by less than rounding
-        if last or more or worst > KEPT:
-            for i in range(m):
-                fallen = kinds.unilateral[i] and c[i] < -drift
-                on[i] = kinds.rigid[i] or (fallen and not last)
-                if last:  # the velocities are projected to the rigid rows
-                    c[i] = rows.drift[i]
-                    for j in range(n):
-                        c[i] += rows.G[i, j] * step.w1[j]
-            _mobility(
-                column, bodies.mass, inverse, table.body_a, table.body_b, on, rows.G, rows.Y, rows.S
-            )
-            k = -1
-            for softened in (0.0, SOFTENED):
-                if k < 0 and not (last and softened > 0.0):
-                    k = _factor(on, rows.place, rows.S, rows.T, rows.positive, softened)
-            if k < 0:
+    k, m = -1, 0
+    for turn in range(-1, most + 1):
+        if turn >= 0 or not known:
+            _evaluate(column, table, frames, q, c, rows.G, rows.JA, rows.JB, rows.JP)
+        last = turn == most
+        if turn < 0:
+            if not _hold(table, kinds, twists, h, step, rows):
                 return False
-        # the forces of S f = -c change the rows by -c
-        _solve(rows.T, rows.place, k, c, rows.target, rows.f)
-        _push(rows.f, rows.Y, step.g)
-        if last:
-            break
+            for j in range(n):
+                g[j] = h * ((1.0 - theta) * step.w0[j] + theta * step.w1[j])
+        else:
+            worst, more = 0.0, k < 0
+            for i in range(len(c)):
+                rows.on[i] = True
+                if kinds.rigid[i] or (kinds.unilateral[i] and c[i] < -drift):
+                    worst = max(worst, abs(c[i]))
+                    more = more or not rows.chosen[i]
+            last = last or not worst > drift
+            if last:
+                _drift(table.body_a, table.body_b, rows.JA, rows.JB, twists, rows.drift)
+            # the directions at a short distance differ by less than rounding
+            if last or more or worst > KEPT:
+                for i in range(len(c)):
+                    fallen = kinds.unilateral[i] and c[i] < -drift
+                    rows.chosen[i] = kinds.rigid[i] or (fallen and not last)
+                m = _choose(rows.chosen, near)
+                _mobility(
+                    column,
+                    bodies.mass,
+                    inverse,
+                    table.body_a,
+                    table.body_b,
+                    near,
+                    m,
+                    rows.G,
+                    rows.Y,
+                    rows.S,
+                )
+                k = -1
+                for softened in (0.0, SOFTENED):
+                    if k < 0 and not (last and softened > 0.0):
+                        k = _factor(rows.on, m, rows.place, rows.S, rows.T, rows.positive, softened)
+                if k < 0:
+                    return False
+            for i in range(m):
+                rows.violated[i] = c[near[i]]
+                if last:  # the velocities are projected to the rigid rows
+                    rows.violated[i] = rows.drift[near[i]]
+                    for j in range(n):
+                        rows.violated[i] += rows.G[near[i], j] * step.w1[j]
+            # the forces of S f = -c change the rows by -c
+            _solve(rows.T, rows.place, k, rows.violated, m, rows.target, rows.f)
+            _push(rows.f, m, rows.Y, g)
+            if last:
+                break
         for b in range(len(column)):
             if column[b] >= 0:
-                move(frames, b, step.g, column[b])
+                move(frames, b, g, column[b])
+                if turn < 0:
+                    turned_tensor(frames, b, bodies.inverse[b], inverse[b])
+        if len(c) == 0:
+            return True
+    for i in range(m):
+        rows.held[near[i]] += rows.f[i] / h
     for j in range(n):
-        step.w1[j] += step.g[j]
+        step.w1[j] += g[j]
     return True

@@ -89,7 +89,7 @@ class StepScratch(NamedTuple):
 
 
 class RowScratch(NamedTuple):
-    """Memory of a step for m rows; T is stored by columns."""
+    """Memory of a step for m rows, some `chosen`, with the numbers `near`; T is stored by columns."""
 
     G: Array
     Y: Array
@@ -104,8 +104,11 @@ class RowScratch(NamedTuple):
     JA: Array
     JB: Array
     JP: Array
+    violated: Array
     on: Flags
     place: Index
+    chosen: Flags
+    near: Index
 
 
 class Scratch(NamedTuple):

@@ -1,12 +1,15 @@
 """Small dense matrices: copies, factor of a symmetric one stored by its lower triangle, solutions.
 
 Matrices are stored by columns, so that loops run along them. Zeros are skipped: bodies in a chain give
-banded matrices.
+banded matrices. Indices are unsigned, because a signed one might count from the end of an array, which
+keeps loops from being vectorised.
 """
 
 # pyright: basic
 
 import math
+
+import numpy as np
 
 from sim._kernels.options import bare
 
@@ -28,7 +31,7 @@ def factorise(A, sign, n):
 
     Returns the number of negative signs; -1 for a small or undefined pivot.
     """
-    negative = 0
+    negative, one, n = 0, np.uint64(1), np.uint64(n)
     for k in range(n):
         sign[k] = PIVOT * abs(A[k, k])
     for k in range(n):
@@ -38,10 +41,10 @@ def factorise(A, sign, n):
                 return -1
             negative += 1
         sign[k] = 1.0 if d > 0.0 else -1.0
-        A[k, k] = math.sqrt(abs(d))
-        for i in range(k + 1, n):
-            A[i, k] /= A[k, k]
-        for j in range(k + 1, n):
+        A[k, k] = d = math.sqrt(abs(d))
+        for i in range(k + one, n):
+            A[i, k] /= d
+        for j in range(k + one, n):
             x = sign[k] * A[j, k]
             if x != 0.0:
                 for i in range(j, n):
@@ -52,39 +55,23 @@ def factorise(A, sign, n):
 @bare
 def solve_lower(L, x, n):
     """Solve L y = x in place, for a lower triangle L."""
+    one, n = np.uint64(1), np.uint64(n)
     for k in range(n):
-        if x[k] != 0.0:
-            x[k] /= L[k, k]
-            for i in range(k + 1, n):
-                x[i] -= x[k] * L[i, k]
-
-
-@bare
-def solve_lower_all(L, X, n, m):
-    """Solve L Y = X (n, m) in place; X is stored by rows."""
-    for k in range(n):
-        for r in range(m):
-            X[k, r] /= L[k, k]
-        for i in range(k + 1, n):
-            x = L[i, k]
-            if x != 0.0:
-                for r in range(m):
-                    X[i, r] -= x * X[k, r]
+        y = x[k]
+        if y != 0.0:
+            y /= L[k, k]
+            x[k] = y
+            for i in range(k + one, n):
+                x[i] -= y * L[i, k]
 
 
 @bare
 def solve_upper(L, x, n):
     """Solve L'y = x in place, for a lower triangle L."""
-    for i in range(n - 1, -1, -1):
+    one, n = np.uint64(1), np.uint64(n)
+    for k in range(n):
+        i = n - one - k
         s = x[i]
-        for k in range(i + 1, n):
-            s -= L[k, i] * x[k]
+        for j in range(i + one, n):
+            s -= L[j, i] * x[j]
         x[i] = s / L[i, i]
-
-
-@bare
-def add_product(S, i, x, Y, k):
-    """Add x Y[k, j] to the entries S[i, j] of a lower triangle."""
-    if x != 0.0:
-        for j in range(i + 1):
-            S[i, j] += x * Y[k, j]

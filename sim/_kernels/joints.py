@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.frames import SMALL, cross, inner_product, minus, placed, put, rotated, vector
-from sim._kernels.options import bare, bare_kernel_and_inner
+from sim._kernels.options import bare, bare_kernel
 
 Array = NDArray[np.float64]
 
@@ -138,10 +138,8 @@ def _of_place(table, frames, k, r):
     return inner_product(n, r) - f, along
 
 
-@bare_kernel_and_inner
-def evaluate_rows(
-    table: RowTable, frames: Array, q: Array, c: Array, JA: Array, JB: Array, JP: Array
-) -> None:
+@bare
+def evaluate_rows(table, frames, q, c, JA, JB, JP):
     """Values c (m,), and their derivatives by twists of both bodies (m, 6) and points (m, 3)."""
     for k in range(len(c)):
         a, b, p = table.body_a[k], table.body_b[k], table.point[k]
@@ -165,3 +163,12 @@ def evaluate_rows(
             elif b >= 0:
                 _set(JB, k, n, cross(minus(x, vector(frames, b)), n))
         c[k] = sign * (raw - table.offset[k])
+
+
+@bare_kernel
+def rows_at(
+    table: RowTable, frames: Array, q: Array, c: Array, JA: Array, JB: Array, JP: Array
+) -> None:
+    """Values c (n, m), and their derivatives as of `evaluate_rows`, at n poses."""
+    for i in range(len(c)):
+        evaluate_rows(table, frames[i], q[i], c[i], JA[i], JB[i], JP[i])

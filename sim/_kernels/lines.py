@@ -21,6 +21,9 @@ Index = NDArray[np.int64]
 CONSTANT, PECK, LINEAR_SPRING, HILL = 0, 1, 2, 3
 PARAMETERS = 6
 
+TURNS = 80
+"""Largest number of Newton steps for the length of a tendon."""
+
 
 class LineTable(NamedTuple):
     """Fibres (n) and their laws.
@@ -114,14 +117,14 @@ def _hill(p, k, length, rest, activation):
     optimal = p[k, 1] * rest
     tendon = p[k, 2] * optimal
     across, most = optimal - tendon, max(length - tendon, 0.0)
-    w, F, slope = _hill_fibres(force_max, passive, pennation, across, most, activation)
-    if strain == 0.0 or tendon == 0.0 or F <= 0.0:
-        return w, F, slope
-    if most == 0.0:  # the tendon is slack
-        return w, 0.0, 0.0
-    stiff, low, high = force_max / (strain * tendon), 0.0, most
-    y = most
-    for _ in range(80):
+    stiff, low, high, y = force_max / (strain * tendon), 0.0, most, most
+    w, F, slope = 0.0, 0.0, 0.0
+    for turn in range(TURNS + 1):
+        w, F, slope = _hill_fibres(force_max, passive, pennation, across, y, activation)
+        if turn == 0 and (strain == 0.0 or tendon == 0.0 or F <= 0.0):
+            return w, F, slope
+        if most == 0.0:  # the tendon is slack
+            return w, 0.0, 0.0
         miss = F - stiff * (most - y)
         if miss > 0.0:
             high = y
@@ -130,10 +133,9 @@ def _hill(p, k, length, rest, activation):
         new = y - miss / (slope + stiff)
         if not low < new < high:
             new = 0.5 * (low + high)
-        if abs(new - y) <= 1e-15 * most:
+        if turn == TURNS or abs(new - y) <= 1e-15 * most:
             break
         y = new
-        w, F, slope = _hill_fibres(force_max, passive, pennation, across, y, activation)
     e = most - y
     return w + 0.5 * stiff * e * e, F, slope * stiff / (slope + stiff)
 
@@ -153,9 +155,12 @@ def _law(code, p, k, length, rest, activation):
 
 
 @bare
-def tension(table, k, length, activation):
-    """Energy [J], tension [N] and slope [N/m] of fibre k at a length [m], with its spring."""
-    a = activation[table.muscle[k]] if table.muscle[k] >= 0 else 0.0
+def tension(table, k, length, activation, factor):
+    """Energy [J], tension [N] and slope [N/m] of fibre k at a length [m], with its spring.
+
+    The factor is one on the activation: without activation the tension is the passive one.
+    """
+    a = factor * activation[table.muscle[k]] if table.muscle[k] >= 0 else 0.0
     w, F, slope = _law(table.code[k], table.parameters, k, length, table.rest[k], a)
     share, spring, strain = table.share[k], table.stiffness[k], length - table.rest[k]
     w = share * w + 0.5 * spring * strain * strain
@@ -180,18 +185,11 @@ def velocity_factor(table, k, rate):
     return more - more / above, slope / (above * above * scale)
 
 
-@bare
-def passive_tension(table, k, length):
-    """Tension [N] of fibre k without activation, with its spring."""
-    _, F, _ = _law(table.code[k], table.parameters, k, length, table.rest[k], 0.0)
-    return table.share[k] * F + table.stiffness[k] * (length - table.rest[k])
-
-
 @bare_kernel
 def tensions(table: LineTable, length: Array, activation: Array, F: Array, slope: Array) -> float:
     """Sum of the energies, with tension (n,) and slope (n,) of every fibre."""
     energy = 0.0
     for k in range(len(length)):
-        w, F[k], slope[k] = tension(table, k, length[k], activation)
+        w, F[k], slope[k] = tension(table, k, length[k], activation, 1.0)
         energy += w
     return energy

@@ -17,10 +17,12 @@ from sim._kernels.body_forces import (
     add_line,
     add_morsels,
     add_points,
+    add_tension,
+    add_wrench,
     measure_segments,
     morsel_gap,
 )
-from sim._kernels.body_rows import hold_rows, project_on_rows
+from sim._kernels.body_rows import move_on_rows
 from sim._kernels.body_tables import BodyTable, Flags, Index, Led, RowKinds, Scratch
 from sim._kernels.dense import copy, factorise, solve_lower, solve_upper
 from sim._kernels.frames import (
@@ -127,7 +129,7 @@ def _equation(table, lines, activation, whole, h, theta, points, step):
     for i in range(n):
         r[i] = 0.0
     copy(table.load, points.force)
-    measure_segments(table.point, points.q, points.way)
+    measure_segments(table.start, table.point, points.q, points.way)
     for k in range(len(table.start) - 1):
         add_line(table, lines, k, activation, points, by_damping, by_stiffness, A, r, step.g)
     add_morsels(table.morsel, table.plane, table.first, whole, points, by_damping, by_stiffness, A)
@@ -161,47 +163,50 @@ def change_of_bodies(
     table: BodyTable,
     lines: LineTable,
     scratch: Scratch,
-    start: Array,
-    end: Array,
+    frames: Array,
     activation: Array,
     d: Array,
     change: Array,
 ) -> None:
-    """Motion d (n,) between frames, and decrease (n,) of the generalised forces at one activation.
+    """Motions d (n, k) between frames (n + 1, ...), and decrease (n, k) of the generalised forces.
+
+    The forces at both ends of a motion are those under its activation, one of (n, n_muscles).
 
     Forces are those of loads and line muscles, without morsels and rates.
     """
-    points, A, r, g = scratch.points, scratch.step.A, scratch.step.r, scratch.step.g
-    A[:] = 0.0  # no share of a matrix is added to it
-    points.carried[:] = 0.0
-    points.v[:] = 0.0
-    for side in range(2):
-        frames = start if side == 0 else end
-        _place_points(table.body, table.arm, frames, points.q, points.arm)
-        r[:] = 0.0
-        copy(table.load, points.force)
-        measure_segments(table.point, points.q, points.way)
-        for k in range(len(table.start) - 1):
-            add_line(table, lines, k, activation, points, 0.0, 0.0, A, r, g)
-        add_points(table.first, points, 0.0, A, r)
-        for i in range(len(change)):
-            change[i] = r[i] if side == 0 else change[i] - r[i]
-    for b in range(len(table.column)):
-        c = table.column[b]
-        if c >= 0:
-            theta = turn_between(start, end, b)
-            d[c + 3], d[c + 4], d[c + 5] = theta
-            for i in range(3):
-                d[c + i] = end[b, i] - start[b, i]
+    points, r = scratch.points, scratch.step.r
+    for i in range(len(d)):
+        for side in range(2):
+            _place_points(table.body, table.arm, frames[i + side], points.q, points.arm)
+            copy(table.load, points.force)
+            measure_segments(table.start, table.point, points.q, points.way)
+            for k in range(len(table.start) - 1):
+                add_tension(table, lines, k, activation[i], points)
+            for j in range(len(r)):
+                r[j] = 0.0
+            for p in range(len(table.first)):
+                if table.first[p] >= 0:
+                    force = vector(points.force, p)
+                    add_wrench(r, table.first[p], vector(points.arm, p), force, 1.0)
+            for j in range(len(r)):
+                change[i, j] = r[j] if side == 0 else change[i, j] - r[j]
+        for b in range(len(table.column)):
+            c = table.column[b]
+            if c >= 0:
+                theta = turn_between(frames[i], frames[i + 1], b)
+                d[i, c + 3], d[i, c + 4], d[i, c + 5] = theta
+                for j in range(3):
+                    d[i, c + j] = frames[i + 1, b, j] - frames[i, b, j]
 
 
 @bare_kernel
 def place_bodies(
     body: Index, place: Array, frames: Array, twists: Array, arm: Array, q: Array, v: Array
 ) -> None:
-    """Positions q and velocities v (n_points, 3) of points at places in the axes of their bodies."""
-    _place_points(body, place, frames, q, arm)
-    _velocities(body, arm, twists, v)
+    """Positions q and velocities v (n, n_points, 3) of points at places in the axes of their bodies."""
+    for i in range(len(q)):
+        _place_points(body, place, frames[i], q[i], arm)
+        _velocities(body, arm, twists[i], v[i])
 
 
 @bare_kernel
@@ -254,15 +259,10 @@ def advance_bodies(
         negative[i] = _equation(table, lines, activation[i], whole[i], h[i], theta, points, step)
         if negative[i] < 0:
             return i
-        if len(held.c) > 0 and not hold_rows(rows, kinds, column, still, q, h[i], step, held):
-            return i
-        for j in range(len(step.g)):
-            step.g[j] = h[i] * ((1.0 - theta) * step.w0[j] + theta * step.w1[j])
-        for b in range(len(column)):
-            if column[b] >= 0:
-                move(step.frames, b, step.g, column[b])
-        if len(held.c) > 0 and not project_on_rows(
-            rows, kinds, table, still, q, most, drift, step, held
+        # without prescribed bodies the rows were evaluated at these frames last
+        known = i > 0 and len(led.body) == 0
+        if not move_on_rows(
+            rows, kinds, table, still, q, h[i], theta, known, most, drift, step, held
         ):
             return i
         finite = True
@@ -273,7 +273,7 @@ def advance_bodies(
         copy(step.frames, frames[i + 1])
         # forces of rows in their direction at the start, and those due to the rotation of the rows
         for j in range(len(held.c)):
-            reaction[i, j] = held.held[j] + held.f[j] / h[i]
+            reaction[i, j] = held.held[j]
         copy(still, twists[i + 1])
         for b in range(len(column)):
             if column[b] >= 0:

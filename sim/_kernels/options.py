@@ -79,11 +79,6 @@ def kernel_and_inner(function: Callable[..., Any]) -> Any:
     return _compiled_once(nb.njit(**_ALL, cache=True, forceinline=True)(function))
 
 
-def bare_kernel_and_inner(function: Callable[..., Any]) -> Any:
-    """As `kernel_and_inner`, without counted references as of `bare_kernel`."""
-    return _compiled_once(nb.njit(**_BARE, cache=True, forceinline=True)(function))
-
-
 def inner(function):
     """Function for kernels alone; a call from Python raises TypeError.
 

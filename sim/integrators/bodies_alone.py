@@ -12,7 +12,8 @@ from sim._kernels.multibody import advance_bodies, change_of_bodies, place_bodie
 from sim.joints.compiled import DRIFT, PROJECTIONS
 from sim.joints.contract import REACTIONS
 from sim.multibody import Multibody
-from sim.state import Array, Control, ControlAt, Pose, State, StepReport
+from sim.pattern import Index
+from sim.state import Array, ControlAt, Outputs, Pose, State, StepReport
 from sim.system import System
 from sim.terms.crushable import GONE
 
@@ -77,7 +78,8 @@ class BodiesAlone:
             negative,
         )
         jump = self._jumps(h[:done], twists[: done + 1])
-        return Passed(self, time, h, frames, twists, whole, reaction, negative > 0, done, jump)
+        times = np.array(time)
+        return Passed(self, times, h, frames, twists, whole, reaction, negative > 0, done, jump)
 
     def _jumps(self, h: Array, twists: Array) -> Array:
         """Step times the largest change (n,) of the velocity of a point of a free body in it."""
@@ -95,19 +97,13 @@ class BodiesAlone:
         np.maximum.at(found, table.body[on], np.linalg.norm(table.arm[on], axis=1))
         return found
 
-    def change(self, before: State, after: State, control: Control) -> tuple[Array, Array]:
-        """Motion (n,) between two states, and decrease (n,) of forces outside a step."""
-        d, change = np.empty(self.tables.n), np.empty(self.tables.n)
-        change_of_bodies(
-            self.tables.table,
-            self.tables.lines,
-            self.scratch,
-            before.frames,
-            after.frames,
-            control.activation,
-            d,
-            change,
-        )
+    def changes(self, frames: Array, activation: Array) -> tuple[Array, Array]:
+        """Motions (n, k) between frames (n + 1, ...), and decreases (n, k) of forces outside a step.
+
+        Those at both ends of a motion are under its activation, one of (n, n_muscles).
+        """
+        tables, (d, change) = self.tables, np.empty((2, len(activation), self.tables.n))
+        change_of_bodies(tables.table, tables.lines, self.scratch, frames, activation, d, change)
         return d, change
 
     @property
@@ -152,7 +148,7 @@ class Passed:
     """
 
     bodies: BodiesAlone
-    time: list[float]
+    time: Array
     h: Array
     frames: Array
     twists: Array
@@ -164,18 +160,36 @@ class Passed:
 
     def state(self, k: int) -> State:
         """State after k > 0 steps."""
-        tables, frames, twists = self.bodies.tables, self.frames[k].copy(), self.twists[k].copy()
+        return self._outputs(np.array([k]), ()).state(0)
+
+    def outputs(self, after: Index) -> Outputs:
+        """States after numbers > 0 of steps that ascend, with reports on the steps in between."""
+        return self._outputs(after, self._reports(np.concatenate([[0], after])))
+
+    def _outputs(self, after: Index, reports: Sequence[StepReport]) -> Outputs:
+        tables, frames, twists = self.bodies.tables, self.frames[after], self.twists[after]
         table, arm = tables.table, self.bodies.scratch.points.arm
-        q, v = np.empty_like(arm), np.empty_like(arm)
+        q, v = np.empty((2, len(after), *arm.shape))
         place_bodies(table.body, table.arm, frames, twists, arm, q, v)
-        memory = {REACTIONS: self.reaction[k - 1].copy()} if len(tables.rows.kind) else {}
-        for name, whole in zip(tables.eaten, self.whole[k], strict=True):
-            memory[name] = np.array([float(whole)])
-        return State(self.time[k], q, v, memory, frames, twists)
+        memory = {REACTIONS: self.reaction[after - 1]} if len(tables.rows.kind) else {}
+        for name, whole in zip(tables.eaten, self.whole[after].T, strict=True):
+            memory[name] = whole.astype(np.float64)[:, None]
+        return Outputs(self.time[after], q, v, memory, frames, twists, reports)
 
     def report(self, first: int, last: int) -> StepReport:
         """Report of the steps after the first up to the last."""
-        n, indefinite = last - first, int(self.indefinite[first:last].sum())
-        h = float(self.h[first:last].min())
-        jump = float(self.jump[first:last].max())
-        return StepReport(h, float("inf"), n, 0, n, n, indefinite=indefinite, jump=jump)
+        return self._reports(np.array([first, last]))[0]
+
+    def _reports(self, bounds: Index) -> list[StepReport]:
+        """Reports of the steps between successive bounds."""
+        first, last = bounds[:-1], int(bounds[-1])
+        columns = (
+            np.minimum.reduceat(self.h[:last], first),
+            np.diff(bounds),
+            np.add.reduceat(self.indefinite[:last], first, dtype=np.int64),
+            np.maximum.reduceat(self.jump[:last], first),
+        )
+        return [
+            StepReport(h, float("inf"), n, 0, n, n, indefinite=bent, jump=jump)
+            for h, n, bent, jump in zip(*(x.tolist() for x in columns), strict=True)
+        ]

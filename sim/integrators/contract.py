@@ -5,7 +5,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 from sim.errors import InvertedElement, SceneError
 from sim.integrators.workspace import Workspace
-from sim.state import ControlAt, State, StepReport
+from sim.state import ControlAt, Outputs, State, StepReport
 from sim.system import System
 
 
@@ -44,8 +44,8 @@ class RunsSteps(Protocol):
         control: ControlAt,
         groups: Sequence[Sequence[float]],
         work: Workspace,
-    ) -> Iterator[tuple[State, list[StepReport]]]:
-        """States and reports after each group of steps that end at the given times [s].
+    ) -> Iterator[Outputs]:
+        """States after each group of steps that end at the given times [s].
 
         Errors are those of `step`.
         """

@@ -11,7 +11,7 @@ from sim.integrators.bodies_alone import AT_ONCE
 from sim.integrators.contract import require_no_barrier, require_no_contact, require_upright
 from sim.integrators.held import free_acceleration, held_acceleration
 from sim.integrators.workspace import Workspace
-from sim.state import Array, Control, ControlAt, Pose, State, StepReport
+from sim.state import Array, Control, ControlAt, Outputs, Pose, State, StepReport, united
 from sim.system import System
 
 
@@ -94,8 +94,8 @@ class RungeKutta4:
     ) -> tuple[State, StepReport]:
         """Advance by h; errors as `SymplecticEuler.step`."""
         if work.bodies is not None and work.bodies.are_free:
-            state, reports = next(self.run(system, state, control, ((state.t + h,),), work))
-            return state, reports[0]
+            outputs = next(self.run(system, state, control, ((state.t + h,),), work))
+            return outputs.state(0), outputs.reports[0]
         kinematics, pose = system.kinematics, state.pose
         at_start = system.during(state, 0.0)
         line = control.moments(state.t, h, (0.0, 0.5, 1.0))
@@ -120,7 +120,7 @@ class RungeKutta4:
         control: ControlAt,
         groups: Sequence[Sequence[float]],
         work: Workspace,
-    ) -> Iterator[tuple[State, list[StepReport]]]:
+    ) -> Iterator[Outputs]:
         """States after each group of steps that end at the given times [s]; errors as of `step`."""
         for ends in groups:
             reports = list[StepReport]()
@@ -134,4 +134,4 @@ class RungeKutta4:
                 for end in ends:
                     state, report = self.step(system, state, control, end - state.t, work)
                     reports.append(report)
-            yield state, reports
+            yield Outputs.of(state, united(reports, 0))

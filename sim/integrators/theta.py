@@ -1,9 +1,11 @@
 """Linearly implicit Euler and trapezoidal steps: one linear solution per step."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import accumulate, chain
+from dataclasses import dataclass, replace
+from itertools import chain
 from typing import ClassVar
+
+import numpy as np
 
 from sim.integrators.contract import require_upright
 from sim.integrators.linearly_implicit import (
@@ -14,7 +16,7 @@ from sim.integrators.linearly_implicit import (
     step_of,
 )
 from sim.integrators.workspace import Workspace
-from sim.state import ControlAt, Line, State, StepReport
+from sim.state import ControlAt, Line, Outputs, State, StepReport, united
 from sim.step_matrices import damping_matrix, implicit_matrix
 from sim.system import System
 
@@ -55,24 +57,33 @@ class _Linearised:
         control: ControlAt,
         groups: Sequence[Sequence[float]],
         work: Workspace,
-    ) -> Iterator[tuple[State, list[StepReport]]]:
+    ) -> Iterator[Outputs]:
         """States after each group of steps that end at the given times [s]; errors as of `step`."""
-        ends, done, bodies = list(chain.from_iterable(groups)), 0, work.bodies
-        passed, first = None, 0
-        for last in accumulate(map(len, groups)):
-            reports = list[StepReport]()
-            while done < last:
-                if bodies is not None and (passed is None or done == first + passed.done):
-                    passed, first = bodies.advance(state, control, ends[done:], self.theta), done
-                if passed is not None and passed.done:
-                    until = min(last, first + passed.done)
-                    reports.append(passed.report(done - first, until - first))
-                    state, done = passed.state(until - first), until
-                else:
-                    state, report = self.step(system, state, control, ends[done] - state.t, work)
-                    reports.append(report)
-                    passed, done = None, done + 1
-            yield state, reports
+        ends = list(chain.from_iterable(groups))
+        last, done, bodies = np.cumsum([len(group) for group in groups]), 0, work.bodies
+        reports = list[StepReport]()  # of steps since the last output
+        while done < len(ends):
+            passed = None
+            if bodies is not None:
+                passed = bodies.advance(state, control, ends[done:], self.theta)
+            if passed is None or not passed.done:
+                state, report = self.step(system, state, control, ends[done] - state.t, work)
+                done += 1
+                reports.append(report)
+                if done in last:
+                    yield Outputs.of(state, united(reports, 0))
+                    reports.clear()
+                continue
+            after = last[(last > done) & (last <= done + passed.done)] - done
+            if len(after):
+                found = passed.outputs(after)
+                first = united([*reports, found.reports[0]], 0)
+                yield replace(found, reports=[first, *found.reports[1:]])
+                reports.clear()
+            seen = int(after[-1]) if len(after) else 0
+            if seen < passed.done:
+                reports.append(passed.report(seen, passed.done))
+            state, done = passed.state(passed.done), done + passed.done
 
     def equation(self, system: System, state: State, line: Line, work: Workspace) -> LinearStep:
         """Matrix and right-hand side of a step from a state, with the activation of a line over it.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim._kernels.joints import ALIGNED, ANGLE, TURN, RowTable, evaluate_rows
+from sim._kernels.joints import ALIGNED, ANGLE, TURN, RowTable, rows_at
 from sim.contact.pushes import pushes
 from sim.errors import SceneError
 from sim.joints.contract import Joint, Row, number_of
@@ -89,17 +89,17 @@ class Rows:
         self._axis: Index = np.repeat(np.tile(axis, len(self._held)), count)
         self._column: Index = np.searchsorted(self.columns, R.indices[self._place])
 
-    def _derivatives(self, pose: Pose) -> tuple[Array, Array, Array, Array]:
-        """Values (m,), and derivatives by twists of bodies a and b (m, 6) and by points (m, 3)."""
-        m = len(self.names)
-        c, JA, JB, JP = np.empty(m), np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 3))
-        evaluate_rows(self.table, pose.frames, pose.q, c, JA, JB, JP)
+    def _derivatives(self, frames: Array, q: Array) -> tuple[Array, Array, Array, Array]:
+        """Values (n, m), and derivatives by twists of bodies a and b and by points, at n poses."""
+        shape = len(q), len(self.names)
+        c, JP, (JA, JB) = np.empty(shape), np.empty((*shape, 3)), np.empty((2, *shape, 6))
+        rows_at(self.table, frames, q, c, JA, JB, JP)
         return c, JA, JB, JP
 
     def evaluate(self, pose: Pose) -> RowValues:
         """Values and derivatives at a pose."""
         m, table, kinematics = len(self.names), self.table, self._kinematics
-        c, JA, JB, JP = self._derivatives(pose)
+        c, JA, JB, JP = (x[0] for x in self._derivatives(pose.frames[None], pose.q[None]))
         G, drift = np.zeros((m, len(self.columns))), np.zeros(m)
         own = np.arange(m)
         for side, slope in ((table.body_a, JA), (table.body_b, JB)):
@@ -129,23 +129,28 @@ class Rows:
             out[:, place] = vector_gradient(theta, G[:, place])
         return out
 
-    def reactions(self, pose: Pose, f: Array) -> tuple[Array, Array]:
-        """Force [N] and moment [N m] (n_joints, 3) that each joint exerts on its body b, or its point.
+    def reactions(self, frames: Array, q: Array, f: Array) -> tuple[Array, Array]:
+        """Force [N] and moment [N m] (n, n_joints, 3) of each joint on body b, or its point, at n poses.
 
         The moment is about the place of the joint on b; the opposite force acts on body a.
 
         Parameters
         ----------
-        f : (m,) forces or moments of the rows [N or N m].
+        frames, q : of the poses, along the first axis.
+        f : (n, m) forces or moments of the rows [N or N m].
         """
         table = self.table
-        _, JA, JB, JP = self._derivatives(pose)
+        _, JA, JB, JP = self._derivatives(frames, q)
         on_b = np.where((table.body_b >= 0)[:, None], JB, -JA)
         turns = (table.kind == ALIGNED) | (table.kind == ANGLE) | (table.kind == TURN)
-        push = np.where((table.point >= 0)[:, None], JP, on_b[:, :3])
-        force, moment = np.zeros((2, len(self.joints), 3))
-        np.add.at(force, self._joint[~turns], (f[:, None] * push)[~turns])
-        np.add.at(moment, self._joint[turns], (f[:, None] * on_b[:, 3:])[turns])
+        push = f[..., None] * np.where((table.point >= 0)[:, None], JP, on_b[..., :3])
+        turn = f[..., None] * on_b[..., 3:]
+        force, moment = np.zeros((2, len(f), len(self.joints), 3))
+        for k, joint in enumerate(self._joint.tolist()):
+            if turns[k]:
+                moment[:, joint] += turn[:, k]
+            else:
+                force[:, joint] += push[:, k]
         return force, moment
 
     def forces(self, S: Array, r: Array, before: Array) -> Array:

@@ -1,6 +1,6 @@
 """Step controls: they divide an interval into steps, and repeat rejected ones."""
 
-from sim.steps.contract import Motion, StepControl, StepsThrough, Watch, united
+from sim.steps.contract import Motion, StepControl, StepsThrough, Watch
 from sim.steps.error_controlled import ErrorControlledStep
 from sim.steps.fixed import FixedStep
 from sim.steps.halving import HalvingStep
@@ -17,5 +17,4 @@ __all__ = [
     "StepControl",
     "StepsThrough",
     "Watch",
-    "united",
 ]

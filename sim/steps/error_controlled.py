@@ -7,8 +7,8 @@ import numpy as np
 from sim.errors import SceneError, ToleranceMissed
 from sim.integrators.contract import TimeIntegrator
 from sim.scene import Index
-from sim.state import Array, State, StepReport
-from sim.steps.contract import FAILURES, Motion, Watch, require_positive, united
+from sim.state import Array, State, StepReport, united
+from sim.steps.contract import FAILURES, Motion, Watch, require_positive
 
 MEMORY = "steps"
 """Name in the memory of a state of (halvings of the next step, accumulated error [m])."""

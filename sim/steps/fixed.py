@@ -4,8 +4,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from sim.integrators.contract import RunsSteps
-from sim.state import State, StepReport
-from sim.steps.contract import Motion, Watch, require_positive, united
+from sim.state import Outputs, State, StepReport
+from sim.steps.contract import Motion, Watch, require_positive
 
 
 @dataclass(frozen=True)
@@ -19,14 +19,11 @@ class FixedStep:
 
     def through(
         self, motion: Motion, state: State, groups: Sequence[Sequence[float]]
-    ) -> Iterator[tuple[State, StepReport]]:
-        """States after each group of steps that end at the given times [s], with one report each."""
+    ) -> Iterator[Outputs]:
+        """States after each group of steps that end at the given times [s]."""
         method = motion.integrator
         assert isinstance(method, RunsSteps)
-        for passed, reports in method.run(
-            motion.system, state, motion.control, groups, motion.work
-        ):
-            yield passed, united(reports, 0)
+        return method.run(motion.system, state, motion.control, groups, motion.work)
 
     def advance(
         self, motion: Motion, state: State, until: float, watch: Watch | None = None

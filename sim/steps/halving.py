@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from sim.state import State, StepReport
-from sim.steps.contract import FAILURES, Motion, Watch, require_positive, united
+from sim.state import State, StepReport, united
+from sim.steps.contract import FAILURES, Motion, Watch, require_positive
 
 
 @dataclass(frozen=True)

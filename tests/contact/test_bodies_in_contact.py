@@ -196,7 +196,8 @@ def test_a_lever_on_a_hinge_and_the_floor_shares_its_weight():
     system = scene([bar], [("bar", foot)], joints=(hinge,))
     end = moved(system, 0.01, 3)[-1]
     weight = G * bar[0].mass
-    force, _ = system.rows.reactions(end.pose, end.memory["joints"])
+    end_of = end.frames[None], end.q[None], end.memory["joints"][None]
+    force = system.rows.reactions(*end_of)[0][0]
     on_foot = sim.Contacts().record(system, end, system.control(np.zeros(0)), None)[2]
     np.testing.assert_allclose(force[0], [0.0, 0.0, 0.5 * weight], atol=1e-6 * weight)
     np.testing.assert_allclose(on_foot, 0.5 * weight, rtol=1e-6)

@@ -253,7 +253,8 @@ def test_static_finds_where_a_pendulum_hangs():
     assert np.abs(system.rows.evaluate(pose).c).max() < 1e-12
     end = equilibrium(system, system.kinematics.state(pose, np.zeros(6), {}))
     np.testing.assert_allclose(end.frames[0, :3], [0.0, 0.0, -ARM], atol=1e-7)
-    force, moment = system.rows.reactions(end.pose, end.memory["joints"])
+    end_of = end.frames[None], end.q[None], end.memory["joints"][None]
+    force, moment = (x[0] for x in system.rows.reactions(*end_of))
     np.testing.assert_allclose(force[0], [0.0, 0.0, MASS * G], atol=1e-6)
     np.testing.assert_allclose(moment[0], 0.0, atol=1e-6)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 
 import sim
 from sim.integrators import Workspace
@@ -109,7 +110,8 @@ def test_fused_steps_equal_the_general_path(integrator, joints):
     for state in (rest, b):
         force = system.force(state.q, control).f
         f.append(system.kinematics.generalised_force(force, state.pose))
-    d, change = bodies.change(rest, b, control)
+    frames = np.stack([rest.frames, b.frames])
+    (d,), (change,) = bodies.changes(frames, control.activation[None])
     np.testing.assert_allclose(d, system.kinematics.between(rest.pose, b.pose), atol=1e-15)
     np.testing.assert_allclose(change, f[0] - f[1], atol=1e-12 * np.abs(f).max())
     np.testing.assert_array_equal(fused.steps, general.steps)
@@ -150,6 +152,41 @@ def test_steps_continue_bit_for_bit_and_single_steps_are_the_same():
     )[1]
     np.testing.assert_array_equal(end.frames, whole.frames)
     np.testing.assert_array_equal(end.twists, whole.twists)
+
+
+class OneByOne:
+    """A probe without the evaluation of several outputs at once."""
+
+    def __init__(self, probe):
+        self.variables, self.record = probe.variables, probe.record
+
+
+def test_probes_evaluate_several_outputs_as_one_by_one():
+    """Seven steps to an output, so that calls of 1000 steps end between outputs."""
+    system, h = sim.compile_scene(scene(*HELD)), 2.5e-4
+    probes = (
+        sim.Frames(("jaw", "skull", "hyoid")),
+        sim.Markers(np.array([1, 3]), ("a", "b")),
+        sim.Reactions(system.rows.joints),
+        sim.Iterations(),
+    )
+    seen, motions = [], []
+    for chosen in (probes, tuple(map(OneByOne, probes))):
+        motions.append(
+            sim.simulate(
+                system,
+                drive(0.3),
+                duration=1050 * h,
+                steps=sim.FixedStep(h),
+                every=7 * h,
+                integrator=STEPPED[0],
+                probes=chosen,
+                progress=lambda done, total: seen.append((done, total)),
+            )[0]
+        )
+    xr.testing.assert_identical(motions[0].drop_attrs(), motions[1].drop_attrs())
+    np.testing.assert_array_equal(motions[0].steps[1:], 7)
+    assert seen == [(k + 1, 150) for k in range(150)] * 2
 
 
 def test_fused_steps_are_chosen_by_the_scene():

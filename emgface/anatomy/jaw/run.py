@@ -18,7 +18,7 @@ from sim.integrators import Integrator
 from sim.integrators.contract import TimeIntegrator
 from sim.probes import Probe, Variable
 from sim.scene import Term
-from sim.state import Control, State, StepReport
+from sim.state import Control, Outputs, State, StepReport
 
 STEP, OUTPUT = 1e-3, 5e-3
 """Time step and time between outputs [s]."""
@@ -255,10 +255,19 @@ class Lines:
         self, system: sim.System, state: State, control: Control, report: StepReport | None
     ) -> tuple[Floats, Floats]:
         """Measure the lines."""
+        return self._of(state.q, state.v)
+
+    def record_all(
+        self, system: sim.System, outputs: Outputs, activation: Floats
+    ) -> tuple[Floats, Floats]:
+        """Measure the lines at all outputs."""
+        return self._of(outputs.q, outputs.v)
+
+    def _of(self, q: Floats, v: Floats) -> tuple[Floats, Floats]:
         a, b = self.ends.T
-        way, rate = state.q[b] - state.q[a], state.v[b] - state.v[a]
-        length = np.linalg.norm(way, axis=1)
-        return length, (way * rate).sum(axis=1) / length
+        way, rate = q[..., b, :] - q[..., a, :], v[..., b, :] - v[..., a, :]
+        length = np.linalg.norm(way, axis=-1)
+        return length, (way * rate).sum(axis=-1) / length
 
 
 @dataclass(frozen=True, eq=False)
@@ -275,14 +284,20 @@ class Resistance:
         self, system: sim.System, state: State, control: Control, report: StepReport | None
     ) -> tuple[float]:
         """Force at the end of a step, after which an intact morsel is remembered."""
+        return (float(self._of(state.q, state.v, state.memory)),)
+
+    def record_all(self, system: sim.System, outputs: Outputs, activation: Floats) -> tuple[Floats]:
+        """Force at all outputs."""
+        return (self._of(outputs.q, outputs.v, outputs.memory),)
+
+    def _of(self, q: Floats, v: Floats, memory: Mapping[str, Floats]) -> Floats:
         term = self.term
-        d, rate = (
-            float(x @ term.normal) for x in (state.q[term.node] - term.origin, state.v[term.node])
-        )
-        whole = any(x[0] > 0.0 for n, x in state.memory.items() if n.startswith("Crushable"))
-        if not whole or d >= term.diameter:
-            return (0.0,)
-        return (max(term.force_max * (1.0 - d / term.diameter) - term.damping * rate, 0.0),)
+        d = (q[..., term.node, :] - term.origin) @ term.normal
+        rate = v[..., term.node, :] @ term.normal
+        intact = [x[..., 0] > 0.0 for name, x in memory.items() if name.startswith("Crushable")]
+        whole = np.any(intact, axis=0) & (d < term.diameter)
+        force = term.force_max * (1.0 - d / term.diameter) - term.damping * rate
+        return np.where(whole, np.maximum(force, 0.0), 0.0)
 
 
 __all__ = ["AXES", "OUTPUT", "STEP", "drawn", "run_excitation", "run_task", "simulate_jaw"]

@@ -9,7 +9,7 @@ import xarray as xr
 import sim
 from emgface.anatomy.jaw.model import Floats
 from sim.probes import Variable
-from sim.state import Control, State, StepReport
+from sim.state import Control, Outputs, State, StepReport
 
 HALVINGS = 6
 """Largest number of times that steps are halved to reach a desired error."""
@@ -28,6 +28,10 @@ class Jumps:
     ) -> tuple[float]:
         """Copy it from the report; 0 at the start and with integrators that do not tell it."""
         return (0.0 if report is None else float(np.nan_to_num(report.jump)),)
+
+    def record_all(self, system: sim.System, outputs: Outputs, activation: Floats) -> tuple[Floats]:
+        """Copy them from the reports."""
+        return (np.nan_to_num([report.jump for report in outputs.reports]),)
 
 
 def estimated_error(motion: xr.Dataset, finer: xr.Dataset, order: int) -> Floats:
