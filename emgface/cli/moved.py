@@ -34,8 +34,14 @@ def write_picture(
 
 
 def tell_motion(motion: "xr.Dataset", out: Path, name: str) -> None:
-    """Tell what was simulated and written, and which excitations were clipped."""
+    """Tell what was simulated and written, which excitations were clipped, and lost stability."""
     clipped = motion.attrs["clipped_excitation"]
     if clipped < 0.0:
         say(f"Negative excitations, down to {clipped:.3g}, were set to zero.")
+    if "unstable_from_s" in motion.attrs:
+        say(
+            f"The equilibrium lost stability between {motion.attrs['unstable_from_s']:.4g} and "
+            f"{motion.attrs['unstable_until_s']:.4g} s: there the motion may depend on the step and on "
+            "rounding; compare it with one of smaller steps."
+        )
     say(f"Wrote {out}: {motion.attrs['task']} of the {name}, simulated.")

@@ -1,8 +1,11 @@
 """Excitations and motion of a small jaw; no published files are needed."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from typer.testing import CliRunner
 
 import sim
@@ -11,6 +14,7 @@ from emgface.anatomy.jaw.run import run_task, simulate_jaw
 from emgface.anatomy.jaw.series import ramps, read_excitation, read_probe, read_probes
 from emgface.anatomy.jaw.tasks import TASKS, HeadTurn, Task, task_of, with_series
 from emgface.cli import app
+from emgface.cli.moved import tell_motion
 from emgface.errors import FeatureWarning, JawError
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from tests.jaw.small import small_jaw
@@ -173,3 +177,11 @@ def test_invalid_tasks_are_refused_with_a_reason(tmp_path):
     assert {"rest", "close", "open", "protrude", "lateral", "clench", "chew", "swallow"} <= set(
         TASKS
     )
+
+
+def test_a_loss_of_stability_is_told(capsys):
+    lost = {"unstable_from_s": 0.12, "unstable_until_s": 0.2}
+    for attrs, told in (({}, False), (lost, True)):
+        motion = xr.Dataset(attrs={"clipped_excitation": 0.0, "task": "chew", **attrs})
+        tell_motion(motion, Path("chew.nc"), "jaw")
+        assert ("lost stability between 0.12 and 0.2 s" in capsys.readouterr().err) == told
