@@ -97,6 +97,8 @@ INVERSE = Stage(
                 "emgface.inverse.signals",
                 "emgface.inverse.strategy",
                 "emgface.inverse.variants",
+                "emgface.recordings.labels",
+                "emgface.recordings.verdicts",
             )
         )
     ),

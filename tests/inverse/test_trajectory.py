@@ -48,8 +48,8 @@ def test_derivatives_over_a_trial_are_those_of_finite_differences():
 def test_closed_contacts_hold_in_the_derivatives():
     """A block that its muscles press on a sheet, so that two to four rows close one after another.
 
-    The derivatives differ by 0.7 % of the largest from differences once rows close, of which the cause is
-    not known; without the rows they are wrong by more than 5 %.
+    The derivatives differ by 0.7 % of the largest from differences once rows close; the cause is not
+    known. Without the rows they are wrong by more than 5 %.
     """
     system = pressed_block()
     splines, nodes = Splines(0.1, 0.05), np.flatnonzero(system.mesh.X[:, 0] > 0.019)
