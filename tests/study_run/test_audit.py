@@ -164,3 +164,12 @@ def test_a_trial_is_computed_again_if_its_results_are_gone(folder: Path) -> None
     study = configuration(folder)
     shutil.rmtree(folder / "store" / "aligned")
     assert {event.stage for event in run_study(study, folder).computed()} == {"aligned"}
+
+
+def test_trials_that_found_their_motion_are_compared_stage_by_stage(folder: Path) -> None:
+    """The line of such a trial does not name the skin, from which its motion follows."""
+    study, store = configuration(folder), folder / "store"
+    shutil.rmtree(folder / "runs")
+    run_study(study, folder)
+    for found in reproduce(study, folder, store, count=None, report=lambda text: None):
+        assert found.differences == [] and found.equal == 5
