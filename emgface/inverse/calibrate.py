@@ -94,13 +94,7 @@ def calibrate(
     """
     p, chain = parameters or InverseParameters(), chain or SignalChain()
     simulation = simulation or SimulationParameters()
-    if not recordings:
-        raise DataError("found no calibration trial, expected at least one recording")
-    volunteers = sorted({str(r.attrs.get("volunteer", "")) for r in recordings})
-    if len(volunteers) > 1:
-        raise DataError(
-            f"calibration trials are of volunteers {', '.join(volunteers)}: calibrate each separately"
-        )
+    volunteer = _one_volunteer(recordings)
     chain = over_session(chain)
     session = feature_range(recordings, chain)
     settled = settle_face(face, simulation)
@@ -171,7 +165,7 @@ def calibrate(
         bounds = bounds.reindex(muscle=list(MUSCLES))
     return Calibration(
         data.merge(bounds).assign_attrs(
-            volunteer=volunteers[0],
+            volunteer=volunteer,
             trials=len(recordings),
             sigma_max=simulation.sigma_max,
             model_error=_left_out_error(trials, p, (gain, delay, error), X, estimated),
@@ -321,3 +315,15 @@ def _left_out_error(
             moved += float(np.nansum(displaced**2))
             noise += float(np.isfinite(left).sum()) * trial.problem.noise**2
     return float(np.sqrt(max(squares - noise, 0.0) / max(moved, 1e-300)))
+
+
+def _one_volunteer(recordings: Sequence[xr.Dataset]) -> str:
+    """Name of the volunteer of all recordings; DataError if there is none, or several."""
+    if not recordings:
+        raise DataError("found no calibration trial, expected at least one recording")
+    volunteers = sorted({str(r.attrs.get("volunteer", "")) for r in recordings})
+    if len(volunteers) > 1:
+        raise DataError(
+            f"calibration trials are of volunteers {', '.join(volunteers)}: calibrate each separately"
+        )
+    return volunteers[0]

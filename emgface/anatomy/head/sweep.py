@@ -158,7 +158,7 @@ def digest_of(head: Head) -> str:
 
 @dataclass(frozen=True)
 class _Worker:
-    """What a process simulates: heads, measure and store of the rows."""
+    """Heads, measure of their motions, and store of the rows, of one process."""
 
     heads: "_Heads"
     measure: Measure
