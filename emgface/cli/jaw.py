@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from emgface.cli.console import frame, progress, say, show_table
+from emgface.cli.console import Rows, frame, progress, say, show_table
 from emgface.cli.machine import announce_compilation
 from emgface.cli.moved import PictureOption, tell_motion, write_picture
 from emgface.cli.options import BandOption, FeatureOption, MappingOption
@@ -19,6 +19,14 @@ app = typer.Typer(
 )
 
 JawPath = Annotated[Path, typer.Argument(help="Jaw model (netCDF).")]
+BaselineOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--baseline",
+        help="Motion by other excitations, such as those of exchanged channels, that is scored "
+        "likewise; repeatable.",
+    ),
+]
 SeriesOption = Annotated[
     Path | None,
     typer.Option(help="Folder of published series for a chewing task, such as probes/leftchew."),
@@ -90,13 +98,34 @@ def build(
 def show(
     path: Annotated[Path, typer.Argument(help="Motion of a jaw (netCDF).")],
     out_path: PictureOption = None,
+    recording: Annotated[
+        Path | None,
+        typer.Option(help="Recording whose points are shown and scored beside the motion."),
+    ] = None,
+    mapping: MappingOption = None,
+    baseline: BaselineOption = None,
 ) -> None:
     """Write the page of a motion: bones, muscles by activation, paths and forces."""
+    from emgface.anatomy.jaw.compared import beside
     from emgface.anatomy.jaw.picture import jaw_figure, jaw_page
+    from emgface.recordings.dataset import read_recording
     from emgface.schema.netcdf import read_netcdf
 
-    motion = read_netcdf(path, "jaw_motion")
-    write_picture(path, out_path, lambda: jaw_page(motion), lambda: jaw_figure(motion))
+    motion, shown = read_netcdf(path, "jaw_motion"), None
+    if recording is not None:
+        given = read_recording(recording, mapping=mapping)
+        shown = beside(given, motion, _motions(baseline))
+    elif baseline or mapping:
+        raise typer.BadParameter("--baseline and --mapping need a --recording")
+    write_picture(
+        path, out_path, lambda: jaw_page(motion, shown), lambda: jaw_figure(motion, shown)
+    )
+
+
+def _motions(paths: list[Path] | None) -> "dict[str, xr.Dataset]":
+    from emgface.schema.netcdf import read_netcdf
+
+    return {path.stem: read_netcdf(path, "jaw_motion") for path in paths or ()}
 
 
 @app.command()
@@ -244,21 +273,23 @@ def score(
     motion: Annotated[Path, typer.Argument(help="Motion written by 'run'.")],
     out_path: Annotated[Path, typer.Option("--out", help="Scores to write (netCDF).")],
     mapping: MappingOption = None,
+    baseline: BaselineOption = None,
 ) -> None:
-    """Align the recorded points of a jaw with a motion, and score every one."""
-    from analysis.flags import FLAGS, flags_of
+    """Align the recorded points of a jaw with a motion, and score every one beside baselines."""
+    from emgface.anatomy.jaw.compared import compared
     from emgface.anatomy.jaw.recorded import score_motion
-    from emgface.cli.tables import score_rows
     from emgface.recordings.dataset import read_recording
     from emgface.schema.netcdf import read_netcdf, write_netcdf
 
     given = read_recording(recording, mapping=mapping)
-    scores = score_motion(given, read_netcdf(motion, "jaw_motion"))
-    write_netcdf(scores, out_path, "scores")
-    title = f"{recording.name} ({scores.attrs['origin']}), shift {float(scores['shift']):.3f} s"
-    show_table(score_rows(scores), title)
-    for name in flags_of(scores):
-        say(f"Flag {name}: {FLAGS[name]}.")
+    moved = read_netcdf(motion, "jaw_motion")
+    write_netcdf(score_motion(given, moved), out_path, "scores")
+    table = compared(given, moved, _motions(baseline))
+    heads = tuple(column.head() for column in table.columns)
+    rows = (zip(table.columns, row, strict=True) for row in table.rows)
+    cells = tuple(tuple(column.cell(value) for column, value in row) for row in rows)
+    show_table(Rows(heads, cells), table.title)
+    say(table.note)
     say(f"Wrote {out_path}.")
 
 

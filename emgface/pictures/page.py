@@ -15,6 +15,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from analysis.figures.style import WRITTEN, settings
+from analysis.tables import Table
 from emgface.muscles import INSTRUCTIONS
 from emgface.pictures.body import body_of, skin_of
 from emgface.pictures.encoding import body_data, deltas, levels, middle_of, muscle_names, whole
@@ -176,6 +177,22 @@ def environment(*packages: str) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+
+
+def cells(table: Table) -> dict[str, Any]:
+    """Convert a table for the page: title, note, heads with alignment, rows of text."""
+    heads = [
+        {
+            "text": column.head().replace("_", " "),
+            "number": any(isinstance(row[index], int | float) for row in table.rows),
+        }
+        for index, column in enumerate(table.columns)
+    ]
+    rows = [
+        [column.cell(value) for column, value in zip(table.columns, row, strict=True)]
+        for row in table.rows
+    ]
+    return {"title": table.title, "note": table.note, "heads": heads, "rows": rows}
 
 
 def style() -> Markup:

@@ -12,8 +12,8 @@ from analysis.baseline_tables import comparison
 from analysis.formants import formant_table
 from analysis.sensitivity import choices_table
 from analysis.statistics.scope import LEAST_VOLUNTEERS
-from analysis.tables import Table, report_tables
-from emgface.pictures.page import as_json, environment, policy, style, viewer_script
+from analysis.tables import report_tables
+from emgface.pictures.page import as_json, cells, environment, policy, style, viewer_script
 from emgface.pictures.render import VIEWS
 from emgface.pictures.stills import recording_label
 from emgface.report import contents, figures, provenance
@@ -126,22 +126,6 @@ def render(
         .get_template("report.html")
         .render(**values, style=style(), script=Markup(script), policy=policy(script))
     )
-
-
-def cells(table: Table) -> dict[str, Any]:
-    """Convert a table for the page: title, note, heads with alignment, rows of text."""
-    heads = [
-        {
-            "text": column.head().replace("_", " "),
-            "number": any(isinstance(row[index], int | float) for row in table.rows),
-        }
-        for index, column in enumerate(table.columns)
-    ]
-    rows = [
-        [column.cell(value) for column, value in zip(table.columns, row, strict=True)]
-        for row in table.rows
-    ]
-    return {"title": table.title, "note": table.note, "heads": heads, "rows": rows}
 
 
 def _headline(cube: Any) -> list[dict[str, Any]]:

@@ -8,13 +8,14 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from analysis.figures.style import COLOURS, blank, grid, styled
+from emgface.anatomy.jaw.compared import Beside
 from emgface.anatomy.jaw.model import Floats
 from emgface.anatomy.jaw.outcomes import displacement
 from emgface.anatomy.jaw.skull import rotated
 from emgface.errors import JawError
 from emgface.pictures.body import Body
 from emgface.pictures.encoding import body_data, deltas, levels, middle_of, packed, whole
-from emgface.pictures.page import as_json, environment, policy, style, svg_of, viewer_script
+from emgface.pictures.page import as_json, cells, environment, policy, style, svg_of, viewer_script
 from emgface.pictures.render import VIEWS
 
 if TYPE_CHECKING:
@@ -31,8 +32,10 @@ AROUND, ALONG = 6, 5
 _PROFILE = np.sqrt(np.sin(np.linspace(0.12, np.pi - 0.12, ALONG)))
 
 
-def jaw_page(motion: xr.Dataset) -> str:
+def jaw_page(motion: xr.Dataset, beside: Beside | None = None) -> str:
     """Write the page of a jaw_motion as HTML without network requests.
+
+    `beside` adds a recording: its path, and the scores of the motion and of baselines.
 
     Raises
     ------
@@ -54,8 +57,9 @@ def jaw_page(motion: xr.Dataset) -> str:
         about=f"{name}, muscle law {motion.attrs['law']}.",
         words="The motion of jaw, hyoid and larynx is simulated: rigid bones, moved by line muscles.",
         heading="Paths and forces",
-        figure=jaw_figure(motion),
-        caption=CAPTION,
+        figure=jaw_figure(motion, beside),
+        caption=CAPTION + ("" if beside is None else RECORDED),
+        beside=beside,
     )
 
 
@@ -79,6 +83,7 @@ def moving_page(
     heading: str,
     figure: "Figure",
     caption: str,
+    beside: Beside | None = None,
 ) -> str:
     """Page with a moving surface, whose muscles are coloured by activation, and a figure below.
 
@@ -92,6 +97,7 @@ def moving_page(
     what : what moves, such as "jaw".
     title, about, words, heading, caption : texts.
     figure : of the second part of the page.
+    beside : recording that is shown with the motion, with its scores.
     """
     from emgface import __version__
 
@@ -123,6 +129,7 @@ def moving_page(
                 "time": [round(float(t), 4) for t in at],
                 "skin": deltas(whole(frames, centre)),
                 "simulated": deltas(whole(points, centre)),
+                "measured": None if beside is None else deltas(whole(beside.at(shown), centre)),
                 "activation": levels(shown["activation"], at),
             }
         ],
@@ -131,7 +138,7 @@ def moving_page(
     page = environment("emgface.anatomy.jaw").get_template("jaw.html")
     return page.render(
         viewer=as_json(data),
-        labels={"simulated": "points of the model", "measured": ""},
+        labels={"simulated": "points of the model", "measured": "recorded point"},
         views=VIEWS,
         tag="simulated motion",
         title=title,
@@ -140,6 +147,7 @@ def moving_page(
         heading=heading,
         figure=Markup(svg_of(figure, "paths", f"{heading} of a simulated motion")),
         caption=caption,
+        scores=None if beside is None else cells(beside.scores),
         version=__version__,
         style=style(),
         script=Markup(script),
@@ -151,6 +159,11 @@ CAPTION = (
     "Simulated. Above: paths of lower incisor and condyles, relative to the skull, from the side and "
     "from the front; a circle marks the start. Below: size of the reactions of the condyles and of the "
     "teeth, with the force of a morsel if there is one, and the muscles with the largest forces."
+)
+
+RECORDED = (
+    " Dotted: the recorded point, aligned in time as for the scores and shifted so that the means of "
+    "both paths are equal."
 )
 
 
@@ -211,8 +224,8 @@ def _spindles(a: Floats, b: Floats, radius: Floats) -> tuple[Floats, NDArray[np.
 
 
 @styled
-def jaw_figure(motion: xr.Dataset) -> "Figure":
-    """Draw the paths of lower incisor and condyles, and forces over time."""
+def jaw_figure(motion: xr.Dataset, beside: Beside | None = None) -> "Figure":
+    """Draw the paths of lower incisor and condyles with recorded ones, and forces over time."""
     figure = blank(9.0, 6.4)
     panels = grid(figure, 2, 2)
     names = (("lower incisor", "lower_incisor"), ("right condyle", "condyle_R"))
@@ -226,6 +239,9 @@ def jaw_figure(motion: xr.Dataset) -> "Figure":
             line = "--" if name.startswith("left") else "-"
             panel.plot(d[:, axis], d[:, 2], line, color=colour, label=name)
             panel.plot(*d[0, [axis, 2]], "o", color=colour, markersize=4)
+            if beside is not None and marker in beside.path["marker"].values:
+                d = beside.displacement(motion, marker)
+                panel.plot(d[:, axis], d[:, 2], ":", color="0.2", label=f"{name}, recorded")
         panel.set(xlabel=label, ylabel="up [mm]", title=title, aspect="equal")
         panel.set_adjustable("datalim")
     panels[0][1].invert_xaxis()

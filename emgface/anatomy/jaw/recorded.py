@@ -26,6 +26,9 @@ AMPLITUDE: Final = 400e-6, 0.3
 person (of the logarithm); assumptions of the order of published maximum clenching."""
 NOISE: Final = 5e-6, 0.1e-3
 """Root mean square of the noise of a channel [V], and of a coordinate of the incisor [m]."""
+SHIFT: Final = 0.2
+"""Largest shift of a motion that sEMG drives [s], the window of the features; delays between sEMG and
+motion are shorter."""
 INCISOR: Final = "lower_incisor"
 
 
@@ -106,8 +109,52 @@ def in_skull_of(motion: xr.Dataset, marker: str) -> np.ndarray:
 def score_motion(recording: xr.Dataset, motion: xr.Dataset) -> xr.Dataset:
     """Align the recorded points of a jaw with a motion, and score every one.
 
-    A motion that a recording drives is compared over the same times. Otherwise the whole
-    recording is stretched to the duration of the motion, and scores say how alike the paths are.
+    Returns
+    -------
+    xarray.Dataset
+        As of `analysis.scores.score`: ``rho`` [1], ``rmse`` [m], ``amplitude_ratio`` [1], ``shift`` [s],
+        with ``inaccurate`` if the motion states its error.
+
+    Raises
+    ------
+    MarkerError
+        As of `paired`.
+    AnalysisError
+        A motion cannot be aligned or compared.
+    """
+    scores = score(*aligned(recording, motion))
+    if "numerical_error" in motion.attrs:
+        scores["inaccurate"] = ((), int(inaccurate(motion)), {"units": "1"})
+    return scores
+
+
+def inaccurate(motion: xr.Dataset) -> bool:
+    """True if the estimated error of the time steps exceeds a tenth of the largest displacement."""
+    moved = np.sqrt(((motion["position"] - motion["position"].isel(time=0)) ** 2).sum("axis")).max()
+    return motion.attrs["numerical_error"] > 0.1 * float(moved)
+
+
+def aligned(recording: xr.Dataset, motion: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
+    """Recorded points aligned with a motion, as of `analysis.align.align`, and those of the motion.
+
+    The time of a motion that a recording drives is known, so that it is shifted by at most `SHIFT`:
+    a movement that is repeated would otherwise match another repetition.
+
+    Raises
+    ------
+    MarkerError, AnalysisError
+        As of `score_motion`.
+    """
+    given, model = paired(recording, motion)
+    most = SHIFT if "recorded_start" in motion.attrs else None
+    return align(given, model, max_shift=most), model
+
+
+def paired(recording: xr.Dataset, motion: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
+    """Recorded and simulated ``position`` (marker, axis, time) of the points that both have [m].
+
+    A motion that a recording drives is paired with the same times. Otherwise the whole recording is,
+    which `analysis.align.align` stretches to the duration of the motion.
 
     Parameters
     ----------
@@ -117,17 +164,10 @@ def score_motion(recording: xr.Dataset, motion: xr.Dataset) -> xr.Dataset:
     motion : xarray.Dataset
         A jaw_motion.
 
-    Returns
-    -------
-    xarray.Dataset
-        As of `analysis.scores.score`: ``rho`` [1], ``rmse`` [m], ``amplitude_ratio`` [1], ``shift`` [s].
-
     Raises
     ------
     MarkerError
         No recorded point is one of the motion, or none was recorded during it.
-    AnalysisError
-        A motion cannot be aligned or compared.
     """
     known = [str(name) for name in motion["marker"].values]
     found = [str(m) for m in recording["marker"].values] if "position" in recording else []
@@ -160,4 +200,4 @@ def score_motion(recording: xr.Dataset, motion: xr.Dataset) -> xr.Dataset:
     measured.attrs["units"] = "m"
     given = xr.Dataset({"position": measured}, attrs={"origin": recording.attrs["origin"]})
     model = xr.Dataset({"position": simulated})
-    return score(align(given, model), model)
+    return given, model

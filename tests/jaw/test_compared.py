@@ -1,0 +1,101 @@
+"""A motion of a jaw beside a recording: path, scores, baselines and page."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from analysis.tables import Table
+from emgface.anatomy.jaw.compared import Beside, beside
+from emgface.anatomy.jaw.recorded import SHIFT, in_skull_of, score_motion, simulated_recording
+from emgface.anatomy.jaw.run import run_task
+from emgface.anatomy.jaw.tasks import TASKS, Task
+from emgface.anatomy.jaw.template import template_jaw
+from emgface.cli import app
+from emgface.recordings.dataset import write_recording
+from emgface.schema.netcdf import write_netcdf
+from tests.jaw.small import small_jaw
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return run_task(template_jaw(preset="woman"), TASKS["cycles"], step=5e-3, check=False)
+
+
+@pytest.fixture(scope="module")
+def recording(truth):
+    return simulated_recording(truth)
+
+
+def test_scores_stand_beside_those_of_motions_that_must_be_worse(truth, recording):
+    """Recorded with noise of 0.1 mm, the motion itself scores 1, the others as computed by hand."""
+    driven = truth.assign_attrs(recorded_start=0.0)
+    still = driven.copy(deep=True)
+    still["position"].values[:] = driven["position"].values[..., :1]
+    found = beside(recording, driven, {"still": still})
+    rows = {row[0]: row[2:] for row in found.scores.rows}
+    rho, ratio, rmse, shift = rows["simulated"]
+    assert rho > 0.999
+    assert ratio == pytest.approx(1.0, abs=0.01)
+    assert rmse < 0.25e-3
+    assert abs(shift) < 5e-3
+    assert rows["the same, backwards in time"][0] < 0.5
+    x = in_skull_of(truth, "lower_incisor")
+    away = np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean())
+    assert rows["none (the point rests)"][2] == pytest.approx(away, rel=0.02)
+    assert np.isnan(rows["still"][0])
+    apart = found.path.sel(marker="lower_incisor").values.T - x
+    assert np.sqrt(np.nanmean((apart**2).sum(axis=1))) == pytest.approx(rmse, rel=1e-6)
+    assert np.isfinite(apart).mean() > 0.98
+
+
+def test_a_driven_motion_is_not_matched_with_another_repetition(truth, recording):
+    """Delayed by the 0.9 s between both openings it still correlates with 1, at the wrong time."""
+    late = truth.copy(deep=True)
+    late["position"].values[..., 180:] = truth["position"].values[..., :-180]
+    late["position"].values[..., :180] = truth["position"].values[..., :1]
+    scores = score_motion(recording, late.assign_attrs(recorded_start=0.0))
+    assert abs(float(scores["shift"])) <= SHIFT + 1e-9
+    assert float(scores["rho"][0]) < 0.7
+
+
+def test_the_recorded_point_turns_with_the_head():
+    """A point that was recorded relative to the skull is drawn where the turned skull carries it."""
+    motion = run_task(small_jaw(), Task("", 0.3, {"bi_all": [(0.0, 0.0)]}, head=15.0), step=5e-3)
+    x = in_skull_of(motion, "lower_incisor")
+    path = motion["position"].sel(marker=["lower_incisor"]).transpose("marker", "axis", "time")
+    drawn = Beside(path.copy(data=x.T[None]), Table("", (), (), "")).at(motion)
+    k = motion["marker"].values.tolist().index("lower_incisor")
+    room = motion["position"].sel(marker="lower_incisor").transpose("time", "axis").values
+    np.testing.assert_allclose(drawn[:, k], room, atol=1e-12)
+    assert np.abs(room - x).max() > 5e-3
+    assert np.isnan(np.delete(drawn, k, axis=1)).all()
+
+
+def test_commands_show_and_score_beside_a_recording(tmp_path, truth, recording):
+    write_netcdf(truth, tmp_path / "motion.nc", "jaw_motion")
+    write_netcdf(truth, tmp_path / "exchanged.nc", "jaw_motion")
+    write_recording(recording, tmp_path / "trial.nc")
+    files = {
+        name: str(tmp_path / name) for name in ("motion.nc", "exchanged.nc", "trial.nc", "s.nc")
+    }
+    beside_it = ["--baseline", files["exchanged.nc"]]
+    show = ["jaw", "show", files["motion.nc"]]
+    for command in (
+        ["jaw", "score", files["trial.nc"], files["motion.nc"], "--out", files["s.nc"], *beside_it],
+        [*show, "--recording", files["trial.nc"], *beside_it],
+    ):
+        told = CliRunner().invoke(app, command)
+        assert told.exit_code == 0, told.output
+        text = (
+            told.output + (tmp_path / "motion.html").read_text()
+            if "show" in command
+            else told.output
+        )
+        for row in ("backwards in time", "exchanged", "the point rests", "was not estimated"):
+            assert row in " ".join(text.split())
+    page = (tmp_path / "motion.html").read_text()
+    assert "recorded point" in page
+    assert '"measured": null' not in page
+    told = CliRunner().invoke(app, [*show, *beside_it])
+    assert told.exit_code != 0
+    assert "need a --recording" in " ".join(told.output.split())
