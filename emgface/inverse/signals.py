@@ -7,7 +7,13 @@ from emgface.errors import ConfigurationError, SchemaError, SignalError, UnitsEr
 from emgface.inverse.variants import Variant
 from emgface.muscles import CHANNELS, MUSCLES
 from emgface.recordings.verdicts import LARGEST_VARIATION
-from emgface.signals.activation import IDENTITY, activation_of, emg_of, filtered_channels
+from emgface.signals.activation import (
+    IDENTITY,
+    activation_of,
+    emg_of,
+    feature_parameters,
+    filtered_channels,
+)
 from emgface.signals.mapping import sources_of
 from emgface.signals.montage import montage_of
 from emgface.signals.parameters import SignalChain
@@ -60,12 +66,18 @@ def _estimated(recording: xr.Dataset, chain: SignalChain, session: xr.Dataset | 
         for name in ("missing_side", "missing_muscle")
         if getattr(chain.montage, name) == "error"
     }
-    chain = chain.model_copy(
-        update={
-            "normalisation": chain.normalisation.model_copy(update={"silent": "zero"}),
-            "montage": chain.montage.model_copy(update=free),
-        }
+    given, chain = (
+        chain,
+        chain.model_copy(
+            update={
+                "normalisation": chain.normalisation.model_copy(update={"silent": "zero"}),
+                "montage": chain.montage.model_copy(update=free),
+            }
+        ),
     )
+    if session is not None and session.attrs.get("parameters") == feature_parameters(given):
+        # what is left out does not change the features of the others
+        session = session.assign_attrs(parameters=feature_parameters(chain))
     found = activation_of(recording, chain, strategy="act_all", session=session)
     _check_unit(emg, chain)
     montage = montage_of(map(str, emg["channel"].values), chain.montage)

@@ -195,7 +195,7 @@ def feature_range(recordings: Iterable[xr.Dataset], chain: SignalChain) -> xr.Da
         attrs={
             "volunteer": volunteers[0],
             "recordings": len(volunteers),
-            "parameters": _feature_parameters(chain),
+            "parameters": feature_parameters(chain),
         },
     )
 
@@ -237,7 +237,7 @@ def _extent_for(
             f"normalisation over the {reach} requires its minimum and maximum, found none: compute "
             f"them with feature_range and pass them as {reach}="
         )
-    if extent.attrs.get("parameters") != _feature_parameters(chain):
+    if extent.attrs.get("parameters") != feature_parameters(chain):
         raise ConfigurationError(
             f"range of the {reach} was computed with filter, feature or mapping parameters "
             "that differ from those of this chain: compute it again with feature_range"
@@ -258,7 +258,7 @@ def _extent_for(
     return extent
 
 
-def _feature_parameters(chain: SignalChain) -> str:
+def feature_parameters(chain: SignalChain) -> str:
     """JSON of the stages that determine the feature before normalisation."""
     return chain.model_dump_json(include={"filter", "feature", "mapping", "montage"})
 

@@ -5,14 +5,19 @@ import pytest
 import xarray as xr
 
 from emgface.errors import ConfigurationError, DataError
+from emgface.face.motion import settle_face, simulate_face
+from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.calibrate import calibrate, common_delay, profile, regressed
 from emgface.inverse.calibration import Calibration
-from emgface.inverse.parameters import form_of
+from emgface.inverse.kept import Kept
+from emgface.inverse.parameters import InverseParameters, form_of
 from emgface.inverse.refine import Assumptions, emg_precision, intervals, marker_precision
-from emgface.muscles import MUSCLES
+from emgface.inverse.signals import estimated_activation
+from emgface.muscles import LIP_MARKERS, MUSCLES
 from emgface.schema.validation import validate
 from emgface.signals.parameters import SignalChain
 from sim.inverse import PointTarget
+from tests.inverse.recordings import recording_of
 
 
 def test_the_interval_of_a_muscle_that_may_be_silent_begins_at_zero():
@@ -91,6 +96,39 @@ def known(**attrs) -> Calibration:
         "range_parameters": "{}", "origin": "simulated",
     }  # fmt: skip
     return Calibration(data.assign_attrs(given | attrs))
+
+
+@pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+def test_a_calibration_of_a_face_finds_the_gain_of_its_trial(coarse, tmp_path):
+    """Markers of the face itself, moved by both ZYG, whose sEMG precedes it.
+
+    The feature is not proportional to the activation: the gain expected is that of its regression.
+    """
+    simulation = SimulationParameters(
+        solver="linearly_implicit", gravity=False, contact={"method": "none"}, output=0.03
+    )
+    rest, recording = settle_face(coarse, simulation), recording_of(coarse)
+    true = recording["true_activation"].rename(time_true="time")
+    moved = simulate_face(coarse, true, simulation, settled=rest)["position"]
+    x = moved.sel(marker=list(LIP_MARKERS)).transpose("marker", "axis", "time")
+    x = x.interp(time=recording["time_marker"].values, kwargs={"fill_value": "extrapolate"})
+    recording["position"].loc[{"marker": list(LIP_MARKERS)}] = x.values
+    found = calibrate(
+        [recording], coarse, simulation, kept=[Kept(tmp_path / "kept.npz")],
+        parameters=InverseParameters(iterations=4, assumed=Assumptions(spacing=0.15)),
+    )  # fmt: skip
+    validate(found.data, "emg_calibration")
+    chain, session = found.applied(SignalChain(), simulation.sigma_max, recording)
+    emg = estimated_activation(recording, chain, "assisted", session)["activation"]
+    gain, moving = found.data["gain"], ["ZYG_L", "ZYG_R"]
+    for muscle in moving:
+        delay = float(found.data["delay"].sel(muscle=muscle))
+        a = true.sel(muscle=muscle).interp(time=emg["time"].values + delay).fillna(0.0).values
+        e = emg.sel(muscle=muscle).values
+        assert float(gain.sel(muscle=muscle)) == pytest.approx(a @ e / (e @ e), rel=0.1)
+    others = gain.sel(muscle=found.data["estimated"] == 1).drop_sel(muscle=moving)
+    assert float(others.max()) < 0.25 * float(gain.sel(muscle=moving).min())
+    assert found.model_error < 0.1
 
 
 def test_a_calibration_fits_its_volunteer_and_its_strength_only():
