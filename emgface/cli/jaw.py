@@ -262,8 +262,12 @@ def activate(
     write_netcdf(excitation, out_path, "jaw_excitation")
     if passive := excitation.attrs["passive"]:
         say(f"No channel drives {passive}: they stay passive.")
-    if (clipped := excitation.attrs["clipped_fraction"]) > 0.0:
-        say(f"{100.0 * clipped:.2g} % of the samples exceeded the range of the reference.")
+    if not reference:
+        say("Without --reference the strongest instant of every channel counts as full activity.")
+    if (above := excitation.attrs["exceeded_fraction"]) > 0.0:
+        say(f"{100.0 * above:.2g} % of the samples exceed maximum effort, and are limited.")
+    if (below := excitation.attrs["clipped_fraction"] - above) > 1e-9:
+        say(f"{100.0 * below:.2g} % lie below the rest of the reference, and are zero.")
     say(f"Wrote {out_path}: {excitation.sizes['exciter']} exciters.")
 
 

@@ -10,11 +10,13 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
+from emgface.anatomy.jaw.effort import at_rest, levels, require_effort
 from emgface.errors import JawError
 from emgface.schema.validation import validate
 from emgface.signals.activation import IDENTITY, emg_of, filtered_channels
 from emgface.signals.envelope import muscle_activation
 from emgface.signals.features import feature_of
+from emgface.signals.filters import sampling_rate
 from emgface.signals.normalisation import normalise
 from emgface.signals.parameters import SignalChain
 from emgface.signals.resampling import resample, simulation_times
@@ -70,22 +72,33 @@ def excitation_of(
     xarray.Dataset
         Of schema jaw_excitation: ``excitation`` (exciter, time) [1], from time 0;
         ``recorded_start`` is that instant in the recording [s], ``passive`` lists exciters without
-        channel.
+        channel, ``resting`` channels whose signal does not exceed noise, which have zero.
 
     Raises
     ------
     JawError
-        No channel is known, or half of a recording is stronger than maximum effort.
+        No channel is known, the reference has another sampling rate although the feature counts
+        samples, or does not fit (`emgface.anatomy.jaw.effort.require_effort`).
     SchemaError, UnitsError, SignalError, ActivationError
         As `emgface.signals.activation.activation_of`.
     """
     chain = chain or SignalChain()
-    feature = _feature(recording, chain)
-    held = [str(name) for name in feature["channel"].values]
-    extent = _range([_feature(one, chain, held) for one in reference])
-    if extent is not None:
-        _require_effort(feature, extent)
+    own = _filtered(recording, chain)
+    held, feature = [str(name) for name in own["channel"].values], _feature(own, chain)
+    others = [_filtered(one, chain, held) for one in reference]
+    _require_same_rate(own, others, chain)
+    extent = _range([_feature(one, chain) for one in others])
+    if others:
+        require_effort(held, levels(own), [levels(one) for one in others])
+        quiet = list[str]()
+    else:
+        quiet = at_rest(held, levels(own))
+    _require_threshold(feature, extent, chain)
     normalised = normalise(feature, extent, chain.normalisation)
+    normalised = normalised.where(~normalised["channel"].isin(quiet), 0.0).assign_attrs(
+        normalised.attrs
+    )
+    above = 0.0 if extent is None else float((feature > extent["maximum"]).mean())
     if chain.feature.kind == "envelope":
         normalised = muscle_activation(normalised, chain.feature.A)
     rows, passive = dict[str, xr.DataArray](), list[str]()
@@ -113,15 +126,17 @@ def excitation_of(
         "recorded_start": start,
         "passive": " ".join(passive),
         "clipped_fraction": float(normalised.attrs["clipped_fraction"]),
+        "exceeded_fraction": above,
+        "resting": " ".join(quiet),
         "parameters": chain.model_dump_json(include={"filter", "feature", "normalisation"}),
     }
     return validate(xr.Dataset({"excitation": u}, attrs=attrs), "jaw_excitation")
 
 
-def _feature(
+def _filtered(
     recording: xr.Dataset, chain: SignalChain, channels: list[str] | None = None
 ) -> xr.DataArray:
-    """Amplitude feature (channel, time) of the known channels, or of some that are required."""
+    """Filtered sEMG (channel, time_emg) of the known channels, or of some that are required [V]."""
     emg = emg_of(recording)
     found = [str(name) for name in emg["channel"].values]
     known = [f"{name}{side}" for side in ("_L", "_R") for name in CHANNELS]
@@ -133,18 +148,37 @@ def _feature(
             f"{', '.join(lacking or known)}: assign the labels of the file by a mapping"
         )
     filtered, _ = filtered_channels(emg.sel(channel=chosen), chain)
+    return filtered
+
+
+def _feature(filtered: xr.DataArray, chain: SignalChain) -> xr.DataArray:
+    """Amplitude feature (channel, time)."""
     return feature_of(filtered, chain.feature, phase=chain.filter.phase)
 
 
-def _require_effort(feature: xr.DataArray, extent: xr.Dataset) -> None:
-    """Refuse a recording that is stronger for half of the time than maximum effort is at its best."""
-    times = (feature.median("time") / extent["maximum"]).sel(channel=feature["channel"]).values
-    k = int(np.nanargmax(times))
-    if times[k] > 1.0:
-        channel = feature["channel"].values[k]
+def _require_threshold(
+    feature: xr.DataArray, extent: xr.Dataset | None, chain: SignalChain
+) -> None:
+    """Refuse a Willison threshold that rest exceeds half as often as effort does."""
+    low = feature.min("time") if extent is None else extent["minimum"]
+    high = feature.max("time") if extent is None else extent["maximum"]
+    lost = [str(c) for c in low["channel"].values[(low > 0.5 * high).values]]
+    if chain.feature.kind == "wamp" and lost:
         raise JawError(
-            f"channel {channel} is in the median {times[k]:.3g} times as strong as the strongest "
-            "instant of maximum effort, expected less than 1: check the units and the channels of both"
+            "the Willison threshold is exceeded at rest more than half as often as in effort, in "
+            f"{', '.join(lost)}: check the unit of the sEMG, raise the threshold, or choose "
+            "the feature rms or mav"
+        )
+
+
+def _require_same_rate(own: xr.DataArray, others: list[xr.DataArray], chain: SignalChain) -> None:
+    """Refuse references of another sampling rate for a feature that counts samples."""
+    rates = [sampling_rate(one["time_emg"]) for one in (own, *others)]
+    if chain.feature.kind == "wamp" and max(rates) > 1.01 * min(rates):
+        raise JawError(
+            f"the recording is sampled at {rates[0]:.4g} Hz and a reference at "
+            f"{max(rates[1:], key=lambda r: abs(r - rates[0])):.4g} Hz, but the Willison amplitude "
+            "counts samples: expected equal rates, or the feature rms or mav"
         )
 
 

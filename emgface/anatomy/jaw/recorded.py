@@ -29,6 +29,8 @@ NOISE: Final = 5e-6, 0.1e-3
 SHIFT: Final = 0.2
 """Largest shift of a motion that sEMG drives [s], the window of the features; delays between sEMG and
 motion are shorter."""
+FARTHEST: Final = 0.2
+"""Distance of two places of a point of a jaw [m], beyond any opening."""
 INCISOR: Final = "lower_incisor"
 
 
@@ -167,7 +169,8 @@ def paired(recording: xr.Dataset, motion: xr.Dataset) -> tuple[xr.Dataset, xr.Da
     Raises
     ------
     MarkerError
-        No recorded point is one of the motion, or none was recorded during it.
+        No recorded point is one of the motion, none was recorded during it, or one moves farther than
+        a jaw can.
     """
     known = [str(name) for name in motion["marker"].values]
     found = [str(m) for m in recording["marker"].values] if "position" in recording else []
@@ -182,6 +185,7 @@ def paired(recording: xr.Dataset, motion: xr.Dataset) -> tuple[xr.Dataset, xr.Da
     coords = {"marker": both, "axis": list(AXES), "time": ("time", t, {"units": "s"})}
     simulated = xr.DataArray(x, coords, ("marker", "axis", "time"), attrs={"units": "m"})
     measured = recording["position"].sel(marker=both).transpose("marker", "axis", "time_marker")
+    _require_jaw(measured)
     times = measured["time_marker"].values
     if "recorded_start" in motion.attrs:
         wanted = motion.attrs["recorded_start"] + t
@@ -201,3 +205,15 @@ def paired(recording: xr.Dataset, motion: xr.Dataset) -> tuple[xr.Dataset, xr.Da
     given = xr.Dataset({"position": measured}, attrs={"origin": recording.attrs["origin"]})
     model = xr.Dataset({"position": simulated})
     return given, model
+
+
+def _require_jaw(measured: xr.DataArray) -> None:
+    """Refuse points that move farther than a jaw can."""
+    span = measured.max("time_marker") - measured.min("time_marker")
+    far = np.sqrt((span.transpose("marker", "axis").values ** 2).sum(axis=1))
+    if (far > FARTHEST).any():
+        name = str(measured["marker"].values[int(np.nanargmax(far))])
+        raise MarkerError(
+            f"point {name} moves by {np.nanmax(far):.3g} m, expected less than {FARTHEST:g} m: "
+            "check the unit of the positions"
+        )

@@ -198,9 +198,14 @@ def _check_times(path: Path, given: Excitation) -> None:
 def excitation_in(dataset: xr.Dataset) -> Excitation:
     """Excitations of a Dataset with ``excitation`` or ``activation`` over time and one other dim.
 
-    Raises UnitsError if the unit of the time is absent or is not one of time.
+    Raises JawError if they are no fractions, UnitsError if the unit of the time is absent or is
+    not one of time.
     """
     rows = dataset["excitation" if "excitation" in dataset else "activation"]
+    if (unit := str(rows.attrs.get("units", "1"))) not in ("1", ""):
+        raise JawError(
+            f"the unit of {rows.name} is {unit!r}, expected 1: divide percentages by 100"
+        )
     rows = rows.assign_coords(time=to_si(rows["time"], "time"))
     (row,) = (dim for dim in rows.dims if dim != "time")
     values = rows.transpose(row, "time").values.astype(np.float64)

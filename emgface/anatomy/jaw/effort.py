@@ -1,0 +1,104 @@
+"""Levels of sEMG channels: recordings and references of maximum effort that do not fit are refused.
+
+The root mean square in windows of 0.2 s serves all features. Noise at rest varies by a third or less
+between such windows; contractions exceed it severalfold.
+"""
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from emgface.anatomy.jaw.model import Floats
+from emgface.errors import FeatureWarning, JawError
+from emgface.signals.features import root_mean_square
+
+WINDOW = 0.2
+"""Length of the windows [s]."""
+BURST = 2.0
+"""Least ratio of the strongest to the weakest window of a channel that contracts and rests."""
+QUIETER, LOUDER = 0.05, 5.0
+"""Ratios of rest in a recording to rest in its reference that another gain or unit explains,
+the second relative to the median of the channels.
+
+A channel that rests while its neighbours contract records their cross-talk, several times its noise.
+"""
+
+
+def levels(filtered: xr.DataArray) -> Floats:
+    """Weakest, median and strongest window (3, channel) of filtered sEMG (channel, time_emg) [V]."""
+    rms = root_mean_square(filtered, window=WINDOW).transpose("channel", "time").values
+    return np.array([rms.min(axis=1), np.median(rms, axis=1), rms.max(axis=1)])
+
+
+def at_rest(channels: Sequence[str], own: Floats) -> list[str]:
+    """Channels that vary no more than noise does, with a warning.
+
+    Without a reference Eq. 8 would amplify their noise to full excitation.
+    """
+    found = [c for c, low, high in zip(channels, own[0], own[2], strict=True) if high < BURST * low]
+    if found:
+        warnings.warn(
+            f"{'channels' if len(found) > 1 else 'channel'} {', '.join(found)}: the strongest 0.2 s are "
+            f"less than {BURST:g} times the weakest, as in noise; the excitation is zero. If the "
+            "muscle was active, give recordings of maximum effort as reference",
+            FeatureWarning,
+            stacklevel=3,
+        )
+    return found
+
+
+def require_effort(channels: Sequence[str], own: Floats, references: Sequence[Floats]) -> None:
+    """Refuse references without rest or effort, and a recording of another gain or unit.
+
+    Raises
+    ------
+    JawError
+        No contraction or no rest is found in the references, half of the recording is stronger than
+        maximum effort, or its rest is much quieter than that of the references.
+
+    Warns
+    -----
+    FeatureWarning
+        Rest of a channel is stronger than in the references, relative to the other channels.
+    """
+    low = np.min([one[0] for one in references], axis=0)
+    high = np.max([one[2] for one in references], axis=0)
+    _refuse(
+        channels,
+        high / low,
+        high < BURST * low,
+        "is in the strongest 0.2 s of maximum effort {0:.3g} times as strong as in the weakest, "
+        f"expected at least {BURST:g} times: record rest and effort with all electrodes connected",
+    )
+    _refuse(
+        channels,
+        own[1] / high,
+        own[1] > high,
+        "is in the median {0:.3g} times as strong as the strongest instant of maximum effort, expected "
+        "less than 1: check the units and the channels of both",
+    )
+    quiet = own[0] / low
+    _refuse(
+        channels,
+        quiet,
+        quiet < QUIETER,
+        "is at rest {0:.3g} times as strong as in the recordings of maximum effort, expected about 1: "
+        "check the units and gains of both, and whether those of maximum effort contain rest",
+    )
+    beside = quiet / np.median(quiet)
+    loud = [f"{c} ({x:.3g})" for c, x in zip(channels, beside, strict=True) if x > LOUDER]
+    if loud:
+        warnings.warn(
+            "rest is stronger than in maximum effort, relative to the other channels, in "
+            f"{', '.join(loud)}: if these muscles rest in between, their gain or unit differs",
+            FeatureWarning,
+            stacklevel=3,
+        )
+
+
+def _refuse(channels: Sequence[str], ratio: Floats, bad: np.ndarray, what: str) -> None:
+    if bad.any():
+        k = int(np.argmax(np.where(bad, np.abs(np.log(np.maximum(ratio, 1e-30))), -1.0)))
+        raise JawError(f"channel {channels[k]} {what.format(ratio[k])}")
