@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.study.objects import Objects
-from emgface.study.stages import MOTION, SCORES
+from emgface.study.stage_code import MOTION, SCORES
 from emgface.study.store import Stage, Store
 
 STORED = ("skin", 60, 1500), ("motion", 120, 11), ("scores", 1, 11)

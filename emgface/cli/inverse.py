@@ -217,17 +217,20 @@ def calibrate(
     cross_talk: Annotated[
         bool, typer.Option("--cross-talk", help="Estimate the mixing matrix, too.")
     ] = False,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
     force: Annotated[
         bool, typer.Option("--force", help="Compute an existing result again.")
     ] = False,
 ) -> None:
     """Estimate gain, delay and error of the sEMG of every muscle from trials with markers.
 
-    An interrupted calibration continues with the last complete iteration of a trial.
+    The trials are fitted at the same time, and their fits are kept in the folder NAME_trials beside the
+    result NAME.nc; `emgface study status` shows its state. A repeated command computes what is missing
+    or whose inputs or code changed; an interrupted fit continues with its last complete iteration.
     """
-    from emgface.api.given import face_of, recording_of, study_of
-    from emgface.inverse.calibrate import calibrate as estimate
-    from emgface.inverse.kept import Kept
+    from emgface.api.given import face_of, study_of
+    from emgface.inverse.calibrate_many import calibrate_all
     from emgface.inverse.mixing import read_mixing
     from emgface.inverse.parameters import without_contact
     from emgface.schema.netcdf import write_netcdf
@@ -236,20 +239,18 @@ def calibrate(
         say(f"{out_path} exists and is kept: use --force to compute it again.")
         return
     plan = study_of(study)
+    plan = plan.model_copy(update={"simulation": without_contact(plan.simulation)})
     declared = None if mixing is None else read_mixing(mixing)
-    trials = [recording_of(path, mapping) for path in recordings]
     model = face_of(face, plan)
     announce_compilation()
-    kept = [Kept.beside(out_path, str(k)) for k in range(len(trials))]
-    with progress("calibrating") as bar:
-        found = estimate(
-            trials, model, without_contact(plan.simulation), plan.signals, mixing=declared,
-            cross_talk=cross_talk, kept=kept,
-            progress=bar.show,
-        )  # fmt: skip
+    folder = out_path.with_name(f"{out_path.stem}_trials")
+    with executing(workers, scheduler) as chosen, graceful_stop() as stopping:
+        with progress("calibrating") as bar:
+            found = calibrate_all(
+                recordings, model, plan, folder, mapping=mapping, mixing=declared,
+                cross_talk=cross_talk, workers=chosen, observer=bar, stopping=stopping,
+            )  # fmt: skip
     write_netcdf(found.data, out_path, "emg_calibration")
-    for one in kept:
-        one.remove()
     say(f"Wrote {out_path}: {found.data.attrs['trials']} trials.")
     table = found.data[["gain", "delay", "error", "estimated"]].to_dataframe()
     say(table[table["estimated"] == 1].drop(columns="estimated").round(3).to_string())

@@ -150,15 +150,19 @@ def reproduce(
 
 
 def _study(folder: Path, path: Path | None) -> "StudyConfiguration":
-    """Study of a file, or else of the cube in its folder."""
+    """Study of a file, or else of the cube in its folder, which may have been moved."""
     from emgface.report.results import study_cube
     from emgface.study.configuration import StudyConfiguration
     from emgface.study.file import load_study
+    from emgface.study.paths import placed
 
     if path is not None:
         return load_study(path)
     text = study_cube(folder).attrs["configuration"]
-    return StudyConfiguration.model_validate_json(str(text))
+    study, notes = placed(StudyConfiguration.model_validate_json(str(text)), folder)
+    for note in notes:
+        say(note)
+    return study
 
 
 def _store(folder: Path) -> Path:

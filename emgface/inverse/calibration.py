@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import xarray as xr
 
 from emgface.errors import ConfigurationError
+from emgface.inverse.signals import without_absent
 from emgface.signals.parameters import SignalChain
 from sim.state import Array
 
@@ -63,7 +64,11 @@ class Calibration:
 
 
 def over_session(chain: SignalChain) -> SignalChain:
-    """Chain whose normalisation is over a session; trials beyond its range are clipped."""
+    """Chain whose normalisation is over a session; trials beyond its range are clipped.
+
+    Muscles of channels that were not recorded are left out.
+    """
+    chain = without_absent(chain)
     changed = {"reach": "session", "outside": "clip", "silent": "zero"}
     return chain.model_copy(
         update={"normalisation": chain.normalisation.model_copy(update=changed)}

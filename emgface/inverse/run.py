@@ -31,6 +31,7 @@ from emgface.signals.parameters import SignalChain
 from sim import Activation
 from sim.inverse import MeasuredActivation, Weights, equilibria, track
 from sim.state import Array
+from sim.threads import one_blas_thread
 
 FOLLOWED = 0.5
 """Misfit over motion of the targets above which the face does not follow the markers [1]."""
@@ -39,6 +40,7 @@ RESTING = 0.1
 not begin at rest [1]."""
 
 
+@one_blas_thread
 def invert(
     recording: xr.Dataset,
     face: xr.Dataset,

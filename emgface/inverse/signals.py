@@ -59,24 +59,23 @@ def estimated_activation(
         )
 
 
-def _estimated(recording: xr.Dataset, chain: SignalChain, session: xr.Dataset | None) -> xr.Dataset:
-    emg = emg_of(recording)
+def without_absent(chain: SignalChain) -> SignalChain:
+    """Chain that leaves out the muscles of channels that were not recorded, in place of an error."""
     free = {
         name: "leave_out"
         for name in ("missing_side", "missing_muscle")
         if getattr(chain.montage, name) == "error"
     }
-    given, chain = (
-        chain,
-        chain.model_copy(
-            update={
-                "normalisation": chain.normalisation.model_copy(update={"silent": "zero"}),
-                "montage": chain.montage.model_copy(update=free),
-            }
-        ),
+    return chain.model_copy(update={"montage": chain.montage.model_copy(update=free)})
+
+
+def _estimated(recording: xr.Dataset, chain: SignalChain, session: xr.Dataset | None) -> xr.Dataset:
+    emg, given = emg_of(recording), chain
+    chain = without_absent(chain)
+    chain = chain.model_copy(
+        update={"normalisation": chain.normalisation.model_copy(update={"silent": "zero"})}
     )
     if session is not None and session.attrs.get("parameters") == feature_parameters(given):
-        # what is left out does not change the features of the others
         session = session.assign_attrs(parameters=feature_parameters(chain))
     found = activation_of(recording, chain, strategy="act_all", session=session)
     _check_unit(emg, chain)

@@ -16,6 +16,7 @@ from emgface.schema.netcdf import read_netcdf
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.faces import study_face
 from emgface.study.intake import Intake, take_in
+from emgface.study.paths import placed
 from emgface.study.run import feature_extents
 from emgface.study.stages import Laboratory, StoredFailure
 from emgface.study.state import read_state
@@ -134,6 +135,7 @@ def open_results(folder: Path) -> Results:
         return results
     try:
         whole = StudyConfiguration.model_validate(json.loads(str(text)))
+        whole, results.notes = placed(whole, folder)
         results.study = variants(whole)[0].study  # the reference of varied choices
     except (ValidationError, json.JSONDecodeError, ConfigurationError) as error:
         results.notes.append(

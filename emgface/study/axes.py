@@ -1,6 +1,6 @@
 """Choices varied by a study; each is an axis of its cube."""
 
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from typing import Literal
 
 from analysis.baselines import VARIABLES
@@ -65,17 +65,3 @@ class Axis(Parameters):
             else:
                 found.append(first)
         return found
-
-
-def absolute_paths(axes: tuple[Axis, ...], base: Path) -> tuple[Axis, ...]:
-    """Resolve the faces of an axis relative to the folder of the study file."""
-    made: list[Axis] = []
-    for axis in axes:
-        paths = {k for k, name in enumerate(axis.parameters) if name == "face.path"}
-        rows = [
-            tuple(str(base / str(value)) if k in paths else value for k, value in enumerate(row))
-            for row in axis.values()
-        ]
-        levels = tuple(row if len(axis.parameters) > 1 else row[0] for row in rows)
-        made.append(axis.model_copy(update={"levels": levels}) if paths else axis)
-    return tuple(made)

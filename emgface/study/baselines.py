@@ -24,7 +24,8 @@ from emgface.study.digest import text_digest
 from emgface.study.journal import Entry
 from emgface.study.motions import StoredMotion, stored, stored_file
 from emgface.study.outcomes import Run
-from emgface.study.stages import ALIGNED, SCORES, Laboratory
+from emgface.study.stage_code import ALIGNED, SCORES
+from emgface.study.stages import Laboratory
 from emgface.study.store import Result, Stage
 from emgface.study.table import PlannedTrial
 

@@ -3,11 +3,11 @@
 import tomllib
 from pathlib import Path
 
-from emgface.choices import Parameters, configure
+from emgface.choices import configure
 from emgface.errors import ConfigurationError
-from emgface.study.axes import absolute_paths
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.exclusions import check_exclusions, read_exclusions
+from emgface.study.paths import with_paths
 from emgface.study.variants import check_axes
 
 
@@ -28,26 +28,10 @@ def load_study(path: Path) -> StudyConfiguration:
     study = configure(StudyConfiguration, values, where=path.name)
     base = path.resolve().parent
 
-    def absolute(given: Parameters, *names: str) -> Parameters:
-        paths = {name: getattr(given, name) for name in names}
-        return given.model_copy(update={k: base / v for k, v in paths.items() if v is not None})
-
-    named = ("folder", "mapping", "reference_folder", "exclusions")
-    recordings = absolute(study.recordings, *named)
     exclude = check_exclusions(study.exclude, where=path.name)
+    study = with_paths(study, lambda given: base / given)
     if study.recordings.exclusions is not None:
-        exclude += read_exclusions(base / study.recordings.exclusions)
-    study = study.model_copy(
-        update={
-            "recordings": recordings,
-            "face": absolute(study.face, "path", "head"),
-            "tract": study.tract and absolute(study.tract, "areas"),
-            "simulation": study.simulation.model_copy(
-                update={"reduced": absolute(study.simulation.reduced, "file")}
-            ),
-            "exclude": exclude,
-            "axis": absolute_paths(study.axis, base),
-        }
-    )
+        exclude += read_exclusions(study.recordings.exclusions)
+    study = study.model_copy(update={"exclude": exclude})
     check_axes(study, where=path.name)
     return study

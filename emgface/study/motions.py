@@ -8,7 +8,8 @@ import xarray as xr
 
 from emgface.errors import StoreError
 from emgface.study.journal import Entry
-from emgface.study.stages import MOTION, Laboratory
+from emgface.study.stage_code import MOTION
+from emgface.study.stages import Laboratory
 from emgface.study.store import Result, Stage, damage_of
 from emgface.study.table import PlannedTrial
 

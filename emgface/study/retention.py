@@ -97,7 +97,8 @@ def export(folder: Path, out: Path, *, without: Iterable[str] = ()) -> tuple[int
                 shutil.copy2(source, out / name)
         if read_state(out).store(out).resolve() != (out / "store").resolve():
             last = read_state(folder).runs[-1].first
-            facts = {name: last[name] for name in ("study", "trials", "workers", "code")}
+            told = ("study", "folder", "trials", "workers", "code")
+            facts = {name: last[name] for name in told if name in last}
             Journal(out, facts | {"store": "store"}).end("copied", [])
     except OSError as error:
         raise StoreError(f"{error.filename} cannot be copied ({error.strerror})") from error

@@ -125,6 +125,7 @@ def run_study(
     kept = Store(store or out / "store", report=observer.message, objects=remote)
     facts = {
         "study": study.name,
+        "folder": str(out.resolve()),
         "trials": total,
         "workers": workers if isinstance(workers, int) else type(workers).__name__,
         "store": "store" if store is None else str(store.resolve()),

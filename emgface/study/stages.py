@@ -1,4 +1,4 @@
-"""Stages of one trial, each a stored result: activation, motion, aligned position, scores."""
+"""Results of one trial, each computed once: activation, motion, aligned position, scores."""
 
 import time
 import warnings
@@ -31,79 +31,24 @@ from emgface.study.digest import (
 )
 from emgface.study.faces import study_head
 from emgface.study.measured import measured_during
-from emgface.study.mechanics import MECHANICS, OF_HEADS
 from emgface.study.policy import lower_sigma_max
 from emgface.study.skin import SKIN, SkinMotions
-from emgface.study.store import Result, Stage, Store
+from emgface.study.stage_code import (
+    ACTIVATION,
+    ACTIVATION_OF_HEAD,
+    ALIGNED,
+    INVERSE,
+    MOTION,
+    MOTION_OF_HEAD,
+    RANGE,
+    REST,
+    SCORES,
+    STAGES,
+)
+from emgface.study.store import Result, Store
 from emgface.study.table import PlannedTrial, Recording
 from emgface.study.truth import true_activation_of
 from sim.errors import SimulationError
-
-_SIGNALS = (
-    "emgface.signals._kernels",
-    "emgface.signals.activation",
-    "emgface.signals.envelope",
-    "emgface.signals.features",
-    "emgface.signals.mapping",
-    "emgface.signals.montage",
-    "emgface.signals.normalisation",
-    "emgface.signals.resampling",
-    "emgface.signals.filters",
-    "emgface.signals.strategies",
-    "emgface.study.truth",
-)
-_ALIGNMENT = (
-    "analysis.align",
-    "analysis.components",
-    "analysis.lag",
-    "analysis.matching",
-    "analysis.noise",
-    "analysis.trajectory",
-    "analysis.typed",
-    "emgface.recordings.head",
-    "emgface.signals.resampling",
-    "emgface.signals.filters",
-    "emgface.study.measured",
-)
-
-RANGE = Stage("range", _SIGNALS)
-ACTIVATION = Stage("activation", _SIGNALS)
-REST = Stage("rest", MECHANICS)
-MOTION = Stage("motion", (*MECHANICS, "emgface.study.policy"))
-MOTION_OF_HEAD = Stage("motion", (*OF_HEADS, "emgface.study.policy"))
-ACTIVATION_OF_HEAD = Stage("activation", (*_SIGNALS, "emgface.anatomy"))
-ALIGNED = Stage("aligned", _ALIGNMENT)
-SCORES = Stage(
-    "scores",
-    tuple(f"analysis.{name}" for name in ("flags", "noise", "scores", "trajectory", "typed")),
-)
-INVERSE = Stage(
-    "inverse",
-    tuple(
-        dict.fromkeys(
-            (
-                *MECHANICS,
-                *_SIGNALS,
-                *_ALIGNMENT,
-                "emgface.inverse.calibration",
-                "emgface.inverse.configuration",
-                "emgface.inverse.kept",
-                "emgface.inverse.markers",
-                "emgface.inverse.mixing",
-                "emgface.inverse.parameters",
-                "emgface.inverse.problem",
-                "emgface.inverse.refine",
-                "emgface.inverse.run",
-                "emgface.inverse.signals",
-                "emgface.inverse.strategy",
-                "emgface.inverse.variants",
-                "emgface.recordings.labels",
-                "emgface.recordings.verdicts",
-            )
-        )
-    ),
-)
-STAGES = (RANGE, ACTIVATION, REST, MOTION, ALIGNED, SCORES)
 
 
 class StoredFailure(Exception):

@@ -18,6 +18,7 @@ from sim.inverse.track import track
 from sim.inverse.trajectory import (
     Fit,
     Linearised,
+    LinearTargets,
     Quadratic,
     Splines,
     ends_of_steps,
@@ -30,6 +31,7 @@ __all__ = [
     "ActiveForces",
     "AreaTarget",
     "Fit",
+    "LinearTargets",
     "Linearised",
     "MeasuredActivation",
     "Minimum",

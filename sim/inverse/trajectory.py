@@ -66,8 +66,8 @@ def ends_of_steps(n: int, h: float) -> Array:
 
 
 @dataclass(frozen=True)
-class Linearised:
-    """Targets over a trial as a function of the coefficients of the activations.
+class LinearTargets:
+    """Linear function of the coefficients of the activations, for targets over a trial.
 
     Attributes
     ----------
@@ -75,16 +75,11 @@ class Linearised:
     residual : (n_steps, m) wanted minus reached targets over their sizes; NaN where not measured.
     J : (n_steps, m, n_splines n_muscles) derivatives of the reached targets over their sizes; empty
         without derivatives.
-    final : State
-    exact : bool
-        False if J is that at the coefficients of an earlier iteration.
     """
 
     coefficients: Array
     residual: Array
     J: Array
-    final: State
-    exact: bool = True
 
     @property
     def misfit(self) -> float:
@@ -99,6 +94,21 @@ class Linearised:
         J = (self.J * (weight * seen)[:, :, None]).reshape(-1, self.J.shape[2])
         Q = J.T @ J
         return Quadratic(Q, J.T @ r.ravel() + Q @ self.coefficients.ravel())
+
+
+@dataclass(frozen=True)
+class Linearised(LinearTargets):
+    """Targets over a trial as a function of the coefficients, with the end of the trial.
+
+    Attributes
+    ----------
+    final : State
+    exact : bool
+        False if J is that at the coefficients of an earlier iteration.
+    """
+
+    final: State
+    exact: bool = True
 
 
 @dataclass(frozen=True)

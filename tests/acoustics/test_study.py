@@ -19,7 +19,7 @@ from emgface.errors import StoreError
 from emgface.schema.validation import validate
 from emgface.study.formants import formants, formants_of, with_stored_formants
 from emgface.study.journal import Entry
-from emgface.study.stages import MOTION
+from emgface.study.stage_code import MOTION
 from emgface.study.store import Store
 from emgface.study.table import PlannedTrial
 

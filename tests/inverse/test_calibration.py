@@ -9,7 +9,6 @@ from emgface.face.motion import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.calibrate import calibrate, common_delay, profile, regressed
 from emgface.inverse.calibration import Calibration
-from emgface.inverse.kept import Kept
 from emgface.inverse.parameters import InverseParameters, form_of
 from emgface.inverse.refine import Assumptions, emg_precision, intervals, marker_precision
 from emgface.inverse.signals import estimated_activation
@@ -99,7 +98,7 @@ def known(**attrs) -> Calibration:
 
 
 @pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
-def test_a_calibration_of_a_face_finds_the_gain_of_its_trial(coarse, tmp_path):
+def test_a_calibration_of_a_face_finds_the_gain_of_its_trial(coarse):
     """Markers of the face itself, moved by both ZYG, whose sEMG precedes it.
 
     The feature is not proportional to the activation: the gain expected is that of its regression.
@@ -114,7 +113,7 @@ def test_a_calibration_of_a_face_finds_the_gain_of_its_trial(coarse, tmp_path):
     x = x.interp(time=recording["time_marker"].values, kwargs={"fill_value": "extrapolate"})
     recording["position"].loc[{"marker": list(LIP_MARKERS)}] = x.values
     found = calibrate(
-        [recording], coarse, simulation, kept=[Kept(tmp_path / "kept.npz")],
+        [recording], coarse, simulation,
         parameters=InverseParameters(iterations=4, assumed=Assumptions(spacing=0.15)),
     )  # fmt: skip
     validate(found.data, "emg_calibration")

@@ -12,7 +12,8 @@ from typer.testing import CliRunner
 
 from emgface.cli import app
 from emgface.errors import DataError, StoreError
-from emgface.report.results import study_cube
+from emgface.recordings.dataset import read_recording, write_recording
+from emgface.report.results import open_results, study_cube
 from emgface.study.audit import explain, reproduce
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.digest import file_digest
@@ -130,6 +131,32 @@ def test_an_exported_study_is_complete(shown: Path, folder: Path, tmp_path: Path
     assert not (tmp_path / "small" / "store" / "skin").exists()
     with pytest.raises(DataError, match="expected a new folder"):
         export(folder, tmp_path / "small")
+
+
+def test_a_copied_study_uses_the_recordings_beside_it_and_says_so(
+    shown: Path, laboratory: Path, tmp_path: Path
+) -> None:
+    above = Path(os.path.commonpath([shown, laboratory]))
+    folder = tmp_path / "copy" / shown.relative_to(above)
+    export(shown, folder)
+    beside = tmp_path / "copy" / laboratory.relative_to(above) / "recordings"
+
+    def told(*words: str) -> str:
+        found = CliRunner().invoke(app, ["study", *words, str(folder), "S01 B 1 act_rel"])
+        assert found.exit_code == 0, found.output
+        return " ".join(found.output.split())
+
+    text = told("explain")
+    assert f"{laboratory / 'recordings'} is used as before, because there is no {beside}" in text
+    assert "up to date" in text
+    shutil.copytree(laboratory / "recordings", beside)
+    text = told("explain")
+    assert f"{beside} is used in place of {laboratory / 'recordings'}" in text
+    assert "up to date" in text
+    path = beside / "S01_B_1.nc"
+    write_recording(read_recording(path).assign_attrs(comment="another"), path)
+    assert "its input recording changed" in told("explain")
+    assert any(f"{beside} is used" in note for note in open_results(folder).notes)
 
 
 def test_reproduce_passes_and_detects_a_planted_change(folder: Path) -> None:

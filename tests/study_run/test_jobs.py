@@ -9,12 +9,16 @@ from typer.testing import CliRunner
 
 from emgface.choices import configure
 from emgface.cli import app
-from emgface.errors import DataError, ExecutionError
+from emgface.errors import ConfigurationError, DataError, ExecutionError
+from emgface.inverse.calibrate import calibrate
+from emgface.inverse.calibrate_many import calibrate_all
 from emgface.inverse.many import invert_all
 from emgface.inverse.parameters import InverseParameters
 from emgface.inverse.run import invert
 from emgface.recordings.dataset import read_recording, write_recording
 from emgface.schema.netcdf import read_netcdf
+from emgface.signals.activation import feature_range
+from emgface.signals.parameters import SignalChain
 from emgface.study import workers
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.digest import code_version
@@ -70,6 +74,60 @@ def test_recordings_are_inverted_alike_by_any_number_of_workers_and_continued(
     with pytest.raises(KeyboardInterrupt):
         inverted("stopped", stopping=lambda: True)
     assert read_state(tmp_path / "stopped").runs[-1].state == "interrupted"
+
+
+@pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+def test_calibration_is_the_same_by_any_number_of_workers_and_continued(
+    recordings: list[Path], laboratory: Path, slab: xr.Dataset, tmp_path: Path
+) -> None:
+    good, brief = list[Path](), InverseParameters(iterations=1)
+    for name in ("S01_B_1", "S01_E_1"):
+        one = read_recording(laboratory / "recordings" / f"{name}.nc")
+        one = one.sel(time_emg=slice(0.0, 0.8), time_marker=slice(0.0, 0.8))
+        good.append(write_recording(one, tmp_path / "short" / f"{name}.nc"))
+
+    def calibrated(name: str, paths: list[Path], **options) -> xr.Dataset:
+        return plain(calibrate_all(paths, slab, STUDY, tmp_path / name, brief, **options).data)
+
+    def plain(found: xr.Dataset) -> xr.Dataset:
+        return found.drop_attrs().assign(model_error=found.attrs["model_error"])
+
+    trials = [read_recording(path) for path in good]
+    known = calibrate(trials, slab, STUDY.simulation, STUDY.signals, brief)
+    alone = plain(known.data)
+    assert 8 <= alone["estimated"].sum() <= 10 and 0.0 < known.model_error < 1.0
+    assert np.ptp(alone["gain"].values) > 0.05
+    xr.testing.assert_identical(calibrated("two", good, workers=2), alone)
+    with pytest.raises(DataError, match=r"1 of 2 calibration trials .*S01_E_1: MarkerError"):
+        calibrated("one", [good[0], recordings[1]])
+    fits = tmp_path / "one" / "store" / "calibration_trial"
+    assert not list(fits.glob("*.nc.unfinished.npz"))
+    xr.testing.assert_identical(calibrated("one", good), alone)
+    before = {path: path.stat().st_mtime_ns for path in fits.glob("*.nc")}
+    assert "mixing" in calibrated("one", good, cross_talk=True)
+    assert before == {path: path.stat().st_mtime_ns for path in fits.glob("*.nc")}
+    state = read_state(tmp_path / "one")
+    assert state.runs[-1].state == "finished" and state.status == {"ok": 2}
+    with pytest.raises(KeyboardInterrupt):
+        calibrated("stopped", good, stopping=lambda: True)
+    driven = InverseParameters(variant="driven", form="step")
+    found = invert(trials[0], slab, STUDY.simulation, STUDY.signals, driven, calibration=known)[
+        "emg_activation"
+    ]
+    assert 0.0 < float(found.max()) <= float(alone["gain"].max())
+
+
+@pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+def test_a_range_over_the_session_fits_an_inversion(laboratory: Path, slab: xr.Dataset) -> None:
+    """Muscles that were not recorded are left out in the inversion, but not in the range."""
+    recording = read_recording(laboratory / "recordings" / "S01_B_1.nc")
+    chain = configure(SignalChain, {"normalisation": {"reach": "session"}})
+    session = feature_range([recording], chain)
+    found = invert(recording, slab, STUDY.simulation, chain, STEPWISE, session=session)
+    other = configure(SignalChain, {"normalisation": {"reach": "session"}, "filter": {"low": 30.0}})
+    assert float(found["emg_activation"].max()) == pytest.approx(1.0, abs=0.05)
+    with pytest.raises(ConfigurationError, match="differ from those of this chain"):
+        invert(recording, slab, STUDY.simulation, other, STEPWISE, session=session)
 
 
 def test_results_never_replace_recordings_or_one_another(

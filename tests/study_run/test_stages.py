@@ -7,10 +7,12 @@ from pathlib import Path
 import pytest
 
 from emgface.anatomy.head.sweep import ROW
+from emgface.inverse.calibrate_many import FITTED
+from emgface.inverse.many import INVERTED
 from emgface.study.baselines import BASELINES, TYPICAL
 from emgface.study.formants import SOUND
 from emgface.study.skin import SKIN
-from emgface.study.stages import INVERSE, STAGES
+from emgface.study.stage_code import INVERSE, STAGES
 from emgface.volunteers.motions import MOTION, REST
 
 PACKAGES = ("emgface", "sim", "analysis")
@@ -34,6 +36,7 @@ KEPT = {  # find and store inputs, whose digests are part of that of the result
             "mechanics",
             "motions",
             "outcomes",
+            "stage_code",
             "stages",
             "store",
             "table",
@@ -52,7 +55,7 @@ TRACT = {  # make the tract, whose digest is part of that of formants, or what f
 HEAD = {"emgface.anatomy.head.recorded"}  # of heads, whose stages list it
 NAMES = {"emgface._callable", "emgface.api"}  # public names, of which sweeps use none
 ALLOWED = {
-    **{stage: set() for stage in (*STAGES, INVERSE, REST, MOTION)},
+    **{stage: set() for stage in (*STAGES, INVERSE, INVERTED, FITTED, REST, MOTION)},
     **{stage: KEPT for stage in (TYPICAL, BASELINES)},
     SKIN: KEPT | HEAD,
     SOUND: KEPT | TRACT,

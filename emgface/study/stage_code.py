@@ -1,0 +1,70 @@
+"""Stages of one trial, each with the modules whose source determines its results."""
+
+from emgface.study.mechanics import MECHANICS, OF_HEADS
+from emgface.study.store import Stage
+
+_SIGNALS = (
+    "emgface.signals._kernels",
+    "emgface.signals.activation",
+    "emgface.signals.envelope",
+    "emgface.signals.features",
+    "emgface.signals.mapping",
+    "emgface.signals.montage",
+    "emgface.signals.normalisation",
+    "emgface.signals.resampling",
+    "emgface.signals.filters",
+    "emgface.signals.strategies",
+    "emgface.study.truth",
+)
+_ALIGNMENT = (
+    "analysis.align",
+    "analysis.components",
+    "analysis.lag",
+    "analysis.matching",
+    "analysis.noise",
+    "analysis.trajectory",
+    "analysis.typed",
+    "emgface.recordings.head",
+    "emgface.signals.resampling",
+    "emgface.signals.filters",
+    "emgface.study.measured",
+)
+
+RANGE = Stage("range", _SIGNALS)
+ACTIVATION = Stage("activation", _SIGNALS)
+REST = Stage("rest", MECHANICS)
+MOTION = Stage("motion", (*MECHANICS, "emgface.study.policy"))
+MOTION_OF_HEAD = Stage("motion", (*OF_HEADS, "emgface.study.policy"))
+ACTIVATION_OF_HEAD = Stage("activation", (*_SIGNALS, "emgface.anatomy"))
+ALIGNED = Stage("aligned", _ALIGNMENT)
+SCORES = Stage(
+    "scores",
+    tuple(f"analysis.{name}" for name in ("flags", "noise", "scores", "trajectory", "typed")),
+)
+INVERSE = Stage(
+    "inverse",
+    tuple(
+        dict.fromkeys(
+            (
+                *MECHANICS,
+                *_SIGNALS,
+                *_ALIGNMENT,
+                "emgface.inverse.calibration",
+                "emgface.inverse.configuration",
+                "emgface.inverse.kept",
+                "emgface.inverse.markers",
+                "emgface.inverse.mixing",
+                "emgface.inverse.parameters",
+                "emgface.inverse.problem",
+                "emgface.inverse.refine",
+                "emgface.inverse.run",
+                "emgface.inverse.signals",
+                "emgface.inverse.strategy",
+                "emgface.inverse.variants",
+                "emgface.recordings.labels",
+                "emgface.recordings.verdicts",
+            )
+        )
+    ),
+)
+STAGES = (RANGE, ACTIVATION, REST, MOTION, ALIGNED, SCORES)
