@@ -99,7 +99,20 @@ def until(browser, script: str) -> None:
 
 
 def drawn(browser) -> np.ndarray:
-    """Pixels of the face on the screen."""
+    """Pixels of the face on the screen, once two pictures in a row agree."""
+    # The page may still move under the face: what stands above it is laid out later.
+    limit = time.monotonic() + PATIENCE
+    before = None
+    while True:
+        now = photographed(browser)
+        if before is not None and before.shape == now.shape and changed(before, now) == 0:
+            return now
+        assert time.monotonic() < limit, "the picture of the face does not come to rest"
+        before = now
+
+
+def photographed(browser) -> np.ndarray:
+    """Pixels of the face after two frames of the page."""
     browser.execute_script(
         "document.getElementById('stage').scrollIntoView({block: 'center', behavior: 'instant'})"
     )
