@@ -45,7 +45,7 @@ _NUMBERS = ("h", "size", "noise", "marker_weight")
 
 @dataclass(frozen=True)
 class CalibrationTrial:
-    """What the calibration needs of a trial, linearised at its most probable activations.
+    """sEMG of a trial, and its markers as a linear function of the activations near their best fit.
 
     Attributes
     ----------

@@ -1,6 +1,7 @@
 """Inverse simulation: activations of muscles from motion, with and without measured activations."""
 
 from sim.inverse.force_targets import RowForceTarget
+from sim.inverse.linear_targets import Linearised, LinearTargets, Quadratic, prior
 from sim.inverse.objective import MeasuredActivation, Weights
 from sim.inverse.posterior import Posterior, in_words, laplace
 from sim.inverse.quadratic import Minimum, minimise_in_box
@@ -12,20 +13,12 @@ from sim.inverse.response import (
     require_affine,
     step_response,
 )
+from sim.inverse.sensitivities import linearise
 from sim.inverse.shape_targets import AreaTarget, SeparationTarget
+from sim.inverse.splines import Splines, ends_of_steps
 from sim.inverse.targets import PointTarget, Target, Together
 from sim.inverse.track import track
-from sim.inverse.trajectory import (
-    Fit,
-    Linearised,
-    LinearTargets,
-    Quadratic,
-    Splines,
-    ends_of_steps,
-    fit,
-    linearise,
-    prior,
-)
+from sim.inverse.trajectory import Fit, fit
 
 __all__ = [
     "ActiveForces",
