@@ -167,7 +167,7 @@ def show_table(rows: Rows, title: str) -> None:
         for k in columns:
             justify = "right" if all(_is_number(cells[k]) for cells in rows.cells) else "left"
             whole = not (folded and k == every[-1])
-            table.add_column(rows.heads[k], no_wrap=whole, overflow="fold", justify=justify)
+            table.add_column(escape(rows.heads[k]), no_wrap=whole, overflow="fold", justify=justify)
         for cells in rows.cells:
             if len(columns) > 2 or len(rows.heads) <= 2 or cells[columns[-1]]:
                 table.add_row(*(escape(cells[k]) for k in columns))

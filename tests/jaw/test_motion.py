@@ -80,6 +80,12 @@ def test_times_that_cannot_be_seconds_are_refused(time, said, tmp_path):
         read_excitation(tmp_path / "drive.csv")
 
 
+def test_an_absent_file_of_excitations_is_named(tmp_path):
+    for name in ("absent.csv", "absent.nc"):
+        with pytest.raises(JawError, match=f"No file .*{name}; expected"):
+            read_excitation(tmp_path / name)
+
+
 def test_a_late_start_is_told_and_milliseconds_of_files_are_converted(tmp_path):
     table = pd.DataFrame({"time": [0.3, 0.6], "bi_all": [0.2, 0.4]})
     table.to_csv(tmp_path / "drive.csv", index=False)

@@ -242,6 +242,15 @@ def test_a_table_is_folded_to_the_terminal(monkeypatch: pytest.MonkeyPatch, caps
     assert "short" in capsys.readouterr().out
 
 
+def test_a_table_shows_the_units_of_its_columns(capsys) -> None:
+    """Brackets with lower case letters are markup to the terminal, and vanished from the heads."""
+    heads = ("time [s]", "rmse [mm]", "shift [ms]", "frequency [Hz]")
+    console.show_table(console.Rows(heads, (("1", "2", "3", "4"),)), "scores [1]")
+    shown = capsys.readouterr().out
+    for text in (*heads, "scores [1]"):
+        assert text in shown
+
+
 def test_a_sidecar_is_drafted_confirmed_and_read(tmp_path: Path) -> None:
     emg = 1e-2 * np.random.default_rng(0).standard_normal((3000, 2))
     np.savetxt(tmp_path / "a.txt", emg, delimiter="\t")

@@ -153,6 +153,8 @@ def read_excitation(path: str | os.PathLike[str]) -> Excitation:
         The series begins after time 0.
     """
     path = Path(path)
+    if not path.is_file():
+        raise JawError(f"No file {path}; expected a table or netCDF file: check the path.")
     try:
         if path.suffix == ".nc":
             with xr.open_dataset(path, engine="netcdf4", decode_times=False) as opened:
