@@ -12,6 +12,7 @@ from sim.inverse import (
     minimise_in_box,
     track,
 )
+from sim.inverse.quadratic import violation
 from tests.bodies import crossed_muscles, grid
 from tests.contact.scenes import square
 from tests.inverse.points import circle, constant_muscles, particle, recorded
@@ -63,6 +64,40 @@ def test_the_quadratic_programme_is_solved_exactly(seed):
     )
     assert np.abs(found.x[free] - other.x).max() <= 1e-6
     assert found.x[3] == 0.0
+
+
+def problem(seed: int):
+    """Random quadratic programme: few quantities, weights over ten decades, bounds that coincide."""
+    rng = np.random.default_rng(seed)
+    n, m = (int(k) for k in rng.integers(1, 40, 2))
+    J = rng.standard_normal((m, n)) * 10.0 ** rng.uniform(-4.0, 0.0, n)
+    Q = 10.0 ** rng.uniform(-3, 6) * J.T @ J + 10.0 ** rng.uniform(-10, 0) * np.eye(n)
+    c = Q @ rng.uniform(-0.5, 1.5, n) * (seed % 5 > 0)
+    high = np.full(n, rng.choice([0.1, 1.0])) * (np.arange(n) >= n // 2 * (seed % 11 == 0))
+    return Q, c, np.zeros(n), high, None if seed % 3 else rng.uniform(0.0, 1.0, n)
+
+
+def test_the_optimality_conditions_hold_in_programmes_of_any_scale():
+    """No activation alone could change by 1e-10; with small weights half of them were left at zero."""
+    found = [minimise_in_box(*problem(seed)).violation for seed in range(400)]
+    assert max(found) <= 1e-10, np.argsort(found)[-5:]
+
+
+def test_the_violation_is_the_change_that_would_still_lower_the_objective():
+    Q, c, low, high, _ = problem(1)
+    best = minimise_in_box(Q, c, low, high)
+    for i in range(len(c)):
+        for way in (1e-6, -1e-6):
+            x = best.x.copy()
+            x[i] += way
+            inside = low[i] <= x[i] <= high[i]
+            assert violation(Q, c, low, high, x) >= 0.999e-6 * (inside or 1.0)
+    for scale in (1e-9, 1e9):  # the scale of the quadratic has no effect
+        x = np.clip(best.x + 1e-3, low, high)
+        one = violation(Q, c, low, high, x)
+        assert violation(scale * Q, scale * c, low, high, x) == pytest.approx(one, rel=1e-9)
+    outside = violation(Q, c, low, high, best.x + 2.0 * high)
+    assert outside >= float(high.max())
 
 
 def test_a_small_weight_on_the_size_chooses_the_solution_of_least_norm():
