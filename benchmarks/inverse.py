@@ -1,19 +1,18 @@
-"""Activations of simulated volunteers from their markers and sEMG, by variant, and the cost of a step.
+"""Activations of simulated volunteers from their markers and sEMG: errors and coverage of each setting.
 
-    python -m benchmarks inverse RECORDING.nc ... --out FIGURE.png [--emg-weights 0.01,0.1,1,10]
-        [--form trajectory] [--calibration CALIBRATION.nc]
-    python -m benchmarks inverse RECORDING.nc ... --known
+    python -m benchmarks inverse RECORDING.nc ... [--only S01_A_1,S02_D_1] [--out FIGURE.png]
+        [--settings "step:motion trajectory:assisted:10"] [--sigma-max 115e3]
+        [--calibration CALIBRATION.nc]
     python -m benchmarks inverse RECORDING.nc ... --truth
 
 The recordings contain their true activation. The face that inverts is the coarse template without
 contact and gravity, so that shape, tissue and strength of every volunteer differ from it. Compared are
-all twenty muscles over the whole trial. Two markers are left out of the targets. `--known` moves the
-template itself by the true activation in 0.5 s around its onset, tracks all nodes with the same steps,
-and prints the largest difference of any activation. `--truth` moves the template by the true activation
-times the true strengths, with and without contact and the laws of the volunteer, and prints how far its
-markers are from the recorded ones. The row "others" is the null hypothesis that needs
-neither markers nor sEMG of the person: the mean true activation of the other volunteers in the same
-instruction, shifted in time to the onset of the motion.
+all twenty muscles over the whole trial. Two markers are left out of the targets. A setting is a form, a
+variant and the weight of the sEMG. `--truth` moves the template by the true activation times the true
+strengths, with and without contact and the laws of the volunteer, and prints how far its markers are
+from the recorded ones. The row "others" is the null hypothesis that needs neither markers nor sEMG of
+the person: the mean true activation of the other volunteers in the same instruction, shifted in time to
+the onset of the motion.
 """
 
 import json
@@ -27,49 +26,63 @@ import typer
 import xarray as xr
 
 import sim
-from analysis.figures.style import COLOURS, blank, styled
+from analysis.figures.style import COLOURS, blank, save, styled
+from benchmarks.report import markdown, say
 from emgface.face.motion import settle_face, simulate_face
-from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 from emgface.inverse.calibration import Calibration
 from emgface.inverse.markers import targets_of
 from emgface.inverse.parameters import InverseParameters
 from emgface.inverse.run import invert
-from emgface.inverse.variants import VARIANTS
 from emgface.recordings.dataset import read_recording
 from emgface.schema.netcdf import read_netcdf
-from sim.inverse import PointTarget, Weights, track
 
+ACTIVE = 0.05
+"""True activation above which a muscle counts as active."""
+DEFAULT = (
+    "step:driven step:hybrid step:motion step:assisted step:assisted:10 trajectory:motion "
+    "trajectory:assisted"
+)
 HELD_OUT = ("upper_paramedian_left", "lower_lateral_right")
 SIMULATION = SimulationParameters(
     solver="linearly_implicit", gravity=False, contact={"method": "none"}
 )
 
 
-def measures(found: xr.Dataset, recording: xr.Dataset, face: xr.Dataset, rest) -> dict:
+def parsed(text: str) -> InverseParameters:
+    """Setting from a form, a variant and the weight of the sEMG, such as "step:assisted:10"."""
+    form, variant, weight = (text + ":1").split(":")[:3]
+    return InverseParameters(
+        variant=variant, form=form, emg_weight=float(weight), left_out=HELD_OUT
+    )
+
+
+def measures(
+    found: xr.Dataset, recording: xr.Dataset, face: xr.Dataset, rest, simulation=SIMULATION
+) -> dict[str, float]:
     """Errors of activations against the truth, and of the markers of a forward simulation."""
     at = found["time"].values
     truth = recording["true_activation"].interp(time_true=at).sel(muscle=found["muscle"].values)
     a, b = found["activation"].values, truth.values
-    moved = simulate_face(face, found["activation"], SIMULATION, settled=rest)
+    moved = simulate_face(face, found["activation"], simulation, settled=rest)
     wanted = targets_of(recording, face, rest, at)
     gap = moved["position"].transpose("time", "marker", "axis").values - wanted.values
     distance = np.sqrt(np.nanmean((gap**2).sum(axis=2), axis=0))
     out = np.isin(wanted["marker"].values, HELD_OUT)
     inferred = ("LAO", "BUC", "OOM", "DLI")
     recorded = np.array([not m.startswith(inferred) for m in found["muscle"].values])
-    inside = np.nan
+    covered = covered_active = np.nan
     if "activation_low" in found:
-        inside = float(
-            ((found["activation_low"].values <= b) & (b <= found["activation_high"].values)).mean()
-        )
+        inside = (found["activation_low"].values <= b) & (b <= found["activation_high"].values)
+        covered, covered_active = float(inside.mean()), float(inside[b > ACTIVE].mean())
     return {
-        "coverage": inside,
         "correlation": _correlation(a, b),
         "without electrode": _correlation(a[~recorded], b[~recorded]),
         "rms": np.sqrt(np.mean((a - b) ** 2)),
         "slope": np.polyfit(b.ravel(), a.ravel(), 1)[0],
+        "in the interval [%]": 100.0 * covered,
+        f"above {ACTIVE} [%]": 100.0 * covered_active,
         "tracked [mm]": 1e3 * np.sqrt(np.mean(distance[~out] ** 2)),
         "left out [mm]": 1e3 * np.sqrt(np.mean(distance[out] ** 2)),
     }
@@ -109,27 +122,6 @@ def _onset(recording: xr.Dataset, face: xr.Dataset, rest) -> float:
     size = np.sqrt(((moved - moved.isel(time=slice(0, 10)).mean("time")) ** 2).sum("axis"))
     size = size.mean("marker").values
     return float(at[int((size > 0.5 * np.nanmax(size)).argmax())])
-
-
-def known_activation(face: xr.Dataset, path: Path) -> str:
-    """Largest error of the activations if all nodes are tracked with the steps of the truth."""
-    system = sim.compile_scene(compose_scene(face, SIMULATION))
-    truth = read_recording(path)["true_activation"].sel(muscle=list(system.muscles))
-    total = truth.sum("muscle").values
-    onset = float(truth["time_true"][int((total > 0.5 * total.max()).argmax())])
-    t = 0.01 * np.arange(51)
-    true = truth.interp(time_true=max(onset - 0.2, 0.0) + t).transpose("time_true", ...).values
-    motion, _ = sim.simulate(
-        system, sim.Activation(t, true), duration=0.5, integrator=sim.LinearlyImplicitEuler(),
-        steps=sim.FixedStep(0.01), probes=(sim.Positions(),),
-    )  # fmt: skip
-    q = motion["node_position"].transpose("time", ...).values
-    target = PointTarget(np.arange(q.shape[1]), motion["time"].values, q, 1e-6)
-    weights = Weights(size=0.0, change=1e-12, rounds=3)
-    found, _ = track(system, [target], duration=0.5, weights=weights)
-    error = np.abs(found["activation"].values.T - true[1:])
-    worst = system.muscles[int(error.max(axis=0).argmax())]
-    return f"{path.stem}: largest error {error.max():.1e} ({worst}), largest truth {true.max():.2f}"
 
 
 def at_truth(face: xr.Dataset, path: Path) -> str:
@@ -172,29 +164,6 @@ def at_truth(face: xr.Dataset, path: Path) -> str:
     return "; ".join(told)
 
 
-def cost(face: xr.Dataset) -> str:
-    """Processor time of a tracked step over that of a forward step, kernels warm."""
-    system = sim.compile_scene(compose_scene(face, SIMULATION))
-    work, nodes = sim.Workspace(system), face["marker_node"].values.astype(np.int64)
-    goal = system.mesh.X[nodes][None] + np.array([0.0, 0.0, 1e-3])
-    target = PointTarget(nodes, np.zeros(1), goal, 1e-3)
-    integrator, pairs = sim.LinearlyImplicitEuler(), []
-    for k in range(5):
-        state, begun = system.rest_state(), time.process_time()
-        for i in range(10):
-            control = sim.Control(np.full(20, 0.01 * i), state.t + 0.01)
-            state, _ = integrator.step(system, state, control, 0.01, work)
-        middle = time.process_time()
-        track(system, [target], duration=0.1, weights=Weights(chase=0.05), work=work)
-        if k:
-            pairs.append((middle - begun, time.process_time() - middle))
-    forward, tracked = np.median(pairs, axis=0) / 10
-    return (
-        f"forward step {1e3 * forward:.1f} ms, tracked step {1e3 * tracked:.1f} ms, ratio "
-        f"{tracked / forward:.2f} (20 muscles, {system.pattern.n} unknowns)"
-    )
-
-
 @styled
 def draw(found: dict[str, xr.Dataset], truth: xr.DataArray, title: str):
     """Activation of eight muscles over time for each variant, with the truth."""
@@ -219,75 +188,76 @@ def draw(found: dict[str, xr.Dataset], truth: xr.DataArray, title: str):
     return figure
 
 
+def inverted(
+    path: Path, settings: list[str], face: xr.Dataset, rest, simulation, calibration
+) -> tuple[list[dict], dict[str, xr.Dataset]]:
+    """Errors of each setting in one trial, and the activations."""
+    recording, rows, results = read_recording(path), [], {}
+    for label in settings:
+        row: dict = {"trial": path.stem, "setting": label}
+        begun = time.process_time()
+        try:
+            found = invert(
+                recording, face, simulation, parameters=parsed(label), settled=rest,
+                calibration=calibration,
+            )  # fmt: skip
+            seconds = time.process_time() - begun
+            row |= measures(found, recording, face, rest, simulation) | {"processor [s]": seconds}
+            results[label] = found
+        except sim.SimulationError as error:
+            row |= {"failure": type(error).__name__}
+        rows.append(row)
+        say(str({k: round(v, 3) if isinstance(v, float) else v for k, v in row.items()}))
+    return rows, results
+
+
+def means(rows: list[dict]) -> pd.DataFrame:
+    """Mean of every setting over the trials that it could invert, and their number."""
+    table = pd.DataFrame(rows).drop(columns=["trial", "failure"], errors="ignore")
+    groups = table.groupby("setting", sort=False)
+    found = groups.mean()
+    found.insert(0, "trials", groups["correlation"].count())
+    return found.reset_index()
+
+
 def main(
     recordings: list[Path],
-    out: Annotated[Path, typer.Option()] = Path("inverse.png"),
-    emg_weights: str = "0.1,1,10",
-    form: Annotated[str, typer.Option(help="step, trajectory or quasi_static.")] = "step",
+    out: Annotated[Path | None, typer.Option(help="Figure of the last trial, and CSV.")] = None,
+    settings: Annotated[
+        str, typer.Option(help="form:variant:weight, separated by spaces.")
+    ] = DEFAULT,
+    only: Annotated[str, typer.Option(help="Trials to invert, all by default.")] = "",
+    sigma_max: Annotated[float | None, typer.Option(help="Of the template [Pa].")] = None,
     calibration: Annotated[Path | None, typer.Option(help="Of the volunteer.")] = None,
-    variants: str = ",".join(v for v in VARIANTS if v != "assisted"),
-    known: Annotated[
-        bool, typer.Option("--known", help="Track all nodes of the template.")
-    ] = False,
     truth: Annotated[
         bool, typer.Option("--truth", help="Error of the template at the true activation.")
     ] = False,
 ) -> None:
     """Invert, compare, print and draw."""
-    face = template_face(resolution="coarse")
-    if known or truth:
-        for path in recordings:
-            print((known_activation if known else at_truth)(face, path), flush=True)
+    face, simulation = template_face(resolution="coarse"), SIMULATION
+    chosen = [path for path in recordings if not only or path.stem in only.split(",")]
+    if truth:
+        for path in chosen:
+            print(at_truth(face, path), flush=True)
         return
-    rest = settle_face(face, SIMULATION)
-    calibrated = None
+    if sigma_max is not None:
+        simulation = SIMULATION.model_copy(update={"sigma_max": sigma_max})
+    rest, calibrated = settle_face(face, simulation), None
     if calibration is not None:
         calibrated = Calibration(read_netcdf(calibration, "emg_calibration"))
-    print(cost(face), flush=True)
-    rows, drawn = [], {}
-    for path in recordings:
-        recording = read_recording(path)
-        settings = [
-            InverseParameters(variant=v, form=form, left_out=HELD_OUT)
-            for v in variants.split(",")
-            if v
-        ]
-        settings += [
-            InverseParameters(emg_weight=float(w), form=form, left_out=HELD_OUT)
-            for w in emg_weights.split(",")
-            if w
-        ]
-        world = str(recording.attrs.get("world", "")).removesuffix(" world")
-        for p in settings:
-            label = p.variant + (f" {p.emg_weight:g}" if p.variant == "assisted" else "")
-            begin = {"world": world, "trial": path.stem, "variant": label}
-            try:
-                found = invert(
-                    recording, face, SIMULATION, parameters=p, settled=rest, calibration=calibrated
-                )
-                rows.append(begin | measures(found, recording, face, rest))
-            except sim.SimulationError as error:
-                rows.append(begin | {"failure": type(error).__name__})
-                continue
-            if path == recordings[-1] and (p.variant != "assisted" or p.emg_weight == 1.0):
-                drawn[label] = found
+    rows: list[dict] = []
+    drawn: dict[str, xr.Dataset] = {}
+    for path in chosen:
         if (mean := others(path, recordings, face, rest)) is not None:
-            rows.append(
-                {"world": world, "trial": path.stem, "variant": "others"}
-                | measures(mean, recording, face, rest)
-            )
-        print(
-            pd.DataFrame([r for r in rows if r["trial"] == path.stem]).round(3).to_string(),
-            flush=True,
-        )
-    table = pd.DataFrame(rows)
-    table.to_csv(out.with_suffix(".csv"), index=False)
-    means = (
-        table.drop(columns=["trial", "failure"], errors="ignore")
-        .groupby(["world", "variant"])
-        .mean()
-    )
-    print(f"\nmeans over {len(recordings)} simulated trials\n{means.round(2).to_string()}")
-    truth = read_recording(recordings[-1])["true_activation"]
-    title = f"SIMULATED volunteer {recordings[-1].stem}, {table['world'].iloc[-1]} world"
-    draw(drawn, truth, title).savefig(out, dpi=110)
+            error = measures(mean, read_recording(path), face, rest, simulation)
+            rows.append({"trial": path.stem, "setting": "others"} | error)
+        more, drawn = inverted(path, settings.split(), face, rest, simulation, calibrated)
+        rows += more
+        if out is not None:
+            pd.DataFrame(rows).to_csv(out.with_suffix(".csv"), index=False)
+    print(markdown(means(rows), ".2f"), flush=True)
+    if out is not None:
+        last = read_recording(chosen[-1])
+        world = str(last.attrs.get("world", "")).removesuffix(" world")
+        title = f"SIMULATED volunteer {chosen[-1].stem}, {world} world"
+        save(draw(drawn, last["true_activation"], title), out)

@@ -101,9 +101,10 @@ def jaw() -> list[dict[str, Any]]:
     own = found["activation"].max("time").to_series()
     closers = [str(m) for m in own.index if str(m)[:-2] in CLOSERS]
     largest = own[[str(m) for m in own.index if str(m)[:-2] not in CLOSERS]].nlargest(6)
-    print("largest activations:", ", ".join(f"{m} {a:.3f}" for m, a in largest.items()))
+    told = ", ".join(f"{m} {a:.3f}" for m, a in largest.items())
     row = _row("incisor", x, reached[1:, None], wanted[1:, None])
-    return [row | {"largest closer": float(own[closers].max())}]
+    ends = {"largest closer": float(own[closers].max()), "largest opener": float(largest.iloc[0])}
+    return [row | ends | {"largest": told}]
 
 
 def tongue() -> list[dict[str, Any]]:

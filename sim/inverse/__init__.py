@@ -1,18 +1,13 @@
 """Inverse simulation: activations of muscles from motion, with and without measured activations."""
 
+from sim.inverse.active_forces import ActiveForces, require_affine
 from sim.inverse.force_targets import RowForceTarget
 from sim.inverse.linear_targets import Linearised, LinearTargets, Quadratic, prior
 from sim.inverse.objective import MeasuredActivation, Weights
 from sim.inverse.posterior import Posterior, in_words, laplace
 from sim.inverse.quadratic import Minimum, minimise_in_box
 from sim.inverse.quasi_static import equilibria
-from sim.inverse.response import (
-    ActiveForces,
-    Response,
-    equilibrium_response,
-    require_affine,
-    step_response,
-)
+from sim.inverse.response import Response, equilibrium_response, step_response
 from sim.inverse.sensitivities import linearise
 from sim.inverse.shape_targets import AreaTarget, SeparationTarget
 from sim.inverse.splines import Splines, ends_of_steps

@@ -8,9 +8,10 @@ import xarray as xr
 
 from sim.errors import InvertedElement, NotConverged, SceneError, SingularSystem
 from sim.integrators import Static, Workspace
+from sim.inverse.active_forces import ActiveForces
 from sim.inverse.objective import MeasuredActivation, Objective, Weights
 from sim.inverse.quadratic import minimise_in_box
-from sim.inverse.response import ActiveForces, equilibrium_response
+from sim.inverse.response import equilibrium_response
 from sim.inverse.targets import Target, Together
 from sim.state import Array, Control, State
 from sim.system import System

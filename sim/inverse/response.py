@@ -13,20 +13,15 @@ from sim.integrators.contact_linear import LinearContact
 from sim.integrators.contract import require_fixed_contact, require_no_barrier
 from sim.integrators.held import held_solution
 from sim.integrators.workspace import Workspace
+from sim.inverse.active_forces import NEAR, ActiveForces, require_affine
 from sim.joints.compiled import REDUNDANT
 from sim.joints.compiled import Rows as JointRows
-from sim.scene import ActsLocally, CompiledTerm, Index, Stiffens
 from sim.state import Array, Control, ControlAt, Line, Pose, State, StepReport
-from sim.step_matrices import LinearStep, damping_matrix, stiffness_matrix
+from sim.step_matrices import LinearStep, stiffness_matrix
 from sim.system import System
 
 Form = Literal["exact", "affine"]
 """Derivative of the step itself, or with the matrix of the step held constant."""
-
-NEAR = 1e-7  #: displacement of the finite difference of the active stiffness along the step [m]
-
-ALTERED = 0.25
-"""Change of one activation for a column: exact where forces are affine in the activation."""
 
 
 class LinearlyImplicit(Protocol):
@@ -74,87 +69,6 @@ class Response:
         return system.kinematics.advance(self.pose, way, self.pose.t + self.h)
 
 
-def require_affine(system: System) -> None:
-    """Raise SceneError if passive moduli depend on the activation."""
-    for term, declared in zip(system.terms, system.scene.terms, strict=True):
-        if isinstance(term, Stiffens):
-            raise SceneError(
-                f"the moduli of {type(declared).__name__} depend on the activation, so that a step with "
-                "a constant matrix is not affine in it: use form = 'exact'"
-            )
-
-
-class ActiveForces:
-    """Forces of the muscles of a system.
-
-    Attributes
-    ----------
-    damping_varies : bool
-        True if the damping matrix depends on the activation.
-    """
-
-    def __init__(self, system: System) -> None:
-        self._system, n = system, len(system.muscles)
-        silent, loud = Control(np.zeros(n)), Control(np.full(n, 0.3))
-        some = np.random.default_rng(0).standard_normal(system.mesh.X.shape)
-        q = system.mesh.X + NEAR * some  # no element or fibre is exactly at rest
-
-        def force(term: CompiledTerm, control: Control) -> Array:
-            f = np.zeros_like(q)
-            term.add(q, control, f)
-            return f
-
-        kept = (t for t in system.terms if (force(t, silent) != force(t, loud)).any())
-        self._driven = replace(system, terms=tuple(kept))
-        self._groups = self._disjoint(n)
-        self.damping_varies = False
-        if system.is_damped:
-            v = NEAR * some
-            rest = system.rest_state().pose
-            D = [damping_matrix(system, rest, v, control) for control in (silent, loud)]
-            self.damping_varies = not np.array_equal(D[0].values, D[1].values)
-
-    def columns(self, pose: Pose, control: Control) -> Array:
-        """Derivatives (n_muscles, n) of the generalised forces by the activations [N].
-
-        Differences over `ALTERED`, exact for forces that are affine in the activation. Terms that
-        ignore the activation are left out.
-        """
-        a, kinematics = control.activation, self._system.kinematics
-        here = self._driven.force(pose.q, control).f
-        out = np.empty((len(a), self._system.pattern.n))
-        for group in self._groups:
-            other = a.copy()
-            for i, _ in group:
-                other[i] += ALTERED if a[i] + ALTERED <= 1.0 else -ALTERED
-            changed = self._driven.force(pose.q, Control(other, control.t)).f - here
-            for i, nodes in group:
-                own = np.zeros_like(changed)
-                own[nodes] = changed[nodes] / (other[i] - a[i])
-                out[i] = kinematics.generalised_force(own, pose)
-        return out
-
-    def _disjoint(self, n: int) -> list[list[tuple[int, Index]]]:
-        """Groups of muscles, with their nodes, that have no node in common."""
-        groups: list[tuple[set[int], list[tuple[int, Index]]]] = []
-        everywhere = np.arange(len(self._system.mesh.X))
-        local = all(isinstance(term, ActsLocally) for term in self._driven.terms)
-        for i in range(n):
-            nodes = everywhere
-            if local:
-                parts = (t for t in self._driven.terms if isinstance(t, ActsLocally))
-                nodes = np.unique(np.concatenate([t.nodes_of_muscle(i) for t in parts]))
-            own = set(nodes.tolist())
-            for taken, group in groups:
-                if not taken & own:
-                    taken |= own
-                    group.append((i, nodes))
-                    break
-            else:
-                groups.append((own, [(i, nodes)]))
-        return [group for _, group in groups]
-
-
 def step_response(
     system: System,
     integrator: LinearlyImplicit,
@@ -195,7 +109,7 @@ def step_response(
     require_no_barrier(system, "inverse tracking")
     require_fixed_contact(system, "inverse tracking", "leave one of the two out")
     if form == "affine":
-        require_affine(system)
+        require_affine(system, forces)
     whole = system.during(state, h)
     kinematics, control = system.kinematics, Control(activation, state.t + h)
     line = Line(activation, np.zeros_like(activation), state.t, h)
@@ -210,7 +124,7 @@ def step_response(
         if form == "affine":
             return h * forces.columns(pose, control)
         if forces.damping_varies:
-            return _differences(integrator, whole, state, line, equation, w, work)
+            return _differences(integrator, whole, state, line, equation, w, work, forces)
         theta = integrator.theta
         along = w + (1.0 - theta) / theta * w0
         fastest = float(np.abs(kinematics.displacements(along, pose)).max(initial=0.0))
@@ -296,17 +210,18 @@ def _differences(
     equation: LinearStep,
     w: Array,
     work: Workspace,
+    forces: ActiveForces,
 ) -> Array:
-    """Loads (n_muscles, n) by differences of the whole equation, one assembly for each muscle."""
+    """Loads (n_muscles, n) by differences of the whole equation, at least one assembly a muscle."""
     start = equation.rhs - equation.A.times(w)
-    rows: list[Array] = []
+    rows = np.zeros((len(line.mean), len(w)))
     for i in range(len(line.mean)):
-        step = ALTERED if line.mean[i] + ALTERED <= 1.0 else -ALTERED
-        other = line.mean.copy()
-        other[i] += step
-        changed = integrator.equation(system, state, replace(line, mean=other), work)
-        rows.append((changed.rhs - changed.A.times(w) - start) / step)
-    return np.array(rows)
+        for value, weight in forces.differences(float(line.mean[i])):
+            other = line.mean.copy()
+            other[i] = value
+            changed = integrator.equation(system, state, replace(line, mean=other), work)
+            rows[i] += weight * (changed.rhs - changed.A.times(w) - start)
+    return rows
 
 
 def generalised_normals(system: System, rows: Rows, pose: Pose) -> Array:

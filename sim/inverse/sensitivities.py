@@ -9,8 +9,9 @@ from sim.errors import SceneError
 from sim.integrators import LinearlyImplicitEuler, Workspace
 from sim.integrators.contact_linear import LinearContact
 from sim.integrators.contract import require_fixed_contact, require_no_barrier, require_upright
+from sim.inverse.active_forces import NEAR, ActiveForces
 from sim.inverse.linear_targets import Linearised
-from sim.inverse.response import NEAR, ActiveForces, generalised_normals
+from sim.inverse.response import generalised_normals
 from sim.inverse.splines import DEGREE, Splines, ends_of_steps
 from sim.inverse.targets import Target, Together
 from sim.pattern import Sparsity

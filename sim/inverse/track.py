@@ -9,10 +9,11 @@ import xarray as xr
 from sim.errors import SceneError
 from sim.integrators import LinearlyImplicitEuler, Workspace
 from sim.integrators.contract import require_upright
+from sim.inverse.active_forces import ActiveForces
 from sim.inverse.force_targets import RowForceTarget
 from sim.inverse.objective import MeasuredActivation, Objective, Weights
 from sim.inverse.quadratic import minimise_in_box
-from sim.inverse.response import ActiveForces, LinearlyImplicit, Response, step_response
+from sim.inverse.response import LinearlyImplicit, Response, step_response
 from sim.inverse.targets import Target, Together
 from sim.joints.contract import REACTIONS
 from sim.scene import Index

@@ -15,7 +15,7 @@ from sim.inverse import (
 from sim.joints import PointOnPlane
 from tests.bodies import crossed_muscles, dense, grid
 from tests.contact.scenes import square
-from tests.inverse.points import circle, constant_muscles, particle
+from tests.inverse.points import LinearTension, circle, constant_muscles, particle
 
 EULER, TRAPEZOIDAL = sim.LinearlyImplicitEuler(), sim.LinearlyImplicitTrapezoidal()
 A0 = np.array([0.2, 0.1])
@@ -48,12 +48,29 @@ def rated(mesh, solid):
     return replace(lines(mesh, solid), relation=sim.ForceVelocity())
 
 
+def tendinous(mesh, solid):
+    return replace(rated(mesh, solid), law=sim.Hill(0.3, tendon_strain=0.05))
+
+
+def pulled(law):
+    """Block moved by two lines of a law with forces of the order of the tissue's."""
+
+    def made(mesh, solid):
+        return replace(lines(mesh, solid), law=law)
+
+    return lambda: block(muscles=False, terms=(made,))
+
+
 CASES = {
     "Blemker": (block, EULER),
     "Blemker, trapezoidal": (block, TRAPEZOIDAL),
     "Generic": (lambda: block(sim.Generic(sigma_max=50e3)), EULER),
     "Constant": (lambda: block(sim.Constant(sigma_max=50e3)), EULER),
     "Peck lines": (lambda: block(muscles=False, terms=(lines,)), EULER),
+    "constant lines": (pulled(sim.ConstantForce(0.3)), EULER),
+    "Hill lines, rigid tendon": (pulled(sim.Hill(0.3, tendon_strain=0.0)), EULER),
+    "Hill lines, elastic tendon": (pulled(sim.Hill(0.3, tendon_strain=0.05)), EULER),
+    "Hill lines, force-velocity": (lambda: block(muscles=False, terms=(tendinous,)), EULER),
     "current Rayleigh": (lambda: block(damping=sim.Rayleigh(19.0, 0.055)), EULER),
     "force-velocity": (lambda: block(muscles=False, terms=(rated,)), TRAPEZOIDAL),
     "stiffening": (lambda: block(terms=(stiffening,)), EULER),
@@ -97,11 +114,27 @@ def test_the_response_is_the_derivative_of_the_step(name):
     assert np.abs(found.w - w).max() <= 1e-9 * np.abs(w).max()
 
 
+def test_muscles_that_are_slack_at_rest_respond_where_they_are_stretched():
+    tension = LinearTension(("left", "right"), 1.0, 0.0, 0.0101, 0.02, 0.0)
+    system, last = particle(np.array([[-0.01, 0.0, 0.0], [0.01, 0.0, 0.0]]), tension)
+    rest, work, active = system.rest_state(), sim.Workspace(system), ActiveForces(system)
+    pose = system.kinematics.advance(rest.pose, np.array([2e-3, 0.0, 0.0, 0.0, 0.0, 0.0]), 0.0)
+    state = system.kinematics.state(pose, np.zeros(6), {})
+    found = step_response(system, EULER, state, A0, 0.01, work, active)
+    exact = differences(system, EULER, state, A0)
+    assert found.H[0, 0] < 0.0 == found.H[0, 1] and last == 2
+    assert np.abs(found.H - exact).max() <= 1e-6 * np.abs(exact).max()
+
+
 def test_the_affine_form_is_refused_where_moduli_depend_on_the_activation():
     system = block(terms=(stiffening,))
     with pytest.raises(sim.SceneError, match="Stiffening depend on the activation"):
         require_affine(system)
+    tendons = pulled(sim.Hill(0.3, tendon_strain=0.05))()
+    with pytest.raises(sim.SceneError, match="not affine in the activation, as those of fibres in"):
+        require_affine(tendons)
     require_affine(block())
+    require_affine(pulled(sim.Hill(0.3, tendon_strain=0.0))())
 
 
 def test_the_affine_form_is_the_step_with_its_matrix_held():
@@ -136,8 +169,8 @@ def test_joints_are_held_in_the_response():
     assert np.abs(found.H[0] + found.H[2]).max() <= 1e-9 * np.abs(found.H).max()
 
 
-def test_closed_contacts_are_held_in_the_response():
-    """Muscles press a block on a sheet; they do not move it through."""
+def pressed():
+    """Block that muscles press on a sheet, its state and its response."""
     mesh = grid()
     solid = sim.Solid(muscles=crossed_muscles(mesh))
     sheet = sim.ConstraintContact((sim.Pairing(sim.boundary_surface(mesh), square()),))
@@ -147,15 +180,25 @@ def test_closed_contacts_are_held_in_the_response():
     system = sim.compile_scene(scene)
     work = sim.Workspace(system)
     state = moving(system, EULER, work)
-    found = step_response(system, EULER, state, A0, 0.01, work, ActiveForces(system))
-    assert found.rows > 0
-    low = (mesh.X[:, 2] == 0.0) & (mesh.X[:, 0] > 0.0)
+    return (
+        system, state, step_response(system, EULER, state, A0, 0.01, work, ActiveForces(system))
+    )  # fmt: skip
+
+
+def closed_nodes(system, state, found) -> np.ndarray:
+    """Nodes of the lower face whose height does not respond."""
+    X = system.mesh.X
+    low = (X[:, 2] == 0.0) & (X[:, 0] > 0.0)
     heights = (system.kinematics.matrix(state.pose) @ found.H).reshape(-1, 3, 2)[:, 2]
-    closed = np.flatnonzero(low & (np.abs(heights).max(axis=1) < 1e-9 * np.abs(found.H).max()))
-    assert len(closed) == found.rows
+    return np.flatnonzero(low & (np.abs(heights).max(axis=1) < 1e-9 * np.abs(found.H).max()))
+
+
+def held_differences(system, state, found, closed) -> np.ndarray:
+    """Differences of the whole equation of a step, with the rows of nodes as rigid conditions."""
+    work = sim.Workspace(system)
     N = system.kinematics.matrix(state.pose).toarray()[3 * closed + 2]
     exact = []
-    for i in range(2):  # the rows of this step as rigid conditions on the whole equation
+    for i in range(2):
         ends = []
         for way in (1e-4, -1e-4):
             a = A0.copy()
@@ -165,7 +208,16 @@ def test_closed_contacts_are_held_in_the_response():
             A = np.block([[dense(system, step.A.values), N.T], [N, np.zeros((len(N), len(N)))]])
             ends.append(np.linalg.solve(A, np.concatenate([step.rhs, N @ found.w]))[: -len(N)])
         exact.append((ends[0] - ends[1]) / 2e-4)
-    assert np.abs(found.H - np.array(exact).T).max() <= 1e-6 * np.abs(exact).max()
+    return np.array(exact).T
+
+
+def test_closed_contacts_are_held_in_the_response():
+    """Muscles press a block on a sheet; they do not move it through."""
+    system, state, found = pressed()
+    closed = closed_nodes(system, state, found)
+    assert len(closed) == found.rows > 0
+    exact = held_differences(system, state, found, closed)
+    assert np.abs(found.H - exact).max() <= 1e-6 * np.abs(exact).max()
 
 
 def test_the_equilibrium_response_is_its_derivative():

@@ -110,20 +110,25 @@ def test_a_small_weight_on_the_size_chooses_the_solution_of_least_norm():
     assert np.abs(found.x - least).max() <= 1e-6
 
 
-def test_an_infeasible_target_leaves_activations_bounded_and_its_residual_known():
+def infeasible():
+    """Tracking of a node of a block towards a point 50 mm away, and the end."""
     system = block()
     node = len(system.mesh.X) - 1
     target = PointTarget(
         np.array([node]), np.zeros(1), system.mesh.X[None, [node]] + np.array([0.0, 0.0, 0.05])
     )
-    found, end = track(system, [target], duration=0.3, weights=Weights(jump=0.05))
+    return track(system, [target], duration=0.3, weights=Weights(jump=0.05))
+
+
+def test_an_infeasible_target_leaves_activations_bounded_and_its_residual_known():
+    found, end = infeasible()
     a = found["activation"].values
     assert a.min() >= 0.0 and a.max() <= 1.0
     assert np.abs(np.diff(a, axis=1)).max() <= 0.05 + 1e-12
     assert found["misfit"][-1] > 10.0 and np.isfinite(end.q).all()
 
 
-def test_a_contact_that_opens_and_closes_makes_no_jump():
+def pressed_and_released():
     """Muscles press a block on a sheet, further than the sheet allows, and release it again."""
     mesh = grid()
     solid = sim.Solid(muscles=crossed_muscles(mesh))
@@ -135,7 +140,11 @@ def test_a_contact_that_opens_and_closes_makes_no_jump():
     t = 0.01 * np.arange(31)
     way = -1e-4 * np.sin(2.0 * np.pi * t / 0.2)[:, None, None] * np.array([0.0, 0.0, 1.0])
     target = PointTarget(node, t, mesh.X[node] + way, 1e-4)
-    found, end = track(system, [target], duration=0.3, weights=Weights(jump=0.1))
+    return track(system, [target], duration=0.3, weights=Weights(jump=0.1))
+
+
+def test_a_contact_that_opens_and_closes_makes_no_jump():
+    found, end = pressed_and_released()
     rows, a = found["rows"].values, found["activation"].values
     assert rows.max() > rows.min(), (rows, a)
     assert np.abs(np.diff(a, axis=1)).max() <= 0.1 + 1e-12
