@@ -1,6 +1,7 @@
 """``emgface inverse``: activations of all muscles from lip markers, with and without sEMG."""
 
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,6 +18,20 @@ if TYPE_CHECKING:
     from emgface.inverse.parameters import InverseParameters
     from emgface.study.configuration import StudyConfiguration
     from sim.state import Array
+
+
+@dataclass(frozen=True)
+class _Inversion:
+    """What `run` inverts with: the same for one recording and for several."""
+
+    face: "xr.Dataset"
+    plan: "StudyConfiguration"
+    out: Path
+    parameters: "InverseParameters"
+    mapping: Path | None
+    calibration: "Calibration | None"
+    mixing: "Array | None"
+
 
 app = typer.Typer(no_args_is_help=True, help="Estimate activations from measured motion.")
 
@@ -105,24 +120,17 @@ def run(
         left_out=tuple(leave_out or ()),
     )
     known_mixing = None if mixing is None else read_mixing(mixing)
-    given = (face_of(face, plan), plan, out_path, parameters, mapping, known, known_mixing)
+    given = _Inversion(
+        face_of(face, plan), plan, out_path, parameters, mapping, known, known_mixing
+    )
     announce_compilation()
     if several:
-        _invert_all(recordings, *given, workers, scheduler)
+        _invert_all(recordings, given, workers, scheduler)
     else:
-        _invert(recordings[0], *given)
+        _invert(recordings[0], given)
 
 
-def _invert(
-    path: Path,
-    face: "xr.Dataset",
-    plan: "StudyConfiguration",
-    out_path: Path,
-    parameters: "InverseParameters",
-    mapping: Path | None,
-    calibration: "Calibration | None",
-    mixing: "Array | None",
-) -> None:
+def _invert(path: Path, given: _Inversion) -> None:
     """Invert one recording in this process and report the result."""
     from emgface.api.given import recording_of
     from emgface.inverse.kept import Kept
@@ -130,17 +138,17 @@ def _invert(
     from emgface.inverse.run import invert
     from emgface.schema.netcdf import write_netcdf
 
-    kept, data = Kept.beside(out_path), recording_of(path, mapping)
+    kept, data = Kept.beside(given.out), recording_of(path, given.mapping)
     with progress("inverting") as bar:
         found = invert(
-            data, face, plan.simulation, plan.signals, parameters, calibration=calibration,
-            mixing=mixing, kept=kept, progress=bar.show,
+            data, given.face, given.plan.simulation, given.plan.signals, given.parameters,
+            calibration=given.calibration, mixing=given.mixing, kept=kept, progress=bar.show,
         )  # fmt: skip
-    write_netcdf(found, out_path, "activation")
+    write_netcdf(found, given.out, "activation")
     kept.remove()
     rms = 1e3 * float((found["misfit"] ** 2).mean()) ** 0.5
     say(
-        f"Wrote {out_path}: {parameters.variant}, {found.sizes['time']} steps in "
+        f"Wrote {given.out}: {given.parameters.variant}, {found.sizes['time']} steps in "
         f"{found.attrs['run_time_s']:.1f} s, rms distance of the tracked markers {rms:.2f} mm per "
         f"coordinate ({found.attrs['misfit_ratio']:.0%} of their motion)."
     )
@@ -151,23 +159,14 @@ def _invert(
             f"Mean width of the {found.attrs['interval']:.0%} intervals {width:.2f}. "
             f"At the largest motion: {told or 'every direction is determined by the data'}."
         )
-    if parameters.variant != "motion" and found.attrs["missing"]:
+    if given.parameters.variant != "motion" and found.attrs["missing"]:
         say(f"Muscles without own sEMG, which are free: {found.attrs['missing']}.")
     for text in doubts(found):
         warnings.warn(text, stacklevel=1)
 
 
 def _invert_all(
-    paths: list[Path],
-    face: "xr.Dataset",
-    plan: "StudyConfiguration",
-    out_path: Path,
-    parameters: "InverseParameters",
-    mapping: Path | None,
-    calibration: "Calibration | None",
-    mixing: "Array | None",
-    workers: int | None,
-    scheduler: str | None,
+    paths: list[Path], given: _Inversion, workers: int | None, scheduler: str | None
 ) -> None:
     """Invert several recordings by workers and print a table of them."""
     from emgface.inverse.many import invert_all
@@ -175,9 +174,9 @@ def _invert_all(
     with executing(workers, scheduler) as chosen, graceful_stop() as stopping:
         with progress("inverting") as bar:
             found = invert_all(
-                paths, face, plan, out_path, parameters, mapping=mapping,
-                calibration=calibration, mixing=mixing, workers=chosen,
-                observer=bar, stopping=stopping,
+                paths, given.face, given.plan, given.out, given.parameters,
+                mapping=given.mapping, calibration=given.calibration, mixing=given.mixing,
+                workers=chosen, observer=bar, stopping=stopping,
             )  # fmt: skip
     heads = ("recording", "rms distance [mm]", "of the motion", "width of intervals")
     done = [one for one in found if one.status == "ok"]
@@ -189,12 +188,12 @@ def _invert_all(
                 for one in done
             ),
         ),
-        f"Inverted, {parameters.variant}",
+        f"Inverted, {given.parameters.variant}",
     )
     for one in found:
         if one not in done:
             say(f"Failed: {one.name}: {one.status.removeprefix('failed:')}: {one.reason}")
-    say(f"Wrote {len(done)} of {len(found)} activations to {out_path}.")
+    say(f"Wrote {len(done)} of {len(found)} activations to {given.out}.")
     if len(done) < len(found):
         raise typer.Exit(PARTIAL if done else BAD_INPUT)
 

@@ -1,5 +1,6 @@
 """Run tables of other jobs than trials: several recordings inverted by workers."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -158,6 +159,27 @@ def test_command_inverts_several_recordings_and_reports_those_that_failed(
     told = CliRunner().invoke(app, ["study", "status", str(out)])
     assert told.exit_code == 0 and "inverse, motion: 2 of 2" in told.output, told.output
     assert Store(out / "store").folder.is_dir()
+
+
+@pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+def test_command_inverts_one_recording_and_keeps_its_result(
+    laboratory: Path, tmp_path: Path
+) -> None:
+    out, study = tmp_path / "one.nc", tmp_path / "study.toml"
+    study.write_text('[simulation]\nsolver = "linearly_implicit"\nstep = 0.02\noutput = 0.02\n')
+    given = [
+        "inverse", "run", str(laboratory / "recordings" / "S01_B_1.nc"), "--out", str(out), "--face",
+        str(laboratory / "face.nc"), "--study", str(study), "--form", "step", "--gain", "0.5",
+        "--leave-out", "corner_left",
+    ]  # fmt: skip
+    told = CliRunner().invoke(app, given)
+    assert told.exit_code == 0 and "assisted" in told.output, told.output
+    found = read_netcdf(out, "activation")
+    chosen = json.loads(found.attrs["parameters"])
+    assert chosen["left_out"] == ["corner_left"] and chosen["gain"] == 0.5
+    assert found.attrs["strategy"] == "assisted" and float(found["activation"].max()) > 0.01
+    told = CliRunner().invoke(app, given)
+    assert told.exit_code == 0 and "exists and is kept" in told.output.replace("\n", " ")
 
 
 def test_a_worker_refuses_a_reduced_face_that_changed(slab: xr.Dataset, tmp_path: Path) -> None:
