@@ -105,6 +105,12 @@ class CompiledContact:
         other.pattern, other.in_matrix = pattern, False
         return other
 
+    def pressed(self, memory: Mapping[str, Array]) -> Array:
+        """Sum of the normal forces (n_pairings,) in a memory of a state [N]."""
+        force = memory[MEMORY][:, FORCE] if MEMORY in memory else np.zeros(self._n_slots)
+        found = np.bincount(self.pairing_of_slot, force, len(self.names))
+        return np.asarray(found, dtype=np.float64)
+
     def pushing(self, state: State) -> Index:
         """Slots of the active vertices in a state."""
         memory = state.memory.get(MEMORY)

@@ -1,7 +1,7 @@
 """Inverse simulation: activations of muscles from motion, with and without measured activations."""
 
 from sim.inverse.active_forces import ActiveForces, require_affine
-from sim.inverse.force_targets import RowForceTarget
+from sim.inverse.force_targets import ContactForceTarget, ForceTarget, RowForceTarget
 from sim.inverse.linear_targets import Linearised, LinearTargets, Quadratic, prior
 from sim.inverse.objective import MeasuredActivation, Weights
 from sim.inverse.posterior import Posterior, in_words, laplace
@@ -18,7 +18,9 @@ from sim.inverse.trajectory import Fit, fit
 __all__ = [
     "ActiveForces",
     "AreaTarget",
+    "ContactForceTarget",
     "Fit",
+    "ForceTarget",
     "LinearTargets",
     "Linearised",
     "MeasuredActivation",

@@ -1,14 +1,42 @@
-"""Targets of the forces of joint rows at the end of a step, such as those of bite and joints."""
+"""Targets of forces at the end of a step: of joint rows, such as a bite, and of contacts."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from sim.errors import SceneError
+from sim.inverse.response import Response
 from sim.inverse.targets import check_target, interpolated
+from sim.joints.contract import REACTIONS
 from sim.scene import Index
-from sim.state import Array
+from sim.state import Array, State
 from sim.system import System
+
+
+class ForceTarget(Protocol):
+    """Interface of targets that are forces; `size` as of `Target`."""
+
+    @property
+    def size(self) -> float:
+        """Unit of the residuals."""
+        ...
+
+    def indices(self, system: System) -> Index:
+        """Numbers (k,) of the forces in the scene."""
+        ...
+
+    def wanted(self, t: float) -> Array:
+        """Wanted forces (k,) at a time [s]; NaN where nothing is measured."""
+        ...
+
+    def response(self, found: Response, of: Index) -> tuple[Array, Array]:
+        """Forces (k,) and derivatives (k, n_muscles) of a step."""
+        ...
+
+    def reached(self, system: System, state: State, of: Index) -> Array:
+        """Forces (k,) at the end of a step."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,3 +73,62 @@ class RowForceTarget:
     def wanted(self, t: float) -> Array:
         """Interpolated forces (k,)."""
         return interpolated(self.time, self.force, t)
+
+    def response(self, found: Response, of: Index) -> tuple[Array, Array]:
+        """Forces (k,) of the rows and their derivatives."""
+        return found.force[of], found.force_slope[of]
+
+    def reached(self, system: System, state: State, of: Index) -> Array:
+        """Forces (k,) that the step left."""
+        return state.memory[REACTIONS][of]
+
+
+@dataclass(frozen=True, eq=False)
+class ContactForceTarget:
+    """Sums of the normal forces of pairings of `ConstraintContact` at the end of a step [N].
+
+    A pairing that is open has neither force nor derivative: positions must close it first. Vertices of
+    both surfaces of a pairing have rows, whose forces are added.
+    """
+
+    pairings: tuple[str, ...]  #: names, as in ``system.contact.names``
+    time: Array  #: (n,) ascending [s]
+    force: Array  #: (n, k) wanted [N], NaN where it is not measured
+    size: float = 0.1  #: standard deviation [N], the unit of the residuals
+
+    def __post_init__(self) -> None:
+        check_target("ContactForceTarget", self.time, self.force, self.size)
+        if self.force.shape[1:] != (len(self.pairings),):
+            raise SceneError(
+                f"ContactForceTarget: forces of shape {self.force.shape}, expected (time, "
+                f"{len(self.pairings)})"
+            )
+
+    def indices(self, system: System) -> Index:
+        """Numbers (k,) of the pairings; SceneError for unknown ones, and for scenes with joints."""
+        if system.rows is not None:
+            raise SceneError(
+                "forces of contact are not targets in a scene with joints, whose rows are solved with "
+                "them: leave the joints or the target out"
+            )
+        names = () if system.contact is None else system.contact.names
+        for name in self.pairings:
+            if name not in names:
+                raise SceneError(
+                    f"ContactForceTarget: the scene has no pairing {name!r}, expected one of "
+                    f"{', '.join(names) or 'none, because it has no contact'}"
+                )
+        return np.array([names.index(name) for name in self.pairings], dtype=np.int64)
+
+    def wanted(self, t: float) -> Array:
+        """Interpolated forces (k,)."""
+        return interpolated(self.time, self.force, t)
+
+    def response(self, found: Response, of: Index) -> tuple[Array, Array]:
+        """Forces (k,) of the pairings and their derivatives."""
+        return found.pressed[of], found.pressed_slope[of]
+
+    def reached(self, system: System, state: State, of: Index) -> Array:
+        """Forces (k,) that the step left."""
+        assert system.contact is not None  # `indices` refuses others
+        return system.contact.pressed(state.memory)[of]

@@ -58,6 +58,9 @@ class Response:
     force: Array = field(default_factory=lambda: np.zeros(0))  #: (m,) forces of rows of joints
     #: (m, n_muscles) their derivatives, if they were asked for
     force_slope: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    #: (n_pairings,) sums of the normal forces of contact [N], and (n_pairings, n_muscles) derivatives
+    pressed: Array = field(default_factory=lambda: np.zeros(0))
+    pressed_slope: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
     def velocity(self, activation: Array) -> Array:
         """End velocities (n,) for an activation."""
@@ -162,8 +165,14 @@ def step_response(
         return Response(activation, w, solve(loads(w)).T, state.pose, w0, h, equation.moves, 0)
     N = generalised_normals(system, touched.active, state.pose)
     X = work.steps.many(equation.A)(np.concatenate([loads(touched.w), N]))
-    held = _held(X[: len(activation)], X[len(activation) :], N)
-    return Response(activation, touched.w, held.T, state.pose, w0, h, equation.moves, len(N))
+    held, impulse = _held(X[: len(activation)], X[len(activation) :], N)
+    assert system.contact is not None  # it was touched
+    of, every = touched.active.pairing, np.arange(len(system.contact.names))
+    slope = (every[:, None] == of) @ impulse / h
+    return Response(
+        activation, touched.w, held.T, state.pose, w0, h, equation.moves, len(N),
+        pressed=system.contact.pressed(touched.memory), pressed_slope=slope,
+    )  # fmt: skip
 
 
 def equilibrium_response(
@@ -190,7 +199,7 @@ def equilibrium_response(
     pushing = np.isin(near.slot, system.contact.pushing(state))
     N = generalised_normals(system, near.take(np.flatnonzero(pushing)), pose)
     X = work.steps.many(A)(np.concatenate([F, N]))
-    return _held(X[: len(F)], X[len(F) :], N).T
+    return _held(X[: len(F)], X[len(F) :], N)[0].T
 
 
 def _force_slope(rows: JointRows, pose: Pose, f: Array, left: Array) -> Array:
@@ -234,10 +243,10 @@ def generalised_normals(system: System, rows: Rows, pose: Pose) -> Array:
     return out
 
 
-def _held(X: Array, Y: Array, N: Array) -> Array:
-    """Solutions X (k, n) under rows N (m, n) that stay closed, with Y = A^-1 N'."""
+def _held(X: Array, Y: Array, N: Array) -> tuple[Array, Array]:
+    """Solutions X (k, n) under rows N (m, n) that stay closed, and impulses (m, k); Y = A^-1 N'."""
     if not len(N):
-        return X
+        return X, np.zeros((0, len(X)))
     W = N @ Y.T
-    multipliers = np.linalg.lstsq(W, N @ X.T, rcond=1e-12)[0]
-    return np.asarray(X - multipliers.T @ Y, dtype=np.float64)
+    impulse = -np.linalg.lstsq(W, N @ X.T, rcond=1e-12)[0]
+    return np.asarray(X + impulse.T @ Y, dtype=np.float64), np.asarray(impulse, dtype=np.float64)

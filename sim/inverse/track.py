@@ -10,12 +10,11 @@ from sim.errors import SceneError
 from sim.integrators import LinearlyImplicitEuler, Workspace
 from sim.integrators.contract import require_upright
 from sim.inverse.active_forces import ActiveForces
-from sim.inverse.force_targets import RowForceTarget
+from sim.inverse.force_targets import ForceTarget
 from sim.inverse.objective import MeasuredActivation, Objective, Weights
 from sim.inverse.quadratic import minimise_in_box
 from sim.inverse.response import LinearlyImplicit, Response, step_response
 from sim.inverse.targets import Target, Together
-from sim.joints.contract import REACTIONS
 from sim.scene import Index
 from sim.state import Array, Control, State
 from sim.system import System
@@ -37,7 +36,7 @@ def track(
     initial: State | None = None,
     before: Array | None = None,
     work: Workspace | None = None,
-    forces: Sequence[RowForceTarget] = (),
+    forces: Sequence[ForceTarget] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[xr.Dataset, State]:
     """Activations of every step by which a system follows its targets.
@@ -56,9 +55,9 @@ def track(
         Rest by default.
     before : (n_muscles,) activation before the first step, 0 by default.
     work : Workspace, optional
-    forces : sequence of RowForceTarget
-        Wanted forces of joints, such as a bite force; their residuals are those at the end of the step,
-        without the chase time.
+    forces : sequence of RowForceTarget or ContactForceTarget
+        Wanted forces, such as those of a bite or of lips that touch; their residuals are those at the
+        end of the step, without the chase time.
     progress : callable, optional
         Called as ``progress(done, total)``.
 
@@ -122,7 +121,7 @@ def track(
         state = _advanced(system, integrator, state, response, a, h, work, weights)
         reached, wanted = target.value(state.q), target.wanted(t1)
         for rows, one in pushes:
-            reached = np.concatenate([reached, state.memory[REACTIONS][rows] / one.size])
+            reached = np.concatenate([reached, one.reached(system, state, rows) / one.size])
             wanted = np.concatenate([wanted, one.wanted(t1) / one.size])
         gap = (reached - wanted)[np.isfinite(wanted)]
         misfit = float(np.sqrt(np.mean(gap**2))) if len(gap) else np.nan
@@ -138,7 +137,7 @@ def _residuals(
     system: System,
     response: Response,
     target: Together,
-    pushes: Sequence[tuple[Index, RowForceTarget]],
+    pushes: Sequence[tuple[Index, ForceTarget]],
     state: State,
     chase: float,
     weights: Weights,
@@ -163,8 +162,9 @@ def _residuals(
         moved = chase * (slope @ points)
         r = chase * (rate + (to - x0) / chase - slope @ reached)
     for rows, one in pushes:
-        r = np.concatenate([r, (one.wanted(t1) - response.force[rows]) / one.size])
-        moved = np.concatenate([moved, response.force_slope[rows] / one.size])
+        force, slope = one.response(response, rows)
+        r = np.concatenate([r, (one.wanted(t1) - force) / one.size])
+        moved = np.concatenate([moved, slope / one.size])
     return moved, r
 
 

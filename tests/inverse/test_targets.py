@@ -9,6 +9,7 @@ from emgface.anatomy.jaw.template import template_jaw
 from sim.inverse import (
     ActiveForces,
     AreaTarget,
+    ContactForceTarget,
     PointTarget,
     RowForceTarget,
     SeparationTarget,
@@ -17,8 +18,10 @@ from sim.inverse import (
     track,
 )
 from tests.inverse.test_response import block
+from tests.inverse.test_trajectory import pressed_block
 
 STILL = np.zeros(1)
+POSE = ("lower_incisor", "condyle_L", "condyle_R")
 
 
 def separation(wanted: float = 0.0) -> SeparationTarget:
@@ -118,6 +121,33 @@ def test_bite_forces_are_reached_on_both_sides(jaw):
         assert left[f"{m}_L"] == pytest.approx(right[f"{m}_R"], abs=1e-6)
 
 
+def test_three_points_determine_the_pose_of_a_body(jaw):
+    """Pose of the mandible while muscles open it on one side, followed by three of its points."""
+    parts, system = jaw
+    a = np.zeros(len(system.muscles))
+    for name in ("ip_R", "ad_R", "ad_L"):
+        a[system.muscles.index(name)] = 0.02
+    h, n = 5e-3, 20
+    motion, moved = sim.simulate(
+        system, sim.Activation(np.zeros(1), a[None]), duration=h * n, probes=(sim.Positions(),),
+        integrator=sim.LinearlyImplicitEuler(), steps=sim.FixedStep(h),
+    )  # fmt: skip
+    nodes = np.array([parts.points[name] for name in POSE])
+    q = motion["node_position"].transpose("time", ...).values[:, nodes]
+    target = PointTarget(nodes, motion["time"].values, q, 1e-5)
+    high = np.isin(system.muscles, list(parts.muscles)).astype(float)
+    _, end = track(
+        system, [target], duration=h * n, h=h, weights=Weights(size=1e-8, change=0.0, high=high)
+    )
+    start = system.rest_state().q
+    turned = [np.linalg.norm((moved.q - start)[k]) for k in nodes]
+    assert min(turned) > 1e-4 and np.ptp(turned) > 1e-3
+    for name in ("bite_L", "bite_R"):  # others on the mandible
+        k = parts.points[name]
+        assert np.linalg.norm(moved.q[k] - start[k]) > 1e-3
+        assert np.abs(end.q[k] - moved.q[k]).max() <= 1e-5
+
+
 def test_the_derivatives_of_bite_forces_are_those_of_the_step(jaw):
     parts, system = jaw
     active = np.flatnonzero(np.isin(system.muscles, list(parts.muscles)))
@@ -146,11 +176,53 @@ def test_the_derivatives_of_bite_forces_are_those_of_the_step(jaw):
         assert response.force_slope[rows, i] == pytest.approx(change, rel=1e-3)
 
 
+def pressing(t, force) -> ContactForceTarget:
+    name = pressed_block().contact.names[0]
+    return ContactForceTarget((name,), np.asarray(t), np.asarray(force, float)[:, None], 1e-3)
+
+
+def test_the_derivatives_of_contact_forces_are_those_of_the_step():
+    """Of steps with a small tolerance, because a step leaves gaps up to it."""
+    system, a, h = pressed_block(), np.array([0.3, 0.3]), 0.01
+    euler, state = sim.LinearlyImplicitEuler(), system.rest_state()
+
+    def stepped(a):
+        control = sim.Control(a, state.t + h)
+        return euler.step(system, state, control, h, sim.Workspace(system))[0]
+
+    for _ in range(4):
+        state = stepped(a)
+    one = pressing([0.0], [0.0])
+    of = one.indices(system)
+    found = step_response(system, euler, state, a, h, sim.Workspace(system), ActiveForces(system))
+    force, slope = one.response(found, of)
+    assert force == pytest.approx(one.reached(system, stepped(a), of), rel=1e-6) and force[0] > 1e-3
+    for i in range(2):
+        way = 1e-3 * np.eye(2)[i]
+        ends = [one.reached(system, stepped(a + s * way), of)[0] for s in (1.0, -1.0)]
+        assert slope[0, i] == pytest.approx((ends[0] - ends[1]) / 2e-3, rel=1e-5)
+
+
+def test_a_block_presses_with_the_wanted_force():
+    system = pressed_block()
+    wanted = pressing([0.0, 0.1, 0.2], [0.0, 0.02, 0.02])
+    found, end = track(
+        system, [], duration=0.2, forces=[wanted],
+        initial=None, weights=Weights(size=1e-6, change=1e-3, jump=0.2),
+    )  # fmt: skip
+    assert wanted.reached(system, end, wanted.indices(system)) == pytest.approx([0.02], rel=0.01)
+    assert float(found["activation"].max()) < 1.0
+
+
 def test_targets_that_a_scene_does_not_have_are_refused(jaw):
     with pytest.raises(sim.SceneError, match="no row 'bite_L'.*because it has no joints"):
         bite([0.0], [[0, 0]]).indices(block())
     with pytest.raises(sim.SceneError, match="no row 'tooth', expected one of tmj_L"):
         RowForceTarget(("tooth",), STILL, np.zeros((1, 1))).indices(jaw[1])
+    with pytest.raises(sim.SceneError, match="no pairing .*because it has no contact"):
+        pressing([0.0], [0.0]).indices(block())
+    with pytest.raises(sim.SceneError, match="not targets in a scene with joints"):
+        pressing([0.0], [0.0]).indices(jaw[1])
     with pytest.raises(sim.SceneError, match="length 2"):
         SeparationTarget(np.array([0]), np.array([1]), STILL, STILL, (0.0, 0.0, 2.0))
     with pytest.raises(sim.SceneError, match="2 points, expected at least 3"):
