@@ -12,9 +12,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pandas as pd
+import typer
 
 import sim
 from benchmarks.inverse import SIMULATION, inverted, means
@@ -248,7 +250,12 @@ def run(only: str = "", recordings: Sequence[Path] = ()) -> list[Result]:
             for one in check()]  # fmt: skip
 
 
-def main(recordings: list[Path] | None = None, only: str = "") -> None:
+def main(
+    recordings: Annotated[
+        list[Path] | None, typer.Argument(help="Of simulated volunteers.")
+    ] = None,
+    only: Annotated[str, typer.Option(help="Numbers of checks, separated by commas.")] = "",
+) -> None:
     """Run the checks and print their table."""
     told = {True: "yes", False: "**no**", None: ""}
     table = pd.DataFrame(

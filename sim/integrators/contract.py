@@ -76,6 +76,15 @@ def require_no_contact(system: System, integrator: str) -> None:
         )
 
 
+def require_no_friction(system: System, user: str) -> None:
+    """Raise SceneError for contact with friction."""
+    if system.contact is not None and system.contact.rubs:
+        raise SceneError(
+            f"{user} does not support friction, because its rows have no derivatives here: set the "
+            "friction of all pairings to 0"
+        )
+
+
 def require_fixed_contact(
     system: System, user: str, instead: str = "use LinearlyImplicitEuler"
 ) -> None:

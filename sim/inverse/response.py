@@ -10,7 +10,7 @@ from sim.contact.rows import Rows
 from sim.contact.step import ContactStep
 from sim.errors import SceneError
 from sim.integrators.contact_linear import LinearContact
-from sim.integrators.contract import require_fixed_contact, require_no_barrier
+from sim.integrators.contract import require_fixed_contact, require_no_barrier, require_no_friction
 from sim.integrators.held import held_solution
 from sim.integrators.workspace import Workspace
 from sim.inverse.active_forces import NEAR, ActiveForces, require_affine
@@ -105,12 +105,13 @@ def step_response(
     Raises
     ------
     SceneError
-        The scene has a barrier, or its form "affine" does not exist.
+        The scene has a barrier or friction, or its form "affine" does not exist.
     InvertedElement, NotConverged, SingularSystem
         As of the step.
     """
     require_no_barrier(system, "inverse tracking")
     require_fixed_contact(system, "inverse tracking", "leave one of the two out")
+    require_no_friction(system, "inverse tracking")
     if form == "affine":
         require_affine(system, forces)
     whole = system.during(state, h)
@@ -181,12 +182,13 @@ def equilibrium_response(
     """Derivatives (n, n_muscles) of the coordinates of an equilibrium, K^-1 F [m].
 
     Active contacts of the state hold, as in `step_response`. Raises SingularSystem if the stiffness
-    cannot be factorised, and SceneError for hard volumes and barriers.
+    cannot be factorised, and SceneError for hard volumes, barriers and friction.
     """
     require_no_barrier(system, "the response of an equilibrium")
     if system.constraints is not None:
         raise SceneError("the response of an equilibrium under hard volumes is not implemented")
     require_fixed_contact(system, "inverse tracking", "leave one of the two out")
+    require_no_friction(system, "inverse tracking")
     whole = system.during(state, math.inf)
     pose = state.pose
     here, K = whole.tangent(pose.q, control)

@@ -8,7 +8,12 @@ from scipy.sparse import csr_array
 from sim.errors import SceneError
 from sim.integrators import LinearlyImplicitEuler, Workspace
 from sim.integrators.contact_linear import LinearContact
-from sim.integrators.contract import require_fixed_contact, require_no_barrier, require_upright
+from sim.integrators.contract import (
+    require_fixed_contact,
+    require_no_barrier,
+    require_no_friction,
+    require_upright,
+)
 from sim.inverse.active_forces import NEAR, ActiveForces
 from sim.inverse.linear_targets import Linearised
 from sim.inverse.response import generalised_normals
@@ -55,8 +60,8 @@ def linearise(
     Raises
     ------
     SceneError
-        Steps have joints, a barrier, constraints, memory, matrix-free products, rotating coordinates, or
-        a damping matrix that depends on the activation.
+        Steps have joints, a barrier, friction, constraints, memory, matrix-free products, rotating
+        coordinates, or a damping matrix that depends on the activation.
     InvertedElement, SingularSystem
         A step failed.
     """
@@ -134,6 +139,7 @@ def _held(solve: Callable[[Array], Array], rhs: Array, N: Array, rate: Array) ->
 def _require_smooth(system: System, forces: ActiveForces, state: State, h: float) -> None:
     require_no_barrier(system, "inverse tracking")
     require_fixed_contact(system, "inverse tracking", "leave one of the two out")
+    require_no_friction(system, "inverse tracking")
     parts = {
         "stops": bool(system.stops),
         "joints": system.rows is not None,
