@@ -122,7 +122,7 @@ def main(face: Path, rom: Path, trials: int = 20, out: Path | None = None):
     held = xr.Dataset.from_dataframe(table)
     summary = [
         ("modes that move", steps),
-        ("points of the quadrature", data.sizes["point"]),
+        ("elements with a weight", data.sizes["sample"]),
         ("trials", len(table)),
         ("full order, ms per step of 10 ms", float(held["full [ms/step]"].median())),
         ("reduced, ms per step of 10 ms", float(held["reduced [ms/step]"].median())),

@@ -15,7 +15,7 @@ from sim.probes import Probe, SmallestJ
 from sim.record import Log
 from sim.restart import solver_memory, with_solver_memory
 from sim.snapping import snapped, snapped_bodies
-from sim.state import Array, State, StepReport, united
+from sim.state import Array, Control, State, StepReport, united
 from sim.steps import FixedStep, Motion, StepControl, StepsThrough, Watch
 from sim.system import System
 from sim.threads import one_blas_thread
@@ -163,7 +163,7 @@ def _one_by_one(
     progress: Progress | None,
 ) -> State:
     """Record the outputs of a plan; the last state."""
-    system, work, reports = motion.system, motion.work, list[StepReport]()
+    system, reports = motion.system, list[StepReport]()
     # At rest, the state is not yet in equilibrium with the initial activation.
     astray = 0.0 if state.v.any() else float(control(state.t).activation.max(initial=0.0))
 
@@ -180,8 +180,7 @@ def _one_by_one(
             passed = outputs_of(advance, state, interval, smallest_J, max(bent, astray))
         before, state = state, passed[-1][0]
         here = control(state.t)
-        shifted = (report.indefinite + report.shifts for _, report in passed if report is not None)
-        if sum(shifted) > 0 or snapped(system, before, state, here, work.bodies):
+        if _lost_stability(motion, before, state, here, passed):
             log.unstable += [before.t, state.t]
         for at, report in passed:
             whole = None
@@ -195,6 +194,23 @@ def _one_by_one(
         if progress is not None:
             progress(i + 1, len(plan))
     return state
+
+
+def _lost_stability(
+    motion: Motion,
+    before: State,
+    after: State,
+    control: Control,
+    passed: Sequence[tuple[State, StepReport | None]],
+) -> bool:
+    """Test if a matrix was not positive definite or the motion snapped, by its steps if they tell."""
+    reports = [report for _, report in passed if report is not None]
+    if any(report.indefinite + report.shifts > 0 for report in reports):
+        return True
+    concave = [report.concave for report in reports]
+    if concave and None not in concave:
+        return any(concave)
+    return snapped(motion.system, before, after, control, motion.work.bodies)
 
 
 def _require_finite(state: State) -> None:

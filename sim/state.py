@@ -153,6 +153,8 @@ class StepReport:
     line_search: float = 1.0  #: smallest accepted fraction of a Newton step
     shifts: int = 0  #: number of shifts that made the matrix positive definite
     indefinite: int = 0  #: number of steps solved with a matrix that is not positive definite
+    #: True if the energy is concave along the step (`sim.snapping`); None if this was not tested
+    concave: bool | None = None
     touching: int = 0  #: number of steps at whose end surfaces of contact constraints press
     #: estimated local error of the positions [m]; None if the method has no estimate
     local_error: Array | None = field(default=None, compare=False, repr=False)

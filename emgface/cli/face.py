@@ -116,8 +116,8 @@ def reduce(
     modes: Annotated[
         int | None, typer.Option(help="Number of modes that move, a multiple of three.")
     ] = None,
-    points: Annotated[
-        int | None, typer.Option(help="Largest number of quadrature points with a weight.")
+    elements: Annotated[
+        int | None, typer.Option(help="Largest number of elements with a weight.")
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the sequences.")] = None,
     activations: Annotated[
@@ -132,7 +132,7 @@ def reduce(
     import emgface as ef
     from emgface.schema.netcdf import write_netcdf
 
-    given = {"modes": modes, "points": points, "seed": seed}
+    given = {"modes": modes, "elements": elements, "seed": seed}
     options: dict[str, Any] = {name: v for name, v in given.items() if v is not None}
     if sigma_max is not None:
         options["sigma_max"] = sigma_max
@@ -153,7 +153,7 @@ def reduce(
     write_netcdf(reduced, out_path, "reduced_face")
     a = reduced.attrs
     say(
-        f"Wrote {out_path}: {a['moving']} modes, {reduced.sizes['point']} points, from "
+        f"Wrote {out_path}: {a['moving']} modes, {reduced.sizes['sample']} elements, from "
         f"{a['training_seconds']:.0f} simulated seconds in {a['training_time_s']:.0f} s. Markers in "
         f"the calibration: {1e3 * a['calibration_rms']:.2g} mm rms, at most "
         f"{1e3 * a['calibration_largest']:.2g} mm from full order."

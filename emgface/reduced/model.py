@@ -150,9 +150,9 @@ class ReducedFace:
 
     @cached_property
     def model(self) -> ReducedModel:
-        """Reduced model with the chosen points."""
+        """Reduced model with the chosen elements."""
         system = compile_scene(compose_scene(self.face, without_contact(self.parameters)))
-        sample = self.dataset["point_place"].values, self.dataset["point_weight"].values
+        sample = self.dataset["sampled_element"].values, self.dataset["sampled_weight"].values
         modes = self.modes.reshape(-1, self.modes.shape[2])
         return reduce_system(system, self.rest, modes, self.moving, sample)
 

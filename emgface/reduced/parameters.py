@@ -11,11 +11,11 @@ from emgface.choices import Parameters, choice, parameter, positive
 class ReductionParameters(Parameters):
     """Size and training of a reduced face."""
 
-    modes: int = parameter(60, "Number of modes that move, a multiple of three.", ge=3, le=240)
+    modes: int = parameter(120, "Number of modes that move, a multiple of three.", ge=3, le=240)
     omitted: int = parameter(
         12, "Number of further modes, whose forces estimate the error of leaving them out.", ge=1
     )
-    points: int = parameter(250, "Largest number of quadrature points with a weight.", ge=10)
+    elements: int = parameter(300, "Largest number of elements with a weight.", ge=10)
     sample_tolerance: float = positive(
         1e-5,
         "Displacement that the errors of the sampled forces may cause, root mean square over the "

@@ -1,11 +1,11 @@
-"""Training of a reduced face: full-order motions, modes, sampled points, calibrated error."""
+"""Training of a reduced face: full-order motions, modes, sampled elements, calibrated error."""
 
 import pkgutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import ModuleType
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import xarray as xr
@@ -89,8 +89,8 @@ SAMPLED: Final = 300
 """Largest number of training states at which forces are sampled."""
 TOUCHED, CLOSE = 100, 2e-3
 """Number of training states at which points near opposite faces are found, and their distance [m]."""
-SAMPLED_POINTS: Final = 16000
-"""Largest number of points among which the sampled ones are chosen."""
+SHOWN: Final = 1.0
+"""Weight of the markers in the norm of the modes, relative to the mass of the tissue."""
 
 
 def with_steps(parameters: SimulationParameters) -> SimulationParameters:
@@ -201,7 +201,7 @@ def reduce_face(
     )
     # Unsupported parts are refused before the training.
     none = np.zeros((full.rest.size, 3))
-    reduce_system(full.tissue, full.rest, none, 3, _no_points())
+    reduce_system(full.tissue, full.rest, none, 3)
     if full.system.contact is not None:
         ReducedContact(full.system.contact, full.rest, none)
     motions, digests = list[xr.Dataset](), list[str]()
@@ -210,7 +210,7 @@ def reduce_face(
         result = stored_motion(store, full, drive, reduction.every)
         motions.append(result[0])
         digests.append(result[1])
-    tell("modes and points", len(plan), len(plan))
+    tell("modes and elements", len(plan), len(plan))
     cost = sum(float(m.attrs.get("cost_s", 0.0)) for m in motions)
     begun = time.process_time()
     data = _reduced(full, reduction, plan, motions)
@@ -233,10 +233,6 @@ def reduce_face(
     _calibrate(full, data, reduction.coverage, plan, motions)
     spent = cost + time.process_time() - begun
     return validate(data.assign_attrs(training_time_s=spent), "reduced_face")
-
-
-def _no_points() -> tuple[Any, Any]:
-    return np.zeros(0, dtype=np.int64), np.zeros(0)
 
 
 def stored_motion(
@@ -270,24 +266,25 @@ def _of(
 def _reduced(
     full: FullOrder, reduction: ReductionParameters, plan: list[Drive], motions: list[xr.Dataset]
 ) -> xr.Dataset:
-    """Modes, chosen points, and the range of the training."""
+    """Modes, chosen elements, and the range of the training."""
     system, rest, mass = full.tissue, full.rest, full.tissue.node_mass
     training = [m for _, m in _of(plan, motions, "training")]
     moved = np.concatenate([m["node_position"].values for m in training]) - rest
     levels = np.concatenate([m["activation"].values for m in training])
     responses = static_responses(system, rest)
     n = reduction.modes + reduction.omitted
-    modes, values = mass_modes(np.concatenate([moved, responses]), mass, n)
+    weight = mass.copy()
+    nodes = full.face["marker_node"].values.astype(np.int64)
+    weight[nodes] += SHOWN * mass.sum() / len(nodes)
+    modes, values = mass_modes(np.concatenate([moved, responses]), mass, n, weight)
     whole = reduce_system(system, rest, modes, reduction.modes)
     at = np.linspace(0, len(moved) - 1, min(SAMPLED, len(moved))).astype(int)
     y = np.ascontiguousarray(projected(moved[at], mass, modes)[:, : reduction.modes])
-    model, sample = whole.sampled_at(
+    _, sample = whole.sampled_at(
         y,
         levels[at],
-        float(mass.sum()),
         tolerance=reduction.sample_tolerance,
-        most=reduction.points,
-        among=SAMPLED_POINTS,
+        most=reduction.elements,
         seed=reduction.seed,
     )
     root = whitening(levels)
@@ -301,8 +298,8 @@ def _reduced(
                 modes.reshape(*rest.shape, n),
                 {"units": "kg^-1/2"},
             ),
-            "point_place": ("point", model.solid.table.place, {"units": "1"}),
-            "point_weight": ("point", sample.weights, {"units": "1"}),
+            "sampled_element": ("sample", sample.elements, {"units": "1"}),
+            "sampled_weight": ("sample", sample.weights, {"units": "1"}),
             "activation_whitening": (("muscle", "muscle_of"), root, {"units": "1"}),
             "singular_value": ("snapshot", values, {"units": "m kg^1/2"}),
             "basis_size": ("size", sizes, {"units": "1"}),

@@ -68,6 +68,15 @@ def _column(x, slope_at, n):
 
 
 @inner
+def gradient(x, slope_at):
+    """Natural derivatives dx/dxi of element positions (8, 3), from slope_at (3 * 8 nodes, point)."""
+    a0, b0, c0 = _column(x, slope_at, _FIRST)
+    a1, b1, c1 = _column(x, slope_at, _SECOND)
+    a2, b2, c2 = _column(x, slope_at, _THIRD)
+    return a0, a1, a2, b0, b1, b2, c0, c1, c2
+
+
+@inner
 def take(w, row):
     """Nine lanes of a tensor from rows, as written by `put`."""
     first = load(w, row), load(w, row + 1), load(w, row + 2)
@@ -105,10 +114,7 @@ def along(T, direction, row):
 @inner
 def deformation(x, slope_at, inverse, e):
     """F = (dx/dxi) A of element e, from derivatives slope_at (3 * 8 nodes, point)."""
-    a0, b0, c0 = _column(x, slope_at, _FIRST)
-    a1, b1, c1 = _column(x, slope_at, _SECOND)
-    a2, b2, c2 = _column(x, slope_at, _THIRD)
-    return product((a0, a1, a2, b0, b1, b2, c0, c1, c2), take(inverse, 9 * e))
+    return product(gradient(x, slope_at), take(inverse, 9 * e))
 
 
 @inner
@@ -185,6 +191,22 @@ def nodal(w, P, slope, f):
     store(w, f, f0)
     store(w, f + 1, f1)
     store(w, f + 2, f2)
+
+
+@inner
+def along_moduli(moduli, A, D, P, w):
+    """Rows P.. of w: change An D of the stress with dx/dxi by D, from the 54 rows A.. of moduli."""
+    for i in range(3):
+        for n in range(3):
+            s = D[0] - D[0]
+            for j in range(3):
+                # of the axes (i, j) with i <= j, row by row; the others are transposed
+                block = A + 9 * (i * (5 - i) // 2 + j if i <= j else j * (5 - j) // 2 + i)
+                row, step = (block + 3 * n, 1) if i <= j else (block + n, 3)
+                s += load(moduli, row) * D[3 * j]
+                s += load(moduli, row + step) * D[3 * j + 1]
+                s += load(moduli, row + 2 * step) * D[3 * j + 2]
+            store(w, P + 3 * i + n, s)
 
 
 @inner

@@ -1,12 +1,14 @@
-"""Forces, stiffness and time steps of a reduced solid, summed over weighted points.
+"""Forces and time steps of a reduced solid: few coordinates y, and weighted elements.
 
-The deformation gradient at a point is linear in the coordinates, F = F0 + G y, so that an energy
-sum_p V_p W(F_p) has the force and stiffness
+Positions are q = q0 + Phi y and the energy is a sum over weighted elements, so that the coordinates
+have the force
 
-    f = -sum_p V_p G_p' P_p,        K = sum_p V_p G_p' A_p G_p
+    f = Phi' sum_e w_e f_e(q0 + Phi y)
 
-with the stress P (9) and the moduli A = dP/dF (9 x 9) of the laws of `sim._kernels.laws`. The first r
-coordinates move; forces on the others, which stay zero, estimate the error of leaving them out.
+with the nodal forces f_e of `sim._kernels.solid`. A step solves its equation by conjugate gradients,
+preconditioned by the inverse of the matrix at rest, with the stiffness at the start of the step: the
+moduli of the elements are kept, and a product is a sum over the elements. The first r coordinates move;
+forces on the others, which stay zero, estimate the error of leaving them out.
 """
 
 # pyright: basic, reportAttributeAccessIssue=false, reportCallIssue=false
@@ -17,393 +19,344 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sim._kernels.element import Indices, Reals
+from sim._kernels.element import (
+    Part,
+    Reals,
+    along_moduli,
+    cofactor,
+    deformation,
+    determinant,
+    gather,
+    gradient,
+    least,
+    nodal,
+)
 from sim._kernels.lanes import LANES, load, store, total
-from sim._kernels.laws import FibreTable, LawTable, bulk, fibre, fibre_rests, isochoric
+from sim._kernels.laws import FibreTable, LawTable
 from sim._kernels.options import inner, kernel
+from sim._kernels.scatter import subtract_from_nodes
+from sim._kernels.solid import MODULI, STRESS, element_stress
 
-# rows of the scratch array: F, cofactor, stress, direction of a fibre (F a0) a0', moduli
-_F, _C, _P, _T, _A = map(np.int64, (0, 1, 2, 3, 4))
-ROWS = 13
-DONE, INVERTED, SINGULAR = 0, 1, 2
+DONE, INVERTED, NOT_REACHED = 0, 1, 2
+VECTORS = 4  #: vectors of a step
+KEPT = 54  #: rows of moduli of an element
+STILL = 1e-12  #: displacement in a step below which a solution ends [m]
 
 
-class PointTable(NamedTuple):
-    """Weighted points of a solid."""
+class Elements(NamedTuple):
+    """Weighted elements of a solid, and the positions of their k nodes."""
 
-    place: Indices  #: (p,) 8 e + k of point k of element e
-    F0: Reals  #: (p, 9) deformation gradient where all coordinates are zero, row by row
-    #: (p * 9 * blocks, 8) its derivative by the coordinates [1/m]: the n columns of entry c of point p
-    #: in rows (9 p + c) blocks.., filled with zeros
-    G: Reals
-    volume: Reals  #: (p,) stress-free volume [m^3], times the weight of the point
-    #: of every point
+    parts: tuple[Part, ...]  #: numbered by these nodes
     laws: LawTable
     fibres: FibreTable
+    weight: Reals  #: (n_elements,) factor on the energy of every element of the mesh
+    rest: Reals  #: (k, 3) positions where all coordinates are zero [m]
+    #: (3 k * blocks, 8) derivative of the positions by the n coordinates, filled with zeros
+    modes: Reals
 
 
 class Scratch(NamedTuple):
-    """Memory for r moving coordinates of n, in rows of eight numbers."""
+    """Memory for r moving coordinates of n, k nodes and the elements of the mesh."""
 
-    w: Reals  #: (ROWS, 9) of one point
-    x: Reals  #: coordinates
-    f: Reals  #: forces, of all coordinates
-    K: Reals  #: stiffness, row by row
-    A: Reals  #: (r, r) matrix of a step
-    b: Reals  #: (n,) its right-hand side
+    q: Reals  #: (k, 3) positions
+    f: Reals  #: (k, 3) forces
+    x: Reals  #: (8, 3) of one element
+    w: Reals  #: (ROWS, 8) of one element
+    energy: Reals  #: (n_elements,)
+    least: Reals  #: (n_elements,) smallest det F
+    moduli: Reals  #: (KEPT * elements with a weight, 8) at the start of a step
+    y: Reals  #: (blocks, 8) coordinates
+    force: Reals  #: (blocks, 8) forces on the coordinates
+    start: Reals  #: (n,) those of the elements at the start of a step
+    #: (n,) K p of the last product, and K v of the solution
+    change: Reals
+    stiff: Reals
+    vectors: Reals  #: (VECTORS, r)
 
 
 class Linear(NamedTuple):
     """Constant force and matrices over all n coordinates."""
 
-    load: Reals  #: (n,) generalised force [N]
+    load: Reals  #: (n,) generalised force [N kg^-1/2]
     damping: Reals  #: (n, n) [1/s]
     stiffness: Reals  #: (n, n) at rest [1/s^2]
+    size: float  #: root of the mass of the tissue, which turns norms of coordinates into metres
 
 
 @inner
-def _cofactor(w):
-    """Write the cofactor of F; return det F."""
-    F, C = w[_F], w[_C]
-    C[0] = F[4] * F[8] - F[5] * F[7]
-    C[1] = F[5] * F[6] - F[3] * F[8]
-    C[2] = F[3] * F[7] - F[4] * F[6]
-    C[3] = F[2] * F[7] - F[1] * F[8]
-    C[4] = F[0] * F[8] - F[2] * F[6]
-    C[5] = F[1] * F[6] - F[0] * F[7]
-    C[6] = F[1] * F[5] - F[2] * F[4]
-    C[7] = F[2] * F[3] - F[0] * F[5]
-    C[8] = F[0] * F[4] - F[1] * F[3]
-    return F[0] * C[0] + F[1] * C[1] + F[2] * C[2]
+def _place(t, s, moving, whole):
+    """Positions at the coordinates `s.y`, of which `moving` rows are not zero; else their change."""
+    blocks = s.y.shape[0]
+    for i in range(s.q.shape[0]):
+        for j in range(3):
+            row = (3 * i + j) * blocks
+            p = load(t.modes, row) * load(s.y, 0)
+            for k in range(1, moving):
+                p += load(t.modes, row + k) * load(s.y, k)
+            s.q[i, j] = (t.rest[i, j] if whole else 0.0) + total(p)
 
 
 @inner
-def _deform(t, p, y, w):
-    """Write F and its cofactor at a point; return det F. y has eight numbers in each row."""
-    blocks = t.G.shape[0] // (9 * t.volume.size)
-    for c in range(9):
-        row = (9 * p + c) * blocks
-        s = load(t.G, row) * load(y, 0)
-        for k in range(1, y.shape[0]):
-            s += load(t.G, row + k) * load(y, k)
-        w[_F, c] = t.F0[p, c] + total(s)
-    return _cofactor(w)
+def _project(t, s):
+    """Forces on the coordinates from those on the nodes."""
+    blocks = s.y.shape[0]
+    s.force[:] = 0.0
+    for i in range(s.q.shape[0]):
+        for j in range(3):
+            row, f = (3 * i + j) * blocks, s.f[i, j]
+            for k in range(blocks):
+                store(s.force, k, load(s.force, k) + f * load(t.modes, row + k))
 
 
 @inner
-def _stress(t, p, J, activation, with_moduli, w):
-    """Write the stress and, if requested, the moduli of a point, times its volume; return its energy.
+def _forces(t, activation, s, moving, with_moduli):
+    """Write the forces of the elements on all coordinates; return energy, least det F, its element."""
+    _place(t, s, moving, np.bool_(True))
+    s.f[:] = 0.0
+    energy, smallest, at, first = 0.0, math.inf, -1, 0
+    for part in t.parts:
+        for e in range(part.element.size):
+            element_stress(
+                e, s.q, part, t.laws, t.fibres, activation, t.weight, with_moduli, s.x, s.w, s.energy,
+                s.least,
+            )  # fmt: skip
+            own = part.element[e]
+            energy += s.energy[own]
+            if not (s.least[own] >= smallest):
+                smallest, at = s.least[own], own
+            if not (smallest > 0.0):
+                return energy, smallest, at
+            if with_moduli:
+                for k in range(KEPT):
+                    store(s.moduli, first + k, load(s.w, MODULI + k))
+                first += KEPT
+            nodal(s.w, STRESS, part.slope, STRESS)
+            subtract_from_nodes(s.w, STRESS, part.nodes, e, s.f)
+    _project(t, s)
+    return energy, smallest, at
 
-    P = 2 W_1 F + W_J C + 2 W_4 T and A = dP/dF with dC_iJ/dF_kL = (C_iJ C_kL - C_iL C_kJ)/J.
+
+@inner
+def _stiffness(t, s, moving):
+    """Product -K y in `s.force`, for `s.y` and the kept moduli."""
+    _place(t, s, moving, np.bool_(False))
+    s.f[:] = 0.0
+    first = 0
+    for part in t.parts:
+        for e in range(part.element.size):
+            gather(s.q, part.nodes, e, s.x)
+            along_moduli(s.moduli, first, gradient(s.x, part.slope_at), STRESS, s.w)
+            nodal(s.w, STRESS, part.slope, STRESS)
+            subtract_from_nodes(s.w, STRESS, part.nodes, e, s.f)
+            first += KEPT
+    _project(t, s)
+
+
+@inner
+def _smallest_J(t, s, moving):
+    """Smallest det F at the coordinates `s.y`, and its element."""
+    _place(t, s, moving, np.bool_(True))
+    smallest, at = math.inf, -1
+    for part in t.parts:
+        for e in range(part.element.size):
+            gather(s.q, part.nodes, e, s.x)
+            F = deformation(s.x, part.slope_at, part.inverse, e)
+            J = least(determinant(F, cofactor(F)))
+            if not (J >= smallest):
+                smallest, at = J, part.element[e]
+            if not (smallest > 0.0):
+                return smallest, at
+    return smallest, at
+
+
+@kernel
+def forces(t: Elements, activation: Reals, s: Scratch) -> tuple[float, float, int]:
+    """Forces on all coordinates, in `s.force`, at the coordinates `s.y`.
+
+    Returns the energy, the smallest det F and its element; the sum ends at an element with det F <= 0.
     """
-    F, C, P, T = w[_F], w[_C], w[_P], w[_T]
-    laws, fibres = t.laws, t.fibres
-    V, row = t.volume[p], laws.region[p]
-    scale = math.exp(math.log(J) * (-2.0 / 3.0))
-    over = 1.0 / J
-    dJ, ddJ = (-2.0 / 3.0) * over, (10.0 / 9.0) * over * over
-    I1 = 0.0
-    for c in range(9):
-        I1 += F[c] * F[c]
-    I1bar = scale * I1
-    W, w1, w11 = isochoric(laws.code[row], laws.p[row], I1bar)
-    U, UJ, UJJ = bulk(laws.bulk_code[row], laws.kappa[row], J)
-    W += U
-    slope = dJ * I1bar
-    W_J = UJ + w1 * slope
-    W_JJ = UJJ + w11 * slope * slope + w1 * ddJ * I1bar
-    p_1 = 2.0 * V * w1 * scale
-    for c in range(9):
-        P[c] = p_1 * F[c]
-    if with_moduli:
-        e_11 = 4.0 * V * w11 * scale * scale
-        e_1J = 2.0 * V * (w11 * I1bar + w1) * scale * dJ
-        for c in range(9):
-            for d in range(9):
-                w[_A + c, d] = e_11 * F[c] * F[d] + e_1J * (F[c] * C[d] + C[c] * F[d])
-            w[_A + c, c] += p_1
-    for k in range(fibres.start[p], fibres.start[p + 1]):
-        m = fibres.muscle[k]
-        drive, code, share = activation[m], fibres.code[m], fibres.weight[k]
-        b0, b1, b2 = fibres.direction[k, 0], fibres.direction[k, 1], fibres.direction[k, 2]
-        I4 = 0.0
-        for i in range(3):
-            a = F[3 * i] * b0 + F[3 * i + 1] * b1 + F[3 * i + 2] * b2
-            I4 += a * a
-            T[3 * i], T[3 * i + 1], T[3 * i + 2] = a * b0, a * b1, a * b2
-        I4bar = scale * I4
-        stretch = math.sqrt(I4bar)
-        if fibre_rests(code, fibres.p[m], stretch, drive):
-            continue
-        own, wl, wll = fibre(code, fibres.p[m], stretch, drive)
-        wl, wll = share * wl, share * wll
-        W += share * own
-        w4 = wl / (2.0 * stretch)
-        w44 = (wll - wl / stretch) / (4.0 * I4bar)
-        slope = dJ * I4bar
-        W_J += w4 * slope
-        W_JJ += w44 * slope * slope + w4 * ddJ * I4bar
-        p_4 = 2.0 * V * w4 * scale
-        for c in range(9):
-            P[c] += p_4 * T[c]
-        if with_moduli:
-            e_44 = 4.0 * V * w44 * scale * scale
-            e_4J = 2.0 * V * (w44 * I4bar + w4) * scale * dJ
-            for c in range(9):
-                for d in range(9):
-                    w[_A + c, d] += e_44 * T[c] * T[d] + e_4J * (T[c] * C[d] + C[c] * T[d])
-            for i in range(3):
-                row_i = _A + 3 * i
-                for n in range(3):
-                    g = p_4 * (b0 if n == 0 else b1 if n == 1 else b2)
-                    w[row_i + n, 3 * i] += g * b0
-                    w[row_i + n, 3 * i + 1] += g * b1
-                    w[row_i + n, 3 * i + 2] += g * b2
-    p_J = V * W_J
-    for c in range(9):
-        P[c] += p_J * C[c]
-    if with_moduli:
-        e_JJ, c_J = V * W_JJ, p_J * over
-        for c in range(9):
-            i, n = c // 3, c % 3
-            for d in range(9):
-                k, m = d // 3, d % 3
-                w[_A + c, d] += (e_JJ + c_J) * C[c] * C[d] - c_J * C[3 * i + m] * C[3 * k + n]
-    return V * W
+    return _forces(t, activation, s, s.y.shape[0], np.bool_(False))
 
 
 @inner
-def _add_force(t, p, f, w):
-    """Subtract G'P of a point from rows of eight numbers."""
-    blocks = f.shape[0]
-    for k in range(blocks):
-        row = 9 * p * blocks + k
-        s = load(f, k)
-        for c in range(9):
-            s -= w[_P, c] * load(t.G, row + c * blocks)
-        store(f, k, s)
+def _write(s, y):
+    """Write the coordinates y."""
+    for i in range(y.size):
+        s.y[i // LANES, i % LANES] = y[i]
 
 
 @inner
-def _product(w, c, g0, g1, g2, g3, g4, g5, g6, g7, g8):
-    """Row c of the moduli times nine lanes."""
-    a = _A + c
-    s = w[a, 0] * g0 + w[a, 1] * g1 + w[a, 2] * g2
-    s += w[a, 3] * g3 + w[a, 4] * g4 + w[a, 5] * g5
-    s += w[a, 6] * g6 + w[a, 7] * g7 + w[a, 8] * g8
-    return s
-
-
-@inner
-def _add_stiffness(t, p, K, n, w):
-    """Add G'A G of a point to the lower triangle of K, row i in rows i blocks.. of eight numbers."""
-    every, blocks = t.G.shape[0] // (9 * t.volume.size), K.shape[0] // n
-    first = 9 * p * every
-    for k in range(blocks):
-        r = first + k
-        g0, g1, g2 = load(t.G, r), load(t.G, r + every), load(t.G, r + 2 * every)
-        g3, g4 = load(t.G, r + 3 * every), load(t.G, r + 4 * every)
-        g5, g6 = load(t.G, r + 5 * every), load(t.G, r + 6 * every)
-        g7, g8 = load(t.G, r + 7 * every), load(t.G, r + 8 * every)
-        h0 = _product(w, 0, g0, g1, g2, g3, g4, g5, g6, g7, g8)
-        h1 = _product(w, 1, g0, g1, g2, g3, g4, g5, g6, g7, g8)
-        h2 = _product(w, 2, g0, g1, g2, g3, g4, g5, g6, g7, g8)
-        h3 = _product(w, 3, g0, g1, g2, g3, g4, g5, g6, g7, g8)
-        h4 = _product(w, 4, g0, g1, g2, g3, g4, g5, g6, g7, g8)
-        h5 = _product(w, 5, g0, g1, g2, g3, g4, g5, g6, g7, g8)
-        h6 = _product(w, 6, g0, g1, g2, g3, g4, g5, g6, g7, g8)
-        h7 = _product(w, 7, g0, g1, g2, g3, g4, g5, g6, g7, g8)
-        h8 = _product(w, 8, g0, g1, g2, g3, g4, g5, g6, g7, g8)
-        for i in range(LANES * k, n):
-            q, m = first + i // LANES, i % LANES
-            s = load(K, i * blocks + k)
-            s += t.G[q, m] * h0 + t.G[q + every, m] * h1 + t.G[q + 2 * every, m] * h2
-            s += t.G[q + 3 * every, m] * h3 + t.G[q + 4 * every, m] * h4
-            s += t.G[q + 5 * every, m] * h5 + t.G[q + 6 * every, m] * h6
-            s += t.G[q + 7 * every, m] * h7 + t.G[q + 8 * every, m] * h8
-            store(K, i * blocks + k, s)
-
-
-@inner
-def _fill(rows, x):
-    """Write x into rows of eight numbers."""
+def _apply(inverse, x, out):
+    """Product out = inverse x, and its product with x."""
+    norm = 0.0
     for i in range(x.size):
-        rows[i // LANES, i % LANES] = x[i]
-
-
-@inner
-def _sum(t, y, activation, with_moduli, w, f, K, n):
-    """Add force and stiffness of all points; return energy, smallest det F and its point."""
-    energy, least, at = 0.0, math.inf, -1
-    for p in range(t.volume.size):
-        J = _deform(t, p, y, w)
-        if not (J > 0.0):
-            return energy, J, p
-        if J < least:
-            least, at = J, p
-        energy += _stress(t, p, J, activation, with_moduli, w)
-        _add_force(t, p, f, w)
-        if with_moduli:
-            _add_stiffness(t, p, K, n, w)
-    return energy, least, at
-
-
-@kernel
-def evaluate(
-    t: PointTable, activation: Reals, with_moduli: bool, scratch: Scratch, n: int
-) -> tuple[float, float, int]:
-    """Add the forces and, if requested, the lower triangle of the stiffness (n, n), at `scratch.x`.
-
-    Returns the energy, the smallest det F and its point; the sum ends at a point with det F <= 0.
-    """
-    s = scratch
-    return _sum(t, s.x, activation, with_moduli, s.w, s.f, s.K, n)
-
-
-@kernel
-def point_stresses(t: PointTable, y: Reals, activation: Reals, w: Reals, out: Reals) -> None:
-    """Stress times volume of every point, out (p, 9); NaN where det F <= 0."""
-    for p in range(t.volume.size):
-        J = _deform(t, p, y, w)
-        if J > 0.0:
-            _stress(t, p, J, activation, np.bool_(False), w)
-        for c in range(9):
-            out[p, c] = w[_P, c] if J > 0.0 else math.nan
-
-
-@inner
-def _factorise(A, n):
-    """Factor L D L' in the lower triangle; return the number of negative pivots, -1 if singular."""
-    negative = 0
-    for i in range(n):
-        for j in range(i):
-            s = A[i, j]
-            for k in range(j):
-                s -= A[i, k] * A[j, k]
-            A[i, j] = s
-        d = A[i, i]
-        for j in range(i):
-            u = A[i, j]
-            A[i, j] = u / A[j, j]
-            d -= u * A[i, j]
-        if not (abs(d) > 1e-14 * abs(A[i, i])):
-            return -1
-        negative += d < 0.0
-        A[i, i] = d
-    return negative
-
-
-@inner
-def solve(A, x, n):
-    """Solve L D L' y = x in place."""
-    for i in range(n):
-        s = x[i]
-        for j in range(i):
-            s -= A[i, j] * x[j]
-        x[i] = s
-    for i in range(n):
-        x[i] /= A[i, i]
-    for i in range(n - 1, -1, -1):
-        s = x[i]
-        for j in range(i):
-            x[j] -= A[i, j] * s
-
-
-@inner
-def _velocity(t, linear, h, activation, y, v, b, scratch):
-    """Factorise the matrix of a step and write its velocities without contact into b.
-
-    Returns status, smallest det F, its point and the number of negative pivots.
-    """
-    r, D, K, A, f = y.size, linear.damping, scratch.K, scratch.A, scratch.f
-    blocks = scratch.x.shape[0]
-    _fill(scratch.x, y)
-    _fill(f, linear.load)
-    K[:] = 0.0
-    _, J, at = _sum(t, scratch.x, activation, np.bool_(True), scratch.w, f, K, r)
-    if not (J > 0.0):
-        return INVERTED, J, at, 0
-    for i in range(r):
-        for j in range(i + 1):
-            A[i, j] = h * D[i, j] + h * h * K[i * blocks + j // LANES, j % LANES]
-        A[i, i] += 1.0
-        b[i] = v[i] + h * f[i // LANES, i % LANES]
-    negative = _factorise(A, r)
-    if negative < 0:
-        return SINGULAR, J, at, 0
-    solve(A, b, r)
-    return DONE, J, at, negative
-
-
-@inner
-def _moved(t, linear, relaxed, h, activation, y, v, e, u, impulse, scratch):
-    """Move by the velocities in `scratch.b`, and the omitted coordinates by the forces on them.
-
-    Returns status, smallest det F and its point.
-    """
-    D, K_rest, f, b = linear.damping, linear.stiffness, scratch.f, scratch.b
-    r, n = y.size, linear.load.size
-    for i in range(r):
-        v[i] = b[i]
-        y[i] += h * v[i]
-    _fill(scratch.x, y)
-    _fill(f, linear.load)
-    _, J, at = _sum(t, scratch.x, activation, np.bool_(False), scratch.w, f, scratch.K, r)
-    if not (J > 0.0):
-        return INVERTED, J, at
-    for i in range(r, n):
-        s = f[i // LANES, i % LANES]
-        for j in range(r):
-            s -= D[i, j] * v[j]
-        for j in range(r, n):
-            s -= K_rest[i, j] * e[j - r]
-        b[i] = u[i - r] + h * s + impulse[i]
-    for i in range(n - r):
         s = 0.0
-        for j in range(n - r):
-            s += relaxed[i, j] * b[r + j]
-        u[i] = s
-        e[i] += h * s
-    return DONE, J, at
+        for j in range(x.size):
+            s += inverse[i, j] * x[j]
+        out[i] = s
+        norm += s * x[i]
+    return norm
+
+
+@inner
+def _product(t, linear, h, p, s, out):
+    """Matrix of the step times p, and K p of all coordinates in `s.change`."""
+    _write(s, p)
+    _stiffness(t, s, (p.size + LANES - 1) // LANES)
+    for i in range(s.start.size):
+        s.change[i] = -s.force[i // LANES, i % LANES]
+    for i in range(p.size):
+        d = 0.0
+        for j in range(p.size):
+            d += linear.damping[i, j] * p[j]
+        out[i] = p[i] + h * d + h * h * s.change[i]
+
+
+@inner
+def _add(s, factor):
+    """Add the last K p, times a factor, to that of the velocities."""
+    for i in range(s.start.size):
+        s.stiff[i] += factor * s.change[i]
+
+
+@inner
+def _improve(t, linear, inverse, h, right, v, tolerance, most, s):
+    """Solve the equation of the step for v, from a given v; return status and number of products."""
+    r, z, p, Ap = s.vectors[0], s.vectors[1], s.vectors[2], s.vectors[3]
+    still = (STILL * linear.size / h) ** 2
+    _product(t, linear, h, v, s, Ap)
+    s.stiff[:] = 0.0
+    one = np.float64(1.0)
+    _add(s, one)
+    for i in range(v.size):
+        r[i] = right[i] - Ap[i]
+    norm = _apply(inverse, r, z)
+    for i in range(v.size):
+        p[i] = z[i]
+    for k in range(most):
+        work, energy = 0.0, 0.0
+        for i in range(v.size):
+            work += v[i] * right[i]
+            energy += v[i] * (right[i] - r[i])
+        if not (norm > max(tolerance * tolerance * energy, still)):
+            if energy > 0.0:
+                # Without drive, the energy of the step then never grows.
+                scale = work / energy
+                for i in range(v.size):
+                    v[i] *= scale
+                for i in range(s.stiff.size):
+                    s.stiff[i] *= scale
+            return DONE, k + 1
+        _product(t, linear, h, p, s, Ap)
+        curvature = 0.0
+        for i in range(v.size):
+            curvature += p[i] * Ap[i]
+        if not (curvature > 0.0):
+            return NOT_REACHED, k + 2
+        alpha = norm / curvature
+        _add(s, alpha)
+        for i in range(v.size):
+            v[i] += alpha * p[i]
+            r[i] -= alpha * Ap[i]
+        new = _apply(inverse, r, z)
+        beta = new / norm
+        norm = new
+        for i in range(v.size):
+            p[i] = z[i] + beta * p[i]
+    return NOT_REACHED, most + 1
 
 
 @kernel
 def predict(
-    t: PointTable,
+    t: Elements,
     linear: Linear,
+    inverse: Reals,
     h: float,
     activation: Reals,
     y: Reals,
     v: Reals,
-    scratch: Scratch,
+    right: Reals,
+    tolerance: float,
+    most: int,
+    s: Scratch,
 ) -> tuple[int, float, int, int]:
-    """Velocities at the end of a linearly implicit Euler step, in `scratch.b`.
+    """Velocities v, in place, at the end of a linearly implicit Euler step.
 
-    (1 + h D + h^2 K) v1 = v0 + h f(y0) with the activation at the end; `scratch.A` becomes the factor of
-    the matrix. Returns status, smallest det F at the start, its point, number of negative pivots.
+    (1 + h D + h^2 K) v1 = v0 + h f(y0) + impulses with the activation at the end. The error e of v1
+    meets e' A e <= tolerance^2 v1' A v1 with the matrix A of the step, up to the preconditioner, and
+    v1 has the length that makes it the best along its direction: v1' A v1 = v1' right, which implies
+    that a step without drive does not increase the energy (to second order), as for the exact v1.
+
+    `right` contains the impulses and becomes the right-hand side; the forces are kept in `s.start`, and
+    the moduli in `s.moduli`. `inverse` is that of the matrix at rest. Returns status, smallest det F at
+    the start, its element, and the number of products with the matrix, at most `most`.
     """
-    return _velocity(t, linear, h, activation, y, v, scratch.b, scratch)
+    _write(s, y)
+    _, J, at = _forces(t, activation, s, (y.size + LANES - 1) // LANES, np.bool_(True))
+    if not (J > 0.0):
+        return INVERTED, J, at, 0
+    for i in range(linear.load.size):
+        s.start[i] = s.force[i // LANES, i % LANES]
+    for i in range(y.size):
+        right[i] += v[i] + h * (s.start[i] + linear.load[i])
+    status, products = _improve(t, linear, inverse, h, right, v, tolerance, most, s)
+    return status, J, at, products
+
+
+@kernel
+def improve(
+    t: Elements,
+    linear: Linear,
+    inverse: Reals,
+    h: float,
+    right: Reals,
+    v: Reals,
+    tolerance: float,
+    most: int,
+    s: Scratch,
+) -> tuple[int, int]:
+    """Velocities v, in place, of the equation of `predict` with another right-hand side."""
+    return _improve(t, linear, inverse, h, right, v, tolerance, most, s)
 
 
 @kernel
 def move(
-    t: PointTable,
+    t: Elements,
     linear: Linear,
     relaxed: Reals,
     h: float,
-    activation: Reals,
     y: Reals,
     v: Reals,
     e: Reals,
     u: Reals,
     impulse: Reals,
-    scratch: Scratch,
+    s: Scratch,
 ) -> tuple[int, float, int]:
-    """End of a step with the velocities in `scratch.b`: y1 = y0 + h v1, in place.
+    """End of a step with velocities v: y1 = y0 + h v, in place.
 
     The omitted coordinates e with velocities u follow the forces on them and the impulses (n,) of
-    contacts, linearised at rest: relaxed u1 = u0 + h (f(y1) - D v1 - K_rest e0) + impulse, where
-    `relaxed` is the inverse of their 1 + h D + h^2 K_rest. Returns status, smallest det F at the end
-    and its point.
+    contacts, linearised: relaxed u1 = u0 + h (f(y0) - h K v - D v - K_rest e0) + impulse, where
+    `relaxed` is the inverse of their 1 + h D + h^2 K_rest and K v is in `s.stiff`. Returns status,
+    smallest det F at the end and its element.
     """
-    return _moved(t, linear, relaxed, h, activation, y, v, e, u, impulse, scratch)
+    D, K_rest, r, n = linear.damping, linear.stiffness, y.size, linear.load.size
+    for i in range(r):
+        y[i] += h * v[i]
+    _write(s, y)
+    J, at = _smallest_J(t, s, (r + LANES - 1) // LANES)
+    if not (J > 0.0):
+        return INVERTED, J, at
+    for i in range(r, n):
+        change = s.start[i] - h * s.stiff[i] + linear.load[i]
+        for j in range(r):
+            change -= D[i, j] * v[j]
+        for j in range(r, n):
+            change -= K_rest[i, j] * e[j - r]
+        s.change[i] = u[i - r] + h * change + impulse[i]
+    for i in range(n - r):
+        new = 0.0
+        for j in range(n - r):
+            new += relaxed[i, j] * s.change[r + j]
+        u[i] = new
+        e[i] += h * new
+    return DONE, J, at

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from sim._kernels.element import Indices, Reals
 from sim._kernels.options import inner, kernel
-from sim._kernels.reduced import solve
 from sim._kernels.triangles import CORNER_0, EDGE_0, INSIDE_FACE, point_triangle
 
 SAME = 1e-9  #: difference of the distances of equally close faces [m]
@@ -113,51 +112,27 @@ def contact_rows(
 
 @kernel
 def push_apart(
-    A: Reals,
-    N: Reals,
-    gap: Reals,
-    h: float,
-    softness: float,
-    most: int,
-    tolerance: float,
-    v: Reals,
-    p: Reals,
-    X: Reals,
+    W: Reals, rate: Reals, softness: float, most: int, tolerance: float, p: Reals
 ) -> float:
-    """Impulses p >= 0 (k,) of rows with N v + gap/h + softness p >= 0, complementary; v is updated.
+    """Impulses p >= 0 (k,) with rate + W (p - p0) + softness p >= 0, complementary, in place.
 
-    Projected Gauss-Seidel sweeps from the given p. A contains the factor L D L' of the matrix of the
-    step, X (k, r) becomes A^-1 N'. Returns the largest change of a rate in the last sweep [m/s].
+    Projected Gauss-Seidel sweeps from the given p0, at which the rates are `rate` (k,); they become
+    those at p. Returns the largest change of a rate in the last sweep [m/s].
     """
-    k, r = len(gap), len(v)
-    own = np.empty(k)
-    for i in range(k):
-        own[i] = 0.0
-        for j in range(r):
-            X[i, j] = N[i, j]
-        solve(A, X[i], r)
-        for j in range(r):
-            own[i] += N[i, j] * X[i, j]
-        if not own[i] > 0.0:
-            p[i] = 0.0
-        for j in range(r):
-            v[j] += X[i, j] * p[i]
     changed = 0.0
     for _ in range(most):
         changed = 0.0
-        for i in range(k):
-            if not own[i] > 0.0:
+        for i in range(p.size):
+            if not W[i, i] > 0.0:
+                p[i] = 0.0
                 continue
-            rate = gap[i] / h + softness * p[i]
-            for j in range(r):
-                rate += N[i, j] * v[j]
-            new = max(p[i] - rate / (own[i] + softness), 0.0)
+            new = max(p[i] - (rate[i] + softness * p[i]) / (W[i, i] + softness), 0.0)
             step = new - p[i]
             if step != 0.0:
                 p[i] = new
-                for j in range(r):
-                    v[j] += X[i, j] * step
-                changed = max(changed, abs(step) * own[i])
+                for j in range(p.size):
+                    rate[j] += W[i, j] * step
+                changed = max(changed, abs(step) * W[i, i])
         if changed <= tolerance:
             break
     return changed

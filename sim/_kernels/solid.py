@@ -46,7 +46,7 @@ from sim._kernels.options import by_chunk, by_colour, in_threads, inner
 from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_from_nodes
 
 # rows of the scratch array: stress, M, N and T, moduli, blocks, and results of fibre laws
-_P, _M, _N, _T, _A, _K, _LAW = map(np.int64, (0, 9, 18, 27, 36, 90, 138))
+STRESS, _M, _N, _T, MODULI, _K, _LAW = map(np.int64, (0, 9, 18, 27, 36, 90, 138))
 ROWS = 141
 
 
@@ -82,7 +82,7 @@ def _add_moduli(w, e_11, e_1J, e_JJ, c, p_1, inverse, e, more):
     e_11 = 4 W_11, e_1J = 2 W_1J, e_JJ = W_JJ, c = W_J/J, p_1 = 2 W_1, all times the volume.
     """
     r = 9 * e
-    block = _A
+    block = MODULI
     for i in range(3):
         for j in range(i, 3):
             jM, jN = _M + 3 * j, _N + 3 * j
@@ -117,7 +117,7 @@ def _add_moduli(w, e_11, e_1J, e_JJ, c, p_1, inverse, e, more):
 @inner
 def _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2):
     """Moduli of one fibre with T and N in the scratch array, and b = A a0."""
-    block = _A
+    block = MODULI
     for i in range(3):
         for j in range(i, 3):
             for n in range(3):
@@ -152,6 +152,98 @@ def smallest_J(first: int, last: int, q: Reals, part: Part, out: Reals) -> None:
         out[part.element[e]] = least(determinant(F, cofactor(F)))
 
 
+@inner
+def element_stress(
+    e, q, part, laws, fibres, activation, weight, with_moduli, x, w, energy, least_J
+):
+    """Write energy and least det F of element e of a part, and in w its stress and moduli at the points.
+
+    The stress Pn is in rows STRESS.. and, if requested, the moduli An in rows MODULI.. of w (ROWS, 8),
+    times the volumes; x (8, 3) is scratch memory. Returns False, without a stress, if det F <= 0 or
+    the weight of the element is zero.
+    """
+    own = part.element[e]
+    energy[own] = 0.0
+    if weight.size > 0 and weight[own] == 0.0:
+        least_J[own] = math.inf
+        return False
+    gather(q, part.nodes, e, x)
+    F = deformation(x, part.slope_at, part.inverse, e)
+    C = cofactor(F)
+    J = determinant(F, C)
+    least_J[own] = least(J)
+    if not (least_J[own] > 0.0):
+        return False
+    row = laws.region[own]
+    dV = load(part.volume, e)
+    if weight.size > 0:
+        dV = weight[own] * dV
+    I1 = F[0] * F[0] + F[1] * F[1] + F[2] * F[2] + F[3] * F[3] + F[4] * F[4]
+    I1 += F[5] * F[5] + F[6] * F[6] + F[7] * F[7] + F[8] * F[8]
+    root = inverse_cube_root(J)
+    scale = root * root
+    # One more step, because line searches near the minimum depend on the last digits of the energy.
+    scale += scale * ((1.0 - J * J * scale * scale * scale) * (1.0 / 3.0))
+    # d(I1bar)/dJ = dJ * I1bar and so on, the same for every isochoric invariant
+    over = 1.0 / J
+    dJ, ddJ = (-2.0 / 3.0) * over, (10.0 / 9.0) * over * over
+    I1bar = scale * I1
+    W, w1, w11 = isochoric(laws.code[row], laws.p[row], I1bar)
+    U, UJ, UJJ = bulk(laws.bulk_code[row], laws.kappa[row], J)
+    W = W + U
+    slope = dJ * I1bar
+    W_J = UJ + w1 * slope
+    W_JJ = UJJ + w11 * slope * slope + w1 * ddJ * I1bar
+    M, N = natural(F, part.inverse, e), natural(C, part.inverse, e)
+    put(w, _M, M)
+    put(w, _N, N)
+    driven = np.bool_(False)  # An active or stretched fibre has written into the scratch array.
+    for fibre_row in range(fibres.start[own], fibres.start[own + 1]):
+        muscle = fibres.muscle[fibre_row]
+        drive = activation[muscle]
+        a0, a1, a2 = along(F, fibres.direction, fibre_row)
+        I4bar = scale * (a0 * a0 + a1 * a1 + a2 * a2)
+        stretch = math.sqrt(I4bar)
+        code, longest = fibres.code[muscle], -smallest(-stretch)
+        if fibre_rests(code, fibres.p[muscle], longest, drive):
+            continue
+        if not driven:
+            driven = np.bool_(True)
+            clear(w, STRESS, 9)
+            if with_moduli:
+                clear(w, MODULI, 9 * BLOCKS)
+        own_W, wl, wll = _fibre_at_points(w, code, fibres.p[muscle], stretch, drive)
+        share = fibres.weight[fibre_row]
+        wl, wll = share * wl, share * wll
+        W = W + share * own_W
+        w4 = wl / (2.0 * stretch)
+        w44 = (wll - wl / stretch) / (4.0 * I4bar)
+        slope = dJ * I4bar
+        W_J = W_J + w4 * slope
+        W_JJ = W_JJ + w44 * slope * slope + w4 * ddJ * I4bar
+        p_4 = 2.0 * dV * w4 * scale
+        A = take(part.inverse, 9 * e)
+        b0, b1, b2 = along(A, fibres.direction, fibre_row)
+        first, second = (a0 * b0, a0 * b1, a0 * b2), (a1 * b0, a1 * b1, a1 * b2)
+        put(w, _T, first + second + (a2 * b0, a2 * b1, a2 * b2))
+        for n in range(9):
+            _add(w, STRESS + n, p_4 * load(w, _T + n))
+        if with_moduli:
+            e_44 = 4.0 * dV * w44 * scale * scale
+            e_4J = 2.0 * dV * (w44 * I4bar + w4) * scale * dJ
+            _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2)
+    energy[own] = total(dV * W)
+    p_1, p_J = 2.0 * dV * w1 * scale, dV * W_J
+    for n in range(9):
+        value = p_1 * load(w, _M + n) + p_J * load(w, _N + n)
+        _write(w, STRESS + n, value, driven)
+    if with_moduli:
+        e_11 = 4.0 * dV * w11 * scale * scale
+        e_1J = 2.0 * dV * (w11 * I1bar + w1) * scale * dJ
+        _add_moduli(w, e_11, e_1J, dV * W_JJ, p_J * over, p_1, part.inverse, e, driven)
+    return True
+
+
 @in_threads(by_colour)
 def evaluate(
     first: int,
@@ -178,89 +270,14 @@ def evaluate(
     x = np.empty((NODES, 3))
     w = rows(ROWS)
     for e in range(part.chunk[first], part.chunk[last]):
-        own = part.element[e]
-        energy[own] = 0.0
-        if weight.size > 0 and weight[own] == 0.0:
-            least_J[own] = math.inf
-            continue
-        gather(q, part.nodes, e, x)
         if with_tangent:
             fetch_matrix(places, e, values)
-        F = deformation(x, part.slope_at, part.inverse, e)
-        C = cofactor(F)
-        J = determinant(F, C)
-        least_J[own] = least(J)
-        if not (least_J[own] > 0.0):
+        if not element_stress(
+            e, q, part, laws, fibres, activation, weight, with_tangent, x, w, energy, least_J
+        ):
             continue
-        row = laws.region[own]
-        dV = load(part.volume, e)
-        if weight.size > 0:
-            dV = weight[own] * dV
-        I1 = F[0] * F[0] + F[1] * F[1] + F[2] * F[2] + F[3] * F[3] + F[4] * F[4]
-        I1 += F[5] * F[5] + F[6] * F[6] + F[7] * F[7] + F[8] * F[8]
-        root = inverse_cube_root(J)
-        scale = root * root
-        # One more step, because line searches near the minimum depend on the last digits of the
-        # energy.
-        scale += scale * ((1.0 - J * J * scale * scale * scale) * (1.0 / 3.0))
-        # d(I1bar)/dJ = dJ * I1bar and so on, the same for every isochoric invariant
-        over = 1.0 / J
-        dJ, ddJ = (-2.0 / 3.0) * over, (10.0 / 9.0) * over * over
-        I1bar = scale * I1
-        W, w1, w11 = isochoric(laws.code[row], laws.p[row], I1bar)
-        U, UJ, UJJ = bulk(laws.bulk_code[row], laws.kappa[row], J)
-        W = W + U
-        slope = dJ * I1bar
-        W_J = UJ + w1 * slope
-        W_JJ = UJJ + w11 * slope * slope + w1 * ddJ * I1bar
-        M, N = natural(F, part.inverse, e), natural(C, part.inverse, e)
-        put(w, _M, M)
-        put(w, _N, N)
-        driven = np.bool_(False)  # An active or stretched fibre has written into the scratch array.
-        for fibre_row in range(fibres.start[own], fibres.start[own + 1]):
-            muscle = fibres.muscle[fibre_row]
-            drive = activation[muscle]
-            a0, a1, a2 = along(F, fibres.direction, fibre_row)
-            I4bar = scale * (a0 * a0 + a1 * a1 + a2 * a2)
-            stretch = math.sqrt(I4bar)
-            code, longest = fibres.code[muscle], -smallest(-stretch)
-            if fibre_rests(code, fibres.p[muscle], longest, drive):
-                continue
-            if not driven:
-                driven = np.bool_(True)
-                clear(w, _P, 9)
-                if with_tangent:
-                    clear(w, _A, 9 * BLOCKS)
-            own_W, wl, wll = _fibre_at_points(w, code, fibres.p[muscle], stretch, drive)
-            share = fibres.weight[fibre_row]
-            wl, wll = share * wl, share * wll
-            W = W + share * own_W
-            w4 = wl / (2.0 * stretch)
-            w44 = (wll - wl / stretch) / (4.0 * I4bar)
-            slope = dJ * I4bar
-            W_J = W_J + w4 * slope
-            W_JJ = W_JJ + w44 * slope * slope + w4 * ddJ * I4bar
-            p_4 = 2.0 * dV * w4 * scale
-            A = take(part.inverse, 9 * e)
-            b0, b1, b2 = along(A, fibres.direction, fibre_row)
-            first, second = (a0 * b0, a0 * b1, a0 * b2), (a1 * b0, a1 * b1, a1 * b2)
-            put(w, _T, first + second + (a2 * b0, a2 * b1, a2 * b2))
-            for n in range(9):
-                _add(w, _P + n, p_4 * load(w, _T + n))
-            if with_tangent:
-                e_44 = 4.0 * dV * w44 * scale * scale
-                e_4J = 2.0 * dV * (w44 * I4bar + w4) * scale * dJ
-                _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2)
-        energy[own] = total(dV * W)
-        p_1, p_J = 2.0 * dV * w1 * scale, dV * W_J
-        for n in range(9):
-            value = p_1 * load(w, _M + n) + p_J * load(w, _N + n)
-            _write(w, _P + n, value, driven)
-        nodal(w, _P, part.slope, _P)
-        subtract_from_nodes(w, _P, part.nodes, e, f)
+        nodal(w, STRESS, part.slope, STRESS)
+        subtract_from_nodes(w, STRESS, part.nodes, e, f)
         if with_tangent:
-            e_11 = 4.0 * dV * w11 * scale * scale
-            e_1J = 2.0 * dV * (w11 * I1bar + w1) * scale * dJ
-            _add_moduli(w, e_11, e_1J, dV * W_JJ, p_J * over, p_1, part.inverse, e, driven)
-            stiffness_blocks(w, _A, part.slope, _K)
+            stiffness_blocks(w, MODULI, part.slope, _K)
             add_to_matrix(w, _K, part.nodes, places, e, values)

@@ -8,7 +8,9 @@ from sim.state import Array
 from sim.system import System
 
 
-def mass_modes(displacements: Array, node_mass: Array, n: int) -> tuple[Array, Array]:
+def mass_modes(
+    displacements: Array, node_mass: Array, n: int, node_weight: Array | None = None
+) -> tuple[Array, Array]:
     """Modes Phi with Phi' M Phi = 1 that contain most of given displacements.
 
     Parameters
@@ -17,11 +19,13 @@ def mass_modes(displacements: Array, node_mass: Array, n: int) -> tuple[Array, A
     node_mass : (n_nodes,) [kg].
     n : int
         Number of modes.
+    node_weight : (n_nodes,), optional
+        Weights of the norm in which they contain most, the mass by default; zero at fixed nodes alone.
 
     Returns
     -------
     modes : (3 n_nodes, n) [kg^-1/2], in the order of their share in the snapshots.
-    values : (k,) singular values of the snapshots weighted by the root of the mass, descending.
+    values : (k,) singular values of the snapshots weighted by the root of these weights, descending.
 
     Raises
     ------
@@ -33,7 +37,8 @@ def mass_modes(displacements: Array, node_mass: Array, n: int) -> tuple[Array, A
     The modes are the left singular vectors of the weighted snapshots, from the Gram matrix of the
     smaller dimension (Sirovich, Quarterly of Applied Mathematics 45, 1987).
     """
-    root = np.sqrt(np.repeat(node_mass, 3))
+    weight = node_mass if node_weight is None else node_weight
+    root = np.sqrt(np.repeat(weight, 3))
     S = displacements.reshape(len(displacements), -1) * root
     if len(S) <= S.shape[1]:
         squares, left = np.linalg.eigh(S @ S.T)
@@ -49,7 +54,12 @@ def mass_modes(displacements: Array, node_mass: Array, n: int) -> tuple[Array, A
             "snapshots or request fewer modes"
         )
     modes, _ = np.linalg.qr(vectors[:, :n])
-    return modes / np.where(root > 0.0, root, np.inf)[:, None], values
+    modes /= np.where(root > 0.0, root, np.inf)[:, None]
+    if node_weight is None:
+        return modes, values
+    # the same spans of the first modes, orthonormal in the mass
+    factor = np.linalg.cholesky(modes.T @ (np.repeat(node_mass, 3)[:, None] * modes))
+    return np.linalg.solve(factor, modes.T).T.copy(), values
 
 
 def projected(displacements: Array, node_mass: Array, modes: Array) -> Array:

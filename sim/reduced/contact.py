@@ -57,6 +57,10 @@ class _Side:
         self.near = Candidates(faces.triangles, among, 2e-3)
 
 
+Rows = tuple[Array, Array, Index]
+"""Rows N (k, m) over the coordinates, their gaps (k,) [m], and their points (k,)."""
+
+
 class ReducedContact:
     """Contact of a scene with few coordinates.
 
@@ -116,8 +120,8 @@ class ReducedContact:
         np.maximum.at(deep, at, -gap)
         return deep
 
-    def rows(self, y: Array, v: Array, allowed: Array, h: float) -> tuple[Array, Array, Index]:
-        """Rows N (k, m) that may be active in a step of h, their gaps (k,) [m] and points (k,)."""
+    def rows(self, y: Array, v: Array, allowed: Array, h: float) -> Rows:
+        """Rows that may be active in a step of h."""
         q = self.positions(y)
         speed = np.linalg.norm((self._modes[:, : len(v)] @ v).reshape(-1, 3), axis=1)
         way, first = np.empty(len(self.slots)), 0
@@ -131,7 +135,7 @@ class ReducedContact:
         N, gap, at = self._rows(q, radius)
         return N, gap + allowed[at], at
 
-    def _rows(self, q: Array, radius: Array) -> tuple[Array, Array, Index]:
+    def _rows(self, q: Array, radius: Array) -> Rows:
         found_N, found_gap, found_at, first = list[Array](), list[Array](), list[Index](), 0
         for side in self._sides:
             d, n = side.direction, len(side.own)
@@ -154,24 +158,16 @@ class ReducedContact:
             first += n
         return np.concatenate(found_N), np.concatenate(found_gap), np.concatenate(found_at)
 
-    def pushed(
-        self, A: Array, rows: tuple[Array, Array, Index], h: float, v: Array, before: Array
-    ) -> tuple[Array, Array]:
-        """Impulses of all points [N s] and of all coordinates; v (r,) becomes the velocities with them.
+    def pushed(self, rows: Rows, W: Array, h: float, v: Array, p: Array) -> tuple[Array, float]:
+        """Impulses of the rows [N s] and the largest change of a rate by them [m/s].
 
-        A contains the factor of the matrix of the step; `before` are the impulses of the last one.
+        v (r,) are the velocities with the impulses p, and W = N A^-1 N' with the matrix A of the step.
         """
-        N, gap, at = rows
-        p = before[at].copy()
-        limited = np.maximum(gap, -FASTEST * h)
-        r = len(v)
-        own = np.ascontiguousarray(N[:, :r])
-        push_apart(
-            A, own, limited, h, SOFTNESS / h**2, SWEEPS, TOLERANCE, v, p, np.empty((len(at), r))
-        )
-        every = np.zeros(len(self.slots))
-        every[at] = p
-        return every, p @ N
+        N, gap, _ = rows
+        new = p.copy()
+        rate = N[:, : len(v)] @ v + np.maximum(gap, -FASTEST * h) / h
+        push_apart(W, rate, SOFTNESS / h**2, SWEEPS, TOLERANCE, new)
+        return new, float(np.abs(W @ (new - p)).max(initial=0.0))
 
 
 def near_slots(contact: CompiledContact, motions: Iterable[Array], within: float) -> Index:

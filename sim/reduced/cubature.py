@@ -1,82 +1,84 @@
-"""Few weighted points that replace all points of a solid, by non-negative least squares.
+"""Few weighted elements that replace all elements of a solid, by non-negative least squares.
 
 Energy-conserving sampling and weighting (Farhat et al., International Journal for Numerical Methods
 in Engineering 98, 2014) chooses positive weights with which the forces of few elements reproduce
-those of all in the training states. The same is done here with quadrature points, as in An, Kim and
-James (ACM Transactions on Graphics 27, 2008): the weighted forces still have an energy.
+those of all in the training states. The weighted forces still have an energy.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from sim._kernels.lanes import LANES
-from sim._kernels.reduced import ROWS, PointTable, point_stresses
+from sim._kernels import solid as kernel
+from sim.reduced.tissue import ReducedSolid, solid_of
 from sim.scene import Index
 from sim.state import Array
 
-SKETCH = 600  #: number of random combinations of the equations of all training states
+SKETCH = 600  #: least number of random combinations of the equations of all training states
 
 
 @dataclass(frozen=True)
 class Sample:
-    """Chosen points."""
+    """Chosen elements."""
 
-    points: Index  #: (k,) indices, ascending
-    weights: Array  #: (k,) factors on their volumes
+    elements: Index  #: (k,) indices, ascending
+    weights: Array  #: (k,) factors on their energies
     #: root mean square over the training states of the displacement [m] that the errors of the forces
     #: cause with the stiffness at rest
     error: float
 
 
+def element_forces(solid: ReducedSolid, y: Array, activation: Array) -> Array:
+    """Forces (n_elements, n) of every element, of weight one, on all coordinates at y (r,)."""
+    found = solid_of(solid.whole).pointwise
+    size, none = len(solid.weight), np.zeros(0)
+    nodal = solid.modes.reshape(len(solid.rest), 3, -1)
+    q = solid.rest + nodal[..., : len(y)] @ y
+    forces = np.zeros((size, nodal.shape[2]))
+    for part, places in zip(found.parts, found.places, strict=True):
+        own = part._replace(nodes=np.arange(part.nodes.size).reshape(part.nodes.shape))
+        f = np.zeros((part.nodes.size, 3))
+        of_laws = found.laws, found.fibres, activation, none, np.bool_(False)
+        results = f, np.zeros(size), np.zeros(size), none
+        kernel.evaluate(q[part.nodes.ravel()], own, places, *of_laws, *results)
+        f = f.reshape(*part.nodes.shape, 3)
+        forces[part.element] = np.einsum("eai,eain->en", f, nodal[part.nodes], optimize=True)
+    return forces
+
+
 def sampled(
-    table: PointTable,
+    solid: ReducedSolid,
     states: Array,
     activations: Array,
-    stiffness: Array,
-    total_mass: float,
     *,
     tolerance: float,
     most: int,
-    among: int | None = None,
     seed: int = 0,
 ) -> Sample:
-    """Choose points whose weighted forces cause the same displacements as those of all points.
+    """Choose elements whose weighted forces cause the same displacements as those of all elements.
 
     Parameters
     ----------
-    table : PointTable
-        All points, with weight one.
+    solid : ReducedSolid
+        With all elements, and a stiffness that is positive definite.
     states : (k, r) coordinates.
     activations : (k, n_muscles).
-    stiffness : (n, n) at rest, positive definite.
-    total_mass : float
-        Of the tissue [kg], for displacements in metres.
     tolerance : float
         Of `Sample.error` [m].
     most : int
-        Largest number of points.
-    among : int, optional
-        Number of points, drawn at random, among which they are chosen; default: all.
+        Largest number of elements.
     seed : int
         Of the random combinations of equations, whose norm replaces that of all equations.
     """
-    rng = np.random.default_rng(seed)
-    p, n, r = len(table.volume), len(stiffness), states.shape[1]
-    equations = np.zeros((SKETCH, p))
-    stress, w = np.zeros((p, 9)), np.zeros((ROWS, 9))
-    G, x = table.G.reshape(p, 9, -1)[..., :n], np.zeros((-(-r // LANES), LANES))
+    rng, n = np.random.default_rng(seed), solid.modes.shape[1]
+    sketch = max(SKETCH, 2 * most)
+    equations, flexible = np.zeros((sketch, len(solid.weight))), np.linalg.inv(solid.stiffness)
     for y, a in zip(states, activations, strict=True):
-        x.reshape(-1)[:r] = y
-        point_stresses(table, x, a, w, stress)
-        forces = np.einsum("pcn,pc->np", G, stress, optimize=True)
-        mixed = rng.standard_normal((SKETCH, n)) @ np.linalg.inv(stiffness)
-        equations += mixed @ forces
-    equations /= np.sqrt(SKETCH * len(states) * total_mass)
+        mixed = rng.standard_normal((sketch, n)) @ flexible
+        equations += mixed @ element_forces(solid, y, a).T
+    equations /= np.sqrt(sketch * len(states) * solid.mass)
     total: Array = equations.sum(axis=1)
-    own = np.arange(p) if among is None or among >= p else np.sort(rng.permutation(p)[:among])
-    chosen, weights, error = sparse_weights(equations[:, own], total, tolerance, most)
-    chosen = own[chosen]
+    chosen, weights, error = sparse_weights(equations, total, tolerance, most)
     order = np.argsort(chosen)
     return Sample(chosen[order], weights[order], error)
 
@@ -131,7 +133,9 @@ def sparse_weights(A: Array, b: Array, tolerance: float, most: int) -> tuple[Ind
 
 
 def _least_squares(gram: Array, right: Array) -> Array:
-    return np.linalg.lstsq(gram, right, rcond=1e-14)[0].astype(np.float64)
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(gram), 1e-300))
+    scaled = gram * scale * scale[:, None] + 1e-13 * np.eye(len(gram))
+    return scale * np.linalg.solve(scaled, scale * right)
 
 
 def _bordered(gram: Array, row: Array, corner: float) -> Array:

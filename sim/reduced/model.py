@@ -8,12 +8,9 @@ import numpy as np
 
 from sim.compile import compile_scene
 from sim.errors import SceneError
-from sim.linear.contract import symmetric_product
-from sim.pattern import Index, SymmetricPattern
 from sim.reduced.cubature import Sample, sampled
-from sim.reduced.points import point_table, solid_of, weighted
-from sim.reduced.tissue import ReducedDamping, ReducedSolid
-from sim.scene import NO_TISSUE, Scene
+from sim.reduced.tissue import ReducedDamping, ReducedSolid, projected_matrix, solid_of
+from sim.scene import NO_TISSUE, Index, Scene
 from sim.state import Array
 from sim.system import System
 
@@ -35,17 +32,13 @@ class ReducedModel:
         return compile_scene(Scene(NO_TISSUE, (self.solid,), damping=damping, points=points))
 
     def sampled_at(
-        self,
-        states: Array,
-        activations: Array,
-        total_mass: float,
-        **options: Any,
+        self, states: Array, activations: Array, **options: Any
     ) -> tuple["ReducedModel", Sample]:
-        """Model with the points chosen by `sampled`, whose options are passed, at states (k, r)."""
-        table, K = self.solid.table, self.solid.stiffness
-        sample = sampled(table, states, activations, K, total_mass, **options)
-        chosen = weighted(table, sample.points, sample.weights)
-        return ReducedModel(replace(self.solid, table=chosen), self.n_moving), sample
+        """Model with the elements chosen by `sampled`, whose options are passed, at states (k, r)."""
+        sample = sampled(self.solid, states, activations, **options)
+        weight = np.zeros(len(self.solid.weight))
+        weight[sample.elements] = sample.weights
+        return ReducedModel(replace(self.solid, weight=weight), self.n_moving), sample
 
 
 def reduce_system(
@@ -55,7 +48,7 @@ def reduce_system(
     n_moving: int,
     sample: tuple[Index, Array] | None = None,
 ) -> ReducedModel:
-    """Galerkin projection of a scene, with all points of its solid or with weighted ones.
+    """Galerkin projection of a scene, with all elements of its solid or with weighted ones.
 
     Parameters
     ----------
@@ -65,8 +58,8 @@ def reduce_system(
     modes : (3 n_nodes, n) orthonormal in the mass, zero where nodes are fixed.
     n_moving : int
         Number of modes that move, a multiple of three.
-    sample : (places, weights), optional
-        Chosen points, 8 e + k for point k of element e, and factors on their volumes.
+    sample : (elements, weights), optional
+        Chosen elements, and factors on their energies.
 
     Raises
     ------
@@ -85,33 +78,17 @@ def reduce_system(
             "(damping_tangent = 'rest')"
         )
     silent = system.control(np.zeros(len(system.muscles)))
-    free = np.ascontiguousarray(modes[system.free])
-    pattern = system.point_pattern
     load = np.zeros_like(q0)
     for term in system.terms:
         if term is not solid:
             term.add(q0, silent, load)
-    if sample is None:
-        table = point_table(solid, q0, modes)
-    else:
-        near = point_table(solid, q0, modes, np.unique(sample[0] // 8))
-        order = np.argsort(near.place)
-        at = order[np.searchsorted(near.place[order], sample[0])]
-        table = weighted(near, at.astype(np.int64), sample[1])
-    K = system.tangent(q0, silent)[1]
-    D = np.zeros(pattern.nnz) if law is None else system.damping(q0, silent)
-    reduced = ReducedSolid(
-        system.muscles,
-        table,
-        modes.T @ load.reshape(-1),
-        _projected(pattern, D, free),
-        _projected(pattern, K, free),
-    )
+    weight = np.ones(system.scene.mesh.n_elements)
+    if sample is not None:
+        weight[:] = 0.0
+        weight[sample[0]] = sample[1]
+    K = projected_matrix(system, system.tangent(q0, silent)[1], modes)
+    D = np.zeros_like(K)
+    if law is not None:
+        D = projected_matrix(system, system.damping(q0, silent), modes)
+    reduced = ReducedSolid(system, q0, modes, weight, modes.T @ load.reshape(-1), D, K)
     return ReducedModel(reduced, n_moving)
-
-
-def _projected(pattern: SymmetricPattern, values: Array, modes: Array) -> Array:
-    """Phi' K Phi of values K of the upper triangle, for modes over the free components."""
-    columns = np.array([symmetric_product(pattern, values, mode) for mode in modes.T])
-    found: Array = np.ascontiguousarray(columns @ modes)
-    return found

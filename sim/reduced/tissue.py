@@ -1,22 +1,57 @@
 """Reduced solid and its damping as parts of a scene whose points carry the coordinates."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from sim._kernels.element import NODES, Part
 from sim._kernels.lanes import LANES
-from sim._kernels.reduced import ROWS, Linear, PointTable, Scratch, evaluate
+from sim._kernels.reduced import KEPT, VECTORS, Elements, Linear, Scratch, forces
+from sim._kernels.solid import ROWS
+from sim.elements import ELEMENT_TYPES
+from sim.errors import SceneError
+from sim.linear.contract import symmetric_product
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout, Stiffness
 from sim.state import Array, Control
+from sim.system import System
+from sim.terms.load import Gravity
+from sim.terms.solid import CompiledSolid
+
+
+def solid_of(system: System) -> CompiledSolid:
+    """The solid of a scene whose other forces are constant.
+
+    Raises SceneError if the scene has another term, a constraint, a body or a joint.
+    """
+    solids = [term for term in system.terms if isinstance(term, CompiledSolid)]
+    others = [t for t in system.scene.terms if not isinstance(t, Gravity)]
+    names = [type(t).__name__ for t in (*others, *system.scene.constraints, *system.scene.joints)]
+    if len(solids) != 1 or len(names) != 1 or system.scene.bodies:
+        raise SceneError(
+            f"a reduced model supports one Solid and Gravity, the scene has {', '.join(names)}: use "
+            "pointwise incompressibility without contact, walls and bodies, or full order"
+        )
+    return solids[0]
+
+
+def projected_matrix(system: System, values: Array, modes: Array) -> Array:
+    """Phi' K Phi (n, n) of values K on the pattern of a system, for modes (3 n_nodes, n)."""
+    free = np.ascontiguousarray(modes[system.free])
+    columns = [symmetric_product(system.point_pattern, values, mode) for mode in free.T]
+    found: Array = np.ascontiguousarray(np.array(columns) @ free)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedSolid:
     """Solid with few coordinates: three for every point of the scene, of unit mass."""
 
-    names: tuple[str, ...]  #: muscles, the order of the table
-    table: PointTable  #: with n columns of G, of which the first r move
+    whole: System  #: at full order, of one solid and gravity
+    rest: Array  #: (n_nodes, 3) positions where all coordinates are zero [m]
+    modes: Array  #: (3 n_nodes, n), orthonormal in the mass, of which the first r move
+    weight: Array  #: (n_elements,) factors on the energies of the elements
     load: Array  #: (n,) constant generalised force [N kg^-1/2]
     #: (n, n) damping [1/s], and stiffness at rest [1/s^2]
     damping: Array
@@ -33,15 +68,53 @@ class ReducedSolid:
 
     def muscle_names(self) -> tuple[str, ...]:
         """Names of the muscles."""
-        return self.names
+        return self.whole.muscles
 
     def compile(self, layout: Layout) -> "CompiledReducedSolid":
-        """Allocate the scratch memory."""
+        """Lay out the weighted elements."""
         return CompiledReducedSolid(self, 3 * layout.mesh.n_nodes)
 
+    @cached_property
+    def mass(self) -> float:
+        """Mass of the tissue [kg]."""
+        return float(self.whole.node_mass.sum())
 
-def _rows_of_lanes(n: int) -> int:
-    return -(-n // LANES)
+
+def _some(part: Part, own: Index, number: Index) -> Part:
+    """Some elements of a part, with the numbers of their nodes, in one chunk."""
+    return part._replace(
+        element=part.element[own],
+        nodes=np.ascontiguousarray(number[part.nodes[own]]),
+        inverse=np.ascontiguousarray(part.inverse.reshape(-1, 9, LANES)[own]).reshape(-1, LANES),
+        volume=np.ascontiguousarray(part.volume[own]),
+        chunk=np.array([0, len(own)]),
+        colour=np.array([0, 1]),
+    )
+
+
+def elements_of(solid: ReducedSolid) -> Elements:
+    """Weighted elements of a reduced solid, for the kernels."""
+    compiled = solid_of(solid.whole)
+    found, weight = compiled.pointwise, solid.weight
+    used = [part.nodes[weight[part.element] > 0.0].ravel() for part in found.parts]
+    nodes = np.unique(np.concatenate([*used, np.zeros(0, dtype=np.int64)]))
+    number = np.zeros(len(solid.rest), dtype=np.int64)
+    number[nodes] = np.arange(len(nodes))
+    chosen = [np.flatnonzero(weight[part.element] > 0.0) for part in found.parts]
+    parts = [_some(part, own, number) for part, own in zip(found.parts, chosen, strict=True)]
+    empty = _some(found.parts[0], np.zeros(0, dtype=np.int64), number)
+    n = solid.modes.shape[1]
+    rows = np.zeros((len(nodes), 3, LANES * -(-n // LANES)))
+    rows[..., :n] = solid.modes.reshape(len(solid.rest), 3, n)[nodes]
+    return Elements(
+        # always as many parts as there are types of elements, so that kernels are compiled once
+        tuple(parts + [empty] * (len(ELEMENT_TYPES) - len(parts))),
+        found.laws,
+        found.fibres,
+        np.ascontiguousarray(weight, dtype=np.float64),
+        np.ascontiguousarray(solid.rest[nodes]),
+        rows.reshape(-1, LANES),
+    )
 
 
 class CompiledReducedSolid:
@@ -49,45 +122,54 @@ class CompiledReducedSolid:
 
     def __init__(self, solid: ReducedSolid, r: int) -> None:
         self.solid, self.r = solid, r
-        n = len(solid.load)
-        own, every = _rows_of_lanes(r), _rows_of_lanes(n)
-        shapes = (ROWS, 9), (own, LANES), (every, LANES), (r * own, LANES), (r, r), (n,)
+        self.elements = elements_of(solid)
+        n, k, e = len(solid.load), len(self.elements.rest), len(solid.weight)
+        blocks = -(-n // LANES)
+        shapes = (
+            *((k, 3), (k, 3), (NODES, 3), (ROWS, LANES)),
+            *((e,), (e,), (KEPT * np.count_nonzero(solid.weight), LANES)),
+            *((blocks, LANES), (blocks, LANES), (n,), (n,), (n,), (VECTORS, r)),
+        )
         self.scratch = Scratch(*(np.zeros(shape) for shape in shapes))
-        self.linear = Linear(solid.load, solid.damping, solid.stiffness)
+        self.linear = Linear(solid.load, solid.damping, solid.stiffness, float(np.sqrt(solid.mass)))
         self._upper = np.triu_indices(r)
-        self._relaxed: tuple[float, Array] = (0.0, np.zeros((0, 0)))
+        self._for_step: tuple[float, Array, Array] = (0.0, np.zeros((0, 0)), np.zeros((0, 0)))
 
-    def relaxed(self, h: float) -> Array:
-        """Inverse of 1 + h D + h^2 K of the coordinates that do not move, for a step h [s]."""
-        if self._relaxed[0] != h:
+    def inverses(self, h: float) -> tuple[Array, Array]:
+        """Inverses of 1 + h D + h^2 K at rest, of the coordinates that move and of the others."""
+        h = float(f"{h:.9g}")  # steps that differ by rounding are the same
+        if self._for_step[0] != h:
             r, s = self.r, self.solid
-            A = h * s.damping[r:, r:] + h * h * s.stiffness[r:, r:]
-            inverse: Array = np.linalg.inv(np.eye(len(A)) + A).astype(np.float64)
-            self._relaxed = h, inverse
-        return self._relaxed[1]
+            A = np.eye(len(s.load)) + h * s.damping + h * h * s.stiffness
+            pair = (np.linalg.inv(A[own, own]) for own in (slice(r), slice(r, None)))
+            moving, omitted = (np.ascontiguousarray(0.5 * (B + B.T)) for B in pair)
+            self._for_step = h, moving, omitted
+        return self._for_step[1], self._for_step[2]
 
     def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
         """F += force at coordinates q (n_points, 3), and K += stiffness."""
-        y, table, scratch = q.reshape(-1), self.solid.table, self.scratch
-        scratch.x.reshape(-1)[: self.r] = y
-        scratch.f.reshape(-1)[: len(self.solid.load)] = self.solid.load
+        y, scratch, load = q.reshape(-1), self.scratch, self.solid.load[: self.r]
+        every = scratch.y.reshape(-1)
+        every[:], every[: self.r] = 0.0, y
+        energy, J, element = forces(self.elements, control.activation, scratch)
+        f += (load + scratch.force.reshape(-1)[: self.r]).reshape(-1, 3)
         if K is not None:
-            scratch.K[:] = 0.0
-        energy, J, at = evaluate(table, control.activation, K is not None, scratch, self.r)
-        f += scratch.f.reshape(-1)[: self.r].reshape(-1, 3)
-        if K is not None:
-            np.add(K, scratch.K.reshape(self.r, -1)[:, : self.r].T[self._upper], out=K)
-        element = int(table.place[at]) // 8 if at >= 0 else -1
-        return Contribution(energy - float(self.solid.load[: self.r] @ y), J, element)
+            K += self.tangent(y, control)[: self.r, : self.r][self._upper]
+        return Contribution(energy - float(load @ y), J, element)
+
+    def tangent(self, y: Array, control: Control) -> Array:
+        """Stiffness (n, n) of all coordinates at coordinates y (r,) [1/s^2]."""
+        s, values = self.solid, np.zeros(self.solid.whole.pattern.nnz)
+        q = s.rest + (s.modes[:, : self.r] @ y).reshape(-1, 3)
+        solid_of(s.whole).add(q, control, np.zeros_like(q), values, s.weight)
+        return projected_matrix(s.whole, values, s.modes)
 
     def smallest_J(self, q: Array) -> tuple[float, int]:
-        """Smallest det F of the chosen points, and its element."""
-        table = self.solid.table
-        G = table.G.reshape(len(table.volume), 9, -1)[..., : self.r]
-        F = (table.F0 + G @ q.reshape(-1)).reshape(-1, 3, 3)
-        J = np.linalg.det(F)
-        at = int(np.argmin(J))
-        return float(J[at]), int(table.place[at]) // 8
+        """Smallest det F of the weighted elements, and its element."""
+        every = self.scratch.y.reshape(-1)
+        every[:], every[: self.r] = 0.0, q.reshape(-1)
+        _, J, element = forces(self.elements, np.zeros(len(self.solid.whole.muscles)), self.scratch)
+        return J, element
 
 
 @dataclass(frozen=True, eq=False)

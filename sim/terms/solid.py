@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from sim._kernels import solid as kernel
 from sim._kernels.element import Part
 from sim._kernels.laws import FibreTable, LawTable
+from sim._kernels.scatter import Places
 from sim.assembly import element_pair_keys, parts_of, places_of
 from sim.errors import SceneError
 from sim.laws.isochoric import N_ISOCHORIC
@@ -85,6 +86,7 @@ class Pointwise:
     """Tables of a solid whose energy is a sum over points, as of `sim._kernels.solid.evaluate`."""
 
     parts: tuple[Part, ...]
+    places: list[Places]
     laws: LawTable
     fibres: FibreTable
 
@@ -176,7 +178,7 @@ class CompiledSolid:
                 "a reduced solid supports laws of the invariants I1, J and fibre stretch alone: "
                 "simulate tissues with other laws at full order"
             )
-        return Pointwise(self._scalar_parts, self._laws, self._fibres)
+        return Pointwise(self._scalar_parts, self._scalar_places, self._laws, self._fibres)
 
     def _smallest_J(self) -> tuple[float, int]:
         worst = int(np.argmin(np.nan_to_num(self._least_J, nan=-np.inf, posinf=np.inf)))

@@ -229,8 +229,8 @@ def reduced_face() -> xr.Dataset:
         {
             "node_rest": (("node", "axis"), np.zeros((4, 3)), M),
             "modes": modes,
-            "point_place": ("point", np.array([3]), ONE),
-            "point_weight": ("point", np.array([8.0]), ONE),
+            "sampled_element": ("sample", np.array([3]), ONE),
+            "sampled_weight": ("sample", np.array([8.0]), ONE),
             "activation_whitening": (("muscle", "muscle_of"), np.eye(1), ONE),
             "singular_value": ("snapshot", np.array([1e-4]), {"units": "m kg^1/2"}),
             "basis_size": ("size", np.array([3]), ONE),
