@@ -59,7 +59,8 @@ def mass_modes(
         return modes, values
     # the same spans of the first modes, orthonormal in the mass
     factor = np.linalg.cholesky(modes.T @ (np.repeat(node_mass, 3)[:, None] * modes))
-    return np.linalg.solve(factor, modes.T).T.copy(), values
+    own = np.linalg.solve(factor, modes.T).T.astype(np.float64)
+    return own, values
 
 
 def projected(displacements: Array, node_mass: Array, modes: Array) -> Array:

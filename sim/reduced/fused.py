@@ -78,8 +78,14 @@ class FusedEuler:
         new = State(state.t + h, y.reshape(-1, 3), v.reshape(-1, 3), memory)
         stiff = term.scratch.stiff[: term.r]
         concave = dot(v, stiff) < -ROUNDING * norm(v) * norm(stiff)
-        counts = {"iterations": solution.products, "indefinite": solution.indefinite}
-        return new, StepReport(h=h, smallest_J=float(least), concave=bool(concave), **counts)
+        report = StepReport(
+            h=h,
+            iterations=solution.products,
+            smallest_J=float(least),
+            indefinite=solution.indefinite,
+            concave=bool(concave),
+        )
+        return new, report
 
     @staticmethod
     def _touched(

@@ -87,8 +87,7 @@ def reduce_system(
         weight[:] = 0.0
         weight[sample[0]] = sample[1]
     K = projected_matrix(system, system.tangent(q0, silent)[1], modes)
-    D = np.zeros_like(K)
-    if law is not None:
-        D = projected_matrix(system, system.damping(q0, silent), modes)
+    damped = law is not None
+    D = projected_matrix(system, system.damping(q0, silent), modes) if damped else np.zeros_like(K)
     reduced = ReducedSolid(system, q0, modes, weight, modes.T @ load.reshape(-1), D, K)
     return ReducedModel(reduced, n_moving)

@@ -154,7 +154,7 @@ class CompiledReducedSolid:
         energy, J, element = forces(self.elements, control.activation, scratch)
         f += (load + scratch.force.reshape(-1)[: self.r]).reshape(-1, 3)
         if K is not None:
-            K += self.tangent(y, control)[: self.r, : self.r][self._upper]
+            np.add(K, self.tangent(y, control)[: self.r, : self.r][self._upper], out=K)
         return Contribution(energy - float(load @ y), J, element)
 
     def tangent(self, y: Array, control: Control) -> Array:

@@ -23,7 +23,9 @@ from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.study.store import Store
 from sim import Activation, ContactFailure, InvertedElement
 
-SMALL = ReductionParameters(modes=9, omitted=3, elements=60, calibration=3, coverage=0.7, every=0.01)
+SMALL = ReductionParameters(
+    modes=9, omitted=3, elements=60, calibration=3, coverage=0.7, every=0.01
+)
 PARAMETERS = SimulationParameters(sigma_max=50e3, accuracy="published", contact={"method": "none"})
 
 
