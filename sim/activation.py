@@ -43,8 +43,13 @@ class Activation:
             raise ControlError("the times of the activation are not ascending")
 
     def at(self, t: float) -> Array:
-        """Activation (n_muscles,) at time t [s]."""
-        return self.at_all(np.array([t]))[0]
+        """Activation (n_muscles,) at time t [s]; the operations of `at_all`, for one number."""
+        last = len(self.time) - 1
+        i = min(max(int(np.searchsorted(self.time, t)) - 1, 0), max(last - 1, 0))
+        after = min(i + 1, last)
+        span = float(self.time[after] - self.time[i]) if after > i else np.inf
+        s = min(max((t - float(self.time[i])) / span, 0.0), 1.0)
+        return (1.0 - s) * self.values[i] + s * self.values[after]
 
     def at_all(self, t: Array) -> Array:
         """Activations (n, n_muscles) at times (n,) [s]."""

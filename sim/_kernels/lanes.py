@@ -34,6 +34,7 @@ from sim._kernels.options import inner
 LANES = 8
 _BYTES = 8 * LANES  # of a cache line, too
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
+_SINGLE = ir.VectorType(ir.FloatType(), LANES)
 _INT = ir.IntType(32)
 _UNDEFINED = ir.Constant(_VECTOR, ir.Undefined)
 # Types of this target are tried before those of numba and numpy, whose many attempts would
@@ -139,25 +140,32 @@ def _row(context, builder, array_type, array, row):
     struct = cgutils.create_struct_proxy(array_type)(context, builder, value=array)
     stride = cgutils.unpack_tuple(builder, struct.strides)[0]
     start = builder.bitcast(struct.data, ir.IntType(8).as_pointer())
-    return builder.bitcast(builder.gep(start, [builder.mul(row, stride)]), _VECTOR.as_pointer())
+    kind = _SINGLE if array_type.dtype == types.float32 else _VECTOR
+    return builder.bitcast(builder.gep(start, [builder.mul(row, stride)]), kind.as_pointer())
 
 
 @intrinsic
 def load(typingctx, array, row):
-    """Lanes from a row of eight, array[row, :]."""
+    """Lanes from a row of eight, array[row, :], also of one in single precision."""
 
     def codegen(context, builder, sig, args):
-        return builder.load(_row(context, builder, sig.args[0], *args), align=8)
+        single = sig.args[0].dtype == types.float32
+        found = builder.load(_row(context, builder, sig.args[0], *args), align=4 if single else 8)
+        return builder.fpext(found, _VECTOR) if single else found
 
     return lanes(array, types.intp), codegen
 
 
 @intrinsic
 def store(typingctx, array, row, value):
-    """Write array[row, :] = value, lanes."""
+    """Write array[row, :] = value, lanes, rounded if the array is in single precision."""
 
     def codegen(context, builder, sig, args):
-        builder.store(args[2], _row(context, builder, sig.args[0], *args[:2]), align=8)
+        single = sig.args[0].dtype == types.float32
+        value = builder.fptrunc(args[2], _SINGLE) if single else args[2]
+        builder.store(
+            value, _row(context, builder, sig.args[0], *args[:2]), align=4 if single else 8
+        )
         return context.get_dummy_value()
 
     return types.void(array, types.intp, lanes), codegen

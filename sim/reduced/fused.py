@@ -1,11 +1,13 @@
 """Linearly implicit Euler steps of a reduced solid in compiled kernels, by conjugate gradients."""
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
-from sim._kernels.reduced import INVERTED, NOT_REACHED, improve, move, predict
+from sim._kernels.reduced import BEGIN, DONE, MOVE, NOT_REACHED, SOLVE, advance
+from sim._kernels.reduced import INVERTED as AT_START
 from sim.errors import InvertedElement, SceneError, SingularSystem
 from sim.integrators.workspace import Workspace
 from sim.reduced.contact import ALLOWED, IMPULSES, ReducedContact
@@ -13,7 +15,6 @@ from sim.reduced.tissue import CompiledReducedSolid
 from sim.snapping import ROUNDING
 from sim.state import Array, Control, ControlAt, State, StepReport
 from sim.system import System
-from sim.vectors import dot, norm
 
 MOST = 40  #: largest number of products in a solution
 ROUNDS, CHANGED = 4, 1e-4
@@ -62,36 +63,27 @@ class FusedEuler:
         y, v = state.q.reshape(-1).copy(), state.v.reshape(-1).copy()
         omitted = np.array(state.memory.get(OMITTED, np.zeros((2, n - term.r))))
         control_at_end = control.chord(state.t, h).at(1.0)
-        inverse, relaxed = term.inverses(h)
-        solution = _Solution(term, inverse, h, control_at_end, self.rate * h, y, v)
-        memory, impulse = dict[str, Array](), np.zeros(n)
+        solution = _Solution(term, state.t, h, control_at_end, self.rate * h, y, v, omitted)
         if self.contact is None:
-            solution.begin(impulse[: term.r])
+            memory = dict[str, Array]()
+            solution.run(BEGIN | SOLVE | MOVE)
         else:
-            memory, impulse = self._touched(self.contact, state, solution)
-        moving = y, v, omitted[0], omitted[1], impulse
-        about = term.elements, term.linear, relaxed, h
-        status, least, at = move(*about, *moving, term.scratch)
-        if status == INVERTED:
-            raise InvertedElement(int(at), float(least), state.t + h)
+            memory = self._touched(self.contact, state, solution)
+            solution.run(MOVE)
         memory[OMITTED] = omitted
         new = State(state.t + h, y.reshape(-1, 3), v.reshape(-1, 3), memory)
-        stiff = term.scratch.stiff[: term.r]
-        concave = dot(v, stiff) < -ROUNDING * norm(v) * norm(stiff)
         report = StepReport(
             h=h,
             iterations=solution.products,
-            smallest_J=float(least),
+            smallest_J=solution.smallest_J,
             indefinite=solution.indefinite,
-            concave=bool(concave),
+            concave=solution.bend < -ROUNDING,
         )
         return new, report
 
     @staticmethod
-    def _touched(
-        contact: ReducedContact, state: State, solution: "_Solution"
-    ) -> tuple[dict[str, Array], Array]:
-        """Memory and impulses of the contact; the solution becomes that with contact."""
+    def _touched(contact: ReducedContact, state: State, solution: "_Solution") -> dict[str, Array]:
+        """Memory of the contact; the solution becomes that with its impulses."""
         y, v, h = solution.y, solution.v, solution.h
         known, none = state.memory.get(ALLOWED), np.zeros(len(contact.slots))
         allowed = contact.depths(y) if known is None else known
@@ -101,58 +93,68 @@ class FusedEuler:
         left = none.copy()
         np.maximum.at(left, at, np.minimum(allowed[at], deep))  # a depth may only decrease
         p, own = state.memory.get(IMPULSES, none)[at], np.ascontiguousarray(N[:, : len(v)])
-        solution.begin(p @ own)
+        solution.right += p @ own
+        solution.run(BEGIN | SOLVE)
         if len(at):
             X = own @ solution.inverse
             W = X @ own.T
             for _ in range(ROUNDS):
                 new, changed = contact.pushed(rows, W, h, v, p)
                 v += (new - p) @ X
-                solution.again((new - p) @ own)
+                solution.right += (new - p) @ own
+                solution.run(SOLVE)
                 p = new
                 if changed <= CHANGED:
                     break
         every = none.copy()
         every[at] = p
-        return {ALLOWED: left, IMPULSES: every}, p @ N
+        solution.impulse = p @ N
+        return {ALLOWED: left, IMPULSES: every}
 
 
 @dataclass(eq=False)
 class _Solution:
-    """Velocities v, in place, of the equation of a step, and impulses on its right-hand side."""
+    """Stages of a step, which change coordinates, velocities and omitted coordinates in place."""
 
     term: CompiledReducedSolid
-    inverse: Array
+    start: float  #: time [s]
     h: float
-    control: Control
+    control: Control  #: at the end
     tolerance: float
     y: Array
     v: Array
+    omitted: Array
     products: int = 0
     indefinite: int = 0
+    smallest_J: float = math.inf
+    bend: float = 0.0  #: v'K v/(|v| |K v|)
 
-    def begin(self, impulse: Array) -> None:
-        """Solve with impulses (r,); InvertedElement if an element is inverted at the start."""
-        self._right = impulse.copy()
-        about = self.term.elements, self.term.linear, self.inverse, self.h
-        given = self.y, self.v, self._right, self.tolerance, MOST
-        activation = self.control.activation
-        status, least, at, products = predict(*about, activation, *given, self.term.scratch)
-        if status == INVERTED:
-            raise InvertedElement(int(at), float(least), self.control.t)
-        self._end(status, products)
+    def __post_init__(self) -> None:
+        """Begin without impulses (n,), of which those (r,) on the moving coordinates are in `right`."""
+        self.inverse, self.relaxed = self.term.inverses(self.h)
+        self.impulse = np.zeros(len(self.term.solid.load))
+        self.right = np.zeros(len(self.v))
 
-    def again(self, impulse: Array) -> None:
-        """Solve with further impulses (r,), from the velocities v."""
-        self._right += impulse
-        about = self.term.elements, self.term.linear, self.inverse, self.h
-        given = self._right, self.v, self.tolerance, MOST
-        self._end(*improve(*about, *given, self.term.scratch))
-
-    def _end(self, status: int, products: int) -> None:
+    def run(self, stages: int) -> None:
+        """Run stages of `sim._kernels.reduced.advance`; InvertedElement if an element is inverted."""
+        term, h = self.term, self.h
+        about = term.elements, term.linear, self.inverse, self.relaxed, h
+        solved = self.control.activation, self.tolerance, MOST, self.y, self.v, self.right
+        moved = self.omitted[0], self.omitted[1], self.impulse, term.scratch
+        status, least, at, products, bend = advance(stages, *about, *solved, *moved)
         self.products += int(products)
-        if status != NOT_REACHED:
-            return
+        if status == NOT_REACHED:
+            self._solve_directly()
+            if stages & MOVE:
+                self.run(MOVE)
+        elif status != DONE:
+            when = self.start if status == AT_START else self.start + h
+            raise InvertedElement(int(at), float(least), when)
+        elif stages & MOVE:
+            self.smallest_J, self.bend = float(least), float(bend)
+
+    def _solve_directly(self) -> None:
+        """Solve the equation with its matrix, also with one that is not positive definite."""
         r, h, s = self.term.r, self.h, self.term.solid
         K = self.term.tangent(self.y, self.control)
         A = np.eye(r) + h * s.damping[:r, :r] + h * h * K[:r, :r]
@@ -161,6 +163,6 @@ class _Solution:
             raise SingularSystem(
                 f"the reduced matrix of the step to t = {self.control.t:.4g} s is singular: shorten it"
             )
-        self.v[:] = vectors @ ((self._right @ vectors) / values)
+        self.v[:] = vectors @ ((self.right @ vectors) / values)
         self.term.scratch.stiff[:] = K[:, :r] @ self.v
         self.indefinite = int(values[0] < 0.0)

@@ -98,14 +98,16 @@ def elements_of(solid: ReducedSolid) -> Elements:
     found, weight = compiled.pointwise, solid.weight
     used = [part.nodes[weight[part.element] > 0.0].ravel() for part in found.parts]
     nodes = np.unique(np.concatenate([*used, np.zeros(0, dtype=np.int64)]))
+    moves = solid.modes.reshape(len(solid.rest), -1)[nodes].any(axis=1)
+    nodes = np.concatenate([nodes[moves], nodes[~moves]])
     number = np.zeros(len(solid.rest), dtype=np.int64)
     number[nodes] = np.arange(len(nodes))
     chosen = [np.flatnonzero(weight[part.element] > 0.0) for part in found.parts]
     parts = [_some(part, own, number) for part, own in zip(found.parts, chosen, strict=True)]
     empty = _some(found.parts[0], np.zeros(0, dtype=np.int64), number)
     n = solid.modes.shape[1]
-    rows = np.zeros((len(nodes), 3, LANES * -(-n // LANES)))
-    rows[..., :n] = solid.modes.reshape(len(solid.rest), 3, n)[nodes]
+    rows = np.zeros((int(moves.sum()), 3, LANES * -(-n // LANES)), dtype=np.float32)
+    rows[..., :n] = solid.modes.reshape(len(solid.rest), 3, n)[nodes[: len(rows)]]
     return Elements(
         # always as many parts as there are types of elements, so that kernels are compiled once
         tuple(parts + [empty] * (len(ELEMENT_TYPES) - len(parts))),
@@ -125,12 +127,23 @@ class CompiledReducedSolid:
         self.elements = elements_of(solid)
         n, k, e = len(solid.load), len(self.elements.rest), len(solid.weight)
         blocks = -(-n // LANES)
-        shapes = (
-            *((k, 3), (k, 3), (NODES, 3), (ROWS, LANES)),
-            *((e,), (e,), (KEPT * np.count_nonzero(solid.weight), LANES)),
-            *((blocks, LANES), (blocks, LANES), (n,), (n,), (n,), (VECTORS, r)),
+        kept = KEPT * np.count_nonzero(solid.weight)
+        self.scratch = Scratch(
+            q=np.zeros((k, 3)),
+            f=np.zeros((k, 3)),
+            x=np.zeros((NODES, 3)),
+            w=np.zeros((ROWS, LANES)),
+            energy=np.zeros(e),
+            least=np.zeros(e),
+            moduli=np.zeros((kept, LANES), dtype=np.float32),
+            y=np.zeros((blocks, LANES)),
+            placed=np.zeros(1, dtype=np.bool_),
+            force=np.zeros((blocks, LANES)),
+            start=np.zeros(n),
+            change=np.zeros(n),
+            stiff=np.zeros(n),
+            vectors=np.zeros((VECTORS, self.r)),
         )
-        self.scratch = Scratch(*(np.zeros(shape) for shape in shapes))
         self.linear = Linear(solid.load, solid.damping, solid.stiffness, float(np.sqrt(solid.mass)))
         self._upper = np.triu_indices(r)
         self._for_step: tuple[float, Array, Array] = (0.0, np.zeros((0, 0)), np.zeros((0, 0)))

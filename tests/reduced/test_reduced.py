@@ -14,6 +14,7 @@ from sim.reduced import (
     projected,
     reduce_system,
 )
+from sim.reduced.cubature import sparse_weights
 from sim.reduced.fused import OMITTED
 from tests.reduced.scenes import STEP, basis, block, drive, full_motion, snapshots
 
@@ -75,8 +76,9 @@ def test_a_whole_basis_gives_the_motion_of_full_order():
     assert np.abs(found - expected).max() < 1e-9
 
 
-def test_force_and_stiffness_of_all_points_are_those_of_full_order_projected():
-    system, modes = block(), basis(12)
+def test_force_and_stiffness_of_all_elements_are_those_of_full_order_projected():
+    """With modes that single precision represents, in which the kernels read them."""
+    system, modes = block(), basis(12).astype(np.float32).astype(np.float64)
     model = reduce_system(system, system.mesh.X, modes, 12)
     y = np.random.default_rng(1).normal(size=12) * 3e-5
     q = system.mesh.X + (modes @ y).reshape(-1, 3)
@@ -162,6 +164,16 @@ def test_mirrored_activations_give_mirrored_motions():
     other, _ = reduced_motion(model, modes, X, drive(0.3, 0.6))
     assert np.abs(one - X).max() > 1e-3
     assert np.abs((one - X) - (other - X)[:, mirror] * [1, -1, 1]).max() < 1e-9
+
+
+def test_of_equal_columns_that_with_known_nodes_is_chosen():
+    """The second and the third column serve equally; the second has the nodes of the first."""
+    A = np.array([[3.0, 0.0, 0.0], [0.0, 1.0, 1.0]])
+    own = np.array([[0, 1], [1, 0], [2, 3]])
+    for nodes, second in ((own, 1), (own[[0, 2, 1]], 2)):
+        chosen, x, error = sparse_weights(A, np.array([3.0, 1.0]), 1e-9, 3, nodes)
+        assert sorted(chosen) == [0, second] and error <= 1e-9
+        np.testing.assert_allclose(x, 1.0)
 
 
 def test_other_terms_are_refused():
