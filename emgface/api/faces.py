@@ -77,7 +77,7 @@ def reduce(
     folder: "File | None" = None,
     progress: "Callable[[str, int, int], None] | None" = None,
     modes: int | None = None,
-    points: int | None = None,
+    elements: int | None = None,
     seed: int | None = None,
     training: "Mapping[str, Any] | None" = None,
     **choices: Any,
@@ -95,8 +95,8 @@ def reduce(
         they are not kept.
     progress : callable, optional
         Called with the description of the current motion, the completed number and the total.
-    modes, points, seed : int, optional
-        Number of modes that move (a multiple of three), largest number of quadrature points, seed of
+    modes, elements, seed : int, optional
+        Number of modes that move (a multiple of three), largest number of weighted elements, seed of
         the random activations.
     training : mapping, optional
         Further parameters of `emgface.reduced.parameters.ReductionParameters`.
@@ -130,7 +130,7 @@ def reduce(
 
     plan = study_of(study)
     parameters = simulation_of(plan.simulation, None, choices)
-    given = {"modes": modes, "points": points, "seed": seed}
+    given = {"modes": modes, "elements": elements, "seed": seed}
     options = {name: v for name, v in given.items() if v is not None} | dict(training or {})
     size = configure(ReductionParameters, options, where="reduction")
     with TemporaryDirectory() as unkept:

@@ -6,9 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from typer.testing import CliRunner
 
 import emgface as ef
+from emgface.cli import app
 from emgface.errors import ConfigurationError, FaceError
+from emgface.face.file import save_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS, RELEVANT
 from emgface.reduced import training
@@ -103,6 +106,27 @@ def test_training_resumes_and_its_file_is_read_back(trained):
         read_netcdf(path, "reduced_face").attrs["training_digest"] == data.attrs["training_digest"]
     )
     assert (np.diff(data["projection_rms"].values) <= 1e-12).all()
+
+
+def test_the_command_passes_its_options_to_the_training(face, trained, tmp_path, monkeypatch):
+    """Number of modes and elements, sequences and contact; the training itself is that of `trained`."""
+    given = []
+
+    def reduce_face(face, parameters, reduction, store, *, progress):
+        given.append((parameters, reduction))
+        return trained[0]
+
+    monkeypatch.setattr(training, "reduce_face", reduce_face)
+    save_face(face, tmp_path / "face.nc")
+    size = ["--modes", "9", "--elements", "60", "--activations", "random", "--seed", "3"]
+    paths = [str(tmp_path / "face.nc"), "--out", str(tmp_path / "face.rom.nc")]
+    done = CliRunner().invoke(app, ["face", "reduce", *paths, *size, "--no-contact"])
+    assert done.exit_code == 0, done.output
+    (parameters, reduction), *_ = given
+    assert parameters.contact.method == "none"
+    assert (reduction.modes, reduction.elements) == (9, 60)
+    assert (reduction.activations, reduction.seed) == ("random", 3)
+    read_netcdf(tmp_path / "face.rom.nc", "reduced_face")
 
 
 def test_a_reduced_motion_is_that_of_full_order_within_its_bound(face, trained):
