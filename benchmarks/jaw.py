@@ -4,6 +4,7 @@
     python -m benchmarks jaw --part forces         # parameters from stored forces; needs it, too
     python -m benchmarks jaw --part morsel         # and those of the morsel
     python -m benchmarks jaw --part chewing        # the stored chewing cycle with them
+    python -m benchmarks jaw --part checks         # acceptance checks of every variant; needs it, too
     python -m benchmarks jaw --part variants       # outcomes of every variant; needs it, too
     python -m benchmarks jaw --part causes         # under changes of one setting; needs it, too
     python -m benchmarks jaw --part cost           # chewing: error and time over the step; needs it, too
@@ -30,7 +31,14 @@ import pandas as pd
 import xarray as xr
 
 import sim
-from benchmarks import jaw_errors, jaw_generated, jaw_posterior, jaw_stored, jaw_variants
+from benchmarks import (
+    jaw_checks,
+    jaw_errors,
+    jaw_generated,
+    jaw_posterior,
+    jaw_stored,
+    jaw_variants,
+)
 from benchmarks.jaw_variants import SHARED, published
 from benchmarks.report import finish
 from emgface.anatomy.jaw.run import simulate_jaw
@@ -130,6 +138,7 @@ def main(part: str = "steps", samples: int = 264, out: Path | None = None) -> No
         **{n: getattr(jaw_stored, n) for n in ("forces", "morsel", "chewing")},
         **{n: getattr(jaw_variants, n) for n in ("variants", "causes", "cost")},
         "errors": jaw_errors.errors,
+        "checks": jaw_checks.checks,
         **{n: getattr(jaw_generated, n) for n in ("steps", "stability", "extremes", "emg")},
     }
     finish(f"jaw_{part}", parts[part](), out)

@@ -152,12 +152,7 @@ def chewing() -> pd.DataFrame:
     first |= {"hyoid up": h[:, 2].max(), "hyoid forward": -h[:, 1].min(), "rms": 0.0}
     rows: list[dict[str, Any]] = [{"case": "stored"} | first]
     for case, own in CASES.items():
-        jaw = published("larynx")
-        for m in ("ip_", "sp_"):
-            of = [str(n).startswith(m) for n in jaw["muscle"].values]
-            jaw["muscle_force_max"][of] = own.get(m, 1.0) * jaw["muscle_force_max"][of]
-        jaw["body_damping"][:] = own.get("bodies", 1.0) * jaw["body_damping"]
-        jaw["muscle_damping"][:] = own.get("muscles", 1.0)
+        jaw = with_parameters(published("larynx"), own)
         tone = np.full(len(series.time), own.get("tone", 0.0))
         motion = run_task(
             jaw,
@@ -171,6 +166,16 @@ def chewing() -> pd.DataFrame:
         apart = np.linalg.norm(_to_one_side(ours) - _to_one_side(d), axis=1)
         rows.append({"case": case} | found | {"rms": np.sqrt((apart**2).mean())})
     return pd.DataFrame(rows).round(3)
+
+
+def with_parameters(jaw: xr.Dataset, own: dict[str, float]) -> xr.Dataset:
+    """The model with the forces of lateral pterygoids and the damping of a case."""
+    for m in ("ip_", "sp_"):
+        of = [str(n).startswith(m) for n in jaw["muscle"].values]
+        jaw["muscle_force_max"][of] = own.get(m, 1.0) * jaw["muscle_force_max"][of]
+    jaw["body_damping"][:] = own.get("bodies", 1.0) * jaw["body_damping"]
+    jaw["muscle_damping"][:] = own.get("muscles", 1.0)
+    return jaw
 
 
 def _to_one_side(d: np.ndarray) -> np.ndarray:
