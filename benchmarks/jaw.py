@@ -5,6 +5,8 @@
     python -m benchmarks jaw --part morsel         # and those of the morsel
     python -m benchmarks jaw --part chewing        # the stored chewing cycle with them
     python -m benchmarks jaw --part checks         # acceptance checks of every variant; needs it, too
+    python -m benchmarks jaw --part pull           # slow pull on the incisor, as stored; needs it, too
+    python -m benchmarks jaw --part openings       # nearest openings within the prior; needs it, too
     python -m benchmarks jaw --part variants       # outcomes of every variant; needs it, too
     python -m benchmarks jaw --part causes         # under changes of one setting; needs it, too
     python -m benchmarks jaw --part cost           # chewing: error and time over the step; needs it, too
@@ -35,7 +37,9 @@ from benchmarks import (
     jaw_checks,
     jaw_errors,
     jaw_generated,
+    jaw_openings,
     jaw_posterior,
+    jaw_pull,
     jaw_stored,
     jaw_variants,
 )
@@ -139,6 +143,8 @@ def main(part: str = "steps", samples: int = 264, out: Path | None = None) -> No
         **{n: getattr(jaw_variants, n) for n in ("variants", "causes", "cost")},
         "errors": jaw_errors.errors,
         "checks": jaw_checks.checks,
+        "pull": jaw_pull.pull,
+        "openings": jaw_openings.openings,
         **{n: getattr(jaw_generated, n) for n in ("steps", "stability", "extremes", "emg")},
     }
     finish(f"jaw_{part}", parts[part](), out)

@@ -92,6 +92,19 @@ def outcomes_of(jaw: xr.Dataset, own: dict[str, float]) -> dict[str, float]:
     jaw = changed(jaw, own)
     rest = run_task(jaw, TASKS["rest"], duration=1.5, step=STEP, output=0.05, check=False)
     found = {"rest": float(separation(rest)[-1])}
+    found |= openings_of(jaw, own)
+    series = read_probes(PROBES)
+    tone = np.full(len(series.time), 0.01 * own["tone %"])
+    drive = Excitation(series.time, {**series.values, "bi_close": tone})
+    chew = run_task(
+        jaw, Task("", 0.5, morsel="L"), excitation=drive, step=STEP, output=0.004, check=False
+    )
+    return found | {name.removeprefix("chew, "): x for name, x in chewed(chew).items()}
+
+
+def openings_of(jaw: xr.Dataset, own: dict[str, float]) -> dict[str, float]:
+    """Openings with the head still and back, and lowering of the larynx, of a changed model [mm]."""
+    found = dict[str, float]()
     weak = jaw.copy(deep=True)
     closers = [n[:3] in ("at_", "mt_", "pt_", "sm_", "dm_", "mp_") for n in jaw["muscle"].values]
     weak["muscle_passive_fraction"][closers] = own["passive fraction"] * own["closers when opening"]
@@ -103,13 +116,7 @@ def outcomes_of(jaw: xr.Dataset, own: dict[str, float]) -> dict[str, float]:
         found[name] = float(separation(motion).max())
         if not head:
             found["larynx down"] = -float(displacement(motion, "thyroid")[-1, 2])
-    series = read_probes(PROBES)
-    tone = np.full(len(series.time), 0.01 * own["tone %"])
-    drive = Excitation(series.time, {**series.values, "bi_close": tone})
-    chew = run_task(
-        jaw, Task("", 0.5, morsel="L"), excitation=drive, step=STEP, output=0.004, check=False
-    )
-    return found | {name.removeprefix("chew, "): x for name, x in chewed(chew).items()}
+    return found
 
 
 def excess(found: dict[str, float]) -> dict[str, float]:

@@ -180,6 +180,7 @@ def run(
     write_netcdf(motion, out_path, "jaw_motion")
     if absent := motion.attrs.get("absent_exciters"):
         say(f"The model has no exciter {absent}: the task runs without.")
+    _tell_unrest(motion)
     _tell_error(motion, tolerance)
     tell_motion(motion, out_path, jaw.attrs["name"])
 
@@ -194,6 +195,19 @@ def _tolerance(accuracy: str | None) -> float | None:
     if found is None:
         raise JawError(f"accuracy = {accuracy!r}, expected an error such as '0.1 mm'")
     return found
+
+
+def _tell_unrest(motion: "xr.Dataset") -> None:
+    """Tell how fast the jaw still is, if the task should end at rest."""
+    from emgface.anatomy.jaw.run import STILL
+
+    speed = motion.attrs.get("end_speed", 0.0)
+    if speed > STILL:
+        end = float(motion["time"][-1])
+        say(
+            f"At the end, {end:.4g} s, a point still moves at {1e3 * speed:.2g} mm/s, although the "
+            "task should end at rest: specify a longer --duration."
+        )
 
 
 def _tell_error(motion: "xr.Dataset", tolerance: float | None) -> None:

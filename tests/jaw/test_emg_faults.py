@@ -1,9 +1,12 @@
 """Faulty recordings of a jaw: an error, a warning, or the correct excitation."""
 
+import warnings
+
 import numpy as np
 import pytest
 import xarray as xr
 
+from emgface.anatomy.jaw.effort import tell_exchanged_sides
 from emgface.anatomy.jaw.emg import excitation_of
 from emgface.anatomy.jaw.recorded import score_motion, simulated_recording
 from emgface.anatomy.jaw.run import run_task
@@ -60,11 +63,8 @@ def test_sides_and_polarity_are_those_of_the_electrodes(recorded):
     """Exchanged labels exchange the sides of all excitations; a channel has no polarity."""
     _, own, effort = recorded
     u = excitation_of(own, chain("rms"), reference=[effort])["excitation"]
-    other = {f"{c}_{a}": f"{c}_{b}" for c in CHANNELS for a, b in ("LR", "RL")}
-    exchanged = [
-        r.assign_coords(channel=[other[str(c)] for c in r["channel"].values]) for r in (own, effort)
-    ]
-    found = excitation_of(exchanged[0], chain("rms"), reference=exchanged[1:])["excitation"]
+    both = [exchanged(r) for r in (own, effort)]
+    found = excitation_of(both[0], chain("rms"), reference=both[1:])["excitation"]
     for exciter in ("t", "m", "ad"):
         np.testing.assert_allclose(
             found.sel(exciter=f"{exciter}_L"), u.sel(exciter=f"{exciter}_R"), atol=1e-12
@@ -132,3 +132,51 @@ def test_gaps_units_and_positions_that_no_jaw_has_are_refused(recorded):
     far["position"].values[:] *= 1e3
     with pytest.raises(MarkerError, match=r"lower_incisor moves by .* m, expected less than 0.2 m"):
         score_motion(far, motion)
+
+
+def exchanged(recording):
+    other = {f"{c}_{a}": f"{c}_{b}" for c in CHANNELS for a, b in ("LR", "RL")}
+    return recording.assign_coords(channel=[other[str(c)] for c in recording["channel"].values])
+
+
+def test_sides_that_are_exchanged_in_one_file_are_told(recorded):
+    """The motion then scored 0.89 instead of 0.91; exchanged in both files, nothing shows it."""
+    _, own, effort = recorded
+    for a, b in ((own, exchanged(effort)), (exchanged(own), effort)):
+        with pytest.warns(FeatureWarning, match="left and right seem exchanged"):
+            excitation_of(a, chain("rms"), reference=[b])
+    for a, b in ((own, effort), (exchanged(own), exchanged(effort))):
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            excitation_of(a, chain("rms"), reference=[b])
+
+
+def test_levels_of_one_sided_movements_are_no_exchange():
+    """Electrodes of one side pick up twice as much; muscles of the other side work thrice as hard."""
+    names = [f"{c}_{s}" for s in "LR" for c in CHANNELS]
+    gain = np.array([1.0, 2.0, 0.7, 1.5, 1.0, 1.0])
+    own = np.array([0.3, 0.2, 0.4, 0.1, 0.3, 0.4]) * gain
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        tell_exchanged_sides(names, np.tile(own, (3, 1)), [np.tile(gain, (3, 1))])
+        tell_exchanged_sides(names[:3], np.tile(own[:3], (3, 1)), [np.tile(gain[:3], (3, 1))])
+    wrong = 0.3 * gain[[3, 4, 5, 0, 1, 2]]
+    with pytest.warns(FeatureWarning, match="TEM 2.25, MAS 0.25, DIG 2.04 times as strong"):
+        tell_exchanged_sides(names, np.tile(wrong, (3, 1)), [np.tile(gain, (3, 1))])
+
+
+def test_another_rate_than_that_of_the_willison_threshold_is_told(recorded):
+    """With 1000 Hz in both files the motion scored 0.11 instead of 0.92 at 2048 Hz."""
+    _, own, effort = recorded
+    low = [resampled(r, 1000.0) for r in (own, effort)]
+    with pytest.warns(
+        FeatureWarning, match=r"10 uV .* 2048 Hz, .* at 1000 Hz, 0.49 times as often"
+    ):
+        excitation_of(low[0], chain("wamp"), reference=low[1:])
+    with pytest.warns(FeatureWarning, match="at 4096 Hz, 2 times as often: steps are smaller"):
+        excitation_of(resampled(own, 4096.0), chain("wamp"), reference=[resampled(effort, 4096.0)])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", "the pass-band ends at 450 Hz")
+        excitation_of(own, chain("wamp"), reference=[effort])
+        excitation_of(low[0], chain("rms"), reference=low[1:])

@@ -25,6 +25,10 @@ the second relative to the median of the channels.
 A channel that rests while its neighbours contract records their cross-talk, several times its noise.
 """
 
+CLOSER, UNEQUAL = 0.5, 0.2
+"""Largest ratio of the difference of both sides with and without exchange of the labels, and the least
+difference that is more than chance (of the logarithm)."""
+
 
 def levels(filtered: xr.DataArray) -> Floats:
     """Weakest, median and strongest window (3, channel) of filtered sEMG (channel, time_emg) [V]."""
@@ -93,6 +97,44 @@ def require_effort(channels: Sequence[str], own: Floats, references: Sequence[Fl
         warnings.warn(
             "rest is stronger than in maximum effort, relative to the other channels, in "
             f"{', '.join(loud)}: if these muscles rest in between, their gain or unit differs",
+            FeatureWarning,
+            stacklevel=3,
+        )
+
+
+def tell_exchanged_sides(
+    channels: Sequence[str], own: Floats, references: Sequence[Floats]
+) -> None:
+    """Warn where the levels fit the references better with left and right exchanged in one of both.
+
+    d_c is the difference of the logarithmic levels of both sides, relative to maximum effort, and e_c
+    that of maximum effort itself, which electrodes and skin determine. In a movement of both sides
+    d_c is small; exchanged labels of one file make it -2 e_c. The warning requires d_c closer to
+    -2 e_c than to 0 in every pair, by `CLOSER`, and a rms of d_c of at least `UNEQUAL`. Of 30 simulated
+    persons it tells 27 in opening and closing, but 5 and 3 in one-sided movements, where one of 60
+    with correct labels is told, too.
+
+    Warns
+    -----
+    FeatureWarning
+    """
+    names = list(channels)
+    pairs = [(names.index(c), names.index(c[:-2] + "_R")) for c in names
+             if c.endswith("_L") and c[:-2] + "_R" in names]  # fmt: skip
+    if len(pairs) < 2:
+        return
+    left, right = np.array(pairs).T
+    high = np.log(np.max([one[2] for one in references], axis=0))
+    level = np.log(own[2]) - high
+    d, e = level[left] - level[right], high[left] - high[right]
+    large = np.abs(d) > UNEQUAL
+    closer = np.abs(d + 2.0 * e) < np.where(large, CLOSER * np.abs(d), UNEQUAL)
+    if closer.all() and np.sqrt((d * d).mean()) > UNEQUAL:
+        told = ", ".join(f"{names[k][:-2]} {np.exp(x):.3g}" for k, x in zip(left, d, strict=True))
+        warnings.warn(
+            f"left and right seem exchanged in the recording or in the reference: relative to maximum "
+            f"effort the left channels are {told} times as strong as the right ones, and nearly "
+            "equal if the labels of one file are exchanged. Check the labels of both",
             FeatureWarning,
             stacklevel=3,
         )

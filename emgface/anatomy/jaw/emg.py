@@ -4,14 +4,20 @@ The stages are those of the face (`emgface.signals.activation`): band-pass, ampl
 channel, normalisation by Eq. 8 of Eskes et al. 2017, combination of channels, and resampling.
 """
 
+import warnings
 from collections.abc import Iterable, Mapping
 from typing import Final
 
 import numpy as np
 import xarray as xr
 
-from emgface.anatomy.jaw.effort import at_rest, levels, require_effort
-from emgface.errors import JawError
+from emgface.anatomy.jaw.effort import (
+    at_rest,
+    levels,
+    require_effort,
+    tell_exchanged_sides,
+)
+from emgface.errors import FeatureWarning, JawError
 from emgface.schema.validation import validate
 from emgface.signals.activation import IDENTITY, emg_of, filtered_channels
 from emgface.signals.envelope import muscle_activation
@@ -40,6 +46,8 @@ WEIGHTS: Final[Mapping[str, Mapping[str, float]]] = {
 skin. The medial pterygoid is assumed to be active with the masseter in closing, mylohyoid and
 inferior lateral pterygoid with the digastric in opening."""
 
+COUNTED: Final = 2048.0
+"""Sampling rate at which the threshold of the Willison amplitude was published [Hz]."""
 PERIOD: Final = 5e-3
 """Sampling period of excitations [s]."""
 
@@ -87,9 +95,12 @@ def excitation_of(
     held, feature = [str(name) for name in own["channel"].values], _feature(own, chain)
     others = [_filtered(one, chain, held) for one in reference]
     _require_same_rate(own, others, chain)
+    _tell_rate(own, chain)
     extent = _range([_feature(one, chain) for one in others])
     if others:
-        require_effort(held, levels(own), [levels(one) for one in others])
+        most = [levels(one) for one in others]
+        require_effort(held, levels(own), most)
+        tell_exchanged_sides(held, levels(own), most)
         quiet = list[str]()
     else:
         quiet = at_rest(held, levels(own))
@@ -179,6 +190,23 @@ def _require_same_rate(own: xr.DataArray, others: list[xr.DataArray], chain: Sig
             f"the recording is sampled at {rates[0]:.4g} Hz and a reference at "
             f"{max(rates[1:], key=lambda r: abs(r - rates[0])):.4g} Hz, but the Willison amplitude "
             "counts samples: expected equal rates, or the feature rms or mav"
+        )
+
+
+def _tell_rate(own: xr.DataArray, chain: SignalChain) -> None:
+    """Warn if the Willison threshold was published for another sampling rate.
+
+    The steps of the same signal between samples grow with their interval, and exceed it more often.
+    """
+    rate, limit = sampling_rate(own["time_emg"]), chain.feature.threshold
+    if chain.feature.kind == "wamp" and limit is not None and abs(rate / COUNTED - 1.0) > 0.1:
+        steps = "larger, and exceed it" if rate < COUNTED else "smaller, and miss it"
+        warnings.warn(
+            f"the Willison threshold of {1e6 * limit:.3g} uV between samples was published for "
+            f"{COUNTED:g} Hz, the recording is sampled at {rate:.4g} Hz, {rate / COUNTED:.2g} times as "
+            f"often: steps are {steps} more often. Choose the feature rms or mav, or another threshold",
+            FeatureWarning,
+            stacklevel=3,
         )
 
 

@@ -22,6 +22,10 @@ from sim.state import Control, Outputs, State, StepReport
 
 STEP, OUTPUT = 1e-3, 5e-3
 """Time step and time between outputs [s]."""
+STILL = 1e-5
+"""Speed of every point below which a jaw is at rest [m/s]."""
+LONGER = 8
+"""Largest ratio of the duration of a task that ends at rest to the stated one."""
 
 
 def simulate_jaw(
@@ -156,7 +160,9 @@ def run_task(jaw: xr.Dataset, task: Task, **options: object) -> xr.Dataset:
     """Simulate a task; options as of `simulate_jaw`, with ``excitation`` for a task with series.
 
     Exciters that the model lacks, such as those of muscles below a fixed hyoid, are left out; the
-    attribute ``absent_exciters`` names them.
+    attribute ``absent_exciters`` names them. The duration of a task that ends at rest is doubled until
+    no point is faster than `STILL`, up to `LONGER` times, unless a duration is specified; its attribute
+    ``end_speed`` is the largest speed at the end [m/s].
     """
     excitation = options.pop("excitation", None) or task.excitations()
     assert isinstance(excitation, Excitation)
@@ -168,9 +174,30 @@ def run_task(jaw: xr.Dataset, task: Task, **options: object) -> xr.Dataset:
         "load": task.load,
         "morsel": task.morsel,
     } | options
+    if task.settles and "duration" not in options:
+        given["duration"] = _until_rest(jaw, given, task.duration)
     motion = simulate_jaw(jaw, **given)  # pyright: ignore[reportArgumentType]
+    if task.settles:
+        motion.attrs["end_speed"] = end_speed(motion)
     motion.attrs["absent_exciters"] = ", ".join(absent)
     return motion
+
+
+def _until_rest(jaw: xr.Dataset, given: Mapping[str, object], duration: float) -> float:
+    """Duration after which a jaw is at rest [s], or the longest one."""
+    bare = {**given, "check": False, "tolerance": None, "progress": None}
+    for longer in range(LONGER.bit_length() - 1):
+        motion = simulate_jaw(jaw, **bare | {"duration": 2**longer * duration})  # pyright: ignore
+        if end_speed(motion) < STILL:
+            return 2**longer * duration
+    return LONGER * duration
+
+
+def end_speed(motion: xr.Dataset) -> float:
+    """Largest mean speed of a point during the last output interval [m/s]."""
+    x = motion["position"].isel(time=[-2, -1]).transpose("time", "marker", "axis").values
+    took = float(np.diff(motion["time"].values[-2:])[0])
+    return float(np.linalg.norm(x[1] - x[0], axis=1).max() / took)
 
 
 def run_excitation(jaw: xr.Dataset, excitation: Excitation, **options: object) -> xr.Dataset:
@@ -300,4 +327,14 @@ class Resistance:
         return np.where(whole, np.maximum(force, 0.0), 0.0)
 
 
-__all__ = ["AXES", "OUTPUT", "STEP", "drawn", "run_excitation", "run_task", "simulate_jaw"]
+__all__ = [
+    "AXES",
+    "OUTPUT",
+    "STEP",
+    "STILL",
+    "drawn",
+    "end_speed",
+    "run_excitation",
+    "run_task",
+    "simulate_jaw",
+]

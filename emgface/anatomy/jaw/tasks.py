@@ -32,6 +32,9 @@ class Task:
         Side of a morsel between the teeth, "L" or "R".
     series : bool
         Whether the excitations are read from a folder of published series.
+    settles : bool
+        Whether the task ends at rest, so that it takes longer if a body still moves then
+        (`emgface.anatomy.jaw.run.run_task`).
     """
 
     title: str
@@ -43,6 +46,7 @@ class Task:
     load: tuple[float, float, float] = (0.0, 0.0, 0.0)
     morsel: str | None = None
     series: bool = False
+    settles: bool = False
 
     def excitations(self) -> Excitation:
         """Excitation over time."""
@@ -56,8 +60,10 @@ def _rising(**levels: float) -> dict[str, list[tuple[float, float]]]:
 _OPENERS = {"bi_ad": 1.0, "bi_my": 1.0, "bi_ip": 1.0}
 
 TASKS = {
-    "rest": Task("rest under gravity, closers at 0.04 %", 2.0, {"bi_close": [(0.0, 4e-4)]}),
-    "close": Task("closing, closers at 0.4 %", 1.0, {"bi_close": [(0.0, 4e-3)]}),
+    "rest": Task(
+        "rest under gravity, closers at 0.04 %", 2.0, {"bi_close": [(0.0, 4e-4)]}, settles=True
+    ),
+    "close": Task("closing, closers at 0.4 %", 1.0, {"bi_close": [(0.0, 4e-3)]}, settles=True),
     "open": Task("wide opening, head still", 1.0, _rising(**_OPENERS)),
     "open_head": Task("wide opening, head 15 degrees back", 1.0, _rising(**_OPENERS), head=15.0),
     "gape": Task(
@@ -106,7 +112,9 @@ TASKS = {
             "bi_suprahyoid": [(0.3, 0.0), (0.5, 0.1), (0.8, 0.1), (1.0, 0.0)],
         },
     ),
-    "pull": Task("pull on the incisor, muscles inactive", 2.0, load=(0.0, 0.0, -4.56)),
+    "pull": Task(
+        "pull on the incisor, muscles inactive", 2.0, load=(0.0, 0.0, -4.56), settles=True
+    ),
 }
 """Tasks by name. Source: Stavness et al. 2006, section 3.1; Hannam et al. 2008; levels not stated there
 are ours."""
