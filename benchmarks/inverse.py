@@ -1,7 +1,7 @@
 """Activations of simulated volunteers from their markers and sEMG: errors and coverage of each setting.
 
     python -m benchmarks inverse RECORDING.nc ... [--only S01_A_1,S02_D_1] [--out FIGURE.png]
-        [--settings "step:motion trajectory:assisted:10"] [--sigma-max 115e3]
+        [--settings "step:motion trajectory:assisted:10"] [--sigma-max 115e3] [--step 0.02]
         [--calibration CALIBRATION.nc]
     python -m benchmarks inverse RECORDING.nc ... --truth
 
@@ -228,6 +228,7 @@ def main(
     ] = DEFAULT,
     only: Annotated[str, typer.Option(help="Trials to invert, all by default.")] = "",
     sigma_max: Annotated[float | None, typer.Option(help="Of the template [Pa].")] = None,
+    step: Annotated[float, typer.Option(help="Step of the inversion [s].")] = 0.01,
     calibration: Annotated[Path | None, typer.Option(help="Of the volunteer.")] = None,
     truth: Annotated[
         bool, typer.Option("--truth", help="Error of the template at the true activation.")
@@ -240,8 +241,9 @@ def main(
         for path in chosen:
             print(at_truth(face, path), flush=True)
         return
+    simulation = simulation.model_copy(update={"output": step, "step": step})
     if sigma_max is not None:
-        simulation = SIMULATION.model_copy(update={"sigma_max": sigma_max})
+        simulation = simulation.model_copy(update={"sigma_max": sigma_max})
     rest, calibrated = settle_face(face, simulation), None
     if calibration is not None:
         calibrated = Calibration(read_netcdf(calibration, "emg_calibration"))

@@ -1,5 +1,6 @@
 """Functions on faces: generation and simulation."""
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -215,6 +216,13 @@ def simulate(
     else:
         given = dataset_of(activation, "activation", "activation")
         drive, told = given["activation"], given.attrs
+    stress = float(told.get("sigma_max", parameters.sigma_max))
+    if abs(stress / parameters.sigma_max - 1.0) > 1e-6:
+        warnings.warn(
+            f"the activation is relative to a largest stress of {stress:g} Pa, the simulation has "
+            f"{parameters.sigma_max:g} Pa: set sigma_max to the value of the inversion",
+            stacklevel=2,
+        )
     model = face_of(face, plan)
     skin = skin_of(model) if surface else None
     further = (*probes, SurfaceProbe(skin.node)) if skin else probes

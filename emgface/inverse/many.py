@@ -12,6 +12,7 @@ from emgface.errors import DataError, ExecutionError, StoreError, WorkerDied
 from emgface.inverse.calibration import Calibration
 from emgface.inverse.kept import Kept
 from emgface.inverse.parameters import InverseParameters, form_of
+from emgface.inverse.refine import STRESSES
 from emgface.inverse.run import FOLLOWED, RESTING, invert
 from emgface.recordings.dataset import read_recording
 from emgface.schema.netcdf import write_netcdf
@@ -161,8 +162,15 @@ def invert_one(laboratory: Laboratory, job: Job) -> Inverted:
 
 
 def doubts(found: xr.Dataset) -> list[str]:
-    """Sentences on a trial that does not begin at rest, and a face that does not follow the markers."""
+    """Sentences on a trial that begins in motion, a face that does not follow, and its strength."""
     told: list[str] = []
+    sigma_max, (least, most) = found.attrs["sigma_max"], STRESSES
+    if "interval" in found.attrs and not least <= sigma_max <= most:
+        told.append(
+            f"the intervals are for a person whose muscles have about the {sigma_max / 1e3:.0f} kPa of "
+            f"the face, but persons have {least / 1e3:.0f} to {most / 1e3:.0f} kPa (Eskes et al. 2017): "
+            "set simulation.sigma_max in the study file to 115e3"
+        )
     if not found.attrs["rest_ratio"] <= RESTING:
         told.append(
             f"the markers move in the first 0.1 s by {found.attrs['rest_ratio']:.0%} of the motion of "

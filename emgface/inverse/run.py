@@ -78,7 +78,8 @@ def invert(
         apart; otherwise with ``violation(time)`` and ``saturated(time)``. The attribute
         ``misfit_ratio`` [1] is the root mean square of the misfit over that of the displacements
         wanted, ``rest_ratio`` that of the displacements during `emgface.inverse.markers.REST` over it,
-        and ``missing`` are the muscles without own sEMG.
+        ``missing`` are the muscles without own sEMG, and ``sigma_max`` [Pa] is the largest stress of
+        the face, to which the activations are relative.
 
     Raises
     ------
@@ -124,7 +125,9 @@ def invert(
             density = p.assumed.density(values[1:], weight, problem.h, mixing)
             refined = fitted(problem, p, density, kept=kept, progress=progress)
     result = _result(recording, found, problem, values, p, refined)
-    return result.assign_attrs(run_time_s=time.perf_counter() - begun)
+    return result.assign_attrs(
+        run_time_s=time.perf_counter() - begun, sigma_max=simulation.sigma_max
+    )
 
 
 def _followed(

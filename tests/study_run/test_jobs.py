@@ -1,6 +1,7 @@
 """Run tables of other jobs than trials: several recordings inverted by workers."""
 
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -8,12 +9,13 @@ import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
+import emgface as ef
 from emgface.choices import configure
 from emgface.cli import app
 from emgface.errors import ConfigurationError, DataError, ExecutionError
 from emgface.inverse.calibrate import calibrate
 from emgface.inverse.calibrate_many import calibrate_all
-from emgface.inverse.many import invert_all
+from emgface.inverse.many import doubts, invert_all
 from emgface.inverse.parameters import InverseParameters
 from emgface.inverse.run import invert
 from emgface.recordings.dataset import read_recording, write_recording
@@ -180,6 +182,22 @@ def test_command_inverts_one_recording_and_keeps_its_result(
     assert found.attrs["strategy"] == "assisted" and float(found["activation"].max()) > 0.01
     told = CliRunner().invoke(app, given)
     assert told.exit_code == 0 and "exists and is kept" in told.output.replace("\n", " ")
+    # its strength is kept, because the same activation of another one is another motion
+    assert found.attrs["sigma_max"] == STUDY.simulation.sigma_max
+    same, other = MECHANICS, MECHANICS | {"sigma_max": 115e3}
+    with pytest.warns(UserWarning, match="relative to a largest stress of 300000 Pa"):
+        ef.simulate(found, laboratory / "face.nc", **other)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ef.simulate(found, laboratory / "face.nc", **same)
+
+
+def test_intervals_of_a_face_that_is_stronger_than_persons_are_told() -> None:
+    attrs = {"rest_ratio": 0.0, "misfit_ratio": 0.1, "sigma_max": 300e3}
+    assert doubts(xr.Dataset(attrs=attrs)) == []  # activations without intervals
+    (told,) = doubts(xr.Dataset(attrs=attrs | {"interval": 0.9}))
+    assert "about the 300 kPa of the face, but persons have 80 to 150 kPa" in told
+    assert doubts(xr.Dataset(attrs=attrs | {"interval": 0.9, "sigma_max": 115e3})) == []
 
 
 def test_a_worker_refuses_a_reduced_face_that_changed(slab: xr.Dataset, tmp_path: Path) -> None:
