@@ -171,6 +171,11 @@ def doubts(found: xr.Dataset) -> list[str]:
             f"the face, but persons have {least / 1e3:.0f} to {most / 1e3:.0f} kPa (Eskes et al. 2017): "
             "set simulation.sigma_max in the study file to 115e3"
         )
+    if not found.attrs.get("converged", 1):
+        told.append(
+            "the fit did not converge: its activations still change, or no step lowers the objective. "
+            "Compare it with --form step, which has no iterations"
+        )
     if not found.attrs["rest_ratio"] <= RESTING:
         told.append(
             f"the markers move in the first 0.1 s by {found.attrs['rest_ratio']:.0%} of the motion of "

@@ -7,6 +7,7 @@ import numpy as np
 
 from sim import State, System, Workspace
 from sim.inverse import (
+    Fit,
     Linearised,
     PointTarget,
     Posterior,
@@ -143,6 +144,8 @@ class Refined:
         Of `marker_precision`, with the error of the model that was assumed or found.
     model_error : float
         The latter [1].
+    converged : bool
+        As of `sim.inverse.Fit`.
     """
 
     activation: Array
@@ -154,6 +157,7 @@ class Refined:
     time: Array
     marker_weight: float
     model_error: float
+    converged: bool
 
 
 def marker_precision(
@@ -229,7 +233,7 @@ def refine(
     before = density.quadratic
     state = begun or Begun(np.zeros((splines.n, n)), 0, assumed.model_error)
 
-    def fitted(begin: Array | Linearised, most: int) -> Linearised:
+    def fitted(begin: Array | Linearised, most: int) -> Fit:
         at, error = state.done, state.model_error
 
         def passed(one: Linearised, k: int) -> None:
@@ -239,18 +243,19 @@ def refine(
         return fit(
             system, [target], splines, begin, before, precision=weight, h=h, initial=initial,
             work=work, iterations=most, after=passed,
-        ).linearised  # fmt: skip
+        )  # fmt: skip
 
     known = replace(assumed, model_error=state.model_error)
     weight, begin = marker_precision(known, target, rest, noise, h), state.coefficients
     if state.model_error is None:
-        begin = fitted(begin, max(min(ITERATIONS, iterations) - state.done, 0))
+        begin = fitted(begin, max(min(ITERATIONS, iterations) - state.done, 0)).linearised
         found = min(model_error(begin, target, rest, noise), MOST_ERROR)
         state = Begun(begin.coefficients, ITERATIONS, found)
         known = replace(assumed, model_error=found)
         weight = marker_precision(known, target, rest, noise, h)
         iterations = max(iterations, ITERATIONS + 1)
-    found = fitted(begin, max(iterations - state.done, 0))
+    last = fitted(begin, max(iterations - state.done, 0))
+    found = last.linearised
     problem = found.normal(weight) + before
     posterior, B = _posterior(problem), splines.basis(time)
     low = high = np.full((len(time), n), np.nan)
@@ -262,7 +267,7 @@ def refine(
         low, high = intervals(np.einsum("tk,dkn->dtn", B, drawn).clip(0.0, 1.0))
     told = _undetermined(posterior, _posterior(before), B, target, initial, system.muscles)
     activation, error = B @ found.coefficients, float(known.model_error or 0.0)
-    return Refined(activation, low, high, told, found, splines, time, weight, error)
+    return Refined(activation, low, high, told, found, splines, time, weight, error, last.converged)
 
 
 def model_error(found: Linearised, target: PointTarget, rest: Array, noise: float) -> float:

@@ -74,10 +74,11 @@ def invert(
         the recording, with ``misfit(time)`` [m], the root mean square distance per coordinate of the
         tracked markers, and ``emg_activation(muscle, time)``, the estimate from sEMG. In the
         trajectory form, with ``activation_low`` and ``activation_high (muscle, time)``, bounds of
-        90 % intervals, and the attribute ``undetermined``, sentences on the muscles that cannot be told
-        apart; otherwise with ``violation(time)`` and ``saturated(time)``. The attribute
-        ``misfit_ratio`` [1] is the root mean square of the misfit over that of the displacements
-        wanted, ``rest_ratio`` that of the displacements during `emgface.inverse.markers.REST` over it,
+        90 % intervals, and the attributes ``undetermined``, sentences on the muscles that cannot be
+        told apart, and ``converged``, 0 if the fit did not converge; otherwise with
+        ``violation(time)`` and ``saturated(time)``. The attribute ``misfit_ratio`` [1] is the root mean
+        square of the misfit over that of the displacements wanted, ``rest_ratio`` that of the
+        displacements during `emgface.inverse.markers.REST` over it,
         ``missing`` are the muscles without own sEMG, and ``sigma_max`` [Pa] is the largest stress of
         the face, to which the activations are relative.
 
@@ -217,7 +218,7 @@ def _result(
         mean = np.nansum(squares, axis=1) / np.maximum(seen, 1)
         misfit = p.marker_error * np.sqrt(np.where(seen > 0, mean, np.nan))
         attrs |= {"interval": LEVEL, "undetermined": "; ".join(refined.undetermined)}
-        attrs |= {"model_error": refined.model_error}
+        attrs |= {"model_error": refined.model_error, "converged": int(refined.converged)}
     at = problem.start + result["time"].values
     result = result.assign_coords(time=("time", at, {"units": "s"}))
     result["misfit"] = ("time", misfit, {"units": "m"})

@@ -31,10 +31,13 @@ class Fit:
         At the coefficients found.
     objective : list of float
         Before and after every iteration.
+    converged : bool
+        False if the iterations were too few, or no part of the last change lowered the objective.
     """
 
     linearised: Linearised
     objective: list[float]
+    converged: bool
 
 
 def fit(
@@ -88,7 +91,7 @@ def fit(
         return 0.5 * float(squares.sum()) + before.value(one.coefficients)
 
     here = start if isinstance(start, Linearised) else at(start)
-    reached = [value(here)]
+    reached, converged = [value(here)], False
     for k in range(iterations):
         problem = here.normal(precision) + before
         flat = here.coefficients.ravel()
@@ -119,4 +122,4 @@ def fit(
             after(here, iterations if converged else k + 1)
         if converged:
             break
-    return Fit(here, reached)
+    return Fit(here, reached, converged)

@@ -86,9 +86,19 @@ def test_a_known_course_is_recovered_and_the_objective_decreases():
     target = PointTarget(nodes, t, reached.reshape(20, 2, 3), 1e-6)
     flat = prior(SPLINES, t, 1e3, 1e9, 1e3, np.zeros((20, 2)), np.zeros(2))
     found = fit(system, [target], SPLINES, 0.0 * true, flat, iterations=30, enough=1e-12)
-    assert np.all(np.diff(found.objective) < 0.0)
+    assert np.all(np.diff(found.objective) < 0.0) and not found.converged  # it decreases to 0
     a, b = (SPLINES.basis(t) @ c for c in (found.linearised.coefficients, true))
     assert np.abs(a - b).max() <= 1e-3
+
+
+def test_a_fit_tells_whether_it_converged():
+    system, t = block(), 0.01 * np.arange(1, 21)
+    density = prior(SPLINES, t, 0.5, 0.3, 2.0, np.zeros((20, 2)), np.zeros(2))
+    begin = np.zeros((SPLINES.n, 2))
+    found = fit(system, targets(system), SPLINES, begin, density, iterations=20)
+    assert found.converged and len(found.objective) < 20
+    short = fit(system, targets(system), SPLINES, begin, density, iterations=1)
+    assert not short.converged and len(short.objective) == 2
 
 
 @pytest.mark.parametrize(

@@ -192,12 +192,15 @@ def test_command_inverts_one_recording_and_keeps_its_result(
         ef.simulate(found, laboratory / "face.nc", **same)
 
 
-def test_intervals_of_a_face_that_is_stronger_than_persons_are_told() -> None:
+def test_doubts_tell_a_face_stronger_than_persons_and_a_fit_that_did_not_converge() -> None:
     attrs = {"rest_ratio": 0.0, "misfit_ratio": 0.1, "sigma_max": 300e3}
     assert doubts(xr.Dataset(attrs=attrs)) == []  # activations without intervals
     (told,) = doubts(xr.Dataset(attrs=attrs | {"interval": 0.9}))
     assert "about the 300 kPa of the face, but persons have 80 to 150 kPa" in told
-    assert doubts(xr.Dataset(attrs=attrs | {"interval": 0.9, "sigma_max": 115e3})) == []
+    attrs |= {"interval": 0.9, "sigma_max": 115e3, "converged": 1}
+    assert doubts(xr.Dataset(attrs=attrs)) == []
+    (told,) = doubts(xr.Dataset(attrs=attrs | {"converged": 0}))
+    assert told.startswith("the fit did not converge")
 
 
 def test_a_worker_refuses_a_reduced_face_that_changed(slab: xr.Dataset, tmp_path: Path) -> None:
