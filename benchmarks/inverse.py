@@ -67,7 +67,8 @@ def measures(
     a, b = found["activation"].values, truth.values
     moved = simulate_face(face, found["activation"], simulation, settled=rest)
     wanted = targets_of(recording, face, rest, at)
-    gap = moved["position"].transpose("time", "marker", "axis").values - wanted.values
+    x = moved["position"].interp(time=at - at[0]).transpose("time", "marker", "axis").values
+    gap = x - wanted.values
     distance = np.sqrt(np.nanmean((gap**2).sum(axis=2), axis=0))
     out = np.isin(wanted["marker"].values, HELD_OUT)
     inferred = ("LAO", "BUC", "OOM", "DLI")
