@@ -30,6 +30,7 @@ from emgface.inverse.configuration import VARIANT
 from emgface.pictures.body import Body
 from emgface.pictures.page import svg_of
 from emgface.report.faces import study_faces
+from emgface.report.jaw import Incisors
 from emgface.report.results import FAILURES, Results, Trial, representative
 from emgface.signals.features import feature_of
 from emgface.signals.filters import bandpass
@@ -100,6 +101,15 @@ def formant_figure(results: Results) -> list[Drawn]:
     if "formant_frequency" not in cube:
         return []
     return _drawn(results, "formants", "Formants", text, lambda: formant_plot(cube))
+
+
+def incisor_figure(results: Results, found: Incisors) -> list[Drawn]:
+    """Draw the path of the lower incisor in one trial."""
+    text = (
+        f"Trial {found.label}: displacement of the lower incisor relative to the skull along x, y and "
+        "z, measured (aligned) and simulated."
+    )
+    return _drawn(results, "incisor", "Lower incisor", text, lambda: found.figure)
 
 
 def face_figure(results: Results, faces: xr.Dataset, body: Body) -> list[Drawn]:

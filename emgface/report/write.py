@@ -17,6 +17,7 @@ from emgface.pictures.page import as_json, cells, environment, policy, style, vi
 from emgface.pictures.render import VIEWS
 from emgface.pictures.stills import recording_label
 from emgface.report import contents, figures, provenance
+from emgface.report.jaw import incisors
 from emgface.report.kept import KeptReport, Page, study_folder
 from emgface.report.methods import methods, parameter_rows
 from emgface.report.motion import moving_faces
@@ -71,6 +72,7 @@ def render(
     empty = contents.is_empty(cube)
     scored = not empty and bool(np.isfinite(cube["rho"].values).any())
     moving = moving_faces(results, say) if faces and scored else None
+    incisor = incisors(results) if scored else None
     tables = {} if empty else report_tables(cube)
     listed = tables.pop("trials", None)
     change = contents.varied(results.cube, results.notes)
@@ -91,6 +93,8 @@ def render(
         "meaning": meaning,
         "baseline_tables": {name: cells(table) for name, table in compared.items()},
         "baseline_figure": figures.baseline_figure(results) if scored else [],
+        "incisors": cells(incisor.table) if incisor else None,
+        "incisor_figure": figures.incisor_figure(results, incisor) if incisor else [],
         "formants": cells(table) if scored and (table := formant_table(cube)) else None,
         "formant_figure": figures.formant_figure(results) if scored else [],
         "face_figures": figures.face_figure(results, *moving[:2]) if moving else [],

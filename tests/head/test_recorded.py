@@ -2,10 +2,13 @@
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.spatial.transform import Rotation
 
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import Head, write_head
@@ -15,6 +18,7 @@ from emgface.anatomy.jaw.series import ramps
 from emgface.choices import configure
 from emgface.errors import FeatureWarning, HeadError
 from emgface.muscles import FACE_MARKERS, LIP_MARKERS
+from emgface.report import jaw as report_of_jaw
 from emgface.study.configuration import FaceConfiguration, StudyConfiguration
 from emgface.study.faces import study_face
 from emgface.study.stages import Laboratory
@@ -145,6 +149,55 @@ def test_recordings_and_heads_that_cannot_be_coupled(head: Head, recording: xr.D
         excitation_of_head(recording, build_head(["jaw"]))
 
 
+def test_the_report_of_a_study_scores_the_incisor_of_a_head_that_nods(
+    head: Head, recording: xr.Dataset, tmp_path: Path
+) -> None:
+    """Recorded as simulated, rho is 1: relative to the skull, as the lips are."""
+    study = STUDY.model_copy(
+        update={"face": FaceConfiguration(head=write_head(head, tmp_path / "head.nc"))}
+    )
+    laboratory = Laboratory(Store(tmp_path / "store"), study_face(study.face), study, print)
+    t = np.linspace(0.0, 0.8, 81)
+    k = recording["marker"].values.tolist().index("lower_incisor")
+    path = recording["position"].values[k, :, :1] + 1e-2 * np.array(
+        [0.1 * t, np.sin(4.0 * t), np.sin(8.0 * t) - t]
+    )
+    motion = xr.Dataset(
+        {"incisor": (("axis", "time"), path, {"units": "m"})},
+        {"axis": ["x", "y", "z"], "time": ("time", t, {"units": "s"})},
+        {"recorded_start": START, "origin": "simulated", "incisor_error": 1e-4},
+    )
+    time = START + t
+    x = recording["position"].values[:, :, :1].repeat(len(time), axis=2)
+    x[k] = path
+    nods = Rotation.from_euler(
+        "x", np.linspace(0.0, 10.0, len(time))[:, None], degrees=True
+    ).as_matrix()
+    seen = recording.isel(time_marker=[0]).drop_dims("time_marker").assign(
+        position=(
+            ("marker", "axis", "time_marker"), np.einsum("tij,mjt->mit", nods, x), {"units": "m"}
+        )
+    )  # fmt: skip
+    seen = seen.assign_coords(time_marker=("time_marker", time, {"units": "s"}))
+    cube = xr.Dataset(coords={"strategy": ["act_all"]})
+    trial = SimpleNamespace(recording=SimpleNamespace(dataset=seen), motion=motion)
+    results: Any = SimpleNamespace(
+        laboratory=laboratory, study=laboratory.study, base=cube, notes=[],
+        trial=lambda place, strategy: trial,
+    )  # fmt: skip
+    with patch.object(report_of_jaw, "representative", lambda cube: {"C": ("v", "C", 1)}):
+        found = report_of_jaw.incisors(results)
+        assert not results.notes and found is not None
+        rows = {row[1]: row[3:] for row in found.table.rows}
+        assert found.table.rows[0][:3] == ("v C 1 act_all", "simulated", "lower_incisor")
+        rho, ratio, rmse, _ = rows["simulated"]
+        assert rho > 0.999 and ratio == pytest.approx(1.0, abs=0.02) and rmse < 1e-4
+        assert rows["none (the point rests)"][2] > 1e-3
+        assert found.figure.axes and "time steps" in found.table.note
+        trial.recording.dataset = seen.sel(marker=list(FACE_MARKERS))
+        assert report_of_jaw.incisors(results) is None
+
+
 def test_a_study_moves_a_head_where_the_jaw_was_recorded_and_the_face_elsewhere(
     head: Head, recording: xr.Dataset, tmp_path: Path
 ) -> None:
@@ -166,7 +219,7 @@ def test_a_study_moves_a_head_where_the_jaw_was_recorded_and_the_face_elsewhere(
     alone = recording.sel(channel=[c for c in recording["channel"].values if c[:-2] in TRUTH])
     found = []
     for k, own in enumerate((recording, alone)):
-        trial = SimpleNamespace(
+        trial: Any = SimpleNamespace(
             digest=f"digest {k}",
             label=f"r{k}",
             dataset=own,
@@ -188,6 +241,8 @@ def test_a_study_moves_a_head_where_the_jaw_was_recorded_and_the_face_elsewhere(
     assert 0.0 < motion.attrs["numerical_error"] < 2e-3
     apart = motion["position"] - still.dataset["position"]
     assert np.abs(apart.values).max() > 2e-3
+    opened = motion["incisor"].sel(axis="z")
+    assert float(opened[0] - opened.min()) > 1e-3 > motion.attrs["incisor_error"] > 0.0
     skin = laboratory.skin_motion(levels, motion.attrs["sigma_max"], "r0").dataset
     drawn = motion["position"].sel(time=skin["time"], method="nearest")
     np.testing.assert_allclose(skin["position"], drawn.transpose("time", ...), atol=1e-12)

@@ -185,7 +185,8 @@ def trajectory_of_head(
 
     Linearly implicit steps of 5 ms, halved where they fail, from rest at the first levels. The motion
     is repeated with twice the step, and ``numerical_error`` is the distance of the markers between
-    both: the error of a method of first order. Step, solver and tolerances of the parameters do not
+    both: the error of a method of first order. ``incisor`` (axis, time) is the lower one, and the
+    attribute ``incisor_error`` its error. Step, solver and tolerances of the parameters do not
     apply.
 
     Parameters
@@ -215,8 +216,10 @@ def trajectory_of_head(
     face = head.parts["face"]
     x, other = (m["position"].sel(marker=face["marker"].values) for m in (motion, rough))
     error = xr.apply_ufunc(np.sqrt, ((x - other) ** 2).sum(dim="axis").max(dim="marker"))
+    teeth = [m["position"].sel(marker=INCISOR, drop=True) for m in (motion, rough)]
     found = {
         "position": x.transpose("marker", "axis", "time"),
+        "incisor": teeth[0].transpose("axis", "time"),
         "numerical_error": error.assign_attrs(units="m"),
         "surface_position": motion["node_position"]
         .isel(node=nodes)
@@ -241,6 +244,7 @@ def trajectory_of_head(
     }
     trajectory.attrs["motion"] = moved = largest_motion(trajectory)
     trajectory.attrs["numerical_error"] = float(error.max())
+    trajectory.attrs["incisor_error"] = float(((teeth[0] - teeth[1]) ** 2).sum("axis").max() ** 0.5)
     trajectory.attrs["inaccurate"] = int(float(error.max()) > 0.1 * moved)
     return trajectory
 
