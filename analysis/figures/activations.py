@@ -189,7 +189,7 @@ def difference_map(pairs: Mapping[str, Sequence[tuple[xr.Dataset, xr.Dataset]]])
     muscles = [str(label) for label in each[0][0]["muscle"].values]
     instructions = sorted({str(one.attrs["instruction"]) for one, _ in each})
     width = 1.4 + len(pairs) * (1.6 + 0.5 * len(instructions))
-    figure = blank(max(width, 5.5), 1.4 + 0.19 * len(muscles))
+    figure = blank(max(width, 6.4), 1.4 + 0.19 * len(muscles))  # the title has 6 inches
     panels = grid(figure, 1, 2 * len(pairs), sharey=True)[0]
     other, mesh = str(each[0][1].attrs.get("strategy", "the other")), None
     for k, (strategy, trials) in enumerate(pairs.items()):
@@ -205,14 +205,15 @@ def difference_map(pairs: Mapping[str, Sequence[tuple[xr.Dataset, xr.Dataset]]])
         ):
             panel.set_facecolor("0.85")
             mesh = panel.pcolormesh(values, cmap="PuOr_r", vmin=-1.0, vmax=1.0)
-            panel.set_title(f"{strategy} - {other}\n{title}" if title[0] == "m" else title)
+            sign = "\u2212" if title == "mean difference" else "and"
+            panel.set_title(f"{strategy} {sign} {other}\n{title}")
             ticks(panel, "x", [i + 0.5 for i in range(len(instructions))], instructions)
             ticks(panel, "y", [i + 0.5 for i in range(len(muscles))], muscles)
             panel.tick_params(length=0)
     panels[0].invert_yaxis()
     cast(Any, figure).colorbar(mesh, ax=panels, pad=0.02)
     origins = {origin_of(one) for one, _ in each}
-    heading(figure, f"activations of strategies compared with {other}", origins.pop())
+    heading(figure, f"activations compared with {other}", origins.pop())
     return figure
 
 
