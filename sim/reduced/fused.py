@@ -34,7 +34,7 @@ class FusedEuler:
     """
 
     contact: ReducedContact | None = None
-    rate: float = 0.1
+    rate: float = 3.0
     """Error of the velocity, relative in the energy of a step of h, over h [1/s]."""
 
     order: ClassVar[int] = 1
