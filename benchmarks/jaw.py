@@ -7,6 +7,7 @@
     python -m benchmarks jaw --part checks         # acceptance checks of every variant; needs it, too
     python -m benchmarks jaw --part pull           # slow pull on the incisor, as stored; needs it, too
     python -m benchmarks jaw --part openings       # nearest openings within the prior; needs it, too
+    python -m benchmarks jaw --part together       # and nearest outcomes of all tasks; needs it, too
     python -m benchmarks jaw --part variants       # outcomes of every variant; needs it, too
     python -m benchmarks jaw --part causes         # under changes of one setting; needs it, too
     python -m benchmarks jaw --part cost           # chewing: error and time over the step; needs it, too
@@ -144,7 +145,7 @@ def main(part: str = "steps", samples: int = 264, out: Path | None = None) -> No
         "errors": jaw_errors.errors,
         "checks": jaw_checks.checks,
         "pull": jaw_pull.pull,
-        "openings": jaw_openings.openings,
+        **{n: getattr(jaw_openings, n) for n in ("openings", "together")},
         **{n: getattr(jaw_generated, n) for n in ("steps", "stability", "extremes", "emg")},
     }
     finish(f"jaw_{part}", parts[part](), out)

@@ -122,7 +122,7 @@ def marker_traces(
     most = float(max(np.nanmax(np.abs(each)) for each in traces))
     apart = float(f"{2.0 * most:.1g}") if most > 0.0 else 1.0  # between rows, rounded
     rows = -apart * np.arange(len(markers))
-    figure = blank(7.5, 1.0 + 0.6 * len(markers))
+    figure = blank(7.5, max(2.4, 1.0 + 0.6 * len(markers)))  # the label of one row needs room
     panels = grid(figure, 1, 3, sharex=True, sharey=True)[0]
     for column, panel in enumerate(panels):
         for label, data, style in zip(

@@ -172,6 +172,8 @@ def run(
     else:
         name = task or "rest"
         chosen, own = with_series(name, series)
+        if chosen.series and not own:
+            say("The excitations of chewing are chosen; --series reads published ones.")
         simulated = partial(run_task, jaw, chosen, **own)
     announce_compilation()
     with progress(f"simulating {name}") as bar:

@@ -43,6 +43,7 @@ def test_scores_stand_beside_those_of_motions_that_must_be_worse(truth, recordin
     away = np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean())
     assert rows["none (the point rests)"][2] == pytest.approx(away, rel=0.02)
     assert np.isnan(rows["still"][0])
+    assert "scores as high" not in found.scores.note
     apart = found.path.sel(marker="lower_incisor").values.T - x
     assert np.sqrt(np.nanmean((apart**2).sum(axis=1))) == pytest.approx(rmse, rel=1e-6)
     assert np.isfinite(apart).mean() > 0.98
@@ -99,3 +100,16 @@ def test_commands_show_and_score_beside_a_recording(tmp_path, truth, recording):
     told = CliRunner().invoke(app, [*show, *beside_it])
     assert told.exit_code != 0
     assert "need a --recording" in " ".join(told.output.split())
+
+
+def test_a_movement_that_is_the_same_backwards_is_told(truth):
+    """One symmetric opening says nothing about its course, however high its score is."""
+    motion = truth.copy(deep=True).assign_attrs(recorded_start=0.0)
+    t = motion["time"].values
+    bump = np.exp(-0.5 * ((t - t.mean()) / 0.2) ** 2)
+    rest = truth["position"].values[..., :1]
+    motion["position"].values[:] = rest - 1e-2 * bump * np.array([0.0, 0.5, 1.0])[:, None]
+    assert (
+        "backwards in time scores as high"
+        in beside(simulated_recording(motion), motion).scores.note
+    )

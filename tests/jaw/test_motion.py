@@ -12,7 +12,7 @@ import sim
 from emgface.anatomy.jaw.outcomes import displacement, separation
 from emgface.anatomy.jaw.run import run_task, simulate_jaw
 from emgface.anatomy.jaw.series import ramps, read_excitation, read_probe, read_probes
-from emgface.anatomy.jaw.tasks import TASKS, HeadTurn, Task, task_of, with_series
+from emgface.anatomy.jaw.tasks import TASKS, HeadTurn, Task, task_of
 from emgface.cli import app
 from emgface.cli.moved import tell_motion
 from emgface.errors import FeatureWarning, JawError
@@ -168,8 +168,6 @@ def test_invalid_tasks_are_refused_with_a_reason(tmp_path):
         simulate_jaw(jaw, ramps({"bi_all": [(0.0, 50.0)]}), duration=0.01)
     with pytest.raises(JawError, match="no task is called 'sing'"):
         task_of("sing")
-    with pytest.raises(JawError, match="needs the published excitation series"):
-        with_series("chew", None)
     with pytest.raises(JawError, match="muscle law 'soft', expected one of peck"):
         simulate_jaw(jaw, ramps({"bi_all": [(0.0, 1.0)]}), duration=0.01, law="soft")
     with pytest.raises(JawError, match="holds no excitation series"):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from emgface.anatomy.jaw.outcomes import displacement, interincisal, outcome
+from emgface.anatomy.jaw.outcomes import displacement, interincisal, outcome, separation
 from emgface.anatomy.jaw.run import run_task, simulate_jaw
 from emgface.anatomy.jaw.series import ramps
 from emgface.anatomy.jaw.tasks import TASKS
@@ -174,3 +174,16 @@ def test_norms_are_complete_and_impossible_measures_refused():
         template_jaw(measures={"hyoid_drop": 0.090})
     with pytest.raises(JawError, match="unknown measure 'wing_span'"):
         template_jaw(measures={"wing_span": 1.0})
+
+
+@pytest.mark.parametrize("preset", ["woman", "man"])
+def test_the_generated_jaw_chews(preset):
+    """It opens, returns along the side of the morsel, which it crushes, and closes."""
+    motion = run_task(template_jaw(preset=preset), TASKS["chew"], step=5e-3, check=False)
+    d, apart = displacement(motion, "lower_incisor"), separation(motion)
+    k, aside = int(np.argmin(d[:, 2])), int(np.argmax(np.abs(d[:, 0])))
+    assert 12.0 < -d[k, 2] < 25.0
+    assert -10.0 < d[aside, 0] < -3.0  # the morsel is on the left, at negative x
+    assert aside > k
+    assert float(motion["morsel_force"].max()) > 30.0
+    assert apart[-1] < 1.0 and apart.max() > 12.0

@@ -22,6 +22,8 @@ _COLUMNS = (
     Column("rmse", "m", "mm", 1e3),
     Column("shift", "s", "ms", 1e3, 0),
 )
+ALIKE = 0.02
+"""Difference of rho below which a baseline scores as high."""
 _REVERSED, _STILL = "the same, backwards in time", "none (the point rests)"
 
 
@@ -111,13 +113,14 @@ def compared(
         (_STILL, str(m), np.nan, 0.0, float(away.sel(marker=m)), np.nan)
         for m in away["marker"].values
     ]
+    backwards = np.array([row[2] for row in rows if row[0] == _REVERSED], dtype=np.float64)
     origin = str(recording.attrs["origin"])
     return Table(
         f"Scores of the simulated motion, {origin} recording",
         _COLUMNS,
         tuple(rows),
         origin,
-        " ".join(_notes(motion, scores)),
+        " ".join(_notes(motion, scores, backwards)),
     )
 
 
@@ -135,8 +138,9 @@ def _rows(name: str, scores: xr.Dataset) -> list[tuple[object, ...]]:
     ]
 
 
-def _notes(motion: xr.Dataset, scores: xr.Dataset) -> list[str]:
-    """State how both were paired, the numerical error, reasons and flags."""
+def _notes(motion: xr.Dataset, scores: xr.Dataset, backwards: Floats) -> list[str]:
+    """State how both were paired, what the baseline tells, the numerical error, reasons and flags."""
+    rho = scores["rho"].values
     driven = "recorded_start" in motion.attrs
     told = [
         "The motion is compared with the recording at the times of the sEMG that drives it, shifted by "
@@ -145,6 +149,11 @@ def _notes(motion: xr.Dataset, scores: xr.Dataset) -> list[str]:
         else "No recording drives the motion: the recording was stretched to its duration, and the "
         "scores say how alike the paths are."
     ]
+    if (backwards > rho - ALIKE).any():
+        told.append(
+            "The motion backwards in time scores as high: this recording does not distinguish the "
+            "course of the motion."
+        )
     error = motion.attrs.get("numerical_error")
     told.append(
         "The error of the time steps was not estimated."

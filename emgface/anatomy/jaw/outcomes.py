@@ -96,14 +96,13 @@ def outcome_table(
     jaw : xarray.Dataset
         A jaw_model.
     series : path-like, optional
-        Folder of published series; without it tasks that need one are left out.
+        Folder of published series, which replace the excitations of chewing.
     step : float
         [s]
     progress : callable, optional
         Called after every task as ``progress(done, total)``.
     """
-    names = [name for name, task in TASKS.items() if series is not None or not task.series]
-    rows = list[dict[str, object]]()
+    names, rows = list(TASKS), list[dict[str, object]]()
     for k, name in enumerate(names):
         task, options = with_series(name, series)
         motion = run_task(jaw, task, step=step, **options)

@@ -31,7 +31,7 @@ class Task:
     morsel : str or None
         Side of a morsel between the teeth, "L" or "R".
     series : bool
-        Whether the excitations are read from a folder of published series.
+        Whether published series replace the excitations, if a folder of them is given.
     settles : bool
         Whether the task ends at rest, so that it takes longer if a body still moves then
         (`emgface.anatomy.jaw.run.run_task`).
@@ -56,6 +56,26 @@ class Task:
 def _rising(**levels: float) -> dict[str, list[tuple[float, float]]]:
     return {name: [(0.0, 0.0), (RISE, level)] for name, level in levels.items()}
 
+
+def _burst(level: float, *times: float, tone: float = 0.0) -> list[tuple[float, float]]:
+    """Corners of a trapezoid, over a tone before and after it."""
+    before = [(0.0, tone), (0.04, 0.0)] if tone else []
+    return [*before, *zip(times, (0.0, level, level, tone), strict=True)]
+
+
+_CHEWING = {
+    "bi_ad": _burst(0.3, 0.03, 0.12, 0.26, 0.34),
+    "bi_my": _burst(0.225, 0.03, 0.12, 0.26, 0.34),
+    "ip_R": _burst(0.12, 0.05, 0.18, 0.38, 0.48),
+    "ip_L": _burst(0.06, 0.05, 0.15, 0.26, 0.34),
+    **{
+        name + side: _burst(level * share, 0.36, 0.46 + late, 0.63, 0.70, tone=0.02)
+        for name, level in (("t", 1.0), ("m", 1.3), ("mp", 1.0))
+        for side, share, late in (("_L", 0.12, 0.0), ("_R", 0.10, 0.02))
+    },
+}
+"""The lateral pterygoid of the other side acts longer, the closers of the side of the morsel are
+stronger and faster. Levels and times are chosen."""
 
 _OPENERS = {"bi_ad": 1.0, "bi_my": 1.0, "bi_ip": 1.0}
 
@@ -103,7 +123,7 @@ TASKS = {
             )
         },
     ),
-    "chew": Task("chewing, from published series", 1.0, morsel="L", series=True),
+    "chew": Task("chewing a morsel on the left", 1.0, _CHEWING, morsel="L", series=True),
     "swallow": Task(
         "swallowing, suprahyoid muscles for 0.5 s",
         1.5,
@@ -139,15 +159,11 @@ def with_series(name: str, series: str | os.PathLike[str] | None) -> tuple[Task,
     Raises
     ------
     JawError
-        There is no such task, or no folder of series for one that needs it.
+        There is no such task.
     """
     task = task_of(name)
-    if not task.series:
+    if not task.series or series is None:
         return task, {}
-    if series is None:
-        raise JawError(
-            f"task {name!r} needs the published excitation series: give their folder (--series)"
-        )
     return task, {"excitation": read_probes(series, duration=task.duration)}
 
 
