@@ -3,7 +3,10 @@
     python -m benchmarks head --part actions     # displacement of tip and back by every muscle
     python -m benchmarks head --part stability --out DIR   # muscles at 1.0; continues its table
     python -m benchmarks head --part opening     # how far parts of a head let the jaw open
+    python -m benchmarks head --part held --out DIR  # what holds the jaw; keeps its rows in DIR
     python -m benchmarks head --part led         # muscles at 1.0 on a jaw that is led to 50 mm
+    python -m benchmarks head --part led_single  # every muscle alone on that jaw
+    python -m benchmarks head --part published --models DIR --out DIR  # experiments
     python -m benchmarks head --part cost        # processor time of a step against the face alone
     python -m benchmarks head --part face_on_jaw # the same of a face on a moving jaw
 
@@ -16,6 +19,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,12 +27,14 @@ import xarray as xr
 from scipy.optimize import brentq
 
 import sim
+from benchmarks.head_sweeps import SWEEPS, WIDE
 from benchmarks.report import finish, say
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import Head
 from emgface.anatomy.head.run import activation_of, raised, simulate_head
 from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
 from emgface.anatomy.tongue.actions import action_table
+from emgface.face.simulation_parameters import SimulationParameters
 from emgface.files import write_text
 from sim.integrators import Integrator
 from sim.joints import Joint
@@ -125,8 +131,6 @@ def _survives(
     }
 
 
-WIDE = {"bi_open": 1.0, "bi_infrahyoid": 0.3, "bi_retracthyoid": 0.35}
-"""Excitations of the task "gape" of a jaw."""
 STRENGTHENED = ("ad", "pd", "ip", "sp", "sh", "oh", "th", "gh", "stet", "steh", "mh")
 """Muscles that open the jaw or hold the hyoid below, without their side."""
 
@@ -201,8 +205,7 @@ def led(preset: str, resolution: str) -> Rows:
     Steps are converged: a linearly implicit one evaluates the forces with the bones at their end and the
     tissue at its start, which inverts elements that the bone crosses by a third in a step.
     """
-    head = build_head(ALL, preset=preset, resolution=resolution, contacts=[])
-    scene = led_jaw(head, head_scene(head, tongue=TONGUE.model_copy(update={"sigma_max": 300e3})))
+    head, scene = _led(preset, resolution)
     tongue, face = (
         {f"bi_{str(m)[:-2]}": 1.0 for m in head.parts[part]["muscle"].values}
         for part in ("tongue", "face")
@@ -211,17 +214,36 @@ def led(preset: str, resolution: str) -> Rows:
     for (name, drive), step in itertools.product(drives.items(), (5.0, 20.0, 1.0)):
         if step == 1.0 and name not in ("none", "all"):
             continue
-        row = _survives(
-            head,
-            scene,
-            drive,
-            1e-3 * step,
-            rise=0.1,
-            duration=0.4,
-            output=0.04,
-            integrator=sim.ConvergedEuler(),
-        )
+        row = _survives(head, scene, drive, 1e-3 * step, **CONVERGED)
         yield {"muscles": name, "step_ms": step, **row}
+
+
+CONVERGED: Mapping[str, Any] = {
+    "rise": 0.1, "duration": 0.4, "output": 0.04, "integrator": sim.ConvergedEuler(),
+}  # fmt: skip
+"""Motions of a jaw that is led."""
+
+
+def _led(preset: str, resolution: str) -> tuple[Head, HeadScene]:
+    """Head without contact and 300 kPa, whose jaw is led."""
+    head = build_head(ALL, preset=preset, resolution=resolution, contacts=[])
+    return head, led_jaw(
+        head,
+        head_scene(
+            head,
+            face=SimulationParameters(sigma_max=300e3),
+            tongue=TONGUE.model_copy(update={"sigma_max": 300e3}),
+        ),
+    )
+
+
+def led_single(preset: str, resolution: str) -> Rows:
+    """Every muscle of tongue and face at 1.0, both sides, while the jaw is led to 50 mm."""
+    head, scene = _led(preset, resolution)
+    for part in ("tongue", "face"):
+        for name in sorted({str(m)[:-2] for m in head.parts[part]["muscle"].values}):
+            row = _survives(head, scene, {f"bi_{name}": 1.0}, 20e-3, **CONVERGED)
+            yield {"muscle": name, "step_ms": 20.0, **row}
 
 
 def face_on_jaw(preset: str, resolution: str) -> Rows:
@@ -283,7 +305,7 @@ def timed(
         }
 
 
-PARTS = {f.__name__: f for f in (actions, opening, led, cost, face_on_jaw)}
+PARTS = {f.__name__: f for f in (actions, opening, led, led_single, cost, face_on_jaw)}
 
 
 def main(
@@ -292,9 +314,15 @@ def main(
     resolution: str = "coarse",
     out: Path | None = None,
     rows: int = 1000,
+    models: Path | None = None,
 ) -> None:
-    """Run one part and print its table; "stability" continues that of `out`, by at most `rows` rows."""
-    if part != "stability":
+    """Run one part and print its table; "stability" continues that of `out`, by at most `rows` rows.
+
+    `models` is the folder of the published models.
+    """
+    if part in SWEEPS:
+        table = SWEEPS[part](preset, resolution, out, models)
+    elif part != "stability":
         table = pd.DataFrame(PARTS[part](preset, resolution))
     else:
         stored = None if out is None else out / "head_stability.csv"

@@ -6,7 +6,8 @@ from dataclasses import fields
 import numpy as np
 import xarray as xr
 
-from emgface.anatomy.head.model import CONTACTS, PARTS, Head, build_lists
+from emgface.anatomy.head.model import CONTACTS, FLOOR, PARTS, Head, build_lists
+from emgface.anatomy.head.scene import TONGUE
 from emgface.anatomy.jaw.exciters import exciters_of
 from emgface.anatomy.jaw.template import template_jaw
 from emgface.anatomy.jaw.template.muscles import GROUPS
@@ -15,13 +16,11 @@ from emgface.anatomy.tongue.template.build import person, template_tongue
 from emgface.anatomy.tongue.template.palate import palate
 from emgface.errors import HeadError
 from emgface.face.parts import MANDIBLE, SKULL, Arch, Integers, arches_of
+from emgface.face.quality import element_quality
 from emgface.face.template import Measures, template_face
 from emgface.face.template.muscles import Ring
 from emgface.schema.validation import validate
 
-REPLACED = ("gh", "am", "pm")
-"""Muscles of a jaw that geniohyoid and mylohyoid of a tongue replace (Stavness et al., chapter on the
-coupled model, section 11.2.1.5)."""
 HYOID = ("hyoid", "thyroid", "cricoid")
 
 
@@ -72,12 +71,14 @@ def build_head(
         found["face"] = face
     if "jaw" in named or "hyoid" in named:
         jaw = template_jaw(measures=measures, **who)
-        found["jaw"] = moving(jaw, named, without=REPLACED if "tongue" in named else ())
+        found["jaw"] = moving(jaw, named)
     if "tongue" in named:
         size = resolution if tongue_resolution is None else tongue_resolution
         found["tongue"] = template_tongue(measures=measures, resolution=size, **who)
         for body, nodes in attached_nodes(found["tongue"]).items():
             attachments[f"tongue-{body}"] = nodes
+    if "tongue" in found and "jaw" in found:
+        found["jaw"] = without_floor_of(found["tongue"], found["jaw"])
     wanted = [p for p, needs in CONTACTS.items() if set(needs) <= set(named)]
     label = preset if seed is None else f"{preset}, volunteer {seed}"
     return build_lists(
@@ -88,6 +89,39 @@ def build_head(
         shells=_shells(found, measures, preset, seed),
         name=f"template head ({label}: {', '.join(named)})",
     )
+
+
+def without_floor_of(tongue: xr.Dataset, jaw: xr.Dataset) -> xr.Dataset:
+    """Jaw whose geniohyoid and mylohyoid have the force that those of a tongue lack.
+
+    Both are the same muscles of the same person: their largest forces add up to those of the jaw. The
+    tissue of the tongue alone pulls with a quarter of them, sigma_max sum_e w_e V_e / l over its
+    elements e with the shares w, for fibres of mean length l, and it has no active force where the floor
+    is stretched by half, whereas the lines of a jaw span it. The published coupled model replaces the
+    lines (Stavness et al., section 11.2.1.5).
+    """
+    force = jaw["muscle_force_max"].values.copy()
+    names = [str(m) for m in jaw["muscle"].values]
+    for muscle, lines in FLOOR.items():
+        for side in ("_L", "_R"):
+            own = [k for k, name in enumerate(names) if name in {line + side for line in lines}]
+            whole = force[own].sum()
+            if own:
+                share = min(floor_force(tongue, muscle + side) / whole, 1.0)
+                force[own] *= 1.0 - share
+    return jaw.assign(muscle_force_max=("muscle", force, jaw["muscle_force_max"].attrs))
+
+
+def floor_force(tongue: xr.Dataset, muscle: str) -> float:
+    """Force [N] of a muscle of a tongue along its fibres, with the stress of `TONGUE`."""
+    number = [str(m) for m in tongue["muscle"].values].index(muscle)
+    own = tongue["bundle_muscle"].values == number
+    volume = element_quality(tongue["position"].values, tongue["connectivity"].values).volume
+    shares = tongue["bundle_weight"].values[own] * volume[tongue["bundle_index"].values[own]]
+    lines = np.flatnonzero(tongue["fibre_muscle"].values == number)
+    points = [tongue["fibre_position"].values[tongue["fibre_of_point"].values == k] for k in lines]
+    lengths = [np.linalg.norm(np.diff(x, axis=0), axis=1).sum() for x in points]
+    return float(TONGUE.sigma_max * shares.sum() / np.mean(lengths))
 
 
 def moving(jaw: xr.Dataset, named: Sequence[str], without: Sequence[str] = ()) -> xr.Dataset:

@@ -43,8 +43,18 @@ CONTACTS: Final = {
 """Contact pairs, and the parts that each needs."""
 
 
+FLOOR: Final = {"GH": ("gh",), "MH": ("am", "pm")}
+"""Muscles of the floor of the mouth that are both tissue of a tongue and lines of a jaw."""
+LINES: Final = tuple(line for lines in FLOOR.values() for line in lines)
+"""The lines of these muscles, which the published coupled model lacks."""
 TONGUE_GROUPS: Final = {**GROUPS, "my": ("MH",), "gh": ("GH",)}
 """Groups of a jaw in which geniohyoid and mylohyoid are those of a tongue."""
+FLOOR_GROUPS: Final = {
+    **TONGUE_GROUPS,
+    **{name: (name, *lines) for name, lines in FLOOR.items()},
+    "gh": ("gh", "GH"),
+}
+"""Groups of a jaw and a tongue that both have them, excited as one muscle each."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +152,10 @@ def build_lists(
     twice = sorted({m for m in muscles if muscles.count(m) > 1})
     if twice:
         raise HeadError(f"muscle {twice[0]} belongs to two parts, expected different names")
-    exciters = exciters_of(muscles, TONGUE_GROUPS if "tongue" in named else GROUPS)
+    groups = GROUPS if "tongue" not in named else TONGUE_GROUPS
+    if "tongue" in named and any(muscle[:-2] in LINES for muscle in muscles):
+        groups = FLOOR_GROUPS
+    exciters = exciters_of(muscles, groups)
     gain = np.array([[own.get(m, 0.0) for m in muscles] for own in exciters.values()])
     sizes = [len(nodes) for nodes in attachments.values()]
     first = np.cumsum([0, *(len(s.points) for s in shells.values())])

@@ -17,8 +17,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import sim
-from emgface.anatomy.head.build import REPLACED, moving
-from emgface.anatomy.head.model import CONTACTS, PARTS, Head, build_lists
+from emgface.anatomy.head.build import moving
+from emgface.anatomy.head.model import CONTACTS, LINES, PARTS, Head, build_lists
 from emgface.anatomy.jaw.exciters import exciters_of
 from emgface.anatomy.jaw.model import Floats, JawBody, JawJoint, JawLine, build_jaw
 from emgface.anatomy.jaw.published import condylar_path
@@ -140,7 +140,7 @@ def import_head(
                 path = place / "face_badin" / f"{name.replace('-', '_')}_attachments.txt"
                 attachments[name] = _numbers(path)
     if "jaw" in named or "hyoid" in named:
-        without = REPLACED if "tongue" in named else ()
+        without = LINES if "tongue" in named else ()
         found["jaw"] = moving(_jaw(place / "jaw_tongue_face"), named, without=without)
     if "tongue" in named:
         found["tongue"] = _tongue(place)

@@ -21,7 +21,8 @@ def exciters_of(muscles: Iterable[str], groups: Groups) -> dict[str, dict[str, f
     ----------
     muscles : names with sides ``_L`` and ``_R``.
     groups : mapping
-        Members that are not muscles of the model are omitted.
+        Members that are not muscles of the model are omitted. A group that contains a muscle of its
+        own name replaces the exciter of that muscle.
 
     Returns
     -------
@@ -35,14 +36,17 @@ def exciters_of(muscles: Iterable[str], groups: Groups) -> dict[str, dict[str, f
     """
     names = list(muscles)
 
+    plain = list(dict.fromkeys(name[:-2] for name in names if name[-2:] in ("_L", "_R")))
+
     def members(name: str, within: tuple[str, ...] = ()) -> list[str]:
         if name in within:
+            if name in plain:
+                return [name]
             raise JawError(f"group {name!r} contains itself ({' -> '.join((*within, name))})")
         if name not in groups:
             return [name]
         return [m for part in groups[name] for m in members(part, (*within, name))]
 
-    plain = list(dict.fromkeys(name[:-2] for name in names if name[-2:] in ("_L", "_R")))
     found: dict[str, dict[str, float]] = {name: {name: 1.0} for name in names}
     for group in [*groups, *plain]:
         both = dict[str, float]()
