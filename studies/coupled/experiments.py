@@ -134,7 +134,7 @@ LABIALS: Final[Mapping[str, Mapping[str, float]]] = {
 
 OWN_LABIALS: Final[Mapping[str, Mapping[str, float]]] = {
     "own closure": {"OOP": 0.6, "MEN": 0.2},
-    "own fricative": {"MEN": 0.8, "RIS": 0.6, "LLSAN": 0.5},
+    "own fricative": {"MEN": 0.6, "RIS": 0.2, "LLSAN": 0.05},
     "own approximant": {"OOP": 0.045},
 }
 """Levels found by trial for the generated face; the closure has a superficial peripheral ring."""
@@ -155,7 +155,7 @@ def with_teeth(motion: xr.Dataset, head: Head) -> dict[str, float]:
     margin = motion["node_position"].transpose("time", "node", "axis").values[-1, nodes]
     teeth = head.shell("maxilla").points
     near = [x[np.abs(x[:, 0]) < MIDLINE] for x in (margin, teeth)]
-    away = KDTree(near[1]).query(near[0])[0].min()
+    away = np.asarray(KDTree(near[1]).query(near[0])[0]).min()
     return {**outcomes(motion, head), "lower_to_teeth_mm": 1e3 * float(away)}
 
 

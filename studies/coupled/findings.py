@@ -251,17 +251,17 @@ def _coupling(at: Results) -> Iterator[Finding]:
 
 def _labials(at: Results) -> Iterator[Finding]:
     for own, levels in (("", "published"), ("own ", "own")):
-        closure = at(f"{own}closure", "area_mm2")
+        rest, closure = at("rest", "area_mm2"), at(f"{own}closure", "area_mm2")
         yield Finding(
             f"Closure: area 0 ({levels} levels)", f"{closure} mm²", Value(1.0, 0.0).above(closure)
         )
         lip, open_ = (at(f"{own}fricative", name) for name in ("lower_to_teeth_mm", "area_mm2"))
         yield Finding(
-            f"Fricative: open, lower lip within 1 mm of the upper incisors ({levels} levels)",
-            f"{lip} mm, {open_} mm²",
-            every(Value(1.0, 0.0).above(lip), open_.above(Value(1.0, 0.0))),
+            f"Fricative: a slit, lower lip within 1 mm of the upper incisors ({levels} levels)",
+            f"{lip} mm, {open_} of {rest} mm²",
+            every(Value(1.0, 0.0).above(lip), open_.above(Value(1.0, 0.0)), rest.above(open_)),
         )
-        rest, small = at("rest", "area_mm2"), at(f"{own}approximant", "area_mm2")
+        small = at(f"{own}approximant", "area_mm2")
         ratio = small.size / rest.size
         yield Finding(
             f"Approximant: a small opening, 0.40 of that at rest (15.9 of 40.1 mm²; {levels} levels)",

@@ -29,5 +29,18 @@ def test_no_difference_reproduces_no_statement_of_a_direction(name: str) -> None
     assert found and not any(one.holds for one in found)
 
 
+@pytest.mark.parametrize(("area", "holds"), [(162.0, False), (23.0, True), (0.5, False)])
+def test_a_fricative_is_a_slit(area: float, holds: bool) -> None:
+    """A lip at the teeth below a wide or a closed opening is no fricative."""
+    names = [run.name for run in EXPERIMENTS["labials"].runs]
+    table = pd.DataFrame({"name": names, "area_mm2": 52.0, "lower_to_teeth_mm": 0.1})
+    table.loc[table["name"] == "own fricative", "area_mm2"] = area
+    found = {one.statement: one.holds for one in findings("labials", table)}
+    assert (
+        found["Fricative: a slit, lower lip within 1 mm of the upper incisors (own levels)"]
+        is holds
+    )
+
+
 def test_the_page_is_that_of_its_tables(root: Path) -> None:
     assert page() == (root / "docs" / "coupled" / "README.md").read_text("utf-8")
