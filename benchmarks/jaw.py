@@ -1,6 +1,6 @@
 """Jaw model: comparison with another simulator, effect of its parameters, error and cost of steps.
 
-    python -m benchmarks jaw --part reference      # table of docs/jaw.md; needs the published model
+    python -m benchmarks jaw --part reference      # as docs/jaw_published.md; needs the published model
     python -m benchmarks jaw --part forces         # parameters from stored forces; needs it, too
     python -m benchmarks jaw --part morsel         # and those of the morsel
     python -m benchmarks jaw --part chewing        # the stored chewing cycle with them

@@ -30,7 +30,8 @@ class Crushable:
     Notes
     -----
     Source: the food bolus of Hannam et al. 2008, J. Biomech. 41, 1069. The unit of its damping of 0.01
-    is not stated; the forces stored with the published model are those of N s/mm (docs/jaw.md).
+    is not stated; the forces stored with the published model are those of N s/mm
+    (docs/jaw_published.md).
     """
 
     node: int  #: node or point
