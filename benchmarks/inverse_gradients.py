@@ -128,7 +128,7 @@ def contact(face) -> pd.DataFrame:
     scene, nodes = compose_scene(face, mechanics), face["marker_node"].values.astype(np.int64)
     sensitivities.LinearContact = _Listed
     rows = []
-    for tolerance in (2e-3, 2e-4, 2e-5):
+    for tolerance in (2e-3, 2e-4):
         terms = (
             replace(t, tolerance=tolerance) if isinstance(t, sim.ConstraintContact) else t
             for t in scene.terms
