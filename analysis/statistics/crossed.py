@@ -1,14 +1,15 @@
 """Restricted maximum likelihood with crossed random effects, regular at variances of zero."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import cho_solve
 from scipy.optimize import OptimizeResult, minimize
+from scipy.sparse import csc_array, csr_array
 
 from analysis.statistics.paired import Array
 
@@ -56,15 +57,7 @@ def fit_crossed(y: Array, X: Array, factors: Mapping[str, NDArray[np.int64]]) ->
     Journal of Statistical Software 67(1), sections 3.4 and 3.5.
     """
     names = list(factors)
-    columns: list[Array] = [np.zeros((len(y), 0))]
-    owner: list[int] = []
-    for place, levels in enumerate(factors.values()):
-        _, index = np.unique(levels, return_inverse=True)
-        design = np.eye(int(index.max()) + 1)[index.ravel()]
-        columns.append(design)
-        owner += [place] * design.shape[1]
-    Z = np.concatenate(columns, axis=1)
-    equations = _Equations(y, X, Z, np.array(owner, dtype=np.int64))
+    equations = _Equations(y, X, list(factors.values()))
     theta, converged = _optimum(equations, len(names)) if names else (np.zeros(0), True)
     beta, covariance, residual, residuals = equations.solution(theta)
     variances = dict(zip(names, (residual * theta**2).tolist(), strict=True))
@@ -105,81 +98,131 @@ def _optimum(equations: "_Equations", count: int) -> tuple[Array, bool]:
 
 
 class _Equations:
-    """Penalised least squares of a mixed model; theta are relative standard deviations."""
+    """Equations of a mixed model; theta are relative standard deviations.
 
-    def __init__(self, y: Array, X: Array, Z: Array, owner: NDArray[np.int64]) -> None:
-        self.y, self.X, self.Z, self.owner = y, X, Z, owner
-        self.ZZ, self.ZX, self.Zy = Z.T @ Z, Z.T @ X, Z.T @ y
-        self.XX, self.Xy, self.yy = X.T @ X, X.T @ y, float(y @ y)
-        parts = [Z[:, owner == place] for place in range(int(owner.max(initial=-1)) + 1)]
-        self.terms = [part @ part.T for part in parts]
+    With the relative covariance V = I + sum over factors theta_f^2 Z_f Z_f', everything follows from
 
-    def _solve(self, theta: Array) -> tuple[Array, Array, Array, Array, Array, float]:
-        scale = theta[self.owner]
-        L = _cholesky(scale[:, None] * self.ZZ * scale + np.eye(len(scale)))
-        c: Array = solve_triangular(L, scale * self.Zy, lower=True)
-        R_ZX: Array = solve_triangular(L, scale[:, None] * self.ZX, lower=True)
-        R_X = _cholesky(self.XX - R_ZX.T @ R_ZX)
-        d: Array = solve_triangular(R_X, self.Xy - R_ZX.T @ c, lower=True)
-        squares = self.yy - float(c @ c) - float(d @ d)
-        # The logarithm of a zero residual would be infinite.
-        return L, c, R_ZX, R_X, d, max(squares, 1e-12 * self.yy)
+        P = V^-1 - V^-1 X (X' V^-1 X)^-1 X' V^-1 = D - D F A^-1 F' D,
+        D = (I + theta_1^2 Z_1 Z_1')^-1,  F = [theta_2 Z_2, ..., X],  A = F' D F + diag(I, 0).
+
+    Z_1 is the factor with most levels. Its levels share no observation, so that D requires sums
+    over levels only, and A has the size of the other factors and fixed effects: effort and memory
+    grow linearly with the levels of the first factor (volunteers). Source: Searle, Casella and
+    McCulloch 1992, Variance Components, sections 6.6 and 7.6.
+    """
+
+    def __init__(self, y: Array, X: Array, factors: Sequence[NDArray[np.int64]]) -> None:
+        self.y, self.X, self.yy = y, X, float(y @ y)
+        self.Z = [_indicators(levels) for levels in factors]
+        self.first = int(np.argmax([Z.shape[1] for Z in self.Z])) if self.Z else -1
+        self.Z_1 = self.Z[self.first] if self.Z else csr_array((len(y), 0))
+        self.counts = np.asarray(self.Z_1.sum(axis=0), dtype=np.float64)
+        others = [place for place in range(len(self.Z)) if place != self.first]
+        self.others = np.hstack([np.zeros((len(y), 0)), *(self.Z[k].toarray() for k in others)])
+        self.owner = np.repeat(others, [self.Z[k].shape[1] for k in others]).astype(np.int64)
+
+    def _reduced(self, theta: Array) -> "_Reduced":
+        relative = float(theta[self.first]) ** 2 if self.Z else 0.0
+        shrink = relative / (1.0 + relative * self.counts)
+        F = np.hstack([self.others * theta[self.owner], self.X])
+        DF = F - _product(self.Z_1, shrink[:, None] * _product(self.Z_1.T, F))
+        A = F.T @ DF
+        A[np.arange(len(self.owner)), np.arange(len(self.owner))] += 1.0
+        L = np.linalg.cholesky(A).astype(np.float64)
+        inverse: Array = cho_solve((L, True), np.eye(len(A)))
+        logs = float(np.log1p(relative * self.counts).sum() + 2.0 * np.log(np.diag(L)).sum())
+        Dy = self.y - _product(self.Z_1, shrink * _product(self.Z_1.T, self.y))
+        return _Reduced(shrink, DF, inverse, logs, Dy - DF @ (inverse @ (DF.T @ self.y)))
+
+    def _squares(self, at: "_Reduced") -> float:
+        """Return y' P y; the logarithm of a zero residual would be infinite."""
+        return max(float(self.y @ at.Py), 1e-12 * self.yy)
 
     def criterion(self, theta: Array) -> float:
         """-2 restricted log-likelihood, profiled over fixed effects and residual variance."""
-        L, _, _, R_X, _, squares = self._solve(theta)
+        at = self._reduced(theta)
         free = len(self.y) - self.X.shape[1]
-        logs = 2.0 * float(np.log(np.diag(L)).sum() + np.log(np.diag(R_X)).sum())
-        return logs + free * (1.0 + math.log(2.0 * math.pi * squares / free))
+        return at.logarithm + free * (1.0 + math.log(2.0 * math.pi * self._squares(at) / free))
 
     def slope(self, theta: Array) -> Array:
         """Derivatives of `criterion` by theta^2, tr P V_f - (n - k) y' P V_f P y / y' P y."""
-        P = self._projection(theta)[2]
-        Py = P @ self.y
-        squares = max(float(self.y @ Py), 1e-12 * self.yy)
+        at = self._reduced(theta)
         free = len(self.y) - self.X.shape[1]
-        traces = [float((P * term).sum()) for term in self.terms]
-        forms = [float(Py @ term @ Py) for term in self.terms]
-        return np.array(traces) - free * np.array(forms) / squares
+        forms = np.array([float((_product(Z.T, at.Py) ** 2).sum()) for Z in self.Z])
+        return self._traces(at)[0] - free * forms / self._squares(at)
 
     def solution(self, theta: Array) -> tuple[Array, Array, float, Array]:
-        """Fixed effects, their covariance, residual variance and residuals."""
-        L, c, R_ZX, R_X, d, squares = self._solve(theta)
-        beta: Array = solve_triangular(R_X.T, d, lower=False)
-        u: Array = solve_triangular(L.T, c - R_ZX @ beta, lower=False)
-        residual = squares / (len(self.y) - self.X.shape[1])
-        inverse: Array = solve_triangular(R_X, np.eye(len(d)), lower=True)
-        fitted = self.X @ beta + self.Z @ (theta[self.owner] * u)
-        return beta, residual * (inverse.T @ inverse), residual, self.y - fitted
+        """Fixed effects, their covariance, residual variance and residuals P y."""
+        at = self._reduced(theta)
+        residual = self._squares(at) / (len(self.y) - self.X.shape[1])
+        fixed = slice(len(self.owner), None)
+        beta = (at.inverse @ (at.DF.T @ self.y))[fixed]
+        return beta, residual * at.inverse[fixed, fixed], residual, at.Py
 
     def uncertainty(self, theta: Array, residual: float) -> tuple[Array, Array]:
         """Derivatives of the covariance by the positive variances, and the covariance of these.
 
-        Expected information, tr(P V_j P V_k) / 2. Source: Searle, Casella and McCulloch 1992,
-        Variance Components, section 6.6.
+        Expected information, tr(P V_j P V_k) / 2. Those with the identity, the term of the residual,
+        follow from tr P V = n - k and P V P = P.
         """
-        C, VX, P = self._projection(theta)
-        used = [term for term, each in zip(self.terms, theta, strict=True) if each > NOTHING]
-        used.append(np.eye(len(self.y)))
-        slopes = np.array([C @ VX.T @ term @ VX @ C for term in used])
-        products = [P @ term for term in used]
-        information = np.array([[float((a * b.T).sum()) for b in products] for a in products])
-        return slopes, 2.0 * residual**2 * _inverse(information)
+        at = self._reduced(theta)
+        squared, n, count = theta**2, len(self.y) - self.X.shape[1], len(theta)
+        traces, products = self._traces(at)
+        information = np.zeros((count + 1, count + 1))
+        information[:-1, :-1] = products
+        information[:-1, -1] = information[-1, :-1] = traces - products @ squared
+        information[-1, -1] = n - traces @ squared - information[-1, :-1] @ squared
+        used = np.append(theta > NOTHING, True)
+        VX = (at.DF @ at.inverse)[:, len(self.owner) :]
+        parts = [_product(Z.T, VX) for Z in self.Z] + [VX]
+        slopes = np.array([part.T @ part for part in parts])[used]
+        return slopes, 2.0 * residual**2 * np.linalg.inv(information[np.ix_(used, used)]).astype(
+            np.float64
+        )
 
-    def _projection(self, theta: Array) -> tuple[Array, Array, Array]:
-        """(X' W X)^-1, W X and P = W - W X (X' W X)^-1 X' W, W the inverse relative covariance."""
-        covariance = np.eye(len(self.y))
-        for term, each in zip(self.terms, theta, strict=True):
-            covariance += each**2 * term
-        W = _inverse(covariance)
-        WX = W @ self.X
-        C = _inverse(self.X.T @ WX)
-        return C, WX, W - WX @ C @ WX.T
+    def _traces(self, at: "_Reduced") -> tuple[Array, Array]:
+        """Return tr P V_f and tr P V_f P V_g = |Z_f' P Z_g|^2, of the factors."""
+        count = len(self.Z)
+        traces, products = np.zeros(count), np.zeros((count, count))
+        E = [_product(Z.T, at.DF) for Z in self.Z]
+        for f in range(count):
+            for g in range(f, count):
+                if f == g == self.first:
+                    # Diagonal minus a matrix of low rank, which is not formed.
+                    diagonal = self.counts - self.counts**2 * at.shrink
+                    low = np.einsum("ij,jk,ik->i", E[f], at.inverse, E[f])
+                    small = at.inverse @ (E[f].T @ E[f])
+                    traces[f] = float((diagonal - low).sum())
+                    products[f, f] = float(
+                        (diagonal * (diagonal - 2.0 * low)).sum() + (small * small.T).sum()
+                    )
+                    continue
+                wide, narrow = (f, g) if g != self.first else (g, f)
+                Z = self.Z[narrow].toarray()
+                over = at.shrink[:, None] * _product(self.Z_1.T, Z)
+                here = _product(self.Z[wide].T, Z - _product(self.Z_1, over))
+                here -= E[wide] @ at.inverse @ E[narrow].T
+                traces[f] = float(np.trace(here)) if f == g else traces[f]
+                products[f, g] = products[g, f] = float((here**2).sum())
+        return traces, products
 
 
-def _cholesky(A: Array) -> Array:
-    return np.linalg.cholesky(A).astype(np.float64)
+class _Reduced(NamedTuple):
+    """What the equations need at given relative standard deviations; names as in `_Equations`."""
+
+    shrink: Array  #: theta_1^2 / (1 + theta_1^2 n) per level of the first factor
+    DF: Array
+    inverse: Array  #: A^-1
+    logarithm: float  #: log det V + log det X' V^-1 X
+    Py: Array
 
 
-def _inverse(A: Array) -> Array:
-    return np.linalg.inv(A).astype(np.float64)
+def _indicators(levels: NDArray[np.int64]) -> csr_array:
+    """Matrix of ones, (observations, levels)."""
+    _, index = np.unique(levels, return_inverse=True)
+    index = index.ravel()
+    return csr_array((np.ones(len(index)), (np.arange(len(index)), index)))
+
+
+def _product(matrix: csr_array | csc_array, values: Array) -> Array:
+    return np.asarray(matrix @ values, dtype=np.float64)

@@ -6,8 +6,14 @@ import numpy as np
 import xarray as xr
 
 from analysis.statistics.finding import INDEPENDENT, Finding, judged, persons, shown_p
-from analysis.statistics.paired import Comparison, Paired
-from analysis.statistics.sign_flip import sign_flip_p, sign_patterns
+from analysis.statistics.paired import Array, Comparison, Paired
+from analysis.statistics.sign_flip import (
+    MOST_EXACT,
+    TIED,
+    sign_flip_p,
+    sign_patterns,
+    signed_sums,
+)
 
 
 def leave_one_volunteer_out(data: Comparison) -> xr.Dataset:
@@ -22,11 +28,11 @@ def leave_one_volunteer_out(data: Comparison) -> xr.Dataset:
     estimates, chances = np.full(shape, np.nan), np.full(shape, np.nan)
     for row, each in enumerate(data.pairs):
         kept = np.flatnonzero(np.isfinite(each.means.values))
-        patterns = sign_patterns(len(kept) - 1) if len(kept) > 1 else np.ones((1, 0))
-        for column in kept if len(kept) > 1 else ():
-            rest = each.means.values[kept[kept != column]]
-            estimates[row, column] = rest.mean()
-            chances[row, column] = sign_flip_p(rest, patterns)
+        if len(kept) < 2:
+            continue
+        values = each.means.values[kept]
+        estimates[row, kept] = (values.sum() - values) / (len(kept) - 1)
+        chances[row, kept] = _without(values)
     rows = {each.label: row for row, each in enumerate(data.pairs)}
     result = judged(
         data.pairs,
@@ -44,6 +50,23 @@ def leave_one_volunteer_out(data: Comparison) -> xr.Dataset:
     return result
 
 
+def _without(values: Array) -> Array:
+    """Sign-flip p of `values`, shape (n,), without each of them."""
+    n = len(values)
+    if n - 1 <= MOST_EXACT:
+        patterns = sign_patterns(n - 1)
+        return np.array([sign_flip_p(np.delete(values, k), patterns) for k in range(n)])
+    # The same random patterns serve for all, so that a value's share is taken from their sums.
+    patterns = sign_patterns(n)
+    sums = signed_sums(values[None], patterns)[0]
+    p = np.empty(n)
+    for k, value in enumerate(values):
+        size: Array = np.abs(sums - patterns[:, k] * value)
+        tied = TIED * float(np.abs(values).sum() - abs(value))
+        p[k] = float(np.mean(size >= float(size[0]) - tied))
+    return p
+
+
 def _finding(data: Paired, estimates: np.ndarray, chances: np.ndarray) -> Finding:
     values = data.values
     n, estimate = len(values), float(values.mean())
@@ -56,7 +79,7 @@ def _finding(data: Paired, estimates: np.ndarray, chances: np.ndarray) -> Findin
         f"{data.shown(estimate)} over {persons(n)}, from {data.shown(low)} to "
         f"{data.shown(high)} without one of them, with the largest change without {most}; "
         f"{'the sign is unchanged' if not changes else f'the sign changes without {changes} of them'}; "
-        f"largest {shown_p(p)} of {persons(n - 1)} (smallest possible {2.0 / 2 ** (n - 1):.2g})."
+        f"largest {shown_p(p)} of {persons(n - 1)} (smallest possible {2.0 ** (2 - n):.2g})."
     )
-    least, further = min(1.0, 2.0 / 2 ** (n - 1)), {"sign_changes": float(changes)}
+    least, further = min(1.0, 2.0 ** (2 - n)), {"sign_changes": float(changes)}
     return Finding(estimate, low, high, p, least, sentence, further)

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 import xarray as xr
-from scipy.stats import norm, shapiro, t
+from scipy.stats import norm, normaltest, shapiro, t
 
 from analysis.errors import StatisticsError
 from analysis.statistics.crossed import Fit, fit_crossed
@@ -16,6 +16,7 @@ from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS, Scop
 from analysis.trajectory import names
 
 RANDOM: Final = ("volunteer x strategy", "instruction x strategy")
+OF_MANY: Final = ("D'Agostino-Pearson", normaltest)  #: test of more than 5000 residuals
 MANY: Final = 30  #: number of volunteers above which the normal distribution approximates t
 
 
@@ -163,14 +164,15 @@ def _checks(fitted: _Fitted | str, people: int) -> tuple[Check, ...]:
     fit = fitted.fit
     total = sum(fit.variances.values())
     zero = [name for name, value in fit.variances.items() if value < 1e-6 * total]
-    normal = float(shapiro(fit.residuals).pvalue) if np.ptp(fit.residuals) > 0 else math.nan
+    # The p of Shapiro and Wilk is an approximation for up to 5000 values.
+    name, test = ("Shapiro-Wilk", shapiro) if len(fit.residuals) <= 5000 else OF_MANY
+    normal = float(test(fit.residuals).pvalue) if np.ptp(fit.residuals) > 0 else math.nan
     texts = (
         "The optimiser reached its tolerance."
         if fit.converged
         else "The optimiser did not converge.",
         f"At zero: {names(zero)}." if zero else "All variances are above zero.",
-        f"Shapiro-Wilk {shown_p(normal)} over {len(fit.residuals)} residuals, which are not "
-        "independent.",
+        f"{name} {shown_p(normal)} over {len(fit.residuals)} residuals, which are not independent.",
         f"{persons(people)}: the normal distribution does not account for the estimation of "
         "the variances.",
     )

@@ -223,7 +223,7 @@ def _chances(studies: Array, test: Test, draws: int, seed: int) -> tuple[Array, 
         _, chances = signed_rank_counts(np.arange(1.0, n + 1.0))
         below = np.cumsum(chances[::2])
         extreme = np.minimum(positive, n * (n + 1) // 2 - positive)
-        return np.minimum(1.0, 2.0 * below[extreme]), 2.0 / 2**n
+        return np.minimum(1.0, 2.0 * below[extreme]), 2.0 ** (1 - n)
     if n <= 12:
         patterns = sign_patterns(n)
     else:
@@ -234,4 +234,4 @@ def _chances(studies: Array, test: Test, draws: int, seed: int) -> tuple[Array, 
         size = np.abs(studies[start : start + 500] @ patterns.T)
         observed = size[:, :1] - TIED * np.abs(studies[start : start + 500]).sum(1, keepdims=True)
         p[start : start + 500] = (size >= observed).mean(axis=1)
-    return p, max(2.0 / 2**n, 1.0 / len(patterns))
+    return p, max(2.0 ** (1 - n), 1.0 / len(patterns))

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.stats import chi2, rankdata
+from scipy.stats import chi2, norm, rankdata
 
 from analysis.statistics.finding import (
     INDEPENDENT,
@@ -22,12 +22,17 @@ from analysis.statistics.finding import (
 )
 from analysis.statistics.paired import Array, Comparison, Paired, volunteer_means
 
+MOST_EXACT: Final = 200
+"""Largest number of volunteers of the exact distribution of signed ranks; beyond, it is normal."""
+
 MOST_STATES: Final = 20_000
 """Largest number of rank sums of an exact Friedman test; beyond, the chi-square limit is used."""
 
 
 def wilcoxon(data: Comparison, *, level: float = 0.95) -> xr.Dataset:
     """Wilcoxon signed-rank test of the volunteers' mean differences, exact also with ties.
+
+    Above 200 volunteers, the distribution of the signed ranks is replaced by its normal limit.
 
     ``estimate`` is the Hodges-Lehmann median of the pairwise averages, ``interval`` its exact
     bounds of the nominal `level`; besides ``statistic`` (sum of the ranks of positive differences),
@@ -49,7 +54,7 @@ def wilcoxon(data: Comparison, *, level: float = 0.95) -> xr.Dataset:
         lambda each: _signed_ranks(each, level, len(data.pairs)),
         lambda _: (INDEPENDENT, symmetric),
         further=("statistic", "zeros", "coverage"),
-        method="Wilcoxon signed ranks over volunteers, exact, Holm over contrasts",
+        method="Wilcoxon signed ranks over volunteers, exact up to 200 of them, Holm over contrasts",
         level=level,
         attrs=data.attrs,
     )
@@ -64,7 +69,7 @@ def friedman(data: Comparison) -> xr.Dataset:
     for many volunteers) and ``mean_rank`` (strategy), 1 the lowest.
 
     Exact, by enumeration of all orders within volunteers, while their sums of ranks are few (three
-    strategies: up to about 100 volunteers), as stated by ``exact``. Source: Friedman 1937, Journal
+    strategies: up to about 200 volunteers), as stated by ``exact``. Source: Friedman 1937, Journal
     of the American Statistical Association 32:675.
     """
     values = data.values
@@ -102,6 +107,10 @@ def wilcoxon_p(values: Array) -> tuple[float, float]:
         return 0.0, 1.0
     ranks = np.asarray(rankdata(np.abs(moved)), dtype=np.float64)
     positive = float(ranks[moved > 0].sum())
+    if len(moved) > MOST_EXACT:
+        # Signs are random: the mean of the sum is half of all ranks, its variance a quarter of squares.
+        away = abs(positive - float(ranks.sum()) / 2.0) / (0.5 * float(np.sqrt((ranks**2).sum())))
+        return positive, 2.0 * float(norm.sf(away))
     sums, chances = signed_rank_counts(ranks)
     found = round(2.0 * positive)
     tails = float(chances[sums <= found].sum()), float(chances[sums >= found].sum())
@@ -110,6 +119,8 @@ def wilcoxon_p(values: Array) -> tuple[float, float]:
 
 def hodges_lehmann(values: Array, level: float) -> tuple[float, float, float, float]:
     """Return the median of pairwise averages, the bounds of its interval, and the exact level."""
+    if len(values) > MOST_EXACT:
+        return _hodges_lehmann_of_many(np.sort(values), level)
     first, second = np.triu_indices(len(values))
     averages = np.sort((values[first] + values[second]) / 2.0)
     _, chances = signed_rank_counts(np.arange(1.0, len(values) + 1.0))
@@ -120,6 +131,32 @@ def hodges_lehmann(values: Array, level: float) -> tuple[float, float, float, fl
         return middle, -math.inf, math.inf, 1.0
     covered = 1.0 - 2.0 * float(below[rank - 1])
     return middle, float(averages[rank - 1]), float(averages[-rank]), covered
+
+
+def _hodges_lehmann_of_many(values: Array, level: float) -> tuple[float, float, float, float]:
+    """`hodges_lehmann` of sorted values, with the normal limit, without all pairs in memory."""
+    n = len(values)
+    pairs = n * (n + 1) // 2
+
+    def count(bound: float) -> int:
+        """Pairwise averages at or below a bound."""
+        partners = np.searchsorted(values, 2.0 * bound - values, side="right")
+        return int(np.maximum(partners - np.arange(n, dtype=np.int64), 0).sum())
+
+    def smallest(order: int) -> float:
+        """The average of the given order, 1 the smallest, to rounding."""
+        low, high = float(values[0]), float(values[-1])
+        if count(low) >= order:
+            return low
+        while low < (middle := low + (high - low) / 2.0) < high:
+            low, high = (low, middle) if count(middle) >= order else (middle, high)
+        return high
+
+    spread = math.sqrt(n * (n + 1) * (2 * n + 1) / 24.0)
+    rank = math.floor(pairs / 2.0 - float(norm.ppf((1.0 + level) / 2.0)) * spread)
+    covered = 1.0 - 2.0 * float(norm.sf((pairs / 2.0 - rank) / spread))
+    middle = (smallest((pairs + 1) // 2) + smallest(pairs // 2 + 1)) / 2.0
+    return middle, smallest(rank), smallest(pairs + 1 - rank), covered
 
 
 def friedman_p(table: Array) -> tuple[float, float, float, bool]:
@@ -138,10 +175,11 @@ def friedman_p(table: Array) -> tuple[float, float, float, bool]:
     p_chi2 = float(chi2.sf(statistic, k - 1))
     # The sum of squares of doubled sums of ranks is an integer and increases with the statistic.
     found = int((np.rint(2.0 * sums).astype(np.int64) ** 2).sum())
+    # Without ties there are about n^(k - 1) / 2 sums or more.
+    if k > 5 or n ** (k - 1) > 2 * MOST_STATES:
+        return statistic, p_chi2, p_chi2, False
     states: dict[tuple[int, ...], float] = {(0,) * k: 1.0}
     for row in np.rint(2.0 * ranks).astype(np.int64).tolist():
-        if k > 5:
-            return statistic, p_chi2, p_chi2, False
         orders = Counter(permutations(row))
         total = sum(orders.values())
         following: dict[tuple[int, ...], float] = {}
@@ -162,7 +200,7 @@ def _signed_ranks(data: Paired, level: float, contrasts: int) -> Finding:
     n, zeros = len(values), int((values == 0).sum())
     statistic, p = wilcoxon_p(values)
     estimate, lower, upper, coverage = hodges_lehmann(values, level)
-    least = min(1.0, 2.0 / 2**n)
+    least = min(1.0, 2.0 ** (1 - n))
     reach = min(1.0, least * contrasts)
     sentence = (
         f"median {data.shown(estimate)} over {persons(n)} "

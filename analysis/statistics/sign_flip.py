@@ -6,6 +6,7 @@ from typing import Final
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from analysis.statistics.finding import (
     INDEPENDENT,
@@ -19,6 +20,10 @@ from analysis.statistics.finding import (
 from analysis.statistics.paired import Array, Comparison, Paired
 
 MOST_EXACT: Final = 16  #: largest number of volunteers for which all sign patterns are enumerated
+
+BLOCK: Final = 1000  #: patterns drawn and multiplied at once, which bounds the memory
+
+Signs = NDArray[np.int8]
 
 TIED: Final = 1e-10
 """Relative difference below which two sums of the same numbers differ only by rounding."""
@@ -63,7 +68,7 @@ def sign_flip(
     )
 
 
-def sign_patterns(n: int, draws: int = 19_999, seed: int = 0) -> Array:
+def sign_patterns(n: int, draws: int = 19_999, seed: int = 0) -> Signs:
     """Return sign patterns of n numbers, the observed one (all +1) first.
 
     For n <= 16 all patterns up to a common sign, 2^(n-1); otherwise random ones.
@@ -72,34 +77,46 @@ def sign_patterns(n: int, draws: int = 19_999, seed: int = 0) -> Array:
         # The first sign is fixed, because a pattern and its negative have the same absolute mean.
         pattern = np.arange(2 ** (n - 1), dtype=np.int64)[:, None]
         flipped = (pattern >> np.arange(n - 1, dtype=np.int64)) & 1
-        signs = np.ones((len(pattern), n))
-        signs[:, 1:] -= 2.0 * flipped
-        return signs
-    drawn = np.random.default_rng(seed).integers(0, 2, size=(draws, n))
-    return np.concatenate([np.ones((1, n)), 1.0 - 2.0 * drawn.astype(np.float64)])
+        few: Signs = np.ones((len(pattern), n), dtype=np.int8)
+        few[:, 1:] -= 2 * flipped.astype(np.int8)
+        return few
+    signs: Signs = np.ones((draws + 1, n), dtype=np.int8)
+    rng = np.random.default_rng(seed)
+    for start in range(1, draws + 1, BLOCK):
+        rows = signs[start : start + BLOCK]
+        rows -= 2 * rng.integers(0, 2, size=rows.shape).astype(np.int8)
+    return signs
 
 
-def sign_flip_p(values: Array, patterns: Array) -> float:
+def signed_sums(values: Array, patterns: Signs) -> Array:
+    """Sums of `values`, shape (k, n), with the signs of the patterns, shape (k, m)."""
+    sums = np.empty((len(values), len(patterns)))
+    for start in range(0, len(patterns), BLOCK):
+        rows = slice(start, start + BLOCK)
+        sums[:, rows] = values @ patterns[rows].astype(np.float64).T
+    return sums
+
+
+def sign_flip_p(values: Array, patterns: Signs) -> float:
     """Two-sided p of the mean of `values`, shape (n,), over sign patterns, shape (m, n)."""
-    size = np.abs(patterns @ values)
+    size: Array = np.abs(signed_sums(values[None], patterns)[0])
     scale = float(np.abs(values).sum())
     return float(np.mean(size >= float(size[0]) - TIED * scale))
 
 
-def sign_flip_interval(values: Array, patterns: Array, level: float) -> tuple[float, float, float]:
+def sign_flip_interval(values: Array, patterns: Signs, level: float) -> tuple[float, float, float]:
     """Return the shifts that the test does not reject, lower and upper, and its exact level.
 
     A pattern that keeps the set K and flips the set F counts against a shift theta if theta lies
     between the means of K and F, so that the bounds are order statistics of those means.
     """
-    kept = patterns[1:] > 0
-    flipped = ~kept
+    total, n = float(values.sum()), len(values)
+    count = (n + patterns.sum(axis=1, dtype=np.int64)) // 2
     # A pattern that flips all or none counts against every shift, like the observed one.
-    proper = kept.any(axis=1) & flipped.any(axis=1)
-    kept, flipped = kept[proper], flipped[proper]
-    always = len(patterns) - len(kept)
-    of_kept = (kept @ values) / kept.sum(axis=1)
-    of_flipped = (flipped @ values) / flipped.sum(axis=1)
+    proper = (count > 0) & (count < n)
+    always = len(patterns) - int(proper.sum())
+    sums, count = signed_sums(values[None], patterns)[0][proper], count[proper]
+    of_kept, of_flipped = (total + sums) / (2 * count), (total - sums) / (2 * (n - count))
     rejecting = math.floor((1.0 - level) * len(patterns) + 1e-9)
     rank = rejecting - always + 1
     if rank < 1:
@@ -114,7 +131,7 @@ def _finding(data: Paired, joint: float, level: float, draws: int, seed: int) ->
     values = data.values
     n, estimate = len(values), float(values.mean())
     patterns = sign_patterns(n, draws, seed)
-    p, least = sign_flip_p(values, patterns), max(2.0 / 2**n, 1.0 / len(patterns))
+    p, least = sign_flip_p(values, patterns), max(2.0 ** (1 - n), 1.0 / len(patterns))
     lower, upper, coverage = sign_flip_interval(values, patterns, level)
     exact = "all" if n <= MOST_EXACT else f"{draws} random"
     sentence = (
@@ -140,6 +157,6 @@ def joint_p(means: Sequence[Array], draws: int, seed: int) -> Array:
     table = np.divide(table, norm, out=np.zeros_like(table), where=norm > 0)
     if table.shape[1] < 2:
         return np.full(len(means), np.nan)
-    size = np.abs(sign_patterns(table.shape[1], draws, seed) @ table.T)
-    largest = size.max(axis=1)
-    return np.mean(largest[:, None] >= size[:1] - TIED, axis=0)
+    size = np.abs(signed_sums(table, sign_patterns(table.shape[1], draws, seed)))
+    largest = size.max(axis=0)
+    return np.mean(largest >= size[:, :1] - TIED, axis=1)

@@ -13,8 +13,10 @@ from analysis.statistics.leave_one_out import leave_one_volunteer_out
 from analysis.statistics.mixed_model import mixed_model
 from analysis.statistics.paired import WHY, compare
 from analysis.statistics.power import detectable
+from analysis.statistics.ranks import MOST_EXACT as MOST_EXACT_RANKS
 from analysis.statistics.ranks import friedman, wilcoxon
 from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS
+from analysis.statistics.sign_flip import MOST_EXACT as MOST_EXACT_FLIPS
 from analysis.statistics.sign_flip import sign_flip
 from analysis.tables import SHOWN, Column, Table, recordings
 
@@ -183,7 +185,8 @@ def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
     note = (
         "All tests apply to volunteers in general; the column instructions states if they "
         "apply to the instructions of the study or to instructions in general. Sign flips "
-        "and Wilcoxon are exact; the mixed model uses t; the p of equivalence is small if "
+        f"and Wilcoxon are exact (up to {MOST_EXACT_FLIPS} and {MOST_EXACT_RANKS} volunteers); "
+        "the mixed model uses t; the p of equivalence is small if "
         "strategies are equivalent; the bounds of leave one out are the extreme estimates. "
         f"No interval is given with fewer than {LEAST_VOLUNTEERS} volunteers."
     )
