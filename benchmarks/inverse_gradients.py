@@ -109,7 +109,7 @@ def gradients(found: sim.inverse.Linearised, splines: Splines, n: int) -> str:
     )
 
 
-class _Listed(sensitivities.LinearContact):
+class _Listed(sensitivities.LinearRows):
     """Solver of contact steps that lists the active rows of every step."""
 
     found: list[tuple] = []
@@ -126,7 +126,7 @@ def contact(face) -> pd.DataFrame:
     mechanics = SimulationParameters(solver="linearly_implicit", gravity=False, sigma_max=115e3)
     q = np.ascontiguousarray(settle_face(face, mechanics)["node_position"].values)
     scene, nodes = compose_scene(face, mechanics), face["marker_node"].values.astype(np.int64)
-    sensitivities.LinearContact = _Listed
+    sensitivities.LinearRows = _Listed
     rows = []
     for tolerance in (2e-3, 2e-4):
         terms = (

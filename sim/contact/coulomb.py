@@ -3,9 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, lstsq
+from scipy.linalg import lstsq
+from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
 from sim._kernels.coulomb import sweep
+from sim.contact.pushes import pushes
 from sim.pattern import Flags
 from sim.scene import Index
 from sim.state import Array
@@ -13,8 +15,11 @@ from sim.state import Array
 SWEEPS, TURNS = 100, 40
 """Sweeps between two attempts to solve directly for the present states of all contacts; attempts."""
 
+CHANGES = 20  #: largest number of changes of the active set before sweeps
+
 SINGULAR = 1e-12  #: relative size of singular values that are due to rows that repeat each other
 REPEATED = 1e-9  #: share of its mobility that a row must retain under the equations
+PROXIMAL = 1e-9  #: regularisation of proximal points, relative to the mobility
 SLIP = 1e-9  #: share of the largest rate up to which a direct solution may violate a row
 
 
@@ -64,29 +69,59 @@ def forces(S: Array, r: Array, blocks: Blocks, before: Array, error: float) -> t
     if len(e):
         found = np.linalg.solve(S[e[:, None], e], np.column_stack([Seu, r[e]]))
     if len(u):
-        W = np.ascontiguousarray(S[u[:, None], u] - Seu.T @ found[:, :-1])
-        b, x = r[u] - Seu.T @ found[:, -1], before[u].copy()
+        among, b, x = S, r[u] - Seu.T @ found[:, -1], before[u].copy()
+        if len(e):
+            among = np.ascontiguousarray(S[u[:, None], u] - Seu.T @ found[:, :-1])
         # rows that the equations hold already may contradict them by rounding
-        idle = np.abs(np.diag(W)) <= REPEATED * np.abs(np.diag(S)[u])
-        W[idle], W[:, idle], b[idle], x[idle] = 0.0, 0.0, 0.0, 0.0
-        first = np.searchsorted(u, blocks.first) if len(u) else blocks.first
-        left = np.inf
-        for turn in range(TURNS + 1):
-            # directions of sliding change from step to step, so that those of the initial forces are
-            # not exact
-            stale = turn == 0 and _slides(first, blocks.friction, x).any()
-            direct = None if stale else _direct(W, b, first, blocks.friction, x)
-            if direct is not None:
-                x, left = direct, 0.0
-                break
-            if left <= error or turn == TURNS:
-                break
-            left = sweep(W, b, first, blocks.friction, x, SWEEPS, error)
-            # an indefinite matrix may have rows that sweeps cannot close
-            left = max(left, -float((W @ x + b)[first].min()))
-        f[u] = x
+        idle = np.abs(np.diag(among)) <= REPEATED * np.abs(np.diag(S)[u])
+        if idle.any():
+            among = np.where(idle[:, None] | idle, 0.0, among)
+            b[idle], x[idle] = 0.0, 0.0
+        first = np.searchsorted(u, blocks.first)
+        f[u], left = _of_contacts(among, b, first, blocks.friction, x, error)
     f[e] = -found[:, -1] - found[:, :-1] @ f[u]
     return f, left
+
+
+def _of_contacts(
+    W: Array, b: Array, first: Index, friction: Array, x: Array, error: float
+) -> tuple[Array, float]:
+    """Forces of contacts and limits from initial ones; those that remain open are left out."""
+    size = np.where(friction > 0.0, 3, 1)
+    closed = (x[first] > 0.0) | ((W @ x + b)[first] < 0.0)
+    if not closed.any():
+        return np.zeros_like(x), 0.0
+    while True:
+        rows = np.flatnonzero(np.repeat(closed, size))
+        some, start = W[rows[:, None], rows], np.cumsum(size[closed]) - size[closed]
+        f, left = np.zeros_like(x), 0.0
+        f[rows], left = _among(some, b[rows], start, friction[closed], x[rows], error)
+        more = ~closed & ((W @ f + b)[first] < -error)
+        if not more.any():
+            return f, left
+        closed, x = closed | more, f
+
+
+def _among(
+    W: Array, b: Array, first: Index, friction: Array, x: Array, error: float
+) -> tuple[Array, float]:
+    """Forces by a direct solution for the states of contacts, which sweeps find."""
+    left = np.inf
+    for turn in range(TURNS + 1):
+        # directions of sliding change from step to step, so that those of the initial forces are not
+        # exact
+        stale = turn == 0 and _slides(first, friction, x).any()
+        direct = None if stale else _direct(W, b, first, friction, x)
+        if direct is None and turn == 0 and not (friction > 0.0).any():
+            direct = _frictionless(W, b, first, friction, x)
+        if direct is not None:
+            return direct, 0.0
+        if left <= error or turn == TURNS:
+            break
+        left = sweep(W, b, first, friction, x, SWEEPS, error)
+        # an indefinite matrix may have rows that sweeps cannot close
+        left = max(left, -float((W @ x + b)[first].min()))
+    return x, left
 
 
 def _slides(first: Index, friction: Array, x: Array) -> Flags:
@@ -94,6 +129,45 @@ def _slides(first: Index, friction: Array, x: Array) -> Flags:
     n = first[friction > 0.0]
     bound = friction[friction > 0.0] * x[n]
     return (x[n] > 0.0) & (np.hypot(x[n + 1], x[n + 2]) >= bound * (1.0 - 1e-9))
+
+
+def _solution(A: Array, b: Array) -> Array:
+    """Solution of A x = b, the smallest one if rows repeat each other."""
+    lu, pivots, info = dgetrf(A)
+    if info == 0 and dgecon(lu, float(np.abs(A).sum(axis=0).max()))[0] > SINGULAR:
+        return np.asarray(dgetrs(lu, pivots, b)[0])
+    return np.asarray(lstsq(A, b, cond=SINGULAR, check_finite=False)[0])
+
+
+def _frictionless(W: Array, b: Array, first: Index, friction: Array, x: Array) -> Array | None:
+    """Forces of contacts without friction by the primal-dual active set from x, or None.
+
+    It ends wrongly where rows repeat each other with different gaps, of which only one can be closed.
+    Proximal points, the forces of W + c 1 with the gaps b - c x, then approach a solution.
+
+    Source: Hintermueller, Ito and Kunisch 2002, The primal-dual active set strategy as a semismooth
+    Newton method, SIAM J. Optim. 13, 865-888; Rockafellar 1976, Monotone operators and the proximal
+    point algorithm, SIAM J. Control Optim. 14, 877-898.
+    """
+    start, closed = x, x > 0.0
+    for _ in range(CHANGES):
+        on, x = np.flatnonzero(closed), np.zeros_like(x)
+        if len(on):
+            x[on] = _solution(W[on[:, None], on], -b[on])
+        new = np.where(closed, x > 0.0, W @ x + b < 0.0)
+        if (new == closed).all():
+            direct = _direct(W, b, first, friction, x)
+            if direct is not None:
+                return direct
+            break
+        closed = new
+    c, x = PROXIMAL * float(np.abs(np.diag(W)).max()), start
+    for _ in range(CHANGES):
+        x = pushes(W + c * np.eye(len(W)), b - c * x, x > 0.0)
+        direct = _direct(W, b, first, friction, x)
+        if direct is not None:
+            return direct
+    return None
 
 
 def _direct(W: Array, b: Array, first: Index, friction: Array, x: Array) -> Array | None:
@@ -110,13 +184,9 @@ def _direct(W: Array, b: Array, first: Index, friction: Array, x: Array) -> Arra
     along = friction[rubs[slides], None] * x[tangent[slides]] / size[slides, None]
     for k, place, direction in zip(pushes, tangent[slides], along, strict=True):
         columns[:, k] += W[:, place] @ direction
-    new, found = np.zeros_like(x), np.zeros(0)
+    new = np.zeros_like(x)
     if len(rows):
-        try:
-            found = lstsq(columns[rows], -b[rows], cond=SINGULAR, check_finite=False)[0]
-        except LinAlgError:
-            return None
-    new[rows] = found
+        new[rows] = _solution(columns[rows], -b[rows])
     new[tangent[slides]] = along * new[n[rubs[slides]], None]
     rate = W @ new + b
     limit = SLIP * max(float(np.abs(b).max()), np.finfo(float).tiny)

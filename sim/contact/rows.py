@@ -168,18 +168,13 @@ class Multipliers:
     def __post_init__(self) -> None:
         """Fix the bounds of friction at the present multipliers."""
         self.bound = self.rows.friction * self.normal
-        self.released = np.zeros(len(self.rows), dtype=bool)
 
     def at(self, u: Array) -> "Acting":
         """Contact forces at nodal displacements u (n_nodes, 3) since the start of the step."""
-        return self.at_relative(self.rows.displacement(u))
-
-    def at_relative(self, r: Array) -> "Acting":
-        """Contact forces at relative displacements r (k, 3)."""
-        n, rho = self.rows.normal, self.rho
+        r, n, rho = self.rows.displacement(u), self.rows.normal, self.rho
         along = np.einsum("ki,ki->k", n, r)
         gap = self.rows.gap + along
-        force = np.where(self.released, 0.0, np.maximum(self.normal - rho * gap, 0.0))
+        force = np.maximum(self.normal - rho * gap, 0.0)
         energy = float((force * force / (2.0 * rho)).sum())
         if not (self.rows.friction > 0.0).any():
             none = np.zeros(len(n))
@@ -198,15 +193,11 @@ class Multipliers:
         turn = np.where(sticks, 0.0, share * rho)
         return Acting(gap, force, friction, sticks, turn, slip, energy)
 
-    def stiffness(self, acting: "Acting", pushes: Flags | None = None) -> Array:
-        """Blocks (k, 3, 3), minus the derivative of the force on the vertex by r [N/m].
-
-        With `pushes` (k,) these rows are treated as active.
-        """
+    def stiffness(self, acting: "Acting") -> Array:
+        """Blocks (k, 3, 3), minus the derivative of the force on the vertex by r [N/m]."""
         n = self.rows.normal
         nn = n[:, :, None] * n[:, None, :]
-        pushing = acting.force > 0.0 if pushes is None else pushes
-        block = np.where(pushing, self.rho, 0.0)[:, None, None] * nn
+        block = np.where(acting.force > 0.0, self.rho, 0.0)[:, None, None] * nn
         if not (self.bound > 0.0).any():
             return block
         plane = np.eye(3) - nn
@@ -216,10 +207,6 @@ class Multipliers:
         turn = plane - along[:, :, None] * along[:, None, :]
         block += np.where(acting.sticks, self.rho, 0.0)[:, None, None] * plane
         return block + acting.turn[:, None, None] * turn
-
-    def held(self, acting: "Acting", pushes: Flags) -> Array:
-        """Normal forces (k,) if these rows are active and no others [N]."""
-        return np.where(pushes, self.normal - self.rho * acting.gap, 0.0)
 
     def pushing(self, acting: "Acting") -> Index:
         """Slots of the active rows."""
@@ -247,15 +234,7 @@ class Acting:
         """Total forces (k, 3) on the vertices [N]."""
         return self.force[:, None] * rows.normal + self.friction
 
-    def miss(self, multipliers: Multipliers, pushes: Flags | None = None) -> float:
-        """Largest violation [m]: gap of an active row, penetration of an inactive one, or slip.
-
-        With `pushes` (k,) these rows are treated as active.
-        """
-        pushing = self.force > 0.0
-        if pushes is not None:
-            miss = np.where(pushes & pushing, np.abs(self.gap), 0.0)
-        else:
-            inside = np.where(multipliers.released, 0.0, np.maximum(-self.gap, 0.0))
-            miss = np.where(pushing, np.abs(self.gap), inside)
+    def miss(self) -> float:
+        """Largest violation [m]: gap of an active row, penetration of an inactive one, or slip."""
+        miss = np.where(self.force > 0.0, np.abs(self.gap), np.maximum(-self.gap, 0.0))
         return max(float(miss.max(initial=0.0)), self.slip)

@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from functools import partial
 
+import numpy as np
+
 from sim.constraints.projection import Projection
 from sim.constraints.union import Constraints
 from sim.errors import SceneError
@@ -62,9 +64,17 @@ class ConstraintSolver:
         """
         saddle, conditions = self.saddle, self._constraints
         saddle.factorise(A.values, conditions.evaluate(pose)[1])
-        x, _ = saddle.solve(rhs, -conditions.drift(pose, pose.t), start, error)
-        definite = saddle.definite is not False
-        return Solution(x, saddle.iterations, saddle.factorisations, definite, saddle.roughly)
+
+        def solved(r: Array, gamma: Array, start: Array, error: float) -> Solution:
+            x, _ = saddle.solve(r, gamma, start, error)
+            definite = saddle.definite is not False
+            counts = saddle.iterations, saddle.factorisations
+            return Solution(x, *counts, definite, saddle.roughly, again)
+
+        def again(r: Array, error: float) -> Solution:
+            return solved(r, np.zeros(conditions.n), np.zeros(len(r)), error)
+
+        return solved(rhs, -conditions.drift(pose, pose.t), start, error)
 
     def projected(self, start: Pose, pose: Pose) -> Pose:
         """Pose projected to the constraints along their derivative at the start of a step.

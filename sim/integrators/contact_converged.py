@@ -170,7 +170,7 @@ def minimise_in_contact(
         went = more if went is None else went.joined(more)
         u = potential.positions(end.d) - step.q0
         acting, point = touching.settled(end.d), end.alone
-        miss, bound = acting.miss(multipliers), multipliers.bound
+        miss, bound = acting.miss(), multipliers.bound
         multipliers.update(acting)
         change = float(np.abs(multipliers.bound - bound).max(initial=0.0))
         # forces are accurate to the remaining residual of the iteration only

@@ -1,7 +1,7 @@
 """Compliance and stiffness of the tissue that contact forces use over many steps."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -28,29 +28,35 @@ class ContactMemory:
         self._scale = 0.0
         self.stiffness: tuple[Key, Array] | None = None
 
-    def compliance(self, scale: float) -> Compliance:
+    def compliance(
+        self, scale: float, solve_many: Callable[[Array], Array] | None = None
+    ) -> Compliance:
         """Compliance of the tissue of the latest factor, or of earlier ones of the same scale.
 
-        Without products; new parts come from the latest factor, of `scale` times the stiffness, in its
-        own precision. One of shorter steps would be too small: its updates correct it for the forces
-        that have occurred, and any other force, such as rounding that is not symmetric, would grow from
-        iteration to iteration.
+        New parts come from `solve_many`, by default the latest factor of Newton's method, of `scale`
+        times the stiffness without products, in its own precision. One of shorter steps would be too
+        small: its updates correct it for the forces that have occurred, and any other force, such as
+        rounding that is not symmetric, would grow from iteration to iteration.
         """
 
-        def solve_many(rhs: Array) -> Array:
+        def by_factor(rhs: Array) -> Array:
             return scale * self._newton.solve_many(rhs)
 
         if self._compliance is None or not math.isclose(scale, self._scale, rel_tol=1e-9):
-            self._compliance, self._scale = Compliance(self._n, solve_many), scale
+            self._compliance, self._scale = Compliance(self._n, by_factor), scale
             self._made_by = self._newton.number
-        self._compliance.solve_many = solve_many
+        self._compliance.solve_many = solve_many or by_factor
         return self._compliance
+
+    def discard(self) -> None:
+        """Discard the compliance."""
+        self._compliance, self._made_by = None, None
 
     def forget_compliance(self) -> bool:
         """Discard the compliance if it is not of the latest factor; return True if discarded."""
         if self._made_by == self._newton.number:
             return False
-        self._compliance, self._made_by = None, None
+        self.discard()
         return True
 
     def arrays(self) -> dict[str, Array]:

@@ -2,7 +2,7 @@
 
 Newton's method on the stage's equation g(d) = G'f for the motion d from its base: each iteration
 solves A dx = s^2 (G'f - g) with the forces f of all rows, r + G dx + C f = 0 or >= 0 with Coulomb's law,
-from their Delassus matrix s^2 G A^-1 G' (`rows_of_bodies`). The motion is shortened until
+from their Delassus matrix s^2 G A^-1 G' (`rows_of_step`). The motion is shortened until
 the Lagrangian phi - f . G d decreases, which has the exact gradient.
 """
 
@@ -10,13 +10,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from sim.contact.rows import Acting, Rows
 from sim.contact.step import ContactStep
 from sim.errors import NotConverged
-from sim.integrators.contact_linear import ROUNDS
 from sim.integrators.incremental import IncrementalPotential
 from sim.integrators.joint_equations import conditions
+from sim.integrators.linear_rows import ROUNDS
 from sim.integrators.newton import (
     ARMIJO,
     MAX_HALVINGS,
@@ -26,7 +27,7 @@ from sim.integrators.newton import (
     error_left,
 )
 from sim.integrators.newton_factor import Key
-from sim.integrators.rows_of_bodies import STILL, RowsAt, RowsOfBodies, SolveMany, dense
+from sim.integrators.rows_of_step import STILL, JointRows, RowsAt, RowsOfStep, dense
 from sim.integrators.workspace import Workspace
 from sim.linear import NotPositiveDefinite
 from sim.multibody import MOST
@@ -49,21 +50,20 @@ class StageInContact:
     memory: Mapping[str, Array]
     pushed: Array  #: (n_points, 3) contact forces at the end [N]
     reaction: Array | None  #: forces of joints
-    scale: float
     rows: Rows
     at: RowsAt
     f: Array  #: (m,) forces of all rows
     step: ContactStep
-    solver: RowsOfBodies
+    solver: RowsOfStep
 
     def held(self, rhs: Array) -> Array:
         """Solution (n,) for a right-hand side; joints and active rows stay closed."""
-        return self.solver.kept(self.at, self.f != 0.0, rhs)
+        return self.at.kept(self.f != 0.0, rhs, self.solver.solve)[0]
 
     def kick(self, old: Index) -> Array:
         """Motion (n,) due to the present forces on vertices whose slots are not in `old`."""
         new = np.where((self.at.slot >= 0) & ~np.isin(self.at.slot, old), self.f, 0.0)
-        return self.scale * (new @ self.at.X)
+        return self.at.scale * self.solver.solve(self.at.G.T @ new)
 
     def outside(self, pose: Pose, after: float) -> Pose:
         """Pose a time [s] after the end, without penetration of the active rows."""
@@ -96,8 +96,8 @@ class StageWithRows:
     ) -> None:
         self._phi, self._step, self._work, self._key = phi, step, work, key
         self._tolerances, self._until, self._system = tolerances, until, phi.system
-        self._rows = RowsOfBodies(phi.system, step, lambda rhs: self._many(rhs), until)
-        self._many: SolveMany = work.newton.solve_many
+        self._inverse: Array | None = None
+        self._rows = RowsOfStep(phi.system, step, self._solved, self._delassus, phi.scale)
         self._iterations = self._factorisations = self._shifts = 0
         self._residuals, self._left, self._shortest = list[float](), np.inf, 1.0
 
@@ -140,7 +140,7 @@ class StageWithRows:
         self, point: Point, pose: Pose, near: Rows, rows: Rows, at: RowsAt, f: Array, acting: Acting
     ) -> StageInContact:
         pose, near = self._rows.moved_out(pose, near)
-        n = self._rows.joints
+        n = at.joints
         went = Iteration(
             self._iterations,
             self._factorisations,
@@ -152,8 +152,8 @@ class StageWithRows:
         memory = self._step.memory(pose.q, near, at.remembered, acting)
         pushed = rows.spread(acting.on_vertices(rows), len(pose.q))
         return StageInContact(
-            point, pose, went, memory, pushed, f[:n] if n else None, self._phi.scale, rows, at, f,
-            self._step, self._rows,
+            point, pose, went, memory, pushed, f[:n] if n else None, rows, at, f, self._step,
+            self._rows,
         )  # fmt: skip
 
     def _renew(self, point: Point) -> None:
@@ -174,41 +174,47 @@ class StageWithRows:
         """In small scenes use the inverse in double precision: rows may repeat each other."""
         values, pattern = self._work.newton.matrix, self._system.pattern
         if values is not None and pattern.n <= MOST:
-            inverse = np.linalg.inv(dense(pattern, values))
-            self._many = lambda rhs: rhs @ inverse
+            self._inverse = np.asarray(np.linalg.inv(dense(pattern, values)), dtype=np.float64)
+
+    def _solved(self, rhs: Array) -> Array:
+        """Solution (n,) by the factor at hand."""
+        return self._work.newton.solve(rhs) if self._inverse is None else self._inverse @ rhs
+
+    def _delassus(self, G: csr_array) -> Array:
+        """G A^-1 G' (m, m)."""
+        if not G.shape[0]:
+            return np.zeros((0, 0))
+        rows, many = np.asarray(G.toarray()), self._work.newton.solve_many
+        product = np.asarray(G @ (many(rows) if self._inverse is None else rows @ self._inverse).T)
+        return 0.5 * (product + product.T)
 
     def _at(self, rows: Rows, d: Array) -> RowsAt:
         """Rows at a motion, with their derivatives by it."""
-        pose, kinematics = self._phi.pose(d), self._system.kinematics
-        at, j = self._rows.at(rows, pose), self._rows.joints
-        at.G = np.array([kinematics.gradient(G, d) for G in at.G]).reshape(at.G.shape)
+        joints = None
         if self._system.rows is not None:
             now = conditions(self._phi, d)
-            at.G[:j, now.rows.columns], at.value[:j], at.compliance[:j] = (
-                now.G,
-                now.r,
-                now.compliance,
-            )
-        return at
+            about = now.compliance, now.rows.unilateral
+            joints = JointRows(now.rows.columns, now.G, now.r, *about)
+        return self._rows.at(rows, self._phi.pose(d), joints, d)
 
     def _settled(
         self, rows: Rows, point: Point, made_here: bool, f: Array | None
     ) -> tuple[Point, RowsAt, Array]:
         """Motion under some rows, the rows there and their forces, from initial ones."""
-        phi, scale, tolerances = self._phi, self._phi.scale, self._tolerances
+        phi, tolerances = self._phi, self._tolerances
         at, last = self._at(rows, point.d), np.inf
         for _ in range(tolerances.max_iterations):
             start, self._iterations = phi.at(point), self._iterations + 1
-            at.X = self._rows.many(at.G)
-            free = -scale * self._many(start.g[None])[0]
+            at.S = self._delassus(at.G)
+            free = -at.scale * self._solved(start.g)
             before = at.before if f is None else f
-            f = self._rows.forces(at, scale, at.value + at.G @ free, before, STILL)
-            move = free + scale * (f @ at.X)
+            f = at.forces(at.value + at.G @ free, before, STILL, self._until)
+            move = free + at.scale * self._solved(at.G.T @ f)
             found = self._search(start, at, f, move)
             if found is None:
                 if made_here:
                     size = float(np.abs(move).max(initial=0.0))
-                    left = float(np.abs(start.g - f @ at.G).max(initial=0.0))
+                    left = float(np.abs(start.g - at.G.T @ f).max(initial=0.0))
                     if tolerances.met(size, left):
                         self._residuals.append(left)
                         self._left = size
@@ -220,13 +226,13 @@ class StageWithRows:
                 continue
             length, point = found
             at, moved = self._at(rows, point.d), length * float(np.abs(move).max(initial=0.0))
-            residual = float(np.abs(point.g - f @ at.G).max(initial=0.0))
+            residual = float(np.abs(point.g - at.G.T @ f).max(initial=0.0))
             self._shortest = min(self._shortest, length)
             left, before_last, last = error_left(moved, last), last, moved
             self._residuals.append(residual)
             self._left = left
             if tolerances.met(left, residual):
-                at.X = self._rows.many(at.G)
+                at.S = self._delassus(at.G)
                 return point, at, f
             made_here = length < 1.0 or moved > tolerances.keep_factor * before_last
             if made_here:

@@ -6,11 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from sim.errors import InvertedElement
-from sim.integrators.contact_held import HeldContact
-from sim.integrators.contact_linear import LinearContact
 from sim.integrators.contract import require_no_barrier, require_upright
 from sim.integrators.estimate import relaxed
-from sim.integrators.held import held_solution
+from sim.integrators.linear_rows import LinearRows
 from sim.integrators.step_solver import Solution
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
@@ -66,8 +64,7 @@ def linear_step(
 
     Constraints are satisfied by the velocities, G(q0) v1 = 0; then the positions are projected to
     c(q1) = 0 by the displacement along the same G with the smallest norm of the mass, which keeps the
-    rows of joints. Contact adds
-    its forces to the equation (`sim.integrators.contact_linear`).
+    rows of joints. Rows of joints and contact add their forces (`sim.integrators.linear_rows`).
 
     Raises InvertedElement if det F <= 0 at the end; NotConverged if the active set of contacts did not
     converge; SingularSystem if a matrix could not be factorised; SceneError if the scene has a barrier.
@@ -76,22 +73,10 @@ def linear_step(
     kinematics, pose0, t1 = system.kinematics, state.pose, state.t + h
     v0 = kinematics.velocities(state)
     A, rhs, moves = equation.A, equation.rhs, equation.moves
-    conditions, touched, forces = system.constraints, None, None
-    if system.contact is not None:
-        if kinematics.matrix_varies or system.rows is not None:
-            touched = HeldContact(system, state, equation, h, error, work).solve()
-        else:
-            touched = LinearContact(system, state, equation, h, work).solve()
-        v1, pose, forces = touched.w, touched.pose, touched.reaction
-        counts = touched.solutions, touched.factorisations
-        found = Solution(v1, *counts, touched.definite, touched.roughly)
-    elif system.rows is not None:
-        start, now = work.steps.extrapolated(state.t, h, v0), kinematics.at(pose0, t1)
-        limit = error / (moves * h)
-        found, forces = held_solution(system, system.rows, A, rhs, start, now, h, limit, work)
-        pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * found.x), t1)
-        pose, v1, impulse = system.rows.projected(pose, found.x)
-        forces = forces + impulse / h
+    conditions, under = system.constraints, None
+    if system.contact is not None or system.rows is not None:
+        under = LinearRows(system, state, equation, h, error, work).solve()
+        found, pose, v1 = under.solution, under.pose, under.solution.x
     else:
         start, now = work.steps.extrapolated(state.t, h, v0), kinematics.at(pose0, t1)
         found = work.solve(system, A, rhs, now, start, error / (moves * h))
@@ -101,7 +86,7 @@ def linear_step(
         least, element = system.smallest_J(pose.q)
     local_error = None
     if equation.missed is not None and least > 0.0:
-        pushed = touched.pushed if touched else np.zeros_like(pose.q)
+        pushed = under.pushed if under else np.zeros_like(pose.q)
         local_error = _estimate(system, state, equation.missed, found, pushed, pose, work)
     if conditions is not None:
         pose = work.constraints.projected(pose0, pose)
@@ -123,9 +108,9 @@ def linear_step(
                 "rounding"
             )
         raise
-    remembered = {**system.remember(pose.q), **(touched.memory if touched else {})}
-    if forces is not None:
-        remembered[REACTIONS] = forces
+    remembered = {**system.remember(pose.q), **(under.memory if under else {})}
+    if under and under.reaction is not None:
+        remembered[REACTIONS] = under.reaction
     return kinematics.state(pose, v1, remembered), StepReport(
         h=h,
         smallest_J=least,

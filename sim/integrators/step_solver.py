@@ -15,7 +15,6 @@ from sim.integrators.kept import named, part_of
 from sim.integrators.newton_factor import NewtonFactor
 from sim.linear import Factor, LinearSolver, NotPositiveDefinite, ReusedFactor, linear_solver
 from sim.matrix import Matrix
-from sim.pattern import Index
 from sim.state import Array
 
 REFINED, REFINEMENTS = 1e-11, 8
@@ -33,6 +32,8 @@ class Solution:
     definite: bool = True  #: True if the latest factorised matrix is positive definite
     #: solver for the same matrix or an approximation of it, and right-hand sides (n,) or (k, n)
     roughly: Callable[[Array], Array] | None = None
+    #: solution for another right-hand side (n,), with the largest error of an iterative one
+    again: Callable[[Array, float], "Solution"] | None = None
 
 
 class StepSolver:
@@ -44,7 +45,6 @@ class StepSolver:
     def __init__(self, solver: AnalysedSolver, newton: NewtonFactor, clock: PhaseClock) -> None:
         self._solver, self._newton, self._timed = solver, newton, clock.timed
         self._indefinite: LinearSolver | None = None
-        self._columns: tuple[Array | None, Array] | None = None
         self._before: tuple[float, float, Array] | None = None
 
     def solve(self, A: Matrix, rhs: Array, start: Array, error: float) -> Solution:
@@ -63,7 +63,11 @@ class StepSolver:
         linear = self._solver.linear
         if not isinstance(linear, ReusedFactor) or A.pattern is not self._solver.form_pattern:
             solve, definite = self.factorised(A.values)
-            return Solution(solve(rhs), 1, 1 if definite else 2, definite, solve)
+
+            def directly(r: Array, _: float) -> Solution:
+                return Solution(solve(r), 1, 0, definite)
+
+            return Solution(solve(rhs), 1, 1 if definite else 2, definite, solve, directly)
         self._solver.analyse(A.pattern)
         linear = self._solver.linear
         assert isinstance(linear, ReusedFactor)  # with the same name and number of unknowns
@@ -72,9 +76,13 @@ class StepSolver:
             linear.factorise(A.values, A.times, A.to_factorise)
         else:
             linear.factorise(A.values)
-        x = linear.solve(rhs, start, error)
-        counts = linear.iterations, linear.factorisations
-        return Solution(x, *counts, linear.definite, linear.roughly)
+
+        def again(r: Array, error: float, start: Array | None = None) -> Solution:
+            x = linear.solve(r, start, error)
+            counts = linear.iterations, linear.factorisations
+            return Solution(x, *counts, linear.definite, linear.roughly, again)
+
+        return again(rhs, error, start)
 
     def factorised(self, values: Array) -> tuple[Callable[[Array], Array], bool]:
         """Solver for right-hand sides (n,) or (k, n), and whether the matrix is positive definite.
@@ -141,16 +149,6 @@ class StepSolver:
         whole = linear_solver()
         whole.analyse(self._solver.pattern)
         return whole
-
-    def columns(self, of: Index, solve: Callable[[Array], Array]) -> Array:
-        """Solutions (k, n) for unit vectors by `Solution.roughly`, stored with a factor."""
-        linear = self._solver.linear
-        made_of = linear.factored if isinstance(linear, ReusedFactor) else None
-        if self._columns is None or made_of is None or self._columns[0] is not made_of:
-            unit = np.zeros((len(of), self._solver.pattern.n))
-            unit[np.arange(len(of)), of] = 1.0
-            self._columns = made_of, solve(unit)
-        return self._columns[1]
 
     def extrapolated(self, t: float, h: float, v: Array) -> Array:
         """Initial guess of the velocities at t + h from those at t.

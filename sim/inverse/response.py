@@ -9,9 +9,8 @@ import numpy as np
 from sim.contact.rows import Rows
 from sim.contact.step import ContactStep
 from sim.errors import SceneError
-from sim.integrators.contact_linear import LinearContact
 from sim.integrators.contract import require_fixed_contact, require_no_barrier, require_no_friction
-from sim.integrators.held import held_solution
+from sim.integrators.linear_rows import LinearRows
 from sim.integrators.workspace import Workspace
 from sim.inverse.active_forces import NEAR, ActiveForces, require_affine
 from sim.joints.compiled import REDUNDANT
@@ -22,6 +21,8 @@ from sim.system import System
 
 Form = Literal["exact", "affine"]
 """Derivative of the step itself, or with the matrix of the step held constant."""
+
+SOLVED = 1e-10  #: error of the positions of a step that an iterative solution may leave [m]
 
 
 class LinearlyImplicit(Protocol):
@@ -88,7 +89,8 @@ def step_response(
     With the equation A(a) w = b(a) of a step, A dw/da_i = db/da_i - dA/da_i w. In the form "affine"
     the matrix is held constant, dw/da_i = h A^-1 F_i with the forces F_i of the muscles. Rows of
     joints and of active contacts hold: their forces are eliminated by the Schur complement, and their
-    directions and the set of active rows are those of this step. Hard volumes hold by multipliers.
+    directions and the set of active rows are those of this step. A contact at rest without force closes
+    for the muscles that press it. Hard volumes hold by multipliers.
 
     Parameters
     ----------
@@ -120,9 +122,6 @@ def step_response(
     equation = integrator.equation(whole, state, line, work)
     w0 = kinematics.velocities(state)
     pose = kinematics.at(state.pose, state.t + h)
-    touched = None
-    if system.contact is not None:
-        touched = LinearContact(whole, state, equation, h, work).solve()
 
     def loads(w: Array) -> Array:
         if form == "affine":
@@ -142,38 +141,33 @@ def step_response(
         half, slope = 0.5 * (ahead + behind), (ahead - behind) / (2.0 * near)
         return h * half + (theta * h) ** 2 * slope
 
-    if system.rows is not None:
-        found, f = held_solution(
-            whole, system.rows, equation.A, equation.rhs, w0, pose, h, 1e-10, work
-        )
-        assert found.roughly is not None  # set by every solution
-        given = loads(found.x)
-        H = np.array([found.roughly(load) for load in given]).T
-        slope = np.zeros((0, 0))
-        if row_forces:
+    if system.rows is not None or system.contact is not None:
+        under = LinearRows(whole, state, equation, h, SOLVED, work).solve()
+        w, f = under.solution.x, under.reaction
+        given = loads(w)
+        held = [under.held(load) for load in given]
+        H, slope = np.array([x for x, _ in held]).T, np.zeros((0, 0))
+        if row_forces and system.rows is not None and f is not None:
             left = np.array([equation.A.times(x) for x in H.T]) - given
             slope = _force_slope(system.rows, pose, f, left[:, system.rows.columns].T / h)
-        return Response(activation, found.x, H, state.pose, w0, h, equation.moves, len(f), f, slope)
+        count = len(under.active) + (0 if f is None else len(f))
+        pressed, pressed_slope = np.zeros(0), np.zeros((0, 0))
+        if system.contact is not None:
+            of, every = under.near.pairing, np.arange(len(system.contact.names))
+            pressed = system.contact.pressed(under.memory)
+            rises = np.array([rise for _, rise in held], dtype=np.float64)
+            pressed_slope = np.asarray((every[:, None] == of) @ rises.T / h, dtype=np.float64)
+        about = count, np.zeros(0) if f is None else f, slope, pressed, pressed_slope
+        return Response(activation, w, H, state.pose, w0, h, equation.moves, *about)
     if system.constraints is not None:
         saddle, still = work.constraints.saddle, np.zeros(system.constraints.n)
         saddle.factorise(equation.A.values, system.constraints.evaluate(pose)[1])
         w, _ = saddle.solve(equation.rhs, still)
         columns = np.array([saddle.solve(load, still)[0] for load in loads(w)]).T
         return Response(activation, w, columns, state.pose, w0, h, equation.moves, len(still))
-    if touched is None:
-        solve = work.steps.many(equation.A)
-        w = solve(equation.rhs[None])[0]  # it determines the loads
-        return Response(activation, w, solve(loads(w)).T, state.pose, w0, h, equation.moves, 0)
-    N = generalised_normals(system, touched.active, state.pose)
-    X = work.steps.many(equation.A)(np.concatenate([loads(touched.w), N]))
-    held, impulse = _held(X[: len(activation)], X[len(activation) :], N)
-    assert system.contact is not None  # it was touched
-    of, every = touched.active.pairing, np.arange(len(system.contact.names))
-    slope = (every[:, None] == of) @ impulse / h
-    return Response(
-        activation, touched.w, held.T, state.pose, w0, h, equation.moves, len(N),
-        pressed=system.contact.pressed(touched.memory), pressed_slope=slope,
-    )  # fmt: skip
+    solve = work.steps.many(equation.A)
+    w = solve(equation.rhs[None])[0]  # it determines the loads
+    return Response(activation, w, solve(loads(w)).T, state.pose, w0, h, equation.moves, 0)
 
 
 def equilibrium_response(

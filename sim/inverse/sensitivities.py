@@ -7,16 +7,16 @@ from scipy.sparse import csr_array
 
 from sim.errors import SceneError
 from sim.integrators import LinearlyImplicitEuler, Workspace
-from sim.integrators.contact_linear import LinearContact
 from sim.integrators.contract import (
     require_fixed_contact,
     require_no_barrier,
     require_no_friction,
     require_upright,
 )
+from sim.integrators.linear_rows import LinearRows
 from sim.inverse.active_forces import NEAR, ActiveForces
 from sim.inverse.linear_targets import Linearised
-from sim.inverse.response import generalised_normals
+from sim.inverse.response import SOLVED, generalised_normals
 from sim.inverse.splines import DEGREE, Splines, ends_of_steps
 from sim.inverse.targets import Target, Together
 from sim.pattern import Sparsity
@@ -52,10 +52,8 @@ def linearise(
     K along dq0, times w1, equals that along w1, times dq0, because K is the second derivative of an
     energy. One factor serves the step and all its derivatives, which are exact if the damping matrix is
     constant. Rows of active contacts stay closed, N (dq0 + h dw1) = 0, with the directions of the step;
-    a row that opens or closes is a kink of the motion. Steps leave gaps up to the tolerance of the
-    contact, which also vary: with 1 um the derivatives of a block differ by 0.7 % of the largest from
-    those of its steps, with 1e-5 um by 2e-8. Normals are constant within a step. Columns that have
-    decayed to `decayed` [m] are dropped.
+    a row that opens or closes is a kink of the motion. Normals are constant within a step. Columns that
+    have decayed to `decayed` [m] are dropped.
 
     Raises
     ------
@@ -90,10 +88,10 @@ def linearise(
         touched, normals = None, np.zeros((0, x.shape[2]))
         memory: Mapping[str, Array] = {}
         if system.contact is not None:
-            touched = LinearContact(system, state, equation, h, work).solve()
+            touched = LinearRows(system, state, equation, h, SOLVED, work).solve()
             normals = generalised_normals(system, touched.active, state.pose)
         solve = work.steps.many(equation.A) if touched is None or derivatives else np.asarray
-        w = solve(equation.rhs[None])[0] if touched is None else touched.w
+        w = solve(equation.rhs[None])[0] if touched is None else touched.solution.x
         if derivatives:
             while begun < splines.n and splines.knots[begun] < t1:
                 alive = np.append(alive, begun * n + np.arange(n))

@@ -7,7 +7,6 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sim._kernels.joints import ALIGNED, ANGLE, TURN, RowTable, rows_at
-from sim.contact.pushes import pushes
 from sim.errors import SceneError
 from sim.joints.contract import Joint, Row, number_of
 from sim.kinematics import Kinematics
@@ -152,23 +151,6 @@ class Rows:
             else:
                 force[:, joint] += push[:, k]
         return force, moment
-
-    def forces(self, S: Array, r: Array, before: Array) -> Array:
-        """Forces (m,) with S f + r = 0, and for inequalities 0 <= f, S f + r >= 0 and f (S f + r) = 0.
-
-        Bilateral rows are eliminated; a linear complementarity problem of the others remains.
-        """
-        b, u = np.flatnonzero(~self.unilateral), np.flatnonzero(self.unilateral)
-        f = np.zeros(len(r))
-        if not len(u):
-            return np.asarray(np.linalg.solve(S, -r), dtype=np.float64)
-        Sbu, found = S[b[:, None], u], np.zeros((len(b), len(u) + 1))
-        if len(b):
-            found = np.linalg.solve(S[b[:, None], b], np.column_stack([Sbu, r[b]]))
-        W = S[u[:, None], u] - Sbu.T @ found[:, :-1]
-        f[u] = pushes(W, r[u] - Sbu.T @ found[:, -1], before[u] > 0.0)
-        f[b] = -found[:, -1] - found[:, :-1] @ f[u]
-        return f
 
     def inverse_mass(self, pose: Pose) -> Array:
         """Solutions (n, k) of M x = e for the velocities of `columns`."""

@@ -10,7 +10,7 @@ from copy import copy
 from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, hstack
 
 from sim.bodies import Body
 from sim.kinematics import rotations
@@ -258,6 +258,16 @@ class Articulated(Kinematics):
     def gradient(self, g: Array, d: Array) -> Array:
         """Derivative of an energy by d relative to a pose, from its generalised gradient g."""
         return self._by_rotation(d, g, rotations.vector_gradient)
+
+    def gradients(self, G: csr_array, d: Array) -> csr_array:
+        """As `gradient`, of every row of G (m, n)."""
+        vectors, m = d[self.first :].reshape(-1, 6)[:, 3:], G.shape[0]
+        own = np.asarray(G[:, self.first :].toarray()).reshape(m, len(vectors), 6)
+        theta = np.broadcast_to(vectors, own[..., 3:].shape).reshape(-1, 3)
+        turned = rotations.vector_gradient(theta, own[..., 3:].reshape(-1, 3))
+        own[..., 3:] = turned.reshape(own[..., 3:].shape)
+        own = csr_array(own.reshape(m, 6 * len(vectors)))
+        return csr_array(hstack([G[:, : self.first], own]))
 
     def _by_rotation(self, d: Array, x: Array, change: "rotations.Change") -> Array:
         out = x.copy()

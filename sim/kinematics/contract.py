@@ -78,6 +78,10 @@ class Kinematics:
         """Derivative of an energy by d, from its generalised gradient g: g except for rotations."""
         return g
 
+    def gradients(self, G: csr_array, d: Array) -> csr_array:
+        """As `gradient`, of every row of G (m, n)."""
+        return G
+
     def add_damping(self, values: Array) -> None:
         """Add the damping of bodies relative to space to values on `pattern`."""
 

@@ -89,11 +89,6 @@ class ReusedFactor:
         self._pattern = pattern
         self.factor.analyse(pattern)
 
-    @property
-    def factored(self) -> Array | None:
-        """Values of the factorised matrix, or None."""
-        return None if self._active is None else self._factored
-
     def forget(self) -> None:
         """Discard the factor."""
         self._active = None

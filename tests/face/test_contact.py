@@ -11,6 +11,7 @@ from emgface.face.contact import contact_pairings, touching
 from emgface.face.penetration import Penetration, depths
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
+from sim.contact.compiled import FORCE, FRICTION
 
 METHODS = ("constraint", "barrier")
 
@@ -107,3 +108,35 @@ def test_depth_of_a_face_starts_at_rest(face: xr.Dataset) -> None:
     lips = X.copy()
     lips[np.unique(penetration._lips[0]), 2] -= 6e-3
     assert 1e-3 < penetration.lips(lips) < 6e-3
+
+
+def test_closing_lips_obey_the_law_of_friction(medium: xr.Dataset) -> None:
+    """Lips of a medium face that close and slide on each other, with contacts that repeat each other.
+
+    At the end of every step, friction is 0.2 of the normal force of its vertex.
+    """
+    parameters = {"contact": {"friction": 0.2}, "gravity": False, "sigma_max": 100e3}
+    scene = compose_scene(medium, SimulationParameters.model_validate(parameters))
+    system = sim.compile_scene(scene)
+    peak = np.array([0.4 if name[:3] in ("OOP", "OOM") else 0.0 for name in system.muscles])
+    drive = sim.Activation(np.array([0.0, 0.1]), np.stack([0.0 * peak, peak]))
+    state, work = system.rest_state(), sim.Workspace(system)
+    normal = friction = np.zeros(0)
+    gap, steps = 0.0, sim.FixedStep(0.005)
+    for _ in range(8):
+        part, state = sim.simulate(
+            system,
+            drive,
+            duration=0.005,
+            integrator=sim.LinearlyImplicitEuler(),
+            steps=steps,
+            initial=state,
+            probes=(sim.Contacts(),),
+            work=work,
+        )
+        memory, gap = state.memory["contact"], float(part["contact_gap"].isel(time=-1).min())
+        normal, friction = memory[:, FORCE], np.linalg.norm(memory[:, FRICTION], axis=1)
+        assert (friction <= 0.2 * normal * (1.0 + 1e-9)).all()
+    touches = normal > 1e-3 * normal.max()
+    assert touches.sum() > 50 and gap > -3e-6  # the penetration that is corrected
+    np.testing.assert_allclose(friction[touches], 0.2 * normal[touches], rtol=1e-9)

@@ -1,10 +1,13 @@
 """Joints against closed forms: derivatives, freedoms, a pendulum, drift, limits and redundancy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import sim
-from sim.integrators.held import held_solution
+from sim.contact.rows import no_rows
+from sim.integrators.linear_rows import LinearRows
 from sim.joints import (
     JOINTS,
     Bushing,
@@ -16,7 +19,7 @@ from sim.joints import (
     Weld,
 )
 from sim.linear import linear_solver
-from sim.step_matrices import damping_matrix, implicit_matrix
+from sim.step_matrices import LinearStep, damping_matrix, implicit_matrix
 from tests.bodies import grid
 from tests.kinematics.scenes import INERTIA, dense, mixed_system, random_pose
 
@@ -144,15 +147,17 @@ def test_rows_by_the_schur_complement_equal_the_full_saddle_system():
     D = damping_matrix(system, pose, np.zeros_like(pose.q), control, K)
     A = implicit_matrix(system, pose, here, K, D, h, h * h)
     rhs = np.random.default_rng(0).normal(size=system.pattern.n) * 1e-6
-    work, start = sim.Workspace(system), np.zeros(system.pattern.n)
-    found, f = held_solution(system, rows, A, rhs, start, pose, h, 1e-12, work)
+    state = system.kinematics.state(pose, np.zeros(system.pattern.n), {})
+    state, equation = replace(state, t=pose.t - h), LinearStep(A, rhs, 1.0)
+    step = LinearRows(system, state, equation, h, 1e-12, sim.Workspace(system))
+    _, w, f = step.under(no_rows())
     now, m, n = rows.evaluate(pose), len(rows.names), system.pattern.n
     G = np.zeros((m, n))
     G[:, rows.columns] = now.G
     time = np.where(rows.rigid, np.inf, h + rows.damping_time)
     saddle = np.block([[dense(system, A.values), -h * G.T], [G, np.diag(rows.compliance / time)]])
     expected = np.linalg.solve(saddle, np.concatenate([rhs, -now.drift - now.c / time]))
-    np.testing.assert_allclose(found.x, expected[:n], atol=1e-9 * np.abs(expected[:n]).max())
+    np.testing.assert_allclose(w, expected[:n], atol=1e-9 * np.abs(expected[:n]).max())
     np.testing.assert_allclose(f, expected[n:], atol=1e-9 * np.abs(expected[n:]).max())
 
 

@@ -1,13 +1,16 @@
 """Hard volumes of tissue on moving bodies, with joints and contact."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import sim
 from sim.contact.bodies import body_surfaces
-from sim.integrators.held import held_solution
+from sim.contact.rows import no_rows
+from sim.integrators.linear_rows import LinearRows
 from sim.joints import Spherical, Weld
-from sim.step_matrices import damping_matrix, implicit_matrix
+from sim.step_matrices import LinearStep, damping_matrix, implicit_matrix
 from tests.bodies import grid, solid_system
 from tests.kinematics.scenes import dense, mixed_system, random_pose, swing
 from tests.kinematics.test_motion import run
@@ -44,8 +47,10 @@ def test_volumes_joints_and_tissue_equal_the_full_saddle_system():
     D = damping_matrix(system, pose, np.zeros_like(pose.q), control, K)
     A = implicit_matrix(system, pose, here, K, D, h, h * h)
     rhs = np.random.default_rng(0).normal(size=system.pattern.n) * 1e-6
-    work, start = sim.Workspace(system), np.zeros(system.pattern.n)
-    found, f = held_solution(system, rows, A, rhs, start, pose, h, 1e-12, work)
+    state = system.kinematics.state(pose, np.zeros(system.pattern.n), {})
+    state, equation = replace(state, t=pose.t - h), LinearStep(A, rhs, 1.0)
+    step = LinearRows(system, state, equation, h, 1e-12, sim.Workspace(system))
+    _, w, f = step.under(no_rows())
     now, m, n = rows.evaluate(pose), len(rows.names), system.pattern.n
     G = np.zeros((m, n))
     G[:, rows.columns] = now.G
@@ -63,7 +68,7 @@ def test_volumes_joints_and_tissue_equal_the_full_saddle_system():
     )
     wanted = np.concatenate([rhs, -now.drift - now.c / time, np.zeros(k)])
     expected = np.linalg.solve(saddle, wanted)
-    np.testing.assert_allclose(found.x, expected[:n], atol=1e-9 * np.abs(expected[:n]).max())
+    np.testing.assert_allclose(w, expected[:n], atol=1e-9 * np.abs(expected[:n]).max())
     np.testing.assert_allclose(f, expected[n:-k], atol=1e-9 * np.abs(expected[n:-k]).max())
 
 

@@ -1,0 +1,286 @@
+"""Linearly implicit step under the rows of joints and contacts, by their Delassus matrix."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from sim.contact.compliance import Compliance
+from sim.contact.rows import Rows, no_rows
+from sim.contact.step import ContactStep
+from sim.errors import NotConverged, SingularSystem
+from sim.integrators.rows_of_step import (
+    STILL,
+    JointRows,
+    RowsAt,
+    RowsOfStep,
+    Solve,
+    dense,
+)
+from sim.integrators.step_solver import Solution
+from sim.integrators.workspace import Workspace
+from sim.multibody import MOST
+from sim.state import Array, Pose, State
+from sim.step_matrices import LinearStep
+from sim.system import System
+
+FASTER = 1.5  #: factor on the initial velocity for the search range of vertices
+ROUNDS = 6  #: largest number of additions of violated rows
+LIMIT, STALE = 40, 6
+"""Largest number of passes of a solution under rows, and that after which the compliance is computed
+again."""
+SHARE = 0.1  #: motion of rows that remains, relative to the tolerance of solution or contact
+LARGE = 0.01  #: change, relative to the largest one in a solution, from which an update is made
+KNOWN = 0.01  #: relative error of the Delassus matrix below which it is not updated
+
+
+@dataclass(frozen=True)
+class UnderRows:
+    """End of a step under rows.
+
+    `solution` is that of the velocities, and solves roughly under the rows that act at the end.
+    `pushed` (n_points, 3) are the contact forces there [N], `near` (k,) the rows of contacts, `active`
+    those with a force, and `reaction` (m,) the forces of joints. `held` solves for a right-hand side
+    (n,) under the rows that act, and those of contacts at rest that it would close, exactly; with the
+    normal impulses (k,).
+    """
+
+    solution: Solution
+    pose: Pose
+    memory: Mapping[str, Array]
+    pushed: Array
+    near: Rows
+    active: Rows
+    reaction: Array | None
+    held: Callable[[Array], tuple[Array, Array]]
+
+
+class LinearRows:
+    """Iteration of a step: solve with the current rows, and add the violated ones.
+
+    A w = rhs + h G'f with the forces f of rows. Rigid rows of joints are satisfied by the velocities,
+    G w = -drift; with a time a = h + damping time compliant ones are c + a (G w + drift) + compliance f
+    = 0, and limits c + h (G w + drift) >= 0. Contacts are g + h G w >= 0, with Coulomb's law. The forces
+    follow from the Delassus matrix S = h G A^-1 G', which in small scenes is exact. In large ones it is
+    that of an earlier matrix A with updates (`sim.contact.compliance`), and the residual of the
+    equation is solved for again until the forces no longer change.
+
+    Parameters
+    ----------
+    equation : of the velocities without rows.
+    h, error : length of the step [s] and largest error of an iterative solution [m].
+    """
+
+    def __init__(
+        self,
+        system: System,
+        state: State,
+        equation: LinearStep,
+        h: float,
+        error: float,
+        work: Workspace,
+    ) -> None:
+        self._system, self._state, self._equation, self._h = system, state, equation, h
+        self._work, self._until = work, state.t + h
+        self._w0 = system.kinematics.velocities(state)
+        self._start = system.kinematics.at(state.pose, self._until)
+        self._error = error / (equation.moves * h)
+        self._inverse: Array | None = None
+        self._exactly, self._roughly = self._solvers()
+        contact = system.contact
+        self._step = None if contact is None else ContactStep(contact, state, self._until)
+        left = 0.0 if self._step is None else self._step.tolerances.residual
+        self._settled = max(h * self._error, left)
+        self._rows = RowsOfStep(system, self._step, self._roughly, self._delassus, h * h)
+        self._joints = self._rows_of_joints()
+
+    # -- the matrix --------------------------------------------------------------------------------
+
+    def _solvers(self) -> tuple[Solve, Solve]:
+        """Solutions for further right-hand sides, exact and by the factor at hand."""
+        A, rhs, work = self._equation.A, self._equation.rhs, self._work
+        if len(rhs) <= MOST and not A.products and self._system.constraints is None:
+            whole = dense(A.pattern, A.values)
+            try:
+                values = np.linalg.eigvalsh(whole)
+                inverse = np.asarray(np.linalg.inv(whole), dtype=np.float64)
+            except np.linalg.LinAlgError as error:
+                raise SingularSystem("the matrix of the step is singular") from error
+            self._found, self._inverse = Solution(inverse @ rhs, definite=values[0] > 0.0), inverse
+            return (lambda r: inverse @ r), (lambda r: r @ inverse)
+        start = work.steps.extrapolated(self._state.t, self._h, self._w0)
+        self._found = work.solve(self._system, A, rhs, self._start, start, self._error)
+        again, roughly = self._found.again, self._found.roughly
+        assert again is not None and roughly is not None  # Every solution of a step has them.
+        return (lambda r: self._count(again(r, self._error)).x), roughly
+
+    def _count(self, more: Solution) -> Solution:
+        found = self._found
+        self._found = replace(
+            found,
+            iterations=found.iterations + more.iterations,
+            factorisations=found.factorisations + more.factorisations,
+            definite=found.definite and more.definite,
+        )
+        return more
+
+    def _compliance(self) -> Compliance:
+        return self._work.contact.compliance(self._h**2, lambda f: self._h**2 * self._roughly(f))
+
+    def _delassus(self, G: csr_array) -> Array:
+        """G A^-1 G' (m, m)."""
+        if not G.shape[0]:
+            return np.zeros((0, 0))
+        if self._inverse is not None:
+            product = np.asarray(G @ (G @ self._inverse).T)
+        else:
+            product = self._compliance().between(G, G) / self._h**2
+        return 0.5 * (product + product.T)
+
+    def _learn(self, at: RowsAt, f: Array, w: Array, largest: float) -> float:
+        """Update of the Delassus matrix such that impulses f (m,) change the velocities by w (n,).
+
+        `largest` is the largest rate of a row of earlier changes in the solution, and the result with
+        this one. Small changes are not learnt: an update has their relative error, so that rounding
+        would grow from step to step.
+        """
+        r, Sf = at.G @ w, at.S @ f
+        fr, fSf = float(f @ r), float(f @ Sf)
+        missed, size = (float(np.abs(x).max(initial=0.0)) for x in (r - Sf, r))
+        useful = missed > KNOWN * size and size > LARGE * largest and fr > 0.0 and fSf > 0.0
+        if self._inverse is None and useful:
+            at.S += np.outer(r / fr, r) - np.outer(Sf / fSf, Sf)
+            self._compliance().learn(at.G.T @ f, self._h**2 * w)
+        return max(largest, size)
+
+    def _rows_of_joints(self) -> JointRows | None:
+        rows, h = self._system.rows, self._h
+        if rows is None:
+            return None
+        now, time = rows.evaluate(self._start), np.where(rows.unilateral, h, h + rows.damping_time)
+        value = now.drift + np.where(rows.rigid, 0.0, now.c / time)
+        return JointRows(
+            rows.columns, now.G, h * value, h * rows.compliance / time, rows.unilateral
+        )
+
+    # -- the step ----------------------------------------------------------------------------------
+
+    def solve(self) -> UnderRows:
+        """Velocities and pose at the end.
+
+        Raises NotConverged if the forces did not converge, or new rows appear in every iteration;
+        SingularSystem if a matrix could not be factorised.
+        """
+        step, h, system, state = self._step, self._h, self._system, self._state
+        kinematics, joints, moves = system.kinematics, system.rows, self._equation.moves
+        rows = near = no_rows()
+        if step is not None:
+            way = np.linalg.norm(state.v, axis=1) * h
+            way += np.linalg.norm(self._start.q - state.q, axis=1)
+            rows = step.entering(step.at_start(FASTER * way))
+        for _ in range(ROUNDS):
+            used, at, w, f = self._under_some(rows)
+            way = h * ((1.0 - moves) * self._w0 + moves * w)
+            pose = kinematics.advance(state.pose, way, self._until)
+            acting = at.acting(f, used.gaps(pose.q - state.q))
+            if step is None:
+                break
+            near = step.at(pose.q)
+            missed = self._rows.missed(used, acting, pose, near).without(rows)
+            if not len(missed):
+                break
+            rows = rows.joined(step.entering(missed))
+        else:
+            reason = "new contact constraints appear in every iteration"
+            raise NotConverged((), self._until, reason)
+        memory, pushed, reaction = dict[str, Array](), np.zeros_like(pose.q), None
+        if step is not None:
+            out_of = near if moves == 1.0 else near.joined(self._through(rows, pose.q, near))
+            pose, near = self._rows.moved_out(pose, out_of)
+        if joints is not None:
+            pose, w, impulse = joints.projected(pose, w)
+            reaction = f[: len(joints.names)] + impulse / h
+        if step is not None:
+            near = near if joints is None else step.at(pose.q)
+            memory = dict(step.memory(pose.q, near, at.remembered, acting))
+            pushed = used.spread(acting.on_vertices(used), len(pose.q))
+        on, rests = f != 0.0, np.zeros(len(f), dtype=bool)
+        on[at.blocks.equations] = True
+        rests[at.first] = (f[at.first] == 0.0) & (acting.gap < 100.0 * STILL)
+
+        def held(rhs: Array) -> tuple[Array, Array]:
+            x, impulse = at.kept(on, rhs, self._exactly, exactly=True)
+            closes = rests & (at.G @ x < 0.0)
+            if closes.any():
+                x, impulse = at.kept(on | closes, rhs, self._exactly, exactly=True)
+            return x, impulse[at.first]
+
+        def roughly(rhs: Array) -> Array:
+            return at.kept(on, rhs, self._roughly)[0]
+
+        return UnderRows(
+            replace(self._found, x=w, roughly=roughly),
+            pose,
+            memory,
+            pushed,
+            used,
+            used.take(np.flatnonzero(f[at.first] > 0.0)),
+            reaction,
+            held,
+        )
+
+    def _under_some(self, rows: Rows) -> tuple[Rows, RowsAt, Array, Array]:
+        """Those rows that may become active, with velocities (n,) and forces (m,) under all of them."""
+        if self._step is None or self._inverse is not None:
+            return rows, *self.under(rows)
+        tolerances, u = self._step.tolerances, self._start.q - self._step.q0
+        kinematics = self._system.kinematics
+
+        def gaps(w: Array) -> Array:
+            return rows.gaps(u + self._h * kinematics.displacements(w, self._start))
+
+        on = self._step.multipliers(rows, np.ones(len(rows))).normal > 0.0
+        on |= gaps(self._found.x) < tolerances.likely
+        while True:
+            some = rows.take(np.flatnonzero(on))
+            at, w, f = self.under(some)
+            more = ~on & (gaps(w) < -tolerances.residual)
+            if not more.any():
+                return some, at, w, f
+            on |= more
+
+    def under(self, rows: Rows) -> tuple[RowsAt, Array, Array]:
+        """Rows, and velocities (n,) and forces (m,) under them."""
+        A, rhs, h, w = self._equation.A, self._equation.rhs, self._h, self._found.x
+        at = self._rows.at(rows, self._start, self._joints)
+        at.S, f = self._delassus(at.G), np.zeros(len(at.value))
+        before, most, largest = at.before, 100.0 * STILL, 0.0
+        if self._inverse is None:
+            most = max(SHARE * self._settled, most)
+        for k in range(LIMIT):
+            if k == STALE and self._inverse is None:
+                self._work.contact.discard()
+                at.S = self._delassus(at.G)
+            # gaps without forces, whose change by f the matrix tells
+            gap = at.value + h * (at.G @ w) - h * h * (at.S @ f)
+            new = at.forces(gap, before, 0.01 * most, self._until)
+            change = new - f
+            if h * h * float(np.abs(at.S @ change).max(initial=0.0)) <= most:
+                return at, w, f
+            moved = self._exactly(rhs + h * (at.G.T @ new) - A.times(w))
+            largest = self._learn(at, h * change, moved, largest)
+            w, f, before = w + moved, new, new
+        raise NotConverged((), self._until, "the solution under rows does not settle")
+
+    def _through(self, rows: Rows, q: Array, near: Rows) -> Rows:
+        """Rows that are violated without a close face.
+
+        The initial velocities, which are independent of the rows, may carry a vertex through a thin
+        sheet.
+        """
+        assert self._step is not None  # it has rows
+        rows = rows.joined(self._step.passed(q, near))
+        broken = rows.gaps(q - self._step.q0) < -self._step.tolerances.residual
+        rows = rows.take(np.flatnonzero(broken & ~np.isin(rows.slot, near.slot)))
+        return rows.take(np.unique(rows.keys, return_index=True)[1])

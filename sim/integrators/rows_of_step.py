@@ -1,0 +1,229 @@
+"""Rows of joints and contacts over a step, and their forces from one Delassus matrix.
+
+Rows act on points; with v = R w + gamma their derivatives by the velocities are those of the points
+times R.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from sim.contact.coulomb import Blocks, forces
+from sim.contact.rows import Acting, Multipliers, Rows
+from sim.contact.step import CORRECTIONS, ContactStep
+from sim.errors import NotConverged
+from sim.joints.compiled import REDUNDANT
+from sim.pattern import Flags, Sparsity
+from sim.scene import Index
+from sim.state import Array, Pose
+from sim.system import System
+
+STILL = 1e-12  #: error of a position that contact forces leave in a step [m]
+REPEATS, CLOSED = 30, 1e-11
+"""Largest number of corrections of a solution under rows, and relative opening that ends them."""
+ON_FACE = 1e-7  #: gap below which a row is kept closed while others are opened [m]
+
+Solve = Callable[[Array], Array]
+"""Solution (n,) for a right-hand side (n,) with the matrix A of a step or a similar one."""
+
+Delassus = Callable[[csr_array], Array]
+"""Matrix G A^-1 G' (m, m) of directions G (m, n)."""
+
+
+def dense(p: Sparsity, values: Array) -> Array:
+    """Matrix (n, n) of values on a sparsity pattern."""
+    A = np.zeros((p.n, p.n))
+    row = np.repeat(np.arange(p.n), np.diff(p.indptr))
+    A[row, p.indices] = A[p.indices, row] = values
+    return A
+
+
+@dataclass(frozen=True, eq=False)
+class JointRows:
+    """Rows of joints at a pose, in front of those of contacts."""
+
+    columns: Index  #: (k,) velocities on which they depend
+    G: Array  #: (j, k)
+    value: Array  #: (j,)
+    compliance: Array  #: (j,)
+    unilateral: Flags  #: (j,)
+
+
+@dataclass(eq=False)
+class RowsAt:
+    """Rows of joints, then those of contacts, each with its tangents."""
+
+    G: csr_array  #: (m, n) derivatives by the velocities
+    #: (m,) values: gaps, and displacements along tangents since the start of the step [m]
+    value: Array
+    compliance: Array  #: (m,)
+    blocks: Blocks
+    before: Array  #: (m,) initial forces
+    slot: Index  #: (m,) slot of the contact of every row, -1 for joints
+    first: Index  #: (k,) row of the normal of every contact
+    rub: Index  #: contacts with friction
+    tangents: tuple[Array, Array]  #: unit vectors of these
+    remembered: Multipliers  #: of the contacts
+    scale: float  #: of the Delassus matrix of motions
+    S: Array  #: (m, m) Delassus matrix G A^-1 G', which the caller sets
+
+    @property
+    def joints(self) -> int:
+        """Number of rows of joints."""
+        return int((self.slot < 0).sum())
+
+    def acting(self, f: Array, gap: Array) -> Acting:
+        """Contact forces of the forces (m,) of rows, with gaps (k,)."""
+        friction = np.zeros((len(gap), 3))
+        for i, e in enumerate(self.tangents):
+            friction[self.rub] += f[self.first[self.rub] + 1 + i, None] * e
+        none = np.zeros(len(gap))
+        return Acting(gap, f[self.first], friction, none > 0.0, none, 0.0, 0.0)
+
+    def forces(self, value: Array, before: Array, error: float, until: float) -> Array:
+        """Forces (m,) for values (m,) without forces.
+
+        Raises NotConverged if they did not converge to `error`; `until` is the time for its message.
+        """
+        W = self.scale * self.S
+        W[np.diag_indices(len(W))] += self.compliance
+        f, left = forces(W, value, self.blocks, before, error)
+        if left > 1e4 * error:
+            reason = f"contact forces did not converge, {left:.2g} are left"
+            raise NotConverged((), until, reason)
+        return f
+
+    def kept(
+        self, on: Flags, rhs: Array, solve: Solve, *, exactly: bool = False
+    ) -> tuple[Array, Array]:
+        """Solution (n,) for a right-hand side under some rows, which stay closed, and impulses (m,).
+
+        Rigid rows are corrected again with `exactly`, because the matrix S may be of another factor.
+        """
+        x, f = solve(rhs), np.zeros(len(on))
+        if not on.any():
+            return x, f
+        G, soft = self.G[np.flatnonzero(on)], self.compliance[on] / self.scale
+        S = self.S[np.ix_(on, on)] + np.diag(soft)
+        most = CLOSED * float(np.abs(G @ x).max())
+        for _ in range(REPEATS if exactly else 1):
+            opening = G @ x + soft * f[on]
+            if float(np.abs(opening).max()) <= most:
+                break
+            more = np.linalg.lstsq(S, -opening, rcond=REDUNDANT)[0]
+            x, f[on] = x + solve(G.T @ more), f[on] + more
+        return x, f
+
+
+class RowsOfStep:
+    """Rows of one step.
+
+    Parameters
+    ----------
+    step : None for a scene without contact.
+    solve, delassus : with the matrix of the step.
+    scale : square of its implicit part [s^2].
+    """
+
+    def __init__(
+        self,
+        system: System,
+        step: ContactStep | None,
+        solve: Solve,
+        delassus: Delassus,
+        scale: float,
+    ) -> None:
+        self._system, self.solve, self._delassus = system, solve, delassus
+        self._contact, self._scale = step, scale
+
+    @property
+    def _step(self) -> ContactStep:
+        assert self._contact is not None  # callers have rows of contact
+        return self._contact
+
+    def _directions(self, rows: Rows, pose: Pose, of: Index, e: Array) -> csr_array:
+        """Derivatives (m, n) by the velocities of the motions of rows `of` (m,) along e (m, 3)."""
+        m, n_points = len(of), len(pose.q)
+        column = (3 * rows.nodes[of][:, :, None] + np.arange(3)).reshape(m, 12)
+        entry = rows.weight[of][:, :, None] * e[:, None, :]
+        ends = 12 * np.arange(m + 1)
+        N = csr_array((entry.ravel(), column.ravel(), ends), shape=(m, 3 * n_points))
+        return csr_array(N @ self._system.kinematics.matrix(pose))
+
+    def at(
+        self, rows: Rows, pose: Pose, joints: JointRows | None = None, d: Array | None = None
+    ) -> RowsAt:
+        """Rows at a pose, with derivatives by the velocities there, or by the motion d (n,) to it."""
+        k, n = len(rows), self._system.pattern.n
+        rub = np.flatnonzero(rows.friction > 0.0)
+        j = 0 if joints is None else len(joints.value)
+        size = np.where(rows.friction > 0.0, 3, 1)
+        first = j + np.cumsum(size) - size
+        m = j + int(size.sum())
+        value, compliance, before = np.zeros(m), np.zeros(m), np.zeros(m)
+        remembered = Multipliers(rows, np.ones(k), np.zeros(k), np.zeros((k, 3)))
+        tangents, slid = _across(rows.normal[rub]), np.zeros((len(rub), 3))
+        if k:
+            u, remembered = pose.q - self._step.q0, self._step.multipliers(rows, np.ones(k))
+            value[first], before[first] = rows.gaps(u), remembered.normal
+            slid = rows.displacement(u)[rub]
+        for i, e in enumerate(tangents):
+            place = first[rub] + 1 + i
+            value[place] = np.einsum("ki,ki->k", e, slid)
+            before[place] = np.einsum("ki,ki->k", e, remembered.tangent[rub])
+        order = np.argsort(np.r_[first, first[rub] + 1, first[rub] + 2])
+        along = np.concatenate([rows.normal, *tangents])[order]
+        slopes = self._directions(rows, pose, np.r_[np.arange(k), rub, rub][order], along)
+        if d is not None:
+            slopes = self._system.kinematics.gradients(slopes, d)
+        limits = np.zeros(0, dtype=bool)
+        if joints is not None:
+            value[:j], compliance[:j], limits = joints.value, joints.compliance, joints.unilateral
+            ends = np.r_[len(joints.columns) * np.arange(j + 1), np.full(m - j, joints.G.size)]
+            own = (joints.G.ravel(), np.tile(joints.columns, j), ends)
+            below = slopes.data, slopes.indices, np.r_[np.zeros(j, np.int64), slopes.indptr]
+            slopes = csr_array(csr_array(below, (m, n)) + csr_array(own, shape=(m, n)))
+        blocks = Blocks(
+            np.flatnonzero(~limits),
+            np.r_[np.flatnonzero(limits), first],
+            np.r_[np.zeros(int(limits.sum())), rows.friction],
+        )
+        slot = np.r_[np.full(j, -1), np.repeat(rows.slot, size)]
+        parts = blocks, before, slot, first, rub, tangents, remembered
+        return RowsAt(slopes, value, compliance, *parts, self._scale, np.zeros((0, 0)))
+
+    def missed(self, rows: Rows, acting: Acting, pose: Pose, near: Rows) -> Rows:
+        """Rows that a motion to a pose violates beyond a small correction; `near` are those there."""
+        step = self._step
+        passed = step.passed(pose.q, near)
+        deep = step.considerable(passed, pose.q - step.q0, rows.slot[acting.force > 0.0])
+        return passed.take(np.flatnonzero(deep)).without(rows)
+
+    def moved_out(self, pose: Pose, near: Rows, *, search: bool = True) -> tuple[Pose, Rows]:
+        """Pose with penetrations removed by the least motion in the norm of the matrix, and its rows.
+
+        With `search` rows are searched at every pose.
+        """
+        for _ in range(CORRECTIONS):
+            gap = near.gaps(pose.q - self._step.q0)
+            if not (gap < -self._step.tolerances.noticed).any():
+                break
+            closed = near.take(np.flatnonzero(gap < ON_FACE))
+            k = np.arange(len(closed))
+            G = self._directions(closed, pose, k, closed.normal)
+            blocks = Blocks(k[:0], k, np.zeros(len(k)))
+            f, _ = forces(self._delassus(G), gap[gap < ON_FACE], blocks, np.zeros(len(k)), STILL)
+            pose = self._system.kinematics.advance(pose, self.solve(G.T @ f), pose.t)
+            near = self._step.at(pose.q) if search else near
+        return pose, near
+
+
+def _across(normal: Array) -> tuple[Array, Array]:
+    """Two unit vectors (k, 3) perpendicular to normals and each other."""
+    axis: Index = np.argmin(np.abs(normal), axis=1)
+    one: Array = np.cross(normal, np.eye(3)[axis]).astype(np.float64)
+    one /= np.linalg.norm(one, axis=1, keepdims=True)
+    other: Array = np.cross(normal, one).astype(np.float64)
+    return one, other
