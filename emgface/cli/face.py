@@ -119,6 +119,9 @@ def reduce(
     elements: Annotated[
         int | None, typer.Option(help="Largest number of elements with a weight.")
     ] = None,
+    sequences: Annotated[
+        int | None, typer.Option(help="Number of sequences of the training.")
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of the sequences.")] = None,
     activations: Annotated[
         str | None,
@@ -136,8 +139,8 @@ def reduce(
     options: dict[str, Any] = {name: v for name, v in given.items() if v is not None}
     if sigma_max is not None:
         options["sigma_max"] = sigma_max
-    if activations is not None:
-        options["training"] = {"activations": activations}
+    plan = {"activations": activations, "sequences": sequences}
+    options["training"] = {name: v for name, v in plan.items() if v is not None}
     if not contact:
         options["contact"] = {"method": "none"}
     announce_compilation()

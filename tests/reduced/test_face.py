@@ -118,14 +118,15 @@ def test_the_command_passes_its_options_to_the_training(face, trained, tmp_path,
 
     monkeypatch.setattr(training, "reduce_face", reduce_face)
     save_face(face, tmp_path / "face.nc")
-    size = ["--modes", "9", "--elements", "60", "--activations", "random", "--seed", "3"]
+    size = ["--modes", "9", "--elements", "60", "--seed", "3"]
+    plan = ["--activations", "random", "--sequences", "7"]
     paths = [str(tmp_path / "face.nc"), "--out", str(tmp_path / "face.rom.nc")]
-    done = CliRunner().invoke(app, ["face", "reduce", *paths, *size, "--no-contact"])
+    done = CliRunner().invoke(app, ["face", "reduce", *paths, *size, *plan, "--no-contact"])
     assert done.exit_code == 0, done.output
     (parameters, reduction), *_ = given
     assert parameters.contact.method == "none"
     assert (reduction.modes, reduction.elements) == (9, 60)
-    assert (reduction.activations, reduction.seed) == ("random", 3)
+    assert (reduction.activations, reduction.sequences, reduction.seed) == ("random", 7, 3)
     read_netcdf(tmp_path / "face.rom.nc", "reduced_face")
 
 
