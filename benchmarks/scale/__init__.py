@@ -11,6 +11,7 @@ PART is one of
     faults      killed processes, full disk, damaged files and others: what happens to the results
     kills       a small real study, killed (-9) --trials times at random
     objects     results copied to and from object storage (--url, by default a folder)
+    statistics  all tests of a study with 50 to 10 000 volunteers
     plan        10 000 volunteers, extrapolated from --store, `recordings` and `many`
     picture     draws the results of `thousand` and `plan`
 
@@ -37,12 +38,13 @@ from benchmarks.scale.objects import objects
 from benchmarks.scale.plan import plan
 from benchmarks.scale.recordings import recordings
 from benchmarks.scale.simulated import thousand
+from benchmarks.scale.statistics import statistics
 from benchmarks.scale.stub import run
 from emgface.study.cluster import DaskWorkers
 from emgface.study.state import read_state
 
-PARTS = ("many", "recordings", "throughput", "thousand", "faults", "kills", "objects", "plan",
-         "picture")  # fmt: skip
+PARTS = ("many", "recordings", "throughput", "thousand", "faults", "kills", "objects",
+         "statistics", "plan", "picture")  # fmt: skip
 
 
 def main(
@@ -67,6 +69,7 @@ def main(
         "objects": lambda: objects(
             folder / "objects", url or f"file://{(folder / 'objects' / 'bucket').resolve()}"
         ),
+        "statistics": statistics,
         "plan": lambda: plan(store, folder),
     }[part]()
     (folder / f"{part}.json").write_text(json.dumps(rows, indent=1))
