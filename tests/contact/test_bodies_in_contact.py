@@ -62,6 +62,29 @@ def test_rows_that_an_indefinite_matrix_cannot_close_are_reported():
     assert forces(np.array([[2.0]]), np.array([-0.5]), one, np.zeros(1), 1e-12)[1] == 0.0
 
 
+def test_a_row_that_another_contact_closes_acts_in_the_same_step():
+    """A bar that one end stops turns faster, so that its other end lands where it would not have."""
+    _, X, faces = cuboid("bar", (0.1, 0.01, 0.002))
+    ends = 1e-4, 1.2e-3  # heights of the lower edges on the left and on the right [m]
+    X = X @ rotation_y((ends[0] - ends[1]) / 0.1).T
+    X[:, 2] += ends[0] - X[:, 2].min()
+    bar = sim.body_of_surface("bar", X, faces, 1000.0), X, faces
+    system = scene([bar], [("bar", FLOOR)], (0.0, 0.0, 0.0))
+    h, v = 5e-3, np.array([0.0, 0.0, -0.2, 0.0, 0.0, 0.0])
+    left, right = (-z / h for z in ends)  # speeds with which the ends reach the floor
+    assert right < v[2] < left  # the free motion closes one of them
+    found = moved(system, h, 1, v)[-1].twists[0]
+    expected = [0.0, 0.0, 0.5 * (left + right), 0.0, (left - right) / 0.1, 0.0]
+    np.testing.assert_allclose(found, expected, atol=5e-3)
+    # with a force on the left end alone the right one would land at 1.45 of the speed
+    assert found[2] - 0.05 * found[4] == pytest.approx(right, abs=2e-4)
+
+
+def rotation_y(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
 CONVERGED = [sim.ConvergedEuler, sim.Sdirk2]
 EULER_AND_CONVERGED = [sim.LinearlyImplicitEuler, *CONVERGED]
 
