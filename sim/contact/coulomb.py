@@ -97,7 +97,7 @@ def _of_contacts(
         f, left = np.zeros_like(x), 0.0
         f[rows], left = _among(some, b[rows], start, friction[closed], x[rows], error)
         more = ~closed & ((W @ f + b)[first] < -error)
-        if not more.any():
+        if not more.any() or left == np.inf:
             return f, left
         closed, x = closed | more, f
 
@@ -119,6 +119,8 @@ def _among(
         if left <= error or turn == TURNS:
             break
         left = sweep(W, b, first, friction, x, SWEEPS, error)
+        if not np.isfinite(W @ x).all():
+            return np.zeros_like(x), np.inf  # forces grow without bound if W is indefinite
         # an indefinite matrix may have rows that sweeps cannot close
         left = max(left, -float((W @ x + b)[first].min()))
     return x, left

@@ -9,6 +9,7 @@ import pytest
 import sim
 from benchmarks.hertz import hertz, pressed
 from sim.contact import CONTACTS
+from sim.contact.coulomb import Blocks, forces
 from sim.integrators.stage import Converged
 from tests.bodies import grid
 from tests.contact.scenes import (
@@ -265,3 +266,11 @@ def height(triangles, point):
         if share.min() >= 0.0 and share.sum() <= 1.0:
             return a[2] + share @ [b[2] - a[2], c[2] - a[2]]
     raise AssertionError("the block has left the spikes")
+
+
+def test_forces_that_grow_without_bound_are_not_returned():
+    """Two contacts that open each other, with an indefinite matrix, as in steps that cannot succeed."""
+    blocks = Blocks(np.zeros(0, np.int64), np.arange(2), np.zeros(2))
+    open_each_other = np.array([[1.0, -3.0], [-3.0, 1.0]])
+    f, left = forces(open_each_other, np.full(2, -1.0), blocks, np.zeros(2), 1e-12)
+    assert np.isfinite(f).all() and left > 1.0
