@@ -92,7 +92,7 @@ def free_ramus(parts: tuple[str, ...], preset: str) -> Head:
 
 
 def changes() -> list[Change]:
-    """What might hold the jaw of a whole head: one change at a time."""
+    """Return the changes of a whole head, each of one part or property, whose openings are compared."""
     soft = {"C10": 250.0, "C20": 117.5, "kappa": 2500.0}
     soft_tongue = {"C10": 103.7, "C20": 48.6, "kappa": 1037.0}
     strong = {"sigma_max": 300e3}

@@ -208,7 +208,10 @@ class _Equations:
 
 
 class _Reduced(NamedTuple):
-    """What the equations need at given relative standard deviations; names as in `_Equations`."""
+    """Products and inverse of the equations at given relative standard deviations.
+
+    DF, A and Py are those of the formulas of `_Equations`.
+    """
 
     shrink: Array  #: theta_1^2 / (1 + theta_1^2 n) per level of the first factor
     DF: Array

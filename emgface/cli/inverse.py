@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Inversion:
-    """What `run` inverts with: the same for one recording and for several."""
+    """Face, calibration and options of `emgface inverse run`, common to all of its recordings."""
 
     face: "xr.Dataset"
     plan: "StudyConfiguration"

@@ -1,5 +1,6 @@
 """Targets of forces at the end of a step: of joint rows, such as a bite, and of contacts."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -62,13 +63,7 @@ class RowForceTarget:
     def indices(self, system: System) -> Index:
         """Numbers (k,) of the rows; SceneError names one that the scene does not have."""
         names = () if system.rows is None else system.rows.names
-        for name in self.rows:
-            if name not in names:
-                raise SceneError(
-                    f"RowForceTarget: the scene has no row {name!r}, expected one of "
-                    f"{', '.join(names) or 'none, because it has no joints'}"
-                )
-        return np.array([names.index(name) for name in self.rows], dtype=np.int64)
+        return _numbers(self.rows, names, "RowForceTarget: the scene has no row", "joints")
 
     def wanted(self, t: float) -> Array:
         """Interpolated forces (k,)."""
@@ -112,13 +107,9 @@ class ContactForceTarget:
                 "them: leave the joints or the target out"
             )
         names = () if system.contact is None else system.contact.names
-        for name in self.pairings:
-            if name not in names:
-                raise SceneError(
-                    f"ContactForceTarget: the scene has no pairing {name!r}, expected one of "
-                    f"{', '.join(names) or 'none, because it has no contact'}"
-                )
-        return np.array([names.index(name) for name in self.pairings], dtype=np.int64)
+        return _numbers(
+            self.pairings, names, "ContactForceTarget: the scene has no pairing", "contact"
+        )
 
     def wanted(self, t: float) -> Array:
         """Interpolated forces (k,)."""
@@ -132,3 +123,14 @@ class ContactForceTarget:
         """Forces (k,) that the step left."""
         assert system.contact is not None  # `indices` refuses others
         return system.contact.pressed(state.memory)[of]
+
+
+def _numbers(wanted: Sequence[str], names: Sequence[str], absent: str, source: str) -> Index:
+    """Numbers (k,) of names; SceneError states an absent one and those that exist."""
+    for name in wanted:
+        if name not in names:
+            raise SceneError(
+                f"{absent} {name!r}, expected one of "
+                f"{', '.join(names) or f'none, because it has no {source}'}"
+            )
+    return np.array([names.index(name) for name in wanted], dtype=np.int64)
