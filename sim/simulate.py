@@ -98,7 +98,8 @@ def simulate(
     control, log = Driven(system, activation), Log(system, probes)
     motion = Motion(integrator, system, control, work)
     through = steps if isinstance(steps, StepsThrough) else None
-    if work.bodies is None or not isinstance(integrator, RunsSteps) or longest > 1.5 * every:
+    fused = isinstance(integrator, RunsSteps) and integrator.fuses(work)
+    if not fused or longest > 1.5 * every:
         through = None  # or outputs are inside steps
     groups, plan = ([], intervals(*times)) if through is None else (steps_to_outputs(*times), [])
     inside = ((activation.values >= 0.0) & (activation.values <= 1.0)).all(axis=1)
@@ -106,7 +107,7 @@ def simulate(
     began = time.perf_counter()
     log.add(state, control(state.t), None)
     if through is not None:
-        state = _bodies_alone(motion, through, state, groups, activation, log, progress)
+        state = _together(motion, through, state, groups, activation, log, progress)
     else:
         state = _one_by_one(motion, control, steps, state, plan, log, progress)
     attrs = {
@@ -123,7 +124,7 @@ def simulate(
     return log.dataset(attrs), with_solver_memory(state, work, origin)
 
 
-def _bodies_alone(
+def _together(
     motion: Motion,
     steps: StepsThrough,
     state: State,
@@ -132,9 +133,8 @@ def _bodies_alone(
     log: Log,
     progress: Progress | None,
 ) -> State:
-    """Record a scene of bodies after each group of steps; the last state."""
+    """Record a simulation after each group of steps, several at once; the last state."""
     bodies, outputs, done = motion.work.bodies, None, 0
-    assert bodies is not None
     t, frames = np.array([state.t]), state.frames[None]
     passed = steps.through(motion, state, groups)
     while done < len(groups):
@@ -142,8 +142,9 @@ def _bodies_alone(
             outputs = next(passed)
         driven = activation.at_all(outputs.t)
         t, frames = np.concatenate([t, outputs.t]), np.concatenate([frames, outputs.frames])
-        lost = snapped_bodies(bodies, frames, driven)
-        lost |= [report.indefinite + report.shifts > 0 for report in outputs.reports]
+        lost = np.array([r.indefinite + r.shifts > 0 or bool(r.concave) for r in outputs.reports])
+        if bodies is not None:
+            lost |= snapped_bodies(bodies, frames, driven)
         log.unstable += [float(x) for k in np.flatnonzero(lost) for x in t[k : k + 2]]
         log.add_all(outputs, driven)
         before, done, t, frames = done, done + len(outputs.t), t[-1:], frames[-1:]

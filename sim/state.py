@@ -180,11 +180,16 @@ def united(reports: Sequence[StepReport], rejected: int) -> StepReport:
         line_search=min(r.line_search for r in reports),
         shifts=sum(r.shifts for r in reports),
         indefinite=sum(r.indefinite for r in reports),
+        concave=_any([r.concave for r in reports]),
         jump=float(np.fmax.reduce([r.jump for r in reports])),
         touching=sum(r.touching for r in reports),
         local_error=_sum([r.local_error for r in reports]),
         error=sum(r.error for r in reports),
     )
+
+
+def _any(known: list[bool | None]) -> bool | None:
+    return None if None in known else any(known)
 
 
 def _sum(errors: list[Array | None]) -> Array | None:
@@ -194,7 +199,7 @@ def _sum(errors: list[Array | None]) -> Array | None:
 
 @dataclass(frozen=True, eq=False)
 class Outputs:
-    """Successive states of a scene of bodies, along the first axis of every array.
+    """Successive states of a scene, along the first axis of every array.
 
     Attributes
     ----------

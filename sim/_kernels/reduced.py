@@ -5,13 +5,14 @@ have the force
 
     f = Phi' sum_e w_e f_e(q0 + Phi y)
 
-with the nodal forces f_e of `sim._kernels.solid`. A step solves its equation by conjugate gradients,
-preconditioned by the inverse of the matrix at rest, with the stiffness at the start of the step: the
-moduli of the elements are kept, and a product is a sum over the elements. The first r coordinates move;
-forces on the others, which stay zero, estimate the error of leaving them out.
+with the nodal forces f_e of `sim._kernels.reduced_element`. A step solves its equation by conjugate
+gradients, preconditioned by the inverse of the matrix at rest, with the stiffness at the start of the
+step: a product is a sum over the elements, which evaluates no law. The first r coordinates move; forces
+on the others, which stay zero, estimate the error of leaving them out.
 
-A product reads all modes twice and all moduli once, which takes most of its time. Both are therefore in
-single precision: forces are still the exact derivatives of the energy, of modes changed by 6e-8.
+A product reads the modes of all nodes and what is kept of all elements, which takes much of its time.
+Both are therefore in single precision: forces are still the exact derivatives of the energy, of modes
+changed by 6e-8.
 """
 
 # pyright: basic, reportAttributeAccessIssue=false, reportCallIssue=false
@@ -23,23 +24,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.element import (
-    Part,
-    Reals,
-    along_moduli,
-    cofactor,
-    deformation,
-    determinant,
-    gather,
-    gradient,
-    least,
-    nodal,
-)
+from sim._kernels.element import Indices, Part, Reals
 from sim._kernels.lanes import LANES, load, store, total
 from sim._kernels.laws import FibreTable, LawTable
 from sim._kernels.options import inner, kernel
-from sim._kernels.scatter import subtract_from_nodes
-from sim._kernels.solid import MODULI, STRESS, element_stress
+from sim._kernels.reduced_element import add_stiffness, add_stress, rows_of
 
 Singles = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -47,40 +36,58 @@ Flags = NDArray[np.bool_]
 DONE, INVERTED, NOT_REACHED, INVERTED_AT_END = 0, 1, 2, 3
 BEGIN, SOLVE, MOVE = 1, 2, 4  #: stages of a step, which are summed
 VECTORS = 4  #: vectors of a step
-KEPT = 54  #: rows of moduli of an element
 STILL = 1e-12  #: displacement in a step below which a solution ends [m]
 
 
 class Elements(NamedTuple):
-    """Weighted elements of a solid, and the positions of their k nodes, of which the first m move."""
+    """Weighted elements of a solid, and the positions of their k nodes, of which the first m move.
 
-    parts: tuple[Part, ...]  #: numbered by these nodes
+    Loops over elements compute the positions of a node before its first element and project its forces
+    after the last one, while its modes are in a cache.
+    """
+
+    parts: tuple[Part, ...]  #: of elements with a weight, numbered by these nodes
     laws: LawTable
     fibres: FibreTable
     weight: Reals  #: (n_elements,) factor on the energy of every element of the mesh
     rest: Reals  #: (k, 3) positions where all coordinates are zero [m]
     #: (3 m * blocks, 8) derivative of the positions by the n coordinates, filled with zeros
     modes: Singles
+    #: (n,) for each element with a weight in their order: number of the first moving nodes that it and
+    #: those before require, and of nodes in `leaving` that no later one has
+    required: Indices
+    left: Indices
+    leaving: Indices  #: (m,) moving nodes, ordered by their last element
 
 
 class Scratch(NamedTuple):
-    """Memory for r moving coordinates of n, k nodes and the elements of the mesh."""
+    """Memory for r moving coordinates of n and k nodes."""
 
     q: Reals  #: (k, 3) positions
     f: Reals  #: (k, 3) forces
     x: Reals  #: (8, 3) of one element
     w: Reals  #: (ROWS, 8) of one element
-    energy: Reals  #: (n_elements,)
-    least: Reals  #: (n_elements,) smallest det F
-    moduli: Singles  #: (KEPT * elements with a weight, 8) at the start of a step
+    kept: Singles  #: (rows, 8) of all elements at the start of a step (`sim._kernels.reduced_element`)
+    acts: Flags  #: (n_fibres,) True for those with a force
     y: Reals  #: (blocks, 8) coordinates
-    placed: Flags  #: (1,) True if the positions are those at these coordinates
     force: Reals  #: (blocks, 8) forces on the coordinates
     start: Reals  #: (n,) those of the elements at the start of a step
     #: (n,) K p of the last product, and K v of the solution
     change: Reals
     stiff: Reals
     vectors: Reals  #: (VECTORS, r)
+
+
+class Passed(NamedTuple):
+    """Ends of n steps: coordinates, velocities, and what a report contains."""
+
+    y: Reals  #: (n, r)
+    v: Reals  #: (n, r)
+    omitted: Reals  #: (n, 2, n - r) displacements and velocities of the omitted coordinates
+    least_J: Reals  #: (n,) smallest det F
+    element: Indices  #: (n,) of it
+    products: Indices  #: (n,) with the matrix
+    bend: Reals  #: (n,) v'K v/(|v| |K v|)
 
 
 class Linear(NamedTuple):
@@ -93,99 +100,84 @@ class Linear(NamedTuple):
 
 
 @inner
-def _place(t, s, moving, whole):
-    """Positions at the coordinates `s.y`, of which `moving` rows are not zero; else their change."""
+def _place(t, s, i, moving, share):
+    """Position of moving node i at coordinates `s.y` in `moving` rows, plus a share of that at rest."""
     blocks = s.y.shape[0]
-    m = t.modes.shape[0] // (3 * blocks)
-    for i in range(m):
-        x, y, z = 3 * i * blocks, (3 * i + 1) * blocks, (3 * i + 2) * blocks
-        c = load(s.y, 0)
-        p0, p1, p2 = c * load(t.modes, x), c * load(t.modes, y), c * load(t.modes, z)
-        for k in range(1, moving):
-            c = load(s.y, k)
-            p0 += c * load(t.modes, x + k)
-            p1 += c * load(t.modes, y + k)
-            p2 += c * load(t.modes, z + k)
-        s.q[i, 0], s.q[i, 1], s.q[i, 2] = total(p0), total(p1), total(p2)
-    s.q[m:] = 0.0
-    if whole:
-        for i in range(s.q.shape[0]):
-            for j in range(3):
-                s.q[i, j] += t.rest[i, j]
-    s.placed[0] = whole
+    x, y, z = 3 * i * blocks, (3 * i + 1) * blocks, (3 * i + 2) * blocks
+    c = load(s.y, 0)
+    p0, p1, p2 = c * load(t.modes, x), c * load(t.modes, y), c * load(t.modes, z)
+    for k in range(1, moving):
+        c = load(s.y, k)
+        p0 += c * load(t.modes, x + k)
+        p1 += c * load(t.modes, y + k)
+        p2 += c * load(t.modes, z + k)
+    s.q[i, 0] = total(p0) + share * t.rest[i, 0]
+    s.q[i, 1] = total(p1) + share * t.rest[i, 1]
+    s.q[i, 2] = total(p2) + share * t.rest[i, 2]
 
 
 @inner
-def _project(t, s):
-    """Forces on the coordinates from those on the nodes."""
+def _project(t, s, i):
+    """Add the forces on moving node i to those on the coordinates."""
     blocks = s.y.shape[0]
-    s.force[:] = 0.0
-    for i in range(t.modes.shape[0] // (3 * blocks)):
-        x, y, z = 3 * i * blocks, (3 * i + 1) * blocks, (3 * i + 2) * blocks
-        f0, f1, f2 = s.f[i, 0], s.f[i, 1], s.f[i, 2]
-        for k in range(blocks):
-            change = f0 * load(t.modes, x + k) + f1 * load(t.modes, y + k)
-            store(s.force, k, load(s.force, k) + (change + f2 * load(t.modes, z + k)))
+    x, y, z = 3 * i * blocks, (3 * i + 1) * blocks, (3 * i + 2) * blocks
+    f0, f1, f2 = s.f[i, 0], s.f[i, 1], s.f[i, 2]
+    for k in range(blocks):
+        change = f0 * load(t.modes, x + k) + f1 * load(t.modes, y + k)
+        store(s.force, k, load(s.force, k) + (change + f2 * load(t.modes, z + k)))
 
 
 @inner
-def _forces(t, activation, s, with_moduli):
-    """Write the forces of the elements on all coordinates; return energy, least det F, its element."""
+def _clear(t, s, share):
+    """Begin a sum of forces, with nodes that do not move at a share of their positions at rest."""
     s.f[:] = 0.0
-    energy, smallest, at, first = 0.0, math.inf, -1, 0
+    s.force[:] = 0.0
+    for i in range(t.leaving.size, s.q.shape[0]):
+        for j in range(3):
+            s.q[i, j] = share * t.rest[i, j]
+
+
+@inner
+def _forces(t, activation, s, moving):
+    """Forces of the elements on all coordinates, at those of `s.y`; energy, least det F, its element."""
+    energy, smallest, at = 0.0, math.inf, -1
+    element, placed, projected, first = 0, 0, 0, 0
+    _clear(t, s, np.float64(1.0))
     for part in t.parts:
         for e in range(part.element.size):
-            element_stress(
-                e, s.q, part, t.laws, t.fibres, activation, t.weight, with_moduli, s.x, s.w, s.energy,
-                s.least,
-            )  # fmt: skip
-            own = part.element[e]
-            energy += s.energy[own]
-            if not (s.least[own] >= smallest):
-                smallest, at = s.least[own], own
+            while placed < t.required[element]:
+                _place(t, s, placed, moving, np.float64(1.0))
+                placed += 1
+            own, J = add_stress(e, part, t.laws, t.fibres, activation, t.weight, first, s)
+            energy += own
+            if not (J >= smallest):
+                smallest, at = J, part.element[e]
             if not (smallest > 0.0):
                 return energy, smallest, at
-            if with_moduli:
-                for k in range(KEPT):
-                    store(s.moduli, first + k, load(s.w, MODULI + k))
-                first += KEPT
-            nodal(s.w, STRESS, part.slope, STRESS)
-            subtract_from_nodes(s.w, STRESS, part.nodes, e, s.f)
-    _project(t, s)
+            while projected < t.left[element]:
+                _project(t, s, t.leaving[projected])
+                projected += 1
+            element += 1
+            first += rows_of(e, part, t.fibres)
     return energy, smallest, at
 
 
 @inner
 def _stiffness(t, s, moving):
-    """Product -K y in `s.force`, for `s.y` and the kept moduli."""
-    _place(t, s, moving, np.bool_(False))
-    s.f[:] = 0.0
-    first = 0
+    """Product -K y in `s.force`, for `s.y` and what is kept of the elements."""
+    element, placed, projected, first = 0, 0, 0, 0
+    _clear(t, s, np.float64(0.0))
     for part in t.parts:
         for e in range(part.element.size):
-            gather(s.q, part.nodes, e, s.x)
-            along_moduli(s.moduli, first, gradient(s.x, part.slope_at), STRESS, s.w)
-            nodal(s.w, STRESS, part.slope, STRESS)
-            subtract_from_nodes(s.w, STRESS, part.nodes, e, s.f)
-            first += KEPT
-    _project(t, s)
-
-
-@inner
-def _smallest_J(t, s, moving):
-    """Smallest det F at the coordinates `s.y`, and its element."""
-    _place(t, s, moving, np.bool_(True))
-    smallest, at = math.inf, -1
-    for part in t.parts:
-        for e in range(part.element.size):
-            gather(s.q, part.nodes, e, s.x)
-            F = deformation(s.x, part.slope_at, part.inverse, e)
-            J = least(determinant(F, cofactor(F)))
-            if not (J >= smallest):
-                smallest, at = J, part.element[e]
-            if not (smallest > 0.0):
-                return smallest, at
-    return smallest, at
+            while placed < t.required[element]:
+                _place(t, s, placed, moving, np.float64(0.0))
+                placed += 1
+            add_stiffness(e, part, t.fibres, first, s)
+            while projected < t.left[element]:
+                _project(t, s, t.leaving[projected])
+                projected += 1
+            element += 1
+            first += rows_of(e, part, t.fibres)
 
 
 @kernel
@@ -194,8 +186,7 @@ def forces(t: Elements, activation: Reals, s: Scratch) -> tuple[float, float, in
 
     Returns the energy, the smallest det F and its element; the sum ends at an element with det F <= 0.
     """
-    _place(t, s, s.y.shape[0], np.bool_(True))
-    return _forces(t, activation, s, np.bool_(False))
+    return _forces(t, activation, s, s.y.shape[0])
 
 
 @inner
@@ -203,17 +194,6 @@ def _write(s, y):
     """Write the coordinates y."""
     for i in range(y.size):
         s.y[i // LANES, i % LANES] = y[i]
-
-
-@inner
-def _differ(s, y):
-    """Test if the positions are not those at the coordinates y."""
-    if not s.placed[0]:
-        return True
-    for i in range(y.size):
-        if not s.y[i // LANES, i % LANES] == y[i]:
-            return True
-    return False
 
 
 @inner
@@ -298,30 +278,11 @@ def _improve(t, linear, inverse, h, right, v, tolerance, most, s):
 
 
 @inner
-def _begin(t, linear, h, activation, y, v, right, s):
-    """Right-hand side, moduli and forces at the start of a step; least det F and its element."""
-    if _differ(s, y):  # They are those of the end of the step before where steps follow each other.
-        _write(s, y)
-        _place(t, s, (y.size + LANES - 1) // LANES, np.bool_(True))
-    _, J, at = _forces(t, activation, s, np.bool_(True))
-    if J > 0.0:
-        for i in range(linear.load.size):
-            s.start[i] = s.force[i // LANES, i % LANES]
-        for i in range(y.size):
-            right[i] += v[i] + h * (s.start[i] + linear.load[i])
-    return J, at
-
-
-@inner
-def _move(t, linear, relaxed, h, y, v, e, u, impulse, s):
-    """End of a step with velocities v; least det F there and its element."""
+def _move(linear, relaxed, h, y, v, e, u, impulse, s):
+    """Coordinates and omitted coordinates at the end of a step with velocities v."""
     D, K_rest, r, n = linear.damping, linear.stiffness, y.size, linear.load.size
     for i in range(r):
         y[i] += h * v[i]
-    _write(s, y)
-    J, at = _smallest_J(t, s, (r + LANES - 1) // LANES)
-    if not (J > 0.0):
-        return J, at
     for i in range(r, n):
         change = s.start[i] - h * s.stiff[i] + linear.load[i]
         for j in range(r):
@@ -335,7 +296,6 @@ def _move(t, linear, relaxed, h, y, v, e, u, impulse, s):
             new += relaxed[i, j] * s.change[r + j]
         u[i] = new
         e[i] += h * new
-    return J, at
 
 
 @inner
@@ -357,9 +317,9 @@ def advance(
     linear: Linear,
     inverse: Reals,
     relaxed: Reals,
-    h: float,
+    h: Reals,
     activation: Reals,
-    tolerance: float,
+    rate: float,
     most: int,
     y: Reals,
     v: Reals,
@@ -368,37 +328,55 @@ def advance(
     u: Reals,
     impulse: Reals,
     s: Scratch,
-) -> tuple[int, float, int, int, float]:
-    """Some stages of a linearly implicit Euler step of the coordinates y with velocities v, in place.
+    passed: Passed,
+) -> tuple[int, int]:
+    """Linearly implicit Euler steps h (n,) [s] of the coordinates y with velocities v, in place.
 
-    BEGIN keeps the forces in `s.start` and the moduli in `s.moduli`, and adds v0 + h f(y0), with the
-    activation at the end, to the impulses in `right`.
+    BEGIN keeps the forces in `s.start` and what products require, and adds v0 + h f(y0), with the
+    activation (n, n_muscles) at the end of each step, to the impulses in `right`.
 
-    SOLVE finds the v of (1 + h D + h^2 K) v = right. Its error e meets e' A e <= tolerance^2 v' A v
+    SOLVE finds the v of (1 + h D + h^2 K) v = right. Its error e meets e' A e <= (rate h)^2 v' A v
     with the matrix A of the step, up to the preconditioner `inverse`, that of the matrix at rest, and
     v has the length that makes it the best along its direction: v' A v = v' right, which implies that a
     step without drive does not increase the energy (to second order), as for the exact v. K v is kept
     in `s.stiff`.
 
-    MOVE adds h v to y. The omitted coordinates e with velocities u follow the forces on them and the
-    impulses (n,) of contacts, linearised: relaxed u1 = u0 + h (f(y0) - h K v - D v - K_rest e0) +
-    impulse, where `relaxed` is the inverse of their 1 + h D + h^2 K_rest.
+    MOVE adds h v to y and clears `right`. The omitted coordinates e with velocities u follow the forces
+    on them and the impulses (n,) of contacts, linearised: relaxed u1 = u0 + h (f(y0) - h K v - D v -
+    K_rest e0) + impulse, where `relaxed` is the inverse of their 1 + h D + h^2 K_rest. The end of the
+    step is written into `passed`; its det F is that at the start of the following one.
 
-    Returns status, least det F and its element, the number of products with the matrix, at most
-    `most`, and v'K v/(|v| |K v|). A stage that fails ends the step.
+    Without MOVE, there is one step. Returns the status and the number of steps that are done. If the
+    solution was not reached with `most` products in the next step, its equation is in `right`; if an
+    element is inverted at its start or at its end, `passed` contains it.
     """
-    status, J, at, products, bend = DONE, math.inf, -1, 0, 0.0
-    if stages & BEGIN:
-        J, at = _begin(t, linear, h, activation, y, v, right, s)
-        if not (J > 0.0):
-            return INVERTED, J, at, products, bend
-    if stages & SOLVE:
-        status, products = _improve(t, linear, inverse, h, right, v, tolerance, most, s)
-        if status != DONE:
-            return status, J, at, products, bend
-    if stages & MOVE:
-        bend = _bend(s, v)
-        J, at = _move(t, linear, relaxed, h, y, v, e, u, impulse, s)
-        if not (J > 0.0):
-            status = INVERTED_AT_END
-    return status, J, at, products, bend
+    n, r, rows = h.size, y.size, (y.size + LANES - 1) // LANES
+    for k in range(n + 1):
+        if k == n and not stages & MOVE:
+            break
+        if k == n or stages & BEGIN:
+            _write(s, y)
+            _, J, at = _forces(t, activation[min(k, n - 1)], s, rows)
+            own = max(k - 1, 0)
+            passed.least_J[own], passed.element[own] = J, at
+            if not (J > 0.0):
+                return INVERTED if k == 0 else INVERTED_AT_END, own
+            if k == n:
+                break
+            for i in range(linear.load.size):
+                s.start[i] = s.force[i // LANES, i % LANES]
+            for i in range(r):
+                right[i] += v[i] + h[k] * (s.start[i] + linear.load[i])
+        if stages & SOLVE:
+            status, products = _improve(t, linear, inverse, h[k], right, v, rate * h[k], most, s)
+            passed.products[k] += products
+            if status != DONE:
+                return status, k
+        if stages & MOVE:
+            passed.bend[k] = _bend(s, v)
+            _move(linear, relaxed, h[k], y, v, e, u, impulse, s)
+            for i in range(r):
+                passed.y[k, i], passed.v[k, i], right[i] = y[i], v[i], 0.0
+            for i in range(e.size):
+                passed.omitted[k, 0, i], passed.omitted[k, 1, i] = e[i], u[i]
+    return DONE, n

@@ -134,7 +134,7 @@ def _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2):
 
 
 @inner
-def _fibre_at_points(w, code, p, stretch, drive):
+def fibre_at_points(w, code, p, stretch, drive):
     """Energy, slope and curvature of a law of fibres, point by point."""
     store(w, _LAW, stretch)
     for k in range(LANES):
@@ -212,7 +212,7 @@ def element_stress(
             clear(w, STRESS, 9)
             if with_moduli:
                 clear(w, MODULI, 9 * BLOCKS)
-        own_W, wl, wll = _fibre_at_points(w, code, fibres.p[muscle], stretch, drive)
+        own_W, wl, wll = fibre_at_points(w, code, fibres.p[muscle], stretch, drive)
         share = fibres.weight[fibre_row]
         wl, wll = share * wl, share * wll
         W = W + share * own_W

@@ -37,6 +37,10 @@ class TimeIntegrator(Integrator, Protocol):
 class RunsSteps(Protocol):
     """An integrator that can take several steps in one call."""
 
+    def fuses(self, work: Workspace) -> bool:
+        """Test if it computes several steps of a simulation at once, in less time than one by one."""
+        ...
+
     def run(
         self,
         system: System,

@@ -113,6 +113,10 @@ class RungeKutta4:
         end = kinematics.advance(pose, h / 6.0 * sum_rate, state.t + h)
         return _finish(system, end, w0 + h / 6.0 * sum_a, state, h)
 
+    def fuses(self, work: Workspace) -> bool:
+        """Test if the scene is one of bodies alone."""
+        return work.bodies is not None
+
     def run(
         self,
         system: System,

@@ -50,6 +50,10 @@ class _Linearised:
 
         return step_of(equation, system, state, h, self.tolerance, work)
 
+    def fuses(self, work: Workspace) -> bool:
+        """Test if the scene is one of bodies alone."""
+        return work.bodies is not None
+
     def run(
         self,
         system: System,

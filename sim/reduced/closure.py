@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.reduced.fused import OMITTED
-from sim.state import Array, Control, State
+from sim.state import Array, Outputs
 
 RIDGE = 1e-2  #: penalty on the coefficients of features of unit variance
 
@@ -22,17 +22,24 @@ class Closure:
     weights: Array  #: (3 k, n_features)
     offset: Array  #: (3 k,) [m]
 
-    def __call__(self, state: State, control: Control) -> Array:
-        """Correction (k, 3) [m] in a state."""
-        n = self.weights.shape[1]
-        return (self.weights @ features_of(state, control, n) + self.offset).reshape(-1, 3)
+    def __call__(self, features: Array) -> Array:
+        """Corrections (t, k, 3) [m] for features (t, n_features)."""
+        found = each_product(self.weights, features) + self.offset
+        return found.reshape(len(features), -1, 3)
 
 
-def features_of(state: State, control: Control, n: int) -> Array:
-    """Coordinates, omitted coordinates (zero at the start) and activation (n,)."""
-    y, a = state.q.reshape(-1), control.activation
-    omitted = state.memory[OMITTED][0] if OMITTED in state.memory else np.zeros(n - len(y) - len(a))
-    return np.concatenate([y, omitted, a])
+def each_product(matrix: Array, vectors: Array) -> Array:
+    """Products (t, k) of one matrix (k, n) with each vector (t, n), not influenced by their number."""
+    found: Array = np.matmul(matrix, vectors[..., None])[..., 0]
+    return found
+
+
+def features_of(outputs: Outputs, activation: Array, n: int) -> Array:
+    """Coordinates, omitted coordinates (zero at the start) and activations, (t, n)."""
+    y = outputs.q.reshape(len(outputs.t), -1)
+    none = np.zeros((len(y), 1, n - y.shape[1] - activation.shape[1]))
+    omitted = outputs.memory.get(OMITTED, none)[:, 0]
+    return np.concatenate([y, omitted, activation], axis=1)
 
 
 def fitted_closure(features: Array, missing: Array) -> Closure:

@@ -1,22 +1,25 @@
 """Linearly implicit Euler steps of a reduced solid in compiled kernels, by conjugate gradients."""
 
-import math
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
 from typing import ClassVar
 
 import numpy as np
 
-from sim._kernels.reduced import BEGIN, DONE, MOVE, NOT_REACHED, SOLVE, advance
+from sim._kernels.reduced import BEGIN, DONE, MOVE, NOT_REACHED, SOLVE, Passed, advance
 from sim._kernels.reduced import INVERTED as AT_START
 from sim.errors import InvertedElement, SceneError, SingularSystem
 from sim.integrators.workspace import Workspace
 from sim.reduced.contact import ALLOWED, IMPULSES, ReducedContact
 from sim.reduced.tissue import CompiledReducedSolid
+from sim.scene import Index
 from sim.snapping import ROUNDING
-from sim.state import Array, Control, ControlAt, State, StepReport
+from sim.state import Array, Control, ControlAt, Outputs, State, StepReport, united
 from sim.system import System
 
 MOST = 40  #: largest number of products in a solution
+AT_ONCE = 1000  #: number of steps that are computed without a check for interruption
 ROUNDS, CHANGED = 4, 1e-4
 """Largest number of solutions with contact in a step; change of a rate at which they end [m/s]."""
 OMITTED = "omitted coordinates"
@@ -40,6 +43,37 @@ class FusedEuler:
     order: ClassVar[int] = 1
     stability: ClassVar[str] = "L-stable"
 
+    def fuses(self, work: Workspace) -> bool:
+        """Steps with contact are taken one by one."""
+        return self.contact is None
+
+    def run(
+        self,
+        system: System,
+        state: State,
+        control: ControlAt,
+        groups: Sequence[Sequence[float]],
+        work: Workspace,
+    ) -> Iterator[Outputs]:
+        """States after each group of steps that end at the given times [s]; errors as of `step`."""
+        at_once = max(AT_ONCE // len(groups[0]), 1)
+        for first in range(0, len(groups), at_once):
+            some = groups[first : first + at_once]
+            time = np.array([state.t, *chain.from_iterable(some)])
+            motion = _Motion(self.rate, _solid_of(system), state, control, time)
+            error, after = None, np.cumsum([len(group) for group in some])
+            try:
+                motion.run()
+            except (InvertedElement, SingularSystem) as found:
+                error = found
+            after = after[after <= motion.done]
+            if len(after):
+                outputs = motion.outputs(after)
+                yield outputs
+                state = outputs.state(-1)
+            if error is not None:
+                raise error
+
     def step(
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
@@ -54,37 +88,21 @@ class FusedEuler:
         SingularSystem
             The matrix could not be factorised.
         """
-        term = system.terms[0]
-        if len(system.terms) > 1 or not isinstance(term, CompiledReducedSolid):
-            raise SceneError(
-                "FusedEuler requires the system of a ReducedModel: use another integrator"
-            )
-        n = len(term.solid.load)
-        y, v = state.q.reshape(-1).copy(), state.v.reshape(-1).copy()
-        omitted = np.array(state.memory.get(OMITTED, np.zeros((2, n - term.r))))
-        control_at_end = control.chord(state.t, h).at(1.0)
-        solution = _Solution(term, state.t, h, control_at_end, self.rate * h, y, v, omitted)
+        time, memory = np.array([state.t, state.t + h]), dict[str, Array]()
+        motion = _Motion(self.rate, _solid_of(system), state, control, time, np.array([h]))
         if self.contact is None:
-            memory = dict[str, Array]()
-            solution.run(BEGIN | SOLVE | MOVE)
+            motion.run()
         else:
-            memory = self._touched(self.contact, state, solution)
-            solution.run(MOVE)
-        memory[OMITTED] = omitted
-        new = State(state.t + h, y.reshape(-1, 3), v.reshape(-1, 3), memory)
-        report = StepReport(
-            h=h,
-            iterations=solution.products,
-            smallest_J=solution.smallest_J,
-            indefinite=solution.indefinite,
-            concave=solution.bend < -ROUNDING,
-        )
-        return new, report
+            memory = self._touched(self.contact, state, motion)
+            motion.run(MOVE)
+        outputs = motion.outputs(np.array([1]))
+        new = outputs.state(0)
+        return replace(new, memory={**memory, **new.memory}), outputs.reports[0]
 
     @staticmethod
-    def _touched(contact: ReducedContact, state: State, solution: "_Solution") -> dict[str, Array]:
-        """Memory of the contact; the solution becomes that with its impulses."""
-        y, v, h = solution.y, solution.v, solution.h
+    def _touched(contact: ReducedContact, state: State, motion: "_Motion") -> dict[str, Array]:
+        """Memory of the contact; the velocities of the motion become those with its impulses."""
+        y, v, h = motion.y, motion.v, float(motion.h[0])
         known, none = state.memory.get(ALLOWED), np.zeros(len(contact.slots))
         allowed = contact.depths(y) if known is None else known
         rows = contact.rows(y, v, allowed, h)
@@ -93,76 +111,145 @@ class FusedEuler:
         left = none.copy()
         np.maximum.at(left, at, np.minimum(allowed[at], deep))  # a depth may only decrease
         p, own = state.memory.get(IMPULSES, none)[at], np.ascontiguousarray(N[:, : len(v)])
-        solution.right += p @ own
-        solution.run(BEGIN | SOLVE)
+        motion.right += p @ own
+        motion.run(BEGIN | SOLVE)
         if len(at):
-            X = own @ solution.inverse
+            X = own @ motion.term.inverses(h)[0]
             W = X @ own.T
             for _ in range(ROUNDS):
                 new, changed = contact.pushed(rows, W, h, v, p)
                 v += (new - p) @ X
-                solution.right += (new - p) @ own
-                solution.run(SOLVE)
+                motion.right += (new - p) @ own
+                motion.run(SOLVE)
                 p = new
                 if changed <= CHANGED:
                     break
         every = none.copy()
         every[at] = p
-        solution.impulse = p @ N
+        motion.impulse += p @ N
         return {ALLOWED: left, IMPULSES: every}
 
 
-@dataclass(eq=False)
-class _Solution:
-    """Stages of a step, which change coordinates, velocities and omitted coordinates in place."""
+def _solid_of(system: System) -> CompiledReducedSolid:
+    """The reduced solid of a scene; SceneError if there are other terms."""
+    term = system.terms[0]
+    if len(system.terms) > 1 or not isinstance(term, CompiledReducedSolid):
+        raise SceneError("FusedEuler requires the system of a ReducedModel: use another integrator")
+    return term
 
-    term: CompiledReducedSolid
-    start: float  #: time [s]
-    h: float
-    control: Control  #: at the end
-    tolerance: float
-    y: Array
-    v: Array
-    omitted: Array
-    products: int = 0
-    indefinite: int = 0
-    smallest_J: float = math.inf
-    bend: float = 0.0  #: v'K v/(|v| |K v|)
 
-    def __post_init__(self) -> None:
-        """Begin without impulses (n,), of which those (r,) on the moving coordinates are in `right`."""
-        self.inverse, self.relaxed = self.term.inverses(self.h)
-        self.impulse = np.zeros(len(self.term.solid.load))
-        self.right = np.zeros(len(self.v))
+def _some(passed: Passed, own: slice) -> Passed:
+    """Some of the steps."""
+    y, v, omitted = passed.y[own], passed.v[own], passed.omitted[own]
+    at = passed.element[own], passed.products[own]
+    return Passed(y, v, omitted, passed.least_J[own], *at, passed.bend[own])
 
-    def run(self, stages: int) -> None:
-        """Run stages of `sim._kernels.reduced.advance`; InvertedElement if an element is inverted."""
-        term, h = self.term, self.h
-        about = term.elements, term.linear, self.inverse, self.relaxed, h
-        solved = self.control.activation, self.tolerance, MOST, self.y, self.v, self.right
-        moved = self.omitted[0], self.omitted[1], self.impulse, term.scratch
-        status, least, at, products, bend = advance(stages, *about, *solved, *moved)
-        self.products += int(products)
-        if status == NOT_REACHED:
-            self._solve_directly()
-            if stages & MOVE:
-                self.run(MOVE)
-        elif status != DONE:
-            when = self.start if status == AT_START else self.start + h
-            raise InvertedElement(int(at), float(least), when)
-        elif stages & MOVE:
-            self.smallest_J, self.bend = float(least), float(bend)
+
+class _Motion:
+    """Successive steps, which change coordinates, velocities and omitted coordinates in place.
+
+    Parameters
+    ----------
+    rate : of `FusedEuler`.
+    term : CompiledReducedSolid
+    state : at the start.
+    control : ControlAt
+    time : (n + 1,) start and ends of the steps [s].
+    h : (n,) their lengths [s], if they are not the differences of these.
+    """
+
+    def __init__(
+        self,
+        rate: float,
+        term: CompiledReducedSolid,
+        state: State,
+        control: ControlAt,
+        time: Array,
+        h: Array | None = None,
+    ) -> None:
+        n, r, every = len(time) - 1, term.r, len(term.solid.load)
+        self.term, self.rate, self.time, self.done = term, rate, time, 0
+        self.h = np.diff(time) if h is None else h
+        self.activation = control.at_ends(time.tolist())
+        self.y, self.v = state.q.reshape(-1).copy(), state.v.reshape(-1).copy()
+        self.right, self.impulse = np.zeros(r), np.zeros(every)
+        self._omitted = np.array(state.memory.get(OMITTED, np.zeros((2, every - r))))
+        self._indefinite = np.zeros(n, dtype=np.int64)
+        whole = np.zeros((2, n), dtype=np.int64)
+        self._passed = Passed(
+            y=np.zeros((n, r)),
+            v=np.zeros((n, r)),
+            omitted=np.zeros((n, 2, every - r)),
+            least_J=np.zeros(n),
+            element=whole[0],
+            products=whole[1],
+            bend=np.zeros(n),
+        )
+
+    def run(self, stages: int = BEGIN | SOLVE | MOVE) -> None:
+        """Run stages of `sim._kernels.reduced.advance` for the steps that are left.
+
+        Raises InvertedElement or SingularSystem for the first that fails; those before are done.
+        """
+        while self.done < len(self.h):
+            own = np.abs(self.h[self.done :] - self.h[self.done]) > 1e-9 * self.h[self.done]
+            equal = slice(self.done, self.done + int(np.append(own, True).argmax()))
+            status, done = self._advance(stages, equal)
+            self.done += done if stages & MOVE else 0
+            if status == NOT_REACHED:
+                self._solve_directly()
+                if stages & MOVE:
+                    status, done = self._advance(MOVE, slice(self.done, self.done + 1))
+                    self.done += done
+            if status not in (DONE, NOT_REACHED):
+                own = self.done
+                element, J = self._passed.element[own], self._passed.least_J[own]
+                when = self.time[own if status == AT_START else own + 1]
+                raise InvertedElement(int(element), float(J), float(when))
+            if not stages & MOVE:
+                return
+
+    def _advance(self, stages: int, own: slice) -> tuple[int, int]:
+        term, h = self.term, self.h[own]
+        inverses = term.inverses(float(h[0]))
+        solved = self.rate, MOST, self.y, self.v, self.right
+        moved = self._omitted[0], self._omitted[1], self.impulse, term.scratch
+        passed = _some(self._passed, own)
+        about = stages, term.elements, term.linear, *inverses, h, self.activation[own]
+        status, done = advance(*about, *solved, *moved, passed)
+        return int(status), int(done)
 
     def _solve_directly(self) -> None:
         """Solve the equation with its matrix, also with one that is not positive definite."""
-        r, h, s = self.term.r, self.h, self.term.solid
-        K = self.term.tangent(self.y, self.control)
+        r, h, s, k = self.term.r, float(self.h[self.done]), self.term.solid, self.done
+        K = self.term.tangent(self.y, Control(self.activation[k]))
         A = np.eye(r) + h * s.damping[:r, :r] + h * h * K[:r, :r]
         values, vectors = np.linalg.eigh(A)
         if not np.abs(values).min() > 1e-14 * np.abs(values).max():
             raise SingularSystem(
-                f"the reduced matrix of the step to t = {self.control.t:.4g} s is singular: shorten it"
+                f"the reduced matrix of the step to t = {self.time[k + 1]:.4g} s is singular: shorten it"
             )
         self.v[:] = vectors @ ((self.right @ vectors) / values)
         self.term.scratch.stiff[:] = K[:, :r] @ self.v
-        self.indefinite = int(values[0] < 0.0)
+        self._indefinite[k] = int(values[0] < 0.0)
+
+    def outputs(self, after: Index) -> Outputs:
+        """States after numbers > 0 of steps that ascend."""
+        own, n, passed = after - 1, len(after), self._passed
+        q, v = (x[own].reshape(n, -1, 3) for x in (passed.y, passed.v))
+        reports = [self._report(k) for k in range(int(after[-1]))]
+        bounds = zip([0, *after[:-1].tolist()], after.tolist(), strict=True)
+        together = [united(reports[a:b], 0) for a, b in bounds]
+        memory = {OMITTED: passed.omitted[own]}
+        bodies = np.zeros((n, 0, 7)), np.zeros((n, 0, 6))
+        return Outputs(self.time[after], q, v, memory, *bodies, together)
+
+    def _report(self, k: int) -> StepReport:
+        passed = self._passed
+        return StepReport(
+            h=float(self.h[k]),
+            iterations=int(passed.products[k]),
+            smallest_J=float(passed.least_J[k]),
+            indefinite=int(self._indefinite[k]),
+            concave=bool(passed.bend[k] < -ROUNDING),
+        )

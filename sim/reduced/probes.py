@@ -6,14 +6,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.probes import AXES, Variable
-from sim.reduced.closure import Closure, features_of
+from sim.reduced.closure import Closure, each_product, features_of
 from sim.reduced.fused import OMITTED
-from sim.state import Array, Control, State, StepReport
+from sim.state import Array, Control, Outputs, State, StepReport
 from sim.system import System
+
+SILENT = StepReport(h=0.0, smallest_J=float("nan"))  #: of a state that no step has reached
+
+
+class _OfOutputs:
+    """Probe that evaluates one state as several outputs."""
+
+    def record_all(self, system: System, outputs: Outputs, activation: Array) -> tuple[Array, ...]:
+        """Values of every variable along the first axis, under activations (n, n_muscles)."""
+        raise NotImplementedError
+
+    def record(
+        self, system: System, state: State, control: Control, report: StepReport | None
+    ) -> tuple[Array | float, ...]:
+        """Values at one time."""
+        outputs = Outputs.of(state, report or SILENT)
+        return tuple(x[0] for x in self.record_all(system, outputs, control.activation[None]))
 
 
 @dataclass(frozen=True, eq=False)
-class ReducedMarkers:
+class ReducedMarkers(_OfOutputs):
     """Positions of named nodes, q0 + Phi y (marker, axis) [m], as a variable ``position``."""
 
     rest: Array  #: (k, 3) their positions at y = 0 [m]
@@ -26,16 +43,18 @@ class ReducedMarkers:
         coords = {"marker": self.names, "axis": AXES}
         return (Variable("position", "m", ("marker", "axis"), coords),)
 
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
+    def record_all(self, system: System, outputs: Outputs, activation: Array) -> tuple[Array, ...]:
         """Sum the modes, and the correction."""
-        position = self.rest + (self.modes @ state.q.reshape(-1)).reshape(-1, 3)
-        return (position if self.closure is None else position + self.closure(state, control),)
+        n = len(outputs.t)
+        moved = each_product(self.modes, outputs.q.reshape(n, -1)).reshape(n, -1, 3)
+        if self.closure is None:
+            return (self.rest + moved,)
+        features = features_of(outputs, activation, self.closure.weights.shape[1])
+        return (self.rest + moved + self.closure(features),)
 
 
 @dataclass(frozen=True)
-class Features:
+class Features(_OfOutputs):
     """Features of a `Closure`, as a variable ``feature``."""
 
     n: int  #: number of coordinates, omitted coordinates and muscles
@@ -45,15 +64,13 @@ class Features:
         coords = {"of_closure": [str(k) for k in range(self.n)]}
         return (Variable("feature", "1", ("of_closure",), coords),)
 
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
+    def record_all(self, system: System, outputs: Outputs, activation: Array) -> tuple[Array, ...]:
         """Record the features."""
-        return (features_of(state, control, self.n),)
+        return (features_of(outputs, activation, self.n),)
 
 
 @dataclass(frozen=True, eq=False)
-class ReductionError:
+class ReductionError(_OfOutputs):
     """Largest displacement of named nodes by the omitted modes [m], as ``reduction_estimate``."""
 
     modes: Array  #: (3 k, n - r) rows of the omitted modes
@@ -62,12 +79,11 @@ class ReductionError:
         """One variable, and the smallest det F of the step."""
         return Variable("reduction_estimate", "m"), Variable("smallest_J", "1")
 
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
+    def record_all(self, system: System, outputs: Outputs, activation: Array) -> tuple[Array, ...]:
         """Norm of the displacement of the worst node."""
-        J = system.smallest_J(state.q)[0] if report is None else report.smallest_J
-        if OMITTED not in state.memory:
-            return 0.0, J
-        moved = (self.modes @ state.memory[OMITTED][0]).reshape(-1, 3)
-        return float(np.sqrt((moved**2).sum(axis=1).max(initial=0.0))), J
+        n, reports = len(outputs.t), zip(outputs.q, outputs.reports, strict=True)
+        J = [system.smallest_J(q)[0] if r is SILENT else r.smallest_J for q, r in reports]
+        if OMITTED not in outputs.memory:
+            return np.zeros(n), np.array(J)
+        moved = each_product(self.modes, outputs.memory[OMITTED][:, 0]).reshape(n, -1, 3)
+        return np.sqrt((moved**2).sum(axis=2)).max(axis=1, initial=0.0), np.array(J)

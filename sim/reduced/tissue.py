@@ -7,7 +7,8 @@ import numpy as np
 
 from sim._kernels.element import NODES, Part
 from sim._kernels.lanes import LANES
-from sim._kernels.reduced import KEPT, VECTORS, Elements, Linear, Scratch, forces
+from sim._kernels.reduced import VECTORS, Elements, Linear, Scratch, forces
+from sim._kernels.reduced_element import KEPT, OF_FIBRE
 from sim._kernels.solid import ROWS
 from sim.elements import ELEMENT_TYPES
 from sim.errors import SceneError
@@ -96,18 +97,26 @@ def elements_of(solid: ReducedSolid) -> Elements:
     """Weighted elements of a reduced solid, for the kernels."""
     compiled = solid_of(solid.whole)
     found, weight = compiled.pointwise, solid.weight
-    used = [part.nodes[weight[part.element] > 0.0].ravel() for part in found.parts]
-    nodes = np.unique(np.concatenate([*used, np.zeros(0, dtype=np.int64)]))
-    moves = solid.modes.reshape(len(solid.rest), -1)[nodes].any(axis=1)
-    nodes = np.concatenate([nodes[moves], nodes[~moves]])
+    chosen = [np.flatnonzero(weight[part.element] > 0.0) for part in found.parts]
+    pairs = list(zip(found.parts, chosen, strict=True))
+    used = np.concatenate([part.nodes[own] for part, own in pairs])
+    still = np.abs(solid.modes).reshape(len(solid.rest), -1).max(axis=1) == 0.0
+    # nodes in the order of their first element, and those that do not move behind them
+    nodes, first = np.unique(used, return_index=True)
+    nodes = nodes[np.argsort(first + len(used) * NODES * still[nodes])]
     number = np.zeros(len(solid.rest), dtype=np.int64)
     number[nodes] = np.arange(len(nodes))
-    chosen = [np.flatnonzero(weight[part.element] > 0.0) for part in found.parts]
-    parts = [_some(part, own, number) for part, own in zip(found.parts, chosen, strict=True)]
+    m = len(nodes) - np.count_nonzero(still[nodes])
+    parts = [_some(part, own, number) for part, own in pairs]
     empty = _some(found.parts[0], np.zeros(0, dtype=np.int64), number)
     n = solid.modes.shape[1]
-    rows = np.zeros((int(moves.sum()), 3, LANES * -(-n // LANES)), dtype=np.float32)
-    rows[..., :n] = solid.modes.reshape(len(solid.rest), 3, n)[nodes[: len(rows)]]
+    rows = np.zeros((m, 3, LANES * -(-n // LANES)), dtype=np.float32)
+    rows[..., :n] = solid.modes.reshape(len(solid.rest), 3, n)[nodes[:m]]
+    # of every element, the moving nodes that it has
+    own = np.where(number[used] < m, number[used], -1)
+    last = np.full(m + 1, -1)  # of which the last is of nodes that do not move
+    last[own] = np.arange(len(used))[:, None]
+    leaving = np.argsort(last[:m], kind="stable")
     return Elements(
         # always as many parts as there are types of elements, so that kernels are compiled once
         tuple(parts + [empty] * (len(ELEMENT_TYPES) - len(parts))),
@@ -116,6 +125,9 @@ def elements_of(solid: ReducedSolid) -> Elements:
         np.ascontiguousarray(weight, dtype=np.float64),
         np.ascontiguousarray(solid.rest[nodes]),
         rows.reshape(-1, LANES),
+        np.maximum.accumulate(own.max(axis=1, initial=-1) + 1),
+        np.searchsorted(last[leaving], np.arange(len(used)), side="right"),
+        leaving,
     )
 
 
@@ -125,19 +137,17 @@ class CompiledReducedSolid:
     def __init__(self, solid: ReducedSolid, r: int) -> None:
         self.solid, self.r = solid, r
         self.elements = elements_of(solid)
-        n, k, e = len(solid.load), len(self.elements.rest), len(solid.weight)
-        blocks = -(-n // LANES)
-        kept = KEPT * np.count_nonzero(solid.weight)
+        n, k, fibres = len(solid.load), len(self.elements.rest), self.elements.fibres
+        blocks, own = -(-n // LANES), solid.weight > 0.0
+        kept = KEPT * np.count_nonzero(own) + OF_FIBRE * int(np.diff(fibres.start)[own].sum())
         self.scratch = Scratch(
             q=np.zeros((k, 3)),
             f=np.zeros((k, 3)),
             x=np.zeros((NODES, 3)),
             w=np.zeros((ROWS, LANES)),
-            energy=np.zeros(e),
-            least=np.zeros(e),
-            moduli=np.zeros((kept, LANES), dtype=np.float32),
+            kept=np.zeros((kept, LANES), dtype=np.float32),
+            acts=np.zeros(len(fibres.muscle), dtype=np.bool_),
             y=np.zeros((blocks, LANES)),
-            placed=np.zeros(1, dtype=np.bool_),
             force=np.zeros((blocks, LANES)),
             start=np.zeros(n),
             change=np.zeros(n),

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import sim
+from sim.activation import Driven
 from sim.reduced import (
     FusedEuler,
     ReducedMarkers,
@@ -14,8 +15,10 @@ from sim.reduced import (
     projected,
     reduce_system,
 )
+from sim.reduced.closure import features_of
 from sim.reduced.cubature import sparse_weights
 from sim.reduced.fused import OMITTED
+from sim.state import Outputs
 from tests.reduced.scenes import STEP, basis, block, drive, full_motion, snapshots
 
 
@@ -101,6 +104,63 @@ def test_fused_steps_are_those_of_the_general_integrator():
     one, _ = reduced_motion(model, modes, X, activation)
     other, _ = reduced_motion(model, modes, X, activation, sim.LinearlyImplicitEuler())
     assert np.abs(one - other).max() < 1e-9
+
+
+def one_by_one(system, activation, n):
+    """States after n single steps, with the control of a simulation."""
+    integrator, work = FusedEuler(), sim.Workspace(system)
+    control, state = Driven(system, activation), system.rest_state()
+    for k in range(n):
+        state, _ = integrator.step(system, state, control, (k + 1) * STEP - state.t, work)
+        yield state
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_steps_in_one_call_are_those_one_by_one(every):
+    """Bit for bit, also after a restart; reports of an output are those of all its steps."""
+    _, _, _, model, _ = sampled_model()
+    system, activation, n = model.system, drive(0.9, 0.4), 30
+    single = list(one_by_one(system, activation, n))[every - 1 :: every]
+
+    def moved(duration, initial=None):
+        return sim.simulate(
+            system,
+            activation,
+            duration=duration,
+            integrator=FusedEuler(),
+            steps=sim.FixedStep(STEP),
+            every=every * STEP,
+            probes=(sim.Positions(), ReductionError(np.eye(6)), sim.Iterations()),
+            initial=initial,
+        )
+
+    whole, end = moved(n * STEP)
+    q = whole.node_position.transpose("time", "node", "axis").values
+    np.testing.assert_array_equal(q[1:], [state.q for state in single])
+    np.testing.assert_array_equal(end.memory[OMITTED], single[-1].memory[OMITTED])
+    assert (whole.steps.values[1:] == every).all() and (whole.iterations.values[1:] >= every).all()
+    first, middle = moved(0.4 * n * STEP)
+    second, again = moved(0.6 * n * STEP, middle)
+    np.testing.assert_array_equal(again.q, end.q)
+    for name in ("reduction_estimate", "smallest_J", "iterations"):
+        both = np.concatenate([first[name].values, second[name].values[1:]])
+        np.testing.assert_array_equal(both, whole[name].values)
+
+
+def test_an_inversion_ends_the_call_at_its_step():
+    """Pushed too fast, an element inverts at the end of a step: error and time as in single steps."""
+    _, _, _, model, _ = sampled_model()
+    y = np.random.default_rng(2).normal(size=(4, 3))
+    start = sim.State(0.0, 0.0 * y, y)
+    options = {"integrator": FusedEuler(), "steps": sim.FixedStep(STEP), "initial": start}
+    with pytest.raises(sim.InvertedElement) as found:
+        sim.simulate(model.system, sim.resting(2), duration=0.3, **options)
+    state, integrator, work = start, FusedEuler(), sim.Workspace(model.system)
+    with pytest.raises(sim.InvertedElement) as expected:
+        for _ in range(30):
+            control = sim.Control(np.zeros(2))
+            state, _ = integrator.step(model.system, state, control, STEP, work)
+    assert str(found.value) == str(expected.value)
 
 
 def test_few_elements_reproduce_the_motion_under_another_activation():
@@ -199,7 +259,8 @@ def test_a_closure_recovers_a_linear_difference():
     closure = fitted_closure(features, missing)
     memory = {OMITTED: np.stack([features[0, 3:5], np.zeros(2)])}
     state = sim.State(0.0, features[:1, :3], np.zeros((1, 3)), memory)
-    found = closure(state, sim.Control(features[0, 5:]))
+    outputs = Outputs.of(state, sim.StepReport(0.01, 1.0))
+    (found,) = closure(features_of(outputs, features[:1, 5:], 7))
     np.testing.assert_allclose(found, missing[0], atol=0.02 * np.abs(missing).max())
     assert (closure.weights[:, 6] == 0.0).all()  # an activation that never varies
 
