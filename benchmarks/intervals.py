@@ -4,8 +4,7 @@
 
 Every recording of a simulated volunteer provides a true activation, of which 0.8 s around its onset
 move the coarse template without contact. Markers have white noise of 0.3 mm, and the sEMG an error of
-0.1 that is correlated over 0.2 s. `--integrator study` computes the truth with the converged solver
-of a study in place of the steps that are inverted.
+0.1 that is correlated over 0.2 s.
 """
 
 import time
@@ -16,11 +15,10 @@ import numpy as np
 import typer
 import xarray as xr
 
-from analysis.figures.style import COLOURS, blank, styled
-from benchmarks.inverse import SIMULATION
+from analysis.figures.style import COLOURS
+from benchmarks.inverse import ACTIVE, SIMULATION, correlation, most_active
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.recipe import compose_scene
-from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 from emgface.inverse.refine import Assumptions, Refined, emg_precision, refine
 from emgface.inverse.variants import trust_of
@@ -31,8 +29,6 @@ from sim.inverse import PointTarget
 
 NOISE, EMG_ERROR, EMG_TIME = 3e-4, 0.1, 0.1
 H, STEPS = 0.01, 80
-ACTIVE = 0.05
-"""True activation above which a muscle counts as active."""
 ZERO = 5e-4
 """True activation below which it is silent."""
 
@@ -46,37 +42,23 @@ def emg_of_truth(true: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.clip(true + EMG_ERROR * error, 0.0, 1.0)
 
 
-@styled
-def draw(found: Refined, true: np.ndarray, emg: np.ndarray, muscles, title: str):
+def draw(found: Refined, true: np.ndarray, emg: np.ndarray, muscles: list[str], title: str):
     """Truth, sEMG, estimate and interval of the eight most active muscles."""
-    figure = blank(11.0, 5.2)
-    axes = figure.subplots(2, 4, sharex=True, sharey=True).ravel()
-    order = np.argsort(-true.max(axis=0))[:8]
-    for panel, i in zip(axes, order, strict=True):
+
+    def one(panel, i: int) -> None:
         band = found.low[:, i], found.high[:, i]
         panel.fill_between(found.time, *band, color=COLOURS[0], alpha=0.3, label="90 % interval")
         panel.plot(found.time, found.activation[:, i], color=COLOURS[0], label="estimate")
         panel.plot(found.time, emg[1:, i], color="0.6", lw=0.8, label="sEMG")
         panel.plot(found.time, true[1:, i], color="black", ls="--", label="truth")
-        panel.set_title(muscles[i])
-        panel.set_ylim(0.0, 1.0)
-    for panel in axes[4:]:
-        panel.set_xlabel("time [s]")
-    for panel in axes[::4]:
-        panel.set_ylabel("activation")
-    axes[0].legend(fontsize=7)
-    figure.suptitle(title)
-    return figure
+
+    return most_active(muscles, true.max(axis=0), title, one)
 
 
 def main(
     recordings: list[Path],
     out: Annotated[Path, typer.Option()],
     variants: str = "assisted,motion",
-    integrator: str = "same",
-    iterations: int = 12,
-    model_error: float = 0.0,
-    strength: float = 0.0,
 ) -> None:
     """Simulate, invert, count and draw."""
     face = template_face(resolution="coarse")
@@ -85,10 +67,7 @@ def main(
     nodes = face["marker_node"].sel(marker=list(LIP_MARKERS)).values.astype(np.int64)
     q = np.ascontiguousarray(settled["node_position"].values)
     state, work = State(0.0, q, system.rest_state().v, {}), Workspace(system)
-    solver = SIMULATION
-    if integrator == "study":
-        solver = SimulationParameters(gravity=False, contact={"method": "none"})
-    assumed, t = Assumptions(model_error=model_error, strength=strength), H * np.arange(STEPS + 1)
+    assumed, t = Assumptions(model_error=0.0, strength=0.0), H * np.arange(STEPS + 1)
     counts: list[tuple[int, int]] = []
     for number, path in enumerate(recordings):
         rng = np.random.default_rng(number)
@@ -97,7 +76,7 @@ def main(
         onset = float(total["time_true"][int((total > 0.5 * total.max()).argmax())])
         true = truth.interp(time_true=max(onset - 0.35, 0.0) + t).transpose("time_true", ...).values
         drive = xr.DataArray(true.T, dims=("muscle", "time"), coords={"muscle": muscles, "time": t})
-        moved = simulate_face(face, drive, solver)["position"].interp(time=t)
+        moved = simulate_face(face, drive, SIMULATION)["position"].interp(time=t)
         x = moved.sel(marker=list(LIP_MARKERS)).transpose("time", "marker", "axis").values
         x = x - x[0] + q[nodes] + NOISE * rng.standard_normal(x.shape)
         target, emg = PointTarget(nodes, t, x, 1e-3), emg_of_truth(true, rng)
@@ -107,12 +86,12 @@ def main(
             weight = emg_precision(assumed, np.full(len(muscles), EMG_ERROR), trust, H)
             found = refine(
                 system, target, assumed.density(emg[1:], weight, H), NOISE, assumed, h=H,
-                initial=state, work=work, iterations=iterations,
+                initial=state, work=work, iterations=12,
             )  # fmt: skip
             a, b = found.activation, true[1:]
             inside, active, zero = (found.low <= b) & (b <= found.high), b > ACTIVE, b < ZERO
             print(
-                f"{path.stem} {variant}: correlation {_r(a, b):.3f}, rms "
+                f"{path.stem} {variant}: correlation {correlation(a, b):.3f}, rms "
                 f"{_rms(a - b):.3f}, coverage {inside.mean():.1%} (above {ACTIVE} "
                 f"{inside[active].mean():.1%}, lower {inside[~active & ~zero].mean():.1%}, silent "
                 f"{inside[zero].mean():.1%} of {zero.mean():.0%}), width "
@@ -126,10 +105,6 @@ def main(
         name = out.with_stem(f"{out.stem}_{path.stem}") if number else out
         draw(found, true, emg, muscles, title).savefig(name, dpi=110)
     print(f"coverage over all trials {sum(c for c, _ in counts) / sum(n for _, n in counts):.1%}")
-
-
-def _r(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
 
 
 def _rms(x: np.ndarray) -> float:

@@ -17,8 +17,9 @@ the onset of the motion.
 
 import json
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
@@ -78,8 +79,8 @@ def measures(
         inside = (found["activation_low"].values <= b) & (b <= found["activation_high"].values)
         covered, covered_active = float(inside.mean()), float(inside[b > ACTIVE].mean())
     return {
-        "correlation": _correlation(a, b),
-        "without electrode": _correlation(a[~recorded], b[~recorded]),
+        "correlation": correlation(a, b),
+        "without electrode": correlation(a[~recorded], b[~recorded]),
         "rms": np.sqrt(np.mean((a - b) ** 2)),
         "slope": np.polyfit(b.ravel(), a.ravel(), 1)[0],
         "in the interval [%]": 100.0 * covered,
@@ -89,7 +90,7 @@ def measures(
     }
 
 
-def _correlation(a: np.ndarray, b: np.ndarray) -> float:
+def correlation(a: np.ndarray, b: np.ndarray) -> float:
     return np.nan if a.std() == 0.0 else float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
 
 
@@ -166,19 +167,15 @@ def at_truth(face: xr.Dataset, path: Path) -> str:
 
 
 @styled
-def draw(found: dict[str, xr.Dataset], truth: xr.DataArray, title: str):
-    """Activation of eight muscles over time for each variant, with the truth."""
-    shown = truth.max("time_true").sortby(truth.max("time_true"), ascending=False)
-    names = [str(m) for m in shown["muscle"].values[:8]]
+def most_active(
+    muscles: Sequence[str], level: np.ndarray, title: str, one: Callable[[Any, int], None]
+):
+    """Activation over time of the eight muscles with the largest level; `one` draws a muscle."""
     figure = blank(11.0, 5.2)
     axes = figure.subplots(2, 4, sharex=True, sharey=True).ravel()
-    for panel, name in zip(axes, names, strict=True):
-        panel.plot(truth["time_true"], truth.sel(muscle=name), color="black", lw=2.0, label="truth")
-        for k, (variant, one) in enumerate(found.items()):
-            panel.plot(
-                one["time"], one["activation"].sel(muscle=name), color=COLOURS[k], label=variant
-            )
-        panel.set_title(name)
+    for panel, i in zip(axes, np.argsort(-level)[:8], strict=True):
+        one(panel, i)
+        panel.set_title(muscles[i])
         panel.set_ylim(0.0, 1.0)
     for panel in axes[4:]:
         panel.set_xlabel("time [s]")
@@ -187,6 +184,20 @@ def draw(found: dict[str, xr.Dataset], truth: xr.DataArray, title: str):
     axes[0].legend(fontsize=7)
     figure.suptitle(title)
     return figure
+
+
+def draw(found: dict[str, xr.Dataset], truth: xr.DataArray, title: str):
+    """Activation of each variant, with the truth."""
+    muscles = [str(m) for m in truth["muscle"].values]
+
+    def one(panel, i: int) -> None:
+        name, time = muscles[i], truth["time_true"]
+        panel.plot(time, truth.sel(muscle=name), color="black", lw=2.0, label="truth")
+        for k, (variant, own) in enumerate(found.items()):
+            level = own["activation"].sel(muscle=name)
+            panel.plot(own["time"], level, color=COLOURS[k], label=variant)
+
+    return most_active(muscles, truth.max("time_true").values, title, one)
 
 
 def inverted(

@@ -8,10 +8,8 @@
     python -m benchmarks jaw --part pull           # slow pull on the incisor, as stored; needs it, too
     python -m benchmarks jaw --part openings       # nearest openings within the prior; needs it, too
     python -m benchmarks jaw --part together       # and nearest outcomes of all tasks; needs it, too
-    python -m benchmarks jaw --part variants       # outcomes of every variant; needs it, too
     python -m benchmarks jaw --part causes         # under changes of one setting; needs it, too
     python -m benchmarks jaw --part cost           # chewing: error and time over the step; needs it, too
-    python -m benchmarks jaw --part errors         # estimated and true error; needs it, too
     python -m benchmarks jaw --part posterior --samples 264 --out FOLDER    # needs it, too
     python -m benchmarks jaw --part steps          # the generated jaw: error and time over the step
     python -m benchmarks jaw --part stability      # the generated jaw under bad parameters
@@ -36,7 +34,6 @@ import xarray as xr
 import sim
 from benchmarks import (
     jaw_checks,
-    jaw_errors,
     jaw_generated,
     jaw_openings,
     jaw_posterior,
@@ -141,8 +138,7 @@ def main(part: str = "steps", samples: int = 264, out: Path | None = None) -> No
     parts = {
         "reference": reference,
         **{n: getattr(jaw_stored, n) for n in ("forces", "morsel", "chewing")},
-        **{n: getattr(jaw_variants, n) for n in ("variants", "causes", "cost")},
-        "errors": jaw_errors.errors,
+        **{n: getattr(jaw_variants, n) for n in ("causes", "cost")},
         "checks": jaw_checks.checks,
         "pull": jaw_pull.pull,
         **{n: getattr(jaw_openings, n) for n in ("openings", "together")},

@@ -116,8 +116,8 @@ def in_variant(jaw: xr.Dataset, name: str) -> dict[str, Any]:
     found |= closing(jaw)
     found |= {f"5 {key}": value for key, value in stored.items() if key.startswith("chew")}
     found |= after_chewing(jaw)
-    found["6 open"] = stored["open, largest"]
-    found["6 open, head 15 degrees back"] = stored["head 15 degrees back, largest"]
+    found["6 open"] = stored["open"]
+    found["6 open, head 15 degrees back"] = stored["open, head 15 degrees back"]
     found |= swallowing(jaw)
     return found
 

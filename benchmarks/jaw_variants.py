@@ -1,4 +1,4 @@
-"""Published jaw model: published and computed outcomes of every variant, and causes of differences.
+"""Published jaw model: its variants, their openings and chewing cycles, and causes of differences.
 
 Parts of ``python -m benchmarks jaw``; they need the published model.
 """
@@ -15,7 +15,7 @@ import xarray as xr
 
 import sim
 from benchmarks.report import say
-from emgface.anatomy.jaw.outcomes import displacement, interincisal, separation
+from emgface.anatomy.jaw.outcomes import displacement, separation
 from emgface.anatomy.jaw.published import import_jaw
 from emgface.anatomy.jaw.run import OUTPUT, run_task
 from emgface.anatomy.jaw.series import read_probes
@@ -24,8 +24,6 @@ from emgface.errors import EmgfaceError
 
 SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
 PROBES = SHARED / "artisynth_models" / "jaw_larynx" / "probes" / "leftchew"
-PULLS = {1.14: (-12.75, 4.4), 2.28: (-19.69, 8.2), 3.42: (-26.57, 12.0), 4.56: (-33.59, 16.3)}
-"""Stored incisor of the published program, up and back [mm], by the downward force [N]."""
 
 
 def published(variant: str, **options: Any) -> xr.Dataset:
@@ -51,95 +49,20 @@ def models() -> dict[str, xr.Dataset]:
     return found | {"curved two-sided, hyoid free": two_sided(found["curved, hyoid free"])}
 
 
-def variants() -> pd.DataFrame:
-    """Published outcomes beside those of every variant [mm]."""
-    columns = {name: outcomes(jaw) for name, jaw in models().items()}
-    rows = [
-        {
-            "outcome": key,
-            "published": known,
-            **{name: own.get(key) for name, own in columns.items()},
-        }
-        for key, known in KNOWN.items()
-    ]
-    return pd.DataFrame(rows)
-
-
-KNOWN = {
-    "rest at 0.04 %, from contact": "3 to 5",
-    "rest at 0.04 %, between edges": "",
-    "open, largest": "35 to 38",
-    "open, at 2 s": "35 to 38",
-    "head 15 degrees back, largest": "50 to 51",
-    "head 15 degrees back, at 2 s": "50 to 51",
-    "inferior lateral pterygoids, forward": "self-limited",
-    **{
-        f"pull {force} N, {way}": f"{x}"
-        for force, stored in PULLS.items()
-        for way, x in zip(("up", "back"), stored, strict=True)
-    },
-    "chew, down": "20.1",
-    "chew, back": "5.8",
-    "chew, lateral": "2.3",
-    "chew, time s": "0.334",
-    "chew, largest lateral": "6.1",
-    "chew, hyoid up": "3.4",
-    "chew, hyoid forward": "1.6",
-    "swallow, thyroid up": "",
-    "swallow, thyroid forward": "",
-}
-
-
 def outcomes(jaw: xr.Dataset) -> dict[str, float | str]:
-    """Outcomes of all tasks [mm]; the name of the error of a task that did not finish."""
+    """Openings and chewing cycle [mm]; the name of the error of a task that did not finish."""
     found = dict[str, float | str]()
 
     def measure(task: Task, read: Callable[[xr.Dataset], dict[str, float]], **options: Any) -> None:
         try:
-            found.update(
-                {
-                    k: round(float(x), 3)
-                    for k, x in read(run_task(jaw, task, **options, check=False)).items()
-                }
-            )
+            values = read(run_task(jaw, task, **options, check=False))
+            found.update({name: round(float(x), 3) for name, x in values.items()})
         except sim.SimulationError as error:
             found.update(dict.fromkeys(read(_nothing(jaw)), type(error).__name__))
 
-    def rest(motion: xr.Dataset) -> dict[str, float]:
-        name = "rest at 0.04 %, "
-        return {
-            name + "from contact": separation(motion)[-1],
-            name + "between edges": interincisal(motion)[-1],
-        }
-
-    def opened(name: str) -> Callable[[xr.Dataset], dict[str, float]]:
-        return lambda motion: {
-            f"{name}, largest": separation(motion).max(),
-            f"{name}, at 2 s": separation(motion)[-1],
-        }
-
-    def pulled(force: float) -> Callable[[xr.Dataset], dict[str, float]]:
-        def read(motion: xr.Dataset) -> dict[str, float]:
-            d = displacement(motion, "lower_incisor")[-1]
-            return {f"pull {force} N, up": d[2], f"pull {force} N, back": -d[1]}
-
-        return read
-
-    measure(TASKS["rest"], rest)
-    measure(TASKS["open"], opened("open"), duration=2.0)
-    measure(TASKS["open_head"], opened("head 15 degrees back"), duration=2.0)
-    alone = Task("", 2.0, {"bi_ip": [(0.0, 0.0), (0.2, 1.0)]})
-    measure(
-        alone,
-        lambda motion: {
-            "inferior lateral pterygoids, forward": displacement(motion, "lower_incisor")[-1, 1]
-        },
-    )
-    for force in PULLS:
-        measure(TASKS["pull"], pulled(force), load=(0.0, 0.0, -force))
-    series = read_probes(PROBES)
-    measure(TASKS["chew"], chewed, excitation=series, duration=0.7)
-    measure(TASKS["swallow"], swallowed)
+    for name, task in (("open", "open"), ("open, head 15 degrees back", "open_head")):
+        measure(TASKS[task], lambda m, name=name: {name: separation(m).max()}, duration=2.0)
+    measure(TASKS["chew"], chewed, excitation=read_probes(PROBES), duration=0.7)
     return found
 
 
@@ -152,14 +75,6 @@ def chewed(motion: xr.Dataset) -> dict[str, float]:
     hyoid = displacement(motion, "hyoid")[: k + 1]
     found |= {"hyoid up": hyoid[:, 2].max(), "hyoid forward": hyoid[:, 1].max()}
     return {f"chew, {name}": x for name, x in found.items()}
-
-
-def swallowed(motion: xr.Dataset) -> dict[str, float]:
-    """Largest displacement of the thyroid cartilage [mm]; none where it stays."""
-    if "thyroid" not in motion["marker"].values:
-        return {}
-    d = displacement(motion, "thyroid")
-    return {"swallow, thyroid up": d[:, 2].max(), "swallow, thyroid forward": d[:, 1].max()}
 
 
 def _nothing(jaw: xr.Dataset) -> xr.Dataset:

@@ -6,15 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from emgface.cli import options
 from emgface.cli.console import BAD_INPUT, fail, frame, out, say, show_table
-from emgface.cli.options import (
-    BandOption,
-    MappingOption,
-    MissingMuscleOption,
-    MissingSideOption,
-    StudyPath,
-    chain_with,
-)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -45,12 +38,12 @@ def check(
     study: Annotated[
         bool, typer.Option(help="List missing channels and markers of the study as errors.")
     ] = False,
-    mapping: MappingOption = None,
+    mapping: options.MappingOption = None,
     channels: Annotated[
         str, typer.Option(help="Show only channels whose name contains this text.")
     ] = "",
-    missing_side: MissingSideOption = None,
-    missing_muscle: MissingMuscleOption = None,
+    missing_side: options.MissingSideOption = None,
+    missing_muscle: options.MissingMuscleOption = None,
     page: Annotated[
         Path | None,
         typer.Option(help="Overview page to draw (png, svg), or PDF with one page per recording."),
@@ -78,7 +71,9 @@ def check(
     from emgface.study.exclusions import Exclusion, exclusions_text
 
     refuse_existing(exclude)
-    chain = chain_with(SignalChain(), missing_side=missing_side, missing_muscle=missing_muscle)
+    chain = options.chain_with(
+        SignalChain(), missing_side=missing_side, missing_muscle=missing_muscle
+    )
     n_files = 0
     if page is not None:
         n_files = sum(len(find_recordings(path)) if path.is_dir() else 1 for path in paths)
@@ -146,9 +141,9 @@ def features(
     channels: Annotated[
         str, typer.Option(help="Part of the names of the channels to show; default: all.")
     ] = "",
-    mapping: MappingOption = None,
-    study: StudyPath = None,
-    band: BandOption = None,
+    mapping: options.MappingOption = None,
+    study: options.StudyPath = None,
+    band: options.BandOption = None,
 ) -> None:
     """Show the power in the pass-band and the range of the feature of every channel."""
     from analysis.tables import origin_of
@@ -158,7 +153,9 @@ def features(
     from emgface.signals.parameters import SignalChain
     from emgface.study.file import load_study
 
-    chain = chain_with(SignalChain() if study is None else load_study(study).signals, band=band)
+    chain = options.chain_with(
+        SignalChain() if study is None else load_study(study).signals, band=band
+    )
     recording = read_recording(path, mapping=mapping)
     names = [str(name) for name in recording["channel"].values] if "emg" in recording else []
     chosen = containing(channels, names, path.name)

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from emgface.cli import options
 from emgface.cli.console import frame, progress, say, show_table
 from emgface.cli.machine import announce_compilation
-from emgface.cli.options import StudyPath
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -60,31 +60,17 @@ def artisynth(
 @app.command()
 def build(
     out_path: Annotated[Path, typer.Option("--out", help="Face model to write (netCDF).")],
-    resolution: Annotated[
-        str, typer.Option(help="coarse, medium, fine, or the approximate number of elements.")
-    ] = "medium",
-    preset: Annotated[
-        str,
-        typer.Option(help="adult, woman, man, older_woman, older_man, girl or boy."),
-    ] = "adult",
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Measure of the face, such as mouth_width=52mm; repeatable."),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            help="Seed for drawing a random person of the group; default: the means of the group.",
-        ),
-    ] = None,
+    resolution: options.ResolutionOption = "medium",
+    preset: options.PresetOption = "adult",
+    settings: options.MeasureOption = None,
+    seed: options.SeedOption = None,
 ) -> None:
     """Generate a lower face from published measures, at any resolution."""
     from emgface.face.file import save_face
     from emgface.face.template import parse_measures, template_face
 
     face = template_face(
-        resolution=int(resolution) if resolution.isdecimal() else resolution,
+        resolution=options.mesh_size(resolution),
         measures=parse_measures(settings or []),
         preset=preset,
         seed=seed,
@@ -109,7 +95,7 @@ def check(path: FacePath) -> None:
 def reduce(
     path: FacePath,
     out_path: Annotated[Path, typer.Option("--out", help="Reduced face to write (netCDF).")],
-    study: StudyPath = None,
+    study: options.StudyPath = None,
     sigma_max: Annotated[
         float | None, typer.Option(help="Largest muscle stress, also of the simulations [Pa].")
     ] = None,
@@ -127,9 +113,7 @@ def reduce(
         str | None,
         typer.Option(help="Sequences of the training: study (default) or random."),
     ] = None,
-    contact: Annotated[
-        bool, typer.Option(help="Contact of lips and teeth as in the study, or none.")
-    ] = True,
+    contact: options.ContactSwitch = True,
 ) -> None:
     """Train a reduced face; the motions are kept, so that it can be resumed."""
     import emgface as ef

@@ -5,10 +5,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from emgface.cli import options
 from emgface.cli.console import frame, progress, say, show_table
 from emgface.cli.machine import announce_compilation, executing, graceful_stop
-from emgface.cli.moved import PictureOption, tell_motion, write_picture
-from emgface.cli.options import SchedulerOption, WorkersOption
+from emgface.cli.moved import (
+    ExcitationOption,
+    PictureOption,
+    check_drive,
+    tell_motion,
+    write_picture,
+)
 
 if TYPE_CHECKING:
     from emgface.anatomy.head.model import Head
@@ -24,26 +30,21 @@ ContactOption = Annotated[
         "Default: all of the parts."
     ),
 ]
+PartsOption = Annotated[
+    str, typer.Option(help="Names of face, jaw, tongue and hyoid, with commas between.")
+]
+GravityOption = Annotated[bool, typer.Option(help="Simulate gravity.")]
 HeadPath = Annotated[Path, typer.Argument(help="Head (netCDF).")]
 
 
 @app.command()
 def build(
     out_path: Annotated[Path, typer.Option("--out", help="Head to write (netCDF).")],
-    parts: Annotated[
-        str, typer.Option(help="Names of face, jaw, tongue and hyoid, with commas between.")
-    ] = "face,jaw,tongue,hyoid",
-    preset: Annotated[
-        str, typer.Option(help="adult, woman, man, older_woman, older_man, girl or boy.")
-    ] = "adult",
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of a random person.")] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Measure, such as mouth_width=52mm; repeatable."),
-    ] = None,
-    resolution: Annotated[
-        str, typer.Option(help="coarse, medium, fine or a number of elements, of face and tongue.")
-    ] = "coarse",
+    parts: PartsOption = "face,jaw,tongue,hyoid",
+    preset: options.PresetOption = "adult",
+    seed: options.SeedOption = None,
+    settings: options.MeasureOption = None,
+    resolution: options.ResolutionOption = "coarse",
     contact: ContactOption = None,
     ring: Annotated[
         list[str] | None,
@@ -64,7 +65,7 @@ def build(
         preset=preset,
         seed=seed,
         measures=parse_settings(settings or []),
-        resolution=int(resolution) if resolution.isdigit() else resolution,
+        resolution=options.mesh_size(resolution),
         contacts=[] if contact == ["none"] else contact,
         rings={muscle: parse_ring(words) for muscle, _, words in given},
     )
@@ -88,9 +89,7 @@ def import_(
         typer.Argument(help="Folder with jaw_tongue_face, face_badin, face_reference and tongue."),
     ],
     out_path: Annotated[Path, typer.Option("--out", help="Head to write (netCDF).")],
-    parts: Annotated[
-        str, typer.Option(help="Names of face, jaw, tongue and hyoid, with commas between.")
-    ] = "face,jaw,tongue,hyoid",
+    parts: PartsOption = "face,jaw,tongue,hyoid",
     contact: ContactOption = None,
     floor: Annotated[
         bool, typer.Option(help="Attach the floor of the mouth to tongue and hyoid.")
@@ -110,10 +109,7 @@ def import_(
 def simulate(
     path: HeadPath,
     out_path: Annotated[Path, typer.Option("--out", help="Motion to write (netCDF).")],
-    excitation: Annotated[
-        Path | None,
-        typer.Option(help="Excitations (csv, nc) with a column time and one per exciter."),
-    ] = None,
+    excitation: ExcitationOption = None,
     muscle: Annotated[
         list[str] | None,
         typer.Option(
@@ -122,22 +118,18 @@ def simulate(
     ] = None,
     duration: Annotated[float, typer.Option(help="Simulated time in s.")] = 0.5,
     law: Annotated[
-        str, typer.Option(help="Muscle law of the jaw, as of `emgface jaw run`.")
+        str, typer.Option(help="Muscle law of the jaw, one of those of `emgface jaw run`.")
     ] = "peck",
-    gravity: Annotated[bool, typer.Option(help="With gravity.")] = True,
+    gravity: GravityOption = True,
     step: Annotated[float, typer.Option(help="Largest time step in s.")] = 5e-3,
 ) -> None:
     """Move a head by excitations of any of its muscles."""
     from emgface.anatomy.head.model import read_head
     from emgface.anatomy.head.run import raised, simulate_head, write_motion
     from emgface.anatomy.jaw.series import read_excitation
-    from emgface.errors import ConfigurationError, HeadError
+    from emgface.errors import HeadError
 
-    if muscle and excitation is not None:
-        raise ConfigurationError(
-            "--muscle and --excitation are both specified, expected one of them: add the muscles to the "
-            "series, or leave out the file"
-        )
+    check_drive(muscle, excitation)
     head = read_head(path)
     levels = dict[str, float]()
     for one in muscle or []:
@@ -174,22 +166,14 @@ def follow(
         Path, typer.Argument(help="Recording with channels of the face and of the jaw (DIG_L ...).")
     ],
     out_path: Annotated[Path, typer.Option("--out", help="Motion to write (netCDF).")],
-    mapping: Annotated[
-        Path | None, typer.Option(help="Mapping of labels (TOML), as of `emgface data map`.")
-    ] = None,
-    study: Annotated[
-        Path | None, typer.Option(help="Study file whose signals, face and scores apply.")
-    ] = None,
+    mapping: options.MappingOption = None,
+    study: options.StudyPath = None,
     strategy: Annotated[
-        str | None, typer.Option(help="Of the face: act_all, act_3, act_rel or act_threshold.")
+        str | None,
+        typer.Option(help="Strategy for the face: act_all, act_3, act_rel or act_threshold."),
     ] = None,
-    instruction: Annotated[str | None, typer.Option(help="A to F, for act_rel.")] = None,
-    effort: Annotated[
-        list[Path] | None,
-        typer.Option(
-            help="Recording of maximum effort of the jaw, for its normalisation; repeatable."
-        ),
-    ] = None,
+    instruction: options.InstructionOption = None,
+    effort: options.ReferenceOption = None,
     step: Annotated[float, typer.Option(help="Largest time step in s.")] = 5e-3,
 ) -> None:
     """Move a head by a recording of face and jaw, and score lips and incisor."""
@@ -229,20 +213,21 @@ def sweep(
     head_path: Annotated[
         Path | None, typer.Option("--head", help="Head (netCDF); default: a generated one.")
     ] = None,
-    parts: Annotated[str, typer.Option(help="Parts of the generated head.")] = "face",
-    preset: Annotated[str, typer.Option(help="As of `emgface head build`.")] = "adult",
-    seed: Annotated[int | None, typer.Option(min=0, help="Seed of a random person.")] = None,
-    resolution: Annotated[str, typer.Option(help="Of the mesh.")] = "coarse",
+    parts: PartsOption = "face",
+    preset: options.PresetOption = "adult",
+    seed: options.SeedOption = None,
+    resolution: options.ResolutionOption = "coarse",
     finer: Annotated[
-        str | None, typer.Option(help="Of a second mesh, for the mesh error; 1150, for example.")
+        str | None,
+        typer.Option(help="Resolution of a second mesh, for the mesh error; for example 1150."),
     ] = None,
     duration: Annotated[float, typer.Option(help="Simulated time in s.")] = 0.4,
     step: Annotated[
         float, typer.Option(help="Time step in s; half of it is used as well, for the step error.")
     ] = 1e-2,
-    gravity: Annotated[bool, typer.Option(help="With gravity.")] = True,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
+    gravity: GravityOption = True,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
 ) -> None:
     """Tabulate lips, jaw and tongue at the end of many runs, with the errors of step and mesh.
 
@@ -253,13 +238,12 @@ def sweep(
     from emgface.anatomy.head.sweep import STEP_ERROR, Setting, read_plan
     from emgface.anatomy.head.sweep import sweep as sweep_of
 
-    sizes = [int(r) if r is not None and r.isdigit() else r for r in (resolution, finer)]
     setting = Setting(
         parts=tuple(name.strip() for name in parts.split(",")),
         preset=preset,
         seed=seed,
-        resolution=sizes[0] or "coarse",
-        finer=sizes[1],
+        resolution=options.mesh_size(resolution),
+        finer=None if finer is None else options.mesh_size(finer),
         duration=duration,
         step=step,
         gravity=gravity,

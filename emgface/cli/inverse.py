@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from emgface.cli import options
 from emgface.cli.console import BAD_INPUT, PARTIAL, Rows, progress, say, show_table
 from emgface.cli.machine import announce_compilation, executing, graceful_stop
-from emgface.cli.options import FacePath, MappingOption, SchedulerOption, StudyPath, WorkersOption
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -33,6 +33,10 @@ class _Inversion:
     mixing: "Array | None"
 
 
+MixingOption = Annotated[
+    Path | None,
+    typer.Option(help="CSV: share of every muscle (column) in the sEMG over another (row)."),
+]
 app = typer.Typer(no_args_is_help=True, help="Estimate activations from measured motion.")
 
 
@@ -48,25 +52,22 @@ def run(
             help="Activation to write (netCDF), or the folder for those of several recordings.",
         ),
     ],
-    face: FacePath = None,
-    study: StudyPath = None,
-    mapping: MappingOption = None,
+    face: options.FacePath = None,
+    study: options.StudyPath = None,
+    mapping: options.MappingOption = None,
     variant: Annotated[str, typer.Option(help="assisted, hybrid, motion or driven.")] = "assisted",
     form: Annotated[
         str,
         typer.Option(
             help="trajectory: over the whole trial, with intervals; step: every step by itself; "
-            "quasi_static: equilibria, of faces that move slowly."
+            "quasi_static: equilibria, for faces that move slowly."
         ),
     ] = "trajectory",
     calibration: Annotated[
         Path | None,
         typer.Option(help="Result of emgface inverse calibrate; replaces gain and delay."),
     ] = None,
-    mixing: Annotated[
-        Path | None,
-        typer.Option(help="CSV: share of every muscle (column) in the sEMG over another (row)."),
-    ] = None,
+    mixing: MixingOption = None,
     emg_weight: Annotated[
         float, typer.Option(help="Weight of the sEMG in the assisted variant.")
     ] = 1.0,
@@ -77,11 +78,9 @@ def run(
     leave_out: Annotated[
         list[str] | None, typer.Option(help="Lip marker that is not tracked; repeatable.")
     ] = None,
-    contact: Annotated[
-        bool, typer.Option(help="Contact of lips and teeth as in the study, or none.")
-    ] = False,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
+    contact: options.ContactSwitch = False,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
     force: Annotated[
         bool, typer.Option("--force", help="Compute the existing result of one recording again.")
     ] = False,
@@ -206,18 +205,15 @@ def _number(value: float) -> str:
 def calibrate(
     recordings: Annotated[list[Path], typer.Argument(help="Calibration trials of one volunteer.")],
     out_path: Annotated[Path, typer.Option("--out", help="Calibration to write (netCDF).")],
-    face: FacePath = None,
-    study: StudyPath = None,
-    mapping: MappingOption = None,
-    mixing: Annotated[
-        Path | None,
-        typer.Option(help="CSV: share of every muscle (column) in the sEMG over another (row)."),
-    ] = None,
+    face: options.FacePath = None,
+    study: options.StudyPath = None,
+    mapping: options.MappingOption = None,
+    mixing: MixingOption = None,
     cross_talk: Annotated[
-        bool, typer.Option("--cross-talk", help="Estimate the mixing matrix, too.")
+        bool, typer.Option("--cross-talk", help="Estimate the mixing matrix as well.")
     ] = False,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
     force: Annotated[
         bool, typer.Option("--force", help="Compute an existing result again.")
     ] = False,

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from emgface.cli import options
 from emgface.cli.console import Rows, frame, progress, say, show_table
 from emgface.cli.machine import announce_compilation
-from emgface.cli.moved import PictureOption, tell_motion, write_picture
-from emgface.cli.options import BandOption, FeatureOption, MappingOption
+from emgface.cli.moved import ExcitationOption, PictureOption, tell_motion, write_picture
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -70,19 +70,9 @@ def _say_written(jaw: "xr.Dataset", out_path: Path) -> None:
 @app.command()
 def build(
     out_path: Annotated[Path, typer.Option("--out", help="Jaw model to write (netCDF).")],
-    preset: Annotated[
-        str,
-        typer.Option(help="adult, woman, man, older_woman, older_man, girl or boy."),
-    ] = "adult",
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", help="Measure of face or jaw, such as condyle_width=98mm; repeatable."
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of a random person, as for the face.")
-    ] = None,
+    preset: options.PresetOption = "adult",
+    settings: options.MeasureOption = None,
+    seed: options.SeedOption = None,
 ) -> None:
     """Generate jaw, hyoid and larynx from published measures, of the same person as the face."""
     from emgface.anatomy.jaw.template import template_jaw
@@ -102,7 +92,7 @@ def show(
         Path | None,
         typer.Option(help="Recording whose points are shown and scored beside the motion."),
     ] = None,
-    mapping: MappingOption = None,
+    mapping: options.MappingOption = None,
     baseline: BaselineOption = None,
 ) -> None:
     """Write the page of a motion: bones, muscles by activation, paths and forces."""
@@ -116,7 +106,7 @@ def show(
         given = read_recording(recording, mapping=mapping)
         shown = beside(given, motion, _motions(baseline))
     elif baseline or mapping:
-        raise typer.BadParameter("--baseline and --mapping need a --recording")
+        raise typer.BadParameter("--baseline and --mapping require a --recording")
     write_picture(
         path, out_path, lambda: jaw_page(motion, shown), lambda: jaw_figure(motion, shown)
     )
@@ -139,10 +129,7 @@ def run(
             "swallow or pull."
         ),
     ] = None,
-    excitation: Annotated[
-        Path | None,
-        typer.Option(help="Excitations (csv, nc) with a column time and one per exciter."),
-    ] = None,
+    excitation: ExcitationOption = None,
     series: SeriesOption = None,
     duration: Annotated[float | None, typer.Option(help="Simulated time in s.")] = None,
     law: Annotated[
@@ -181,7 +168,7 @@ def run(
     motion.attrs["task"] = name
     write_netcdf(motion, out_path, "jaw_motion")
     if absent := motion.attrs.get("absent_exciters"):
-        say(f"The model has no exciter {absent}: the task runs without.")
+        say(f"The model has no exciter {absent}; the task is simulated without it.")
     _tell_unrest(motion)
     _tell_error(motion, tolerance)
     tell_motion(motion, out_path, jaw.attrs["name"])
@@ -200,7 +187,7 @@ def _tolerance(accuracy: str | None) -> float | None:
 
 
 def _tell_unrest(motion: "xr.Dataset") -> None:
-    """Tell how fast the jaw still is, if the task should end at rest."""
+    """Report the speed of the jaw at the end of a task that should end at rest."""
     from emgface.anatomy.jaw.run import STILL
 
     speed = motion.attrs.get("end_speed", 0.0)
@@ -213,7 +200,7 @@ def _tell_unrest(motion: "xr.Dataset") -> None:
 
 
 def _tell_error(motion: "xr.Dataset", tolerance: float | None) -> None:
-    """Tell the estimated error, and what reduces it if it is large."""
+    """Report the estimated error, and how to reduce it if it is large."""
     import numpy as np
 
     error, x = motion.attrs["numerical_error"], motion["position"]
@@ -249,16 +236,11 @@ def record(
 def activate(
     path: Annotated[Path, typer.Argument(help="Recording with channels such as MAS_L.")],
     out_path: Annotated[Path, typer.Option("--out", help="Excitations to write (netCDF).")],
-    reference: Annotated[
-        list[Path] | None,
-        typer.Option(help="Recording of maximum effort, whose range normalises; repeatable."),
-    ] = None,
-    mapping: MappingOption = None,
-    band: BandOption = None,
-    feature: FeatureOption = None,
-    clip: Annotated[
-        bool, typer.Option("--clip", help="Limit excitations that exceed the range to 0-1.")
-    ] = False,
+    reference: options.ReferenceOption = None,
+    mapping: options.MappingOption = None,
+    band: options.BandOption = None,
+    feature: options.FeatureOption = None,
+    clip: options.ClipOption = False,
 ) -> None:
     """Compute excitations of a jaw from the sEMG of temporalis, masseter and digastric."""
     from emgface.anatomy.jaw.emg import excitation_of
@@ -277,7 +259,7 @@ def activate(
     excitation = excitation_of(read_recording(path, mapping=mapping), chain, reference=given)
     write_netcdf(excitation, out_path, "jaw_excitation")
     if passive := excitation.attrs["passive"]:
-        say(f"No channel drives {passive}: they stay passive.")
+        say(f"No channel drives {passive}; these muscles are passive.")
     if not reference:
         say("Without --reference the strongest instant of every channel counts as full activity.")
     if (above := excitation.attrs["exceeded_fraction"]) > 0.0:
@@ -292,7 +274,7 @@ def score(
     recording: Annotated[Path, typer.Argument(help="Recording with positions of the jaw.")],
     motion: Annotated[Path, typer.Argument(help="Motion written by 'run'.")],
     out_path: Annotated[Path, typer.Option("--out", help="Scores to write (netCDF).")],
-    mapping: MappingOption = None,
+    mapping: options.MappingOption = None,
     baseline: BaselineOption = None,
 ) -> None:
     """Align the recorded points of a jaw with a motion, and score every one beside baselines."""

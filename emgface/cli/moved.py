@@ -11,10 +11,28 @@ from emgface.cli.console import say
 if TYPE_CHECKING:
     import xarray as xr
 
+ExcitationOption = Annotated[
+    Path | None,
+    typer.Option(help="Excitations (csv, nc) with a column time and one per exciter."),
+]
 PictureOption = Annotated[
     Path | None,
-    typer.Option("--out", help="Page (html) or figure (png, svg, pdf); default: a page beside it."),
+    typer.Option(
+        "--out",
+        help="Page (html) or figure (png, svg, pdf); default: a page.",
+    ),
 ]
+
+
+def check_drive(muscle: list[str] | None, excitation: Path | None) -> None:
+    """Raise ConfigurationError if muscles and a series of excitations are both specified."""
+    from emgface.errors import ConfigurationError
+
+    if muscle and excitation is not None:
+        raise ConfigurationError(
+            "--muscle and --excitation are both specified, expected one of them: add the muscles to the "
+            "series, or leave out the file"
+        )
 
 
 def write_picture(
@@ -34,7 +52,7 @@ def write_picture(
 
 
 def tell_motion(motion: "xr.Dataset", out: Path, name: str) -> None:
-    """Tell what was simulated and written, which excitations were clipped, and lost stability."""
+    """Report the file written, clipped excitations and a loss of stability."""
     clipped = motion.attrs["clipped_excitation"]
     if clipped < 0.0:
         say(f"Negative excitations, down to {clipped:.3g}, were set to zero.")

@@ -40,6 +40,33 @@ SchedulerOption = Annotated[
 InstructionOption = Annotated[
     str | None, typer.Option(help="Instruction A to F, if the recording does not specify it.")
 ]
+ContactSwitch = Annotated[
+    bool, typer.Option(help="Contact of lips and teeth as in the study, or none.")
+]
+ClipOption = Annotated[
+    bool, typer.Option("--clip", help="Limit activations that exceed the range to 0-1.")
+]
+ReferenceOption = Annotated[
+    list[Path] | None,
+    typer.Option(help="Recording of maximum effort, whose range normalises; repeatable."),
+]
+PresetOption = Annotated[
+    str, typer.Option(help="adult, woman, man, older_woman, older_man, girl or boy.")
+]
+MeasureOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Measure of the person, such as mouth_width=52mm; repeatable."),
+]
+SeedOption = Annotated[
+    int | None,
+    typer.Option(
+        min=0,
+        help="Seed for drawing a random person of the group; default: the means of the group.",
+    ),
+]
+ResolutionOption = Annotated[
+    str, typer.Option(help="coarse, medium, fine, or the approximate number of elements.")
+]
 BandOption = Annotated[
     tuple[float, float] | None,
     typer.Option(
@@ -60,6 +87,11 @@ MissingMuscleOption = Annotated[
     str | None,
     typer.Option(help="Treatment of a channel recorded on neither side: zero or leave_out."),
 ]
+
+
+def mesh_size(resolution: str) -> str | int:
+    """Name of a resolution, or a number of elements."""
+    return int(resolution) if resolution.isdecimal() else resolution
 
 
 def chain_with(

@@ -5,15 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from emgface.cli import options
 from emgface.cli.console import Bar, progress, say
 from emgface.cli.machine import announce_compilation
-from emgface.cli.options import (
-    AccuracyOption,
-    FacePath,
-    InstructionOption,
-    MappingOption,
-    StudyPath,
-)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,8 +30,8 @@ def simulate(
     surface: Annotated[
         bool, typer.Option("--surface", help="Store the surface of the face in the trajectory.")
     ] = False,
-    face: FacePath = None,
-    study: StudyPath = None,
+    face: options.FacePath = None,
+    study: options.StudyPath = None,
     sigma_max: Annotated[
         float | None, typer.Option(help="Largest muscle stress at the start [Pa].")
     ] = None,
@@ -47,18 +41,16 @@ def simulate(
             help="sdirk2, converged, trapezoidal, linearly_implicit or linearly_implicit_trapezoidal."
         ),
     ] = None,
-    accuracy: AccuracyOption = None,
+    accuracy: options.AccuracyOption = None,
     reduced: Annotated[
         Path | None, typer.Option(help="Reduced face ('face reduce'); determines the contact.")
     ] = None,
     strategy: Annotated[
         str | None, typer.Option(help="Strategy, where the source is a recording.")
     ] = None,
-    instruction: InstructionOption = None,
-    mapping: MappingOption = None,
-    contact: Annotated[
-        bool, typer.Option(help="Contact of lips and teeth as in the study, or none.")
-    ] = True,
+    instruction: options.InstructionOption = None,
+    mapping: options.MappingOption = None,
+    contact: options.ContactSwitch = True,
     check_contact: Annotated[
         bool,
         typer.Option(
@@ -125,7 +117,7 @@ def show(
             "--out", help="Page (html), picture (png, pdf, svg) or movie (gif, mp4) to write."
         ),
     ] = None,
-    mapping: MappingOption = None,
+    mapping: options.MappingOption = None,
 ) -> None:
     """Draw the contents of a file, in the browser or to a file."""
     import emgface as ef

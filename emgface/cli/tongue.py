@@ -5,12 +5,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from emgface.cli import options
 from emgface.cli.console import frame, progress, say, show_table
 from emgface.cli.machine import announce_compilation
+from emgface.cli.moved import PictureOption, check_drive, tell_motion, write_picture
 
 if TYPE_CHECKING:
     import xarray as xr
-from emgface.cli.moved import PictureOption, tell_motion, write_picture
 
 app = typer.Typer(no_args_is_help=True, help="Import, build, move and show models of the tongue.")
 
@@ -58,20 +59,10 @@ def _say_written(tongue: "xr.Dataset", out_path: Path) -> None:
 @app.command()
 def build(
     out_path: Annotated[Path, typer.Option("--out", help="Tongue model to write (netCDF).")],
-    preset: Annotated[
-        str,
-        typer.Option(help="adult, woman, man, older_woman, older_man, girl or boy."),
-    ] = "adult",
-    resolution: Annotated[
-        str, typer.Option(help="coarse, medium, fine or a number of elements.")
-    ] = ("medium"),
-    settings: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="Measure of face or jaw, such as mouth_width=52mm; repeatable."),
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of a random person, as for the face.")
-    ] = None,
+    preset: options.PresetOption = "adult",
+    resolution: options.ResolutionOption = "medium",
+    settings: options.MeasureOption = None,
+    seed: options.SeedOption = None,
 ) -> None:
     """Generate the tongue of the person of a generated face and jaw."""
     from emgface.anatomy.jaw.template.measures import parse_settings
@@ -79,7 +70,7 @@ def build(
     from emgface.schema.netcdf import write_netcdf
 
     tongue = template_tongue(
-        resolution=int(resolution) if resolution.isdecimal() else resolution,
+        resolution=options.mesh_size(resolution),
         measures=parse_settings(settings or []),
         preset=preset,
         seed=seed,
@@ -111,20 +102,15 @@ def simulate(
     gravity: Annotated[bool, typer.Option(help="With gravity.")] = True,
     step: StepOption = 5e-3,
 ) -> None:
-    """Move a tongue on a jaw and hyoid that stay, by excitations."""
+    """Move a tongue by excitations; jaw and hyoid do not move."""
     from emgface.anatomy.jaw.series import read_excitation
     from emgface.anatomy.tongue.actions import DURATION, raised
     from emgface.anatomy.tongue.parameters import variant as variant_of
     from emgface.anatomy.tongue.published import read_gesture
     from emgface.anatomy.tongue.run import OUTPUT, simulate_tongue
-    from emgface.errors import ConfigurationError
     from emgface.schema.netcdf import read_netcdf, write_netcdf
 
-    if muscle and excitation is not None:
-        raise ConfigurationError(
-            "--muscle and --excitation are both specified, expected one of them: add the muscles to the "
-            "series, or leave out the file"
-        )
+    check_drive(muscle, excitation)
     tongue, name = read_netcdf(path, "tongue_model"), " and ".join(muscle or []) or "rest"
     if excitation is None:
         duration = DURATION if duration is None else duration

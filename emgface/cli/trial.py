@@ -5,17 +5,8 @@ from typing import Annotated
 
 import typer
 
+from emgface.cli import options
 from emgface.cli.console import say, show_table
-from emgface.cli.options import (
-    BandOption,
-    FacePath,
-    FeatureOption,
-    InstructionOption,
-    MappingOption,
-    MissingMuscleOption,
-    MissingSideOption,
-    StudyPath,
-)
 
 
 def activate(
@@ -24,22 +15,15 @@ def activate(
     strategy: Annotated[
         str | None, typer.Option(help="Strategy: act_all, act_3, act_rel, act_threshold, or true.")
     ] = None,
-    instruction: InstructionOption = None,
-    mapping: MappingOption = None,
-    study: StudyPath = None,
-    band: BandOption = None,
-    feature: FeatureOption = None,
-    missing_side: MissingSideOption = None,
-    missing_muscle: MissingMuscleOption = None,
-    reference: Annotated[
-        list[Path] | None,
-        typer.Option(
-            help="Maximum-effort recording of the volunteer, whose range normalises; repeatable."
-        ),
-    ] = None,
-    clip: Annotated[
-        bool, typer.Option("--clip", help="Limit activations that exceed the range to 0-1.")
-    ] = False,
+    instruction: options.InstructionOption = None,
+    mapping: options.MappingOption = None,
+    study: options.StudyPath = None,
+    band: options.BandOption = None,
+    feature: options.FeatureOption = None,
+    missing_side: options.MissingSideOption = None,
+    missing_muscle: options.MissingMuscleOption = None,
+    reference: options.ReferenceOption = None,
+    clip: options.ClipOption = False,
     plot: Annotated[Path | None, typer.Option(help="Picture of the activations to write.")] = None,
 ) -> None:
     """Compute muscle activations from the sEMG of a recording."""
@@ -74,9 +58,9 @@ def score(
     recording: Annotated[Path, typer.Argument(help="Recording of the trial.")],
     trajectory: Annotated[Path, typer.Argument(help="Trajectory written by 'simulate'.")],
     out_path: Annotated[Path, typer.Option("--out", help="Scores to write (netCDF).")],
-    face: FacePath = None,
-    study: StudyPath = None,
-    mapping: MappingOption = None,
+    face: options.FacePath = None,
+    study: options.StudyPath = None,
+    mapping: options.MappingOption = None,
 ) -> None:
     """Align measured with simulated lip motion and score every marker."""
     import emgface as ef

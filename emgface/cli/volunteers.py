@@ -6,9 +6,9 @@ from typing import Annotated, Any
 
 import typer
 
+from emgface.cli import options
 from emgface.cli.console import progress, say
 from emgface.cli.machine import announce_compilation, executing, graceful_stop
-from emgface.cli.options import SchedulerOption, StudyPath, WorkersOption
 
 
 class Form(StrEnum):
@@ -45,13 +45,7 @@ def volunteers(
             "pick-up, noise, joined by '+'."
         ),
     ] = "mismatched",
-    resolution: Annotated[
-        str,
-        typer.Option(
-            help="Resolution of the random faces: coarse, medium, fine, or the approximate number of "
-            "elements."
-        ),
-    ] = "medium",
+    resolution: options.ResolutionOption = "medium",
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
     form: Annotated[
         Form,
@@ -79,9 +73,9 @@ def volunteers(
     sessions: Annotated[
         bool, typer.Option("--sessions", help="Also write the uncut sessions with their events.")
     ] = False,
-    workers: WorkersOption = None,
-    scheduler: SchedulerOption = None,
-    study: StudyPath = None,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+    study: options.StudyPath = None,
 ) -> None:
     """Simulate volunteers with known activations, sEMG and lip markers.
 
@@ -89,7 +83,7 @@ def volunteers(
     """
     given = {
         "emg": emg.value,
-        "resolution": int(resolution) if resolution.isdigit() else resolution,
+        "resolution": options.mesh_size(resolution),
         "cross_talk": cross_talk,
         "electrode_failure": electrode_failure,
         "keep_sessions": sessions,

@@ -99,7 +99,7 @@ def test_commands_show_and_score_beside_a_recording(tmp_path, truth, recording):
     assert '"measured": null' not in page
     told = CliRunner().invoke(app, [*show, *beside_it])
     assert told.exit_code != 0
-    assert "need a --recording" in " ".join(told.output.split())
+    assert "require a --recording" in " ".join(told.output.split())
 
 
 def test_a_movement_that_is_the_same_backwards_is_told(truth):
