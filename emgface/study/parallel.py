@@ -102,19 +102,43 @@ class LocalProcesses:
         self._context.set_forkserver_preload(list(modules))  # pyright: ignore[reportAttributeAccessIssue]
         self._pools = [self._pool() for _ in range(workers)]
         self._pending, self._lock = [0] * workers, threading.Lock()
+        self._starting: threading.Thread | None = None
 
     def _pool(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(1, self._context, _prepare, (share_of_threads(self.slots),))
 
     def each(self, function: Callable[..., Any], *arguments: Any) -> None:
-        """Give a job to every process, before any other."""
-        with one_blas_thread_in_children():
+        """Give a job to every process, before any other.
+
+        A request for a copy of the process with the imported modules is answered after its imports.
+        A thread waits for the answer, so that this process continues.
+        """
+
+        def give() -> None:
             for pool in self._pools:
                 pool.submit(function, *arguments)
+
+        with one_blas_thread_in_children():
+            if sys.platform != "linux":
+                give()
+                return
+            from multiprocessing import forkserver
+
+            # copies inherit the environment that this process has here
+            forkserver.ensure_running()
+        self._starting = threading.Thread(target=give, daemon=True)
+        self._starting.start()
+
+    def _started(self) -> None:
+        """Wait until every process has its first job."""
+        if self._starting is not None:
+            self._starting.join()
+            self._starting = None
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
         """Give a job to the process with the fewest jobs."""
         with self._lock:
+            self._started()
             number = self._pending.index(min(self._pending))
             self._pending[number] += 1
             with one_blas_thread_in_children():
@@ -142,12 +166,14 @@ class LocalProcesses:
 
     def stop(self) -> None:
         """Stop all jobs at once."""
+        self._started()
         for child in multiprocessing.active_children():
             if child.pid not in self._others:
                 child.kill()
 
     def end(self) -> None:
         """End the processes after the jobs that they have begun."""
+        self._started()
         for pool in self._pools:
             pool.shutdown(wait=True, cancel_futures=True)
 

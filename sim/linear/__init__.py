@@ -43,6 +43,7 @@ INDEFINITE = {"pardiso": "pardiso_ldlt", "superlu": "superlu_pivoting"}
 """Solver of each family for matrices that are not positive definite."""
 
 LARGE = 4000  #: number of unknowns above which the factor of a time step is reused in the next
+MEDIUM = 1000  #: number of unknowns above which a factor of a time step is in single precision
 
 
 def linear_solver(name: str = "auto", *, indefinite: bool = False) -> Factor | ReusedFactor:
@@ -69,10 +70,13 @@ def solver_of_steps(name: str, n: int) -> Factor | ReusedFactor:
     """Solver for the matrices of successive time steps with n unknowns.
 
     "auto" reuses factors for large matrices, and is direct if a factor costs no more than a few
-    products. Other names and errors are those of `linear_solver`.
+    products; PARDISO's factors of more than `MEDIUM` unknowns are in single precision, with
+    refinement where a solution must be exact. Other names and errors are those of `linear_solver`.
     """
     if name == "auto" and n >= LARGE:
         name = f"gmres_{_family()}"
+    elif name == "auto" and n >= MEDIUM and pardiso_is_available():
+        name = "pardiso_single"
     return linear_solver(name)
 
 
