@@ -17,9 +17,10 @@ from emgface.face.template.arches import dental_arches
 from emgface.face.template.measures import Measures
 from emgface.face.template.volunteers import preset_measures, random_measures
 
-JAW_ROOT, JAW_LINE, HYOID_TOP = 0.45, 0.46, 0.7
+JAW_ROOT, JAW_LINE, HYOID_TOP = 0.3, 0.46, 0.7
 """Ends of the attachments: height v in front, on the mandible; way u along the mylohyoid line; height v
-at the back, on the hyoid."""
+at the back, on the hyoid. That in front is 4 to 6 mm above the origin of genioglossus; tissue that is
+held higher up is crushed between the bone and the floor of the mouth."""
 
 
 def template_tongue(
