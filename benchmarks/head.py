@@ -9,14 +9,15 @@
     python -m benchmarks head --part published --models DIR --out DIR  # experiments
     python -m benchmarks head --part cost        # processor time of a step against the face alone
     python -m benchmarks head --part face_on_jaw # the same of a face on a moving jaw
+    python -m benchmarks head --part published_size  # the same, as large as the published head
+    python -m benchmarks head --part precision --out DIR  # error and run time over scheme and step
+    python -m benchmarks head --part checks --models DIR  # checks of the specification
 
 All results are simulated. "cost" alternates the scenes, so that the load of the machine affects both.
 """
 
 import itertools
-import statistics
-import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,11 +28,13 @@ import xarray as xr
 from scipy.optimize import brentq
 
 import sim
-from benchmarks.head_sweeps import SWEEPS, WIDE
-from benchmarks.report import finish, say
+from benchmarks.head_checks import checks
+from benchmarks.head_cost import cost, face_on_jaw, precision, published_size
+from benchmarks.head_sweeps import ALL, SWEEPS, WIDE
+from benchmarks.report import Chart, finish, say
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import Head
-from emgface.anatomy.head.run import activation_of, raised, simulate_head
+from emgface.anatomy.head.run import raised, simulate_head
 from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
 from emgface.anatomy.tongue.actions import action_table
 from emgface.face.simulation_parameters import SimulationParameters
@@ -40,7 +43,6 @@ from sim.integrators import Integrator
 from sim.joints import Joint
 
 Rows = Iterator[dict[str, object]]
-ALL = ("face", "jaw", "tongue", "hyoid")
 
 
 def moved(motion: xr.Dataset, marker: str, k: int = -1) -> np.ndarray:
@@ -246,66 +248,12 @@ def led_single(preset: str, resolution: str) -> Rows:
             yield {"muscle": name, "step_ms": 20.0, **row}
 
 
-def face_on_jaw(preset: str, resolution: str) -> Rows:
-    """Cost of a face on a moving jaw, whose condyles are on curves, without contact."""
-    return timed(
-        {"face": (["face"], []), "face on a jaw": (["face", "jaw"], [])}, preset, resolution
-    )
-
-
-def cost(preset: str, resolution: str) -> Rows:
-    """Cost of contact and of all parts of a head."""
-    scenes = {
-        "face, lips": (["face"], ["lip-lip"]),
-        "face, lips and teeth": (["face"], ["lip-lip", "lips-teeth"]),
-        "face, jaw, tongue, hyoid; lips": (ALL, ["lip-lip"]),
-        "face, jaw, tongue, hyoid; all contacts": (ALL, None),
-    }
-    return timed(scenes, preset, resolution)
-
-
-def timed(
-    scenes: Mapping[str, tuple[Sequence[str], list[str] | None]],
-    preset: str,
-    resolution: str,
-    steps: int = 20,
-) -> Rows:
-    """Median processor time of simulations of `steps` steps of 5 ms, without compiling.
-
-    `scenes` are parts and contacts by name; ratios are those to the first.
-    """
-    runs = dict[str, tuple[sim.System, sim.Activation]]()
-    for name, (parts, contacts) in scenes.items():
-        head = build_head(parts, preset=preset, resolution=resolution, contacts=contacts)
-        levels = {"bi_OOP": 0.2} | ({"bi_open": 0.1} if "jaw" in parts else {})
-        levels |= {"bi_GGP": 0.2} if "tongue" in parts else {}
-        system = sim.compile_scene(head_scene(head).scene)
-        runs[name] = system, activation_of(head, system, raised(levels, jaw=len(parts) > 1))[0]
-    seconds: dict[str, list[float]] = {name: [] for name in runs}
-    for _ in range(3):
-        for name, (system, drive) in runs.items():
-            start = time.process_time()
-            sim.simulate(
-                system,
-                drive,
-                duration=5e-3 * steps,
-                steps=sim.FixedStep(5e-3),
-                integrator=sim.LinearlyImplicitEuler(),
-                probes=(),
-            )
-            seconds[name].append(time.process_time() - start)
-    base = statistics.median(seconds[next(iter(scenes))])
-    for name, found in seconds.items():
-        middle = statistics.median(found)
-        yield {
-            "scene": name,
-            "unknowns": runs[name][0].kinematics.pattern.n,
-            "ms_per_step": round(1e3 * middle / steps, 1),
-            "over_the_first": round(middle / base, 2),
-        }
-
-
-PARTS = {f.__name__: f for f in (actions, opening, led, led_single, cost, face_on_jaw)}
+PARTS = {
+    f.__name__: f
+    for f in (actions, opening, led, led_single, cost, face_on_jaw, published_size, precision)
+}
+ERRORS = "run time s/s", ("error max mm",), "largest error of a point [mm]", "scheme", "scene"
+CHARTS = {"precision": Chart(*ERRORS, log=True)}
 
 
 def main(
@@ -320,7 +268,9 @@ def main(
 
     `models` is the folder of the published models.
     """
-    if part in SWEEPS:
+    if part == "checks":
+        table = checks(models)
+    elif part in SWEEPS:
         table = SWEEPS[part](preset, resolution, out, models)
     elif part != "stability":
         table = pd.DataFrame(PARTS[part](preset, resolution))
@@ -335,7 +285,7 @@ def main(
             table = pd.concat([table, pd.DataFrame([row])], ignore_index=True)
             if stored is not None:
                 write_text(stored, table.to_csv(index=False))
-    finish(f"head_{part}", table, out)
+    finish(f"head_{part}", table, out, CHARTS.get(part))
 
 
 __all__ = ["main"]

@@ -14,6 +14,7 @@ precision; "beyond storage" is what remains of a distance after the largest roun
 import json
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -174,8 +175,11 @@ def reference(names: list[str] | None = None) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def postures() -> pd.DataFrame:
-    """Equilibrium with jaw and hyoid where they are in a stored shape, against that shape [mm]."""
+def postures(models: Sequence[str] = ()) -> pd.DataFrame:
+    """Equilibrium with jaw and hyoid where they are in a stored shape, against that shape [mm].
+
+    `models` are some of those compared, by default all.
+    """
     tongue, rows = published(SHARED), list[dict[str, Any]]()
     at_rest = ramps({"SL": [(0.0, 0.0)]})
     tip = int(tongue["marker_node"][0])
@@ -189,6 +193,8 @@ def postures() -> pd.DataFrame:
             ("lines", variant("lines", incompressibility="element"), ("jaw", "hyoid")),
             ("linear", variant("linear"), ("jaw", "hyoid")),
         ):
+            if models and what not in models:
+                continue
             say(f"{posture}, {what}")
             paths = {
                 body: _towards(tongue["position"].values[nodes], d[nodes])

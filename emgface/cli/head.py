@@ -105,6 +105,7 @@ def import_(
     _say_written(head, out_path)
 
 
+@app.command(name="run", hidden=True)  # as `emgface jaw run`
 @app.command()
 def simulate(
     path: HeadPath,

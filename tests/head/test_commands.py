@@ -31,3 +31,13 @@ def test_muscles_beside_a_series_are_refused(head: Path) -> None:
     options = ["--muscle", "bi_open=0.3", "--excitation", str(series), "--out", str(out)]
     found = CliRunner().invoke(app, ["head", "simulate", str(head), *options])
     assert found.exit_code == 2 and "both specified" in found.output and not out.exists()
+
+
+def test_run_is_another_name_of_simulate(head: Path) -> None:
+    """As `emgface jaw run`; help lists one name."""
+    out = head.with_name("run.nc")
+    given = ["head", "run", str(head), "--muscle", "bi_open=0.1", "--duration", "0.02"]
+    found = CliRunner().invoke(app, [*given, "--out", str(out)])
+    assert found.exit_code == 0 and out.is_file()
+    listed = CliRunner().invoke(app, ["head", "--help"]).output
+    assert "simulate" in listed and " run " not in listed

@@ -7,9 +7,12 @@ import xarray as xr
 import sim
 from emgface.anatomy.head.build import build_head, floor_force
 from emgface.anatomy.head.model import Head
-from emgface.anatomy.head.scene import TONGUE
+from emgface.anatomy.head.run import raised, simulate_head
+from emgface.anatomy.head.scene import TONGUE, head_scene
 from emgface.anatomy.jaw.template import template_jaw
 from emgface.anatomy.tongue.scene import tongue_scene
+from emgface.anatomy.tongue.template.build import person
+from emgface.anatomy.tongue.template.muscles import GENIAL
 
 LINES = {"GH": ("gh",), "MH": ("am", "pm")}
 
@@ -57,6 +60,26 @@ def test_force_of_the_tissue_is_its_work_over_its_length(head: Head) -> None:
     force = floor_force(tongue, "GH_L")
     # the elements of a coarse mesh are inclined to the mean fibre by up to 20 degrees
     assert 0.8 * force < work / length < 1.02 * force
+
+
+def test_tissue_is_held_near_the_tubercles_and_no_element_is_crushed_there() -> None:
+    """Nodes in the midline on the bone are at most 7 mm above the origin of genioglossus.
+
+    All muscles at 1.0, 300 kPa, steps of 20 ms: with tissue held 10 mm above it, the smallest det F
+    was 0.118, and 0.004 in a head with a face.
+    """
+    head = build_head(["jaw", "tongue", "hyoid"], preset="man", contacts=[])
+    tongue, held = head.parts["tongue"], head.attached("tongue-jaw")
+    places, _ = person(None, "man", None)
+    genial = places[GENIAL[0]] + 1e-3 * np.array(GENIAL[1:])
+    X = tongue["position"].values[held]
+    assert 0.0 < (X[np.abs(X[:, 0]) < 1e-6, 2] - genial[2]).max() < 7e-3
+    scene = head_scene(head, tongue=TONGUE.model_copy(update={"sigma_max": 300e3}))
+    drive = {f"bi_{str(m)[:-2]}": 1.0 for m in tongue["muscle"].values}
+    motion = simulate_head(
+        head, raised(drive | {"bi_close": 0.02}, rise=0.1), duration=0.16, step=2e-2, scene=scene
+    )
+    assert float(motion["smallest_J"].min()) > 0.15
 
 
 def test_exciters_reach_tissue_and_lines(head: Head) -> None:
