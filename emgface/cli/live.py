@@ -33,7 +33,7 @@ def live(
     ] = None,
     mapping: MappingOption = None,
     seconds: Annotated[
-        float, typer.Option(help="Duration in s; the recording is repeated.")
+        float, typer.Option(help="Duration in s; a shorter recording is repeated.")
     ] = 60.0,
 ) -> None:
     """Move a reduced face by sEMG in real time; log latency and jitter."""

@@ -127,7 +127,7 @@ def _stored(store: Store, one: Fitted) -> CalibrationTrial:
     stored = store.read(FITTED.name, one.digest)
     if stored is None:
         raise StoreError(
-            f"the fit of {one.name} in {store.folder} was damaged meanwhile: run the command again"
+            f"the fit of {one.name} in {store.folder} was damaged in the meantime: run the command again"
         )
     return CalibrationTrial.of_dataset(stored)
 

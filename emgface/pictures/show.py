@@ -100,7 +100,7 @@ def kind(data: xr.Dataset) -> str:
     if not found:
         held = ", ".join(map(str, data.data_vars)) or "no variable"
         raise DataError(
-            f"the dataset holds {held}, expected a recording, activation, trajectory, scores, cube or "
+            f"the dataset contains {held}, expected a recording, activation, trajectory, scores, cube or "
             "a model of this package"
         )
     return "recording" if found == "markers" else found

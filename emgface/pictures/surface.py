@@ -71,7 +71,7 @@ def drawn_surface(trajectory: xr.Dataset) -> tuple[Body, Skin, NDArray[np.floati
     """
     if "surface_position" not in trajectory:
         raise DataError(
-            "the trajectory holds markers alone, expected one with the surface of the face: "
+            "the trajectory contains markers only, expected one with the surface of the face: "
             "simulate it with --surface"
         )
     frames = trajectory["surface_position"].transpose("frame", "surface_node", "axis").values

@@ -98,7 +98,7 @@ def test_plan_of_a_command_and_its_refusals(jaw: Head, tmp_path: Path) -> None:
         plan.write_text(text)
         with pytest.raises(HeadError, match=words):
             read_plan(plan)
-    with pytest.raises(HeadError, match="is no plan"):
+    with pytest.raises(HeadError, match="is not a plan"):
         read_plan(tmp_path / "absent.csv")
     for run, error, words in (
         (Run("a", {"bi_nose": 0.1}), HeadError, "no exciter 'bi_nose'"),

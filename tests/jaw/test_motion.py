@@ -69,7 +69,7 @@ def test_negative_excitations_are_clipped_and_reported(tmp_path):
     [
         ([0.0, 0.5, 0.4, 1.0], r"do not ascend, 0.4 s follows 0.5 s in row 3"),
         ([0.0, 0.5, 0.5], "0.5 s follows 0.5 s"),
-        ([0.0], "holds 1 instants, expected at least two"),
+        ([0.0], "contains 1 instants, expected at least two"),
         (list(range(0, 1001, 10)), "every 10 s.*times in milliseconds by 1000"),
     ],
 )
@@ -170,10 +170,10 @@ def test_invalid_tasks_are_refused_with_a_reason(tmp_path):
         task_of("sing")
     with pytest.raises(JawError, match="muscle law 'soft', expected one of peck"):
         simulate_jaw(jaw, ramps({"bi_all": [(0.0, 1.0)]}), duration=0.01, law="soft")
-    with pytest.raises(JawError, match="holds no excitation series"):
+    with pytest.raises(JawError, match="contains no excitation series"):
         read_probes(tmp_path)
     (tmp_path / "lsm.txt").write_text("0 1 1\nQuintic 1 explicit\n0 0\n")
-    with pytest.raises(JawError, match="is no excitation series"):
+    with pytest.raises(JawError, match="is not an excitation series"):
         read_probes(tmp_path)
     (tmp_path / "drive.csv").write_text("t,bi_all\n0,1\n")
     with pytest.raises(JawError, match="expected a table with a column time"):

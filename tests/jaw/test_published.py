@@ -119,7 +119,7 @@ def test_sides_are_those_of_the_subject_and_mirror_images(published):
 
 
 def test_bad_files_and_options_are_refused(tmp_path, shared):
-    with pytest.raises(JawError, match=r"holds no muscleInfo\.txt"):
+    with pytest.raises(JawError, match=r"contains no muscleInfo\.txt"):
         import_jaw(tmp_path)
     with pytest.raises(JawError, match=r"variant = 'both', expected one of"):
         import_jaw(tmp_path, variant="both")
@@ -127,5 +127,5 @@ def test_bad_files_and_options_are_refused(tmp_path, shared):
     for name in folder.iterdir():
         if name.name != "landmarks":
             (tmp_path / name.name).symlink_to(name)
-    with pytest.raises(JawError, match=r"jawFixedMarkers\.landmarkAscii holds no landmarks"):
+    with pytest.raises(JawError, match=r"jawFixedMarkers\.landmarkAscii contains no landmarks"):
         import_jaw(tmp_path)

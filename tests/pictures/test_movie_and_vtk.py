@@ -32,7 +32,7 @@ def test_surface_of_a_trajectory(motion: xr.Dataset, face: xr.Dataset) -> None:
         motion["frame_time"].values[:, None], frames.shape[1]), atol=1e-7)  # fmt: skip
     assert body.n == len(skin.node) == frames.shape[1]
     assert len(body.teeth) == sum(len(arch.points) for arch in arches_of(face))
-    with pytest.raises(DataError, match="holds markers alone.*--surface"):
+    with pytest.raises(DataError, match="contains markers only.*--surface"):
         drawn_surface(motion.drop_vars("surface_position"))
 
 

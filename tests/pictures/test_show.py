@@ -59,7 +59,7 @@ def test_every_kind_has_its_figure(face: xr.Dataset, motion: xr.Dataset) -> None
             assert f"<title>{title[:20]}" in page(data), "a page with the figure"
     assert kind(face) == "face_model" and kind(markers[["position"]].drop_attrs()) == "recording"
     with pytest.raises(
-        DataError, match="the dataset holds height, expected a recording, activation"
+        DataError, match="the dataset contains height, expected a recording, activation"
     ):
         kind(xr.Dataset({"height": 1.0}))
 

@@ -122,7 +122,7 @@ def read_areas(path: Path, row: str | None = None, *, from_lips: bool = False) -
     values = table[names].to_numpy(dtype=float)[:, :: -1 if from_lips else 1]
     length = table["length_m"].to_numpy(dtype=float)
     if not (np.isfinite(values).all() and (values >= 0.0).all() and np.isfinite(length).all()):
-        raise DataError(f"{path.name} holds areas or lengths that are negative or not finite")
+        raise DataError(f"{path.name} contains areas or lengths that are negative or not finite")
     time = table["time_s"].to_numpy(dtype=float) if "time_s" in table else np.zeros(1)
     return area_function(1e-4 * values, length, time, assumptions=f"areas of {path.name}")
 

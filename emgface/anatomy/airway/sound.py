@@ -73,7 +73,7 @@ def source_of(name: str, duration: float, *, lung: float, pitch: float, tension:
     ConfigurationError
         The name is neither a source nor a file.
     DataError
-        The file is no wave file.
+        The file is not a wave file.
     """
     if name == "folds":
         return Folds(lung=lung, tension=tension)
@@ -181,7 +181,7 @@ def write_wave(sound: xr.Dataset, path: Path) -> Path:
     The attribute ``full_scale`` of the dataset is the pressure [Pa] that is 1 in the file.
     """
     if path.suffix.lower() != ".wav":
-        raise ConfigurationError(f"{path.name} is no wave file, expected the suffix .wav")
+        raise ConfigurationError(f"{path.name} is not a wave file, expected the suffix .wav")
     instants = sound["time_sound"].values
     rate = round(1.0 / float(instants[1] - instants[0]))
     scale = float(sound.attrs["full_scale"])

@@ -56,7 +56,7 @@ def read_plan(path: str | Path) -> tuple[Run, ...]:
         table = pd.read_csv(path, comment="#", skipinitialspace=True)
     except (OSError, ValueError) as error:
         raise HeadError(
-            f"{path} is no plan ({one_line(error)}): expected a table with columns such as bi_OOP, "
+            f"{path} is not a plan ({one_line(error)}): expected a table with columns such as bi_OOP, "
             "face.stiffening, ring.OOP and contact"
         ) from error
     if table.empty:

@@ -21,7 +21,7 @@ class PublishedFiles:
         self._surfaces: dict[str, tuple[Floats, np.ndarray]] = {}
         if not (folder / "muscleInfo.txt").is_file():
             raise JawError(
-                f"{folder} holds no muscleInfo.txt: expected the data folder of the published jaw model"
+                f"{folder} contains no muscleInfo.txt: expected the data folder of the published jaw model"
             )
 
     def lines(self, name: str) -> list[list[str]]:
@@ -44,7 +44,7 @@ class PublishedFiles:
             return cm.reshape(-1, 3) * 10.0 * MM
         except (OSError, IndexError, ValueError) as error:
             raise JawError(
-                f"{path} holds no landmarks ({error}), expected x y z after @1"
+                f"{path} contains no landmarks ({error}), expected x y z after @1"
             ) from error
 
     def surface(self, name: str) -> tuple[Floats, np.ndarray]:

@@ -93,7 +93,7 @@ def read_probe(path: str | os.PathLike[str], time: Floats) -> Floats:
             rows = np.column_stack([float(spacing) * np.arange(len(rows)), rows])
     except (OSError, ValueError, IndexError) as error:
         raise JawError(
-            f"{path} is no excitation series ({one_line(error)}): expected a line with start, stop and "
+            f"{path} is not an excitation series ({one_line(error)}): expected a line with start, stop and "
             "scale, one with Linear or Cubic, 1, explicit, then time and value"
         ) from error
     begin = float(start) if "." in start else int(start) / NANOSECONDS
@@ -120,7 +120,7 @@ def read_probes(
     Raises
     ------
     JawError
-        The folder holds no series, or one cannot be read.
+        The folder contains no series, or one cannot be read.
     """
     folder = Path(folder)
     time = (np.arange(round(duration / interval) + 1) * interval).astype(np.float64)
@@ -132,7 +132,7 @@ def read_probes(
             continue  # settings of the display and of the bite plane lie beside the series
         values[_DRIVES.get(muscle, muscle) + side] = read_probe(path, time)
     if not values:
-        raise JawError(f"{folder} holds no excitation series such as lsm.txt")
+        raise JawError(f"{folder} contains no excitation series such as lsm.txt")
     return Excitation(time, values)
 
 
@@ -145,7 +145,7 @@ def read_excitation(path: str | os.PathLike[str]) -> Excitation:
     Raises
     ------
     JawError
-        The file cannot be read, holds no such series, or its times do not ascend or cannot be seconds.
+        The file cannot be read, contains no such series, or its times do not ascend or cannot be seconds.
 
     Warns
     -----
@@ -165,7 +165,7 @@ def read_excitation(path: str | os.PathLike[str]) -> Excitation:
             given = Excitation(table.index.to_numpy(dtype=np.float64), values)
     except (OSError, KeyError, ValueError, RuntimeError) as error:
         raise JawError(
-            f"{path} holds no excitations ({one_line(error)}): expected a table with a column time in "
+            f"{path} contains no excitations ({one_line(error)}): expected a table with a column time in "
             "seconds and one per exciter, or a netCDF file with activation over muscle and time"
         ) from error
     _check_times(path, given)
@@ -176,7 +176,7 @@ def _check_times(path: Path, given: Excitation) -> None:
     """Refuse times that do not ascend or cannot be in seconds; tell a late start."""
     t = given.time
     if len(t) < 2:
-        raise JawError(f"{path} holds {len(t)} instants, expected at least two")
+        raise JawError(f"{path} contains {len(t)} instants, expected at least two")
     steps = np.diff(t)
     if not (steps > 0.0).all():
         row = int(np.argmin(steps > 0.0)) + 1
@@ -186,7 +186,7 @@ def _check_times(path: Path, given: Excitation) -> None:
         )
     if len(t) >= SAMPLED and np.median(steps) > SLOWEST:
         raise JawError(
-            f"{path} holds {len(t)} instants every {np.median(steps):g} s, expected at most "
+            f"{path} contains {len(t)} instants every {np.median(steps):g} s, expected at most "
             f"{SLOWEST:g} s in a series: divide times in milliseconds by 1000, or resample the series"
         )
     if t[0] > 0.0:

@@ -190,13 +190,13 @@ def read_gesture(path: str | os.PathLike[str]) -> Excitation:
             raise ValueError(f"its {len(rows)} rows have {rows[:1].size} numbers")
     except (IndexError, ValueError) as error:
         raise TongueError(
-            f"{place} is no gesture ({one_line(error)}): expected 'start stop scale', "
+            f"{place} is not a gesture ({one_line(error)}): expected 'start stop scale', "
             "'Linear 11 explicit', and rows of a time and 11 excitations"
         ) from error
     values = rows[:, 1:]
     if values.min() < -ROUNDING or values.max() > 1.0 + ROUNDING:
         raise TongueError(
-            f"{place} holds excitations from {values.min():.3g} to {values.max():.3g}, "
+            f"{place} contains excitations from {values.min():.3g} to {values.max():.3g}, "
             "expected 0 to 1"
         )
     names = [name if name == "SL" else f"bi_{name}" for name in GESTURE]

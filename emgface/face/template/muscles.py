@@ -90,7 +90,7 @@ def parse_ring(words: str) -> Ring:
             gaps = float(value)
         else:
             raise FaceError(
-                f"ring {words!r} holds {word!r}, expected words of {', '.join([*_REGIONS, *_DEPTHS])} "
+                f"ring {words!r} contains {word!r}, expected words of {', '.join([*_REGIONS, *_DEPTHS])} "
                 "or gaps=0.2"
             )
     regions.sort()

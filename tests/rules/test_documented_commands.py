@@ -1,0 +1,126 @@
+"""Commands in pages and docstrings: their names and options exist. Nothing is executed."""
+
+import ast
+import re
+import shlex
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.main import get_command
+
+from benchmarks.__main__ import measurements
+from emgface.cli import app
+
+ROOT = Path(__file__).resolve().parents[2]
+COMMAND = re.compile(r"(?:\bemgface|python -m (?:benchmarks|studies\.\w+)) .*")
+ENDS = re.compile(r"&&|;|\||>| # ")
+"""What ends a command within its line."""
+FENCED = re.compile(r"^ *```(\w*)[^\n]*\n(.*?)^ *```", re.DOTALL | re.MULTILINE)
+FORMER = "CHANGELOG.md"
+"""Page that also names commands of former versions."""
+
+
+def lines() -> Iterator[tuple[str, str]]:
+    """Lines of code of the pages, and of the docstrings of measurements and studies."""
+    for path in sorted(
+        {*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("studies/**/*.md")}
+    ):
+        text = path.read_text(encoding="utf-8")
+        code = [block for kind, block in FENCED.findall(text) if kind in ("", "sh")]
+        rest = FENCED.sub("", text)
+        code += [" ".join(one.split()) for one in re.findall(r"`([^`]+)`", rest)]
+        code += re.findall(r"^ {4}(\S.*)$", rest, re.MULTILINE)
+        if path.name != FORMER:
+            yield from ((path.name, line) for block in code for line in joined(block))
+    for path in (*ROOT.glob("benchmarks/**/*.py"), *ROOT.glob("studies/**/*.py")):
+        text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+        yield from ((str(path.relative_to(ROOT)), line) for line in joined(text))
+
+
+def joined(code: str) -> list[str]:
+    """Lines of code, continued ones in one."""
+    return code.replace("\\\n", " ").splitlines()
+
+
+def commands() -> list[tuple[str, list[str]]]:
+    """Page and words of every command."""
+    found: list[tuple[str, list[str]]] = []
+    for page, line in lines():
+        for one in COMMAND.findall(line):
+            text = ENDS.split(re.sub(r"[\[\]`]", " ", one))[0]
+            try:
+                found.append((page, shlex.split(text)))
+            except ValueError:  # a quotation that continues in prose
+                found.append((page, text.split()))
+    return [(page, words) for page, words in found if words[1:] and words[1] != "as"]
+
+
+def wrong(words: list[str]) -> str:
+    """What a command names that does not exist; empty if all of it exists."""
+    if words[0] == "emgface":
+        command: Any = whole()
+        rest = words[1:]
+        while rest and hasattr(command, "commands") and not rest[0].startswith("-"):
+            name = rest[0].rstrip(".,:;)")
+            if not re.fullmatch("[a-z]+", name):
+                return ""  # a placeholder
+            if name not in command.commands:
+                return f"no command {name}"
+            command, rest = command.commands[name], rest[1:]
+        known = {"--help", "--version", "--debug"}
+        known |= {text for part in command.params for text in (*part.opts, *part.secondary_opts)}
+    else:
+        module, rest = words[2], words[3:]
+        if module == "benchmarks":
+            if not rest or rest[0].startswith("-") or rest[0].isupper():
+                return ""
+            name, rest = rest[0].replace("-", "_"), rest[1:]
+            if name not in known_measurements():
+                return f"no measurement {name}"
+            module = f"benchmarks/{name}"
+        known = options(module.replace(".", "/"))
+    given = [word.split("=")[0].rstrip(".,:;)") for word in rest if re.match("--[a-z]", word)]
+    return ", ".join(f"no option {name}" for name in given if name not in known)
+
+
+whole = cache(lambda: get_command(app))
+known_measurements = cache(measurements)
+
+
+@cache
+def options(module: str) -> set[str]:
+    """Options of the function `main` of a measurement or study."""
+    places = (f"{module}.py", f"{module}/__main__.py", f"{module}/__init__.py")
+    path = next(ROOT / place for place in places if (ROOT / place).is_file())
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    main = next(n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == "main")
+    names = [one.arg.replace("_", "-") for one in (*main.args.args, *main.args.kwonlyargs)]
+    stated = [n.value for n in ast.walk(main) if isinstance(n, ast.Constant)]
+    return (
+        {f"--{name}" for name in names} | {f"--no-{name}" for name in names} | {*map(str, stated)}
+    )
+
+
+def test_every_documented_command_exists() -> None:
+    every = commands()
+    assert len(every) > 300
+    found = {f"{page}: {' '.join(words)}: {why}" for page, words in every if (why := wrong(words))}
+    assert not found, "\n".join(sorted(found))
+
+
+@pytest.mark.parametrize(
+    ("command", "why"),
+    [
+        ("emgface face build --out face.nc --no-such", "no option --no-such"),
+        ("emgface head run head.nc", "no command run"),
+        ("emgface face build --out face.nc", ""),
+        ("python -m benchmarks nothing", "no measurement nothing"),
+        ("python -m benchmarks locking --body cook --points 3", "no option --points"),
+        ("python -m studies.coupled --part closing", ""),
+    ],
+)
+def test_commands_that_do_not_exist_are_found(command: str, why: str) -> None:
+    assert wrong(command.split()) == why
