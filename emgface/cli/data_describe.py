@@ -13,7 +13,8 @@ def describe(
         Path, typer.Argument(help="Text table (.csv, .txt, .gz), MATLAB (.mat) or HDF5 (.h5) file.")
     ],
     out_path: Annotated[
-        Path | None, typer.Option("--out", help="Sidecar to write (TOML); by default it is printed.")
+        Path | None,
+        typer.Option("--out", help="Sidecar to write (TOML); by default it is printed."),
     ] = None,
     rate: Annotated[
         float | None, typer.Option(min=0.001, help="Sampling rate [Hz], if known.")

@@ -8,7 +8,9 @@ import typer
 if TYPE_CHECKING:
     from emgface.signals.parameters import SignalChain
 
-OutPath = Annotated[Path | None, typer.Option("--out", help="File to write; by default the text is printed.")]
+OutPath = Annotated[
+    Path | None, typer.Option("--out", help="File to write; by default the text is printed.")
+]
 MappingOption = Annotated[
     Path | None, typer.Option(help="TOML file that maps labels of a recording to names.")
 ]

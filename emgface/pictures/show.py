@@ -100,8 +100,8 @@ def kind(data: xr.Dataset) -> str:
     if not found:
         held = ", ".join(map(str, data.data_vars)) or "no variable"
         raise DataError(
-            f"the dataset contains {held}, expected a recording, activation, trajectory, scores, cube or "
-            "a model of this package"
+            f"the dataset contains {held}, expected a recording, activation, trajectory, scores, cube "
+            "or a model of this package"
         )
     return "recording" if found == "markers" else found
 

@@ -44,8 +44,8 @@ def jaw_page(motion: xr.Dataset, beside: Beside | None = None) -> str:
     """
     if "surface_position" not in motion:
         raise JawError(
-            "the motion contains no surfaces: run a jaw of `emgface jaw build`, or one imported with its "
-            "surfaces"
+            "the motion contains no surfaces: run a jaw of `emgface jaw build`, or one imported with "
+            "its surfaces"
         )
     shown = motion.isel(time=drawn_times(motion["time"].values))
     task, name = motion.attrs.get("task", "motion"), motion.attrs["jaw"]

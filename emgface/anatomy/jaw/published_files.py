@@ -21,7 +21,7 @@ class PublishedFiles:
         self._surfaces: dict[str, tuple[Floats, np.ndarray]] = {}
         if not (folder / "muscleInfo.txt").is_file():
             raise JawError(
-                f"{folder} contains no muscleInfo.txt: expected the data folder of the published jaw model"
+                f"{folder} contains no muscleInfo.txt: expected the data folder of the published jaw"
             )
 
     def lines(self, name: str) -> list[list[str]]:

@@ -93,8 +93,8 @@ def read_probe(path: str | os.PathLike[str], time: Floats) -> Floats:
             rows = np.column_stack([float(spacing) * np.arange(len(rows)), rows])
     except (OSError, ValueError, IndexError) as error:
         raise JawError(
-            f"{path} is not an excitation series ({one_line(error)}): expected a line with start, stop and "
-            "scale, one with Linear or Cubic, 1, explicit, then time and value"
+            f"{path} is not an excitation series ({one_line(error)}): expected a line with start, stop "
+            "and scale, one with Linear or Cubic, 1, explicit, then time and value"
         ) from error
     begin = float(start) if "." in start else int(start) / NANOSECONDS
     t, y = begin + scale * rows[:, 0], rows[:, 1]
@@ -145,7 +145,7 @@ def read_excitation(path: str | os.PathLike[str]) -> Excitation:
     Raises
     ------
     JawError
-        The file cannot be read, contains no such series, or its times do not ascend or cannot be seconds.
+        The file cannot be read, contains no such series, or its times are not ascending seconds.
 
     Warns
     -----
@@ -165,8 +165,8 @@ def read_excitation(path: str | os.PathLike[str]) -> Excitation:
             given = Excitation(table.index.to_numpy(dtype=np.float64), values)
     except (OSError, KeyError, ValueError, RuntimeError) as error:
         raise JawError(
-            f"{path} contains no excitations ({one_line(error)}): expected a table with a column time in "
-            "seconds and one per exciter, or a netCDF file with activation over muscle and time"
+            f"{path} contains no excitations ({one_line(error)}): expected a table with a column time "
+            "in seconds and one per exciter, or a netCDF file with activation over muscle and time"
         ) from error
     _check_times(path, given)
     return given

@@ -90,8 +90,8 @@ def parse_ring(words: str) -> Ring:
             gaps = float(value)
         else:
             raise FaceError(
-                f"ring {words!r} contains {word!r}, expected words of {', '.join([*_REGIONS, *_DEPTHS])} "
-                "or gaps=0.2"
+                f"ring {words!r} contains {word!r}, expected words of "
+                f"{', '.join([*_REGIONS, *_DEPTHS])} or gaps=0.2"
             )
     regions.sort()
     touching = all(a[1] == b[0] for a, b in itertools.pairwise(regions))
