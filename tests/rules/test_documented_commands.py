@@ -115,7 +115,7 @@ def test_every_documented_command_exists() -> None:
     ("command", "why"),
     [
         ("emgface face build --out face.nc --no-such", "no option --no-such"),
-        ("emgface head run head.nc", "no command run"),
+        ("emgface head nothing head.nc", "no command nothing"),
         ("emgface face build --out face.nc", ""),
         ("python -m benchmarks nothing", "no measurement nothing"),
         ("python -m benchmarks locking --body cook --points 3", "no option --points"),
