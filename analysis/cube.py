@@ -46,8 +46,10 @@ PER_TRIAL: Final = {
     "run_time": ("s", "computing time"),
     "numerical_error": ("m", "estimated error of the time steps, with that of contact"),
     "motion": ("m", "largest displacement of a simulated marker"),
+    "reduced": ("1", "1 if a reduced face moved, 0 if full order replaced it"),
 }
-OF_RUN: Final = ("sigma_max", "steps", "run_time", "numerical_error", "motion", "inaccurate")
+OF_RUN: Final = ("sigma_max", "steps", "run_time", "numerical_error", "motion", "inaccurate",
+                 "reduced")  # fmt: skip
 """Members of `PER_TRIAL` that are also known for a trial without scores."""
 TEXTS: Final = {
     "status": ("missing", "ok, missing, excluded, or failed"),

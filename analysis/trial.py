@@ -38,6 +38,8 @@ class Trial:
         Estimated error of the time steps [m].
     motion : float
         Largest displacement of a simulated marker [m].
+    reduced : float
+        1 if a reduced face moved, 0 if full order replaced it, NaN without one.
     origin : {"measured", "simulated"}, optional
         By default that of the scores.
     computed : str
@@ -63,6 +65,7 @@ class Trial:
     run_time: float = np.nan
     numerical_error: float = np.nan
     motion: float = np.nan
+    reduced: float = np.nan
     origin: Origin | None = None
     computed: str = ""
     environments: tuple[str, ...] = ()

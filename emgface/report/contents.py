@@ -68,7 +68,7 @@ def verdict(cube: xr.Dataset) -> list[str]:
     montage = str(cube.attrs.get("montage", COMPLETE.sentence))
     if montage != COMPLETE.sentence:
         told.append(f"The montage is incomplete: {montage}.")
-    told += accuracy(cube)
+    told += accuracy(cube) + reduction(cube)
     if cube.sizes["volunteer"] == 1:
         told.append(
             "There is one volunteer; the results cannot be generalised to other people, and "
@@ -104,6 +104,20 @@ def accuracy(cube: xr.Dataset) -> list[str]:
         f"median trial and {error[known].max():.2g} mm at most, with a median motion of "
         f"{np.nanmedian(motion):.2g} mm; it exceeds a tenth of the motion in "
         f"{_n(flagged, 'trial')}{', flagged as inaccurate' if flagged else ''}.{lost}"
+    ]
+
+
+def reduction(cube: xr.Dataset) -> list[str]:
+    """State how often full order replaced a reduced face, if there was one."""
+    if "reduced" not in cube:
+        return []
+    used = cube["reduced"].values[(cube["status"] == "ok").values]
+    used = used[np.isfinite(used)]
+    if not used.size:
+        return []
+    return [
+        f"{_n(used.size, 'scored trial')} with a reduced face, of which full order replaced "
+        f"{int((used == 0.0).sum())}, because the reduced motion was not trusted."
     ]
 
 

@@ -23,7 +23,7 @@ NOT_FINAL: Final = ("WorkerDied", "StoreError", "ExecutionError", "RecordingChan
 """Failures of the machine, not of a trial: a later run computes the trial again."""
 NOT_SYNCHRONISED: Final = ("begin", "recording")
 """Events without which a resumed run only repeats some work."""
-SCALARS: Final = ("sigma_max", "steps", "run_time", "numerical_error", "motion")
+SCALARS: Final = ("sigma_max", "steps", "run_time", "numerical_error", "motion", "reduced")
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +213,8 @@ def read_trial(entry: Entry) -> Trial:
         None if line["scores"] is None else _unpacked(line["scores"]),
         line["status"],
         line["reason"],
-        **{name: np.nan if line[name] is None else line[name] for name in SCALARS},
+        # a journal of an earlier version does not have all of them
+        **{name: np.nan if line.get(name) is None else line[name] for name in SCALARS},
         origin=line["origin"],
         computed=line["computed"],
         environments=tuple(line["environments"]),

@@ -48,6 +48,7 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
             "steps": steps_of(motion.dataset),
             "numerical_error": float(attrs.get("numerical_error", np.nan)),
             "motion": largest_motion(motion.dataset),
+            "reduced": float(attrs.get("reduced", np.nan)),
         }
         aligned = laboratory.aligned(recording, motion, trial.label)
         stages.append(aligned)

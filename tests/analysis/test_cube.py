@@ -224,6 +224,15 @@ def test_status_and_scores_must_agree(kind: dict, words: str) -> None:
         Trial("v1", "A", 1, "s", **kind)
 
 
+def test_the_cube_says_where_full_order_replaced_a_reduced_face() -> None:
+    given_in = [
+        Trial("V1", "A", k, "act_all", scores(k), reduced=value)
+        for k, value in enumerate((1.0, 0.0, np.nan), 1)
+    ]
+    found = build_cube(given_in)["reduced"].values.ravel()
+    np.testing.assert_array_equal(found, [1.0, 0.0, np.nan])
+
+
 def test_a_trial_whose_error_exceeds_a_tenth_of_its_motion_is_flagged() -> None:
     errors = {("V1", 1): (0.2e-3, 3e-3), ("V1", 2): (0.4e-3, 3e-3), ("V2", 1): (np.nan, 3e-3)}
     given_in = [

@@ -359,6 +359,18 @@ def test_command_writes_page_and_tables(page: Path, tmp_path: Path, without_figu
     assert {"strategy.csv", "strategy.md", "strategy.tex", "trials.csv"} <= written
 
 
+def test_the_report_says_how_often_full_order_replaced_a_reduced_face() -> None:
+    labels = {"volunteer": ["V1", "V2", "V3"], "instruction": ["A"], "repetition": [1]}
+    dims, shape = (*labels, "strategy"), (3, 1, 1, 1)
+    status = np.array(["ok", "ok", "failed:InvertedElement"]).reshape(shape)
+    used = np.array([1.0, 0.0, 0.0]).reshape(shape)
+    data = {"status": (dims, status), "reduced": (dims, used)}
+    cube = xr.Dataset(data, coords={**labels, "strategy": ["act_all"]})
+    (told,) = contents.reduction(cube)
+    assert told.startswith("2 scored trials with a reduced face, of which full order replaced 1,")
+    assert not contents.reduction(cube.assign(reduced=(dims, np.full(shape, np.nan))))
+
+
 def test_the_error_of_the_time_steps_is_stated_beside_the_motion() -> None:
     labels = {"volunteer": ["V1", "V2", "V3"], "instruction": ["A"], "repetition": [1]}
     dims = (*labels, "strategy")

@@ -1,0 +1,119 @@
+"""Study with a reduced face beside the same trials at full order.
+
+    python -m benchmarks reduced_study FACE.nc FACE.rom.nc OUT [--volunteers 6] [--full 2]
+
+Recordings of simulated volunteers in the mismatched world are made with the mechanics of the same
+reduced face (`emgface.volunteers`; sEMG as modulated noise), so that they take little time. The study of
+all of them with act_all, act_3 and act_rel uses the reduced face and falls back to full order; the first
+`--full` volunteers, first repetition, are then studied at full order. Times are processor times of all
+processes. A second call uses what is stored, and does not measure the times again.
+"""
+
+import resource
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+import emgface as ef
+from benchmarks.report import Chart, finish, say
+from emgface.face.file import load_face
+from emgface.muscles import INSTRUCTIONS
+from emgface.recordings.dataset import write_recording
+from emgface.recordings.events import cut_trials
+from emgface.reduced.model import parameters_of
+from emgface.reduced.study_plan import PUBLISHED
+from emgface.schema.netcdf import read_netcdf
+from emgface.volunteers.mismatch import draw_mismatch
+from emgface.volunteers.person import draw_volunteer
+from emgface.volunteers.session import (
+    amplifier_noise,
+    session_events,
+    simulate_session,
+    trial_activation,
+)
+from emgface.volunteers.settings import VolunteerParameters
+
+FIRST = 400_001  #: index of the first volunteer, beyond those of training, calibration and tests
+SEED = 0  #: of the volunteers
+
+
+def spent() -> float:
+    """Processor time of this process and of those that it waited for [s]."""
+    used = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(u.ru_utime + u.ru_stime for u in used)
+
+
+def record(face, simulation, folder, volunteers, repetitions):
+    """Write the recordings of all volunteers."""
+    world = VolunteerParameters().world.without("mesh", "courses", "laws", "pick-up")
+    settings = VolunteerParameters(world=world, emg="noise", cameras="direct")
+    for index in range(FIRST, FIRST + volunteers):
+        person = draw_volunteer(index, SEED)
+        noise = amplifier_noise(person, settings, pools=None, conduction=None)
+        mismatch = draw_mismatch(person.seed, person.index, settings.world)
+        for instruction in INSTRUCTIONS:
+            plan = range(1, repetitions + 1)
+            activations = [trial_activation(person, instruction, k, settings) for k in plan]
+            motions = [
+                ef.simulate(mismatch.driven(a).rename(time_true="time"), face, **simulation)
+                for a in activations
+            ]
+            rest = face["face_marker_position"]
+            about = person, instruction, activations, motions, rest, settings
+            session = simulate_session(*about, noise=noise)
+            events = session_events(instruction, repetitions, settings)
+            for k, trial in enumerate(cut_trials(session, events), 1):
+                trial.attrs["true_sigma_max"] = session.attrs["true_sigma_max"][k - 1]
+                write_recording(trial, folder / f"{person.name}_{instruction}_{k}.nc")
+
+
+def main(
+    face: Path, rom: Path, out: Path, volunteers: int = 6, repetitions: int = 4, full: int = 2
+):
+    """Record, study, compare, print and store."""
+    parameters = parameters_of(read_netcdf(rom, "reduced_face"))
+    contact = {"method": parameters.contact.method}
+    simulation = {"sigma_max": parameters.sigma_max, "contact": contact, "accuracy": "published"}
+    simulation |= {"step": 0.01, "output": 0.01}
+    reduced = {"reduced": {"file": str(rom.resolve())}}
+    folder = out / "recordings"
+    begun = spent()
+    if not folder.is_dir():
+        record(load_face(face), simulation | reduced, folder, volunteers, repetitions)
+    recorded = spent() - begun
+    plan = {"strategies": list(PUBLISHED), "face": {"path": str(face.resolve())}}
+
+    def study(name, recordings, mechanics):
+        start, given = spent(), {"folder": str(folder.resolve()), **recordings}
+        result = ef.study(plan, out / name, recordings=given, simulation=mechanics, progress=False)
+        say(f"{name}: {spent() - start:.0f} s of processor time")
+        return result.cube, spent() - start
+
+    cube, time = study("reduced", {}, simulation | reduced)
+    names = [draw_volunteer(FIRST + k, SEED).name for k in range(full)]
+    some = {"volunteers": names, "repetitions": [1]}
+    whole, time_full = study("full", some, simulation)
+    apart = (cube["rho"] - whole["rho"]).values
+    apart = np.abs(apart[np.isfinite(apart)])
+    trials = int(cube["status"].size)
+    compared = int(whole["status"].size)
+    rows = [
+        ("trials", trials),
+        ("with a result", int((cube["status"] == "ok").sum())),
+        ("processor time of the study, s", time),
+        ("of these at full order after all", int((cube["reduced"] == 0.0).sum())),
+        ("processor time of recordings, s", recorded),
+        ("trials at full order", compared),
+        ("processor time of these, s", time_full),
+        ("full order for all trials, s", time_full * trials / compared),
+        ("rho compared", apart.size),
+        *((f"difference of rho, {q} %", float(np.percentile(apart, q))) for q in (50, 90, 95, 99)),
+        ("difference of rho, largest", float(apart.max())),
+    ]
+    finish("reduced_study", pd.DataFrame(rows, columns=["quantity", "value"]), out)
+    share = np.linspace(0.05, 1.0, 20)
+    table = pd.DataFrame({"difference of rho": np.quantile(apart, share), "share": share})
+    finish(
+        "reduced_study_rho", table, out, Chart("difference of rho", ("share",), "share of markers")
+    )
