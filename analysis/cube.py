@@ -30,6 +30,15 @@ OF_NOISE: Final = {
     "attenuation": ("1", "factor by which that noise is expected to lower rho"),
 }
 """Variables per marker, if the noise is known."""
+OF_INCISOR: Final = {
+    "incisor_rho": ("1", "correlation of 3D trajectories of the lower incisor"),
+    "incisor_amplitude_ratio": (
+        "1",
+        "simulated divided by measured amplitude of the lower incisor",
+    ),
+    "incisor_rmse": ("m", "root-mean-square distance of the lower incisor"),
+}
+"""Variables per trial of a study on heads."""
 PER_TRIAL: Final = {
     "shift": ("s", "time added to the measured trajectory"),
     "scale": ("1", "stretch of the measured time"),
@@ -73,6 +82,7 @@ def build_cube(
     strategies: Sequence[str] | None = None,
     markers: Sequence[str] | None = None,
     origin: Origin | None = None,
+    incisor: bool = False,
 ) -> xr.Dataset:
     """Collect the results of trials in a cube.
 
@@ -85,6 +95,8 @@ def build_cube(
         listed as missing.
     origin : {"measured", "simulated"}, optional
         Origin of the recordings; by default that of the trials.
+    incisor : bool
+        Whether the cube has the variables `OF_INCISOR`, of trials whose scores have them.
 
     Returns
     -------
@@ -119,7 +131,7 @@ def build_cube(
     for dim, found in labels.items():
         if not found and (dim != "marker"):
             raise CubeError(f"there is no {dim}: pass at least one trial, or the expected labels")
-    cube = _empty(labels)
+    cube = _empty(labels, PER_TRIAL | (OF_INCISOR if incisor else {}))
     place = {dim: {label: i for i, label in enumerate(found)} for dim, found in labels.items()}
     values = {str(name): cube[name].values for name in cube.data_vars}
     environments = {_short(text): json.loads(text) for t in trials_ for text in t.environments}
@@ -137,8 +149,8 @@ def build_cube(
         scores = _ordered(trial, labels["marker"])
         if "reason" in scores:
             values["marker_reason"][index] = scores["reason"].values
-        for name in (*PER_MARKER, *OF_NOISE, *PER_TRIAL):
-            if name in scores:
+        for name in (*PER_MARKER, *OF_NOISE, *PER_TRIAL, *OF_INCISOR):
+            if name in scores and name in values:
                 values[name][index] = scores[name].values
     for name in (*TEXTS, "marker_reason"):
         cube[name] = cube[name].copy(data=values[name].astype(str))
@@ -147,7 +159,7 @@ def build_cube(
     return cube
 
 
-def _empty(labels: dict[str, list[Any]]) -> xr.Dataset:
+def _empty(labels: dict[str, list[Any]], per_trial: dict[str, tuple[str, str]]) -> xr.Dataset:
     """Cube of these labels in which every trial is missing; texts are objects."""
     cube = xr.Dataset(
         coords={
@@ -156,7 +168,7 @@ def _empty(labels: dict[str, list[Any]]) -> xr.Dataset:
         }
     )
     shape = tuple(len(found) for found in labels.values())
-    for dims, numbers in ((MARKER_DIMS, PER_MARKER | OF_NOISE), (TRIAL_DIMS, PER_TRIAL)):
+    for dims, numbers in ((MARKER_DIMS, PER_MARKER | OF_NOISE), (TRIAL_DIMS, per_trial)):
         for name, (units, meaning) in numbers.items():
             attrs = {"units": units, "long_name": meaning}
             cube[name] = (dims, np.full(shape[: len(dims)], np.nan), attrs)

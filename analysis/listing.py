@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from analysis.cube import MARKER_DIMS, PER_TRIAL, TRIAL_DIMS
+from analysis.cube import MARKER_DIMS, OF_INCISOR, PER_TRIAL, TRIAL_DIMS
 from analysis.errors import CubeError
 from analysis.flags import FLAGS
 from analysis.trajectory import names
@@ -35,7 +35,7 @@ def trials(cube: xr.Dataset) -> pd.DataFrame:
     ]
     table["n_defined"] = defined
     table["n_undefined"] = np.where(table["status"] == "ok", rho.shape[1] - defined, 0)
-    for name in PER_TRIAL:
+    for name in (*PER_TRIAL, *OF_INCISOR):
         if name in stacked:
             table[name] = stacked[name].values.ravel()
     raised = [name for name in FLAGS if name in table]

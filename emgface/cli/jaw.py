@@ -155,10 +155,18 @@ def run(
     options: dict[str, object] = {"law": law, "step": step, "tolerance": tolerance}
     options |= {} if duration is None else {"duration": duration}
     if excitation is not None:
+        if task is not None or series is not None:
+            raise typer.BadParameter(
+                "--excitation replaces the excitations of a --task and --series"
+            )
         name, simulated = excitation.stem, partial(run_excitation, jaw, read_excitation(excitation))
     else:
         name = task or "rest"
         chosen, own = with_series(name, series)
+        if series is not None and not own:
+            raise typer.BadParameter(
+                f"--series has no place in the task {name!r}: specify --task chew"
+            )
         if chosen.series and not own:
             say("The excitations of chewing are chosen; --series reads published ones.")
         simulated = partial(run_task, jaw, chosen, **own)

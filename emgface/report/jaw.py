@@ -2,16 +2,14 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-import xarray as xr
 from matplotlib.figure import Figure
 
 from analysis.figures import marker_traces
 from analysis.tables import Column, Table
 from emgface.anatomy.jaw.compared import compared
-from emgface.anatomy.jaw.recorded import INCISOR, aligned, score_motion
-from emgface.recordings.head import in_head_frame
-from emgface.report.results import FAILURES, Results, Trial, representative
+from emgface.anatomy.jaw.recorded import aligned, score_motion
+from emgface.report.results import FAILURES, Results, representative
+from emgface.study.incisor import incisor_pair
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,13 +30,16 @@ def incisors(results: Results) -> Incisors | None:
     laboratory = results.laboratory
     if laboratory is None or laboratory.head is None:
         return None
+    frame = laboratory.study.signals.head_frame
     rows, origin, notes, first = list[tuple[object, ...]](), "", list[str](), None
     columns: tuple[Column, ...] = ()
     strategies = [str(s) for s in results.base["strategy"].values]
     for place in representative(results.base).values():
         for strategy in strategies:
             try:
-                pair = _pair(results, results.trial(place, strategy))
+                trial = results.trial(place, strategy)
+                recording, motion = trial.recording.dataset, trial.motion
+                pair = incisor_pair(recording, motion, laboratory.face, frame)
                 if pair is None:
                     continue
                 found = compared(*pair)
@@ -59,20 +60,3 @@ def incisors(results: Results) -> Incisors | None:
     return Incisors(
         table, label, marker_traces(*aligned(recording, motion), score_motion(*first[1]))
     )
-
-
-def _pair(results: Results, trial: Trial) -> tuple[xr.Dataset, xr.Dataset] | None:
-    """Recorded incisor in the frame of the head, and the simulated one; None without both."""
-    assert results.laboratory is not None and results.study is not None
-    recording, motion = trial.recording.dataset, trial.motion
-    if "incisor" not in motion or INCISOR not in recording["marker"].values:
-        return None
-    reference = results.laboratory.face["face_marker_position"]
-    place = in_head_frame(recording["position"], results.study.signals.head_frame, reference)
-    path = motion["incisor"].transpose("axis", "time").expand_dims(marker=[INCISOR])
-    attrs = {name: motion.attrs[name] for name in ("recorded_start", "origin")}
-    attrs["numerical_error"] = motion.attrs["incisor_error"]
-    body = {"body": np.array([], dtype="U1")}  # the skull rests
-    found = xr.Dataset({"position": path}, coords=body, attrs=attrs)
-    given = xr.Dataset({"position": place.sel(marker=[INCISOR])}, attrs=recording.attrs)
-    return given, found

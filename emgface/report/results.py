@@ -84,7 +84,7 @@ class Results:
         drive, extent = activation.dataset["activation"], (self._extents or {}).get(place[0])
         motion = laboratory.predicted(recording, strategy, drive, label, extent, sigma_max)
         aligned = laboratory.aligned(recording, motion, label)
-        scores = laboratory.scores(aligned, motion, label)
+        scores = laboratory.scores(recording, aligned, motion, label)
         return Trial(
             place,
             strategy,

@@ -10,6 +10,7 @@ from markupsafe import Markup
 from analysis.alignment_tables import alignment_tables
 from analysis.baseline_tables import comparison
 from analysis.formants import formant_table
+from analysis.incisor import incisor_table
 from analysis.sensitivity import choices_table
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.tables import report_tables
@@ -94,6 +95,7 @@ def render(
         "baseline_tables": {name: cells(table) for name, table in compared.items()},
         "baseline_figure": figures.baseline_figure(results) if scored else [],
         "incisors": cells(incisor.table) if incisor else None,
+        "incisor_scores": cells(table) if scored and (table := incisor_table(cube)) else None,
         "incisor_figure": figures.incisor_figure(results, incisor) if incisor else [],
         "formants": cells(table) if scored and (table := formant_table(cube)) else None,
         "formant_figure": figures.formant_figure(results) if scored else [],

@@ -65,6 +65,7 @@ def write_cube(
         "strategies": list(computed[0].laboratory.study.strategy_names),
         "markers": list(LIP_MARKERS),
         "origin": _origin(intake),
+        "incisor": study.face.head is not None,
     }
     origins, common = Origins(), dict[str, Any]()
 

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 import xarray as xr
 
-from analysis.cube import OF_NOISE, PER_MARKER, PER_TRIAL, TRIAL_DIMS, build_cube
+from analysis.cube import OF_INCISOR, OF_NOISE, PER_MARKER, PER_TRIAL, TRIAL_DIMS, build_cube
 from analysis.trial import Trial
 from emgface.errors import DataError
 from emgface.schema.netcdf import read_netcdf
@@ -263,13 +263,14 @@ def _compared(one: Planned, fresh: Store, store: Path, cube: xr.Dataset | None) 
 
 def _change_of_cell(cube: xr.Dataset, trial: Trial, labels: Mapping[str, Label]) -> str:
     """First difference of the status and scores of a trial in a cube, empty if they are equal."""
-    made = build_cube([trial], markers=cube["marker"].values.tolist())
+    of_head = "incisor_rho" in cube
+    made = build_cube([trial], markers=cube["marker"].values.tolist(), incisor=of_head)
     place = {**labels, **{dim: getattr(trial, dim) for dim in TRIAL_DIMS}}
     try:
         cell = cube.sel(place)
     except KeyError:
         return "it does not contain the trial"
-    for name in ("status", *PER_MARKER, *OF_NOISE, *PER_TRIAL):
+    for name in ("status", *PER_MARKER, *OF_NOISE, *PER_TRIAL, *OF_INCISOR):
         if name in MEASURED or name not in cell:
             continue
         a, b = cell[name].values, made[name].values[0, 0, 0, 0]

@@ -4,7 +4,7 @@ from pathlib import PurePosixPath
 from typing import Literal
 
 from analysis.baselines import VARIABLES
-from analysis.cube import MARKER_DIMS, PER_MARKER, PER_TRIAL
+from analysis.cube import MARKER_DIMS, OF_INCISOR, PER_MARKER, PER_TRIAL
 from analysis.formants import VARIABLES as OF_SOUND
 from emgface.choices import Parameters, choice
 
@@ -13,7 +13,7 @@ Value = bool | int | float | str
 Label = str | float
 
 CUBE_NAMES = {
-    *MARKER_DIMS, *PER_MARKER, *PER_TRIAL, *VARIABLES, *OF_SOUND, "formant", "instant",
+    *MARKER_DIMS, *PER_MARKER, *PER_TRIAL, *OF_INCISOR, *VARIABLES, *OF_SOUND, "formant", "instant",
     "status", "reason", "marker_reason", "skill_reason",
 }  # fmt: skip
 """Names used in a cube."""

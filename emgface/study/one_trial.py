@@ -52,7 +52,7 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
         }
         aligned = laboratory.aligned(recording, motion, trial.label)
         stages.append(aligned)
-        scores = laboratory.scores(aligned, motion, trial.label)
+        scores = laboratory.scores(recording, aligned, motion, trial.label)
         stages.append(scores)
     except StoredFailure as failure:
         return Trial(
@@ -68,7 +68,8 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
         raise  # a failure of the machine, which the other trials would share
     except EXPECTED as error:
         return Trial.failed(*labels, error, origin=origin, **known, **_provenance(stages))
-    known["reason"] = stability_warning(motion.dataset)
+    remarks = stability_warning(motion.dataset), scores.dataset.attrs.get("incisor_reason", "")
+    known["reason"] = "; ".join(filter(None, remarks))
     return Trial(*labels, scores=scores.dataset, origin=origin, **known, **_provenance(stages))
 
 

@@ -41,6 +41,14 @@ SCORES = Stage(
     "scores",
     tuple(f"analysis.{name}" for name in ("flags", "noise", "scores", "trajectory", "typed")),
 )
+SCORES_OF_HEAD = Stage(
+    "scores",
+    (
+        *dict.fromkeys((*SCORES.modules, *_ALIGNMENT)),
+        "emgface.anatomy.jaw",
+        "emgface.study.incisor",
+    ),
+)
 INVERSE = Stage(
     "inverse",
     tuple(

@@ -30,6 +30,7 @@ from emgface.study.digest import (
     text_digest,
 )
 from emgface.study.faces import study_head
+from emgface.study.incisor import with_incisor
 from emgface.study.measured import measured_during
 from emgface.study.policy import lower_sigma_max
 from emgface.study.skin import SKIN, SkinMotions
@@ -43,6 +44,7 @@ from emgface.study.stage_code import (
     RANGE,
     REST,
     SCORES,
+    SCORES_OF_HEAD,
     STAGES,
 )
 from emgface.study.store import Result, Store
@@ -162,7 +164,11 @@ class Laboratory:
     def _study_digest(self) -> str:
         """Digest of the parameters and of the code of a trial."""
         tables = {"activation_source", "signals", "simulation", "alignment", "score"}
-        of_head = () if self.study.face.head is None else (MOTION_OF_HEAD, ACTIVATION_OF_HEAD)
+        of_head = (
+            ()
+            if self.study.face.head is None
+            else (MOTION_OF_HEAD, ACTIVATION_OF_HEAD, SCORES_OF_HEAD)
+        )
         modules = {name for stage in (*STAGES, SKIN, *of_head) for name in stage.modules}
         chosen = self.study.model_dump(mode="json", include=tables)
         code = code_version((*sorted(modules), __name__, "emgface.study.one_trial"))
@@ -362,14 +368,22 @@ class Laboratory:
             label=label,
         )
 
-    def scores(self, aligned: Result, motion: Result, label: str) -> Result:
-        """Return the scores of a trial."""
-        choices = self.study.score.model_dump
+    def scores(self, recording: Recording, aligned: Result, motion: Result, label: str) -> Result:
+        """Return the scores of a trial; if a head moved, with that of the lower incisor."""
+        choices, frame = self.study.score.model_dump, self.study.signals.head_frame
+        of_head = "incisor" in motion.dataset
+
+        def scored() -> xr.Dataset:
+            found = score(aligned.dataset, motion.dataset, **choices())
+            if not of_head:
+                return found
+            return with_incisor(found, recording.dataset, motion.dataset, self.face, frame)
+
         return self.store.get_or_compute(
-            SCORES,
+            SCORES_OF_HEAD if of_head else SCORES,
             {"aligned": aligned.digest, "motion": motion.digest},
             choices(mode="json"),
-            lambda: score(aligned.dataset, motion.dataset, **choices()),
+            scored,
             label=label,
         )
 

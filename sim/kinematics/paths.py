@@ -73,11 +73,11 @@ class Paths:
         """Twists (n_bodies, 6); zero for bodies that are not prescribed."""
         out = np.zeros((self._n, 6))
         if self._motions:
-            frames = self._around(t, (0, -2, -1, 1, 2))
-            out[:, :3] = _slope([f[:, :3] for f in frames[1:]])
-            out[:, 3:] = _slope(
-                [rotations.difference(frames[0][:, 3:], f[:, 3:]) for f in frames[1:]]
-            )
+            here, *around = self._around(t, (0, -2, -1, 1, 2))
+            if all(np.array_equal(f, here) for f in around):
+                return out
+            out[:, :3] = _slope([f[:, :3] for f in around])
+            out[:, 3:] = _slope([rotations.difference(here[:, 3:], f[:, 3:]) for f in around])
         return out
 
     def accelerations(self, a: Array, t: float) -> Array:

@@ -21,6 +21,7 @@ from emgface.muscles import FACE_MARKERS, LIP_MARKERS
 from emgface.report import jaw as report_of_jaw
 from emgface.study.configuration import FaceConfiguration, StudyConfiguration
 from emgface.study.faces import study_face
+from emgface.study.incisor import with_incisor
 from emgface.study.stages import Laboratory
 from emgface.study.store import Store
 
@@ -194,7 +195,18 @@ def test_the_report_of_a_study_scores_the_incisor_of_a_head_that_nods(
         assert rho > 0.999 and ratio == pytest.approx(1.0, abs=0.02) and rmse < 1e-4
         assert rows["none (the point rests)"][2] > 1e-3
         assert found.figure.axes and "time steps" in found.table.note
+        given = motion, laboratory.face, laboratory.study.signals.head_frame
+        scored = with_incisor(xr.Dataset(), seen, *given)
+        assert float(scored["incisor_rho"]) == pytest.approx(rho, abs=1e-12)
+        assert float(scored["incisor_rmse"]) == pytest.approx(rmse, abs=1e-12)
+        metres = seen.assign(
+            position=1e3 * seen["position"].where(seen["marker"] == "lower_incisor")
+        )
+        metres["position"] = metres["position"].fillna(seen["position"])
+        told = with_incisor(xr.Dataset(), metres, *given)
+        assert not told.data_vars and "check the unit" in told.attrs["incisor_reason"]
         trial.recording.dataset = seen.sel(marker=list(FACE_MARKERS))
+        assert not with_incisor(xr.Dataset(), trial.recording.dataset, *given).attrs
         assert report_of_jaw.incisors(results) is None
 
 
