@@ -9,6 +9,7 @@ from scipy.special import ndtr, ndtri
 from sim.state import Array
 
 CHAINS, BURN = 64, 30  #: number of chains, and default of the sweeps before the first draw
+BLOCK = 20  #: number of variables after which the gradients of all others are updated
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,19 @@ class Posterior:
         spread = np.asarray(np.linalg.cholesky(self.covariance), dtype=np.float64)
         x = rng.standard_normal((CHAINS, len(sd))) @ spread.T
         x = np.clip(x + (self.mean if centre is None else centre), 0.0, 1.0)
-        found: list[Array] = []
+        n_all, found = len(sd), list[Array]()
+        gradient = (x - self.mean) @ precision
         for sweep in range(burn + apart * (-(-n // CHAINS))):
-            for i in range(len(sd)):
-                left = (x - self.mean) @ precision[i] - (x[:, i] - self.mean[i]) * precision[i, i]
-                given = self.mean[i] - left / precision[i, i]
-                x[:, i] = _truncated(given, float(sd[i]), rng.random(CHAINS))
+            for first in range(0, n_all, BLOCK):
+                of = slice(first, min(first + BLOCK, n_all))
+                here, begin = gradient[:, of].copy(), x[:, of].copy()
+                near = precision[of, of]
+                for k, i in enumerate(range(of.start, of.stop)):
+                    given = x[:, i] - here[:, k] / precision[i, i]
+                    value = _truncated(given, float(sd[i]), rng.random(CHAINS))
+                    here += np.outer(value - x[:, i], near[k])
+                    x[:, i] = value
+                gradient += (x[:, of] - begin) @ precision[of]
             if sweep >= burn and (sweep - burn) % apart == 0:
                 found.append(x.copy())
         return np.concatenate(found)[:n]

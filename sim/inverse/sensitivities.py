@@ -1,8 +1,10 @@
 """Simulation of a trial with the derivatives of its targets by all coefficients of the activations."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from sim.errors import SceneError
@@ -25,8 +27,8 @@ from sim.step_matrices import damping_matrix
 from sim.system import System
 from sim.threads import one_blas_thread
 
-DECAYED = 1e-5
-"""Displacement per activation below which a column of the sensitivities is dropped [m]."""
+DECAYED = 3e-5
+"""Displacement per activation below which a part of the sensitivities is dropped [m]."""
 
 
 @one_blas_thread
@@ -52,8 +54,9 @@ def linearise(
     K along dq0, times w1, equals that along w1, times dq0, because K is the second derivative of an
     energy. One factor serves the step and all its derivatives, which are exact if the damping matrix is
     constant. Rows of active contacts stay closed, N (dq0 + h dw1) = 0, with the directions of the step;
-    a row that opens or closes is a kink of the motion. Normals are constant within a step. Columns that
-    have decayed to `decayed` [m] are dropped.
+    a row that opens or closes is a kink of the motion. Normals are constant within a step. Columns of
+    splines that are over, which no longer have own loads, are combinations of few (`_Past`), without
+    parts below `decayed` [m].
 
     Raises
     ------
@@ -78,7 +81,7 @@ def linearise(
     M.eliminate_zeros()
     integrator = LinearlyImplicitEuler()
     x = np.zeros((2, 0, system.pattern.n))  # dq and dw of the columns alive
-    alive, begun = np.zeros(0, dtype=np.int64), 0
+    alive, begun, past = np.zeros(0, dtype=np.int64), 0, _Past.none(system.pattern.n)
     rows: list[Array] = []
     columns: list[Array] = []
     for k, t1 in enumerate(times):
@@ -100,10 +103,12 @@ def linearise(
             control = Control(a, state.t + h)
             load = _loads(system, forces, state, w, control, h)
             K = full.matrix(_later_stiffness(system, state, w, control, h))
-            rhs = (M @ x[1].T - h * (K @ x[0].T)).T
-            rhs += basis[k][alive // n, None] * load[alive % n]
-            x[1] = _held(solve, rhs, normals, -(normals @ x[0].T) / h)
-            x[0] += h * x[1]
+            both = np.concatenate([x, past.x], axis=1)
+            rhs = (M @ both[1].T - h * (K @ both[0].T)).T
+            rhs[: len(alive)] += basis[k][alive // n, None] * load[alive % n]
+            both[1] = _held(solve, rhs, normals, -(normals @ both[0].T) / h)
+            both[0] += h * both[1]
+            x, past = both[:, : len(alive)], replace(past, x=both[:, len(alive) :])
         if touched is None:
             pose = kinematics.advance(state.pose, h * w, state.t + h)
         else:
@@ -113,15 +118,50 @@ def linearise(
         state = kinematics.state(pose, w, memory)
         rows.append(target.wanted(state.t) - target.value(state.q))
         if derivatives:
-            out = np.zeros((len(rows[-1]), total))
-            out[:, alive] = (target.slope(state.q) @ R) @ x[0].T
+            seen, out = target.slope(state.q) @ R, np.zeros((len(rows[-1]), total))
+            out[:, alive] = seen @ x[0].T
+            out[:, past.columns] = (seen @ past.x[0].T) @ past.shares
             columns.append(out)
             over = splines.knots[alive // n + DEGREE + 1] <= t1
-            gone = over & (np.abs(x[0]).max(axis=1, initial=0.0) < decayed)
-            if gone.any():
-                alive, x = alive[~gone], x[:, ~gone]
+            if over.any():
+                past = past.joined(
+                    x[:, over], alive[over], float(splines.knots[1] - splines.knots[0]), decayed
+                )
+                alive, x = alive[~over], x[:, ~over]
     J = np.array(columns) if derivatives else np.zeros((len(rows), len(rows[0]), 0))
     return Linearised(coefficients, np.array(rows), J, state)
+
+
+@dataclass(frozen=True)
+class _Past:
+    """Sensitivities to the coefficients of splines that are over, as combinations of few.
+
+    Their equations are linear without own loads, so that the combinations stay the same.
+    """
+
+    x: Array  #: (2, r, n) derivatives of q and w
+    shares: Array  #: (r, n_columns)
+    columns: NDArray[np.int64]  #: (n_columns,) coefficients
+
+    @classmethod
+    def none(cls, n: int) -> "_Past":
+        return cls(np.zeros((2, 0, n)), np.zeros((0, 0)), np.zeros(0, dtype=np.int64))
+
+    def joined(self, x: Array, columns: NDArray[np.int64], unit: float, decayed: float) -> "_Past":
+        """With further columns, by a singular value decomposition without values below `decayed` [m].
+
+        Velocities count with the time `unit` [s].
+        """
+        both = np.concatenate([self.x, x], axis=1)
+        shares = np.zeros((both.shape[1], self.shares.shape[1] + x.shape[1]))
+        shares[: len(self.shares), : self.shares.shape[1]] = self.shares
+        shares[len(self.shares) :, self.shares.shape[1] :] = np.eye(x.shape[1])
+        size, ways = np.linalg.eigh(both[0] @ both[0].T + unit**2 * (both[1] @ both[1].T))
+        ways = ways[:, size > max(decayed**2, 1e-14 * float(size.max(initial=0.0)))]
+        return _Past(
+            np.einsum("ij,kil->kjl", ways, both, optimize=True), ways.T @ shares,
+            np.concatenate([self.columns, columns]),
+        )  # fmt: skip
 
 
 def _held(solve: Callable[[Array], Array], rhs: Array, N: Array, rate: Array) -> Array:
