@@ -20,7 +20,8 @@ from benchmarks.inverse import ACTIVE, SIMULATION, correlation, most_active
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.recipe import compose_scene
 from emgface.face.template import template_face
-from emgface.inverse.refine import Assumptions, Refined, emg_precision, refine
+from emgface.inverse.assumptions import Assumptions, emg_precision
+from emgface.inverse.refine import Refined, refine
 from emgface.inverse.variants import trust_of
 from emgface.muscles import LIP_MARKERS
 from emgface.recordings.dataset import read_recording

@@ -2,13 +2,14 @@
 
     python -m benchmarks inverse RECORDING.nc ... [--only S01_A_1,S02_D_1] [--out FIGURE.png]
         [--settings "step:motion trajectory:assisted:10"] [--sigma-max 115e3] [--step 0.02]
-        [--calibration CALIBRATION.nc]
+        [--calibration CALIBRATION.nc] [--results FOLDER]
     python -m benchmarks inverse RECORDING.nc ... --truth
 
 The recordings contain their true activation. The face that inverts is the coarse template without
 contact and gravity, so that shape, tissue and strength of every volunteer differ from it. Compared are
 all twenty muscles over the whole trial. Two markers are left out of the targets. A setting is a form, a
-variant and the weight of the sEMG. `--truth` moves the template by the true activation times the true
+variant and the weight of the sEMG. Results are kept in the folder `--results`, from which a repeated
+command continues. `--truth` moves the template by the true activation times the true
 strengths, with and without contact and the laws of the volunteer, and prints how far its markers are
 from the recorded ones. The row "others" is the null hypothesis that needs neither markers nor sEMG of
 the person: the mean true activation of the other volunteers in the same instruction, shifted in time to
@@ -201,26 +202,46 @@ def draw(found: dict[str, xr.Dataset], truth: xr.DataArray, title: str):
 
 
 def inverted(
-    path: Path, settings: list[str], face: xr.Dataset, rest, simulation, calibration
+    path: Path, settings: list[str], face: xr.Dataset, rest, simulation, calibration, results=None
 ) -> tuple[list[dict], dict[str, xr.Dataset]]:
-    """Errors of each setting in one trial, and the activations."""
-    recording, rows, results = read_recording(path), [], {}
+    """Errors of each setting in one trial, and the activations, which are kept in `results`."""
+    recording, rows, found = read_recording(path), [], {}
     for label in settings:
-        row: dict = {"trial": path.stem, "setting": label}
-        begun = time.process_time()
-        try:
-            found = invert(
-                recording, face, simulation, parameters=parsed(label), settled=rest,
-                calibration=calibration,
-            )  # fmt: skip
-            seconds = time.process_time() - begun
-            row |= measures(found, recording, face, rest, simulation) | {"processor [s]": seconds}
-            results[label] = found
-        except sim.SimulationError as error:
-            row |= {"failure": type(error).__name__}
+        name = f"{path.stem}_{label.replace(':', '_')}.nc"
+        given = f"{simulation.model_dump_json()} {calibration is not None}"
+        one = None if results is None else _kept(results / name, given)
+        if one is None:
+            one = _inverted(recording, label, face, rest, simulation, calibration)
+            if results is not None:
+                results.mkdir(parents=True, exist_ok=True)
+                one.assign_attrs(given=given).to_netcdf(results / name)
+        row = {"trial": path.stem, "setting": label} | json.loads(one.attrs["row"])
         rows.append(row)
+        if "activation" in one:
+            found[label] = one
         say(str({k: round(v, 3) if isinstance(v, float) else v for k, v in row.items()}))
-    return rows, results
+    return rows, found
+
+
+def _inverted(recording, label, face, rest, simulation, calibration) -> xr.Dataset:
+    """Result of a setting with its errors in the attribute ``row``, or none and the failure."""
+    begun = time.process_time()
+    try:
+        found = invert(
+            recording, face, simulation, parameters=parsed(label), settled=rest,
+            calibration=calibration,
+        )  # fmt: skip
+        row = {"processor [s]": time.process_time() - begun}
+        row = measures(found, recording, face, rest, simulation) | row
+    except sim.SimulationError as error:
+        return xr.Dataset(attrs={"row": json.dumps({"failure": type(error).__name__})})
+    return found.assign_attrs(row=json.dumps({k: float(v) for k, v in row.items()}))
+
+
+def _kept(path: Path, given: str) -> xr.Dataset | None:
+    """Result of the same parameters, if there is one."""
+    found = xr.load_dataset(path) if path.exists() else None
+    return found if found is not None and found.attrs["given"] == given else None
 
 
 def means(rows: list[dict]) -> pd.DataFrame:
@@ -242,6 +263,7 @@ def main(
     sigma_max: Annotated[float | None, typer.Option(help="Of the template [Pa].")] = None,
     step: Annotated[float, typer.Option(help="Step of the inversion [s].")] = 0.01,
     calibration: Annotated[Path | None, typer.Option(help="Of the volunteer.")] = None,
+    results: Annotated[Path | None, typer.Option(help="Folder of results that are kept.")] = None,
     truth: Annotated[
         bool, typer.Option("--truth", help="Error of the template at the true activation.")
     ] = False,
@@ -265,7 +287,7 @@ def main(
         if (mean := others(path, recordings, face, rest)) is not None:
             error = measures(mean, read_recording(path), face, rest, simulation)
             rows.append({"trial": path.stem, "setting": "others"} | error)
-        more, drawn = inverted(path, settings.split(), face, rest, simulation, calibrated)
+        more, drawn = inverted(path, settings.split(), face, rest, simulation, calibrated, results)
         rows += more
         if out is not None:
             pd.DataFrame(rows).to_csv(out.with_suffix(".csv"), index=False)

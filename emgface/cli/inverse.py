@@ -132,8 +132,8 @@ def run(
 def _invert(path: Path, given: _Inversion) -> None:
     """Invert one recording in this process and report the result."""
     from emgface.api.given import recording_of
+    from emgface.inverse.doubts import doubts
     from emgface.inverse.kept import Kept
-    from emgface.inverse.many import doubts
     from emgface.inverse.run import invert
     from emgface.schema.netcdf import write_netcdf
 

@@ -1,7 +1,7 @@
 """Estimation of gain, delay and error of the sEMG from calibration trials with markers."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,7 +12,6 @@ from emgface.face.motion import settle_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.calibration import Calibration, over_session
 from emgface.inverse.calibration_trial import (
-    COUNTS,
     DELAY,
     ERROR,
     GAIN,
@@ -22,6 +21,7 @@ from emgface.inverse.calibration_trial import (
 )
 from emgface.inverse.mixing import estimated_row, in_order_of
 from emgface.inverse.parameters import InverseParameters
+from emgface.inverse.regression import common_delay, profile, regressed
 from emgface.inverse.variants import RECORDED
 from emgface.muscles import LIP_MARKERS, MUSCLES
 from emgface.signals.activation import feature_range
@@ -32,11 +32,8 @@ from sim.threads import one_blas_thread
 
 ROUNDS = 8
 """Iterations of expectation and maximisation."""
-DELAYS = np.arange(0.0, 0.1201, 0.005)
-"""Delays compared [s]."""
 OWN_DELAY = 0.01
 """Standard deviation of the delay of a muscle from that of the person [s]."""
-SMALLEST = 0.02
 
 
 def calibrate(
@@ -209,62 +206,6 @@ def _expected(
     covariance = np.linalg.inv(problem.Q).reshape(len(x) // n, n, len(x) // n, n)
     variance = np.array([np.einsum("tk,kl,tl->t", B, covariance[:, i, :, i], B) for i in range(n)])
     return x, B @ x.reshape(-1, n), variance.T
-
-
-@dataclass(frozen=True)
-class Profile:
-    """Regression of an activation on the sEMG of one muscle, for each of `DELAYS`.
-
-    Attributes
-    ----------
-    cost : (n,) twice the negative logarithm of the likelihood times the density of the gain.
-    gain, squares : (n,) gain, and sum of squared differences in the mean over the posterior.
-    """
-
-    cost: Array
-    gain: Array
-    squares: Array
-
-
-def profile(
-    e: Callable[[float], Array], a: Array, variance: Array, error: float, per: float
-) -> Profile:
-    """Most probable gain for every delay, given the activation and its posterior variance.
-
-    Parameters
-    ----------
-    e : callable
-        Normalised sEMG, with a given delay, at the times of a.
-    error : float
-        Of the previous iteration.
-    per : float
-        Number of samples that count as one, because the error is correlated.
-    """
-    shifted = np.array([e(d) for d in DELAYS.tolist()])
-    hold = per * error**2 / GAIN[1] ** 2
-    gain = np.maximum((shifted @ a + hold * GAIN[0]) / ((shifted**2).sum(axis=1) + hold), 0.0)
-    squares = ((a - gain[:, None] * shifted) ** 2).sum(axis=1) + variance.sum()
-    cost = squares / (per * error**2) + ((gain - GAIN[0]) / GAIN[1]) ** 2
-    return Profile(cost, gain, squares)
-
-
-def common_delay(costs: Sequence[Array]) -> float:
-    """Most probable delay of a person [s], from the costs of all muscles with electrodes."""
-    total = ((DELAYS - DELAY[0]) / DELAY[1]) ** 2 + sum(costs, 0.0 * DELAYS)
-    return float(DELAYS[int(np.argmin(total))])
-
-
-def regressed(
-    one: Profile, about: tuple[float, float], n: int, per: float
-) -> tuple[float, float, float]:
-    """Gain, delay [s] and error of one muscle, from `n` samples.
-
-    They maximise the likelihood times the density of the delay, normal with mean and standard deviation
-    `about`; the error has `COUNTS` samples of `ERROR` more.
-    """
-    k = int(np.argmin(one.cost + ((DELAYS - about[0]) / about[1]) ** 2))
-    counted = (one.squares[k] / per + COUNTS * ERROR**2) / (n / per + COUNTS)
-    return float(one.gain[k]), float(DELAYS[k]), max(float(np.sqrt(counted)), SMALLEST)
 
 
 def _left_out_error(

@@ -8,10 +8,10 @@ import xarray as xr
 
 from emgface.face.recipe import named_elements
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.inverse.assumptions import emg_precision
 from emgface.inverse.kept import Kept
 from emgface.inverse.parameters import InverseParameters
 from emgface.inverse.problem import Problem, pose_problem
-from emgface.inverse.refine import emg_precision
 from emgface.inverse.run import fitted
 from emgface.inverse.variants import RECORDED
 from emgface.signals.parameters import SignalChain
@@ -56,7 +56,7 @@ class CalibrationTrial:
     displacement : (n_steps, m) of the markers that is wanted [m].
     coefficients, residual, J : those of `sim.inverse.LinearTargets`.
     h, size, noise, marker_weight : step [s], unit of the residuals [m], noise of a coordinate [m], and
-        weight of `emgface.inverse.refine.marker_precision`.
+        weight of `emgface.inverse.assumptions.marker_precision`.
     """
 
     muscles: tuple[str, ...]

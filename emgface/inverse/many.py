@@ -10,10 +10,10 @@ import xarray as xr
 
 from emgface.errors import DataError, ExecutionError, StoreError, WorkerDied
 from emgface.inverse.calibration import Calibration
+from emgface.inverse.doubts import doubts
 from emgface.inverse.kept import Kept
 from emgface.inverse.parameters import InverseParameters, form_of
-from emgface.inverse.refine import STRESSES
-from emgface.inverse.run import FOLLOWED, RESTING, invert
+from emgface.inverse.run import invert
 from emgface.recordings.dataset import read_recording
 from emgface.schema.netcdf import write_netcdf
 from emgface.study.configuration import StudyConfiguration
@@ -161,34 +161,6 @@ def invert_one(laboratory: Laboratory, job: Job) -> Inverted:
     return Inverted(name, "ok", "", misfit, ratio, width)
 
 
-def doubts(found: xr.Dataset) -> list[str]:
-    """Sentences on a trial that begins in motion, a face that does not follow, and its strength."""
-    told: list[str] = []
-    sigma_max, (least, most) = found.attrs["sigma_max"], STRESSES
-    if "interval" in found.attrs and not least <= sigma_max <= most:
-        told.append(
-            f"the intervals are for a person whose muscles have about the {sigma_max / 1e3:.0f} kPa of "
-            f"the face, but persons have {least / 1e3:.0f} to {most / 1e3:.0f} kPa (Eskes et al. 2017): "
-            "set simulation.sigma_max in the study file to 115e3"
-        )
-    if not found.attrs.get("converged", 1):
-        told.append(
-            "the fit did not converge: its activations still change, or no step lowers the objective. "
-            "Compare it with --form step, which has no iterations"
-        )
-    if not found.attrs["rest_ratio"] <= RESTING:
-        told.append(
-            f"the markers move in the first 0.1 s by {found.attrs['rest_ratio']:.0%} of the motion of "
-            "the trial, but their displacements are counted from there: begin the trial at rest"
-        )
-    if not found.attrs["misfit_ratio"] <= FOLLOWED:
-        told.append(
-            f"the face does not follow the markers: the misfit exceeds {FOLLOWED:.0%} of their motion. "
-            "Check names, axes and unit of the markers (`emgface data check`) before using the result."
-        )
-    return told
-
-
 def _inverted(laboratory: Laboratory, job: Job, kept: Kept) -> xr.Dataset:
     """Return the stored result of a recording, computing it if it is absent."""
     study, recording = laboratory.study, read_recording(job.path, mapping=job.mapping)
@@ -218,4 +190,4 @@ def _lost(job: Job, error: WorkerDied) -> Inverted:
     return Inverted(job.path.stem, "failed:WorkerDied", str(error))
 
 
-__all__ = ["Inverted", "doubts", "invert_all"]
+__all__ = ["Inverted", "invert_all"]

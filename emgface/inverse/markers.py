@@ -6,9 +6,9 @@ import numpy as np
 import xarray as xr
 
 from analysis.noise import marker_noise
-from emgface.errors import MarkerError
+from emgface.errors import MarkerError, UnitsError
 from emgface.muscles import LIP_MARKERS
-from emgface.recordings.head import in_head_frame
+from emgface.recordings.head import LARGEST_RATIO, in_head_frame
 from emgface.signals.parameters import HeadFrameParameters, SignalChain
 from emgface.signals.resampling import resample
 from emgface.study.measured import check_lips
@@ -62,8 +62,8 @@ def wanted_positions(
     Raises
     ------
     MarkerError, UnitsError
-        As of `in_head_frame`; a marker is not visible at rest, or those visible are fewer than two or
-        mirrored.
+        As of `in_head_frame`; a marker is not visible at rest, those visible are fewer than two or
+        mirrored, or the sizes of the mouths differ more than those of two heads.
     """
     given = recording["position"]
     names = [str(name) for name in given["marker"].values]
@@ -92,6 +92,11 @@ def wanted_positions(
             "two, because their distances are the size of the mouth: begin the trial earlier"
         )
     scale = float(size[0] / size[1])
+    if not 1.0 / LARGEST_RATIO <= scale <= LARGEST_RATIO:
+        raise UnitsError(
+            f"the mouth of the face is {scale:.3g} times that of the recording, expected at most a "
+            f"factor of {LARGEST_RATIO:g}: check the unit of the lip markers"
+        )
     moved = scale * (position.values - begin)
     return Wanted(
         position.copy(data=rest + moved),

@@ -5,7 +5,7 @@ from typing import Literal, get_args
 
 from emgface.errors import ConfigurationError
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.inverse.refine import Assumptions
+from emgface.inverse.assumptions import Assumptions
 from emgface.inverse.variants import Variant
 
 Form = Literal["trajectory", "step", "quasi_static"]

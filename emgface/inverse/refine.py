@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from emgface.inverse.assumptions import Assumptions, Density, marker_precision
 from sim import State, System, Workspace
 from sim.inverse import (
     Fit,
@@ -13,101 +14,23 @@ from sim.inverse import (
     Posterior,
     Quadratic,
     Splines,
-    ends_of_steps,
     fit,
     in_words,
-    prior,
 )
 from sim.state import Array
 
 LEVEL = 0.9
 """Probability of the intervals."""
+ITERATIONS = 3
+"""Iterations before the error of the model is estimated."""
 DRAWS, BURN, APART = 640, 100, 10
 """Draws from the posterior, and sweeps before the first of a chain and between its draws."""
 ONE_SIDED = 0.2
 """Ratio of its bounds below which an interval begins at 0."""
-FIRST_ERROR, ITERATIONS = 0.2, 3
-"""Error of the model over the motion before it is estimated, and iterations with it."""
 MOST_ERROR = 0.4
 """Largest error that is estimated: beyond it the sEMG would replace the markers and add misfit."""
 NAMED = 5
 """Largest number of undetermined directions that are named."""
-STRESSES = (80e3, 150e3)
-"""Published range of the largest stresses of persons [Pa] (Eskes et al. 2017)."""
-PRESCRIBED = 0.01
-"""Standard deviation of a prescribed activation [1]."""
-
-
-@dataclass(frozen=True)
-class Assumptions:
-    """Errors that determine the intervals.
-
-    Attributes
-    ----------
-    spacing : float
-        Distance of the splines of the activations [s].
-    model_error : float, optional
-        Standard deviation of the difference between the face and the person, over the root mean square
-        displacement of the markers [1]; by default estimated from the misfit of the recording.
-    strength : float
-        Standard deviation of the logarithm of the strength of a muscle of the person over that of the
-        face, which the motion does not determine [1]. 0.35 represents the range `STRESSES` about the
-        value of the face, and unequal muscles.
-    model_memory, emg_memory : float
-        Times within which this difference, and the error of the sEMG, are correlated [s].
-    mean, size : float
-        Constants of the density exp(-a/mean - (a/size)^2/2) of an activation before anything is
-        measured [1]; most muscles are nearly silent.
-    change : float
-        Standard deviation of its change over 1 s, as of a random walk [1].
-    """
-
-    spacing: float = 0.06
-    model_error: float | None = None
-    strength: float = 0.35
-    model_memory: float = 0.3
-    emg_memory: float = 0.2
-    mean: float = 0.3
-    size: float = 0.5
-    change: float = 2.0
-
-    def splines(self, n_steps: int, h: float) -> tuple[Splines, Array]:
-        """Splines over steps of length h [s], and the times (n_steps,) of their ends."""
-        time = ends_of_steps(n_steps, h)
-        return Splines(float(time[-1]), self.spacing), time
-
-    def density(
-        self, emg: Array, emg_weight: Array, h: float, mixing: Array | None = None
-    ) -> "Density":
-        """Density that `sim.inverse.prior` states, of activations from sEMG (n_steps, n_muscles).
-
-        Parameters
-        ----------
-        emg_weight : (n_muscles,) of `emg_precision`.
-        h : step [s].
-        mixing : (n_muscles, n_muscles), optional
-            Cross-talk of the sEMG, as of `sim.inverse.MeasuredActivation`.
-        """
-        splines, time = self.splines(len(emg), h)
-        found = prior(splines, time, self.size, self.mean, self.change, emg, emg_weight, mixing)
-        free = np.where(emg_weight < PRESCRIBED**-2.0, self.strength, 0.0)
-        return Density(found, free)
-
-
-@dataclass(frozen=True)
-class Density:
-    """Density of the activations of a trial before its motion is known.
-
-    Attributes
-    ----------
-    quadratic : Quadratic
-        Negative logarithm of the density of the coefficients.
-    spread : (n_muscles,) standard deviation of the logarithm of the strength of the person's muscles
-        over those of the face, which the motion does not determine [1].
-    """
-
-    quadratic: Quadratic
-    spread: Array
 
 
 @dataclass(frozen=True)
@@ -158,32 +81,6 @@ class Refined:
     marker_weight: float
     model_error: float
     converged: bool
-
-
-def marker_precision(
-    assumed: Assumptions, target: PointTarget, rest: Array, noise: float, h: float
-) -> float:
-    """Inverse variance of a coordinate of a marker at one step, in units of the target's size.
-
-    The variance is noise^2 + (model_error rms)^2 memory/h: the error of the model is equal in all steps
-    within its memory, so that these count as one.
-    """
-    moved = float(np.sqrt(np.nanmean((target.position - rest) ** 2)))
-    lasting = max(assumed.model_memory / h, 1.0)
-    share = FIRST_ERROR if assumed.model_error is None else assumed.model_error
-    variance = noise**2 + (share * moved) ** 2 * lasting
-    return target.size**2 / max(variance, (1e-3 * target.size) ** 2)
-
-
-def emg_precision(assumed: Assumptions, error: Array, trust: Array, h: float) -> Array:
-    """Inverse variances (n_muscles,) of the sEMG at one step; 0 without trust.
-
-    `error` is its standard deviation [1], and `trust` a factor on the inverse variance, infinite for a
-    muscle that is prescribed.
-    """
-    fixed = np.isinf(trust)
-    weight = np.where(fixed, 0.0, trust) / (error**2 * max(assumed.emg_memory / h, 1.0))
-    return np.where(fixed, PRESCRIBED**-2.0, weight)
 
 
 def refine(

@@ -11,7 +11,9 @@ import xarray as xr
 from emgface.errors import ConfigurationError
 from emgface.face.recipe import named_elements
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.inverse.assumptions import Density, emg_precision
 from emgface.inverse.calibration import Calibration
+from emgface.inverse.doubts import signs
 from emgface.inverse.kept import Kept, digest_of
 from emgface.inverse.mixing import in_order_of
 from emgface.inverse.parameters import InverseParameters
@@ -20,9 +22,7 @@ from emgface.inverse.refine import (
     DRAWS,
     LEVEL,
     Begun,
-    Density,
     Refined,
-    emg_precision,
     refine,
 )
 from emgface.inverse.variants import trust_of
@@ -32,12 +32,6 @@ from sim import Activation
 from sim.inverse import MeasuredActivation, Weights, equilibria, track
 from sim.state import Array
 from sim.threads import one_blas_thread
-
-FOLLOWED = 0.5
-"""Misfit over motion of the targets above which the face does not follow the markers [1]."""
-RESTING = 0.1
-"""Motion within the first `emgface.inverse.markers.REST` over that of the trial above which a trial does
-not begin at rest [1]."""
 
 
 @one_blas_thread
@@ -78,7 +72,7 @@ def invert(
         told apart, and ``converged``, 0 if the fit did not converge; otherwise with
         ``violation(time)`` and ``saturated(time)``. The attribute ``misfit_ratio`` [1] is the root mean
         square of the misfit over that of the displacements wanted, ``rest_ratio`` that of the
-        displacements during `emgface.inverse.markers.REST` over it,
+        displacements during `emgface.inverse.markers.REST` over it, further ones are those of `signs`,
         ``missing`` are the muscles without own sEMG, and ``sigma_max`` [Pa] is the largest stress of
         the face, to which the activations are relative.
 
@@ -127,7 +121,9 @@ def invert(
             refined = fitted(problem, p, density, kept=kept, progress=progress)
     result = _result(recording, found, problem, values, p, refined)
     return result.assign_attrs(
-        run_time_s=time.perf_counter() - begun, sigma_max=simulation.sigma_max
+        signs(problem, recording, p.variant != "motion"),
+        run_time_s=time.perf_counter() - begun,
+        sigma_max=simulation.sigma_max,
     )
 
 

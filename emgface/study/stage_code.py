@@ -57,8 +57,10 @@ INVERSE = Stage(
                 *MECHANICS,
                 *_SIGNALS,
                 *_ALIGNMENT,
+                "emgface.inverse.assumptions",
                 "emgface.inverse.calibration",
                 "emgface.inverse.configuration",
+                "emgface.inverse.doubts",
                 "emgface.inverse.kept",
                 "emgface.inverse.markers",
                 "emgface.inverse.mixing",
@@ -70,6 +72,7 @@ INVERSE = Stage(
                 "emgface.inverse.strategy",
                 "emgface.inverse.variants",
                 "emgface.recordings.labels",
+                "emgface.recordings.quality",
                 "emgface.recordings.verdicts",
             )
         )

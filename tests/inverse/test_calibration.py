@@ -7,10 +7,12 @@ import xarray as xr
 from emgface.errors import ConfigurationError, DataError
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.inverse.calibrate import calibrate, common_delay, profile, regressed
+from emgface.inverse.assumptions import Assumptions, emg_precision, marker_precision
+from emgface.inverse.calibrate import calibrate
 from emgface.inverse.calibration import Calibration
 from emgface.inverse.parameters import InverseParameters, form_of
-from emgface.inverse.refine import Assumptions, emg_precision, intervals, marker_precision
+from emgface.inverse.refine import intervals
+from emgface.inverse.regression import common_delay, profile, regressed
 from emgface.inverse.signals import estimated_activation
 from emgface.muscles import LIP_MARKERS, MUSCLES
 from emgface.schema.validation import validate

@@ -100,6 +100,14 @@ def test_the_size_of_the_mouth_does_not_depend_on_the_markers_left_out(face, rec
     assert found.scale == wanted(recording, face).scale
 
 
+@pytest.mark.parametrize("factor", [1e3, 10.0, 0.1])
+def test_lip_markers_in_another_unit_than_those_of_the_head_are_refused(face, recording, factor):
+    other = recording.copy(deep=True)
+    other["position"].loc[{"marker": list(LIP_MARKERS)}] *= factor
+    with pytest.raises(UnitsError, match="check the unit of the lip markers"):
+        wanted(other, face)
+
+
 def test_unknown_and_all_markers_to_leave_out_are_refused():
     with pytest.raises(MarkerError, match="left_out contains 'chin'"):
         invert(xr.Dataset(), xr.Dataset(), parameters=InverseParameters(left_out=("chin",)))

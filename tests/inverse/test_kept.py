@@ -7,10 +7,11 @@ import pytest
 import xarray as xr
 
 import sim
+from emgface.inverse.assumptions import Assumptions
 from emgface.inverse.kept import Kept
 from emgface.inverse.parameters import InverseParameters
 from emgface.inverse.problem import Problem
-from emgface.inverse.refine import Assumptions, model_error
+from emgface.inverse.refine import model_error
 from emgface.inverse.run import fitted
 from sim.inverse import Linearised, PointTarget, Splines, linearise
 from tests.inverse.test_response import block

@@ -15,7 +15,8 @@ from emgface.cli import app
 from emgface.errors import ConfigurationError, DataError, ExecutionError
 from emgface.inverse.calibrate import calibrate
 from emgface.inverse.calibrate_many import calibrate_all
-from emgface.inverse.many import doubts, invert_all
+from emgface.inverse.doubts import doubts
+from emgface.inverse.many import invert_all
 from emgface.inverse.parameters import InverseParameters
 from emgface.inverse.run import invert
 from emgface.recordings.dataset import read_recording, write_recording
