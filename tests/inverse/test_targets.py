@@ -6,6 +6,9 @@ import pytest
 import sim
 from emgface.anatomy.jaw.scene import jaw_scene
 from emgface.anatomy.jaw.template import template_jaw
+from emgface.face.lip_shape import lip_opening, lip_rim, lip_shape
+from emgface.face.recipe import compose_scene
+from emgface.face.simulation_parameters import SimulationParameters
 from sim.inverse import (
     ActiveForces,
     AreaTarget,
@@ -81,6 +84,67 @@ def test_opening_and_area_alone_recover_the_activation_of_two_muscles():
     weights = Weights(size=0.0, change=1e-10, rounds=3)
     found, _ = track(system, targets, duration=0.05, h=h, weights=weights)
     assert found["activation"].values == pytest.approx(np.tile(true[:, None], 5), abs=1e-5)
+
+
+@pytest.fixture(scope="module")
+def lips(coarse):
+    """Face without contact, its opening and area at rest, and targets of both over time."""
+    free = SimulationParameters(
+        solver="linearly_implicit", gravity=False, contact={"method": "none"}, sigma_max=115e3
+    )
+    system, rim = sim.compile_scene(compose_scene(coarse, free)), lip_rim(coarse)
+    top, bottom = coarse["lip_opening_node"].values.astype(np.int64)
+    ring = np.concatenate([rim.upper, rim.lower[-2:0:-1]])
+
+    def targets(t, opening, area):
+        return [
+            SeparationTarget(np.array([top]), np.array([bottom]), t, opening, size=1e-4),
+            AreaTarget(ring, t, area, size=1e-6),
+        ]
+
+    return coarse, system, rim, targets
+
+
+def test_lips_open_by_the_wanted_height_and_area(lips):
+    """Those of a motion by DLI and LLSAN, measured by other code, are reached by both sides."""
+    face, system, rim, targets = lips
+    true, h = np.zeros(20), 0.02
+    for name, level in {"DLI_L": 0.3, "DLI_R": 0.3, "LLSAN_L": 0.15, "LLSAN_R": 0.15}.items():
+        true[system.muscles.index(name)] = level
+    t, ramp = h * np.arange(11), np.linspace(0.0, 1.0, 11)
+    motion, moved = sim.simulate(
+        system, sim.Activation(t, ramp[:, None] * true), duration=0.2, probes=(sim.Positions(),),
+        integrator=sim.LinearlyImplicitEuler(), steps=sim.FixedStep(h),
+    )  # fmt: skip
+    q = motion["node_position"].transpose("time", ...).values
+    opening = np.array([lip_opening(face, at) for at in q])
+    area = np.array([targets(STILL, STILL, STILL)[1].value(at)[0] for at in q])
+    shape = lip_shape(face, rim, moved.q)
+    assert area[-1] == pytest.approx(shape["area"] - shape["overlap"], rel=0.02)
+    assert opening[-1] - opening[0] > 2e-3 and area[-1] > 1.5 * area[0]
+    weights = Weights(size=1e-6, change=1e-6)
+    found, end = track(system, targets(t, opening, area), duration=0.2, h=h, weights=weights)
+    reached = lip_shape(face, rim, end.q)
+    assert reached["height"] == pytest.approx(shape["height"], abs=1e-5)
+    assert reached["area"] - reached["overlap"] == pytest.approx(
+        shape["area"] - shape["overlap"], abs=1e-6
+    )
+    a = found["activation"].isel(time=-1).to_series()
+    assert a[["DLI_L", "DLI_R"]].min() > 0.05
+    for name in system.muscles[:10]:
+        assert a[name] == pytest.approx(a[f"{name[:-2]}_R"], abs=0.02)
+
+
+def test_lips_that_should_open_too_far_stay_in_the_bounds(lips):
+    face, system, rim, targets = lips
+    wanted = targets(STILL, np.array([0.1]), np.array([np.nan]))
+    found, end = track(system, wanted, duration=0.2, h=0.02, weights=Weights(jump=0.1, chase=0.1))
+    a = found["activation"].values
+    assert a.min() >= 0.0 and 0.9 < a.max() <= 1.0
+    assert np.abs(np.diff(a, axis=1)).max() <= 0.1 + 1e-12
+    reached = lip_opening(face, end.q)
+    left = (found["wanted"] - found["tracked"]).isel(quantity=0, time=-1)
+    assert reached > 3e-3 and float(left) * 1e-4 == pytest.approx(0.1 - reached, abs=1e-6)
 
 
 def bite(t, force) -> RowForceTarget:
