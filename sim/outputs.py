@@ -119,7 +119,8 @@ def steps_to_outputs(
 
 def _per_output(duration: float, h: float, every: float) -> int:
     """Whole steps to an output, at least 1; ControlError if the times do not fit each other."""
-    outputs = round(duration / every)
+    times = every > 0.0 and np.isfinite([duration, every]).all()
+    outputs = round(duration / every) if times else 0
     if outputs < 1 or abs(outputs * every - duration) > 1e-9 * max(duration, every):
         raise ControlError(
             f"duration {duration:g} s is not a whole number of outputs, one every {every:g} s"

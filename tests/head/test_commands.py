@@ -41,3 +41,13 @@ def test_run_is_another_name_of_simulate(head: Path) -> None:
     assert found.exit_code == 0 and out.is_file()
     listed = CliRunner().invoke(app, ["head", "--help"]).output
     assert "simulate" in listed and " run " not in listed
+
+
+@pytest.mark.parametrize("duration", ["nan", "inf", "0", "-1"])
+def test_durations_are_whole_numbers_of_outputs(head: Path, duration: str) -> None:
+    out = head.with_name("motion.nc")
+    given = ["head", "simulate", str(head), "--duration", duration, "--out", str(out)]
+    found = CliRunner().invoke(app, given)
+    assert found.exit_code == 2 and "not a whole number of outputs" in " ".join(
+        found.output.split()
+    )

@@ -36,6 +36,12 @@ def test_step_error_is_the_distance_to_half_the_step(jaw: Head) -> None:
     assert 1.5 < error[1] / error[2] < 2.7
 
 
+def test_a_failed_run_states_its_reason_once(jaw: Head) -> None:
+    """0.05 s are not a whole number of outputs, one every two steps of 10 ms."""
+    end = str(sweep(RUNS[:1], replace(JAW, duration=0.05), head=jaw)["end"].iloc[0])
+    assert end.startswith("ControlError: duration 0.05 s") and end.count("ControlError") == 1
+
+
 def test_muscles_of_one_side_mirror_those_of_the_other(jaw: Head) -> None:
     def sideways(motion, head):
         x = motion["position"].sel(marker="lower_incisor").transpose("time", "axis").values

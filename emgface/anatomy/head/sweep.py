@@ -278,7 +278,7 @@ def _row(run: Run, heads: _Heads, measure: Measure) -> dict[str, Any]:
             else None
         )
     except sim.SimulationError as error:
-        return {"end": f"{type(error).__name__}: {one_line(error)}"}
+        return {"end": one_line(error)}
     for name in tuple(found):
         if name not in ("smallest_J", "speed_mm_s"):
             found[name + STEP_ERROR] = abs(found[name] - coarse[name])
