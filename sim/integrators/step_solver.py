@@ -13,7 +13,14 @@ from sim.integrators.analysed import AnalysedSolver
 from sim.integrators.clock import PhaseClock
 from sim.integrators.kept import named, part_of
 from sim.integrators.newton_factor import NewtonFactor
-from sim.linear import Factor, LinearSolver, NotPositiveDefinite, ReusedFactor, linear_solver
+from sim.linear import (
+    SINGLE,
+    Factor,
+    LinearSolver,
+    NotPositiveDefinite,
+    ReusedFactor,
+    linear_solver,
+)
 from sim.matrix import Matrix
 from sim.state import Array
 
@@ -84,13 +91,16 @@ class StepSolver:
 
         return again(rhs, error, start)
 
-    def factorised(self, values: Array) -> tuple[Callable[[Array], Array], bool]:
+    def factorised(
+        self, values: Array, exact: bool = False
+    ) -> tuple[Callable[[Array], Array], bool]:
         """Solver for right-hand sides (n,) or (k, n), and whether the matrix is positive definite.
 
-        Several at a time are solved much faster, in the precision of the factor. Raises as `solve`.
+        Several at a time are solved much faster, in the precision of the factor, which is double if
+        `exact`. Raises as `solve`.
         """
         self._newton.forget()
-        solver = whole = self._whole
+        solver = whole = self._double if exact else self._whole
         try:
             with self._timed("factorisation"):
                 solver.factorise(values)
@@ -109,13 +119,16 @@ class StepSolver:
 
         return solve, solver is whole
 
-    def many(self, A: Matrix) -> Callable[[Array], Array]:
+    def many(self, A: Matrix, exact: bool = True) -> Callable[[Array], Array]:
         """Solver of A X = rhs for many right-hand sides (k, n), with one factor of A itself.
 
-        Solutions are refined to `REFINED`. It, or its solutions, raise SingularSystem.
+        Solutions are refined to `REFINED`, for which a factor in double precision needs no further
+        solutions; without `exact`, for few, it may be in single precision. It, or its solutions,
+        raise SingularSystem.
         """
-        _, definite = self.factorised(A.values)
-        solver = self._whole if definite else self._indefinite
+        _, definite = self.factorised(A.values, exact)
+        whole = self._double if exact else self._whole
+        solver = whole if definite else self._indefinite
         approximate = cast(Factor, solver).approximate_many
 
         def solve(rhs: Array) -> Array:
@@ -143,6 +156,12 @@ class StepSolver:
             self._solver.analyse(self._solver.pattern)
             return self._solver.factor
         return self._beside_products
+
+    @property
+    def _double(self) -> LinearSolver:
+        """Direct solver as `_whole`, whose factors are in double precision."""
+        whole = self._whole
+        return self._beside_products if whole.name in SINGLE else whole
 
     @cached_property
     def _beside_products(self) -> LinearSolver:

@@ -93,7 +93,11 @@ def linearise(
         if system.contact is not None:
             touched = LinearRows(system, state, equation, h, SOLVED, work).solve()
             normals = generalised_normals(system, touched.active, state.pose)
-        solve = work.steps.many(equation.A) if touched is None or derivatives else np.asarray
+        solve = (
+            work.steps.many(equation.A, derivatives)
+            if touched is None or derivatives
+            else np.asarray
+        )
         w = solve(equation.rhs[None])[0] if touched is None else touched.solution.x
         if derivatives:
             while begun < splines.n and splines.knots[begun] < t1:

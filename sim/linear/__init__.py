@@ -42,6 +42,9 @@ LINEAR_SOLVERS: dict[str, Callable[[], Factor | ReusedFactor]] = {**FACTORS, **I
 INDEFINITE = {"pardiso": "pardiso_ldlt", "superlu": "superlu_pivoting"}
 """Solver of each family for matrices that are not positive definite."""
 
+SINGLE = ("pardiso_single",)
+"""Solvers whose factors are in single precision."""
+
 LARGE = 4000  #: number of unknowns above which the factor of a time step is reused in the next
 MEDIUM = 1000  #: number of unknowns above which a factor of a time step is in single precision
 
@@ -96,6 +99,7 @@ __all__ = [
     "PardisoLDLt",
     "PivotingSuperLU",
     "ReusedFactor",
+    "SINGLE",
     "SinglePardiso",
     "SuperLU",
     "linear_solver",
