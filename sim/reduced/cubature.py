@@ -9,6 +9,7 @@ positions of all nodes of the chosen elements, so that elements with common node
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from sim._kernels import solid as kernel
 from sim._kernels.element import NODES
@@ -16,7 +17,8 @@ from sim.reduced.tissue import ReducedSolid, solid_of
 from sim.scene import Index
 from sim.state import Array
 
-SKETCH = 2000  #: least number of random combinations of the equations of all training states
+SKETCH = 2000  #: least number of random sums of the equations of all training states
+TOGETHER = 20  #: training states whose equations are formed together
 NODE = 1.0  #: cost of a node in units of that of an element, whose displacements a step computes
 
 
@@ -32,21 +34,28 @@ class Sample:
 
 
 def element_forces(solid: ReducedSolid, y: Array, activation: Array) -> Array:
-    """Forces (n_elements, n) of every element, of weight one, on all coordinates at y (r,)."""
+    """Forces (n_elements, 24) of every element, of weight one, on its nodes at y (r,)."""
     found = solid_of(solid.whole).pointwise
     size, none = len(solid.weight), np.zeros(0)
-    nodal = solid.modes.reshape(len(solid.rest), 3, -1)
-    q = solid.rest + nodal[..., : len(y)] @ y
-    forces = np.zeros((size, nodal.shape[2]))
+    q = solid.rest + (solid.modes[:, : len(y)] @ y).reshape(-1, 3)
+    forces = np.zeros((size, 3 * NODES))
     for part, places in zip(found.parts, found.places, strict=True):
         own = part._replace(nodes=np.arange(part.nodes.size).reshape(part.nodes.shape))
         f = np.zeros((part.nodes.size, 3))
         of_laws = found.laws, found.fibres, activation, none, np.bool_(False)
         results = f, np.zeros(size), np.zeros(size), none
         kernel.evaluate(q[part.nodes.ravel()], own, places, *of_laws, *results)
-        f = f.reshape(*part.nodes.shape, 3)
-        forces[part.element] = np.einsum("eai,eain->en", f, nodal[part.nodes], optimize=True)
+        forces[part.element] = f.reshape(len(part.nodes), -1)
     return forces
+
+
+def element_modes(solid: ReducedSolid) -> Array:
+    """Modes (n_elements, 24, n) at the nodes of every element."""
+    nodal = solid.modes.reshape(len(solid.rest), 3, -1)
+    modes = np.zeros((len(solid.weight), 3 * NODES, nodal.shape[2]))
+    for part in solid_of(solid.whole).pointwise.parts:
+        modes[part.element] = nodal[part.nodes].reshape(len(part.nodes), 3 * NODES, -1)
+    return modes
 
 
 def sampled(
@@ -71,15 +80,26 @@ def sampled(
     most : int
         Largest number of elements.
     seed : int
-        Of the random combinations of equations, whose norm replaces that of all equations.
+        Of the random sums of equations, whose norm replaces that of all equations.
+
+    Notes
+    -----
+    Every equation is added to one of the sums, with a random sign (Clarkson and Woodruff, Journal of
+    the ACM 63, 2017).
     """
-    rng, n = np.random.default_rng(seed), solid.modes.shape[1]
-    sketch = max(SKETCH, 4 * most)
-    equations, flexible = np.zeros((sketch, len(solid.weight))), np.linalg.inv(solid.stiffness)
-    for y, a in zip(states, activations, strict=True):
-        mixed = rng.standard_normal((sketch, n)) @ flexible
-        equations += mixed @ element_forces(solid, y, a).T
-    equations /= np.sqrt(sketch * len(states) * solid.mass)
+    rng = np.random.default_rng(seed)
+    sums, size = max(SKETCH, 4 * most), len(solid.weight)
+    equations, flexible = np.zeros((sums, size)), np.linalg.inv(solid.stiffness)
+    modes = element_modes(solid)
+    for first in range(0, len(states), TOGETHER):
+        own = slice(first, first + TOGETHER)
+        pairs = zip(states[own], activations[own], strict=True)
+        forces = np.stack([element_forces(solid, y, a) for y, a in pairs], axis=1)
+        caused = ((forces @ modes) @ flexible).reshape(size, -1)
+        to, sign = rng.integers(0, sums, caused.shape[1]), rng.choice([-1.0, 1.0], caused.shape[1])
+        mixing = csr_array((sign, (to, np.arange(len(to)))), shape=(sums, len(to)))
+        equations += mixing @ caused.T
+    equations /= np.sqrt(len(states) * solid.mass)
     total: Array = equations.sum(axis=1)
     chosen, weights, error = sparse_weights(equations, total, tolerance, most, moving_nodes(solid))
     order = np.argsort(chosen)
@@ -131,19 +151,22 @@ def sparse_weights(
     gram: Array = np.zeros((0, 0))
     residual, refused = b.copy(), np.zeros(A.shape[1], dtype=bool)
     own: Index = np.full((A.shape[1], 1), -1) if nodes is None else nodes
+    rows, right = np.ascontiguousarray(A.T), A.T @ b  # a column is a row of the former
+    quick = rows.astype(np.float32)  # of which many are read to find one
     best = active, x, float(np.linalg.norm(b))
     while len(active) < most and best[2] > tolerance:
         known = np.zeros(own.max() + 2, dtype=bool)
         known[own[active]] = known[-1] = True
-        gain = (residual @ A) / (lengths * np.sqrt(1.0 + NODE * (~known[own]).sum(axis=1)))
+        cost = 1.0 + NODE * (~known[own]).sum(axis=1)
+        gain = (quick @ residual.astype(np.float32)) / (lengths * np.sqrt(cost))
         gain[active], gain[refused] = -np.inf, -np.inf
         new = int(np.argmax(gain))
         if not gain[new] > 0.0:
             break
-        gram = _bordered(gram, A[:, active].T @ A[:, new], float(A[:, new] @ A[:, new]))
+        gram = _bordered(gram, rows[active] @ rows[new], float(rows[new] @ rows[new]))
         active, x = np.append(active, new), np.append(x, 0.0)
         while len(active):
-            trial = _least_squares(gram, A[:, active].T @ b)
+            trial = _least_squares(gram, right[active])
             down = trial <= 0.0
             if not down.any():
                 x = trial
@@ -155,7 +178,7 @@ def sparse_weights(
             refused[new] |= active[first] == new
             keep = np.flatnonzero(x > 0.0)
             active, x, gram = active[keep], x[keep], gram[np.ix_(keep, keep)]
-        residual = b - A[:, active] @ x
+        residual = b - x @ rows[active]
         error = float(np.linalg.norm(residual))
         if error < best[2]:
             best = active, x, error

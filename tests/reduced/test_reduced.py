@@ -16,7 +16,7 @@ from sim.reduced import (
     reduce_system,
 )
 from sim.reduced.closure import features_of
-from sim.reduced.cubature import sparse_weights
+from sim.reduced.cubature import element_forces, element_modes, sparse_weights
 from sim.reduced.fused import OMITTED
 from sim.state import Outputs
 from tests.reduced.scenes import STEP, basis, block, drive, full_motion, snapshots
@@ -149,7 +149,7 @@ def test_steps_in_one_call_are_those_one_by_one(every):
 
 def test_an_inversion_ends_the_call_at_its_step():
     """Pushed too fast, an element inverts at the end of a step: error and time as in single steps."""
-    _, _, _, model, _ = sampled_model()
+    _, _, model, _, _ = sampled_model()  # all elements
     y = np.random.default_rng(2).normal(size=(4, 3))
     start = sim.State(0.0, 0.0 * y, y)
     options = {"integrator": FusedEuler(), "steps": sim.FixedStep(STEP), "initial": start}
@@ -161,6 +161,7 @@ def test_an_inversion_ends_the_call_at_its_step():
             control = sim.Control(np.zeros(2))
             state, _ = integrator.step(model.system, state, control, STEP, work)
     assert str(found.value) == str(expected.value)
+    assert state.t == STEP  # one step was possible
 
 
 def test_few_elements_reproduce_the_motion_under_another_activation():
@@ -173,6 +174,22 @@ def test_few_elements_reproduce_the_motion_under_another_activation():
     error = np.linalg.norm(found - expected, axis=2).max()
     assert error < 0.1 * np.abs(expected - system.mesh.X).max()
     assert trajectory.reduction_estimate.max() > 0.0
+
+
+def test_the_error_of_a_sample_is_that_of_all_equations():
+    """Random sums represent the equations of all states: the same norm within a tenth."""
+    system, _, whole, _, sample = sampled_model()
+    moved, levels = snapshots()
+    y = np.ascontiguousarray(projected(moved, system.node_mass, whole.solid.modes)[::3, :12])
+    flexible, weight = np.linalg.inv(whole.solid.stiffness), np.zeros(len(whole.solid.weight))
+    weight[sample.elements] = sample.weights
+    modes, squares = element_modes(whole.solid), 0.0
+    for state, level in zip(y, levels[::3], strict=True):
+        forces = element_forces(whole.solid, state, level)
+        on_modes = np.einsum("ek,ekn->en", forces, modes)
+        squares += (((weight - 1.0) @ on_modes @ flexible) ** 2).sum()
+    error = np.sqrt(squares / len(y) / whole.solid.mass)
+    assert 0.0 < sample.error == pytest.approx(error, rel=0.1)
 
 
 @pytest.mark.parametrize("rate", [FusedEuler().rate, 30.0])
