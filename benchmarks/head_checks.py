@@ -206,7 +206,7 @@ def approximant(models: Path) -> Results:
     """7 area of the mouth of the published face."""
     head = import_head(models, ["face"])
     scene = head_scene(head, face=SimulationParameters.model_validate(LAW))
-    drive = raised({f"bi_{m}": level for m, level in LABIALS["approximant"].items()})
+    drive = raised({f"bi_{m}": level for m, level in LABIALS["approximant"].items()}, jaw=False)
     motion = simulate_head(head, drive, duration=0.4, step=2e-2, output=4e-2, scene=scene)
     area = 1e6 * motion["mouth_area"].values
     found = outcomes(motion, head)

@@ -13,11 +13,12 @@ import xarray as xr
 from emgface.anatomy.head import build
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import LINES, Head
+from emgface.anatomy.head.outcomes import Measure
 from emgface.anatomy.head.published import import_head
-from emgface.anatomy.head.sweep import Run, Setting, sweep
+from emgface.anatomy.head.sweep import Run, Setting, outcomes, sweep
 from emgface.errors import HeadError
 from emgface.face.parts import MANDIBLE, SKULL
-from studies.coupled.experiments import LAW, moved_most
+from studies.coupled.experiments import EXPERIMENTS, LAW, moved_most
 from studies.mechanics.expressions import EXPRESSIONS
 
 ALL: Final = ("face", "jaw", "tongue", "hyoid")
@@ -135,7 +136,10 @@ def held(preset: str, resolution: str, out: Path | None) -> Iterator[dict[str, o
 
 
 def published(models: Path, out: Path | None) -> Iterator[dict[str, object]]:
-    """Experiments 1, 3, 4 and 5 on the published head, whose rings cannot be moved."""
+    """Experiments 1, 3, 4, 5 and 6 on the published head.
+
+    Its rings cannot be moved (2), and it lacks muscles of two labials (7).
+    """
     teeth = {"teeth": ("lip-lip", "lips-teeth"), "no teeth": ("lip-lip",)}
     lips = [
         Run(
@@ -167,18 +171,21 @@ def published(models: Path, out: Path | None) -> Iterator[dict[str, object]]:
         for name, drive in rings.items()
         for level in (0.0, 0.05, 0.2)
     ]
-    each: list[tuple[tuple[str, ...], list[Run]]] = [
-        (("face",), lips + skin),
-        (("face", "jaw"), closing),
+    coupling = list(EXPERIMENTS["coupling"].runs)
+    each: list[tuple[tuple[str, ...], list[Run], Measure]] = [
+        (TONGUE_JAW, coupling, outcomes),
+        (("face",), lips + skin, moved_most),
+        (("face", "jaw"), closing, moved_most),
     ]
-    for parts, runs in each:
-        setting = Setting(parts=parts, step=4e-2, gravity="jaw" in parts)
+    for parts, runs, measure in each:
+        step = 4e-2 if "face" in parts else 2e-2
+        setting = Setting(parts=parts, step=step, gravity="jaw" in parts)
         table = sweep(
             runs,
             setting,
             head=import_head(models, parts),
             folder=None if out is None else out / f"published_{len(parts)}",
-            measure=moved_most,
+            measure=measure,
         )
         for row in table.to_dict("records"):
             yield {str(k): v for k, v in row.items()}

@@ -19,7 +19,7 @@ from emgface.face.template.volunteers import preset_measures, random_measures
 
 JAW_ROOT, JAW_LINE, HYOID_TOP = 0.3, 0.46, 0.7
 """Ends of the attachments: height v in front, on the mandible; way u along the mylohyoid line; height v
-at the back, on the hyoid. That in front is 4 to 6 mm above the origin of genioglossus; tissue that is
+at the back, on the hyoid. That in front is 4 to 7 mm above the origin of genioglossus; tissue that is
 held higher up is crushed between the bone and the floor of the mouth."""
 
 
