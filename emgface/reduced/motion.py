@@ -26,6 +26,9 @@ from sim.reduced import FusedEuler, ReductionError
 from sim.state import Control, StepReport
 from sim.system import System
 
+SAME = 1e-6
+"""Relative difference of equal steps [1]."""
+
 
 @lru_cache(maxsize=8)
 def _loaded(path: Path, changed: int, face: str, parameters: str) -> dict[str, ReducedFace]:
@@ -118,7 +121,7 @@ def simulate_reduced(
     The result contains ``position``, ``lip_opening``, ``smallest_J`` of the chosen points,
     ``reduction_error`` (time) [m], the bound that the error of every marker stays below with the
     calibrated probability, and ``activation_distance`` (time) [1]; its attribute ``reduction_doubt``
-    is empty unless an activation is farther from the training than any of it.
+    is empty unless an activation is farther from the training than any of it, or steps are longer.
 
     Raises
     ------
@@ -170,4 +173,6 @@ def simulate_reduced(
             f"the activation at {times[at]:.3g} s is {distance[at]:.3g} from rest in units of the "
             f"training, farther than any of it ({most:.3g})"
         )
+    elif step > (1.0 + SAME) * (own_step := float(data.attrs["step"])):
+        doubt = f"the steps of {step:g} s are longer than those of the training ({own_step:g} s)"
     return trajectory.assign_attrs(reduction_doubt=doubt)

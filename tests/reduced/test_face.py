@@ -151,6 +151,18 @@ def test_an_activation_outside_the_training_is_simulated_at_full_order(face, tra
     assert kept.attrs["reduced"] == 1 and "farther than any" in kept.attrs["reduction_doubt"]
 
 
+def test_longer_steps_than_in_the_training_are_not_trusted(face, trained):
+    reduced = ReducedFace.of(trained[0], face, PARAMETERS)
+    muscles = list(map(str, face["muscle"].values))
+    level = np.where([m.endswith("_L") for m in muscles], 0.35, 0.45)
+    drive = Activation(np.array([0.0, 0.1]), np.array([0.0 * level, level]))
+    for step, doubt in ((0.005, ""), (0.01, ""), (0.02, "the steps of 0.02 s are longer")):
+        found = simulate_reduced(reduced, drive, 0.2, step=step, output=0.02)
+        assert found.attrs["reduction_doubt"].startswith(doubt) and bool(doubt) == bool(
+            found.attrs["reduction_doubt"]
+        )
+
+
 def test_realtime_never_repeats_a_trial_at_full_order(face, trained):
     options = {"sigma_max": 50e3, "accuracy": "realtime", "contact": {"method": "none"}}
     strict = {"file": trained[1], "largest_error": 1e-9}
