@@ -1,6 +1,6 @@
 """Rows over the velocities of rigid bodies: forces from their Delassus matrix, projection of poses.
 
-The equations are those of `sim.integrators.held.held_solution` and `sim.joints.compiled.Rows`.
+The equations are those of `sim.integrators.linear_rows` and `sim.joints.compiled.Rows`.
 """
 
 # pyright: basic
@@ -171,7 +171,7 @@ def _choose(chosen, near):
 
 @bare
 def _hold(table, kinds, twists, h, step, rows):
-    """Add h A^-1 G'f with the forces of rows to w1, as `sim.integrators.held.held_solution`.
+    """Add h A^-1 G'f with the forces of rows to w1, as `sim.integrators.linear_rows`.
 
     The forces are found for the equations and the inequalities that the motion without forces violates;
     others that it then violates are added.

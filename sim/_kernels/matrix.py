@@ -1,4 +1,4 @@
-"""Product of a symmetric matrix, stored by its upper triangle, with a vector."""
+"""Products of sparse matrices with vectors: symmetric ones by their upper triangle, and by rows."""
 
 # pyright: basic, reportAttributeAccessIssue=false
 # numba compiles these functions; those called from Python carry types
@@ -26,3 +26,26 @@ def symmetric_product(
             s += values[k] * x[j]
             out[j] += values[k] * xi
         out[i] += s
+
+
+@kernel
+def product(
+    indptr: NDArray[np.int32], indices: NDArray[np.int32], values: Reals, x: Reals, out: Reals
+) -> None:
+    """Compute out = R x for R (m, n) stored by rows."""
+    for i in range(indptr.size - 1):
+        s = 0.0
+        for k in range(indptr[i], indptr[i + 1]):
+            s += values[k] * x[indices[k]]
+        out[i] = s
+
+
+@kernel
+def transposed_product(
+    indptr: NDArray[np.int32], indices: NDArray[np.int32], values: Reals, x: Reals, out: Reals
+) -> None:
+    """Compute out = R'x for R (m, n) stored by rows."""
+    out[:] = 0.0
+    for i in range(indptr.size - 1):
+        for k in range(indptr[i], indptr[i + 1]):
+            out[indices[k]] += values[k] * x[i]

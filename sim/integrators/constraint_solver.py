@@ -69,7 +69,7 @@ class ConstraintSolver:
             x, _ = saddle.solve(r, gamma, start, error)
             definite = saddle.definite is not False
             counts = saddle.iterations, saddle.factorisations
-            return Solution(x, *counts, definite, saddle.roughly, again)
+            return Solution(x, *counts, definite, saddle.roughly, again, saddle.roughly)
 
         def again(r: Array, error: float) -> Solution:
             return solved(r, np.zeros(conditions.n), np.zeros(len(r)), error)

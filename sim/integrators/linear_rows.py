@@ -4,23 +4,21 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import csr_array
 
-from sim.contact.compliance import Compliance
 from sim.contact.rows import Rows, no_rows
 from sim.contact.step import ContactStep
-from sim.errors import NotConverged, SingularSystem
+from sim.errors import NotConverged
 from sim.integrators.rows_of_step import (
     STILL,
     JointRows,
     RowsAt,
     RowsOfStep,
-    Solve,
-    dense,
 )
+from sim.integrators.step_inverse import StepInverse
 from sim.integrators.step_solver import Solution
 from sim.integrators.workspace import Workspace
-from sim.multibody import MOST
+from sim.joints.compiled import Rows as JointTable
+from sim.linear.equations import Equations
 from sim.state import Array, Pose, State
 from sim.step_matrices import LinearStep
 from sim.system import System
@@ -64,7 +62,8 @@ class LinearRows:
     = 0, and limits c + h (G w + drift) >= 0. Contacts are g + h G w >= 0, with Coulomb's law. The forces
     follow from the Delassus matrix S = h G A^-1 G', which in small scenes is exact. In large ones it is
     that of an earlier matrix A with updates (`sim.contact.compliance`), and the residual of the
-    equation is solved for again until the forces no longer change.
+    equation is solved for again until the forces no longer change, from those of the last step. Rigid
+    rows of joints then precondition these solutions (`sim.linear.equations`), which satisfy them.
 
     Parameters
     ----------
@@ -86,57 +85,18 @@ class LinearRows:
         self._w0 = system.kinematics.velocities(state)
         self._start = system.kinematics.at(state.pose, self._until)
         self._error = error / (equation.moves * h)
-        self._inverse: Array | None = None
-        self._exactly, self._roughly = self._solvers()
+        self._solver = StepInverse(system, state, equation, h, self._error, work, self._start)
+        self._last: tuple[Rows, RowsAt, Array, Array] | None = None
         contact = system.contact
         self._step = None if contact is None else ContactStep(contact, state, self._until)
         left = 0.0 if self._step is None else self._step.tolerances.residual
         self._settled = max(h * self._error, left)
-        self._rows = RowsOfStep(system, self._step, self._roughly, self._delassus, h * h)
-        self._joints = self._rows_of_joints()
-
-    # -- the matrix --------------------------------------------------------------------------------
-
-    def _solvers(self) -> tuple[Solve, Solve]:
-        """Solutions for further right-hand sides, exact and by the factor at hand."""
-        A, rhs, work = self._equation.A, self._equation.rhs, self._work
-        if len(rhs) <= MOST and not A.products and self._system.constraints is None:
-            whole = dense(A.pattern, A.values)
-            try:
-                values = np.linalg.eigvalsh(whole)
-                inverse = np.asarray(np.linalg.inv(whole), dtype=np.float64)
-            except np.linalg.LinAlgError as error:
-                raise SingularSystem("the matrix of the step is singular") from error
-            self._found, self._inverse = Solution(inverse @ rhs, definite=values[0] > 0.0), inverse
-            return (lambda r: inverse @ r), (lambda r: r @ inverse)
-        start = work.steps.extrapolated(self._state.t, self._h, self._w0)
-        self._found = work.solve(self._system, A, rhs, self._start, start, self._error)
-        again, roughly = self._found.again, self._found.roughly
-        assert again is not None and roughly is not None  # Every solution of a step has them.
-        return (lambda r: self._count(again(r, self._error)).x), roughly
-
-    def _count(self, more: Solution) -> Solution:
-        found = self._found
-        self._found = replace(
-            found,
-            iterations=found.iterations + more.iterations,
-            factorisations=found.factorisations + more.factorisations,
-            definite=found.definite and more.definite,
+        self._rows = RowsOfStep(
+            system, self._step, self._solver.alone, self._solver.delassus, h * h
         )
-        return more
-
-    def _compliance(self) -> Compliance:
-        return self._work.contact.compliance(self._h**2, lambda f: self._h**2 * self._roughly(f))
-
-    def _delassus(self, G: csr_array) -> Array:
-        """G A^-1 G' (m, m)."""
-        if not G.shape[0]:
-            return np.zeros((0, 0))
-        if self._inverse is not None:
-            product = np.asarray(G @ (G @ self._inverse).T)
-        else:
-            product = self._compliance().between(G, G) / self._h**2
-        return 0.5 * (product + product.T)
+        self._equations, self._joints = None, None
+        if system.rows is not None:
+            self._lay_out_joints(system.rows)
 
     def _learn(self, at: RowsAt, f: Array, w: Array, largest: float) -> float:
         """Update of the Delassus matrix such that impulses f (m,) change the velocities by w (n,).
@@ -149,20 +109,45 @@ class LinearRows:
         fr, fSf = float(f @ r), float(f @ Sf)
         missed, size = (float(np.abs(x).max(initial=0.0)) for x in (r - Sf, r))
         useful = missed > KNOWN * size and size > LARGE * largest and fr > 0.0 and fSf > 0.0
-        if self._inverse is None and useful:
+        if self._solver.inverse is None and useful:
             at.S += np.outer(r / fr, r) - np.outer(Sf / fSf, Sf)
-            self._compliance().learn(at.G.T @ f, self._h**2 * w)
+            self._solver.compliance().learn(at.G.T @ f, self._h**2 * w)
         return max(largest, size)
 
-    def _rows_of_joints(self) -> JointRows | None:
-        rows, h = self._system.rows, self._h
-        if rows is None:
-            return None
+    def _lay_out_joints(self, rows: JointTable) -> None:
+        """Rows of joints, and equations of the rigid ones if the solutions satisfy them."""
+        h = self._h
         now, time = rows.evaluate(self._start), np.where(rows.unilateral, h, h + rows.damping_time)
         value = now.drift + np.where(rows.rigid, 0.0, now.c / time)
-        return JointRows(
+        self._joints = JointRows(
             rows.columns, now.G, h * value, h * rows.compliance / time, rows.unilateral
         )
+        alone = self._solver.inverse is None and self._system.constraints is None
+        if alone and rows.rigid.any():
+            self._rigid = np.flatnonzero(rows.rigid)
+            own = rows.columns, now.G[self._rigid], -now.drift[self._rigid]
+            self._equations = Equations(*own)
+
+    def _begin(self, rows: Rows, at: RowsAt) -> tuple[Array, Array]:
+        """Initial velocities (n,) and forces (m,): those of the last rows, or of the last step."""
+        f = np.zeros(len(at.value))
+        if self._solver.inverse is not None:
+            return self._solver.found.x, f
+        if self._last is not None:
+            before, known, w, forces = self._last
+            return w, at.carried(rows, before, known, forces)
+        f = at.before
+        rhs = self._equation.rhs + self._h * (at.G.T @ f)
+        return self._solver.begin(rhs, self._equations), f
+
+    def _with_equations(self, at: RowsAt, Aw: Array, f: Array) -> Array:
+        """Forces (m,) with those of the rigid rows that a solution w satisfies, from A w."""
+        if self._equations is None:
+            return f
+        h, f = self._h, f.copy()
+        left = Aw - self._equation.rhs - h * (at.G.T @ f)
+        f[self._rigid] += self._equations.multipliers(left) / h
+        return f
 
     # -- the step ----------------------------------------------------------------------------------
 
@@ -210,17 +195,17 @@ class LinearRows:
         rests[at.first] = (f[at.first] == 0.0) & (acting.gap < 100.0 * STILL)
 
         def held(rhs: Array) -> tuple[Array, Array]:
-            x, impulse = at.kept(on, rhs, self._exactly, exactly=True)
+            x, impulse = at.kept(on, rhs, self._solver.exactly, exactly=True)
             closes = rests & (at.G @ x < 0.0)
             if closes.any():
-                x, impulse = at.kept(on | closes, rhs, self._exactly, exactly=True)
+                x, impulse = at.kept(on | closes, rhs, self._solver.exactly, exactly=True)
             return x, impulse[at.first]
 
         def roughly(rhs: Array) -> Array:
-            return at.kept(on, rhs, self._roughly)[0]
+            return at.kept(on, rhs, self._solver.roughly)[0]
 
         return UnderRows(
-            replace(self._found, x=w, roughly=roughly),
+            replace(self._solver.found, x=w, roughly=roughly),
             pose,
             memory,
             pushed,
@@ -232,7 +217,7 @@ class LinearRows:
 
     def _under_some(self, rows: Rows) -> tuple[Rows, RowsAt, Array, Array]:
         """Those rows that may become active, with velocities (n,) and forces (m,) under all of them."""
-        if self._step is None or self._inverse is not None:
+        if self._step is None or self._solver.inverse is not None:
             return rows, *self.under(rows)
         tolerances, u = self._step.tolerances, self._start.q - self._step.q0
         kinematics = self._system.kinematics
@@ -241,7 +226,7 @@ class LinearRows:
             return rows.gaps(u + self._h * kinematics.displacements(w, self._start))
 
         on = self._step.multipliers(rows, np.ones(len(rows))).normal > 0.0
-        on |= gaps(self._found.x) < tolerances.likely
+        on |= gaps(self._solver.guess) < tolerances.likely
         while True:
             some = rows.take(np.flatnonzero(on))
             at, w, f = self.under(some)
@@ -252,25 +237,31 @@ class LinearRows:
 
     def under(self, rows: Rows) -> tuple[RowsAt, Array, Array]:
         """Rows, and velocities (n,) and forces (m,) under them."""
-        A, rhs, h, w = self._equation.A, self._equation.rhs, self._h, self._found.x
+        A, rhs, h = self._equation.A, self._equation.rhs, self._h
         at = self._rows.at(rows, self._start, self._joints)
-        at.S, f = self._delassus(at.G), np.zeros(len(at.value))
+        w, f = self._begin(rows, at)
+        Aw = A.times(w)
+        f = self._with_equations(at, Aw, f)
+        at.S = self._solver.delassus(at.G)
         before, most, largest = at.before, 100.0 * STILL, 0.0
-        if self._inverse is None:
-            most = max(SHARE * self._settled, most)
+        if self._solver.inverse is None:
+            before, most = f, max(SHARE * self._settled, most)
         for k in range(LIMIT):
-            if k == STALE and self._inverse is None:
+            if k == STALE and self._solver.inverse is None:
                 self._work.contact.discard()
-                at.S = self._delassus(at.G)
+                at.S = self._solver.delassus(at.G)
             # gaps without forces, whose change by f the matrix tells
             gap = at.value + h * (at.G @ w) - h * h * (at.S @ f)
             new = at.forces(gap, before, 0.01 * most, self._until)
-            change = new - f
-            if h * h * float(np.abs(at.S @ change).max(initial=0.0)) <= most:
+            if h * h * float(np.abs(at.S @ (new - f)).max(initial=0.0)) <= most:
+                self._last = rows, at, w, f
                 return at, w, f
-            moved = self._exactly(rhs + h * (at.G.T @ new) - A.times(w))
-            largest = self._learn(at, h * change, moved, largest)
-            w, f, before = w + moved, new, new
+            moved = self._solver.exactly(rhs + h * (at.G.T @ new) - Aw)
+            w = w + moved
+            Aw = A.times(w)
+            new = self._with_equations(at, Aw, new)
+            largest = self._learn(at, h * (new - f), moved, largest)
+            f = before = new
         raise NotConverged((), self._until, "the solution under rows does not settle")
 
     def _through(self, rows: Rows, q: Array, near: Rows) -> Rows:

@@ -21,8 +21,10 @@ from sim.state import Array, Pose
 from sim.system import System
 
 STILL = 1e-12  #: error of a position that contact forces leave in a step [m]
-REPEATS, CLOSED = 30, 1e-11
-"""Largest number of corrections of a solution under rows, and relative opening that ends them."""
+REPEATS, CLOSED, ROUGHLY = 30, 1e-11, 1e-6
+"""Largest number of corrections of a solution under rows, and relative openings that end them, also of
+an approximate solution."""
+LEFT = 1e4  #: error of the rates that forces may leave, relative to the wanted one
 ON_FACE = 1e-7  #: gap below which a row is kept closed while others are opened [m]
 
 Solve = Callable[[Array], Array]
@@ -82,6 +84,17 @@ class RowsAt:
         none = np.zeros(len(gap))
         return Acting(gap, f[self.first], friction, none > 0.0, none, 0.0, 0.0)
 
+    def carried(self, rows: Rows, before: Rows, known: "RowsAt", f: Array) -> Array:
+        """Forces (m,) that these rows had among earlier ones with forces f, zero for new ones."""
+        out, j = np.zeros(len(self.value)), self.joints
+        out[:j] = f[:j]
+        _, mine, theirs = np.intersect1d(rows.keys, before.keys, return_indices=True)
+        rubs = rows.friction[mine] > 0.0
+        for i in range(3):
+            some = slice(None) if i == 0 else rubs
+            out[self.first[mine[some]] + i] = f[known.first[theirs[some]] + i]
+        return out
+
     def forces(self, value: Array, before: Array, error: float, until: float) -> Array:
         """Forces (m,) for values (m,) without forces.
 
@@ -90,9 +103,7 @@ class RowsAt:
         W = self.scale * self.S
         W[np.diag_indices(len(W))] += self.compliance
         f, left = forces(W, value, self.blocks, before, error)
-        if left > 1e4 * error:
-            reason = f"contact forces did not converge, {left:.2g} are left"
-            raise NotConverged((), until, reason)
+        _require_converged(left, error, until)
         return f
 
     def kept(
@@ -107,7 +118,7 @@ class RowsAt:
             return x, f
         G, soft = self.G[np.flatnonzero(on)], self.compliance[on] / self.scale
         S = self.S[np.ix_(on, on)] + np.diag(soft)
-        most = CLOSED * float(np.abs(G @ x).max())
+        most = (CLOSED if exactly else ROUGHLY) * float((abs(G) @ np.abs(x)).max())
         for _ in range(REPEATS if exactly else 1):
             opening = G @ x + soft * f[on]
             if float(np.abs(opening).max()) <= most:
@@ -175,8 +186,10 @@ class RowsOfStep:
             before[place] = np.einsum("ki,ki->k", e, remembered.tangent[rub])
         order = np.argsort(np.r_[first, first[rub] + 1, first[rub] + 2])
         along = np.concatenate([rows.normal, *tangents])[order]
-        slopes = self._directions(rows, pose, np.r_[np.arange(k), rub, rub][order], along)
-        if d is not None:
+        slopes = csr_array((m - j, n))
+        if k:
+            slopes = self._directions(rows, pose, np.r_[np.arange(k), rub, rub][order], along)
+        if k and d is not None:
             slopes = self._system.kinematics.gradients(slopes, d)
         limits = np.zeros(0, dtype=bool)
         if joints is not None:
@@ -184,7 +197,8 @@ class RowsOfStep:
             ends = np.r_[len(joints.columns) * np.arange(j + 1), np.full(m - j, joints.G.size)]
             own = (joints.G.ravel(), np.tile(joints.columns, j), ends)
             below = slopes.data, slopes.indices, np.r_[np.zeros(j, np.int64), slopes.indptr]
-            slopes = csr_array(csr_array(below, (m, n)) + csr_array(own, shape=(m, n)))
+            above = csr_array(own, shape=(m, n))
+            slopes = csr_array(csr_array(below, (m, n)) + above) if k else above
         blocks = Blocks(
             np.flatnonzero(~limits),
             np.r_[np.flatnonzero(limits), first],
@@ -204,7 +218,8 @@ class RowsOfStep:
     def moved_out(self, pose: Pose, near: Rows, *, search: bool = True) -> tuple[Pose, Rows]:
         """Pose with penetrations removed by the least motion in the norm of the matrix, and its rows.
 
-        With `search` rows are searched at every pose.
+        With `search` rows are searched at every pose. Raises NotConverged if the forces that close the
+        rows do not converge, which the matrix of tissue that has lost its stability may cause.
         """
         for _ in range(CORRECTIONS):
             gap = near.gaps(pose.q - self._step.q0)
@@ -214,10 +229,19 @@ class RowsOfStep:
             k = np.arange(len(closed))
             G = self._directions(closed, pose, k, closed.normal)
             blocks = Blocks(k[:0], k, np.zeros(len(k)))
-            f, _ = forces(self._delassus(G), gap[gap < ON_FACE], blocks, np.zeros(len(k)), STILL)
+            S, none = self._delassus(G), np.zeros(len(k))
+            f, left = forces(S, gap[gap < ON_FACE], blocks, none, STILL)
+            _require_converged(left, STILL, pose.t)
             pose = self._system.kinematics.advance(pose, self.solve(G.T @ f), pose.t)
             near = self._step.at(pose.q) if search else near
         return pose, near
+
+
+def _require_converged(left: float, error: float, until: float) -> None:
+    """Raise NotConverged if sweeps would change rates by more than rounding of `error` allows."""
+    if not left <= LEFT * error:
+        reason = f"contact forces did not converge, {left:.2g} are left"
+        raise NotConverged((), until, reason)
 
 
 def _across(normal: Array) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import cast
 
 import numpy as np
@@ -21,6 +21,7 @@ from sim.linear import (
     ReusedFactor,
     linear_solver,
 )
+from sim.linear.equations import Equations
 from sim.matrix import Matrix
 from sim.state import Array
 
@@ -37,10 +38,12 @@ class Solution:
     iterations: int = 1
     factorisations: int = 1
     definite: bool = True  #: True if the latest factorised matrix is positive definite
-    #: solver for the same matrix or an approximation of it, and right-hand sides (n,) or (k, n)
+    #: solver for the same matrix or an approximation of it, and right-hand sides (n,) or (k, n), with
+    #: the homogeneous equations of the solution
     roughly: Callable[[Array], Array] | None = None
-    #: solution for another right-hand side (n,), with the largest error of an iterative one
+    #: solution for another right-hand side (n,) with them, with the largest error of an iterative one
     again: Callable[[Array, float], "Solution"] | None = None
+    alone: Callable[[Array], Array] | None = None  #: as `roughly`, without equations
 
 
 class StepSolver:
@@ -54,8 +57,10 @@ class StepSolver:
         self._indefinite: LinearSolver | None = None
         self._before: tuple[float, float, Array] | None = None
 
-    def solve(self, A: Matrix, rhs: Array, start: Array, error: float) -> Solution:
-        """Solve A x = rhs.
+    def solve(
+        self, A: Matrix, rhs: Array, start: Array, error: float, under: Equations | None = None
+    ) -> Solution:
+        """Solve A x = rhs, or A x = rhs + G'mu with the equations G x = b.
 
         Raises NotReached if the iteration failed; A is of a form with products; SingularSystem if the
         matrix is singular or holds NaN.
@@ -66,15 +71,11 @@ class StepSolver:
         rhs : (n_free,)
         start : (n_free,) initial value of an iterative solver.
         error : largest remaining error of an iterative solver, in the units of the solution.
+        under : equations of the solution.
         """
         linear = self._solver.linear
         if not isinstance(linear, ReusedFactor) or A.pattern is not self._solver.form_pattern:
-            solve, definite = self.factorised(A.values)
-
-            def directly(r: Array, _: float) -> Solution:
-                return Solution(solve(r), 1, 0, definite)
-
-            return Solution(solve(rhs), 1, 1 if definite else 2, definite, solve, directly)
+            return self._directly(A, rhs, under)
         self._solver.analyse(A.pattern)
         linear = self._solver.linear
         assert isinstance(linear, ReusedFactor)  # with the same name and number of unknowns
@@ -84,12 +85,46 @@ class StepSolver:
         else:
             linear.factorise(A.values)
 
-        def again(r: Array, error: float, start: Array | None = None) -> Solution:
-            x = linear.solve(r, start, error)
-            counts = linear.iterations, linear.factorisations
-            return Solution(x, *counts, linear.definite, linear.roughly, again)
+        rests = None if under is None else under.homogeneous
 
-        return again(rhs, error, start)
+        def solved(r: Array, error: float, start: Array | None, of: Equations | None) -> Solution:
+            x = linear.solve(r, start, error, of)
+            counts = linear.iterations, linear.factorisations
+            roughly = partial(linear.roughly, under=rests)
+            return Solution(x, *counts, linear.definite, roughly, again, linear.roughly)
+
+        def again(r: Array, error: float) -> Solution:
+            return solved(r, error, None, rests)
+
+        return solved(rhs, error, start, under)
+
+    def _directly(self, A: Matrix, rhs: Array, under: Equations | None) -> Solution:
+        """As `solve`, with a factor of the matrix itself."""
+        solve, definite = self.factorised(A.values)
+        if under is None:
+
+            def directly(r: Array, _: float) -> Solution:
+                return Solution(solve(r), 1, 0, definite)
+
+            return Solution(solve(rhs), 1, 1 if definite else 2, definite, solve, directly, solve)
+        columns, rests = solve(under.unit(len(rhs))), under.homogeneous
+
+        def roughly(r: Array) -> Array:
+            return rests.kept(solve(rests.without_forces(r)), columns)
+
+        def refined(x: Array, r: Array) -> Array:
+            for _ in range(REFINEMENTS):
+                more = roughly((r - A.times(x))[None])[0]
+                x = x + more
+                if np.abs(more).max() <= REFINED * np.abs(x).max():
+                    return x
+            raise SingularSystem("solutions under equations do not reach their accuracy")
+
+        def again(r: Array, _: float) -> Solution:
+            return Solution(refined(np.zeros_like(r), r), 1, 0, definite)
+
+        x = refined(under.solved(np.zeros_like(rhs), columns), rhs)
+        return Solution(x, 1, 1 if definite else 2, definite, roughly, again, solve)
 
     def factorised(
         self, values: Array, exact: bool = False

@@ -10,6 +10,7 @@ from sim.integrators.contact_memory import ContactMemory
 from sim.integrators.newton_factor import NewtonFactor
 from sim.integrators.step_solver import Solution, StepSolver
 from sim.linear import Factor, ReusedFactor
+from sim.linear.equations import Equations
 from sim.matrix import Matrix
 from sim.state import Array, Pose, State
 from sim.system import System
@@ -60,14 +61,22 @@ class Workspace:
         return self._solver.linear
 
     def solve(
-        self, system: System, A: Matrix, rhs: Array, pose: Pose, start: Array, error: float
+        self,
+        system: System,
+        A: Matrix,
+        rhs: Array,
+        pose: Pose,
+        start: Array,
+        error: float,
+        under: Equations | None = None,
     ) -> Solution:
         """Velocities of A w = rhs, under the constraints of the scene at a pose if it has any.
 
-        Arguments and errors as of `StepSolver.solve`, or `ConstraintSolver.solve`.
+        Arguments and errors as of `StepSolver.solve`, or `ConstraintSolver.solve`
+        without `under`.
         """
         if system.constraints is None:
-            return self.steps.solve(A, rhs, start, error)
+            return self.steps.solve(A, rhs, start, error, under)
         return self.constraints.solve(A, rhs, pose, start, error)
 
     def form(self, system: System, state: State | None = None) -> System:

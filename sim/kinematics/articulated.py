@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import csr_array, hstack
 
+from sim._kernels import matrix as kernel
 from sim.bodies import Body
 from sim.kinematics import rotations
 from sim.kinematics.chains import Chains
@@ -81,6 +82,7 @@ class Articulated(Kinematics):
         # those of the last poses, by their frames, which do not change
         self._matrices: list[tuple[Array, csr_array]] = []
         self._arms_of: tuple[Array | None, Array] = None, np.zeros((0, 3))
+        self._inertias_of: tuple[Array | None, Array] = None, self._inertia
         self._lay_out_rows(n)
         self._lay_out_matrix(points, n)
         rest = np.array([[*b.centre, 1.0, 0.0, 0.0, 0.0] for b in bodies]).reshape(-1, 7)
@@ -157,15 +159,7 @@ class Articulated(Kinematics):
         coupled[self._rows[heavy].indices] = True
         coupled[self.first :] = True
         self._coupled = np.flatnonzero(coupled)
-        numbered = csr_array(
-            (np.arange(self._rows.nnz), self._rows.indices, self._rows.indptr), self._rows.shape
-        )
-        # rows of R with a mass, over these velocities; `data` are places in those of R
-        self._of_coupled: csr_array = numbered[np.flatnonzero(self._point_mass > 0.0)][
-            :, self._coupled
-        ]
-        self._coupled_mass = self._point_mass[self._point_mass > 0.0]
-        self._alone = np.flatnonzero(~coupled)
+        self._dense_mass = self._of_mass.among(self._coupled)
 
     # -- R -----------------------------------------------------------------------------------------
 
@@ -182,6 +176,19 @@ class Articulated(Kinematics):
         made.data = data
         self._matrices = [(pose.frames, made), *self._matrices[: KEPT - 1]]
         return made
+
+    def _of_points(self, w: Array, pose: Pose) -> Array:
+        """R w (3 n_points,)."""
+        R, out = self.matrix(pose), np.empty(3 * self._n)
+        kernel.product(R.indptr, R.indices, R.data, w, out)
+        return out
+
+    def _of_velocities(self, f: Array, pose: Pose) -> Array:
+        """R'f (n,) of f (3 n_points,)."""
+        R = self.matrix(pose)
+        out = np.empty(R.shape[1])
+        kernel.transposed_product(R.indptr, R.indices, R.data, f, out)
+        return out
 
     def _turned(self, frames: Array) -> Array:
         """Lever arms (m, 3) in space."""
@@ -207,7 +214,7 @@ class Articulated(Kinematics):
 
     def displacements(self, d: Array, pose: Pose) -> Array:
         """R d."""
-        return np.asarray(self.matrix(pose) @ d).reshape(-1, 3)
+        return self._of_points(d, pose).reshape(-1, 3)
 
     def drift(self, pose: Pose, t: float) -> Array | None:
         """Velocities gamma (n_points, 3) of points by prescribed motions, or None."""
@@ -218,7 +225,7 @@ class Articulated(Kinematics):
         moved = chains.share[:, None] * twists[chains.body, :3]
         moved += np.cross(twists[chains.body, 3:], self._turned(pose.frames))
         v[chains.dependent] = chains.weights @ v
-        np.add.at(v, chains.point, moved)
+        _add(v, chains.point, moved)
         return v
 
     def advance(self, pose: Pose, d: Array, t: float) -> Pose:
@@ -234,7 +241,7 @@ class Articulated(Kinematics):
         chains = self.chains
         q[chains.dependent] = chains.weights @ q
         parts = chains.share[:, None] * frames[chains.body, :3] + self._turned(frames)
-        np.add.at(q, chains.point, parts)
+        _add(q, chains.point, parts)
         return Pose(q, frames, t)
 
     def at(self, pose: Pose, t: float) -> Pose:
@@ -280,7 +287,7 @@ class Articulated(Kinematics):
 
     def generalised_force(self, f: Array, pose: Pose) -> Array:
         """R'f."""
-        return np.asarray(self.matrix(pose).T @ f.reshape(-1))
+        return self._of_velocities(np.ascontiguousarray(f).reshape(-1), pose)
 
     def generalised_matrix(self, K: Array, f: Array | None, pose: Pose) -> Array:
         """R'KR minus the derivative of the lever arms under forces f."""
@@ -314,12 +321,14 @@ class Articulated(Kinematics):
 
     def _inertias(self, pose: Pose) -> Array:
         """Inertia (k, 3, 3) of free bodies in space."""
-        Q = rotations.matrices(pose.frames[self.free_bodies, 3:])
-        return Q @ self._inertia @ Q.transpose(0, 2, 1)
+        if pose.frames is not self._inertias_of[0]:
+            Q = rotations.matrices(pose.frames[self.free_bodies, 3:])
+            self._inertias_of = pose.frames, Q @ self._inertia @ Q.transpose(0, 2, 1)
+        return self._inertias_of[1]
 
     def inertial(self, w: Array, pose: Pose) -> Array:
         """Velocities of all points, then the angular momentum of every free body about its centre."""
-        v = np.asarray(self.matrix(pose) @ w)
+        v = self._of_points(w, pose)
         drift = self.drift(pose, pose.t)
         if drift is not None:
             v = v + drift.reshape(-1)
@@ -328,14 +337,13 @@ class Articulated(Kinematics):
 
     def momentum(self, u: Array, pose: Pose) -> Array:
         """R'm v of the points, and the angular momentum of the bodies."""
-        p = np.asarray(self.matrix(pose).T @ (self._point_mass * u[: 3 * self._n]))
+        p = self._of_velocities(self._point_mass * u[: 3 * self._n], pose)
         p[self.first :].reshape(-1, 6)[:, 3:] += u[3 * self._n :].reshape(-1, 3)
         return p
 
     def apply_mass(self, w: Array, pose: Pose) -> Array:
         """R'm R w, and the inertia of the bodies."""
-        R = self.matrix(pose)
-        p = np.asarray(R.T @ (self._point_mass * np.asarray(R @ w)))
+        p = self._of_velocities(self._point_mass * self._of_points(w, pose), pose)
         omega = w[self.first :].reshape(-1, 6)[:, 3:]
         own = p[self.first :].reshape(-1, 6)
         own[:, 3:] += np.einsum("bij,bj->bi", self._inertias(pose), omega)
@@ -350,15 +358,12 @@ class Articulated(Kinematics):
 
     def solve_mass(self, p: Array, pose: Pose) -> Array:
         """Solve M w = p by division where the mass is diagonal, and by one dense solution elsewhere."""
-        w, own = np.empty_like(p), self._coupled
-        w[self._alone] = (p[self._alone].T / self.mass[self._alone]).T
+        w, own = (p.T / self.mass).T, self._coupled
         if len(own):
-            part, data = self._of_coupled, self.matrix(pose).data
-            entries = data[part.data]
-            R = csr_array((entries, part.indices, part.indptr), shape=part.shape)
-            heavy = np.repeat(self._coupled_mass, np.diff(part.indptr)) * entries
-            mR = csr_array((heavy, part.indices, part.indptr), shape=part.shape)
-            M = np.asarray(csr_array(R.T @ mR).toarray(), dtype=np.float64)
+            upper = np.zeros((len(own), len(own)))
+            self._dense_mass.add(self._masses, self.matrix(pose).data, upper.reshape(-1))
+            M = upper + upper.T
+            M[np.diag_indices(len(own))] *= 0.5
             start = len(own) - 6 * len(self.free_bodies)
             angular = start + 6 * np.arange(len(self.free_bodies))[:, None] + np.arange(3, 6)
             M[angular[:, :, None], angular[:, None, :]] += self._inertias(pose)
@@ -386,7 +391,7 @@ class Articulated(Kinematics):
     def inertial_force(self, state: State) -> Array:
         """Centripetal forces of attached points and gyroscopic moments of bodies."""
         a = self._convective(state)
-        b = np.asarray(self.matrix(state.pose).T @ (self._point_mass * a.reshape(-1)))
+        b = self._of_velocities(self._point_mass * a.reshape(-1), state.pose)
         omega = state.twists[self.free_bodies, 3:]
         spin = np.einsum("bij,bj->bi", self._inertias(state.pose), omega)
         b[self.first :].reshape(-1, 6)[:, 3:] += np.cross(omega, spin)
@@ -402,16 +407,22 @@ class Articulated(Kinematics):
             parts += chains.share[:, None] * rates[chains.body, :3]
             parts += np.cross(rates[chains.body, 3:], arms)
         a[chains.dependent] = chains.weights @ a
-        np.add.at(a, chains.point, parts)
+        _add(a, chains.point, parts)
         return a
 
     def kicked(self, u: Array, impulse: Array, s: float, state: State) -> Array:
         """Inertial velocities plus s times their rate under the mean force impulse/s."""
         pose = state.pose
         dw = self.solve_mass(impulse - s * self.inertial_force(state), pose)
-        v = np.asarray(self.matrix(pose) @ dw) + s * self._convective(state).reshape(-1)
+        v = self._of_points(dw, pose) + s * self._convective(state).reshape(-1)
         rate, omega = dw[self.first :].reshape(-1, 6)[:, 3:], state.twists[self.free_bodies, 3:]
         inertia = self._inertias(pose)
         spin = np.einsum("bij,bj->bi", inertia, omega)
         angular = np.einsum("bij,bj->bi", inertia, rate) + s * np.cross(omega, spin)
         return u + np.concatenate([v, angular.ravel()])
+
+
+def _add(out: Array, rows: Index, values: Array) -> None:
+    """Add values (m, 3) to rows of an array, some of which occur several times."""
+    for axis in range(3):
+        out[:, axis] += np.bincount(rows, values[:, axis], len(out))

@@ -35,6 +35,19 @@ class Congruence:
         row = np.repeat(np.arange(p.n), np.diff(p.indptr))
         return np.searchsorted(row * p.n + p.indices, keys)
 
+    def among(self, columns: Index) -> "Congruence":
+        """The same for the upper triangle of a dense matrix over some rows and columns, flat."""
+        p, k = self.pattern, len(columns)
+        number = np.full(p.n, -1)
+        number[columns] = np.arange(k)
+        row = np.repeat(number, np.diff(p.indptr))
+        column = number[p.indices]
+        dense = np.where((row < 0) | (column < 0), -1, k * row + column).astype(np.int32)
+        place, target = np.where(self.place < 0, -1, dense[self.place]), dense[self.target]
+        used = np.flatnonzero(target >= 0)
+        products = (x[used] for x in (self.entry, target, self.left, self.right))
+        return Congruence(p, place.astype(np.int32), *products)
+
     def diagonal_part(self, points: SymmetricPattern) -> "Congruence":
         """The same for a diagonal K."""
         on = np.zeros(points.nnz, dtype=bool)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 
 import numpy as np
 
@@ -14,8 +15,9 @@ from sim.linear.contract import (
     require_finite_matrix,
     symmetric_product,
 )
+from sim.linear.equations import Equations
 from sim.linear.gmres import Iterate, gmres
-from sim.pattern import Sparsity
+from sim.pattern import Index, Sparsity
 from sim.state import Array
 
 PATIENCE = 8  # Additional solutions, compared with a new factor, before an iteration renews it.
@@ -73,6 +75,7 @@ class ReusedFactor:
         self._indefinite: Factor | None = None
         self._whole: LinearSolver | None = None
         self._active: Factor | None = None
+        self._inverse: tuple[Index, Array] | None = None  # columns of that of the active factor
         self._fresh: int | None = None
         self._excess = 0
         self.iterations = self.factorisations = 0
@@ -91,7 +94,7 @@ class ReusedFactor:
 
     def forget(self) -> None:
         """Discard the factor."""
-        self._active = None
+        self._active = self._inverse = None
 
     def arrays(self) -> dict[str, Array]:
         """Arrays that affect the next solution: the factorised matrix, and the counts."""
@@ -104,7 +107,8 @@ class ReusedFactor:
         """Restore the state from `arrays`, or the initial state from an empty mapping."""
         fresh, excess, definite, other = kept["counts"].tolist() if kept else (-1, 0, 1, 0)
         self._fresh = None if fresh < 0 else int(fresh)
-        self._excess, self.definite, self._active = int(excess), bool(definite), None
+        self._excess, self.definite = int(excess), bool(definite)
+        self.forget()
         if "factored" in kept:
             active = self._for_indefinite() if other else self.factor
             active.factorise(kept["factored"])
@@ -136,7 +140,13 @@ class ReusedFactor:
         require_finite_matrix(values)
         self._values, self._product, self._to_factorise = values, product, to_factorise
 
-    def solve(self, rhs: Array, start: Array | None = None, error: float | None = None) -> Array:
+    def solve(
+        self,
+        rhs: Array,
+        start: Array | None = None,
+        error: float | None = None,
+        under: Equations | None = None,
+    ) -> Array:
         """Solve with the current matrix.
 
         Raises NotReached if the iteration failed, and the matrix is not fully assembled; SingularSystem
@@ -148,51 +158,71 @@ class ReusedFactor:
         start : (n,) initial value, zero by default.
         error : largest estimated error of a component of the solution; by default 1e-12 of the largest
             component.
+        under : equations that the solution satisfies by additional forces G'mu.
         """
         self.iterations = self.factorisations = 0
         x = np.zeros(len(rhs)) if start is None else start
         if self._active is None or self._excess >= self._active.solutions_per_factorisation:
             self._renew()
         if self._fresh is not None:
-            found = self._iterate(rhs, x, error, self._fresh + PATIENCE)
+            found = self._iterate(rhs, x, error, self._fresh + PATIENCE, under)
             self._excess += max(found.iterations - self._fresh, 0)
             if found.reached and found.smallest >= SINGULAR:
                 return found.x
             self._renew()
             x = found.x if np.isfinite(found.x).all() else x
-        found = self._iterate(rhs, x, error, LIMIT)
+        found = self._iterate(rhs, x, error, LIMIT, under)
         self._fresh = found.iterations
         # The matrix may be indefinite although its approximation is not.
         self.definite = self.definite and found.smallest > 0.0
-        return found.x if found.reached else self._solve_whole(rhs)
+        return found.x if found.reached else self._solve_whole(rhs, under)
 
-    def roughly(self, rhs: Array) -> Array:
-        """Solve with the existing factor of a similar matrix, rhs (n,) or (k, n)."""
+    def roughly(self, rhs: Array, under: Equations | None = None) -> Array:
+        """Solve with the existing factor of a similar matrix, rhs (n,) or (k, n).
+
+        With G x = 0 for the equations `under`.
+        """
         assert self._active is not None  # computed by a solution
+        rhs = rhs if under is None else under.without_forces(rhs)
         one = rhs.ndim == 1
-        return self._active.approximate(rhs) if one else self._active.approximate_many(rhs)
+        x = self._active.approximate(rhs) if one else self._active.approximate_many(rhs)
+        return x if under is None else under.kept(x, self._columns(under))
 
-    def _iterate(self, rhs: Array, x: Array, error: float | None, limit: int) -> Iterate:
+    def _columns(self, under: Equations) -> Array:
+        """P^-1 E (k, n) of the active factor for the components of equations."""
+        assert self._active is not None  # callers have computed a factor
+        if self._inverse is None or not np.array_equal(self._inverse[0], under.columns):
+            unit = under.unit(self._pattern.n)
+            self._inverse = under.columns, self._active.approximate_many(unit)
+        return self._inverse[1]
+
+    def _iterate(
+        self, rhs: Array, x: Array, error: float | None, limit: int, under: Equations | None
+    ) -> Iterate:
         assert self._active is not None  # callers have computed a factor
         factor = self._active
 
         def entries(x: Array) -> Array:
             return symmetric_product(self._pattern, self._values, x)
 
-        product = self._product or entries
+        product, precondition = self._product or entries, factor.approximate
         with self.timed("solution"):
             if error is None:
                 error = RELATIVE * float(np.abs(factor.approximate(rhs)).max())
             elif not self.definite:
                 error *= SENSITIVE
-            found = gmres(product, factor.approximate, rhs, x, error, limit)
+            if under is not None:
+                x = under.solved(x, self._columns(under))
+                precondition = partial(self.roughly, under=under)
+            found = gmres(product, precondition, rhs, x, error, limit)
         self.iterations += found.iterations
         return found
 
     def _renew(self) -> None:
         """Factorise the current matrix, or its approximation."""
         values = self._values if self._to_factorise is None else self._to_factorise()
-        self._fresh, self._excess, self._factored, self._active = None, 0, values, None
+        self._fresh, self._excess, self._factored = None, 0, values
+        self.forget()
         with self.timed("factorisation"):
             self.factorisations += 1
             if not self.definite and hasattr(self._for_indefinite(), "negative_pivots"):
@@ -211,7 +241,7 @@ class ReusedFactor:
                 self.factorisations += 1
                 self._active, self.definite = active, False
 
-    def _solve_whole(self, rhs: Array) -> Array:
+    def _solve_whole(self, rhs: Array, under: Equations | None) -> Array:
         """Solve by a factor of the matrix itself."""
         if self._product is not None:
             raise NotReached(
@@ -226,4 +256,8 @@ class ReusedFactor:
             self.factorisations += 1
         with self.timed("solution"):
             self.iterations += 1
-            return self._whole.solve(rhs)
+            x = self._whole.solve(rhs)
+            if under is None:
+                return x
+            unit = under.unit(len(rhs))
+            return under.solved(x, np.array([self._whole.solve(e) for e in unit]))

@@ -7,6 +7,8 @@ import sim
 from benchmarks.stability.rigid_rows import G, bodies_in_contact, cuboid, plate_on_tissue, tower
 from sim.contact import body_surfaces
 from sim.contact.coulomb import Blocks, forces
+from sim.contact.step import ContactStep
+from sim.integrators.rows_of_step import RowsOfStep
 from sim.joints import Planar, Revolute
 from tests.bodies import grid, rotation
 from tests.contact.scenes import box, square
@@ -60,6 +62,26 @@ def test_rows_that_an_indefinite_matrix_cannot_close_are_reported():
     one = Blocks(np.empty(0, np.int64), np.array([0]), np.zeros(1))
     assert forces(np.array([[-2.0]]), np.array([-0.5]), one, np.zeros(1), 1e-12)[1] == 0.5
     assert forces(np.array([[2.0]]), np.array([-0.5]), one, np.zeros(1), 1e-12)[1] == 0.0
+
+
+def test_a_penetration_that_no_forces_can_remove_is_reported():
+    """The matrix of tissue that has lost its stability may move rows against their forces."""
+    system = scene([cuboid("block", (0.02, 0.02, 0.01))], [("block", FLOOR)])
+    start = system.rest_state()
+    step = ContactStep(system.contact, start, 0.01)
+    pose = system.kinematics.advance(start.pose, np.array([0.0, 0.0, -1e-4, 0.0, 0.0, 0.0]), 0.01)
+    near = step.at(pose.q)
+    assert near.gaps(pose.q - start.q).min() < -0.9e-4
+
+    def rows(sign):
+        return RowsOfStep(
+            system, step, lambda r: sign * r, lambda G: sign * (G @ G.T).toarray(), 1.0
+        )
+
+    out, near_out = rows(1.0).moved_out(pose, near)
+    assert near_out.gaps(out.q - start.q).min() > -step.tolerances.noticed
+    with pytest.raises(sim.NotConverged, match="contact forces did not converge"):
+        rows(-1.0).moved_out(pose, near)
 
 
 def test_a_row_that_another_contact_closes_acts_in_the_same_step():

@@ -17,6 +17,7 @@ from sim.linear import (
     pardiso_is_available,
     symmetric_product,
 )
+from sim.linear.equations import Equations
 from sim.linear.gmres import gmres
 from sim.linear.reused import PATIENCE, SINGULAR
 from tests.bodies import boundary, crossed_muscles, grid
@@ -300,3 +301,29 @@ def test_an_older_factor_does_not_hide_that_a_matrix_has_become_indefinite(name)
         expected = np.linalg.solve(dense(system.pattern, B), rhs)
         # P^-1 r estimates it, and A is at least SINGULAR times as stiff as P
         assert np.abs(x - expected).max() < error / SINGULAR
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_equations_hold_exactly_and_cost_no_new_factor(name):
+    """A x = r + G'mu with G x = b against the full saddle system, by the factor of a similar matrix."""
+    system, rng = body(), np.random.default_rng(3)
+    control, X = system.control(np.zeros(len(system.muscles))), MESH.X
+    first, A = (system.tangent(q, control)[1] for q in (X, X * [1.0002, 0.9999, 1.0]))
+    solver, r = linear_solver(name), rng.normal(size=system.pattern.n)
+    solver.analyse(system.pattern)
+    solver.factorise(first)
+    solver.solve(r)
+    under = Equations(np.array([4, 17, 90]), rng.normal(size=(2, 3)), rng.normal(size=2))
+    G = np.zeros((2, len(r)))
+    G[:, under.columns] = under.G
+    saddle = np.block([[dense(system.pattern, A), -G.T], [G, np.zeros((2, 2))]])
+    expected = np.linalg.solve(saddle, np.r_[r, under.b])
+    solver.factorise(A)
+    x = solver.solve(r, error=1e-6 * np.abs(expected[:-2]).max(), under=under)
+    assert solver.factorisations == 0
+    np.testing.assert_allclose(G @ x, under.b, rtol=1e-12)
+    np.testing.assert_allclose(x, expected[:-2], atol=1e-5 * np.abs(x).max())
+    mu = under.multipliers(symmetric_product(system.pattern, A, x) - r)
+    np.testing.assert_allclose(mu, expected[-2:], rtol=1e-3)
+    some = solver.roughly(np.stack([r, -r]), under)
+    np.testing.assert_allclose(some @ G.T, 0.0, atol=1e-12 * np.abs(some).max())
