@@ -3,13 +3,14 @@
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
 from analysis.errors import AnalysisError
 from analysis.trial import Origin, Trial
 from emgface.errors import EmgfaceError, ExecutionError, StoreError
 from emgface.face.numerical_error import largest_motion
 from emgface.face.stability import stability_warning
-from emgface.study.stages import Laboratory, StoredFailure, steps_of
+from emgface.study.stages import Laboratory, StoredFailure
 from emgface.study.store import Result
 from emgface.study.table import PlannedTrial
 from sim.errors import SimulationError
@@ -88,3 +89,10 @@ def _provenance(stages: list[Result]) -> dict[str, Any]:
             dict.fromkeys(stage.environment for stage in stages if stage.environment)
         ),
     }
+
+
+def steps_of(motion: xr.Dataset) -> float:
+    """Number of time steps of a motion, including rejected ones if they were counted."""
+    if "steps" in motion:
+        return float(np.nansum(motion["steps"].values))
+    return float(motion.sizes["time"] - 1)

@@ -1,27 +1,22 @@
 """Results of one trial, each computed once: activation, motion, aligned position, scores."""
 
 import time
-import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from analysis.align import align
 from analysis.scores import score
 from emgface.anatomy.head.model import Head
-from emgface.anatomy.head.recorded import activation_of_head, has_jaw
-from emgface.errors import FeatureWarning
 from emgface.face.motion import NOT_OF_REST, settle_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.configuration import VARIANT
-from emgface.inverse.parameters import without_contact
-from emgface.inverse.strategy import FOLDS, crossed, inverse_activation
-from emgface.signals.activation import activation_of, feature_range
-from emgface.study.configuration import TRUE_STRATEGY, StudyConfiguration
+from emgface.signals.activation import feature_range
+from emgface.study.by_markers import ByMarkers
+from emgface.study.configuration import StudyConfiguration
 from emgface.study.digest import (
     canonical_json,
     code_version,
@@ -30,15 +25,14 @@ from emgface.study.digest import (
     text_digest,
 )
 from emgface.study.faces import study_head
+from emgface.study.from_emg import activation_digest, activation_from_emg
 from emgface.study.incisor import with_incisor
 from emgface.study.measured import measured_during
 from emgface.study.policy import lower_sigma_max
 from emgface.study.skin import SKIN, SkinMotions
 from emgface.study.stage_code import (
-    ACTIVATION,
     ACTIVATION_OF_HEAD,
     ALIGNED,
-    INVERSE,
     MOTION,
     MOTION_OF_HEAD,
     RANGE,
@@ -49,7 +43,6 @@ from emgface.study.stage_code import (
 )
 from emgface.study.store import Result, Store
 from emgface.study.table import PlannedTrial, Recording
-from emgface.study.truth import true_activation_of
 from sim.errors import SimulationError
 
 
@@ -110,6 +103,11 @@ class Laboratory:
         """Simulations that store the motion of the skin."""
         return SkinMotions(self)
 
+    @cached_property
+    def by_markers(self) -> ByMarkers:
+        """Activations that follow the markers."""
+        return ByMarkers(self)
+
     def skin_motion(self, activation: xr.DataArray, sigma_max: float, label: str) -> Result:
         """Return the motion of the skin in a trial (`SkinMotions.motion`)."""
         return self.skin.motion(activation, sigma_max, activation_digest(activation), label)
@@ -148,17 +146,11 @@ class Laboratory:
         recording = trial.recording
         if recording is None or recording.error is not None or recording.excluded:
             return ""
-        by_markers = self._inverse_digest if trial.strategy in VARIANT else ""
+        by_markers = self.by_markers.digest if trial.strategy in VARIANT else ""
         return text_digest(
             f"{recording.digest} {trial.strategy} {extent.digest if extent else ''} "
             f"{canonical_json(self.moved)} {self._study_digest}{by_markers}"
         )
-
-    @cached_property
-    def _inverse_digest(self) -> str:
-        """Digest of the parameters and of the code of the strategies that follow the markers."""
-        chosen = self.study.inverse.model_dump(mode="json")
-        return text_digest(f"{canonical_json(chosen)} {code_version(INVERSE.modules)}")
 
     @cached_property
     def _study_digest(self) -> str:
@@ -171,7 +163,8 @@ class Laboratory:
         )
         modules = {name for stage in (*STAGES, SKIN, *of_head) for name in stage.modules}
         chosen = self.study.model_dump(mode="json", include=tables)
-        code = code_version((*sorted(modules), __name__, "emgface.study.one_trial"))
+        here = (__name__, "emgface.study.from_emg", "emgface.study.one_trial")
+        code = code_version((*sorted(modules), *here))
         return text_digest(f"{canonical_json(chosen)} {code}")
 
     def activation(
@@ -182,76 +175,8 @@ class Laboratory:
         Raises errors as `emgface.signals.activation.activation_of`, or `emgface.inverse.run.invert`.
         """
         if strategy in VARIANT:
-            return self._inverse(recording, strategy, extent, ())
-        chain = self.study.signals
-        inputs, label = {"recording": recording.digest}, f"{recording.label} {strategy}"
-        if strategy == TRUE_STRATEGY:
-            parameters = chain.model_dump(mode="json", include={"resampling"})
-            return self.store.get_or_compute(
-                ACTIVATION,
-                inputs,
-                {"trial_strategy": strategy, **parameters},
-                lambda: true_activation_of(recording.dataset, chain.resampling),
-                label=label,
-            )
-        over = None
-        if extent is not None:
-            inputs["range"], over = extent.digest, extent.dataset
-        parameters = chain.model_dump(mode="json", exclude={"head_frame"})
-        result = self.store.get_or_compute(
-            ACTIVATION,
-            inputs,
-            {"trial_strategy": strategy, **parameters},
-            lambda: _noting_warnings(
-                lambda: activation_of(
-                    recording.dataset, chain, strategy=strategy, session=over, reference=over
-                )
-            ),
-            label=label,
-        )
-        head = self.head
-        if head is not None and has_jaw(recording.channels):
-            of_face = result
-            result = self.store.get_or_compute(
-                ACTIVATION_OF_HEAD,
-                {"activation": of_face.digest, "recording": recording.digest, **self.moved},
-                parameters,
-                lambda: activation_of_head(of_face.dataset, recording.dataset, head, chain),
-                label=label,
-            )
-        noted = result.dataset.attrs["warnings"].splitlines()
-        if chain.normalisation.silent == "zero":  # muscles may be silent
-            noted = [text for text in noted if " is zero in every window" not in text]
-        if noted:
-            self.muted.add(recording.label)
-        return result
-
-    def _inverse(
-        self, recording: Recording, strategy: str, extent: Result | None, left_out: tuple[str, ...]
-    ) -> Result:
-        """Return the activation that follows the markers of a recording, some of them left out."""
-        study, chosen = self.study, self.study.inverse
-        inputs = {"recording": recording.digest, "face": self.face_digest}
-        over = None
-        if extent is not None:
-            inputs["range"], over = extent.digest, extent.dataset
-        simulation = without_contact(study.simulation)
-        return self.store.get_or_compute(
-            INVERSE,
-            inputs,
-            {
-                "trial_strategy": strategy,
-                "left_out": list(left_out),
-                "inverse": chosen.model_dump(mode="json"),
-                "simulation": simulation.model_dump(mode="json"),
-                "signals": study.signals.model_dump(mode="json"),
-            },
-            lambda: inverse_activation(
-                recording.dataset, self.face, simulation, study.signals, strategy, chosen, left_out,
-                settled=self.rest(simulation).dataset, session=over,
-            ),
-            label=" ".join([recording.label, strategy, *(f"without {m}" for m in left_out)]),
-        )  # fmt: skip
+            return self.by_markers.activation(recording, strategy, extent)
+        return activation_from_emg(self, recording, strategy, extent)
 
     def predicted(
         self,
@@ -264,30 +189,12 @@ class Laboratory:
     ) -> Result:
         """Return the motion of a trial in which no marker is predicted from itself.
 
-        It is `motion`, except for the strategies that follow the markers: each pair of markers then
-        moves as simulated with the activation estimated without it. Raises as `motion`.
+        It is `motion`, except for the strategies that follow the markers (`ByMarkers.predicted`).
+        Raises as `motion`.
         """
         if strategy not in VARIANT:
             return self.motion(activation, label, sigma_max)
-        drives = [self._inverse(recording, strategy, extent, out) for out in FOLDS]
-
-        def moved(limit: float | None) -> list[Result]:
-            return [
-                self.motion(one.dataset["activation"], f"{label} without {out[0]}", limit)
-                for one, out in zip(drives, FOLDS, strict=True)
-            ]
-
-        motions = moved(sigma_max)
-        used = {float(one.dataset.attrs["sigma_max"]) for one in motions}
-        if len(used) > 1:
-            motions = moved(min(used))
-        return self.store.get_or_compute(
-            MOTION,
-            {f"fold_{k}": one.digest for k, one in enumerate(motions)},
-            {"folds": [list(out) for out in FOLDS]},
-            lambda: crossed({out: one.dataset for out, one in zip(FOLDS, motions, strict=True)}),
-            label=f"{label} left-out markers",
-        )
+        return self.by_markers.predicted(recording, strategy, label, extent, sigma_max)
 
     def rest(self, parameters: SimulationParameters) -> Result:
         """Return the face at its equilibrium under gravity."""
@@ -386,31 +293,3 @@ class Laboratory:
             scored,
             label=label,
         )
-
-
-def _noting_warnings(compute: Callable[[], xr.Dataset]) -> xr.Dataset:
-    """Store the warnings of features with the result instead of printing them for every trial."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", FeatureWarning)
-        dataset = compute()
-    for other in caught:
-        if not issubclass(other.category, FeatureWarning):
-            warnings.warn_explicit(other.message, other.category, other.filename, other.lineno)
-    notes = [str(w.message) for w in caught if issubclass(w.category, FeatureWarning)]
-    return dataset.assign_attrs(warnings="\n".join(notes))
-
-
-def activation_digest(activation: xr.DataArray) -> str:
-    """Digest of muscles, times and values only, so that equal activations share a simulation."""
-    bare = xr.Dataset(
-        {"activation": (("muscle", "time"), activation.transpose("muscle", "time").values)},
-        coords={"muscle": activation["muscle"].values, "time": activation["time"].values},
-    )
-    return dataset_digest(bare)
-
-
-def steps_of(motion: xr.Dataset) -> float:
-    """Number of time steps of a motion, including rejected ones if they were counted."""
-    if "steps" in motion:
-        return float(np.nansum(motion["steps"].values))
-    return float(motion.sizes["time"] - 1)
