@@ -6,11 +6,9 @@
     python -m benchmarks jaw --part chewing        # the stored chewing cycle with them
     python -m benchmarks jaw --part checks         # acceptance checks of every variant; needs it, too
     python -m benchmarks jaw --part pull           # slow pull on the incisor, as stored; needs it, too
-    python -m benchmarks jaw --part openings       # nearest openings within the prior; needs it, too
-    python -m benchmarks jaw --part together       # and nearest outcomes of all tasks; needs it, too
     python -m benchmarks jaw --part causes         # under changes of one setting; needs it, too
     python -m benchmarks jaw --part cost           # chewing: error and time over the step; needs it, too
-    python -m benchmarks jaw --part posterior --samples 264 --out FOLDER    # needs it, too
+    python -m benchmarks jaw --part posterior --samples 1024 --out FOLDER   # needs it, too
     python -m benchmarks jaw --part steps          # the generated jaw: error and time over the step
     python -m benchmarks jaw --part stability      # the generated jaw under bad parameters
     python -m benchmarks jaw --part extremes       # and with extreme measures
@@ -18,11 +16,12 @@
 
 Motions are simulated. "reference" repeats every recorded motion with the recorded step and the values
 of that program; "posterior" draws parameters that publications do not state, compares the outcomes
-of the tasks with the published ones, and continues a table in the folder. Times are processor times,
-kernels warm.
+of the tasks with the published ones, searches for a set that meets them, and continues a table in
+the folder. Times are processor times, kernels warm.
 """
 
 import json
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -35,7 +34,6 @@ import sim
 from benchmarks import (
     jaw_checks,
     jaw_generated,
-    jaw_openings,
     jaw_posterior,
     jaw_pull,
     jaw_stored,
@@ -44,7 +42,7 @@ from benchmarks import (
 from benchmarks.jaw_variants import SHARED, published
 from benchmarks.report import finish
 from emgface.anatomy.jaw.run import simulate_jaw
-from emgface.anatomy.jaw.series import ramps, read_probes
+from emgface.anatomy.jaw.series import Excitation, ramps, read_probes
 
 TO_MM = np.array([-1e3, -1e3, 1e3])
 MARKERS = {
@@ -80,21 +78,26 @@ def reference() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def compared(jaw: xr.Dataset, case: dict[str, Any], path: Path) -> dict[str, Any]:
-    """Distances from one recorded motion [mm], and the processor time per simulated second."""
-    with np.load(path) as arrays:
-        t, theirs = arrays["t"], arrays["marker_pos_mm"]
+def driven(case: dict[str, Any], duration: float) -> tuple[Excitation, str | None]:
+    """Excitations of a recorded motion, and the side of its morsel."""
+    changes = " ".join(case.get("changes_against_the_model_file", []))
+    if found := re.search(r"jaw_larynx/(probes/\w+)", changes):
+        folder = SHARED / "artisynth_models" / "jaw_larynx" / found[1]
+        eaten = re.match(r"(left|right) bolus active", case.get("food_bolus", ""))
+        return read_probes(folder, duration=duration), eaten[1][0].upper() if eaten else None
     drive = dict[str, list[tuple[float, float]]]()
     for e in case["excitations"]:
         start, ramp = e["start_s"], e["ramp_s"]
         corners = [(start, 0.0), (start + ramp, e["amax"])] if ramp else [(0.0, e["amax"])]
         drive[here(e["target"])] = corners
-    excitation, morsel = ramps(drive or {"bi_close": [(0.0, 0.0)]}), None
-    if "probes" in path.stem:
-        excitation = read_probes(
-            SHARED / "artisynth_models" / "jaw_larynx" / "probes" / "rightchew"
-        )
-        morsel = "R"
+    return ramps(drive or {"bi_close": [(0.0, 0.0)]}), None
+
+
+def compared(jaw: xr.Dataset, case: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Distances from one recorded motion [mm], and the processor time per simulated second."""
+    with np.load(path) as arrays:
+        t, theirs = arrays["t"], arrays["marker_pos_mm"]
+    excitation, morsel = driven(case, float(t[-1]))
     step = case["h_s"] if case["integrator"] in INTEGRATORS else max(case["h_s"], FINEST)
     began = time.process_time()
     motion = simulate_jaw(
@@ -122,18 +125,14 @@ def compared(jaw: xr.Dataset, case: dict[str, Any], path: Path) -> dict[str, Any
     }
 
 
-def main(part: str = "steps", samples: int = 264, out: Path | None = None) -> None:
+def main(part: str = "steps", samples: int = 1024, out: Path | None = None) -> None:
     """Measure one part, print and store."""
     if part == "posterior":
         if out is None:
             raise SystemExit("posterior continues a table in a folder: give --out FOLDER")
         out.mkdir(parents=True, exist_ok=True)
-        sets = jaw_posterior.posterior(samples, out)
-        for name, table in zip(
-            ("parameters", "outcomes"), jaw_posterior.summary(sets), strict=True
-        ):
+        for name, table in jaw_posterior.posterior(samples, out).items():
             finish(f"jaw_posterior_{name}", table, out)
-        jaw_posterior.figure(sets, out)
         return
     parts = {
         "reference": reference,
@@ -141,7 +140,6 @@ def main(part: str = "steps", samples: int = 264, out: Path | None = None) -> No
         **{n: getattr(jaw_variants, n) for n in ("causes", "cost")},
         "checks": jaw_checks.checks,
         "pull": jaw_pull.pull,
-        **{n: getattr(jaw_openings, n) for n in ("openings", "together")},
         **{n: getattr(jaw_generated, n) for n in ("steps", "stability", "extremes", "emg")},
     }
     finish(f"jaw_{part}", parts[part](), out)

@@ -1,246 +1,291 @@
-"""Published jaw model: posterior of the parameters that publications do not state.
+"""Published jaw model: which outcomes one set of unstated parameters can meet, and what decides each.
 
-A part of ``python -m benchmarks jaw``; it needs the published model. Approximate Bayesian computation by
-the adaptive population Monte Carlo of Lenormand, Jabot and Deffuant 2013 (Comput. Stat. 28, 2777): of
-`POPULATION` sets with weights the nearest `KEPT` are kept, and the others are drawn around them. The
-distance is the largest excess of an outcome over its published range, in units of 10 % of that outcome.
+A part of ``python -m benchmarks jaw``; it needs the published model. Independent sets are drawn from the
+prior of `benchmarks.jaw_sets`. The nearest of them are a sample of the posterior (approximate Bayesian
+computation by rejection), with the largest excess of an outcome over its published range as distance,
+in units of 10 % of that outcome. An event that none of n sets shows has at most 1 - 0.05^(1/n) of the
+mass of the prior, with 95 % confidence. Such a share does not exclude single sets:
+`benchmarks.jaw_search` looks for them from the nearest sets, for all outcomes, for each pair that no set
+meets, and for all but one of the outcomes that bind the nearest set.
 """
 
+from collections.abc import Sequence
+from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
-import sim
-from benchmarks.jaw_variants import PROBES, chewed, published
+from benchmarks.jaw_search import Found, largest, nearest
+from benchmarks.jaw_sets import PRIOR, WANTED, Sets, Values, excess, without_numbers
 from benchmarks.report import say
-from emgface.anatomy.jaw.outcomes import displacement, separation
-from emgface.anatomy.jaw.run import run_task
-from emgface.anatomy.jaw.series import Excitation, read_probes
-from emgface.anatomy.jaw.tasks import TASKS, Task
-from emgface.errors import EmgfaceError
 
-POPULATION, KEPT = 120, 48
-STEP = 2e-3
-"""Time step [s]; outcomes differ from those of 1 ms by at most 0.2 mm."""
-
-PRIOR = {
-    "curved path": (0.0, 1.0),
-    "passive fraction": (0.005, 0.03),
-    "closers when opening": (0.0, 1.0),
-    "tone %": (0.0, 0.15),
-    "lateral pterygoids": (0.5, 1.0),
-    "muscle damping N s/m": (0.0, 8.0),
-    "body damping": (1.0, 3.0),
-    "hyoid mm": (0.0, 8.0),
-    "depressors": (0.0, 0.5),
-    "membranes, log": (0.0, 1.0),
-    "centre forward mm": (-20.0, 20.0),
-    "centre up mm": (-20.0, 20.0),
-}
-"""Bounds of uniform priors.
-
-The condyles are on a plane below 0.5 of "curved path". Factors apply to the passive forces of closers in
-opening, which Stavness et al. 2006 reduce, to the force of the lateral pterygoids and to the damping of
-bodies. Membranes have 385.6 N/m as run at 0, and the 6000 N/m of the class at 1 of their logarithm. The
-hyoid at rest is lower and further back, its depressors are active in opening, and the centre of the
-rotation of the head is elsewhere.
-"""
-
-WANTED = {
-    "rest": (3.0, 5.0),
-    "open": (35.0, 38.0),
-    "head back": (50.0, 51.0),
-    "larynx down": (0.5, 1.5),
-    "down": (18.1, 22.1),
-    "back": (5.2, 6.4),
-    "lateral": (2.07, 2.53),
-    "largest lateral": (5.5, 6.7),
-    "time s": (0.314, 0.354),
-    "hyoid up": (2.4, 4.4),
-    "hyoid forward": (1.1, 2.1),
-}
-"""Published outcomes [mm]; chewing with 10 %, the hyoid with 30 %, the time with 20 ms."""
+KEPT = 0.05
+"""Share of the sets that is the sample of the posterior."""
+SEARCHED, STARTS = 1024, 3
+"""Number of the first sets from which searches start, and of starts on each condylar path."""
+ALL = tuple(WANTED)
 
 
-def changed(jaw: xr.Dataset, own: dict[str, float]) -> xr.Dataset:
-    """The model with the parameters of a set."""
-    jaw = jaw.copy(deep=True)
-    names = jaw["muscle"].values.astype(str)
-    lateral = np.array([n[:3] in ("ip_", "sp_") for n in names])
-    jaw["muscle_passive_fraction"][:] = own["passive fraction"]
-    jaw["muscle_damping"][:] = own["muscle damping N s/m"]
-    jaw["muscle_force_max"][lateral] = own["lateral pterygoids"] * jaw["muscle_force_max"][lateral]
-    jaw["body_damping"][:] = own["body damping"] * jaw["body_damping"]
-    membranes = np.array(["Mem" in str(n) for n in jaw["spring"].values])
-    stiffer = (6000.0 / 385.6) ** own["membranes, log"]
-    jaw["spring_stiffness"][membranes] = stiffer * jaw["spring_stiffness"][membranes]
-    hyoid = [str(b) for b in jaw["body"].values].index("hyoid")
-    moved = 1e-3 * own["hyoid mm"] * np.array([0.0, -1.0, -1.0])
-    on = (jaw["muscle_body"] == hyoid).values[..., None]
-    jaw["muscle_position"][:] = np.where(on, jaw["muscle_position"] + moved, jaw["muscle_position"])
-    centre = jaw["point_position"].sel(point="head_centre").values
-    turned = [0.0, 1e-3 * own["centre forward mm"], 1e-3 * own["centre up mm"]]
-    jaw["point_position"].loc[{"point": "head_centre"}] = centre + turned
-    return jaw
+class Pool:
+    """All sets whose outcomes are known, by their parameters."""
+
+    def __init__(self, sets: Sets) -> None:
+        self._sets, self.known = sets, list[tuple[Values, Values]]()
+
+    def outcomes(self, own: Values) -> Values:
+        """Outcomes of a set, which is then known."""
+        self.known.append((own, self._sets.outcomes(own)))
+        return self.known[-1][1]
+
+    def best(self, wanted: Sequence[str], curved: bool | None = None) -> Values:
+        """Known set with the smallest largest excess of some outcomes, on one path or any."""
+        chosen = [k for k in self.known if curved in (None, k[0]["curved path"] >= 0.5)]
+        return min(chosen, key=lambda one: largest(one[1], wanted))[0]
 
 
-def outcomes_of(jaw: xr.Dataset, own: dict[str, float]) -> dict[str, float]:
-    """Outcomes of rest, opening and chewing [mm]."""
-    jaw = changed(jaw, own)
-    rest = run_task(jaw, TASKS["rest"], duration=1.5, step=STEP, output=0.05, check=False)
-    found = {"rest": float(separation(rest)[-1])}
-    found |= openings_of(jaw, own)
-    series = read_probes(PROBES)
-    tone = np.full(len(series.time), 0.01 * own["tone %"])
-    drive = Excitation(series.time, {**series.values, "bi_close": tone})
-    chew = run_task(
-        jaw, Task("", 0.5, morsel="L"), excitation=drive, step=STEP, output=0.004, check=False
-    )
-    return found | {name.removeprefix("chew, "): x for name, x in chewed(chew).items()}
-
-
-def openings_of(jaw: xr.Dataset, own: dict[str, float]) -> dict[str, float]:
-    """Openings with the head still and back, and lowering of the larynx, of a changed model [mm]."""
-    found = dict[str, float]()
-    weak = jaw.copy(deep=True)
-    closers = [n[:3] in ("at_", "mt_", "pt_", "sm_", "dm_", "mp_") for n in jaw["muscle"].values]
-    weak["muscle_passive_fraction"][closers] = own["passive fraction"] * own["closers when opening"]
-    wide = dict(TASKS["open"].excitation) | {
-        "bi_infrahyoid": [(0.0, 0.0), (0.2, own["depressors"])]
+def posterior(samples: int, out: Path) -> dict[str, pd.DataFrame]:
+    """Tables of outcomes, parameters, pairs and searches; a figure and all sets are in the folder."""
+    sets = Sets(out / "jaw_sets.csv")
+    pool = Pool(sets)
+    low, high = np.array(list(PRIOR.values())).T
+    drawn = np.random.default_rng(3).uniform(low, high, (samples, len(low)))
+    rows = list[Values]()
+    for k, x in enumerate(drawn[:SEARCHED].tolist()):
+        rows.append(_row(pool, dict(zip(PRIOR, x, strict=True))))
+        if k % 64 == 63:
+            say(f"{k + 1} of {samples}: nearest {min(r['distance'] for r in rows):.2f}")
+    found = searches(pool, pd.DataFrame(rows))
+    rows += [_row(pool, dict(zip(PRIOR, x, strict=True))) for x in drawn[SEARCHED:].tolist()]
+    prior = pd.DataFrame(rows)
+    counts, joint = pairs(prior, pool)
+    figure(prior, counts, joint, found, out)
+    others = {
+        path: without_numbers(sets.model(own), own)
+        for path in ("planes", "curve")
+        for own in [found[f"all, {path}"].own]
     }
-    for name, head in (("open", 0.0), ("head back", 15.0)):
-        motion = run_task(weak, Task("", 0.8, wide, head=head), step=STEP, output=0.02, check=False)
-        found[name] = float(separation(motion).max())
-        if not head:
-            found["larynx down"] = -float(displacement(motion, "thyroid")[-1, 2])
+    return {
+        "outcomes": outcome_table(prior, found),
+        "others": pd.DataFrame(others).round(3).reset_index(names="nearest sets"),
+        "parameters": parameter_table(prior, found),
+        "pairs": pair_table(counts, joint),
+        "searches": search_table(found, len(prior)),
+    }
+
+
+def _row(pool: Pool, own: Values) -> Values:
+    outcomes = pool.outcomes(own)
+    return own | outcomes | {"distance": largest(outcomes, ALL)}
+
+
+def met(sets: pd.DataFrame) -> pd.DataFrame:
+    """Whether each set meets each outcome."""
+    return pd.DataFrame({n: sets[n].between(low, high) for n, (low, high) in WANTED.items()})
+
+
+def searches(pool: Pool, prior: pd.DataFrame) -> dict[str, Found]:
+    """Results by what was searched."""
+    found, whole = dict[str, Found](), list[Found]()
+    for name, curved in (("planes", False), ("curve", True)):
+        own = prior[(prior["curved path"] >= 0.5) == curved].nsmallest(STARTS, "distance")
+        tries = [nearest(pool.outcomes, {n: float(r[n]) for n in PRIOR}) for _, r in own.iterrows()]
+        found[f"all, {name}"] = min(tries, key=lambda one: one.far)
+        say(f"all, {name}: " + ", ".join(f"{one.far:.3f}" for one in tries))
+        whole.append(found[f"all, {name}"])
+    best = min(whole, key=lambda one: one.far)
+    for one in best.binding:
+        rest = tuple(n for n in ALL if n != one)
+        found[f"all but {one}"] = nearest(pool.outcomes, pool.best(rest), rest)
+        say(f"all but {one}: {found[f'all but {one}'].far:.3f}")
+    reached = met(prior)
+    for a, b in combinations(ALL, 2):
+        if (reached[a] & reached[b]).any():
+            continue
+        tries = list[Found]()
+        for curved in (True, False):
+            if not tries or tries[0].far > 0.0:
+                tries.append(nearest(pool.outcomes, pool.best((a, b), curved), (a, b)))
+        found[f"{a} and {b}"] = min(tries, key=lambda one: one.far)
+        say(f"{a} and {b}: {found[f'{a} and {b}'].far:.3f}")
     return found
 
 
-def excess(found: dict[str, float]) -> dict[str, float]:
-    """Distance of every outcome from its published range, in units of 10 % of its middle."""
-    far = {n: max(low - found[n], found[n] - high, 0.0) for n, (low, high) in WANTED.items()}
-    return {n: far[n] / (0.05 * sum(WANTED[n])) for n in WANTED}
+def pairs(prior: pd.DataFrame, pool: Pool) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Number of sets of the prior that meet both outcomes, and the smallest excess in any known set."""
+    reached, n = met(prior).to_numpy(dtype=int), len(ALL)
+    counts = pd.DataFrame(reached.T @ reached, index=ALL, columns=ALL)
+    far = np.array([[excess(outcomes)[n] for n in ALL] for _, outcomes in pool.known])
+    far = np.where(np.isfinite(far), far, np.inf)
+    joint = np.array([[np.maximum(far[:, i], far[:, j]).min() for j in range(n)] for i in range(n)])
+    return counts, pd.DataFrame(joint, index=ALL, columns=ALL)
 
 
-def drawn(generation: int, kept: pd.DataFrame, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Sets (n, parameters) of a generation and their weights."""
-    rng, low, high = np.random.default_rng([3, generation]), *np.array(list(PRIOR.values())).T
-    if not len(kept):
-        return rng.uniform(low, high, (n, len(low))), np.ones(n)
-    centres, weights = kept[[*PRIOR]].to_numpy(), (kept["weight"] / kept["weight"].sum()).to_numpy()
-    middle = weights @ centres
-    wide = np.sqrt(2.0 * weights @ (centres - middle) ** 2)
-    found = list[np.ndarray]()
-    while len(found) < n:
-        x = centres[rng.choice(len(centres), p=weights)] + wide * rng.standard_normal(len(low))
-        if ((x >= low) & (x <= high)).all():
-            found.append(x)
-    own = np.array(found)
-    z = (own[:, None] - centres) / wide
-    density = np.exp(-0.5 * (z * z).sum(axis=2)) @ weights
-    return own, 1.0 / (density * np.prod((high - low) / wide) / (2.0 * np.pi) ** (0.5 * len(low)))
+def pair_table(counts: pd.DataFrame, joint: pd.DataFrame) -> pd.DataFrame:
+    """Numbers of sets; where there are none, the smallest excess that was found."""
+    cells = {
+        b: [
+            str(counts.loc[a, b]) if counts.loc[a, b] else f"0 ({joint.loc[a, b]:.2f})" for a in ALL
+        ]
+        for b in ALL
+    }
+    return pd.DataFrame({"outcome": ALL, **cells})
 
 
-def posterior(samples: int, out: Path) -> pd.DataFrame:
-    """Sets with outcomes, distance, generation and weight; continues a table in the folder."""
-    path = out / "jaw_posterior.csv"
-    rows = list[dict[str, Any]]()
-    if path.exists():
-        rows = [dict(row) for _, row in pd.read_csv(path).iterrows()]
-    models = [published("larynx", condyle=c) for c in ("planar", "curved")]
-    kept, generation, passed = pd.DataFrame(), 0, 0
-    while passed < samples:
-        n = POPULATION - len(kept)
-        own, weights = drawn(generation, kept, n)
-        for k in range(passed, min(passed + n, samples)):
-            if k < len(rows):
-                continue
-            x = dict(zip(PRIOR, own[k - passed].tolist(), strict=True))
-            row = x | {"generation": generation, "weight": float(weights[k - passed])}
-            try:
-                found = outcomes_of(models[int(x["curved path"] >= 0.5)], x)
-                row |= found | {"distance": max(excess(found).values())}
-            except (EmgfaceError, sim.SimulationError) as error:
-                say(f"{x}: {error}")
-                row |= dict.fromkeys(WANTED, np.nan) | {"distance": np.inf}
-            rows.append(row)
-            pd.DataFrame(rows).to_csv(path, index=False)
-            say(f"{k + 1} of {samples}, generation {generation}: distance {row['distance']:.2f}")
-        passed += n
-        new = pd.DataFrame(rows[passed - n : passed])
-        kept = pd.concat([kept, new]).nsmallest(KEPT, "distance")
-        generation += 1
-    return pd.DataFrame(rows)
+def share(count: int, n: int) -> str:
+    """Share of the prior, or its upper bound with 95 % confidence if no set shows an event."""
+    return f"{count / n:.2g}" if count else f"< {1.0 - 0.05 ** (1.0 / n):.2g}"
 
 
-def summary(sets: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Posterior of the parameters from the nearest sets, and their outcomes beside the published."""
-    near = sets.nsmallest(KEPT, "distance")
-    best, weights = near.iloc[0], (near["weight"] / near["weight"].sum()).to_numpy()
+def _between(values: pd.Series) -> str:
+    return " to ".join(f"{x:.3g}" for x in np.nanquantile(values, [0.05, 0.95]))
 
-    def between(name: str) -> str:
-        order = np.argsort(near[name].to_numpy())
-        ends = np.interp([0.05, 0.95], np.cumsum(weights[order]), near[name].to_numpy()[order])
-        return " to ".join(f"{x:.3g}" for x in ends)
 
-    effective = 1.0 / float((weights**2).sum())
-    met = sum(sets[n].between(low, high).astype(int) for n, (low, high) in WANTED.items())
-    say(f"outcomes met by a set: {pd.Series(met).value_counts().to_dict()}")
-    say(f"{len(sets)} sets; of the nearest {KEPT} the distance is at most")
-    say(f"{near['distance'].max():.2f}, effective number {effective:.1f}")
-    parameters = [
-        {
-            "parameter": name,
-            "prior": f"{low:g} to {high:g}",
-            "posterior, 90 %": between(name),
-            "nearest set": f"{best[name]:.3g}",
-            "spread / prior": round(_spread(near[name], weights) * 12**0.5 / (high - low), 2),
-        }
-        for name, (low, high) in PRIOR.items()
-    ]
-    outcomes = [
+def nearest_sets(prior: pd.DataFrame) -> pd.DataFrame:
+    """Sample of the posterior."""
+    return prior.nsmallest(round(KEPT * len(prior)), "distance")
+
+
+def outcome_table(prior: pd.DataFrame, found: dict[str, Found]) -> pd.DataFrame:
+    """Outcomes of prior, posterior and the nearest sets beside the published ones."""
+    near, reached = nearest_sets(prior), met(prior)
+    at_once = reached.sum(axis=1)
+    say(
+        f"{len(prior)} sets, {int(prior['rest'].isna().sum())} without outcomes; most met at once: "
+    )
+    say(f"{at_once.value_counts().sort_index().to_dict()}; distance {near['distance'].max():.2f}")
+    say(f"all within 10 % beyond: {share(int((prior['distance'] <= 1.0).sum()), len(prior))}")
+    return pd.DataFrame(
         {
             "outcome": name,
             "published": f"{low:g} to {high:g}",
-            "prior, 90 %": " to ".join(
-                f"{x:.3g}" for x in np.nanquantile(sets[name][:POPULATION], [0.05, 0.95])
-            ),
-            "posterior, 90 %": between(name),
-            "nearest set": f"{best[name]:.3g}",
-            "met by": int(sets[name].between(low, high).sum()),
+            "prior, 90 %": _between(prior[name]),
+            "posterior, 90 %": _between(near[name]),
+            "met by": share(int(reached[name].sum()), len(prior)),
+            **{
+                f"nearest, {path}": f"{found[f'all, {path}'].outcomes[name]:.3g}"
+                for path in ("planes", "curve")
+            },
         }
         for name, (low, high) in WANTED.items()
+    )
+
+
+def parameter_table(prior: pd.DataFrame, found: dict[str, Found]) -> pd.DataFrame:
+    """Parameters of prior, posterior and the nearest sets."""
+    near = nearest_sets(prior)
+    return pd.DataFrame(
+        {
+            "parameter": name,
+            "prior": f"{low:g} to {high:g}",
+            "posterior, 90 %": _between(near[name]),
+            "spread / prior": f"{near[name].std() * 12**0.5 / (high - low):.2f}",
+            **{
+                f"nearest, {path}": f"{found[f'all, {path}'].own[name]:.3g}"
+                for path in ("planes", "curve")
+            },
+        }
+        for name, (low, high) in PRIOR.items()
+    )
+
+
+def search_table(found: dict[str, Found], n: int) -> pd.DataFrame:
+    """Smallest excess of every group of outcomes, what binds it, and parameters at a bound."""
+    say(f"no set meets a group: at most {share(0, n)} of the prior")
+    return pd.DataFrame(
+        {
+            "outcomes": name,
+            "path": "curve" if one.own["curved path"] >= 0.5 else "planes",
+            "smallest excess": f"{one.far:.2f}",
+            "binding": ", ".join(one.binding),
+            "at a bound of the prior": ", ".join(
+                n
+                for n, (low, high) in PRIOR.items()
+                if n != "curved path" and min(one.own[n] - low, high - one.own[n]) < 1e-6
+            ),
+        }
+        for name, one in found.items()
+    )
+
+
+def figure(
+    prior: pd.DataFrame,
+    counts: pd.DataFrame,
+    joint: pd.DataFrame,
+    found: dict[str, Found],
+    out: Path,
+) -> None:
+    """Draw rank correlations, pairs, and outcomes in units of their published ranges."""
+    from analysis.figures.style import COLOURS, blank, grid, save, ticks
+
+    canvas = blank(13.0, 11.0)
+    (left, right), (below, last) = grid(canvas, 2, 2)
+    names = [*PRIOR]
+    ranked = prior[[*names, *ALL]].corr(method="spearman").loc[list(ALL), names].to_numpy()
+    _map(
+        left,
+        np.abs(ranked),
+        [f"{x:.1f}" for x in ranked.round(1).ravel() + 0.0],
+        names,
+        "Blues",
+        1.0,
+    )
+    left.set_title("Rank correlation of parameter and outcome in the prior")
+    texts = [
+        str(c) if c else ("0" if j > 0.0 else "0*")
+        for c, j in zip(counts.to_numpy().ravel(), joint.to_numpy().ravel(), strict=True)
     ]
-    return pd.DataFrame(parameters), pd.DataFrame(outcomes)
+    _map(right, np.log1p(counts.to_numpy()), texts, list(ALL), "Greens", np.log1p(len(prior)))
+    right.set_title(f"Sets of {len(prior)} that meet both (0*: a search found one)")
+    near = nearest_sets(prior)
+    marks = (("planes", "s", COLOURS[5]), ("curve", "o", COLOURS[4]))
+    for k, (low, high) in enumerate(WANTED.values()):
+        name, middle, half = ALL[k], 0.5 * (low + high), 0.5 * (high - low)
+        below.barh(k, 2.0 * half / middle, left=-half / middle, height=0.9, color="0.85")
+        for sets, y, colour in ((prior, 0.2, "0.4"), (near, -0.2, COLOURS[4])):
+            ends = np.nanquantile(sets[name], [0.05, 0.95]) / middle - 1.0
+            below.plot(ends, [k + y] * 2, color=colour, lw=3.0)
+        for path, mark, colour in marks:
+            x = found[f"all, {path}"].outcomes[name] / middle - 1.0
+            below.plot(x, k, mark, color=colour, mec="black", ms=6)
+    below.set_xlim(-1.0, 1.5)
+    ticks(below, "y", range(len(ALL)), ALL)
+    below.set_xlabel("relative difference from the middle of the published range (grey)")
+    below.set_title("Outcomes: prior (grey), posterior (blue), 90 %; nearest sets")
+    for k, (name, (low, high)) in enumerate(PRIOR.items()):
+        ends = (np.nanquantile(near[name], [0.05, 0.5, 0.95]) - low) / (high - low)
+        last.plot(ends[[0, 2]], [k, k], color=COLOURS[4], lw=3.0)
+        last.plot(ends[1], k, "|", color="black", ms=12)
+        for path, mark, colour in marks:
+            x = (found[f"all, {path}"].own[name] - low) / (high - low)
+            last.plot(x, k, mark, color=colour, mec="black", ms=6)
+    last.set_xlim(-0.02, 1.02)
+    ticks(last, "y", range(len(names)), names)
+    last.set_xlabel("share of the prior range")
+    last.set_title("Parameters: posterior (90 %, median) and nearest sets")
+    canvas.suptitle("Unstated parameters and outcomes of the published jaw (simulated)")
+    save(canvas, out / "jaw_posterior.png", dpi=90)
 
 
-def _spread(values: pd.Series, weights: np.ndarray) -> float:
-    x = values.to_numpy()
-    return float(np.sqrt(weights @ (x - weights @ x) ** 2))
+def _map(
+    panel, values: np.ndarray, texts: Sequence[str], columns: list[str], shades: str, most: float
+) -> None:  # pyright: ignore
+    """Draw a matrix of outcomes over columns with a text in every cell."""
+    from analysis.figures.style import ticks
 
-
-def figure(sets: pd.DataFrame, out: Path) -> None:
-    """Parameters and outcomes of all sets over their distance from the published outcomes."""
-    from analysis.figures.style import COLOURS, blank, grid, save
-
-    canvas, names = blank(12.0, 10.0), [*PRIOR, *WANTED]
-    panels = grid(canvas, 4, 6)
-    near = sets.nsmallest(KEPT, "distance")
-    for k, name in enumerate(names):
-        panel = panels[k // 6][k % 6]
-        low, high = PRIOR.get(name, WANTED.get(name, (0.0, 1.0)))
-        if name in WANTED:
-            panel.axvspan(low, high, color="0.85")
-        for group, colour in ((sets, "0.6"), (near, COLOURS[4])):
-            panel.plot(group[name], group["distance"].clip(0.02), ".", ms=4, color=colour)
-        panel.set_yscale("log")
-        unit = "" if name in PRIOR or name.endswith(" s") else " mm"
-        panel.set_xlabel(name + unit, fontsize="small")
-    for row in panels:
-        row[0].set_ylabel("distance")
-    panels[3][5].set_visible(False)
-    canvas.suptitle("Parameters and outcomes (simulated) over the distance from published outcomes")
-    save(canvas, out / "jaw_posterior.png", dpi=100)
+    panel.imshow(values, cmap=shades, vmin=0.0, vmax=most, aspect="auto")
+    for k, text in enumerate(texts):
+        row, column = divmod(k, len(columns))
+        dark = values[row, column] > 0.6 * most
+        panel.text(
+            column,
+            row,
+            text,
+            ha="center",
+            va="center",
+            fontsize=7,
+            color="white" if dark else "black",
+        )
+    ticks(panel, "y", range(len(ALL)), ALL)
+    ticks(panel, "x", range(len(columns)), columns)
+    panel.tick_params(axis="x", rotation=60)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from benchmarks.jaw import MARKERS
+from benchmarks.jaw import MARKERS, driven
 from emgface.anatomy.jaw.run import simulate_jaw
-from emgface.anatomy.jaw.series import ramps
+from emgface.anatomy.jaw.series import ramps, read_probes
 from tests.jaw.conftest import TO_MM, here
 
 POINTS = MARKERS | {"upperincisor": "upper_incisor"}
@@ -52,3 +52,17 @@ def test_jaw_moves_and_rests_as_in_the_other_program(recorded, published, name):
     # forces of all muscles at the end, recorded in single precision
     force = motion["muscle_force"].sel(muscle=[here(m) for m in case["muscles"]])[:, -1]
     np.testing.assert_allclose(force, arrays["muscle_force_N"][-1], rtol=1e-4, atol=1e-5 + at_end)
+
+
+def test_a_recorded_chew_is_driven_by_the_series_that_it_names(recorded, shared):
+    case, _ = recorded("larynx_rightchew_probes")
+    probes = shared / "artisynth_models" / "jaw_larynx" / "probes"
+    other = {
+        "changes_against_the_model_file": ["input series jaw_larynx/probes/leftchew, left bolus"],
+        "food_bolus": "left bolus active: diameter 10 mm",
+    }
+    for text, side, folder in ((case, "R", "rightchew"), (other, "L", "leftchew")):
+        found, morsel = driven(text, 0.2)
+        wanted = read_probes(probes / folder, duration=0.2)
+        assert morsel == side and set(found.values) == set(wanted.values)
+        assert all((found.values[name] == wanted.values[name]).all() for name in wanted.values)
