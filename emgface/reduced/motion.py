@@ -21,9 +21,9 @@ from sim import (
     Workspace,
     simulate,
 )
-from sim.probes import Probe, Variable
+from sim.probes import Probe, Variable, recorded
 from sim.reduced import FusedEuler, ReductionError
-from sim.state import Control, StepReport
+from sim.state import Control, Outputs, StepReport
 from sim.system import System
 
 SAME = 1e-6
@@ -102,9 +102,22 @@ class Lifted:
         self, system: System, state: State, control: Control, report: StepReport | None
     ) -> tuple[Floats | float, ...]:
         """Record the probe at the positions and velocities of full order."""
-        q = self.rest + self.modes @ state.q.reshape(-1)
-        whole = replace(state, q=q, v=self.modes @ state.v.reshape(-1), memory={})
+        q, v = (self._moved(x[None])[0] for x in (state.q, state.v))
+        whole = replace(state, q=self.rest + q, v=v, memory={})
         return self.probe.record(system, whole, control, report)
+
+    def record_all(
+        self, system: System, outputs: Outputs, activation: Floats
+    ) -> tuple[Floats, ...]:
+        """Record the probe at several outputs."""
+        q, v = (self._moved(x) for x in (outputs.q, outputs.v))
+        whole = replace(outputs, q=self.rest + q, v=v, memory={})
+        return recorded(self.probe, system, whole, activation)
+
+    def _moved(self, y: Floats) -> Floats:
+        """Displacements (t, node, axis) for coordinates (t, points, 3)."""
+        r = self.modes.shape[2]
+        return (y.reshape(-1, r) @ self.modes.reshape(-1, r).T).reshape(-1, *self.rest.shape)
 
 
 def simulate_reduced(

@@ -24,7 +24,7 @@ from emgface.reduced.stream import Played
 from emgface.reduced.study_plan import study_drives
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.study.store import Store
-from sim import Activation, ContactFailure, InvertedElement
+from sim import Activation, ContactFailure, InvertedElement, Positions
 
 SMALL = ReductionParameters(
     modes=9, omitted=3, elements=60, calibration=3, coverage=0.7, every=0.01
@@ -149,6 +149,20 @@ def test_an_activation_outside_the_training_is_simulated_at_full_order(face, tra
     np.testing.assert_array_equal(found["position"], full["position"])
     kept = simulate(face, drive, file=trained[1], fall_back=False)
     assert kept.attrs["reduced"] == 1 and "farther than any" in kept.attrs["reduction_doubt"]
+
+
+def test_a_probe_of_full_order_sees_all_nodes_of_a_reduced_face(face, trained):
+    """At the start and at all outputs; a marker without its correction is a node."""
+    reduced = ReducedFace.of(trained[0], face, PARAMETERS)
+    n = len(face["muscle"])
+    drive = Activation(np.array([0.0, 0.1]), np.array([np.zeros(n), np.full(n, 0.4)]))
+    motion = simulate_reduced(reduced, drive, 0.1, further=(Positions(),))
+    seen = motion["node_position"].transpose("time", "node", "axis").values
+    assert seen.shape == (11, *reduced.rest.shape)
+    assert np.abs(seen - reduced.rest).max() > 1e-3
+    corrected = motion["position"].transpose("time", "marker", "axis").values
+    apart = seen[:, face["marker_node"].values.astype(int)] - corrected
+    assert np.abs(apart).max() < 0.1 * np.abs(seen - seen[0]).max()
 
 
 def test_longer_steps_than_in_the_training_are_not_trusted(face, trained):
