@@ -112,7 +112,7 @@ def cost() -> pd.DataFrame:
         for ms in (10.0, 5.0, 2.5, 1.0, 0.5, 0.25, 0.1, 0.05):
             try:
                 (d, whole), short = run(scheme, ms), run(scheme, ms, 0.2)[1]
-            except EmgfaceError as error:
+            except (EmgfaceError, sim.SimulationError) as error:
                 say(f"{scheme.__name__}: {error}")
                 continue
             miss, spent = np.linalg.norm(d - truth, axis=1), (whole - short) / 0.8
