@@ -119,7 +119,9 @@ def _among(
         if left <= error or turn == TURNS:
             break
         left = sweep(W, b, first, friction, x, SWEEPS, error)
-        if not np.isfinite(W @ x).all():
+        with np.errstate(invalid="ignore", over="ignore"):
+            bounded = bool(np.isfinite(W @ x).all())
+        if not bounded:
             return np.zeros_like(x), np.inf  # forces grow without bound if W is indefinite
         # an indefinite matrix may have rows that sweeps cannot close
         left = max(left, -float((W @ x + b)[first].min()))
