@@ -80,7 +80,7 @@ def _row(pool: Pool, own: Values) -> Values:
 
 
 def met(sets: pd.DataFrame) -> pd.DataFrame:
-    """Whether each set meets each outcome."""
+    """Table with True where a set (row) meets the published range of an outcome (column)."""
     return pd.DataFrame({n: sets[n].between(low, high) for n, (low, high) in WANTED.items()})
 
 

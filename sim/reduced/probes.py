@@ -1,5 +1,6 @@
 """Probes of reduced models: positions of nodes, and the estimated error of the reduction."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -14,12 +15,12 @@ from sim.system import System
 SILENT = StepReport(h=0.0, smallest_J=float("nan"))  #: of a state that no step has reached
 
 
-class _OfOutputs:
+class _OfOutputs(ABC):
     """Probe that evaluates one state as several outputs."""
 
+    @abstractmethod
     def record_all(self, system: System, outputs: Outputs, activation: Array) -> tuple[Array, ...]:
         """Values of every variable along the first axis, under activations (n, n_muscles)."""
-        raise NotImplementedError
 
     def record(
         self, system: System, state: State, control: Control, report: StepReport | None

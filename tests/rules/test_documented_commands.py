@@ -17,7 +17,7 @@ from emgface.cli import app
 ROOT = Path(__file__).resolve().parents[2]
 COMMAND = re.compile(r"(?:\bemgface|python -m (?:benchmarks|studies\.\w+)) .*")
 ENDS = re.compile(r"&&|;|\||>| # ")
-"""What ends a command within its line."""
+"""Characters and words of the shell that end a command before the end of its line."""
 FENCED = re.compile(r"^ *```(\w*)[^\n]*\n(.*?)^ *```", re.DOTALL | re.MULTILINE)
 FORMER = "CHANGELOG.md"
 """Page that also names commands of former versions."""
@@ -59,7 +59,7 @@ def commands() -> list[tuple[str, list[str]]]:
 
 
 def wrong(words: list[str]) -> str:
-    """What a command names that does not exist; empty if all of it exists."""
+    """Return a message about the first name that the parsers do not know, or an empty one."""
     if words[0] == "emgface":
         command: Any = whole()
         rest = words[1:]
