@@ -26,7 +26,7 @@ from emgface.cli import (
     volunteers,
 )
 from emgface.cli.console import Commands, out, show_warnings_as_sentences
-from emgface.cli.machine import use_one_blas_thread
+from emgface.cli.machine import collect_seldom, use_one_blas_thread
 
 app = typer.Typer(
     cls=Commands,
@@ -95,4 +95,5 @@ app.command()(study.report)
 def main() -> None:
     """Run the command line."""
     use_one_blas_thread()
+    collect_seldom()
     app()

@@ -1,5 +1,7 @@
 """Properties of the machine: cores, threads, compiled kernels."""
 
+import atexit
+import gc
 import os
 import signal
 import sys
@@ -31,6 +33,16 @@ def use_one_blas_thread() -> None:
     """
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+
+
+def collect_seldom() -> None:
+    """Search for unreachable objects less often than Python does, and not at the end of the process.
+
+    Each search visits hundreds of thousands of objects of the imported libraries. The data of a
+    command are arrays, which are freed without a search.
+    """
+    gc.set_threshold(50_000)
+    atexit.register(gc.freeze)
 
 
 def announce_compilation() -> None:

@@ -5,6 +5,7 @@ local processes are copies of one process that has imported the modules of their
 seconds; elsewhere libraries may not survive being copied, and every process imports them.
 """
 
+import gc
 import importlib
 import multiprocessing
 import os
@@ -323,6 +324,7 @@ def _prepare(threads: int) -> None:
     os.environ[ELEMENTS] = str(threads)
     if (loops := sys.modules.get("sim.threads")) is not None:
         loops.set_thread_count(threads)
+    gc.freeze()  # searches for unreachable objects omit those of the imported modules
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
