@@ -1,6 +1,7 @@
 """Encoding of surfaces, motions and activations as JSON for pages."""
 
 import base64
+import json
 import zlib
 from typing import Any, Final
 
@@ -47,6 +48,17 @@ def muscle_names(muscles: NDArray[Any]) -> list[dict[str, str]]:
     """Names of muscles such as ``ZYG_L`` for the panel of activations."""
     plain = [(str(m), str(m).rpartition("_")[0]) for m in muscles]
     return [{"id": m, "name": MUSCLE_NAMES.get(own, own)} for m, own in plain]
+
+
+def scaling(activation: xr.Dataset) -> str:
+    """Sentence for the panel on the scaling of an activation, empty if its parameters are unknown."""
+    chain = json.loads(activation.attrs.get("parameters", "{}"))
+    if chain.get("normalisation", {}).get("reach") != "trial":
+        return ""
+    return (
+        "Each muscle is scaled to its own range in the trial (Eq. 8), so that the noise of an "
+        "inactive muscle also reaches the full bar."
+    )
 
 
 def levels(activation: xr.DataArray, at: NDArray[np.floating]) -> str:

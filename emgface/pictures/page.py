@@ -18,7 +18,15 @@ from analysis.figures.style import WRITTEN, settings
 from analysis.tables import Table
 from emgface.muscles import INSTRUCTIONS
 from emgface.pictures.body import body_of, skin_of
-from emgface.pictures.encoding import body_data, deltas, levels, middle_of, muscle_names, whole
+from emgface.pictures.encoding import (
+    body_data,
+    deltas,
+    levels,
+    middle_of,
+    muscle_names,
+    scaling,
+    whole,
+)
 from emgface.pictures.render import VIEWS
 from emgface.pictures.surface import drawn_surface
 
@@ -54,7 +62,7 @@ def motion_page(motion: xr.Dataset, activation: xr.Dataset | None = None) -> str
     markers = motion["position"].transpose("time", "marker", "axis")
     markers = whole(markers.sel(time=time, method="nearest").values, centre)
     sigma_max = float(motion.attrs["sigma_max"]) / 1e3
-    about = f"Face {motion.attrs.get('face') or 'without a name'}, sigma_max {sigma_max:.4g} kPa."
+    about = f"Face model: {motion.attrs.get('face') or 'unnamed'}, sigma_max {sigma_max:.4g} kPa."
     trial = _trial(frames, markers, time, centre, about)
     data = body_data(body, frames[0]) | _single(trial, motion["marker"].values)
     origin = ""
@@ -62,6 +70,7 @@ def motion_page(motion: xr.Dataset, activation: xr.Dataset | None = None) -> str
         pace, start = motion.attrs["recorded_pace"], motion.attrs["recorded_start"]
         trial["activation"] = levels(activation["activation"], start + pace * time)
         data["muscles"] = muscle_names(activation["muscle"].values)
+        data["scaling"] = scaling(activation)
         origin = str(activation.attrs.get("origin", ""))
     title = trial_name(motion)
     words = "The motion of the face is simulated by a finite-element model"

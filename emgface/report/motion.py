@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 
 from emgface.muscles import INSTRUCTIONS
 from emgface.pictures.body import Body, Skin, body_of, skin_of
-from emgface.pictures.encoding import body_data, deltas, levels, middle_of, muscle_names, whole
+from emgface.pictures.encoding import (
+    body_data,
+    deltas,
+    levels,
+    middle_of,
+    muscle_names,
+    scaling,
+    whole,
+)
 from emgface.report.results import FAILURES, Results, Trial, representative
 
 LARGEST: Final = 9_000_000
@@ -136,6 +144,7 @@ def _encoded(
         "strategies": list(dict.fromkeys(t["strategy"] for t in trials)),
         "markers": [str(name) for name in first[1]["marker"].values],
         "muscles": muscle_names(first[0].activation["muscle"].values),
+        "scaling": scaling(first[0].activation),
         "trials": trials,
     }
 

@@ -18,8 +18,10 @@ from emgface.errors import DataError
 from emgface.face.file import save_face
 from emgface.muscles import MUSCLES
 from emgface.pictures import show as module
+from emgface.pictures.page import motion_page
 from emgface.pictures.show import draw, figure, kind, page
 from emgface.schema.netcdf import read_netcdf, write_netcdf
+from emgface.signals.parameters import SignalChain
 from tests.tongue.small import small_tongue_motion
 
 
@@ -70,6 +72,13 @@ def test_faces_and_motions_have_turning_pages(face: xr.Dataset, motion: xr.Datas
     assert "simulated motion" in moving and "S01 D (voluntary smile)" in moving
     assert "default-src 'none'" in moving.replace("&#39;", "'")
     assert "sigma_max 100 kPa" in moving
+
+
+@pytest.mark.parametrize(("reach", "own"), [("trial", True), ("session", False)])
+def test_page_states_the_range_of_the_activation(motion: xr.Dataset, reach: str, own: bool) -> None:
+    chain = SignalChain.model_validate({"normalisation": {"reach": reach}})
+    drive = activation().assign_attrs(parameters=chain.model_dump_json())
+    assert ("scaled to its own range in the trial" in motion_page(motion, drive)) == own
 
 
 def test_files_are_drawn_by_their_contents(

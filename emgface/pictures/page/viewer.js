@@ -369,6 +369,8 @@ function muscles() {
     one.className = name; one.textContent = text; place.append(one);
     return one;
   };
+  $("scaling").textContent = data.scaling || "";
+  $("scaling").hidden = !data.scaling;
   // From the front the subject's right is on the left, as in the picture.
   put("span", "head", "right"); put("b", "head", ""); put("span", "head", "left");
   for (const stem of stems) {
