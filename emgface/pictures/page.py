@@ -62,7 +62,8 @@ def motion_page(motion: xr.Dataset, activation: xr.Dataset | None = None) -> str
     markers = motion["position"].transpose("time", "marker", "axis")
     markers = whole(markers.sel(time=time, method="nearest").values, centre)
     sigma_max = float(motion.attrs["sigma_max"]) / 1e3
-    about = f"Face model: {motion.attrs.get('face') or 'unnamed'}, sigma_max {sigma_max:.4g} kPa."
+    named = motion.attrs.get("face") or "unnamed"
+    about = f"Face model: {named}, sigma_max {sigma_max:.4g} kPa."
     trial = _trial(frames, markers, time, centre, about)
     data = body_data(body, frames[0]) | _single(trial, motion["marker"].values)
     origin = ""
