@@ -14,7 +14,7 @@ precision; "beyond storage" is what remains of a distance after the largest roun
 import json
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,7 @@ from emgface.anatomy.tongue.parameters import TongueParameters, variant
 from emgface.anatomy.tongue.published import TURN, import_tongue
 from emgface.anatomy.tongue.run import simulate_tongue
 from emgface.anatomy.tongue.scene import activation_of, tongue_scene
+from emgface.errors import TongueError
 
 SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
 RECORDED = {"line": "lines", "element": "elements", "stable": "stable"}
@@ -59,14 +60,56 @@ def published(shared: Path, model: str = "", **options: Any) -> xr.Dataset:
     return tongue
 
 
-def parameters_of(case: dict[str, Any]) -> TongueParameters:
-    """Parameters of a recorded case."""
-    changes: dict[str, object] = {"gravity": bool(case["gravity"][2])}
-    if "nostiffening" in case["name"]:
-        changes["stiffening"] = 1.0
-    if "noincomp" in case["name"]:
-        changes["incompressibility"] = "element"
-    return variant(RECORDED[case["variant"]], **changes)
+CHANGES: dict[str, dict[str, object]] = {
+    "gravity off": {"gravity": False},
+    "activation stiffening of the passive material switched off": {"stiffening": 1.0},
+    "hard incompressibility switched off": {"incompressibility": "element"},
+}
+"""Parameters that the recorded changes of a model change."""
+
+
+def parameters_of(case: Mapping[str, Any]) -> TongueParameters:
+    """Parameters of a recorded case; TongueError if its variant, scheme or a change is not known."""
+    told = case.get("changes_against_the_model_file") or []
+    gravity = [float(g) for g in case["gravity"]]
+    strange = [change for change in told if change not in CHANGES]
+    if case["variant"] not in RECORDED:
+        strange.append(f"variant {case['variant']}")
+    if case["integrator"] != "ConstrainedBackwardEuler":
+        strange.append(f"integrator {case['integrator']}")
+    if gravity[:2] != [0.0, 0.0] or gravity[2] not in (0.0, -9.8):
+        strange.append(f"gravity {gravity}")
+    if strange:
+        raise TongueError(
+            f"{case['name']} cannot be repeated because of {', '.join(strange)}: expected the variants "
+            f"{', '.join(RECORDED)}, ConstrainedBackwardEuler, gravity of 9.8 m/s^2 or none, and the "
+            f"changes {', '.join(CHANGES)}"
+        )
+    changes = {k: v for change in told for k, v in CHANGES[change].items()}
+    return variant(RECORDED[case["variant"]], **changes | {"gravity": gravity[2] != 0.0})
+
+
+def recorded_levels(case: Mapping[str, Any]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Times [s] and levels of every target, a(t) = amax clip((t - start)/ramp, 0, 1).
+
+    Raises TongueError if a target occurs twice, whose excitations the recording neither adds nor
+    replaces by a stated rule.
+    """
+    given = case["excitations"]
+    targets = [str(e["target"]) for e in given]
+    if twice := sorted({t for t in targets if targets.count(t) > 1}):
+        raise TongueError(
+            f"{case['name']} excites {', '.join(twice)} twice, expected every target once: add its "
+            "excitations, or leave one out"
+        )
+    corners = {0.0, *(e["start_s"] for e in given), *(e["start_s"] + e["ramp_s"] for e in given)}
+    time = np.array(sorted(corners))
+    found = dict[str, np.ndarray]()
+    for e in given:
+        ramp = e["ramp_s"]
+        rising = np.clip((time - e["start_s"]) / ramp, 0.0, 1.0) if ramp else np.ones(len(time))
+        found[str(e["target"])] = e["amax"] * rising
+    return time, found
 
 
 def repeated(
@@ -74,14 +117,15 @@ def repeated(
 ) -> xr.Dataset:
     """Positions of all nodes over time under the excitations, scheme and step of a recorded case."""
     system = sim.compile_scene(tongue_scene(tongue, p))
-    drive = {
-        e["target"] if e["target"] == "SL" else f"bi_{e['target']}": [
-            (e["start_s"], 0.0),
-            (e["start_s"] + e["ramp_s"], e["amax"]),
-        ]
-        for e in case["excitations"]
-    }
-    excitation = ramps(drive or {"SL": [(0.0, 0.0)]})
+    time, levels = recorded_levels(case)
+    known = set(map(str, tongue["exciter"].values))
+    drive = {f"bi_{t}" if f"bi_{t}" in known else t: u for t, u in levels.items()}
+    if unknown := sorted(set(drive) - known):
+        raise TongueError(
+            f"{case['name']} excites {', '.join(unknown)}, expected whole muscles: "
+            f"{', '.join(e.removeprefix('bi_') for e in muscle_exciters(tongue))}, or one side of them"
+        )
+    excitation = Excitation(time, drive)
     values = excitation.activation(tongue)[0].transpose("time", "muscle").values
     motion, _ = sim.simulate(
         system,
@@ -108,6 +152,12 @@ def distances(motion: xr.Dataset, theirs: np.ndarray, storage: bool = False) -> 
 def recorded(name: str, part: str = "tongue") -> tuple[dict[str, Any], dict[str, np.ndarray]]:
     """Description and arrays of a recorded case."""
     path = SHARED / "artisynth_reference" / part / f"{name}.json"
+    for own in (path, path.with_suffix(".npz")):
+        if not own.is_file():
+            raise TongueError(
+                f"{own} not found: set EMGFACE_SHARED to the folder that contains artisynth_reference, "
+                "and name a recorded case"
+            )
     with np.load(path.with_suffix(".npz")) as arrays:
         return json.loads(path.read_text()), dict(arrays)
 
@@ -143,13 +193,19 @@ def reference(names: list[str] | None = None) -> pd.DataFrame:
     """Largest distance of a node from every recorded motion, over time and at the end [mm]."""
     folder, rows = SHARED / "artisynth_reference" / "tongue", list[dict[str, Any]]()
     models: dict[str, xr.Dataset] = {}
-    for path in sorted(folder.glob("*_*.json")):
-        if path.stem.startswith(("model_", "internal")) or (names and path.stem not in names):
-            continue
+    paths = [p for p in folder.glob("*_*.json") if not p.stem.startswith(("model_", "internal"))]
+    unknown = sorted(set(names or ()) - {p.stem for p in paths})
+    if unknown or not paths:
+        raise TongueError(
+            f"no recorded case {', '.join(unknown)} in {folder}: set EMGFACE_SHARED to the folder that "
+            f"contains artisynth_reference, and name some of {', '.join(sorted(p.stem for p in paths))}"
+        )
+    for path in sorted(p for p in paths if not names or p.stem in names):
         case, arrays = recorded(path.stem)
         theirs, t = arrays["pos_tongue"], arrays["t"]
         if t[-1] == 0.0:
-            continue  # it fails before its first output
+            rows.append({"case": path.stem, "ends there": str(case.get("ended_early"))[:60]})
+            continue  # without any output
         model = f"tongue/model_{case['variant']}"
         tongue = models.setdefault(model, published(SHARED, model))
         say(path.stem)

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import write_head
 from emgface.cli import app
+from emgface.schema.netcdf import write_netcdf
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +32,22 @@ def test_muscles_beside_a_series_are_refused(head: Path) -> None:
     options = ["--muscle", "bi_open=0.3", "--excitation", str(series), "--out", str(out)]
     found = CliRunner().invoke(app, ["head", "simulate", str(head), *options])
     assert found.exit_code == 2 and "both specified" in found.output and not out.exists()
+
+
+@pytest.mark.parametrize("part", ["head", "jaw", "tongue"])
+def test_series_in_milliseconds_are_refused(head: Path, part: str) -> None:
+    """A head, jaw and tongue read the same files."""
+    series, model = head.with_name("ms.csv"), head.with_name(f"{part}.nc")
+    series.write_text("time,bi_open\n0,0\n100,0.3\n300,0\n")
+    if part != "head":
+        whole = build_head([part], preset="man", resolution="coarse")
+        write_netcdf(whole.parts[part], model, f"{part}_model")
+    given = [part, "run" if part == "jaw" else "simulate", str(model)]
+    out = head.with_name("motion.nc")
+    found = CliRunner().invoke(app, [*given, "--excitation", str(series), "--out", str(out)])
+    said = " ".join(found.output.split())
+    assert found.exit_code == 2 and "divide times in milliseconds by 1000" in said
+    assert not out.exists()
 
 
 def test_run_is_another_name_of_simulate(head: Path) -> None:

@@ -71,12 +71,26 @@ def test_negative_excitations_are_clipped_and_reported(tmp_path):
         ([0.0, 0.5, 0.5], "0.5 s follows 0.5 s"),
         ([0.0], "contains 1 instants, expected at least two"),
         (list(range(0, 1001, 10)), "every 10 s.*times in milliseconds by 1000"),
+        (
+            [0, 100, 300, 1000],
+            "4 instants every 200 s, expected at most 5 s: divide times in milli",
+        ),
     ],
 )
 def test_times_that_cannot_be_seconds_are_refused(time, said, tmp_path):
     table = pd.DataFrame({"time": time, "bi_all": 0.1})
     table.to_csv(tmp_path / "drive.csv", index=False)
     with pytest.raises(JawError, match=said):
+        read_excitation(tmp_path / "drive.csv")
+
+
+def test_a_dense_series_in_milliseconds_is_told(tmp_path):
+    """At 10 kHz its intervals of 0.1 are those of a slow series in seconds."""
+    time = np.arange(0.0, 500.0, 0.1)
+    pd.DataFrame({"time": time, "bi_all": 0.1}).to_csv(tmp_path / "drive.csv", index=False)
+    with pytest.warns(
+        FeatureWarning, match="an instant every 0.1 s: check that its times are in s"
+    ):
         read_excitation(tmp_path / "drive.csv")
 
 

@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 
 import sim
 from emgface.anatomy.head.model import Head
+from emgface.anatomy.head.tissues import Tissue, join
 from emgface.anatomy.jaw.scene import JawScene, jaw_scene
 from emgface.anatomy.tongue.parameters import TongueParameters
 from emgface.anatomy.tongue.scene import TonguePart, tongue_part
@@ -24,8 +25,7 @@ from sim.contact import NodeSurface, Pairing, RigidShell
 from sim.contact.bodies import body_surfaces
 from sim.embedding import Embedding
 from sim.kinematics.members import Member
-from sim.mesh import Block
-from sim.scene import Constraint, Damping, Term
+from sim.scene import Term
 
 TONGUE = TongueParameters(sigma_max=100e3, damping_tangent="rest")
 """Tongue of a generated head: the published law with the active stress of the chapter (11.2.2.3), and
@@ -91,15 +91,15 @@ def head_scene(
     p = (face or SimulationParameters()).model_copy(update={"gravity": False})
     own = p.model_copy(update={"contact": p.contact.model_copy(update={"method": "none"})})
     parts, first, n = head.parts, dict[str, int](), 0
-    tissues = list[_Tissue]()
+    tissues = list[Tissue]()
     if "face" in parts:
         scene = compose_scene(parts["face"], own)
-        tissues.append(_Tissue(scene.mesh, scene.terms, scene.damping, scene.constraints))
+        tissues.append(Tissue(scene.mesh, scene.terms, scene.damping, scene.constraints))
         first["face"], n = n, n + scene.mesh.n_nodes
     part: TonguePart | None = None
     if "tongue" in parts:
         part = tongue_part(parts["tongue"], tongue, before=n)
-        tissues.append(_Tissue(part.mesh, part.terms, part.damping, part.constraints))
+        tissues.append(Tissue(part.mesh, part.terms, part.damping, part.constraints))
         first["tongue"], n = n, n + part.mesh.n_nodes
     points = [np.empty((0, 3)) if part is None else part.points]
     n += len(points[0])
@@ -113,7 +113,8 @@ def head_scene(
     teeth, surfaces = _teeth(head, bodies, n)
     members: list[Member] = [*_attached(head, part, first, bodies), *teeth[1]]
     points.append(teeth[0])
-    terms: list[Term] = _joined(tissues)
+    whole = join(tissues, DAMPING[p.damping_tangent])
+    terms: list[Term] = list(whole.terms)
     pairings = _pairings(head, first, surfaces)
     if pairings and p.contact.method != "none":
         terms.append(METHODS[p.contact.method](pairings, p.contact))
@@ -123,72 +124,16 @@ def head_scene(
     elif gravity:
         terms.append(sim.Gravity(GRAVITY))
     scene = sim.Scene(
-        _mesh(tissues),
+        whole.mesh,
         tuple(terms),
         tuple(members),
-        _damping(tissues, p),
-        _constraints(tissues),
+        whole.damping,
+        whole.constraints,
         bodies=() if jaw is None else jaw.scene.bodies,
         points=np.concatenate(points),
         joints=() if jaw is None else jaw.scene.joints,
     )
     return HeadScene(scene, first, jaw)
-
-
-@dataclass(frozen=True, eq=False)
-class _Tissue:
-    """Mesh, terms, damping and constraints of one tissue."""
-
-    mesh: sim.Mesh
-    terms: tuple[Term, ...]
-    damping: Damping | None
-    constraints: tuple[Constraint, ...]
-
-
-def _mesh(tissues: list[_Tissue]) -> sim.Mesh:
-    """Nodes and blocks of all tissues, one after the other."""
-    if not tissues:
-        return sim.NO_TISSUE
-    if len(tissues) == 1:
-        return tissues[0].mesh
-    blocks, n = list[Block](), 0
-    for tissue in tissues:
-        blocks += [Block(block.kind, block.nodes + n) for block in tissue.mesh.blocks]
-        n += tissue.mesh.n_nodes
-    return sim.Mesh(np.concatenate([t.mesh.X for t in tissues]), tuple(blocks))
-
-
-def _joined(tissues: list[_Tissue]) -> list[Term]:
-    """Terms of all tissues, each restricted to the blocks of its own."""
-    if len(tissues) == 1:
-        return list(tissues[0].terms)
-    found, n = list[Term](), 0
-    for tissue in tissues:
-        last = n + len(tissue.mesh.blocks)
-        found += [sim.OfBlocks(term, n, last) for term in tissue.terms]
-        n = last
-    return found
-
-
-def _constraints(tissues: list[_Tissue]) -> tuple[Constraint, ...]:
-    """Constant volumes of the tissues that have them, each for the blocks of its own."""
-    found, n = list[Constraint](), 0
-    for tissue in tissues:
-        last = n + len(tissue.mesh.blocks)
-        found += [sim.HardElementVolume(n, last)] if tissue.constraints else []
-        n = last
-    return tuple(found)
-
-
-def _damping(tissues: list[_Tissue], p: SimulationParameters) -> Damping | None:
-    """Damping of one tissue as it is; of several, the coefficients of each at its nodes."""
-    if len(tissues) < 2:
-        return tissues[0].damping if tissues else None
-    values = [
-        np.concatenate([np.full(t.mesh.n_nodes, getattr(t.damping, name, 0.0)) for t in tissues])
-        for name in ("alpha", "beta")
-    ]
-    return DAMPING[p.damping_tangent](*values)
 
 
 def _attached(

@@ -18,8 +18,11 @@ from emgface.schema.rules import one_line
 from emgface.schema.units import to_si
 
 NANOSECONDS = 1e9
-SAMPLED, SLOWEST = 20, 0.2
-"""Number of instants from which a table is a sampled series, and its largest interval [s]."""
+SAMPLED, SLOWEST, LEVELS = 20, 0.2, 5.0
+"""Number of instants from which a table is a sampled series, and the largest intervals of such a series
+and of a table of few levels [s]."""
+LONG, COARSE = 60.0, 0.02
+"""Duration and interval of a series from which its unit is doubted [s]."""
 _DRIVES = {"am": "my", "pd": "retracthyoid"}
 """Exciters of published series that drive a group; the others drive the muscle of their name."""
 _SWITCHED_OFF = ("th", "oh")
@@ -145,12 +148,13 @@ def read_excitation(path: str | os.PathLike[str]) -> Excitation:
     Raises
     ------
     JawError
-        The file cannot be read, contains no such series, or its times are not ascending seconds.
+        The file cannot be read, contains no such series, or its times do not ascend or are so far
+        apart that they cannot be in seconds.
 
     Warns
     -----
     FeatureWarning
-        The series begins after time 0.
+        The series begins after time 0, or is so long and coarse that its times may be in milliseconds.
     """
     path = Path(path)
     if not path.is_file():
@@ -184,10 +188,18 @@ def _check_times(path: Path, given: Excitation) -> None:
             f"{path}: the times do not ascend, {t[row]:g} s follows {t[row - 1]:g} s in row {row + 1}: "
             "expected every instant once, in order"
         )
-    if len(t) >= SAMPLED and np.median(steps) > SLOWEST:
+    middle, most = float(np.median(steps)), SLOWEST if len(t) >= SAMPLED else LEVELS
+    if middle > most:
         raise JawError(
-            f"{path} contains {len(t)} instants every {np.median(steps):g} s, expected at most "
-            f"{SLOWEST:g} s in a series: divide times in milliseconds by 1000, or resample the series"
+            f"{path} contains {len(t)} instants every {middle:g} s, expected at most {most:g} s: divide "
+            "times in milliseconds by 1000, or add instants in between"
+        )
+    if t[-1] - t[0] > LONG and middle > COARSE:
+        warnings.warn(
+            f"{path.name} lasts {t[-1] - t[0]:g} s with an instant every {middle:g} s: check that its "
+            "times are in seconds",
+            FeatureWarning,
+            stacklevel=3,
         )
     if t[0] > 0.0:
         warnings.warn(

@@ -1,0 +1,386 @@
+"""Scenes of the coupled models that another simulator has recorded: jaw, hyoid, tongue and face.
+
+Bodies, muscles, springs, joints, meshes and attachments are those recorded, in millimetres and the frame
+x posterior, y right, z superior. The surfaces of joints are at their recorded places. The points that
+slide on them are not the recorded ones: that program places them such that they are on the surface while
+the teeth are closed, and the recorded motions of `constraint_point_mm` confirm it to 1e-5 mm. Condyles
+slide on 20 plane strips, as recorded.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.spatial.transform import Rotation
+
+import sim
+from benchmarks.other_simulator import THEIR_HEX
+from benchmarks.tongue import SHARED, published
+from emgface.anatomy.head.published import import_head
+from emgface.anatomy.head.tissues import Tissue, join
+from emgface.anatomy.tongue.model import attached_nodes
+from emgface.anatomy.tongue.parameters import variant
+from emgface.anatomy.tongue.published import SHIFT, TURN
+from emgface.anatomy.tongue.scene import tongue_part
+from emgface.errors import HeadError
+from emgface.face.artisynth_contact import read_obj
+from emgface.face.bundles import project_into_mesh
+from emgface.face.contact import contact_pairings
+from emgface.face.lips import lining
+from emgface.face.surface import boundary_faces, triangles
+from sim.contact import NodeSurface, Pairing, RigidShell
+from sim.contact.bodies import body_surfaces
+from sim.joints import Bushing, Joint, PointOnPlane
+from sim.scene import Term
+
+Floats = np.ndarray
+VARIANTS = {
+    "jht_element": variant("elements", stiffening=1.0),
+    "jht_line": variant("lines"),
+    "jhtface": variant("elements", stiffening=1.0),
+}
+"""Tongues of the recorded models; that of elements does not stiffen there."""
+TO_M = 1e-3 * TURN
+"""From recorded positions [mm] to those of the package."""
+BITING, TURNED = np.array([93.7687, 0.0, 92.2142]), np.radians(8.2694)
+"""Position of the jaw [mm] and its rotation about y with teeth in contact."""
+CENTRE = np.array([97.2100345219, -0.0488365676447, 87.2787771481])
+"""Origin of the frame of the jaw in its mesh [mm]."""
+CONDYLES = ("LTMJ", "RTMJ")
+BONES = {
+    "jht": ("jaw_tongue_face", "ubcjaw_symmetric_teethsmoothed", "ubcmaxilla_symmetric_teethsmoothed"),
+    "jhtface": ("face_badin", "badinjaw", "badinmaxilla"),
+}  # fmt: skip
+"""Folder and surfaces of mandible and maxilla that touch tongue and face."""
+GRAVITY = np.array([0.0, 0.0, -9.8])
+Strips = tuple[int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedHead:
+    """A recorded model in `sim`.
+
+    Attributes
+    ----------
+    scene : without the condylar joints.
+    points : number of every marker and connector.
+    start : (n, 3) positions of all nodes and points at the start [m].
+    first : number of the first node of each tissue.
+    exciters : muscles of the scene and their gains, by the name of an exciter or muscle.
+    """
+
+    model: Mapping[str, Any]
+    scene: sim.Scene
+    points: Mapping[str, int]
+    start: Floats
+    first: Mapping[str, int]
+    exciters: Mapping[str, Mapping[str, float]]
+
+    @cached_property
+    def _compiled(self) -> dict[Strips, sim.System]:
+        return {}
+
+    def system(self, strips: Strips) -> sim.System:
+        """System whose condyles are on the planes of two strips."""
+        if strips not in self._compiled:
+            guides = [
+                _plane(self.model, name, self.points[name], k)
+                for name, k in zip(CONDYLES, strips, strict=True)
+            ]
+            scene = replace(self.scene, joints=(*self.scene.joints, *guides))
+            self._compiled[strips] = sim.compile_scene(scene)
+        return self._compiled[strips]
+
+    def strips(self, q: Floats) -> Strips:
+        """Strip below each condyle at positions q (n, 3) [m]."""
+        found = list[int]()
+        for name in CONDYLES:
+            c = _connector(self.model, name)
+            x = q[self.points[name]] @ TURN * 1e3 - c["frame_D_origin_world_mm"]
+            edges = [-p["in_D"][0] for p in c["segment_points"]]
+            k = int(np.searchsorted(edges, -x[0], side="right")) - 1
+            found.append(min(max(k, 0), len(edges) - 2))
+        return found[0], found[1]
+
+
+def recorded_model(name: str) -> dict[str, Any]:
+    """Description of a recorded model; HeadError if it is absent."""
+    path = SHARED / "artisynth_reference" / "coupled" / f"model_{name}.json"
+    if not path.is_file():
+        raise HeadError(
+            f"{path} not found: set EMGFACE_SHARED to the folder that contains artisynth_reference and "
+            "artisynth_models"
+        )
+    return json.loads(path.read_text())
+
+
+def recorded_head(
+    name: str,
+    *,
+    contact: bool = False,
+    removed: bool = False,
+    at_rest: bool = False,
+    gravity: Floats = GRAVITY,
+) -> RecordedHead:
+    """Scene of a recorded model, with `contact` of tongue and face with each other and both bones.
+
+    Tissue that begins inside a bone keeps its depth, or is `removed` within the first steps. Nodes of
+    the tongue on jaw and hyoid are attached where they begin in the recorded motions, up to 0.7 mm from
+    where they are without stress, or `at_rest`.
+    """
+    model = recorded_model(name)
+    files = SHARED / "artisynth_reference" / "coupled"
+    tissues, first, held, at_start = list[Tissue](), dict[str, int](), dict[str, list[int]](), []
+    arrays = dict(np.load(files / f"model_{name}.npz")) if model.get("fems") else {}
+    outside, on_bone, n = np.empty((0, 3)), list[int](), 0
+    rigid = model["rigid"]
+    moving = {b["name"]: _body(b) for b in rigid["bodies"] if b["dynamic"]}
+    if "badinface_rest" in arrays:
+        face = _face(model, arrays)
+        tissues.append(face)
+        first["face"], n = n, n + face.mesh.n_nodes
+        at_start.append(face.mesh.X)
+        held["jaw"] = arrays["attach_badinface_to_jaw_nodes"].tolist()
+        held[""] = arrays["badinface_fixed"].tolist()
+    if "tongue_rest" in arrays:
+        tongue = _tongue(name)
+        part = tongue_part(tongue, VARIANTS[name], before=n)
+        tissues.append(Tissue(part.mesh, part.terms, part.damping, part.constraints))
+        first["tongue"], n = n, n + part.mesh.n_nodes
+        start = arrays["tongue_position_at_start"]
+        at_start.append(
+            start[: part.mesh.n_nodes] @ TO_M.T if len(start) and not at_rest else part.mesh.X
+        )
+        outside = part.points
+        on_bone = [first["tongue"] + k for v in attached_nodes(tongue).values() for k in v.tolist()]
+        for body, nodes in part.held.items():
+            key = body if body in moving else ""
+            held[key] = held.get(key, []) + nodes.tolist()
+    positions = list(outside)
+
+    def add(body: str, place: Floats) -> int:
+        positions.append(place @ TO_M.T)
+        held.setdefault(body if body in moving else "", []).append(n + len(positions) - 1)
+        return n + len(positions) - 1
+
+    points = {m["name"]: add(m["body"], np.array(m["position_world_mm"])) for m in rigid["markers"]}
+    for c in rigid["connectors"]:
+        points[c["name"]] = add(c["body"], _sliding(model, c))
+    terms: list[Term] = [_muscle(m, points) for m in rigid["muscles"] if m["enabled"]]
+    whole = join(tissues)
+    touching, carried = list[Pairing](), ()
+    if contact:
+        touching, bone, carried = _touching(
+            name, model, whole.mesh, first, np.array(on_bone), n + len(positions)
+        )
+        positions += list(bone)
+    q = np.concatenate([*at_start, np.reshape(positions, (-1, 3))])
+    if touching:
+        how = {"initial_penetration": "removed", "removal_speed": 1.0} if removed else {}
+        terms.append(sim.ConstraintContact(tuple(touching), **how))
+    members = [sim.OnBody(body, np.array(nodes), q[nodes]) for body, nodes in held.items() if body]
+    scene = sim.Scene(
+        whole.mesh,
+        (*whole.terms, *terms, sim.Gravity(tuple(TURN @ gravity))),
+        (*members, *carried, sim.Fixed(np.sort(np.array(held[""])))),
+        whole.damping,
+        whole.constraints,
+        bodies=tuple(moving.values()),
+        points=np.reshape(positions, (-1, 3)),
+        joints=_joints(model, points),
+    )
+    return RecordedHead(model, scene, points, q, first, _exciters(model))
+
+
+def _tongue(name: str) -> xr.Dataset:
+    """Published tongue with the recorded fibre directions and rest shape."""
+    if name != "jhtface":
+        return published(SHARED, f"coupled/model_{name}", rest="rest_il01")
+    tongue = published(SHARED, f"coupled/model_{name}")
+    moved = {
+        v: (tongue[v].dims, tongue[v].values + TURN @ SHIFT) for v in ("position", "fibre_position")
+    }
+    return tongue.assign(moved)
+
+
+def _face(model: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Tissue:
+    """Recorded face: constant element volumes, lines along all fibres, and OOP in elements."""
+    (fem,) = (f for f in model["fems"] if f["name"] == "badinface")
+    X, cells = arrays["badinface_rest"] @ TO_M.T, arrays["badinface_elements"].astype(np.int64)
+    wedge = cells[:, 6] < 0
+    hexahedra = cells[~wedge][:, THEIR_HEX]
+    mesh = sim.mesh_from_arrays(X, hex8=hexahedra, wedge6=cells[wedge][:, :6])
+    number = np.empty(len(cells), dtype=np.int64)
+    number[~wedge] = np.arange((~wedge).sum())
+    number[wedge] = (~wedge).sum() + np.arange(wedge.sum())
+    material = fem["material"]["properties"]
+    tissue = sim.Material(
+        sim.MooneyRivlin(1e3 * material["C10"], 1e3 * material["C20"]),
+        sim.QuadraticBulk(0.0),
+        1e9 * fem["density"],
+    )
+    names = [b["name"] for b in fem["bundles"]]
+    own = [n for n in names if len(arrays[f"badinface_bundle_{n}_elements"])]
+    rows = [number[arrays[f"badinface_bundle_{n}_elements"]] for n in own]
+    directions = [arrays[f"badinface_bundle_{n}_directions"] @ TURN.T for n in own]
+    law = sim.Generic(1e3 * fem["muscle_material"]["properties"]["maxStress"])
+    muscles = sim.Muscles(
+        tuple(own), np.concatenate(rows), np.repeat(np.arange(len(own)), list(map(len, rows))),
+        np.concatenate(directions), law,
+    )  # fmt: skip
+    padded = np.full((len(cells), 8), -1)
+    padded[number[~wedge]], padded[number[wedge], :6] = hexahedra, cells[wedge][:, :6]
+    fibres = list[sim.LineFibre]()
+    for k, n in enumerate(names):
+        ends = arrays[f"badinface_bundle_{n}_fibre_points"].reshape(-1, 3) @ TO_M.T
+        ends = project_into_mesh(ends, X, padded)[0].reshape(-1, 2, 3)
+        force = 1e-3 * arrays[f"badinface_bundle_{n}_fibre_max_force"]
+        fibres += [
+            sim.LineFibre(k, segment, float(share))
+            for segment, share in zip(ends, force, strict=True)
+        ]
+    lines = tuple(f"{n}:line" if n in own else n for n in names)
+    return Tissue(
+        mesh,
+        (
+            sim.Solid((tissue,), muscles=muscles),
+            sim.ElementVolume(1e3 * material["bulkModulus"]),
+            sim.LineMuscles(lines, fibres, sim.ConstantForce(1.0), tolerance=0.02),
+        ),
+        sim.Rayleigh(fem["particle_damping"], fem["stiffness_damping"]),
+        (sim.HardElementVolume(),),
+    )
+
+
+def _touching(
+    name: str,
+    model: Mapping[str, Any],
+    mesh: sim.Mesh,
+    first: Mapping[str, int],
+    attached: Floats,
+    n: int,
+) -> tuple[list[Pairing], Floats, tuple[sim.OnBody, ...]]:
+    """Pairings of the recorded model, and points and members of the surface of the mandible.
+
+    Faces of the tongue with a node on a bone have no contact: nothing moves them away from it.
+    """
+    folder, mandible, maxilla = BONES["jhtface" if name == "jhtface" else "jht"]
+    (jaw,) = (b for b in model["rigid"]["bodies"] if b["name"] == "jaw")
+    models = SHARED / "artisynth_models"
+    vertices, faces = read_obj(models / folder / f"{mandible}.obj")
+    posed = (1e3 * vertices - CENTRE) @ np.array(jaw["pose_R"]).T + jaw["pose_p"]
+    points, members, surfaces = body_surfaces({"jaw": (posed @ TO_M.T, faces.astype(np.int64))}, n)
+    vertices, faces = read_obj(models / folder / f"{maxilla}.obj")
+    bones = surfaces["jaw"], RigidShell(vertices @ TURN.T, faces.astype(np.int64), "maxilla")
+    last = first["tongue"] + 946
+    cells = np.concatenate([b.nodes for b in mesh.blocks if b.nodes.shape[1] == 8])
+    own = cells[((cells >= first["tongue"]) & (cells < last)).all(axis=1)]
+    quads, _ = boundary_faces(own)
+    corners = triangles(quads, mesh.X)
+    _, which, counts = np.unique(np.sort(corners), axis=0, return_inverse=True, return_counts=True)
+    # where two elements share three nodes of a face, both halves are inside the tissue
+    corners = corners[counts[which.ravel()] == 1].astype(np.int64)
+    loose = corners[~np.isin(corners, attached).any(axis=1)]
+    tongue = NodeSurface(loose, "tongue")
+    found = [Pairing(tongue, bone) for bone in bones]
+    if "face" in first:
+        face = import_head(models, ["face"]).parts["face"]
+        soft = NodeSurface(lining(face), "lining of the mouth")
+        found += [*contact_pairings(face, "constraint", ("lips",)), Pairing(soft, tongue)]
+        found += [Pairing(soft, bone) for bone in bones]
+    return found, points, members
+
+
+def _body(b: dict[str, Any]) -> sim.Body:
+    R = TURN @ np.array(b["pose_R"])
+    centre = np.array(b["pose_R"]) @ b["com_body_mm"] + b["pose_p"]
+    inertia = R @ (1e-6 * np.array(b["inertia_about_com_kgmm2"])) @ R.T
+    damping = b["frame_damping_kg_s"], 1e-6 * b["rotary_damping_kgmm2_s"]
+    return sim.Body(b["name"], b["mass_kg"], 0.5 * (inertia + inertia.T), TO_M @ centre, damping)
+
+
+def _muscle(m: dict[str, Any], points: Mapping[str, int]) -> sim.LineMuscles:
+    p, length = m["material_properties"], m["length_mm"]
+    law = sim.Peck(
+        1e-3 * p["maxForce"],
+        p["optLength"] / length,
+        p["maxLength"] / p["optLength"],
+        p["tendonRatio"],
+        p["passiveFraction"],
+    )
+    line = sim.LineFibre(0, np.array([points[m["first"]], points[m["second"]]]))
+    return sim.LineMuscles((m["name"],), [line], law, damping=p["damping"])
+
+
+def _connector(model: Mapping[str, Any], name: str) -> dict[str, Any]:
+    return next(c for c in model["rigid"]["connectors"] if c["name"] == name)
+
+
+def _sliding(model: Mapping[str, Any], c: Mapping[str, Any]) -> Floats:
+    """Place at the start of the point that is on the surface while the teeth are closed [mm]."""
+    biting = Rotation.from_rotvec([0.0, TURNED, 0.0]).as_matrix()
+    own = biting.T @ (np.array(c["frame_D_origin_world_mm"]) - BITING)
+    (jaw,) = (b for b in model["rigid"]["bodies"] if b["name"] == c["body"])
+    return np.array(jaw["pose_R"]) @ own + jaw["pose_p"]
+
+
+def _plane(model: Mapping[str, Any], name: str, point: int, k: int) -> PointOnPlane:
+    """Condyle on the plane of a strip."""
+    c = _connector(model, name)
+    place = TO_M @ np.array(c["segment_points"][k]["world"])
+    normal = TURN @ np.array(c["planes"][k]["normal_world"])
+    return PointOnPlane(name, point, None, place, normal, bool(c["unilateral"]))
+
+
+def _joints(model: Mapping[str, Any], points: Mapping[str, int]) -> tuple[Joint, ...]:
+    """Walls, bite planes and the spring of the hyoid.
+
+    That program corrects the position of a one-sided constraint only beyond a tolerance.
+    """
+    found: list[Joint] = []
+    for c in model["rigid"]["connectors"]:
+        if not c["enabled"] or c["name"] in CONDYLES:
+            continue
+        origin, normal = np.array(c["frame_D_origin_world_mm"]), np.array(c["normal_world_D_z"])
+        depth = float((origin - _sliding(model, c)) @ normal)
+        origin = origin - np.clip(depth, 0.0, c["penetration_tol"]) * normal
+        row = c["name"], points[c["name"]], None, TO_M @ origin, TURN @ normal
+        found.append(PointOnPlane(*row, bool(c["unilateral"])))
+    for s in model["rigid"]["frame_springs"]:
+        p = s["material_properties"]
+        stiffness = (*p["stiffness"], *(3 * [1e-6 * p["rotaryStiffness"]]))
+        place = TO_M @ np.array(s["attach_B_p"])
+        found.append(Bushing(s["name"], None, s["A"], place, stiffness=stiffness))
+    return tuple(found)
+
+
+def _exciters(model: Mapping[str, Any]) -> dict[str, dict[str, float]]:
+    """Muscles and gains of every exciter, and every muscle of its own; those of tissue as FEM/name."""
+    rigid = model["rigid"]
+    found: dict[str, dict[str, float]] = {m["name"]: {m["name"]: 1.0} for m in rigid["muscles"]}
+
+    def resolved(name: str, given: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+        if name not in given:
+            return {name: 1.0}
+        total: dict[str, float] = {}
+        for target, gain in given[name].items():
+            for muscle, own in resolved(target, given).items():
+                total[muscle] = total.get(muscle, 0.0) + gain * own
+        return total
+
+    for name in rigid["exciters"]:
+        found[name] = resolved(name, rigid["exciters"])
+    for fem in model.get("fems") or []:
+        bundles = {b["name"] for b in fem["bundles"]}
+        found |= {f"{fem['name']}/{b}": {b: 1.0} for b in bundles}
+        for name, targets in (fem["exciters"] or {}).items():
+            if set(targets) <= bundles:  # the others are single elements of bundles
+                found[f"{fem['name']}/{name}"] = dict(targets)
+    return found
+
+
+__all__ = ["RecordedHead", "recorded_head", "recorded_model"]
