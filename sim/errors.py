@@ -62,10 +62,10 @@ class NotConverged(SimulationError):
 
 
 class ToleranceMissed(SimulationError):
-    """The smallest step of an error control does not reach the requested accuracy.
+    """The steps of an error control do not reach the requested accuracy.
 
-    No step failed to converge and no element inverted. The error does not concern the
-    strength of the muscles.
+    A step converged and inverted no element, but its error is too large, and shorter steps are not
+    allowed or do not converge. This does not concern the strength of the muscles.
 
     Attributes
     ----------
@@ -78,8 +78,9 @@ class ToleranceMissed(SimulationError):
     def __init__(self, error: float, allowed: float, h: float, time: float) -> None:
         self.error, self.allowed, self.time = error, allowed, time
         super().__init__(
-            f"the smallest step, {h:.2g} s to t = {time:.4g} s, errs by {1e3 * error:.2g} mm, expected "
-            f"at most {1e3 * allowed:.2g} mm: request a lower accuracy, or allow more halvings"
+            f"the smallest step that converges, {h:.2g} s to t = {time:.4g} s, errs by "
+            f"{1e3 * error:.2g} mm, expected at most {1e3 * allowed:.2g} mm: request a lower accuracy, "
+            "or allow more halvings"
         )
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.errors import SceneError, ToleranceMissed
+from sim.errors import InvertedElement, SceneError, ToleranceMissed
 from sim.integrators.contract import TimeIntegrator
 from sim.scene import Index
 from sim.state import Array, State, StepReport, united
@@ -62,9 +62,9 @@ class ErrorControlledStep:
         Raises
         ------
         InvertedElement, NotConverged, SingularSystem
-            The smallest step failed.
+            An element inverted in the smallest step, or no step converges.
         ToleranceMissed
-            The smallest step misses the tolerance.
+            The smallest step that converges misses the tolerance.
         SceneError
             The integrator has no order in time, such as `Static`.
         """
@@ -95,9 +95,16 @@ class ErrorControlledStep:
                     before = np.inf
                 else:
                     before = error
-            except FAILURES:
+            except FAILURES as failure:
                 if level == self.max_halvings:
-                    raise
+                    if isinstance(failure, InvertedElement):
+                        raise
+                    size, new, report, error = self._longer(
+                        motion, state, total / finest, finest - done, gain, failure
+                    )
+                    last, h = done + size == finest, size * total / finest
+                    kept = spent * np.exp(-h / self.horizon)
+                    allowed = self.tolerance - kept
                 before = np.inf
             if report is None or not error <= allowed:
                 if level == self.max_halvings:
@@ -116,6 +123,23 @@ class ErrorControlledStep:
             state = new
             reports.append(replace(report, error=error))
         return state, united(reports, rejected)
+
+    def _longer(
+        self, motion: Motion, state: State, unit: float, most: int, gain: float, failure: Exception
+    ) -> tuple[int, State, StepReport, float]:
+        """Shortest step of at least two smallest steps `unit` [s] that converges, and its length.
+
+        A very short step may fail by rounding, in which case weaker muscles are no remedy. Raises
+        the `failure` of the smallest step if no step of up to `most` units converges.
+        """
+        size = 1
+        while size < most:
+            size = min(2 * size, most)
+            try:
+                return size, *self._attempt(motion, state, size * unit, gain)
+            except FAILURES:
+                continue
+        raise failure
 
     def _attempt(
         self, motion: Motion, state: State, h: float, gain: float

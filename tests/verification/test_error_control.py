@@ -192,6 +192,37 @@ def test_a_tolerance_beyond_the_smallest_step_is_reported():
     assert caught.value.error > caught.value.allowed > 0.0
 
 
+@pytest.mark.parametrize(
+    ("failure", "expected"),
+    [
+        (sim.NotConverged((1.0,), 0.0, "made to fail"), sim.ToleranceMissed),
+        (sim.InvertedElement(0, -0.1, 0.0), sim.InvertedElement),
+    ],
+)
+def test_a_failure_that_only_the_accuracy_requires_is_a_missed_tolerance(failure, expected):
+    """Weaker muscles would not repair steps that fail only when they are very short."""
+
+    class NotShort(sim.ConvergedEuler):
+        def step(self, system, state, control, h, work):
+            if h < 0.3 * H:
+                raise failure
+            return super().step(system, state, control, h, work)
+
+    with pytest.raises(expected) as caught:
+        motion(block(), "jump", NotShort(), sim.ErrorControlledStep(1e-9, H))
+    if expected is sim.ToleranceMissed:
+        assert caught.value.error > caught.value.allowed > 0.0
+
+
+def test_a_step_that_never_converges_is_not_a_missed_tolerance():
+    class Failing(sim.ConvergedEuler):
+        def step(self, system, state, control, h, work):
+            raise sim.NotConverged((1.0,), state.t + h, "made to fail")
+
+    with pytest.raises(sim.NotConverged):
+        motion(block(), "jump", Failing(), sim.ErrorControlledStep(1e-9, H))
+
+
 JUMPS = {
     "start": sim.Activation(np.zeros(1), np.array([[0.3, 0.3]])),
     "within": sim.Activation(np.array([0.05, 0.0501]), np.array([[0.0, 0.0], [0.3, 0.3]])),
