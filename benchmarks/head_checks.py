@@ -16,7 +16,7 @@ import pandas as pd
 import sim
 from benchmarks.inverse_checks import Result, limited
 from benchmarks.report import say
-from benchmarks.tongue import postures
+from benchmarks.tongue_limits import postures
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.outcomes import outcomes
 from emgface.anatomy.head.published import import_head

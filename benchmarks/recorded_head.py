@@ -266,7 +266,7 @@ def _touching(
 ) -> tuple[list[Pairing], Floats, tuple[sim.OnBody, ...]]:
     """Pairings of the recorded model, and points and members of the surface of the mandible.
 
-    Faces of the tongue with a node on a bone have no contact: nothing moves them away from it.
+    Faces of the tissue with a node on a bone have no contact: nothing moves them away from it.
     """
     folder, mandible, maxilla = BONES["jhtface" if name == "jhtface" else "jht"]
     (jaw,) = (b for b in model["rigid"]["bodies"] if b["name"] == "jaw")
@@ -289,7 +289,9 @@ def _touching(
     found = [Pairing(tongue, bone) for bone in bones]
     if "face" in first:
         face = import_head(models, ["face"]).parts["face"]
-        soft = NodeSurface(lining(face), "lining of the mouth")
+        inside = lining(face)
+        inside = inside[~np.isin(inside, np.flatnonzero(face["fixed"].values)).any(axis=1)]
+        soft = NodeSurface(inside, "lining of the mouth")
         found += [*contact_pairings(face, "constraint", ("lips",)), Pairing(soft, tongue)]
         found += [Pairing(soft, bone) for bone in bones]
     return found, points, members
@@ -320,12 +322,16 @@ def _connector(model: Mapping[str, Any], name: str) -> dict[str, Any]:
     return next(c for c in model["rigid"]["connectors"] if c["name"] == name)
 
 
-def _sliding(model: Mapping[str, Any], c: Mapping[str, Any]) -> Floats:
-    """Place at the start of the point that is on the surface while the teeth are closed [mm]."""
+def sliding_point(model: Mapping[str, Any], name: str) -> Floats:
+    """Point of a joint in the frame of the jaw, on its surface while the teeth are closed [mm]."""
     biting = Rotation.from_rotvec([0.0, TURNED, 0.0]).as_matrix()
-    own = biting.T @ (np.array(c["frame_D_origin_world_mm"]) - BITING)
+    return biting.T @ (np.array(_connector(model, name)["frame_D_origin_world_mm"]) - BITING)
+
+
+def _sliding(model: Mapping[str, Any], c: Mapping[str, Any]) -> Floats:
+    """Place of that point at the start [mm]."""
     (jaw,) = (b for b in model["rigid"]["bodies"] if b["name"] == c["body"])
-    return np.array(jaw["pose_R"]) @ own + jaw["pose_p"]
+    return np.array(jaw["pose_R"]) @ sliding_point(model, c["name"]) + jaw["pose_p"]
 
 
 def _plane(model: Mapping[str, Any], name: str, point: int, k: int) -> PointOnPlane:
@@ -383,4 +389,4 @@ def _exciters(model: Mapping[str, Any]) -> dict[str, dict[str, float]]:
     return found
 
 
-__all__ = ["RecordedHead", "recorded_head", "recorded_model"]
+__all__ = ["RecordedHead", "recorded_head", "recorded_model", "sliding_point"]

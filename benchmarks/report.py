@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LINES = ("-", "--", ":", "-.")
+SHORT = 300.0  #: ratio of the ends of a logarithmic axis below which it is labelled within a decade
 
 
 @dataclass(frozen=True)
@@ -94,8 +95,21 @@ def _lines(panel: Any, table: pd.DataFrame, chart: Chart, handles: dict[str, Any
             )[0]  # fmt: skip
     if chart.log:
         panel.set(xscale="log", yscale="log")
+        for axis in (panel.xaxis, panel.yaxis):
+            _decades(axis)
         panel.grid(which="major", color="0.9", linewidth=0.6)
     panel.set(xlabel=chart.x, ylabel=chart.label)
+
+
+def _decades(axis: Any) -> None:
+    """Label a logarithmic axis in plain numbers: every decade, on a short axis also 2 and 5 times."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    steps = (1.0, 2.0, 5.0) if high < SHORT * low else (1.0,)
+    axis.set_major_locator(LogLocator(subs=steps))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _bars(panel: Any, table: pd.DataFrame, chart: Chart, handles: dict[str, Any]) -> None:

@@ -2,7 +2,6 @@
 
     python -m benchmarks tongue --part reference   # table of docs/tongue.md; needs the published model
     python -m benchmarks tongue --part kink        # passive fibre stress at rest; needs it, too
-    python -m benchmarks tongue --part postures    # stored shapes under gravity; needs it, too
     python -m benchmarks tongue --part stability   # muscles at full activation; needs it, too
     python -m benchmarks tongue --part precision   # error and time over the step; needs it, too
 
@@ -14,7 +13,7 @@ precision; "beyond storage" is what remains of a distance after the largest roun
 import json
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +25,6 @@ import sim
 from benchmarks.report import finish, say
 from emgface.anatomy.jaw.series import Excitation, ramps
 from emgface.anatomy.tongue.actions import muscle_exciters
-from emgface.anatomy.tongue.model import attached_nodes
 from emgface.anatomy.tongue.parameters import TongueParameters, variant
 from emgface.anatomy.tongue.published import TURN, import_tongue
 from emgface.anatomy.tongue.run import simulate_tongue
@@ -231,57 +229,6 @@ def reference(names: list[str] | None = None) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def postures(models: Sequence[str] = ()) -> pd.DataFrame:
-    """Equilibrium with jaw and hyoid where they are in a stored shape, against that shape [mm].
-
-    `models` are some of those compared, by default all.
-    """
-    tongue, rows = published(SHARED), list[dict[str, Any]]()
-    at_rest = ramps({"SL": [(0.0, 0.0)]})
-    tip = int(tongue["marker_node"][0])
-    for posture in ("rest", "jaw_open"):
-        d = tongue["posture_displacement"].sel(posture=posture).values
-        for what, p, held in (
-            ("elements", variant("elements"), ("jaw", "hyoid")),
-            ("elements, no gravity", variant("elements", gravity=False), ("jaw", "hyoid")),
-            ("elements, hyoid stays", variant("elements"), ("jaw",)),
-            ("elements, kappa x 10", variant("elements", kappa=103700.0), ("jaw", "hyoid")),
-            ("lines", variant("lines", incompressibility="element"), ("jaw", "hyoid")),
-            ("linear", variant("linear"), ("jaw", "hyoid")),
-        ):
-            if models and what not in models:
-                continue
-            say(f"{posture}, {what}")
-            paths = {
-                body: _towards(tongue["position"].values[nodes], d[nodes])
-                for body, nodes in attached_nodes(tongue).items()
-                if body in held
-            }
-            motion = simulate_tongue(
-                tongue, at_rest, duration=1.0, parameters=p, paths=paths, step=0.02, output=0.5
-            )
-            q = motion["node_position"].transpose("time", "node", "axis").values[-1]
-            ours = 1e3 * (q - tongue["position"].values) @ TURN
-            apart = np.linalg.norm(ours - 1e3 * d @ TURN, axis=1)
-            rows.append(
-                {
-                    "shape": posture,
-                    "model": what,
-                    "median": round(float(np.median(apart)), 2),
-                    "largest": round(float(apart.max()), 2),
-                    "tip apart": round(float(apart[tip]), 2),
-                    "tip x, z": f"{ours[tip, 0]:.2f}, {ours[tip, 2]:.2f}",
-                    "stored": f"{1e3 * (d[tip] @ TURN)[0]:.2f}, {1e3 * d[tip, 2]:.2f}",
-                }
-            )
-    return pd.DataFrame(rows)
-
-
-def _towards(X: np.ndarray, d: np.ndarray) -> Any:
-    """Path of nodes from X to X + d within 0.2 s."""
-    return lambda t: X + d * np.clip(5.0 * t, 0.0, 1.0)
-
-
 FULL = 0.1  # s, in which activations rise to 1
 
 
@@ -383,7 +330,6 @@ def main(part: str = "reference", out: Path | None = None, case: list[str] | Non
     parts = {
         "reference": lambda: reference(case),
         "kink": kink,
-        "postures": postures,
         "stability": lambda: stability(case),
         "precision": lambda: precision(case),
     }

@@ -14,10 +14,13 @@ from analysis.figures.style import save
 from benchmarks.report import markdown, say, shrink
 from emgface.anatomy.head.sweep import MESH_ERROR, STEP_ERROR, sweep
 from emgface.study.observer import Silent
-from studies.coupled.experiments import EXPERIMENTS
+from studies.coupled.experiments import EXPERIMENTS as PUBLISHED
+from studies.coupled.explained import EXPLAINED, EXPLANATIONS
 from studies.coupled.figure import outcome_figure
-from studies.coupled.findings import VERDICTS, findings
+from studies.coupled.findings import FINDINGS, VERDICTS, Results
 
+EXPERIMENTS: Final = {**PUBLISHED, **EXPLAINED}
+TESTS: Final = {**FINDINGS, **EXPLANATIONS}
 HERE: Final = Path(__file__).resolve().parents[2] / "docs" / "coupled"
 TEMPLATE: Final = Path(__file__).with_name("page.md")
 """Text of the page, with a place for each experiment and its results."""
@@ -52,7 +55,7 @@ def section(name: str, folder: Path) -> dict[str, str]:
     rows = pd.DataFrame(
         [
             {"published": f.statement, "found": f.found, "": VERDICTS[f.holds]}
-            for f in findings(name, table)
+            for f in TESTS[name](Results(table))
         ]
     )
     shown = pd.DataFrame({"run": table["name"]})

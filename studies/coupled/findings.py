@@ -249,25 +249,28 @@ def _coupling(at: Results) -> Iterator[Finding]:
     )
 
 
+def labial_findings(at: Results, own: str, levels: str) -> Iterator[Finding]:
+    """Statements about the three labials, whose runs begin with `own`."""
+    rest, closure = at("rest", "area_mm2"), at(f"{own}closure", "area_mm2")
+    yield Finding(f"Closure: area 0 ({levels})", f"{closure} mm²", Value(1.0, 0.0).above(closure))
+    lip, open_ = (at(f"{own}fricative", name) for name in ("lower_to_teeth_mm", "area_mm2"))
+    yield Finding(
+        f"Fricative: a slit, lower lip within 1 mm of the upper incisors ({levels})",
+        f"{lip} mm, {open_} of {rest} mm²",
+        every(Value(1.0, 0.0).above(lip), open_.above(Value(1.0, 0.0)), rest.above(open_)),
+    )
+    small = at(f"{own}approximant", "area_mm2")
+    ratio = small.size / rest.size
+    yield Finding(
+        f"Approximant: a small opening, 0.40 of that at rest (15.9 of 40.1 mm²; {levels})",
+        f"{small} of {rest} mm², {ratio:.2f}",
+        every(rest.above(small), 0.28 < ratio < 0.52),
+    )
+
+
 def _labials(at: Results) -> Iterator[Finding]:
-    for own, levels in (("", "published"), ("own ", "own")):
-        rest, closure = at("rest", "area_mm2"), at(f"{own}closure", "area_mm2")
-        yield Finding(
-            f"Closure: area 0 ({levels} levels)", f"{closure} mm²", Value(1.0, 0.0).above(closure)
-        )
-        lip, open_ = (at(f"{own}fricative", name) for name in ("lower_to_teeth_mm", "area_mm2"))
-        yield Finding(
-            f"Fricative: a slit, lower lip within 1 mm of the upper incisors ({levels} levels)",
-            f"{lip} mm, {open_} of {rest} mm²",
-            every(Value(1.0, 0.0).above(lip), open_.above(Value(1.0, 0.0)), rest.above(open_)),
-        )
-        small = at(f"{own}approximant", "area_mm2")
-        ratio = small.size / rest.size
-        yield Finding(
-            f"Approximant: a small opening, 0.40 of that at rest (15.9 of 40.1 mm²; {levels} levels)",
-            f"{small} of {rest} mm², {ratio:.2f}",
-            every(rest.above(small), 0.28 < ratio < 0.52),
-        )
+    yield from labial_findings(at, "", "published levels")
+    yield from labial_findings(at, "own ", "own levels")
 
 
 FINDINGS: Final[Mapping[str, Callable[[Results], Iterator[Finding]]]] = {

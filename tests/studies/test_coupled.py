@@ -5,9 +5,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from studies.coupled.__main__ import page
-from studies.coupled.experiments import EXPERIMENTS
-from studies.coupled.findings import FINDINGS, Value, every, findings
+from studies.coupled.__main__ import EXPERIMENTS, TESTS, page
+from studies.coupled.findings import Results, Value, every, findings
 
 
 def test_differences_within_the_error_decide_nothing() -> None:
@@ -18,14 +17,14 @@ def test_differences_within_the_error_decide_nothing() -> None:
     assert every(True, None) is None and every(True, None, False) is False and every(True) is True
 
 
-@pytest.mark.parametrize("name", FINDINGS)
+@pytest.mark.parametrize("name", TESTS)
 def test_no_difference_reproduces_no_statement_of_a_direction(name: str) -> None:
     """With equal outcomes of all runs, no direction is reproduced; absolute limits may be met."""
     runs = EXPERIMENTS[name].runs
     columns = [c for c in EXPERIMENTS[name].shown if c.endswith(("mm", "mm2"))]
     columns += ["lower_incisor_up_mm", "opening_mm", "width_mm"]
     table = pd.DataFrame({"name": [run.name for run in runs], **dict.fromkeys(columns, 2.0)})
-    found = findings(name, table.assign(**{f"{c}_step_error": 0.1 for c in columns}))
+    found = list(TESTS[name](Results(table.assign(**{f"{c}_step_error": 0.1 for c in columns}))))
     assert found and not any(one.holds for one in found)
 
 
