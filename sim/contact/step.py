@@ -4,7 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sim.contact.compiled import (
     ALLOWED,
@@ -21,7 +20,9 @@ from sim.pattern import SymmetricPattern
 from sim.scene import Index
 from sim.state import Array, State
 
+PASSING = 0.05  #: penetration of a stage's base that remains, relative to the motion in the step
 ALIKE = 0.5  #: cosine of the angle above which a normal is new and not filtered
+OPPOSITE = -0.5  #: cosine of the angle below which two faces are those of both sides of a thin body
 TURN = 0.2  #: time of the low-pass filter of contact normals [s]
 
 CORRECTIONS = 4
@@ -72,15 +73,30 @@ class ContactStep:
 
         They are the vertices of `near` that are inside, and others that entered through a face and
         are behind it, for example a thin sheet; not vertices that slid around a ridge and are
-        outside of a face with the same orientation.
+        outside of a face with the same orientation. Vertices inside a thin body that are closer to its
+        other side have rows of the faces through which they entered.
         """
         u = q - self.q0
         touch = self.tolerances.residual
-        inside = near.take(np.flatnonzero(near.gaps(u) < -touch))
         entered = self.contact.entered(self._move(q), self._allowed)
-        behind = (entered.gaps(u) < -touch) & ~np.isin(entered.slot, inside.slot)
-        behind &= ~_beside(entered, near)
+        entered = entered.take(np.flatnonzero(entered.gaps(u) < -touch))
+        inside = (near.gaps(u) < -touch) & (_cosines(near, entered)[0] >= OPPOSITE)
+        inside = near.take(np.flatnonzero(inside))
+        behind = ~np.isin(entered.slot, inside.slot) & (_cosines(entered, near)[1] <= 0.0)
         return inside.joined(entered.take(np.flatnonzero(behind)))
+
+    def through(self, rows: Rows, q: Array, near: Rows) -> Rows:
+        """Rows by which penetrations at positions q are removed: those near, and `rows` without one.
+
+        The initial velocities, which are independent of the rows, may carry a vertex through a thin
+        sheet or beyond the middle of a thin body, whose nearest face is then that of the other side.
+        """
+        rows = rows.joined(self.passed(q, near))
+        broken = rows.gaps(q - self.q0) < -self.tolerances.residual
+        rows = rows.take(np.flatnonzero(broken))
+        near = near.take(np.flatnonzero(_cosines(near, rows)[0] >= OPPOSITE))
+        rows = rows.take(np.flatnonzero(~np.isin(rows.slot, near.slot)))
+        return near.joined(rows.take(np.unique(rows.keys, return_index=True)[1]))
 
     def _steadied(self, rows: Rows) -> Rows:
         """Rows of the closest faces with low-pass filtered normals.
@@ -113,6 +129,11 @@ class ContactStep:
         on = after / (self._t1 - self._t0) * np.einsum("ki,ki->k", rows.normal, rows.carried)
         return replace(rows, gap=rows.gap - on)
 
+    @property
+    def passing(self) -> float:
+        """Penetration of a stage's base that changes velocities considerably [m]."""
+        return PASSING * float(np.abs(self._way).max(initial=0.0))
+
     def considerable(self, rows: Rows, u: Array, pushing: Index) -> Flags:
         """Test if rows (k,) are too deep at displacements u (n_nodes, 3) for a correction.
 
@@ -121,17 +142,19 @@ class ContactStep:
         active, tolerances = np.isin(rows.slot, pushing), self.tolerances
         return -rows.gaps(u) > np.where(active, tolerances.considerable, tolerances.unexpected)
 
-    def moved_out(self, q: Array, near: Rows, opened: Opened) -> Array:
+    def moved_out(self, q: Array, near: Rows, opened: Opened, noticed: float = np.inf) -> Array:
         """Positions with penetrations removed along the compliance of the tissue.
 
         Parameters
         ----------
         q : (n_nodes, 3) positions at the end of the step [m].
         near : those at q.
+        noticed : smallest penetration that is removed [m], at most that of the tolerances.
         """
+        noticed = min(noticed, self.tolerances.noticed)
         for _ in range(CORRECTIONS):
             gap = near.gaps(q - self.q0)
-            deep = np.flatnonzero(gap < -self.tolerances.noticed)
+            deep = np.flatnonzero(gap < -noticed)
             if not len(deep):
                 break
             rows, wanted = near.take(deep), -gap[deep]
@@ -174,18 +197,19 @@ class ContactStep:
         return {MEMORY: new}
 
 
-def _beside(entered: Rows, near: Rows) -> NDArray[np.bool_]:
-    """Test if a closest face of the vertex of each entered row has the same orientation."""
-    order = np.argsort(near.slot, kind="stable")
-    low, high = (
-        np.searchsorted(near.slot[order], entered.slot, side) for side in ("left", "right")
-    )
-    found = np.zeros(len(entered), dtype=bool)
+def _cosines(rows: Rows, others: Rows) -> tuple[Array, Array]:
+    """Least and largest cosine (k,) of the normal of each row with those of other rows of its vertex.
+
+    They are infinite where there is none.
+    """
+    order = np.argsort(others.slot, kind="stable")
+    low, high = (np.searchsorted(others.slot[order], rows.slot, side) for side in ("left", "right"))
+    least, most = np.full(len(rows), np.inf), np.full(len(rows), -np.inf)
     for k in range(int((high - low).max(initial=0))):
         has = np.flatnonzero(low + k < high)
-        other = near.normal[order[low[has] + k]]
-        found[has] |= np.einsum("ki,ki->k", entered.normal[has], other) > 0.0
-    return found
+        cosine = np.einsum("ki,ki->k", rows.normal[has], others.normal[order[low[has] + k]])
+        least[has], most[has] = np.minimum(least[has], cosine), np.maximum(most[has], cosine)
+    return least, most
 
 
 def penalties(pattern: SymmetricPattern, diagonal: Array, rows: Rows, factor: float) -> Array:

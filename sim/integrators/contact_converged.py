@@ -82,6 +82,8 @@ class Settled:
     def kick(self, old: Index) -> Array:
         """Displacement (n,) due to the present forces on vertices that are newly in contact.
 
+        They include friction, which an impact changes as suddenly.
+
         Parameters
         ----------
         old : slots that were active at the start.
@@ -90,9 +92,10 @@ class Settled:
         new = (multipliers.normal > 0.0) & ~np.isin(multipliers.rows.slot, old)
         if not new.any():
             return np.zeros(self.touching.system.pattern.n)
-        force = np.where(new, multipliers.normal, 0.0)[:, None] * multipliers.rows.normal
+        force = multipliers.normal[:, None] * multipliers.rows.normal + multipliers.tangent
+        force = np.where(new[:, None], force, 0.0)
         push = self.touching.generalised(multipliers.rows.spread(force, len(self.q)))
-        return self.touching.answer(self.touching.scale * push, self.work)
+        return self.touching.freed(self.point.d, self.touching.scale * push, self.work)
 
     def outside(self, pose: Pose, after: float) -> Pose:
         """Pose a time [s] after the end, without penetration of the active rows."""
@@ -103,7 +106,8 @@ class Settled:
         return self._moved_out(pose, self.touching.multipliers.rows, after)
 
     def _moved_out(self, pose: Pose, rows: Rows, after: float) -> Pose:
-        q = self.step.moved_out(pose.q, self.step.ahead(rows, after), self.opened)
+        step = self.step
+        q = step.moved_out(pose.q, step.ahead(rows, after), self.opened, step.passing)
         return pose if q is pose.q else replace(pose, q=q)
 
 

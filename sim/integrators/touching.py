@@ -14,6 +14,7 @@ from sim.contact.step import pressed
 from sim.integrators.constrained import Placed
 from sim.integrators.newton import BySecants, Point
 from sim.integrators.workspace import Workspace
+from sim.linear.conjugate_gradients import conjugate_gradients
 from sim.matrix import Matrix
 from sim.scene import Index
 from sim.state import Array, Pose
@@ -36,6 +37,9 @@ HASTE = 0.5
 
 HELD, HELD_SHARE = 2, 0.05
 """Number of corrections of a solution that keeps rows closed, and share of their opening left by it."""
+
+FREED, FREED_LIMIT = 1e-4, 60
+"""Relative error of a solution without the rows of the factor, and largest number of its iterations."""
 
 SOFT = 1e-3  #: relative regularisation of redundant rows in a correction
 
@@ -106,6 +110,10 @@ class Touching:
             return work.newton.solve(rhs)
         return work.constraints.saddle.roughly(rhs)
 
+    def freed(self, d: Array, rhs: Array, work: Workspace) -> Array:
+        """Solution (n,) for a right-hand side without the rows; the factor has none of them."""
+        return self.answer(rhs, work)
+
     def acting(self, d: Array) -> Acting:
         """Contact forces at displacements d."""
         return self.multipliers.at(self.positions(d) - self._q0)
@@ -127,6 +135,11 @@ class TouchingInMatrix(BySecants, Touching):
         A = super().matrix(d)
         self._places.add(self.multipliers.stiffness(self.acting(d)), self.scale, A.values)
         return A
+
+    def freed(self, d: Array, rhs: Array, work: Workspace) -> Array:
+        """Solution (n,) without the rows, which the factor contains and by which it is too small."""
+        times = super().matrix(d).times
+        return conjugate_gradients(times, lambda r: self.answer(r, work), rhs, FREED, FREED_LIMIT)
 
     def settled(self, d: Array) -> Acting:
         """Contact forces at the end of the iteration."""
