@@ -53,7 +53,7 @@ def cost(preset: str, resolution: str) -> Rows:
 def published_size(preset: str, resolution: str) -> Rows:
     """The same with about as many nodes as the published face (8720) and tongue (946) have."""
     scenes = {name: scene for name, scene in SCENES.items() if name != "face, lips and teeth"}
-    return timed(scenes, preset, FACE_ELEMENTS, steps=8, repeats=2, tongue_resolution="medium")
+    return timed(scenes, preset, FACE_ELEMENTS, steps=32, repeats=2, tongue_resolution="medium")
 
 
 def timed(
