@@ -3,7 +3,7 @@
     python -m benchmarks inverse-doubts RECORDING.nc ...
 
 The sides of the sEMG are exchanged, or it is moved by 0.4 s, in a circle. Printed are the attributes by
-which `emgface.inverse.doubts` judges, and what it tells.
+from which `emgface.inverse.doubts` decides, and its warnings.
 """
 
 from pathlib import Path

@@ -204,7 +204,7 @@ def _lost_stability(
     control: Control,
     passed: Sequence[tuple[State, StepReport | None]],
 ) -> bool:
-    """Test if a matrix was not positive definite or the motion snapped, by its steps if they tell."""
+    """Test if a matrix was not positive definite or the motion snapped, by its reports if any."""
     reports = [report for _, report in passed if report is not None]
     if any(report.indefinite + report.shifts > 0 for report in reports):
         return True

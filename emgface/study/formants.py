@@ -42,7 +42,7 @@ def compute_formants(
     """Store the formants of every scored trial, if the study specifies a tract; digests by trial.
 
     Arguments are those of `emgface.study.baselines.compute_baselines`. The result is None without a
-    tract, and for a face without a mouth opening, which the observer of `run` is told.
+    tract, and for a face without a mouth opening, which the observer of `run` receives as a message.
     """
     if laboratory.study.tract is None:
         return None

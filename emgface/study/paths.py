@@ -49,8 +49,8 @@ def placed(study: StudyConfiguration, folder: Path) -> tuple[StudyConfiguration,
     """Study with the paths that it has from `folder`, and one sentence for each that is another.
 
     `study` names files by the paths that they had when it ran. If its folder was moved or copied
-    since, as its journal tells, a file at the same relative path is used; one that does not exist there
-    is looked for at its old path. The sentences name both.
+    since, according to its journal, a file at the same relative path is used; one that does not
+    exist there is looked for at its old path. The sentences name both.
     """
     try:
         before = next(

@@ -31,7 +31,7 @@ class LineTable(NamedTuple):
     muscle : number of the muscle of every fibre, -1 for a spring.
     share : factor on the tension of the law [1].
     rest : length at rest [m].
-    code, parameters : (n,), (n, PARAMETERS) of the law, as `sim.laws.line.LineLaw` tells them.
+    code, parameters : (n,), (n, PARAMETERS) of the law, as in `sim.laws.line.LineLaw`.
     stiffness, damping : of a spring and a damper along the fibre [N/m], [N s/m].
     relation : (n, 3) force-velocity relation: v_max [1/s], 0 without one, curvature, lengthening.
     """

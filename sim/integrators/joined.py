@@ -23,10 +23,10 @@ from sim.state import Array
 from sim.vectors import dot
 
 NOISE = 1e-5
-"""Share of the forces below which a change of the gradient tells nothing of the stiffness."""
+"""Share of the forces below which a change of the gradient contains no information on the stiffness."""
 
 FARTHEST = 0.5
-"""Largest motion of bodies in an iteration [m, rad], beyond which the model tells nothing."""
+"""Largest motion of bodies in an iteration [m, rad], beyond which the model is not used."""
 
 
 def minimise_joined(

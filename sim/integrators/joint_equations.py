@@ -84,7 +84,7 @@ def conditions(potential: Jointed, d: Array) -> Conditions:
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """A factor of A + sigma E E', and what it tells of the velocities E'x that rows act on."""
+    """A factor of A + sigma E E', and what follows from it for the velocities E'x on which rows act."""
 
     columns: Index  #: (k,)
     scale: float

@@ -250,7 +250,7 @@ class LinearRows:
             if k == STALE and self._solver.inverse is None:
                 self._work.contact.discard()
                 at.S = self._solver.delassus(at.G)
-            # gaps without forces, whose change by f the matrix tells
+            # gaps without forces, whose change by f follows from the matrix
             gap = at.value + h * (at.G @ w) - h * h * (at.S @ f)
             new = at.forces(gap, before, 0.01 * most, self._until)
             change = h * h * float(np.abs(at.S @ (new - f)).max(initial=0.0))

@@ -111,8 +111,8 @@ def tell_exchanged_sides(
     that of maximum effort itself, which electrodes and skin determine. In a movement of both sides
     d_c is small; exchanged labels of one file make it -2 e_c. The warning requires d_c closer to
     -2 e_c than to 0 in every pair, by `CLOSER`, and a rms of d_c of at least `UNEQUAL`. Of 30 simulated
-    persons it tells 27 in opening and closing, but 5 and 3 in one-sided movements, where one of 60
-    with correct labels is told, too.
+    persons it finds 27 in opening and closing, but 5 and 3 in one-sided movements, where one of 60
+    with correct labels is reported, too.
 
     Warns
     -----

@@ -177,7 +177,7 @@ def read_excitation(path: str | os.PathLike[str]) -> Excitation:
 
 
 def _check_times(path: Path, given: Excitation) -> None:
-    """Refuse times that do not ascend or cannot be in seconds; tell a late start."""
+    """Refuse times that do not ascend or cannot be in seconds; warn of a late start."""
     t = given.time
     if len(t) < 2:
         raise JawError(f"{path} contains {len(t)} instants, expected at least two")

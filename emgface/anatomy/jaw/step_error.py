@@ -26,7 +26,7 @@ class Jumps:
     def record(
         self, system: sim.System, state: State, control: Control, report: StepReport | None
     ) -> tuple[float]:
-        """Copy it from the report; 0 at the start and with integrators that do not tell it."""
+        """Copy it from the report; 0 at the start and with integrators that do not estimate it."""
         return (0.0 if report is None else float(np.nan_to_num(report.jump)),)
 
     def record_all(self, system: sim.System, outputs: Outputs, activation: Floats) -> tuple[Floats]:
