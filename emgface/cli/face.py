@@ -108,6 +108,10 @@ def reduce(
     sequences: Annotated[
         int | None, typer.Option(help="Number of sequences of the training.")
     ] = None,
+    calibration: Annotated[
+        int | None, typer.Option(help="Number of sequences that calibrate the bound of the error.")
+    ] = None,
+    ramps: Annotated[bool, typer.Option(help="Train ramps of each muscle, too.")] = True,
     seed: Annotated[int | None, typer.Option(help="Seed of the sequences.")] = None,
     activations: Annotated[
         str | None,
@@ -123,7 +127,12 @@ def reduce(
     options: dict[str, Any] = {name: v for name, v in given.items() if v is not None}
     if sigma_max is not None:
         options["sigma_max"] = sigma_max
-    plan = {"activations": activations, "sequences": sequences}
+    plan: dict[str, Any] = {
+        "activations": activations,
+        "sequences": sequences,
+        "calibration": calibration,
+        "ramps": None if ramps else False,
+    }
     options["training"] = {name: v for name, v in plan.items() if v is not None}
     if not contact:
         options["contact"] = {"method": "none"}

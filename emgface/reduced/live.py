@@ -11,6 +11,7 @@ from scipy.signal import butter, sosfilt
 
 from emgface.reduced.model import Floats, ReducedFace
 from emgface.reduced.stream import Source, frames_of
+from emgface.reduced.trained import response_size
 from emgface.signals.mapping import mapping_matrix
 from sim import Control, State, Workspace
 from sim.reduced import FusedEuler
@@ -75,9 +76,14 @@ class LiveFace:
         nodes = face["marker_node"].values.astype(np.int64)
         self._markers, self._n = self.reduced.markers, len(nodes)
         self._omitted, self._estimate = self.reduced.modes[nodes][..., r:], 0.0
+        self._before = np.zeros(len(self._system.muscles))
 
-    def __call__(self, activation: Floats) -> tuple[Floats, float, float]:
-        """Markers (n, 3) [m] after one step, the bound of their error [m], and the distance [1]."""
+    def __call__(self, activation: Floats) -> tuple[Floats, float, float, bool]:
+        """Advance by one step.
+
+        Returns the markers (n, 3) [m], the bound of their error [m], the distance of the activation
+        [1], and True if it and its change since the last step are within the range of the training.
+        """
         now = Control(activation)
         integrator = FusedEuler(self.reduced.contact)
         self._state, _ = integrator.step(self._system, self._state, now, self.step, self._work)
@@ -85,9 +91,13 @@ class LiveFace:
         moved = self._omitted @ self._state.memory[OMITTED][0]
         self._estimate = max(self._estimate, float(np.linalg.norm(moved, axis=1).max()))
         bound = attrs["error_factor"] * (self._estimate + attrs["error_floor"])
-        distance = float(self.reduced.distances(activation[None])[0])
+        trained, change = self.reduced.trained, (activation - self._before)[None]
+        distance = float(trained.distances(activation[None])[0])
+        jump = float(response_size(change, trained.response)[0])
+        self._before = activation
         (markers,) = self._markers.record(self._system, self._state, now, None)
-        return np.asarray(markers)[: self._n], bound, distance
+        inside = distance <= trained.distance and jump <= trained.change
+        return np.asarray(markers)[: self._n], bound, distance, inside
 
 
 def heard(recording: xr.Dataset, step: float, muscles: Sequence[str]) -> tuple[Floats, Floats]:
@@ -126,14 +136,13 @@ def live(
     span = np.where(high > low, high - low, 1.0)
     weights = weights_of(source.channels, reduced.model.system.muscles)
     feature, face = CausalFeature(source.rate, weights), LiveFace(reduced, step)
-    largest = reduced.dataset.attrs["largest_distance"]
     face(np.zeros(len(low)))  # loads the kernel before the clock starts
     source.start()
     for k in range(round(seconds / step)):
         samples, arrived, lost = source.frame(k)
         begun = source.now()
         activation = np.clip((feature(samples) - low) / span, 0.0, 1.0)
-        markers, bound, distance = face(activation)
+        markers, bound, distance, inside = face(activation)
         done = source.now()
         yield (
             activation,
@@ -145,7 +154,7 @@ def live(
                 "lost": float(lost),
                 "bound": bound,
                 "distance": distance,
-                "trusted": float(distance <= largest),
+                "trusted": float(inside),
             },
         )
 

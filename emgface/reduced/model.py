@@ -14,6 +14,7 @@ from emgface.errors import FaceError
 from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.reduced.trained import Trained
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.digest import canonical_json, dataset_digest
 from sim import State, Workspace, compile_scene
@@ -42,8 +43,6 @@ NOT_MECHANICS: Final = frozenset(
 SETTLING, LONG, AT_REST = 60, 1.0, 1e-12
 """Largest number of steps to the equilibrium, their length [s], and change at which they end [1]."""
 UPPER, LOWER = "lip opening, upper", "lip opening, lower"
-RIDGE: Final = 0.01
-"""Activation below which a combination of muscles that was never trained is not recognised [1]."""
 
 
 def mechanics_of(parameters: SimulationParameters) -> str:
@@ -206,21 +205,10 @@ class ReducedFace:
         memory.pop(IMPULSES, None)  # those of a long step
         return State(0.0, state.q, 0.0 * state.v, memory)
 
-    def distances(self, activation: Floats) -> Floats:
-        """Size (n,) of activations (n, muscle) in units of those of the training, 0 at rest."""
-        return whitened_size(activation, self.dataset["activation_whitening"].values)
-
-
-def whitening(activations: Floats) -> Floats:
-    """Inverse root of the mean of a a' over activations (n, muscle), for `whitened_size`."""
-    squares = activations.T @ activations / len(activations)
-    values, vectors = np.linalg.eigh(squares + RIDGE**2 * np.eye(len(squares)))
-    return vectors / np.sqrt(values) @ vectors.T
-
-
-def whitened_size(activations: Floats, root: Floats) -> Floats:
-    """sqrt(a' (mean of a a')^-1 a / n_muscles) of activations (n, muscle): 1 on average, 0 at rest."""
-    return np.sqrt(((activations @ root) ** 2).mean(axis=1))
+    @cached_property
+    def trained(self) -> Trained:
+        """Range of the training."""
+        return Trained.of(self.dataset)
 
 
 def training_text(parameters: Any, sigma_max: float) -> str:

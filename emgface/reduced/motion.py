@@ -10,6 +10,7 @@ import xarray as xr
 from emgface.errors import DataError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.reduced.model import LOWER, UPPER, Floats, ReducedFace
+from emgface.reduced.trained import SAME
 from emgface.study.digest import dataset_digest
 from sim import (
     Activation,
@@ -21,13 +22,11 @@ from sim import (
     Workspace,
     simulate,
 )
+from sim.activation import Driven
 from sim.probes import Probe, Variable, recorded
 from sim.reduced import FusedEuler, ReductionError
 from sim.state import Control, Outputs, StepReport
 from sim.system import System
-
-SAME = 1e-6
-"""Relative difference of equal steps [1]."""
 
 
 @lru_cache(maxsize=8)
@@ -134,7 +133,8 @@ def simulate_reduced(
     The result contains ``position``, ``lip_opening``, ``smallest_J`` of the chosen points,
     ``reduction_error`` (time) [m], the bound that the error of every marker stays below with the
     calibrated probability, and ``activation_distance`` (time) [1]; its attribute ``reduction_doubt``
-    is empty unless an activation is farther from the training than any of it, or steps are longer.
+    is empty unless an activation, or its change in a step, is outside the range of the training, or
+    steps are longer (`emgface.reduced.trained`).
 
     Raises
     ------
@@ -173,19 +173,13 @@ def simulate_reduced(
     estimate = np.maximum.accumulate(trajectory["reduction_estimate"].values)
     bound = data.attrs["error_factor"] * (estimate + data.attrs["error_floor"])
     times = trajectory["time"].values
-    levels = np.array([activation.at(t) for t in times])
-    distance = reduced.distances(levels)
+    distance = reduced.trained.distances(activation.at_all(times))
     trajectory = trajectory.drop_vars("reduction_estimate").assign(
         reduction_error=("time", bound, {"units": "m"}),
         activation_distance=("time", distance, {"units": "1"}),
     )
-    doubt = ""
-    at, most = int(distance.argmax()), data.attrs["largest_distance"]
-    if distance[at] > most:
-        doubt = (
-            f"the activation at {times[at]:.3g} s is {distance[at]:.3g} from rest in units of the "
-            f"training, farther than any of it ({most:.3g})"
-        )
-    elif step > (1.0 + SAME) * (own_step := float(data.attrs["step"])):
-        doubt = f"the steps of {step:g} s are longer than those of the training ({own_step:g} s)"
+    # The steps see the activation at their ends, also between the outputs.
+    ends = np.append(step * np.arange(1, np.ceil((1.0 - SAME) * duration / step)), duration)
+    levels = Driven(system, activation).at_ends([0.0, *ends.tolist()])
+    doubt = reduced.trained.doubt(ends, levels)
     return trajectory.assign_attrs(reduction_doubt=doubt)

@@ -20,14 +20,19 @@ from emgface.reduced.model import (
     ReducedFace,
     mechanics_of,
     training_text,
-    whitened_size,
-    whitening,
     without_contact,
 )
 from emgface.reduced.motion import simulate_reduced
 from emgface.reduced.parameters import ReductionParameters
 from emgface.reduced.plan import Drive, training_plan
 from emgface.reduced.study_plan import sequences_of
+from emgface.reduced.trained import (
+    changes,
+    response_root,
+    response_size,
+    whitened_size,
+    whitening_of,
+)
 from emgface.schema.validation import validate
 from emgface.study.digest import dataset_digest, text_digest
 from emgface.study.mechanics import MECHANICS
@@ -225,6 +230,7 @@ def reduce_face(
         "coverage": reduction.coverage,
         "error_factor": 1.0,
         "error_floor": FLOOR,
+        "largest_change": 0.0,
         "calibration_rms": 0.0,
         "calibration_largest": 0.0,
         "origin": "simulated",
@@ -287,7 +293,8 @@ def _reduced(
         most=reduction.elements,
         seed=reduction.seed,
     )
-    root = whitening(levels)
+    root = whitening_of(levels)
+    response = response_root(responses, weight)
     held = [m["node_position"].values - rest for _, m in _of(plan, motions, "calibration")]
     sizes, rms, largest = _projection_errors(full, modes, np.concatenate(held), reduction.modes)
     data = xr.Dataset(
@@ -301,6 +308,7 @@ def _reduced(
             "sampled_element": ("sample", sample.elements, {"units": "1"}),
             "sampled_weight": ("sample", sample.weights, {"units": "1"}),
             "activation_whitening": (("muscle", "muscle_of"), root, {"units": "1"}),
+            "activation_response": (("muscle", "muscle_of"), response, {"units": "m"}),
             "singular_value": ("snapshot", values, {"units": "m kg^1/2"}),
             "basis_size": ("size", sizes, {"units": "1"}),
             "projection_rms": ("size", rms, {"units": "m"}),
@@ -315,6 +323,12 @@ def _reduced(
         near = near_slots(contact, rest + moved[some], CLOSE)
         data["contact_slot"] = "contact_point", near, {"units": "1"}
     return data.assign_attrs(largest_distance=float(whitened_size(levels, root).max()))
+
+
+def _steps(drive: Drive) -> Floats:
+    """Changes of the activation in each step of a drive that begins at rest."""
+    ends: Floats = STEP * np.arange(1, round(float(drive.time[-1]) / STEP) + 1, dtype=np.float64)
+    return changes(ends, Activation(drive.time, drive.values).at_all(ends), STEP)
 
 
 def _projection_errors(
@@ -384,14 +398,21 @@ def _calibrate(
     plan: list[Drive],
     motions: list[xr.Dataset],
 ) -> None:
-    """Set the factor of the estimated error from the motions of the calibration."""
+    """Set the factor of the estimated error from the motions of the calibration.
+
+    The largest change of a trusted activation is that of the sequences within the resulting bound.
+    """
     reduced = ReducedFace(data, full.face, full.parameters)
-    errors, estimates = list[Floats](), list[Floats]()
+    errors, estimates, changed = list[Floats](), list[Floats](), list[float]()
     for drive, motion in _of(plan, motions, "calibration"):
         error, found = marker_errors(reduced, drive, motion)
         errors.append(error)
         estimates.append(found["reduction_error"].values - FLOOR)
-    largest = np.array([e.max(axis=1) for e in errors])
-    data.attrs["error_factor"] = coverage_factor(largest, np.array(estimates), FLOOR, coverage)
+        changed.append(float(response_size(_steps(drive), reduced.trained.response).max()))
+    largest, estimate = np.array([e.max(axis=1) for e in errors]), np.array(estimates)
+    factor = coverage_factor(largest, estimate, FLOOR, coverage)
+    within = (largest <= factor * (estimate + FLOOR)).all(axis=1)
+    data.attrs["error_factor"] = factor
+    data.attrs["largest_change"] = float(np.array(changed)[within].max(initial=0.0))
     data.attrs["calibration_rms"] = float(np.sqrt(np.mean(np.square(errors))))
     data.attrs["calibration_largest"] = float(largest.max())

@@ -30,6 +30,7 @@ MECHANICS: Final = (
     "emgface.face.tissue",
     "emgface.reduced.model",
     "emgface.reduced.motion",
+    "emgface.reduced.trained",
     "emgface.schema.migration",
     "emgface.schema.netcdf",
     "emgface.schema.validation",

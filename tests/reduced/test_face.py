@@ -15,7 +15,7 @@ from emgface.face.file import save_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS, RELEVANT
 from emgface.reduced import training
-from emgface.reduced.live import heard, live, summary
+from emgface.reduced.live import LiveFace, heard, live, summary
 from emgface.reduced.model import ReducedFace, parameters_of
 from emgface.reduced.motion import simulate_reduced
 from emgface.reduced.parameters import ReductionParameters
@@ -119,7 +119,7 @@ def test_the_command_passes_its_options_to_the_training(face, trained, tmp_path,
     monkeypatch.setattr(training, "reduce_face", reduce_face)
     save_face(face, tmp_path / "face.nc")
     size = ["--modes", "9", "--elements", "60", "--seed", "3"]
-    plan = ["--activations", "random", "--sequences", "7"]
+    plan = ["--activations", "random", "--sequences", "7", "--calibration", "20", "--no-ramps"]
     paths = [str(tmp_path / "face.nc"), "--out", str(tmp_path / "face.rom.nc")]
     done = CliRunner().invoke(app, ["face", "reduce", *paths, *size, *plan, "--no-contact"])
     assert done.exit_code == 0, done.output
@@ -127,6 +127,7 @@ def test_the_command_passes_its_options_to_the_training(face, trained, tmp_path,
     assert parameters.contact.method == "none"
     assert (reduction.modes, reduction.elements) == (9, 60)
     assert (reduction.activations, reduction.sequences, reduction.seed) == ("random", 7, 3)
+    assert (reduction.calibration, reduction.ramps) == (20, False)
     read_netcdf(tmp_path / "face.rom.nc", "reduced_face")
 
 
@@ -149,6 +150,34 @@ def test_an_activation_outside_the_training_is_simulated_at_full_order(face, tra
     np.testing.assert_array_equal(found["position"], full["position"])
     kept = simulate(face, drive, file=trained[1], fall_back=False)
     assert kept.attrs["reduced"] == 1 and "farther than any" in kept.attrs["reduction_doubt"]
+
+
+def test_a_jump_of_all_muscles_is_not_trusted(face, trained):
+    """The level is one of the training, which reaches it within 0.1 s; also between two outputs."""
+    level = np.full(len(face["muscle"]), 0.45)
+    reduced = ReducedFace.of(trained[0], face, PARAMETERS)
+    assert reduced.trained.distances(level[None])[0] < reduced.trained.distance
+    ramp = Activation(np.array([0.0, 0.1]), np.array([0.0 * level, level]))
+    assert simulate_reduced(reduced, ramp, 0.2).attrs["reduction_doubt"] == ""
+    held = Activation(np.zeros(1), level[None])
+    times = np.array([0.0, 0.1, 0.105, 0.11, 0.2])
+    spike = Activation(times, np.outer([0.0, 0.0, 1.0, 0.0, 0.0], level))
+    for drive, step, when in (
+        (held, 0.01, "0.01"),
+        (held, 0.005, "0.005"),
+        (spike, 0.005, "0.105"),
+    ):
+        found = simulate_reduced(reduced, drive, 0.2, step=step, output=0.1)
+        assert found.attrs["reduction_doubt"].startswith(f"the activation jumps at {when} s")
+    for first, inside in ((0.1 * level, True), (level, False)):
+        assert LiveFace(reduced, 0.01)(first)[3] == inside
+
+
+def test_an_activation_that_is_not_a_number_is_not_trusted(face, trained):
+    reduced = ReducedFace.of(trained[0], face, PARAMETERS)
+    times = np.array([0.01, 0.02])
+    unknown = np.full((2, len(face["muscle"])), np.nan)
+    assert "nan from rest" in reduced.trained.doubt(times, unknown)
 
 
 def test_a_probe_of_full_order_sees_all_nodes_of_a_reduced_face(face, trained):
