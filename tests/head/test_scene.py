@@ -272,3 +272,13 @@ def test_symmetric_drive_keeps_the_head_symmetric(head: Head) -> None:
     both = {"bi_ZYG": 0.3, "bi_GGP": 0.3, "bi_open": 0.2}
     assert sides(both) < 1e-9
     assert sides({**both, "ZYG_L": 0.3}) > 1e-5
+
+
+def test_properties_beside_a_scene_are_refused(head: Head) -> None:
+    """They would be ignored."""
+    scene = head_scene(head)
+    with pytest.raises(HeadError, match="gravity specified beside a scene, which has its own"):
+        simulate_head(head, raised({}), duration=0.02, scene=scene, gravity=False)
+    with pytest.raises(HeadError, match="tongue and law specified beside"):
+        other = TONGUE.model_copy(update={"sigma_max": 3e5})
+        simulate_head(head, raised({}), duration=0.02, scene=scene, tongue=other, law="hill")

@@ -13,6 +13,7 @@ from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
 from emgface.anatomy.jaw.series import Excitation, ramps
 from emgface.anatomy.tongue.parameters import TongueParameters
 from emgface.anatomy.tongue.scene import LINE
+from emgface.errors import HeadError
 from emgface.face.lip_shape import UP, has_mouth
 from emgface.face.mouth import Mouth
 from emgface.face.simulation_parameters import SimulationParameters
@@ -58,7 +59,8 @@ def simulate_head(
     integrator : optional
         `sim.LinearlyImplicitEuler` by default, which supports contact with moving bones.
     scene : HeadScene, optional
-        Of the head, for several motions; face, tongue, law and gravity are then those of the scene.
+        Of the head, for several motions. It has its own face, tongue, law and gravity, which must not
+        be specified beside it.
     progress : callable, optional
         As of `sim.simulate`.
 
@@ -71,11 +73,20 @@ def simulate_head(
     ------
     JawError
         An exciter is unknown.
+    HeadError
+        A property of the scene is specified beside it.
     HeadError, SceneError, ContactFailure
         As `head_scene`.
     SimulationError
         As `sim.simulate`.
     """
+    beside = {"face": face is not None, "tongue": tongue is not TONGUE, "law": law != "peck"}
+    beside["gravity"] = not gravity
+    if scene is not None and any(beside.values()):
+        named = " and ".join(name for name, given in beside.items() if given)
+        raise HeadError(
+            f"{named} specified beside a scene, which has its own: pass it to head_scene"
+        )
     parts = scene or head_scene(head, face=face, tongue=tongue, law=law, gravity=gravity)
     system = parts.system
     drive, given, negative = activation_of(head, system, excitation)
