@@ -130,6 +130,12 @@ def _clock(
         values = frame[name].to_numpy()
         step = np.diff(values)
         if len(values) < 3 or not (step > 0).all() or np.ptp(step) > 0.2 * step.mean():
+            if _TIME.fullmatch(name):
+                counting.append(name)
+                draft.lines.append(
+                    f"# The column {toml_value(name)} is not used, because its steps are uneven "
+                    f"({step.min():.4g} to {step.max():.4g}): samples are lost, or times are wrong."
+                )
             continue
         mean = float(step.mean())
         if _INDEX.fullmatch(name) or (mean == 1.0 and not _TIME.fullmatch(name)):

@@ -12,13 +12,21 @@ If minimum and maximum of Eq. 8 are those of a session or of maximum-effort reco
 `feature_range` computes them once for all trials.
 """
 
+import warnings
 from collections.abc import Callable, Iterable
 from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
 
-from emgface.errors import ActivationError, ConfigurationError, SchemaError, SignalError, UnitsError
+from emgface.errors import (
+    ActivationError,
+    ConfigurationError,
+    FeatureWarning,
+    SchemaError,
+    SignalError,
+    UnitsError,
+)
 from emgface.muscles import MUSCLES
 from emgface.signals.envelope import muscle_activation
 from emgface.signals.features import feature_of
@@ -27,7 +35,7 @@ from emgface.signals.mapping import map_channels
 from emgface.signals.montage import montage_of, with_mirrored
 from emgface.signals.normalisation import normalise
 from emgface.signals.parameters import SignalChain
-from emgface.signals.resampling import resample, simulation_times
+from emgface.signals.resampling import little_in_common, resample, simulation_times
 from emgface.signals.strategies import needed_muscles, select_muscles
 
 
@@ -144,7 +152,7 @@ def filtered_channels(
 def emg_of(recording: xr.Dataset) -> xr.DataArray:
     """Return the variable ``emg`` (channel, time_emg) [V] of a recording.
 
-    Raises SchemaError if there is no sEMG, and UnitsError if its unit is not V.
+    Raises SchemaError if there is no sEMG or no sample of it, and UnitsError if its unit is not V.
     """
     if "emg" not in recording or "channel" not in recording["emg"].coords:
         raise SchemaError(
@@ -152,6 +160,8 @@ def emg_of(recording: xr.Dataset) -> xr.DataArray:
             " emg (channel, time_emg) with named channels: check the reader's mapping"
         )
     units = recording["emg"].attrs.get("units")
+    if not recording["emg"].size:
+        raise SchemaError("the sEMG of the recording has no samples, expected some: read it again")
     if units != "V":
         raise UnitsError(
             f"emg has units {units!r}, expected 'V': convert the recording when it is read"
@@ -264,12 +274,17 @@ def feature_parameters(chain: SignalChain) -> str:
 
 
 def _common_interval(activation: xr.DataArray, recording: xr.Dataset) -> tuple[float, float]:
-    """Interval in which activation and, if recorded, markers exist."""
+    """Interval in which activation and, if recorded, markers exist.
+
+    Warns if much of sEMG or markers lies outside of it (`little_in_common`).
+    """
     start, stop = float(activation["time"][0]), float(activation["time"][-1])
-    if "time_marker" in recording.coords:
-        time = np.asarray(recording["time_marker"], dtype=float)
-        start, stop = max(start, float(time[0])), min(stop, float(time[-1]))
-    return start, stop
+    if "time_marker" not in recording.coords:
+        return start, stop
+    if said := little_in_common(recording):
+        warnings.warn(said, FeatureWarning, stacklevel=3)
+    time = recording["time_marker"]
+    return max(start, float(time[0])), min(stop, float(time[-1]))
 
 
 def _storable(attrs: dict[Any, Any]) -> dict[str, Any]:

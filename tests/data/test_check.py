@@ -127,6 +127,16 @@ def test_an_offset_is_accepted(clean: xr.Dataset) -> None:
     assert set(check_recording(clean)["verdict"]) == {"ok"}
 
 
+def test_clocks_with_little_in_common_are_a_warning(clean: xr.Dataset) -> None:
+    """As with half of the true sampling rate, or markers whose clock starts later."""
+    wrong_rate = clean.assign_coords(time_emg=2.0 * clean["time_emg"])
+    late = clean.assign_coords(time_marker=clean["time_marker"] + 0.15)
+    for recording, common in ((wrong_rate, "0.24 s"), (late, "0.0995")):
+        table = check_recording(recording)
+        said = [text for text in table["reason"] if "in common" in text]
+        assert len(said) == 1 and common in said[0]
+
+
 def test_a_clipped_channel_is_a_warning(clean: xr.Dataset) -> None:
     clean["emg"].values[6] = np.clip(clean["emg"].values[6], -1e-4, 1e-4)
     (sentence,) = problems(check_recording(clean), "warning")

@@ -132,6 +132,14 @@ def test_columns_of_other_signals_are_commented_out(tmp_path: Path) -> None:
     )
 
 
+def test_an_uneven_clock_is_no_signal(tmp_path: Path) -> None:
+    late = np.where(np.arange(len(TIME)) < 1000, TIME, TIME + 0.5)
+    (tmp_path / "a.csv").write_text("\n".join(["time,zyg", *rows([late, 1e3 * EMG[0]], ",")]))
+    draft = describe(tmp_path / "a.csv")
+    assert tomllib.loads(draft)["emg"]["channels"] == {"zyg": "zyg"}
+    assert '"time" = "time"' not in draft and "its steps are uneven" in draft
+
+
 def test_arrays_are_described(tmp_path: Path) -> None:
     scipy.io.savemat(tmp_path / "a.mat", {"data": 1e6 * EMG, "fs": RATE, "other": np.zeros((3, 3))})
     with h5py.File(tmp_path / "b.h5", "w") as file:

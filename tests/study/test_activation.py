@@ -42,6 +42,23 @@ def test_activation_is_complete_and_checked(stage, strategy):
     validate(result, "activation")
 
 
+def test_little_in_common_of_semg_and_markers_is_a_warning():
+    """As with half of the true sampling rate of the sEMG, or markers with another clock."""
+    recording = recording_of()
+    recording = recording.assign_coords(time_marker=np.linspace(0.0, DURATION, 251))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", FeatureWarning)
+        activation_of(recording, SignalChain())
+    wrong_rate = recording.assign_coords(time_marker=0.5 * recording["time_marker"])
+    with pytest.warns(FeatureWarning, match=r"1.25 s in common, the only part that is used"):
+        activation_of(wrong_rate, SignalChain())
+
+
+def test_a_recording_without_samples_is_refused():
+    with pytest.raises(SchemaError, match="no samples"):
+        activation_of(recording_of().isel(time_emg=slice(0, 0)), SignalChain())
+
+
 def test_attributes_survive_netcdf(tmp_path):
     result = activation_of(recording_of(), SignalChain(), strategy="act_3")
     result.to_netcdf(tmp_path / "activation.nc")
@@ -178,7 +195,10 @@ def test_interval_is_that_of_emg_and_markers_together():
     time = activation_of(recording, SignalChain())["time"].values
     assert time[0] == 0.5 and time[-1] == pytest.approx(1.5)
     late = recording.assign_coords(time_marker=np.arange(101) / 100.0 + 9.5)
-    with pytest.raises(SignalError, match="recorded at the same time"):
+    with (
+        pytest.warns(FeatureWarning, match="have nothing in common"),
+        pytest.raises(SignalError, match="recorded at the same time"),
+    ):
         activation_of(late, SignalChain())
 
 

@@ -11,6 +11,7 @@ from emgface.recordings.quality.cross_talk import cross_talk
 from emgface.recordings.quality.emg import emg_quality
 from emgface.recordings.quality.markers import LAYOUT, marker_quality, swapped_markers
 from emgface.recordings.quality.sides import swapped_sides
+from emgface.signals.resampling import little_in_common
 
 MUCH_HUM = 0.1  #: fraction of the power in the lines of the mains
 LOUD_HUM = 5e-6  #: root mean square [V] of hum below which it does not affect surface EMG
@@ -60,6 +61,8 @@ def findings(
                 measures["marker", name] = row
                 found += [("marker", name, text) for text in _marker(name, row)]
             found += _exchanged(swapped_markers(recording["position"]))
+        if said := little_in_common(recording):
+            found.append(("marker", "", said))
         for left, right, r, swapped in swapped_sides(recording).itertuples(index=False):
             if swapped:
                 text = f"correlates with the mouth corner of the other side (r = {r:.2f} with {right}): "
