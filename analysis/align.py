@@ -18,7 +18,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from analysis.components import principal_component
+from analysis.components import first_component
 from analysis.errors import AlignmentError
 from analysis.lag import Array, within
 from analysis.matching import (
@@ -104,7 +104,7 @@ def align(
     clear_cosine : float
         See `sign` [1].
     centred : bool
-        See `principal_component`.
+        See `analysis.components.principal_component`.
     subsample : bool
         Refine shift and stretch between the samples; otherwise the shift is a multiple of the
         simulated period.
@@ -153,12 +153,10 @@ def align(
     noise, white = _noise_of(measured, whole, seen)
     t_whole, t_m, t_s = (data["time"].values for data in (whole, given, model))
     _check_motion({"measured": given, "simulated": model}, smallest_motion)
-    component_m = principal_component(given, centred=centred)
-    level = noise * sampled_share(white, t_m, t_m) ** 0.5
-    _check_signal(component_m["b"].values, level, smallest_snr)
-    component_s = principal_component(model, centred=centred)
-    b_m, b_s = component_m["b"].values, component_s["b"].values
-    cosine = float((component_m["u"] * component_s["u"]).sum())
+    b_m, u_m, explained_m = first_component(given.values, centred=centred)
+    _check_signal(b_m, noise * sampled_share(white, t_m, t_m) ** 0.5, smallest_snr)
+    b_s, u_s, explained_s = first_component(model.values, centred=centred)
+    cosine = float((u_m * u_s).sum())
     nominal = 1.0 if scaling == "none" else _length_ratio(t_whole, t_s)
     pair = Pair((t_m, b_m), (t_s, b_s), float(t_whole[0]), nominal)
     chosen, best, clear, disagrees = signed_match(pair, cosine, options)
@@ -172,6 +170,8 @@ def align(
         "sign_by_direction": int(clear and sign == "direction"),
         "b_correlation": matched,
         "overlap": overlap,
+        "explained_variance_measured": explained_m,
+        "explained_variance_simulated": explained_s,
         "direction_cosine": chosen * cosine,
         "sign_disagrees": int(disagrees),
         "shift_at_bound": int(best.at_bound),
@@ -186,12 +186,10 @@ def align(
     result = xr.Dataset(
         {
             "position": (("marker", "axis", "time"), positions, metre),
-            "noise": ("marker", kept.values, metre),
+            "noise": ("marker", kept, metre),
             "shift": ((), best.shift, second),
             **{name: ((), value, {"units": "1"}) for name, value in numbers.items()},
             "unseen_ends": ((), float(np.ptp(t_whole) - np.ptp(t_m)), second),
-            "explained_variance_measured": component_m["explained_variance"],
-            "explained_variance_simulated": component_s["explained_variance"],
             "b_measured": ("time_measured", chosen * b_m, metre),
             "b_simulated": ("time", b_s, metre),
             "b_aligned": ("time", chosen * _taken(b_m, t_m, source, inside), metre),
@@ -213,11 +211,11 @@ def _taken(values: Array, time: Array, source: Array, inside: NDArray[np.bool_])
 
 def _noise_of(
     measured: xr.Dataset | xr.DataArray, whole: xr.DataArray, seen: slice
-) -> tuple[xr.DataArray, Array | None]:
-    """Noise of the recorded frames, markers as in `whole`, and white noise sampled in the same way."""
+) -> tuple[Array, Array | None]:
+    """Noise of the frames, markers as in `whole` [m], and white noise sampled in the same way."""
     if not isinstance(measured, xr.Dataset) or "noise" not in measured:
-        return marker_noise(whole), None
-    noise = selected(measured["noise"], {"marker": whole["marker"].values})
+        return marker_noise(whole).values, None
+    noise = selected(measured["noise"], {"marker": whole["marker"].values}).values
     if "white" not in measured:
         return noise, None
     return noise, measured["white"].transpose("probe", ...).values[:, seen]
@@ -234,13 +232,14 @@ def _check_motion(sides: dict[str, xr.DataArray], smallest: float) -> None:
             )
 
 
-def _check_signal(b: Array, noise: xr.DataArray, smallest_snr: float) -> None:
+def _check_signal(b: Array, noise: Array, smallest_snr: float) -> None:
     """Raise for a measured component that does not exceed the noise.
 
     White noise of variance s^2 in each of p coordinates and n samples has a first component of
     variance s^2 (1 + sqrt(p / n))^2 (Marchenko and Pastur 1967).
     """
-    per_axis = float((noise**2).mean()) / 3.0
+    known = noise[~np.isnan(noise)]
+    per_axis = float((known**2).sum()) / max(3 * known.size, 1)
     chance = per_axis * (1.0 + (3 * noise.size / len(b)) ** 0.5) ** 2
     if float(np.var(b)) < (1.0 + smallest_snr) * chance:
         raise AlignmentError(

@@ -4,6 +4,7 @@ import numpy as np
 import xarray as xr
 
 from analysis.errors import AlignmentError
+from analysis.lag import Array
 from analysis.trajectory import checked, without_gaps
 from analysis.typed import coordinates, relabelled
 
@@ -41,19 +42,12 @@ def principal_component(position: xr.Dataset | xr.DataArray, *, centred: bool = 
     """
     data = checked(position, "given")
     without_gaps(data, "given", least=2)
-    rows = data.values.reshape(-1, data.sizes["time"])
-    X = rows - rows.mean(axis=1, keepdims=True) if centred else rows
-    U, sigma, _ = np.linalg.svd(X, full_matrices=False)
-    total = float((sigma**2).sum())
-    if total == 0.0:
-        raise AlignmentError("the given trajectory does not move: it has no principal component")
-    u = U[:, 0]
-    u = u if u[np.argmax(np.abs(u))] > 0 else -u
+    b, u, explained = first_component(data.values, centred=centred)
     result = xr.Dataset(
         {
-            "b": ("time", u @ X, {"units": "m", "long_name": "first coefficient vector"}),
-            "u": (("marker", "axis"), u.reshape(-1, 3), {"units": "1"}),
-            "explained_variance": ((), float(sigma[0] ** 2) / total, {"units": "1"}),
+            "b": ("time", b, {"units": "m", "long_name": "first coefficient vector"}),
+            "u": (("marker", "axis"), u, {"units": "1"}),
+            "explained_variance": ((), explained, {"units": "1"}),
         },
         coords={"marker": data["marker"], "time": data["time"]},
         attrs={"centred": int(centred)},
@@ -61,3 +55,19 @@ def principal_component(position: xr.Dataset | xr.DataArray, *, centred: bool = 
     if "axis" in coordinates(data):
         result = relabelled(result, {"axis": data["axis"]})
     return result
+
+
+def first_component(values: Array, *, centred: bool) -> tuple[Array, Array, float]:
+    """B (time) [m], u (marker, axis) and the explained variance of `principal_component`.
+
+    `values` (marker, axis, time) [m] are finite. Raises AlignmentError if X is zero.
+    """
+    rows = values.reshape(-1, values.shape[2])
+    X = rows - rows.mean(axis=1, keepdims=True) if centred else rows
+    U, sigma, _ = np.linalg.svd(X, full_matrices=False)
+    total = float((sigma**2).sum())
+    if total == 0.0:
+        raise AlignmentError("the given trajectory does not move: it has no principal component")
+    u = U[:, 0]
+    u = u if u[np.argmax(np.abs(u))] > 0 else -u
+    return u @ X, u.reshape(-1, 3), float(sigma[0] ** 2) / total

@@ -96,10 +96,24 @@ def asymmetry(
     return (left - right) / (left + right) if left + right >= smallest_motion else np.nan
 
 
+Together = tuple[xr.DataArray, list[xr.DataArray | None]]
+"""Mean of repetitions, and the repetitions registered with it."""
+
+
+def together(
+    motions: Sequence[xr.Dataset | xr.DataArray], options: Mapping[str, Any] | None = None
+) -> Together:
+    """Register repetitions with their mean; errors as of `mean_motion`."""
+    mean = mean_motion(motions, options)
+    return mean, registered(motions, mean, options)
+
+
 def within_instruction(
     measured: Sequence[xr.Dataset | xr.DataArray],
     simulated: Sequence[xr.Dataset | xr.DataArray],
     options: Mapping[str, Any] | None = None,
+    *,
+    known: Together | None = None,
 ) -> xr.DataArray:
     """Correlation of the deviations of repetitions from their mean, measured with simulated.
 
@@ -121,6 +135,8 @@ def within_instruction(
         axis, time) [m].
     options : mapping, optional
         Of `analysis.align.align`.
+    known : optional
+        `together` of the measured repetitions, where several sets of simulated ones need it.
 
     Returns
     -------
@@ -133,15 +149,13 @@ def within_instruction(
         attrs={"units": "1"}, name="within_rho",
     )  # fmt: skip
     try:
-        means = [mean_motion(side, options) for side in (measured, simulated)]
-        sets = [
-            registered(side, mean, options)
-            for side, mean in zip((measured, simulated), means, strict=True)
-        ]
-        fit = align(*means, **dict(options or {}))
+        ours, theirs = known or together(measured, options), together(simulated, options)
+        fit = align(ours[0], theirs[0], **dict(options or {}))
     except AnalysisError:
         return nothing
-    both = [(v, w) for v, w in zip(*sets, strict=True) if v is not None and w is not None]
+    both = [
+        (v, w) for v, w in zip(ours[1], theirs[1], strict=True) if v is not None and w is not None
+    ]
     if len(both) < 2:
         return nothing
     shift, scale = float(fit["shift"]), float(fit["scale"])

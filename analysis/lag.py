@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -230,5 +231,11 @@ def _uniform(time: Array, values: Array) -> tuple[Array, Array]:
 
 def _low_pass(values: Array, cutoff: float) -> Array:
     """Second-order Butterworth low-pass, forward and backward; `cutoff` in cycles per sample."""
-    sections = butter(2, 2.0 * cutoff, output="sos")
-    return np.asarray(sosfiltfilt(sections, values, padlen=min(15, len(values) - 1)))
+    padlen = min(15, len(values) - 1)
+    return np.asarray(sosfiltfilt(_sections(cutoff), values, padlen=padlen))
+
+
+@lru_cache(maxsize=64)
+def _sections(cutoff: float) -> Array:
+    """Coefficients of the low-pass, whose design takes longer than its use."""
+    return np.asarray(butter(2, 2.0 * cutoff, output="sos"))

@@ -99,9 +99,16 @@ def same_markers(measured: xr.DataArray, simulated: xr.DataArray) -> xr.DataArra
 
 
 def motion(position: xr.DataArray) -> float:
-    """Root-mean-square displacement of all markers about their mean positions [m]."""
-    centred = position - position.mean("time")
-    return float(np.sqrt(float((centred**2).sum(["axis", "time"]).mean()) / position.sizes["time"]))
+    """Root-mean-square displacement of all markers about their mean positions [m], 0 in gaps.
+
+    The dims are (marker, axis, time).
+    """
+    values = position.values
+    seen = ~np.isnan(values)
+    with np.errstate(invalid="ignore"):  # of a marker that is never seen
+        mean = values.sum(axis=2, where=seen, keepdims=True) / seen.sum(axis=2, keepdims=True)
+    squares = np.square(values - mean).sum(axis=(1, 2), where=seen)
+    return float(np.sqrt(squares.mean() / values.shape[2]))
 
 
 def without_gaps(position: xr.DataArray, role: str, *, least: int) -> None:

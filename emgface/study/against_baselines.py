@@ -11,7 +11,13 @@ import xarray as xr
 
 from analysis.baselines import VARIABLES, best_of, ceiling_of, mean_of, scored
 from analysis.errors import AnalysisError
-from analysis.individual import asymmetry, instants, within_instruction
+from analysis.individual import (
+    Together,
+    asymmetry,
+    instants,
+    together,
+    within_instruction,
+)
 from analysis.registration import mean_motion
 from emgface.muscles import LIP_MARKERS
 from emgface.study.measured import measured_during
@@ -107,14 +113,20 @@ def compared(
             result["shuffled_rho"].loc[here] = mean_of(shuffled, count)
             result["wrong_rho"].loc[here] = mean_of(wrong, count)
             result["wrong_rho_max"].loc[here] = best_of(wrong, count)
+    known: dict[tuple[int, ...], Together] = {}
     for strategy in laboratory.study.strategy_names:
-        both = [one for one in of.values() if strategy in one.motions]
+        repetitions = tuple(r for r, one in of.items() if strategy in one.motions)
+        both = [of[r] for r in repetitions]
         if len(both) > 1:
+            with suppress(AnalysisError):  # of motions that cannot be aligned, which have no mean
+                if repetitions not in known:
+                    known[repetitions] = together([one.measured for one in both], alignment)
             result["within_rho"].loc[{"strategy": strategy}] = (
                 within_instruction(
                     [one.measured for one in both],
                     [one.motions[strategy].dataset for one in both],
                     alignment,
+                    known=known.get(repetitions),
                 )
                 .sel(marker=list(LIP_MARKERS))
                 .values

@@ -7,7 +7,8 @@ import pytest
 import xarray as xr
 from synthetic_trajectories import trajectory
 
-from analysis.individual import ONSET, asymmetry, instants, within_instruction
+from analysis.individual import ONSET, asymmetry, instants, together, within_instruction
+from analysis.trajectory import motion
 
 NAMES = ("corner_left", "upper_left", "corner_right", "upper_right")
 
@@ -104,6 +105,22 @@ def test_deviations_that_agree_correlate_and_mirrored_ones_anticorrelate() -> No
     opposite = within_instruction(varied(c, 3), varied(-c, 3), {"scaling": "none"})
     assert same.sizes == {"marker": 10}
     assert (same.values > 0.99).all() and (opposite.values < -0.9).all()
+
+
+def test_measured_repetitions_that_are_registered_once_give_the_same_score() -> None:
+    c, options = np.array([1.0, -0.4, 0.3, -0.9]), {"scaling": "none"}
+    measured, simulated = varied(c, 3), varied(-c, 3)
+    once = within_instruction(measured, simulated, options, known=together(measured, options))
+    xr.testing.assert_identical(once, within_instruction(measured, simulated, options))
+
+
+def test_motion_omits_gaps() -> None:
+    time = np.linspace(0.0, 1.0, 50)
+    data = moving(bump(time, 0.1), time)
+    data[0, :, 10:20], data[1] = np.nan, np.nan
+    centred = data - data.mean("time")
+    squares = (centred**2).sum(["axis", "time"]).mean()
+    assert motion(data) == pytest.approx(float(np.sqrt(squares / 50)), rel=1e-12)
 
 
 def test_size_of_deviations_does_not_matter() -> None:
