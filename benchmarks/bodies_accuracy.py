@@ -172,9 +172,11 @@ def orders() -> pd.DataFrame:
     for name, kind in {**IMPLICIT, **EXPLICIT}.items():
         integrator = type(kind)(**TIGHT) if isinstance(kind, Converged) else kind
         row: dict[str, object] = {"integrator": name, "declared": kind.order}
-        cases = {"pendulum on a hinge": (swings, fast, 0.1, (40, 80, 160))}
+        # steps of fourth order that are as short as the others would leave rounding alone
+        steps = (40, 80, 160) if kind.order > 2 else (160, 320, 640)
+        cases = {"pendulum on a hinge": (swings, fast, 0.1, steps)}
         if name not in EXPLICIT and not isinstance(kind, sim.Trapezoidal):
-            cases["plate that slides on tissue"] = (slides, start, 0.008, (4, 8, 16))
+            cases["plate that slides on tissue"] = (slides, start, 0.008, (16, 32, 64))
         for case, (system, begin, duration, steps) in cases.items():
             ends = [run(system, begin, duration, n, integrator) for n in steps]
             change = [np.linalg.norm(system.kinematics.between(b.pose, a.pose))

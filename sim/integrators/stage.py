@@ -170,7 +170,7 @@ def final_state(
     pose, rows = end.pose, system.rows
     if rows is None or end.reaction is None:
         return system.kinematics.state(pose, w, memory)
-    pose, w, impulse = rows.projected(pose, w)
+    pose, w, impulse = rows.projected(pose, w, momentum=True)
     return system.kinematics.state(pose, w, {**memory, REACTIONS: end.reaction + impulse / h})
 
 

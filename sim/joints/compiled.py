@@ -169,20 +169,29 @@ class Rows:
 
         return inverse
 
-    def projected(self, pose: Pose, w: Array) -> tuple[Pose, Array, Array]:
+    def projected(
+        self, pose: Pose, w: Array, *, momentum: bool = False
+    ) -> tuple[Pose, Array, Array]:
         """Project pose and velocities to the rows, with the smallest change in the norm of the mass.
 
         Also returns the impulses (m,) of the rows on the velocities. The rows of a step have the
-        directions at its start; the impulses therefore contain the forces due to their rotation.
+        directions at its start; the impulses therefore contain the forces due to their rotation. With
+        `momentum` the velocities keep their momentum while the pose, and with it R, is moved.
         """
-        X = self.inverse_mass(pose)
+        X, before, kinematics = self.inverse_mass(pose), pose, self._kinematics
         for _ in range(PROJECTIONS):
             now = self.evaluate(pose)
             on = self.rigid | (self.unilateral & (now.c < -DRIFT))
             if not np.abs(now.c[on]).max(initial=0.0) > DRIFT:
                 break
             back = X @ _least(now.G[on], X[self.columns], -now.c[on])
-            pose = self._kinematics.advance(pose, back, pose.t)
+            pose = kinematics.advance(pose, back, pose.t)
+        if momentum and pose is not before:
+            u = kinematics.inertial(w, before) - kinematics.inertial(np.zeros_like(w), pose)
+            w, X = (
+                kinematics.solve_mass(kinematics.momentum(u, pose), pose),
+                self.inverse_mass(pose),
+            )
         now = self.evaluate(pose)
         G, rate = now.G[self.rigid], (now.G @ w[self.columns] + now.drift)[self.rigid]
         impulse = np.zeros(len(self.names))

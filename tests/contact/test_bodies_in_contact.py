@@ -8,7 +8,8 @@ from benchmarks.stability.rigid_rows import G, bodies_in_contact, cuboid, plate_
 from sim.contact import body_surfaces
 from sim.contact.coulomb import Blocks, forces
 from sim.contact.step import ContactStep
-from sim.integrators.rows_of_step import RowsOfStep
+from sim.integrators.linear_rows import LinearRows
+from sim.integrators.rows_of_step import RowsOfStep, dense
 from sim.joints import Planar, Revolute
 from tests.bodies import grid, rotation
 from tests.contact.scenes import box, square
@@ -122,15 +123,20 @@ def momentum(system, state):
     return linear, angular
 
 
+def on_an_incline(degrees, friction, integrator):
+    """Block on an incline after 0.05 s, and its acceleration."""
+    a = np.radians(degrees)
+    gravity = (G * np.sin(a), 0.0, -G * np.cos(a))
+    system = scene([cuboid("block", (0.02, 0.02, 0.01))], [("block", FLOOR)], gravity, friction)
+    end = moved(system, 0.005, 10, integrator=integrator)[-1]
+    return end, max(0.0, G * (np.sin(a) - friction * np.cos(a)))
+
+
 @pytest.mark.parametrize("integrator", EULER_AND_CONVERGED)
 @pytest.mark.parametrize(("friction", "degrees"), [(0.0, 30.0), (0.5, 20.0), (0.5, 35.0)])
 def test_a_block_on_an_incline_sticks_or_slides_as_coulomb_says(friction, degrees, integrator):
     """a = g (sin - mu cos) above the friction angle, rest below it: exact in every step."""
-    a = np.radians(degrees)
-    gravity = (G * np.sin(a), 0.0, -G * np.cos(a))
-    system = scene([cuboid("block", (0.02, 0.02, 0.01))], [("block", FLOOR)], gravity, friction)
-    end = moved(system, 0.005, 10, integrator=integrator())[-1]
-    expected = max(0.0, G * (np.sin(a) - friction * np.cos(a)))
+    end, expected = on_an_incline(degrees, friction, integrator())
     np.testing.assert_allclose(end.twists[0], [0.05 * expected, 0, 0, 0, 0, 0], atol=2e-9)
     np.testing.assert_allclose(end.frames[0, 2], 0.005, atol=1e-12)
 
@@ -352,3 +358,38 @@ def test_equilibria_and_inverse_tracking_refuse_contact_of_bodies():
     system = scene([cuboid("block", (0.02, 0.02, 0.01))], [("block", FLOOR)])
     with pytest.raises(sim.SceneError, match="does not support contact in scenes with bodies"):
         moved(system, 0.01, 1, integrator=sim.Static())
+
+
+def contact_and_saddle():
+    """Velocities, forces of a joint and of contacts in a step, and those of the dense saddle system.
+
+    A hinged plate lies on a block of tissue; the second system is [A -h G'; h G 0] of the rows that act.
+    """
+    mesh, h = grid((2, 2, 1), (0.02, 0.02, 0.01)), 0.005
+    body, X, triangles = cuboid("plate", (0.03, 0.03, 0.01), (-0.005, -0.005, 0.01))
+    points, on, surfaces = body_surfaces({"plate": (X, triangles)}, mesh.n_nodes)
+    pairing = sim.Pairing(sim.boundary_surface(mesh, "tissue"), surfaces["plate"])
+    hinge = Revolute("hinge", None, "plate", (-0.005, 0.01, 0.01), (0.0, 1.0, 0.0))
+    terms = sim.Solid(), sim.Gravity(), sim.ConstraintContact((pairing,))
+    members = (sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)), *on)
+    more = {"bodies": (body,), "points": points, "joints": (hinge,)}
+    system = sim.compile_scene(sim.Scene(mesh, terms, members, sim.RestRayleigh(), **more))
+    state, integrator = moved(system, h, 10)[-1], sim.LinearlyImplicitEuler()
+    work = sim.Workspace(system)
+    line = system.control(np.zeros(0)).chord(state.t, h)
+    equation = integrator.equation(system, state, line, work)
+    step = ContactStep(system.contact, state, state.t + h)
+    rows = step.entering(step.at_start(np.full(len(state.q), 1e-3)))
+    at, w, f = LinearRows(system, state, equation, h, 1e-12, work).under(rows)
+    on, n = f != 0.0, system.pattern.n
+    assert on[:5].all() and on[5:].sum() > 3
+    G, A = at.G.toarray()[on], dense(system.pattern, equation.A.values)
+    saddle = np.block([[A, -h * G.T], [h * G, np.zeros((len(G), len(G)))]])
+    exact = np.linalg.lstsq(saddle, np.r_[equation.rhs, -at.value[on]], rcond=None)[0]
+    return (w, exact[:n]), (at.G.T @ f, G.T @ exact[n:])
+
+
+def test_contact_and_joint_by_the_schur_complement_equal_the_full_saddle_system():
+    """Forces are compared by their effect, because those of coplanar contacts are not unique."""
+    for found, expected in contact_and_saddle():
+        np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
