@@ -8,6 +8,7 @@ from pathlib import Path
 import typer
 
 from emgface.cli.console import show_warnings_as_sentences
+from emgface.errors import EmgfaceError
 
 
 def measurements() -> dict[str, str]:
@@ -35,7 +36,11 @@ def run(arguments: list[str]) -> None:
     module = import_module(f"benchmarks.{name}")
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     app.command(help=module.__doc__)(module.main)
-    app(arguments[1:], prog_name=f"python -m benchmarks {name}")
+    try:
+        app(arguments[1:], prog_name=f"python -m benchmarks {name}")
+    except EmgfaceError as error:
+        print(f"{type(error).__name__}: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
 
 
 if __name__ == "__main__":

@@ -1,10 +1,7 @@
 """Scenes of the coupled models that another simulator has recorded: jaw, hyoid, tongue and face.
 
 Bodies, muscles, springs, joints, meshes and attachments are those recorded, in millimetres and the frame
-x posterior, y right, z superior. The surfaces of joints are at their recorded places. The points that
-slide on them are not the recorded ones: that program places them such that they are on the surface while
-the teeth are closed, and the recorded motions of `constraint_point_mm` confirm it to 1e-5 mm. Condyles
-slide on 20 plane strips, as recorded.
+x posterior, y right, z superior; joints as of `recorded_bones`.
 """
 
 import json
@@ -15,10 +12,20 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from scipy.spatial.transform import Rotation
 
 import sim
 from benchmarks.other_simulator import THEIR_HEX
+from benchmarks.recorded_bones import (
+    CONDYLES,
+    TO_M,
+    body_of,
+    connector,
+    exciters_of,
+    joints_of,
+    muscle_of,
+    start_of,
+    strip_plane,
+)
 from benchmarks.tongue import SHARED, published
 from emgface.anatomy.head.published import import_head
 from emgface.anatomy.head.tissues import Tissue, join
@@ -34,7 +41,6 @@ from emgface.face.lips import lining
 from emgface.face.surface import boundary_faces, triangles
 from sim.contact import NodeSurface, Pairing, RigidShell
 from sim.contact.bodies import body_surfaces
-from sim.joints import Bushing, Joint, PointOnPlane
 from sim.scene import Term
 
 Floats = np.ndarray
@@ -44,13 +50,8 @@ VARIANTS = {
     "jhtface": variant("elements", stiffening=1.0),
 }
 """Tongues of the recorded models; that of elements does not stiffen there."""
-TO_M = 1e-3 * TURN
-"""From recorded positions [mm] to those of the package."""
-BITING, TURNED = np.array([93.7687, 0.0, 92.2142]), np.radians(8.2694)
-"""Position of the jaw [mm] and its rotation about y with teeth in contact."""
 CENTRE = np.array([97.2100345219, -0.0488365676447, 87.2787771481])
 """Origin of the frame of the jaw in its mesh [mm]."""
-CONDYLES = ("LTMJ", "RTMJ")
 BONES = {
     "jht": ("jaw_tongue_face", "ubcjaw_symmetric_teethsmoothed", "ubcmaxilla_symmetric_teethsmoothed"),
     "jhtface": ("face_badin", "badinjaw", "badinmaxilla"),
@@ -88,7 +89,7 @@ class RecordedHead:
         """System whose condyles are on the planes of two strips."""
         if strips not in self._compiled:
             guides = [
-                _plane(self.model, name, self.points[name], k)
+                strip_plane(self.model, name, self.points[name], k)
                 for name, k in zip(CONDYLES, strips, strict=True)
             ]
             scene = replace(self.scene, joints=(*self.scene.joints, *guides))
@@ -99,7 +100,7 @@ class RecordedHead:
         """Strip below each condyle at positions q (n, 3) [m]."""
         found = list[int]()
         for name in CONDYLES:
-            c = _connector(self.model, name)
+            c = connector(self.model, name)
             x = q[self.points[name]] @ TURN * 1e3 - c["frame_D_origin_world_mm"]
             edges = [-p["in_D"][0] for p in c["segment_points"]]
             k = int(np.searchsorted(edges, -x[0], side="right")) - 1
@@ -138,7 +139,7 @@ def recorded_head(
     arrays = dict(np.load(files / f"model_{name}.npz")) if model.get("fems") else {}
     outside, on_bone, n = np.empty((0, 3)), list[int](), 0
     rigid = model["rigid"]
-    moving = {b["name"]: _body(b) for b in rigid["bodies"] if b["dynamic"]}
+    moving = {b["name"]: body_of(b) for b in rigid["bodies"] if b["dynamic"]}
     if "badinface_rest" in arrays:
         face = _face(model, arrays)
         tissues.append(face)
@@ -169,8 +170,8 @@ def recorded_head(
 
     points = {m["name"]: add(m["body"], np.array(m["position_world_mm"])) for m in rigid["markers"]}
     for c in rigid["connectors"]:
-        points[c["name"]] = add(c["body"], _sliding(model, c))
-    terms: list[Term] = [_muscle(m, points) for m in rigid["muscles"] if m["enabled"]]
+        points[c["name"]] = add(c["body"], start_of(model, c))
+    terms: list[Term] = [muscle_of(m, points) for m in rigid["muscles"] if m["enabled"]]
     whole = join(tissues)
     touching, carried = list[Pairing](), ()
     if contact:
@@ -191,9 +192,9 @@ def recorded_head(
         whole.constraints,
         bodies=tuple(moving.values()),
         points=np.reshape(positions, (-1, 3)),
-        joints=_joints(model, points),
+        joints=joints_of(model, points),
     )
-    return RecordedHead(model, scene, points, q, first, _exciters(model))
+    return RecordedHead(model, scene, points, q, first, exciters_of(model))
 
 
 def _tongue(name: str) -> xr.Dataset:
@@ -297,96 +298,4 @@ def _touching(
     return found, points, members
 
 
-def _body(b: dict[str, Any]) -> sim.Body:
-    R = TURN @ np.array(b["pose_R"])
-    centre = np.array(b["pose_R"]) @ b["com_body_mm"] + b["pose_p"]
-    inertia = R @ (1e-6 * np.array(b["inertia_about_com_kgmm2"])) @ R.T
-    damping = b["frame_damping_kg_s"], 1e-6 * b["rotary_damping_kgmm2_s"]
-    return sim.Body(b["name"], b["mass_kg"], 0.5 * (inertia + inertia.T), TO_M @ centre, damping)
-
-
-def _muscle(m: dict[str, Any], points: Mapping[str, int]) -> sim.LineMuscles:
-    p, length = m["material_properties"], m["length_mm"]
-    law = sim.Peck(
-        1e-3 * p["maxForce"],
-        p["optLength"] / length,
-        p["maxLength"] / p["optLength"],
-        p["tendonRatio"],
-        p["passiveFraction"],
-    )
-    line = sim.LineFibre(0, np.array([points[m["first"]], points[m["second"]]]))
-    return sim.LineMuscles((m["name"],), [line], law, damping=p["damping"])
-
-
-def _connector(model: Mapping[str, Any], name: str) -> dict[str, Any]:
-    return next(c for c in model["rigid"]["connectors"] if c["name"] == name)
-
-
-def sliding_point(model: Mapping[str, Any], name: str) -> Floats:
-    """Point of a joint in the frame of the jaw, on its surface while the teeth are closed [mm]."""
-    biting = Rotation.from_rotvec([0.0, TURNED, 0.0]).as_matrix()
-    return biting.T @ (np.array(_connector(model, name)["frame_D_origin_world_mm"]) - BITING)
-
-
-def _sliding(model: Mapping[str, Any], c: Mapping[str, Any]) -> Floats:
-    """Place of that point at the start [mm]."""
-    (jaw,) = (b for b in model["rigid"]["bodies"] if b["name"] == c["body"])
-    return np.array(jaw["pose_R"]) @ sliding_point(model, c["name"]) + jaw["pose_p"]
-
-
-def _plane(model: Mapping[str, Any], name: str, point: int, k: int) -> PointOnPlane:
-    """Condyle on the plane of a strip."""
-    c = _connector(model, name)
-    place = TO_M @ np.array(c["segment_points"][k]["world"])
-    normal = TURN @ np.array(c["planes"][k]["normal_world"])
-    return PointOnPlane(name, point, None, place, normal, bool(c["unilateral"]))
-
-
-def _joints(model: Mapping[str, Any], points: Mapping[str, int]) -> tuple[Joint, ...]:
-    """Walls, bite planes and the spring of the hyoid.
-
-    That program corrects the position of a one-sided constraint only beyond a tolerance.
-    """
-    found: list[Joint] = []
-    for c in model["rigid"]["connectors"]:
-        if not c["enabled"] or c["name"] in CONDYLES:
-            continue
-        origin, normal = np.array(c["frame_D_origin_world_mm"]), np.array(c["normal_world_D_z"])
-        depth = float((origin - _sliding(model, c)) @ normal)
-        origin = origin - np.clip(depth, 0.0, c["penetration_tol"]) * normal
-        row = c["name"], points[c["name"]], None, TO_M @ origin, TURN @ normal
-        found.append(PointOnPlane(*row, bool(c["unilateral"])))
-    for s in model["rigid"]["frame_springs"]:
-        p = s["material_properties"]
-        stiffness = (*p["stiffness"], *(3 * [1e-6 * p["rotaryStiffness"]]))
-        place = TO_M @ np.array(s["attach_B_p"])
-        found.append(Bushing(s["name"], None, s["A"], place, stiffness=stiffness))
-    return tuple(found)
-
-
-def _exciters(model: Mapping[str, Any]) -> dict[str, dict[str, float]]:
-    """Muscles and gains of every exciter, and every muscle of its own; those of tissue as FEM/name."""
-    rigid = model["rigid"]
-    found: dict[str, dict[str, float]] = {m["name"]: {m["name"]: 1.0} for m in rigid["muscles"]}
-
-    def resolved(name: str, given: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
-        if name not in given:
-            return {name: 1.0}
-        total: dict[str, float] = {}
-        for target, gain in given[name].items():
-            for muscle, own in resolved(target, given).items():
-                total[muscle] = total.get(muscle, 0.0) + gain * own
-        return total
-
-    for name in rigid["exciters"]:
-        found[name] = resolved(name, rigid["exciters"])
-    for fem in model.get("fems") or []:
-        bundles = {b["name"] for b in fem["bundles"]}
-        found |= {f"{fem['name']}/{b}": {b: 1.0} for b in bundles}
-        for name, targets in (fem["exciters"] or {}).items():
-            if set(targets) <= bundles:  # the others are single elements of bundles
-                found[f"{fem['name']}/{name}"] = dict(targets)
-    return found
-
-
-__all__ = ["RecordedHead", "recorded_head", "recorded_model", "sliding_point"]
+__all__ = ["RecordedHead", "recorded_head", "recorded_model"]

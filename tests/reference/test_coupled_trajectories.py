@@ -8,7 +8,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks import tongue_coupled
-from benchmarks.recorded_head import CONDYLES, TO_M, recorded_head, sliding_point
+from benchmarks.__main__ import run
+from benchmarks.recorded_bones import CONDYLES, TO_M, sliding_point
+from benchmarks.recorded_head import recorded_head
 from benchmarks.tongue_coupled import levels, main, repeated
 from emgface.errors import HeadError
 
@@ -111,7 +113,10 @@ def test_unknown_cases_and_other_schemes_are_refused(monkeypatch):
             repeated("jh_rest_gravity")
 
 
-def test_a_folder_without_recordings_is_named(monkeypatch, tmp_path):
+def test_a_folder_without_recordings_is_named(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(tongue_coupled, "SHARED", tmp_path)
     with pytest.raises(HeadError, match="contains no recorded case: set EMGFACE_SHARED"):
         main()
+    with pytest.raises(SystemExit, match="2"):
+        run(["tongue_coupled"])
+    assert capsys.readouterr().err.startswith("HeadError: ")
