@@ -105,7 +105,7 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
         if self.sigma_max < self.sigma_max_policy.minimum:
             raise ValueError(
                 f"sigma_max = {self.sigma_max:g} Pa is below sigma_max_policy.minimum = "
-                f"{self.sigma_max_policy.minimum:g} Pa: lower the minimum"
+                f"{self.sigma_max_policy.minimum:g} Pa: specify it in Pa, or lower the minimum"
             )
         return self
 
