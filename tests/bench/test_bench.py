@@ -1,5 +1,6 @@
 """Measurements of the package on small cases."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -177,6 +178,22 @@ def test_cost_is_relative_to_the_first_scene(coarse):
     assert table["scene"].tolist() == ["tissue alone", "+ element volume"]
     assert table["step - alone ms"][0] == 0.0
     assert table["step - alone ms"][1] == table["step ms"][1] - table["step ms"][0]
+
+
+@pytest.mark.parametrize("high", [4.0, 20.7, 250.0, 4e4])
+def test_labels_of_a_logarithmic_chart_do_not_overlap(high):
+    """They are plain numbers, also on an axis of less than two decades."""
+    table = pd.DataFrame({"s": [3.2, high], "mm": [0.89, 0.13], "of": list("ab")})
+    figure = draw(table, Chart("s", ("mm",), "error [mm]", panel="of", log=True), "errors")
+    figure.canvas.draw()
+    for panel in figure.axes:
+        low, up = panel.get_xlim()
+        places = zip(panel.get_xticks(), panel.get_xticklabels(), strict=True)
+        shown = [label for x, label in places if low <= x <= up and label.get_text()]
+        assert all(float(label.get_text()) > 0.0 for label in shown)
+        boxes = [label.get_window_extent() for label in shown]
+        assert not any(a.overlaps(b) for a, b in itertools.pairwise(boxes))
+        assert not any(label.get_text() for label in panel.get_xticklabels(minor=True))
 
 
 def test_tables_are_drawn_as_lines_or_as_bars():
