@@ -160,7 +160,7 @@ class TouchingInMatrix(BySecants, Touching):
         diagonal : (n_free,) of the stiffness [N/m].
         """
         push = pressed(rows, wanted, pushing, self.system.point_pattern, diagonal, self.penalty)
-        return self.opening(work.newton.solve(self.scale * self.generalised(push)))
+        return self.opening(self.answer(self.scale * self.generalised(push), work))
 
 
 class TouchingApart(Touching):
