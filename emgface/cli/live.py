@@ -43,7 +43,7 @@ def live(
     from emgface.api.given import face_of, study_of
     from emgface.errors import ConfigurationError, SignalError
     from emgface.files import write_text
-    from emgface.reduced.live import heard, summary
+    from emgface.reduced.live import heard, summary, weights_of
     from emgface.reduced.live import live as run
     from emgface.reduced.model import ReducedFace, parameters_of
     from emgface.reduced.stream import Played, Streamed
@@ -59,11 +59,15 @@ def live(
     model = ReducedFace.of(data, face_of(face, study_of(None)), parameters_of(data))
     recording = ef.read(range_ or source, mapping=mapping)
     step = float(data.attrs["step"])
-    between = heard(recording, step, model.model.system.muscles)
     if name:
         stream = Streamed(name, step)
     else:
         stream = Played(ef.read(source, mapping=mapping) if range_ else recording, step)
+    muscles = model.model.system.muscles
+    between = heard(recording, step, muscles, stream.channels)
+    weights = weights_of(stream.channels, muscles)
+    if silent := [name for name, w in zip(muscles, weights, strict=True) if not w.any()]:
+        say(f"Warning: no channel of the source records {', '.join(silent)}, which stay at rest.")
     announce_compilation()
     rows: list[dict[str, float]] = []
     try:

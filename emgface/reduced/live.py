@@ -9,6 +9,7 @@ import pandas as pd
 import xarray as xr
 from scipy.signal import butter, sosfilt
 
+from emgface.errors import SignalError
 from emgface.reduced.model import Floats, ReducedFace
 from emgface.reduced.stream import Source, frames_of
 from emgface.reduced.trained import response_size
@@ -41,6 +42,11 @@ class CausalFeature:
 
     def __post_init__(self) -> None:
         """Begin with silence."""
+        if self.rate <= 2.0 * BAND[1]:
+            raise SignalError(
+                f"the sEMG has {self.rate:g} samples per second, expected more than {2.0 * BAND[1]:g} "
+                f"for the filter of {BAND[0]:g} to {BAND[1]:g} Hz: record it faster"
+            )
         self._filter = butter(2, BAND, "bandpass", fs=self.rate, output="sos")
         self._memory = np.zeros((len(self._filter), self.weights.shape[1], 2))
         self._squares = np.zeros((len(self.weights), round(WINDOW * self.rate)))
@@ -100,12 +106,20 @@ class LiveFace:
         return np.asarray(markers)[: self._n], bound, distance, inside
 
 
-def heard(recording: xr.Dataset, step: float, muscles: Sequence[str]) -> tuple[Floats, Floats]:
+def heard(
+    recording: xr.Dataset, step: float, muscles: Sequence[str], channels: Sequence[str] = ()
+) -> tuple[Floats, Floats]:
     """Least and largest feature (n_muscles,) [V] over one pass of a recording.
 
-    Raises SchemaError or SignalError if there is no sEMG, or it has gaps.
+    Raises SchemaError or SignalError if there is no sEMG, it has gaps, or its channels are not those of
+    the source, if these are given.
     """
     frames, rate, names = frames_of(recording, step)
+    if channels and (other := sorted(set(names) ^ set(channels))):
+        raise SignalError(
+            f"source and recording of the range differ in the channels {', '.join(other)}, expected the "
+            "same ones in both: choose another --range"
+        )
     feature = CausalFeature(rate, weights_of(names, muscles))
     values = np.array([feature(frame) for frame in frames])
     return values.min(axis=0), values.max(axis=0)

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import emgface as ef
 from emgface.cli import app
-from emgface.errors import ConfigurationError, FaceError
+from emgface.errors import ConfigurationError, FaceError, SignalError
 from emgface.face.file import save_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS, RELEVANT
@@ -280,6 +280,26 @@ def test_study_drives_are_those_of_the_strategies(face):
     other = study_drives(muscles, 1, "calibration", 0)[0]
     np.testing.assert_array_equal(again.values, drives[0].values)
     assert np.abs(other.values - drives[0].values).max() > 0.1
+
+
+def test_recordings_that_cannot_be_followed_live_are_refused(face) -> None:
+    """Too slow for the filter, or with other channels than the source."""
+
+    def recording(rate, channels):
+        t = np.arange(rate) / rate
+        emg = np.random.default_rng(3).normal(size=(len(channels), rate)) * 1e-4
+        return xr.Dataset(
+            {"emg": (("channel", "time_emg"), emg, {"units": "V"})},
+            {"channel": list(channels), "time_emg": ("time_emg", t, {"units": "s"})},
+        )
+
+    muscles = list(map(str, face["muscle"].values))
+    with pytest.raises(SignalError, match="512 samples per second, expected more than 900"):
+        heard(recording(512, CHANNELS), 0.01, muscles)
+    with pytest.raises(
+        SignalError, match=f"differ in the channels {CHANNELS[-1]}, expected the same"
+    ):
+        heard(recording(2048, CHANNELS), 0.01, muscles, CHANNELS[:-1])
 
 
 def test_a_live_face_moves_as_one_that_is_simulated_with_the_same_activation(face, trained):
