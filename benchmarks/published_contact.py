@@ -163,7 +163,8 @@ class PublishedContact:
         """Compile volumes and search."""
         system, scene = self.system, self.system.scene
         self._pattern = system.point_pattern
-        layout = Layout(scene.mesh, system.node_mass, self._pattern, tuple(system.muscles))
+        muscles, carriers = tuple(system.muscles), system.kinematics.carriers()
+        layout = Layout(scene.mesh, system.node_mass, self._pattern, muscles, carriers)
         self._volumes: CompiledConstraint = sim.HardElementVolume().compile(layout)
         self._scale = float(np.abs(self._volumes.evaluate(scene.mesh.X)[1]).mean())
         moves = np.zeros(scene.mesh.n_nodes, dtype=bool)

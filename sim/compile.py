@@ -53,7 +53,7 @@ def compile_scene(scene: Scene) -> System:
         empty + [part.pair_keys(mesh) for part in (*declared, *scene.constraints)]
     )
     pattern, kinematics = lay_out_kinematics(mesh, mass, keys, scene.bodies, scene.reductions)
-    layout = Layout(mesh, mass, pattern, tuple(names))
+    layout = Layout(mesh, mass, pattern, tuple(names), kinematics.carriers())
     terms = tuple(term.compile(layout) for term in declared)
     stops = any(isinstance(term, StopsMoves) for term in terms)
     if (kinematics.matrix_varies or scene.joints) and stops:

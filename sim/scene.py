@@ -30,6 +30,7 @@ class Layout:
     pattern: SymmetricPattern
     #: names of all muscles of the scene, the order of `Control.activation`
     muscles: tuple[str, ...]
+    carriers: Index  #: (n_nodes,) body that carries each node rigidly, -1 for others
 
 
 @dataclass(frozen=True)

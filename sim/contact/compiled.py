@@ -78,7 +78,7 @@ class CompiledContact:
                 if edge_points and of_mesh and isinstance(b, RigidShell):
                     on, at = points_on_edges(own, layout.mesh.X, edge_points)
                     points, share = np.concatenate([points, on]), np.r_[share, at]
-                about = own, other, tolerances, free
+                about = own, other, tolerances, free, layout.carriers
                 self._directions.append(
                     Direction(i, frictions[i], points, share, self._n_slots, *about)
                 )

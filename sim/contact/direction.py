@@ -58,6 +58,7 @@ class Direction:
     own, faces : surface of the vertices, and opposite surface.
     tolerances : their length is the distance below which vertices have rows.
     free : (n_nodes, 3) True for the free unknowns of the scene.
+    carriers : (n_nodes,) body that carries each node rigidly, -1 for others.
 
     Attributes
     ----------
@@ -76,6 +77,7 @@ class Direction:
         faces: SignedFaces,
         tolerances: ContactTolerances,
         free: Flags,
+        carriers: Index,
     ) -> None:
         self.pairing, self.vertices, self.share = pairing, vertices, share
         self.slots = first_slot + np.arange(len(vertices))
@@ -89,8 +91,10 @@ class Direction:
         among = self.nodes if isinstance(self.faces, NodeSurface) else np.full(len(share), -1)
         triangles, skin = self.faces.triangles, SKIN * approach
         self.candidates = Candidates(triangles, among, skin, every=self._itself)
-        touched = [s.nodes for s in (self.surface, self.faces) if isinstance(s, NodeSurface)]
-        self._all_free = bool(free[np.concatenate(touched)].all())
+        pair = [s.nodes for s in (self.surface, self.faces) if isinstance(s, NodeSurface)]
+        touched, none = np.concatenate(pair), np.full(len(carriers), -1)
+        self._carriers = carriers if len(pair) == 2 else none  # a shell is no body
+        self._all_free = bool(free[touched].all() and (self._carriers[touched] < 0).all())
         self._lifted: tuple[Array, Array, Array] | None = None
 
     @property
@@ -249,8 +253,11 @@ class Direction:
             rows.gap[:] -= np.einsum("ki,ki->k", normal, rows.displacement(u))
         if self._all_free:
             return rows
-        # A row that does not depend on a free unknown is omitted.
+        # A row that does not depend on a free unknown is omitted, as is one between parts of one body,
+        # whose derivative is zero but for rounding.
         felt = (self._free[nodes] * (np.abs(normal)[:, None, :] * np.abs(weight)[:, :, None])).sum(
             axis=(1, 2)
         )
-        return rows.take(np.flatnonzero(felt > FELT))
+        on = self._carriers[nodes]
+        together = ((on == on[:, :1]) | (weight == 0.0)).all(axis=1) & (on[:, 0] >= 0)
+        return rows.take(np.flatnonzero((felt > FELT) & ~together))

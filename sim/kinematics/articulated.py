@@ -97,6 +97,12 @@ class Articulated(Kinematics):
         of_nodes = self.chains.weights.nnz or self.chains.paths
         return self.first == 0 and not of_nodes and bool((self.chains.share == 1.0).all())
 
+    def carriers(self) -> Index:
+        """Body (n_points,) that carries each point rigidly; -1 for others."""
+        found, whole = super().carriers(), self.chains.share == 1.0
+        found[self.chains.point[whole]] = self.chains.body[whole]
+        return found
+
     # -- layout ------------------------------------------------------------------------------------
 
     def _lay_out_rows(self, n: int) -> None:

@@ -42,6 +42,10 @@ class Kinematics:
         self.pattern, self._free, self._n = points, points.free, points.n_nodes
         self.mass, self.rest_frames = node_mass[points.free // 3], np.zeros((0, 7))
 
+    def carriers(self) -> Index:
+        """Body (n_points,) that carries each point rigidly; -1 for others."""
+        return np.full(self._n, -1, dtype=np.int64)
+
     def velocities(self, state: State) -> Array:
         """Independent velocities w (n,) of a state."""
         return state.v.reshape(-1)[self._free]

@@ -309,6 +309,25 @@ def test_tissue_and_a_free_body_keep_their_momentum_when_they_collide(friction, 
     assert not gap[0] < -5e-6  # NaN where they are apart again
 
 
+@pytest.mark.parametrize("integrator", EULER_AND_CONVERGED)
+def test_tissue_on_a_body_is_not_in_contact_with_it_where_it_is_attached(integrator):
+    """Nodes of the block lie 0.1 mm inside the plate that carries them; nothing can move them apart."""
+    mesh = grid((2, 2, 2), (0.02, 0.02, 0.02))
+    body, X, triangles = cuboid("plate", (0.03, 0.03, 0.01), (-0.005, -0.005, -0.0099))
+    points, on, surfaces = body_surfaces({"plate": (X, triangles)}, mesh.n_nodes)
+    held = sim.OnBody("plate", np.flatnonzero(mesh.X[:, 2] == 0.0))
+    pairing = sim.Pairing(sim.boundary_surface(mesh, "tissue"), surfaces["plate"])
+    ends = []
+    for contact in ((), (sim.ConstraintContact((pairing,), initial_penetration="removed"),)):
+        more = {"bodies": (body,), "points": points}
+        terms = sim.Solid(), sim.Gravity(), *contact
+        system = sim.compile_scene(sim.Scene(mesh, terms, (held, *on), **more))
+        ends.append(moved(system, 0.005, 5, integrator=integrator())[-1])
+    np.testing.assert_allclose(ends[1].q, ends[0].q, rtol=0, atol=1e-9)
+    _, _, force = sim.Contacts().record(system, ends[1], system.control(np.zeros(0)), None)
+    assert force[0] == 0.0
+
+
 def leaning(name, turn, depth):
     """A cube of 10 mm in some orientation, whose lowest corner is at z = -depth."""
     _, X, triangles = cuboid(name, (0.01, 0.01, 0.01))

@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[2]
 EXAMPLES = [
     pytest.param(text, id=f"{path.relative_to(ROOT)} {number}")
     for path in sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+    if "generated" not in path.parts
     for number, text in enumerate(
         re.findall(r"^```python\n(.*?)^```", path.read_text(), re.M | re.S)
     )
