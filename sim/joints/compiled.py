@@ -178,26 +178,24 @@ class Rows:
         directions at its start; the impulses therefore contain the forces due to their rotation. With
         `momentum` the velocities keep their momentum while the pose, and with it R, is moved.
         """
-        X, before, kinematics = self.inverse_mass(pose), pose, self._kinematics
+        inverse, before, kinematics = self.inverse_mass(pose), pose, self._kinematics
         for _ in range(PROJECTIONS):
             now = self.evaluate(pose)
             on = self.rigid | (self.unilateral & (now.c < -DRIFT))
             if not np.abs(now.c[on]).max(initial=0.0) > DRIFT:
                 break
-            back = X @ _least(now.G[on], X[self.columns], -now.c[on])
+            back = inverse @ _least(now.G[on], inverse[self.columns], -now.c[on])
             pose = kinematics.advance(pose, back, pose.t)
         if momentum and pose is not before:
             u = kinematics.inertial(w, before) - kinematics.inertial(np.zeros_like(w), pose)
-            w, X = (
-                kinematics.solve_mass(kinematics.momentum(u, pose), pose),
-                self.inverse_mass(pose),
-            )
+            w = kinematics.solve_mass(kinematics.momentum(u, pose), pose)
+            inverse = self.inverse_mass(pose)
         now = self.evaluate(pose)
         G, rate = now.G[self.rigid], (now.G @ w[self.columns] + now.drift)[self.rigid]
         impulse = np.zeros(len(self.names))
         if len(G):
-            impulse[self.rigid] = np.linalg.solve(G @ X[self.columns] @ G.T, -rate)
-        return pose, w + X @ (now.G.T @ impulse), impulse
+            impulse[self.rigid] = np.linalg.solve(G @ inverse[self.columns] @ G.T, -rate)
+        return pose, w + inverse @ (now.G.T @ impulse), impulse
 
     def _require_independent(self, rest: Pose) -> None:
         if not self.names:
