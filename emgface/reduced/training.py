@@ -64,6 +64,7 @@ from sim.reduced import (
     reduce_system,
     static_responses,
 )
+from sim.threads import one_blas_thread
 
 Progress = Callable[[str, int, int], None]
 
@@ -175,6 +176,7 @@ class FullOrder:
         )
 
 
+@one_blas_thread
 def reduce_face(
     face: xr.Dataset,
     parameters: SimulationParameters,

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from threadpoolctl import threadpool_limits
 from typer.testing import CliRunner
 
 import emgface as ef
@@ -71,14 +72,20 @@ def test_a_drive_that_fails_is_repeated_with_a_weaker_one(failure, monkeypatch) 
 
 @pytest.fixture(scope="module")
 def trained(face, tmp_path_factory):
-    """Reduced face, its file, and the outcomes of the motions in a first and a second training."""
-    folder, outcomes = tmp_path_factory.mktemp("reduced"), []
+    """Reduced face, its file, and the outcomes of the motions in a first and a second training.
+
+    The second one is called with two threads of linear algebra.
+    """
+    folder, outcomes, found = tmp_path_factory.mktemp("reduced"), [], []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training, "training_plan", short)
-        for _ in range(2):
+        for threads in (1, 2):
             store = Store(folder / "motions")
-            data = training.reduce_face(face, PARAMETERS, SMALL, store)
+            with threadpool_limits(limits=threads, user_api="blas"):
+                found.append(training.reduce_face(face, PARAMETERS, SMALL, store))
             outcomes.append({event.outcome for event in store.events})
+    first, data = (one.assign_attrs(training_time_s=0.0) for one in found)
+    xr.testing.assert_identical(first, data)
     path = write_netcdf(data, folder / "face.rom.nc", "reduced_face")
     return data, path, outcomes
 
