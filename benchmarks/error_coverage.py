@@ -81,15 +81,13 @@ def emg_trials(
         yield label, estimated, truth.rename(time_true="time")
 
 
-def recorded_trials(
-    shared: Path, muscles: list[str], *, each: int = 6, duration: float = 0.8
-) -> Iterator[tuple[str, xr.DataArray, None]]:
+def recorded_trials(shared: Path, muscles: list[str]) -> Iterator[tuple[str, xr.DataArray, None]]:
     """Rectified facial EMG, 100 Hz, as activations: zygomaticus drives ZYG, corrugator DAO."""
     for path in sorted((shared / "recordings" / "oxazepam-facial-emg").glob("*_preprocessed.txt")):
         size = pd.read_csv(path, sep="\t", header=None).iloc[:, 3:5].abs().to_numpy(dtype=float)
         size = np.clip(size / np.percentile(size, 99.9, axis=0), 0.0, 1.0)
-        n = round(duration * 100) + 1
-        loudest = np.argsort(-np.convolve(size[:, 0], np.ones(n), "valid")[::n])[:each]
+        n = 81  # 0.8 s
+        loudest = np.argsort(-np.convolve(size[:, 0], np.ones(n), "valid")[::n])[:6]
         for k in loudest:
             part = size[k * n : (k + 1) * n]
             values = np.zeros((len(muscles), len(part)))
@@ -119,7 +117,7 @@ class Bench:
         presets: tuple[str, ...],
         contact: bool,
         reference: float,
-        check_contact: bool = False,
+        check_contact: bool,
     ) -> None:
         warnings.simplefilter("ignore")
         wanted = int(resolution) if resolution.isdigit() else resolution

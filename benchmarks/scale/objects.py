@@ -25,7 +25,11 @@ def result(times: int, points: int) -> xr.Dataset:
     return xr.Dataset({"position": (("time", "point", "axis"), values, {"units": "m"})})
 
 
-def objects(folder: Path, url: str, trials: int = 20) -> list[dict[str, Any]]:
+TRIALS = 20
+"""Results of each kind."""
+
+
+def objects(folder: Path, url: str) -> list[dict[str, Any]]:
     """Milliseconds per result, without storage, written to it, and copied from it; size [kB]."""
     rows = list[dict[str, Any]]()
     for name, times, points in STORED:
@@ -35,11 +39,11 @@ def objects(folder: Path, url: str, trials: int = 20) -> list[dict[str, Any]]:
         def timed(place: str, remote: str | None, stage: Stage = stage, made: Any = made) -> float:
             store = Store(folder / place, objects=Objects(remote) if remote else None)
             started = time.perf_counter()
-            for k in range(trials + 1):
+            for k in range(TRIALS + 1):
                 if k == 1:  # the first one imports what the storage needs
                     started = time.perf_counter()
                 store.get_or_compute(stage, {"trial": str(k)}, {}, lambda: made)
-            return 1e3 * (time.perf_counter() - started) / trials
+            return 1e3 * (time.perf_counter() - started) / TRIALS
 
         alone, written, read = timed("a", None), timed("b", url), timed("c", url)
         size = next((folder / "a" / name).glob("*.nc")).stat().st_size

@@ -15,12 +15,12 @@ Floats = NDArray[np.float64]
 REACH = 0.01  #: distance over which muscles are averaged [m]
 
 
-def skin_axes(face: xr.Dataset, *, reach: float = REACH) -> tuple[NDArray[np.int64], Floats]:
+def skin_axes(face: xr.Dataset) -> tuple[NDArray[np.int64], Floats]:
     """Axes of the skin: along the tension line, across it in the skin, and outwards.
 
     Relaxed skin tension lines are perpendicular to the pull of the muscles beneath (Borges 1984).
     The pull at a point is the largest principal direction, within the skin, of the fibre segments
-    around it, each weighted by its length times exp(-(distance/reach)^2 / 2), with `reach` in [m].
+    around it, each weighted by its length times exp(-(distance/REACH)^2 / 2).
     Returns the elements (n,) of the outer layer with a face on the skin, ascending, and their
     orthonormal axes (n, 3, 3) in the rows [1]; the sign of a tension line is arbitrary. Raises
     FaceError if the face has no skin or no fibres.
@@ -52,7 +52,7 @@ def skin_axes(face: xr.Dataset, *, reach: float = REACH) -> tuple[NDArray[np.int
     unit = segments / length[:, None]
     away = np.linalg.norm(centre[:, None] - middle[None], axis=2)
     # relative to the nearest segment, which dominates at large distances
-    weight = length * np.exp(-0.5 * (away**2 - away.min(axis=1, keepdims=True) ** 2) / reach**2)
+    weight = length * np.exp(-0.5 * (away**2 - away.min(axis=1, keepdims=True) ** 2) / REACH**2)
     pull = np.einsum("es,si,sj->eij", weight, unit, unit)
     tangent = np.eye(3) - outward[:, :, None] * outward[:, None, :]
     pull = tangent @ pull @ tangent

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -92,19 +93,23 @@ def _beyond(recording: xr.Dataset, start: float, stop: float) -> str:
     return ""
 
 
+LEVEL: Final = 0.2
+"""Part of the range of activity that a repetition exceeds [1]."""
+WINDOW: Final = 0.2
+"""Duration over which activity is averaged [s]."""
+
+
 def find_repetitions(
     signal: xr.DataArray,
     *,
-    level: float = 0.2,
-    window: float = 0.2,
     least_duration: float = 0.3,
     least_rest: float = 0.5,
 ) -> pd.DataFrame:
     """Find the bursts of activity that are repetitions of a movement.
 
-    Activity is the root mean square over the rows, in a moving window, of the band-passed EMG or of
-    the speed of markers (positions [m] in the head frame without gaps). A repetition lasts while it
-    exceeds rest + level (peak - rest), with rest and peak the 10th and 99th percentiles; pauses
+    Activity is the root mean square over the rows, in a moving window (`WINDOW`), of the band-passed EMG
+    or of the speed of markers (positions [m] in the head frame without gaps). A repetition lasts while
+    it exceeds rest + LEVEL (peak - rest), with rest and peak the 10th and 99th percentiles; pauses
     shorter than `least_rest` [s] are included, bursts shorter than `least_duration` [s] are
     omitted. The result has the columns ``onset``, ``duration`` [s] and ``label`` (empty). Raises
     SignalError if the signal has gaps, is constant, or contains no burst.
@@ -124,7 +129,7 @@ def find_repetitions(
         values = values / scale
     if values.size == 0:
         raise SignalError("the signal never changes, expected bursts of activity")
-    size = max(1, round(window * rate))
+    size = max(1, round(WINDOW * rate))
     activity = np.sqrt(uniform_filter1d(np.mean(values**2, axis=0), size, mode="nearest"))
     rest, peak = np.percentile(activity, [10, 99])
     if peak < 1.5 * rest:
@@ -132,7 +137,7 @@ def find_repetitions(
             f"activity lies between {rest:.3g} and {peak:.3g} of its root mean square, expected "
             "rest between bursts: cut the trials by events instead"
         )
-    on = activity > rest + level * (peak - rest)
+    on = activity > rest + LEVEL * (peak - rest)
     edges = np.flatnonzero(np.diff(np.concatenate(([False], on, [False])).astype(np.int8)))
     starts, stops = edges[::2], edges[1::2]
     kept: list[list[int]] = []
@@ -144,7 +149,8 @@ def find_repetitions(
     spans = [(a, b) for a, b in kept if b - a >= least_duration * rate]
     if not spans:
         raise SignalError(
-            f"no burst lasts {least_duration:g} s, expected repetitions: lower the level"
+            f"no burst lasts {least_duration:g} s, expected repetitions: "
+            "cut the trials by events instead"
         )
     return pd.DataFrame(
         {

@@ -121,13 +121,8 @@ def reduction(cube: xr.Dataset) -> list[str]:
     ]
 
 
-def inference(
-    cube: xr.Dataset, *, seed: int = 0, known: dict[str, xr.Dataset] | None = None
-) -> Inference:
-    """Apply all tests that the study allows; `seed` is that of bootstrap and sign patterns.
-
-    `known` is their result, if it has been computed.
-    """
+def inference(cube: xr.Dataset, *, known: dict[str, xr.Dataset] | None = None) -> Inference:
+    """Apply all tests that the study allows; `known` is their result, if it has been computed."""
     if is_empty(cube) or not np.isfinite(cube["rho"].values).any():
         return Inference(["There are no scores; no test is performed."])
     if cube.sizes["strategy"] < 2:
@@ -139,7 +134,7 @@ def inference(
             ["There is one volunteer; the tests require several, and none is performed."]
         )
     try:
-        found = known or study_statistics(cube, seed=seed)
+        found = known or study_statistics(cube)
     except AnalysisError as error:
         return Inference([f"The tests could not be performed: {error}."])
     methods = tuple(

@@ -7,7 +7,6 @@ import pandas as pd
 import xarray as xr
 
 from emgface.anatomy.airway.area_function import with_lips
-from emgface.anatomy.airway.parameters import LIPS
 from emgface.anatomy.airway.sound import with_formants
 from emgface.face.mouth import Mouth
 from emgface.face.simulation_parameters import SimulationParameters
@@ -22,7 +21,6 @@ def formants_by_muscle(
     activation: float = 0.1,
     muscles: Sequence[str] = MODELLED,
     parameters: SimulationParameters | None = None,
-    lips: float = LIPS,
 ) -> pd.DataFrame:
     """Change of lips and formants by every muscle pair, divided by its activation.
 
@@ -40,8 +38,6 @@ def formants_by_muscle(
         Names without side.
     parameters : SimulationParameters, optional
         As of `steady_positions`: sigma_max 100 kPa, no gravity, contact of lips and teeth.
-    lips : float
-        Length of the lips' section at rest [m].
 
     Returns
     -------
@@ -61,7 +57,7 @@ def formants_by_muscle(
     position, _ = steady_positions(face, runs, parameters=parameters)
     area, forward = np.array([mouth.measure(q) for q in position]).T
     time = np.arange(float(len(runs)))
-    moved = with_formants(with_lips(tract, area, forward, time, lips=lips))
+    moved = with_formants(with_lips(tract, area, forward, time))
     values = np.column_stack([1e6 * area, 1e3 * forward, moved["formant_frequency"].values])
     values[1:] = (values[1:] - values[0]) / activation
     columns = ["area", "protrusion", *(f"F{k}" for k in moved["formant"].values)]

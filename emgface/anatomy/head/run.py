@@ -159,11 +159,9 @@ def probes(head: Head, parts: HeadScene) -> tuple[Probe, ...]:
     return tuple(found)
 
 
-def raised(
-    levels: dict[str, float], *, rise: float = 0.2, start: float = 0.0, jaw: bool = True
-) -> Excitation:
+def raised(levels: dict[str, float], *, rise: float = 0.2, jaw: bool = True) -> Excitation:
     """Excitations that rise linearly from 0 and are held, with the tone of the closers of a jaw."""
-    corners = {name: [(start, 0.0), (start + rise, level)] for name, level in levels.items()}
+    corners = {name: [(0.0, 0.0), (rise, level)] for name, level in levels.items()}
     if jaw and CLOSERS[0] not in corners:
         corners[CLOSERS[0]] = [(0.0, CLOSERS[1])]
     return ramps(corners)

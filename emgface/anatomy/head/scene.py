@@ -20,7 +20,6 @@ from emgface.face.parts import MANDIBLE, Floats, Integers, facets_of
 from emgface.face.recipe import DAMPING, GRAVITY, compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.surface import triangles
-from sim.bodies import Motion
 from sim.contact import NodeSurface, Pairing, RigidShell
 from sim.contact.bodies import body_surfaces
 from sim.embedding import Embedding
@@ -64,7 +63,6 @@ def head_scene(
     tongue: TongueParameters = TONGUE,
     law: str = "peck",
     gravity: bool = True,
-    turn: Motion | None = None,
 ) -> HeadScene:
     """Join the parts of a head.
 
@@ -79,7 +77,6 @@ def head_scene(
     tongue : TongueParameters
     law : muscle law of the jaw, as of `jaw_scene`.
     gravity : bool
-    turn : motion of the skull, as of `jaw_scene`; for heads without tissue.
 
     Raises
     ------
@@ -106,7 +103,7 @@ def head_scene(
     jaw = None
     if "jaw" in parts:
         pull = GRAVITY if gravity else (0.0, 0.0, 0.0)
-        jaw = jaw_scene(parts["jaw"], law=law, gravity=pull, head=turn, first=n)
+        jaw = jaw_scene(parts["jaw"], law=law, gravity=pull, first=n)
         points.append(jaw.scene.points)
         n += len(jaw.scene.points)
     bodies = () if jaw is None else jaw.bodies

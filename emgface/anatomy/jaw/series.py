@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -111,10 +112,12 @@ def read_probe(path: str | os.PathLike[str], time: Floats) -> Floats:
     return np.where(time < t[0], 0.0, found)
 
 
-def read_probes(
-    folder: str | os.PathLike[str], *, duration: float = 1.0, interval: float = 1e-3
-) -> Excitation:
-    """Excitations of a folder of published series, sampled at an interval [s].
+INTERVAL: Final = 1e-3
+"""Sampling period of published series [s]."""
+
+
+def read_probes(folder: str | os.PathLike[str], *, duration: float = 1.0) -> Excitation:
+    """Excitations of a folder of published series, sampled every `INTERVAL`.
 
     The files are called by side and muscle, such as ``lsm.txt``. Those of the mylohyoid drive both of
     its parts, those of the posterior digastric all retractors of the hyoid, as published; thyrohyoid and
@@ -126,7 +129,7 @@ def read_probes(
         The folder contains no series, or one cannot be read.
     """
     folder = Path(folder)
-    time = (np.arange(round(duration / interval) + 1) * interval).astype(np.float64)
+    time = (np.arange(round(duration / INTERVAL) + 1) * INTERVAL).astype(np.float64)
     values = dict[str, Floats]()
     sides = {"l": "_L", "r": "_R"}
     for path in sorted(folder.glob("*.txt")):

@@ -45,10 +45,8 @@ class TonguePart:
     points: Floats
 
 
-def tongue_part(
-    tongue: xr.Dataset, p: TongueParameters, *, before: int = 0, first: int = 0
-) -> TonguePart:
-    """Lay out a tongue after `before` nodes of other tissue and `first` other points.
+def tongue_part(tongue: xr.Dataset, p: TongueParameters, *, before: int = 0) -> TonguePart:
+    """Lay out a tongue after `before` nodes of other tissue.
 
     Raises
     ------
@@ -70,7 +68,7 @@ def tongue_part(
     weight = tongue["bundle_weight"].values if "bundle_weight" in tongue else None
     tissue = sim.Solid((_material(p),))
     terms: list[Term] = []
-    numbers, points = _numbers(tongue, before, first)
+    numbers, points = _numbers(tongue, before)
     if p.muscles == "elements":
         law = sim.Blemker(p.sigma_max, p.stretch_opt, p.lambda_star)
         fibres = sim.Muscles(names, *rows, tongue["bundle_direction"].values, law, weight)
@@ -186,12 +184,12 @@ def _material(p: TongueParameters) -> sim.Material:
     return sim.Material(sim.MooneyRivlin(p.C10, p.C20), sim.QuadraticBulk(0.0), p.density)
 
 
-def _numbers(tongue: xr.Dataset, before: int, first: int) -> tuple[Indices, Floats]:
+def _numbers(tongue: xr.Dataset, before: int) -> tuple[Indices, Floats]:
     """Number in the scene of every fibre point, and the distinct positions of those outside the mesh."""
     node, outside = tongue["fibre_node"].values.astype(np.int64), tongue["fibre_body"].values >= 0
     X = tongue["fibre_position"].values
     points, index = np.unique(X[outside], axis=0, return_inverse=True)
-    node[outside] = tongue.sizes["node"] + first + index.ravel()
+    node[outside] = tongue.sizes["node"] + index.ravel()
     return np.where(node < 0, node, node + before), points
 
 

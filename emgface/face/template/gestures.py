@@ -1,16 +1,9 @@
-"""Gestures of the six instructions on a face: activation levels and simulated motion."""
+"""Gestures of the six instructions on a face: their activation levels."""
 
 from collections.abc import Mapping
 from typing import Final
 
-import numpy as np
-import xarray as xr
-from numpy.typing import NDArray
-
 from emgface.errors import DataError
-from emgface.face.template.actions import steady_positions
-
-Floats = NDArray[np.float64]
 
 _SMILE: Final = {"ZYG": 0.7, "RIS": 0.1, "LAO": 0.6, "LLSAN": 0.5}
 GESTURES: Final[Mapping[str, tuple[str, Mapping[str, float], Mapping[str, float]]]] = {
@@ -47,17 +40,3 @@ def gesture_activation(instruction: str) -> dict[str, float]:
     return {f"{muscle}_L": level for muscle, level in left.items()} | {
         f"{muscle}_R": level for muscle, level in (right or left).items()
     }
-
-
-def gesture_positions(
-    face: xr.Dataset, instructions: tuple[str, ...] = tuple(GESTURES)
-) -> dict[str, Floats]:
-    """Simulate held gestures: instruction (A to F) to node positions (nodes, 3) [m].
-
-    sigma_max is 100 kPa, gravity is off, and lips and teeth are in contact. Raises
-    DataError if an instruction is unknown, and errors as
-    `emgface.face.template.actions.steady_positions`.
-    """
-    runs = [gesture_activation(instruction) for instruction in instructions]
-    positions, _ = steady_positions(face, runs)
-    return dict(zip(instructions, positions, strict=True))
