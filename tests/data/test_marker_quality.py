@@ -18,7 +18,7 @@ def test_noise_and_leaps_of_markers_are_measured() -> None:
         found = marker_quality(positions(values + scale * rng.normal(size=values.shape)))
         np.testing.assert_allclose(found["noise"], np.sqrt(3) * scale, rtol=0.2)
     values[9, :, 100] += 0.02
-    table = check_recording(recording(noise(), values))
+    table = check_recording(recording(noise(seconds=4.0), values))
     (sentence,) = problems(table, "warning")
     assert (
         sentence.startswith("marker upper_paramedian_right: moves at up to") and "jumps" in sentence
