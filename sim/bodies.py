@@ -77,7 +77,8 @@ def body_of_surface(name: str, X: Array, triangles: Index, density: float, **mor
     total = float(volume.sum())
     if not total > 0.0:
         raise MeshError(
-            f"surface {name} encloses {total:.3g} m^3, expected a positive volume: turn its faces over"
+            f"surface {name} encloses {total:.3g} m^3, expected a positive volume: reverse the "
+            "order of the vertices of its faces"
         )
     s = corners.sum(axis=1)
     first = volume @ s / 4.0

@@ -80,5 +80,7 @@ class Reactions:
     def _rows(self, system: System) -> Rows:
         found = () if system.rows is None else system.rows.joints
         if system.rows is None or found != self.names:
-            raise SceneError(f"the probe Reactions names {self.names}, expected the joints {found}")
+            raise SceneError(
+                f"the probe Reactions refers to {self.names}, expected the joints {found}"
+            )
         return system.rows

@@ -29,9 +29,19 @@ def artisynth(
         float, typer.Option(help="Distance from a fibre within which elements are muscle, in m.")
     ] = 5e-3,
     oop: Annotated[
-        str, typer.Option(help="Elements of OOP: oldoop, active, block or radius.")
+        str,
+        typer.Option(
+            help="Rule by which the elements of orbicularis oris peripheralis (OOP) are "
+            "selected: oldoop, active, block or radius."
+        ),
     ] = "oldoop",
-    oom: Annotated[str, typer.Option(help="Elements of OOM: active or radius.")] = "active",
+    oom: Annotated[
+        str,
+        typer.Option(
+            help="Rule by which the elements of orbicularis oris marginalis (OOM) are selected: "
+            "active or radius."
+        ),
+    ] = "active",
     lao: Annotated[str, typer.Option(help="Fibres of LAO: both or lateral.")] = "both",
     marker_ring_offset: Annotated[
         int, typer.Option(help="Move the lip markers outwards by this many rings of nodes.")
@@ -81,7 +91,7 @@ def build(
 
 @app.command()
 def check(path: FacePath) -> None:
-    """Count and measure a face model; fail if it cannot be simulated."""
+    """Report counts and measures of a face model; fail if it cannot be simulated."""
     from emgface.face.check import face_report
     from emgface.face.file import load_face
 
@@ -97,11 +107,12 @@ def reduce(
     out_path: Annotated[Path, typer.Option("--out", help="Reduced face to write (netCDF).")],
     study: options.StudyPath = None,
     sigma_max: Annotated[
-        float | None, typer.Option(help="Largest muscle stress, also of the simulations [Pa].")
+        float | None,
+        typer.Option(
+            help="Largest muscle stress of the training, which later simulations must not exceed [Pa]."
+        ),
     ] = None,
-    modes: Annotated[
-        int | None, typer.Option(help="Number of modes that move, a multiple of three.")
-    ] = None,
+    modes: Annotated[int | None, typer.Option(help="Number of modes, a multiple of three.")] = None,
     elements: Annotated[
         int | None, typer.Option(help="Largest number of elements with a weight.")
     ] = None,
@@ -111,7 +122,7 @@ def reduce(
     calibration: Annotated[
         int | None, typer.Option(help="Number of sequences that calibrate the bound of the error.")
     ] = None,
-    ramps: Annotated[bool, typer.Option(help="Train ramps of each muscle, too.")] = True,
+    ramps: Annotated[bool, typer.Option(help="Also train with ramps of each muscle.")] = True,
     seed: Annotated[int | None, typer.Option(help="Seed of the sequences.")] = None,
     activations: Annotated[
         str | None,
@@ -119,7 +130,7 @@ def reduce(
     ] = None,
     contact: options.ContactSwitch = True,
 ) -> None:
-    """Train a reduced face; the motions are kept, so that it can be resumed."""
+    """Train a reduced face; a repeated command reuses the stored training motions."""
     import emgface as ef
     from emgface.schema.netcdf import write_netcdf
 

@@ -31,7 +31,7 @@ ContactOption = Annotated[
     ),
 ]
 PartsOption = Annotated[
-    str, typer.Option(help="Names of face, jaw, tongue and hyoid, with commas between.")
+    str, typer.Option(help="Parts of the head, separated by commas: face, jaw, tongue, hyoid.")
 ]
 GravityOption = Annotated[bool, typer.Option(help="Simulate gravity.")]
 HeadPath = Annotated[Path, typer.Argument(help="Head (netCDF).")]
@@ -95,7 +95,7 @@ def import_(
         bool, typer.Option(help="Attach the floor of the mouth to tongue and hyoid.")
     ] = False,
 ) -> None:
-    """Import the published coupled head from your files of it."""
+    """Import the published coupled head from its files."""
     from emgface.anatomy.head.model import write_head
     from emgface.anatomy.head.published import import_head
 
@@ -114,12 +114,12 @@ def simulate(
     muscle: Annotated[
         list[str] | None,
         typer.Option(
-            help="Exciter and level that rises within 0.2 s, such as bi_GGP=0.3; repeatable."
+            help="Exciter and its level, which is reached within 0.2 s, such as bi_GGP=0.3; repeatable."
         ),
     ] = None,
     duration: Annotated[float, typer.Option(help="Simulated time in s.")] = 0.5,
     law: Annotated[
-        str, typer.Option(help="Muscle law of the jaw, one of those of `emgface jaw run`.")
+        str, typer.Option(help="Muscle law of the jaw, as in `emgface jaw run`.")
     ] = "peck",
     gravity: GravityOption = True,
     step: Annotated[float, typer.Option(help="Largest time step in s.")] = 5e-3,
@@ -224,7 +224,10 @@ def sweep(
     ] = None,
     duration: Annotated[float, typer.Option(help="Simulated time in s.")] = 0.4,
     step: Annotated[
-        float, typer.Option(help="Time step in s; half of it is used as well, for the step error.")
+        float,
+        typer.Option(
+            help="Time step in s; every run is repeated with half of it to estimate the step error."
+        ),
     ] = 1e-2,
     gravity: GravityOption = True,
     workers: options.WorkersOption = None,

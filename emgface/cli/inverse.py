@@ -55,11 +55,13 @@ def run(
     face: options.FacePath = None,
     study: options.StudyPath = None,
     mapping: options.MappingOption = None,
-    variant: Annotated[str, typer.Option(help="assisted, hybrid, motion or driven.")] = "assisted",
+    variant: Annotated[
+        str, typer.Option(help="Use of the sEMG: assisted, hybrid, motion (none) or driven.")
+    ] = "assisted",
     form: Annotated[
         str,
         typer.Option(
-            help="trajectory: over the whole trial, with intervals; step: every step by itself; "
+            help="trajectory: over the whole trial, with intervals; step: one time step after another; "
             "quasi_static: equilibria, for faces that move slowly."
         ),
     ] = "trajectory",

@@ -40,10 +40,12 @@ def import_(
     out_path: Annotated[Path, typer.Option("--out", help="Jaw model to write (netCDF).")],
     variant: Annotated[str, typer.Option(help="larynx (free hyoid) or fixed.")] = "larynx",
     condyle: Annotated[
-        str | None, typer.Option(help="planar or curved; default: as published.")
+        str | None,
+        typer.Option(help="Path of the condyles: planar or curved; default: as published."),
     ] = None,
     values: Annotated[
-        str, typer.Option(help="Masses and inertia of the text or of the program.")
+        str,
+        typer.Option(help="Source of masses and inertia: text (of the publication) or program."),
     ] = "text",
 ) -> None:
     """Import the published model of jaw, hyoid and larynx."""

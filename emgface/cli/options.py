@@ -50,7 +50,9 @@ ClipOption = Annotated[
 ]
 ReferenceOption = Annotated[
     list[Path] | None,
-    typer.Option(help="Recording of maximum effort, whose range normalises; repeatable."),
+    typer.Option(
+        help="Recording of maximum effort, whose range is used for the normalisation; repeatable."
+    ),
 ]
 PresetOption = Annotated[
     str, typer.Option(help="adult, woman, man, older_woman, older_man, girl or boy.")

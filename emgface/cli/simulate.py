@@ -43,10 +43,13 @@ def simulate(
     ] = None,
     accuracy: options.AccuracyOption = None,
     reduced: Annotated[
-        Path | None, typer.Option(help="Reduced face ('face reduce'); determines the contact.")
+        Path | None,
+        typer.Option(
+            help="Reduced face ('face reduce'), simulated with the contact of its training."
+        ),
     ] = None,
     strategy: Annotated[
-        str | None, typer.Option(help="Strategy, where the source is a recording.")
+        str | None, typer.Option(help="Strategy, if the input is a recording.")
     ] = None,
     instruction: options.InstructionOption = None,
     mapping: options.MappingOption = None,

@@ -27,11 +27,11 @@ FromLipsOption = Annotated[
 NetcdfOption = Annotated[Path | None, typer.Option("--nc", help="Results to write (netCDF).")]
 PlotOption = Annotated[Path | None, typer.Option(help="Picture to write (png, pdf, svg).")]
 SourceOption = Annotated[
-    str, typer.Option(help="folds, rosenberg, or a wave file with the flow of the glottis.")
+    str, typer.Option(help="Source: folds, rosenberg, or a wave file with the flow of the glottis.")
 ]
 LungOption = Annotated[float, typer.Option(help="Lung pressure of the folds [Pa].")]
 TensionOption = Annotated[float, typer.Option(help="Tension of the folds, about 0.5 to 2.")]
-PitchOption = Annotated[float, typer.Option(help="Frequency of the pulses of rosenberg [Hz].")]
+PitchOption = Annotated[float, typer.Option(help="Pitch of the source rosenberg [Hz].")]
 RateOption = Annotated[int, typer.Option(help="Samples per second [Hz].")]
 NoiseOption = Annotated[bool, typer.Option(help="Turbulence noise.")]
 SeedOption = Annotated[int, typer.Option(help="Seed of the noise.")]

@@ -119,7 +119,10 @@ def export(
 def reproduce(
     folder: Folder,
     trial: Annotated[
-        list[str], typer.Argument(help="Trial or its first parts; default: drawn at random.")
+        list[str],
+        typer.Argument(
+            help="Trial, such as 'S01 A 1 act_rel', or its first parts; default: drawn at random."
+        ),
     ] = [],  # noqa: B006
     study: StudyPath = None,
     count: Annotated[int, typer.Option(min=1, help="Number of trials to draw.")] = 3,

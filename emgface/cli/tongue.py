@@ -30,10 +30,11 @@ def import_(
     folder: Annotated[Path, typer.Argument(help="Data folder of the published tongue.")],
     out_path: Annotated[Path, typer.Option("--out", help="Tongue model to write (netCDF).")],
     forces: Annotated[
-        str, typer.Option(help="standard, or strong (about 1.8 times).")
+        str, typer.Option(help="Muscle forces: standard, or strong (about 1.8 times as large).")
     ] = "standard",
     rest: Annotated[
-        str | None, typer.Option(help="Stored shape that is at rest, such as rest_il01.")
+        str | None,
+        typer.Option(help="Stored shape that is used as the shape at rest, such as rest_il01."),
     ] = None,
 ) -> None:
     """Import the published hexahedral tongue."""
@@ -99,7 +100,7 @@ def simulate(
     ] = 0.3,
     duration: Annotated[float | None, typer.Option(help="Simulated time in s.")] = None,
     variant: VariantOption = "elements",
-    gravity: Annotated[bool, typer.Option(help="With gravity.")] = True,
+    gravity: Annotated[bool, typer.Option(help="Simulate gravity.")] = True,
     step: StepOption = 5e-3,
 ) -> None:
     """Move a tongue by excitations; jaw and hyoid do not move."""

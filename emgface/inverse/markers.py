@@ -89,7 +89,8 @@ def wanted_positions(
     if not min(size) > 0.0:
         raise MarkerError(
             f"{int(visible.sum())} lip markers are visible in the first {REST:g} s, expected at least "
-            "two, because their distances are the size of the mouth: begin the trial earlier"
+            "two, because the size of the mouth is computed from their distances: begin the "
+            "trial earlier"
         )
     scale = float(size[0] / size[1])
     if not 1.0 / LARGEST_RATIO <= scale <= LARGEST_RATIO:
@@ -136,7 +137,7 @@ def _sampled(lips: xr.DataArray, times: Array) -> xr.DataArray:
     if inside.sum() < 2:
         raise MarkerError(
             f"markers are recorded from {frames[0]:.4g} to {frames[-1]:.4g} s, the activation is "
-            f"wanted from {times[0]:.4g} to {times[-1]:.4g} s: expected times in common"
+            f"wanted from {times[0]:.4g} to {times[-1]:.4g} s: expected overlapping times"
         )
     after = np.clip(np.searchsorted(frames, times - 1e-9), 1, len(frames) - 1)
     for m, one in enumerate(values):

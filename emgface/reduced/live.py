@@ -45,7 +45,8 @@ class CausalFeature:
         if self.rate <= 2.0 * BAND[1]:
             raise SignalError(
                 f"the sEMG has {self.rate:g} samples per second, expected more than {2.0 * BAND[1]:g} "
-                f"for the filter of {BAND[0]:g} to {BAND[1]:g} Hz: record it faster"
+                f"because of its filter of {BAND[0]:g} to {BAND[1]:g} Hz: record with a higher "
+                "sampling rate"
             )
         self._filter = butter(2, BAND, "bandpass", fs=self.rate, output="sos")
         self._memory = np.zeros((len(self._filter), self.weights.shape[1], 2))

@@ -11,7 +11,7 @@ from emgface.choices import Parameters, choice, parameter, positive
 class ReductionParameters(Parameters):
     """Size and training of a reduced face."""
 
-    modes: int = parameter(120, "Number of modes that move, a multiple of three.", ge=3, le=240)
+    modes: int = parameter(120, "Number of modes, a multiple of three.", ge=3, le=240)
     omitted: int = parameter(
         12, "Number of further modes, whose forces estimate the error of leaving them out.", ge=1
     )
@@ -29,7 +29,8 @@ class ReductionParameters(Parameters):
     )
     ramps: bool = choice(
         True,
-        "Train ramps of each muscle, too, so that combinations of muscles that no sequence contains are "
+        "Also train with ramps of each muscle, so that combinations of muscles that no sequence "
+        "contains are "
         "within the range.",
     )
     sequences: int = parameter(36, "Number of sequences of the training.", ge=1)

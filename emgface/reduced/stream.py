@@ -61,7 +61,9 @@ def frames_of(recording: xr.Dataset, step: float) -> tuple[list[Floats], float, 
     known = _known(map(str, emg["channel"].values), "the recording")
     values = emg.sel(channel=list(known)).values
     if not np.isfinite(values).all():
-        raise SignalError("the recording has gaps, expected a stream without: fill them first")
+        raise SignalError(
+            "the recording has gaps, expected a stream without gaps: interpolate them first"
+        )
     ends = np.round(np.arange(1, int(values.shape[1] / rate / step) + 1) * step * rate).astype(int)
     return np.split(values[:, : ends[-1]], ends[:-1], axis=1), rate, known
 

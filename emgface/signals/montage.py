@@ -19,7 +19,7 @@ class MontageParameters(Parameters):
         "error",
         "Treatment of a channel that was recorded on the other side only.",
         note="'mirror' copies the signal of the other side, so that the motion is symmetric; 'zero' "
-        "takes the signal as zero; 'leave_out' leaves out every muscle that is computed from it; "
+        "sets the signal to zero; 'leave_out' leaves out every muscle that is computed from it; "
         "with 'error' a strategy that needs such a muscle fails",
     )
     missing_muscle: Literal["error", "zero", "leave_out"] = choice(

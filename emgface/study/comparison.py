@@ -65,7 +65,7 @@ class AlignmentParameters(Parameters):
         True,
         "Centre positions before the singular value decomposition.",
         source="the paper does not specify it",
-        note="uncentred, the first component is the mean posture",
+        note="without centring, the first component is the mean posture",
     )
     subsample: bool = choice(True, "Refine the shift between samples.")
 
@@ -106,6 +106,6 @@ class ScoreParameters(Parameters):
         SMALLEST_SNR,
         "Variance of the motion of a measured marker divided by that of its noise, below "
         "which it has no rho.",
-        note="at 1, noise alone lowers a correlation to 0.71 of itself",
+        note="with a ratio of 1, noise alone multiplies a correlation by 0.71",
         ge=0,
     )

@@ -187,7 +187,8 @@ def read_line(entry: Entry) -> Line:
         raise StoreError(f"{entry.path} cannot be read ({error.strerror})") from error
     if line is None:
         raise StoreError(
-            f"{entry.path} was changed while the study ran, expected a file that only grows: run the "
+            f"{entry.path} was changed while the study ran, expected that lines are only "
+            "appended to it: run the "
             "study again"
         )
     return line

@@ -32,7 +32,7 @@ class World(Parameters):
     elements: float = parameter(
         1.5,
         "Number of elements of a volunteer's face divided by that of `resolution`; 1 is the same mesh.",
-        note="the number of rings of a coarse mesh changes, that of its rays does not; a face "
+        note="the number of rings of a coarse mesh changes, but not the number of its rays; a face "
         "from a file keeps its mesh",
         ge=0.75,
         le=10,

@@ -209,7 +209,7 @@ def minimise_in_contact(
         new = new.joined(_given_up(multipliers.rows, new, contested))
         multipliers = carried_over(multipliers, new, penalties(pattern, diagonal, new, penalty))
         touching, before = touched(multipliers), np.full(len(new), np.inf)
-    raise NotConverged((), until, f"contact did not converge; {miss:.2g} m remain")
+    raise NotConverged((), until, f"contact did not converge; a violation of {miss:.2g} m remains")
 
 
 def _stiffness_met(

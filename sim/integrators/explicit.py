@@ -19,7 +19,8 @@ def _acceleration(system: System, state: State, control: Control, work: Workspac
     """Accelerations dw/dt under the rows of joints."""
     if system.constraints:
         raise SceneError(
-            "an explicit integrator does not support constraints: use an implicit one or a soft term"
+            "an explicit integrator does not support constraints: use an implicit integrator or "
+            "a soft term"
         )
     require_no_barrier(system, "an explicit integrator")
     require_no_contact(system, "an explicit integrator")

@@ -264,4 +264,6 @@ class LinearRows:
             new = self._with_equations(at, Aw, new)
             largest = self._learn(at, h * (new - f), moved, largest)
             f = before = new
-        raise NotConverged((), self._until, "the solution under rows does not settle")
+        raise NotConverged(
+            (), self._until, "the contact and joint forces of the step do not converge"
+        )

@@ -118,7 +118,9 @@ class StepSolver:
                 x = x + more
                 if np.abs(more).max() <= REFINED * np.abs(x).max():
                     return x
-            raise SingularSystem("solutions under equations do not reach their accuracy")
+            raise SingularSystem(
+                "the linear solutions with constraints do not reach their accuracy"
+            )
 
         def again(r: Array, _: float) -> Solution:
             return Solution(refined(np.zeros_like(r), r), 1, 0, definite)

@@ -230,7 +230,7 @@ def row_table(rows: Sequence[Row], bodies: Mapping[str, int], rest: Pose) -> Row
     b = [number_of(row.body_b, bodies, row.name) for row in rows]
     for row in rows:
         if row.point >= len(rest.q):
-            raise SceneError(f"joint row {row.name} names point {row.point} of {len(rest.q)}")
+            raise SceneError(f"joint row {row.name} refers to point {row.point} of {len(rest.q)}")
 
     def origins(of: list[int]) -> Array:
         centres = np.vstack([rest.frames[:, :3], np.zeros(3)])

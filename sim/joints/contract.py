@@ -60,7 +60,7 @@ def number_of(name: str | None, bodies: Mapping[str, int], row: str) -> int:
     if name is None:
         return -1
     if name not in bodies:
-        raise SceneError(f"joint row {row} names body {name!r}, expected one of {list(bodies)}")
+        raise SceneError(f"joint row {row} refers to body {name!r}, expected one of {list(bodies)}")
     return bodies[name]
 
 

@@ -29,8 +29,8 @@ All results on this page are simulated. `python -m studies.mechanics` generates 
 pictures of the template face, and with `--face` and `--out` those of any other face. Contact of
 the lips is switched off; `overlap` is the area in which they pass through each other. "Walls" are
 frictionless unilateral supports of 1000 N/m behind every free node of the inner surface, which
-represent teeth and bone. No gravity, largest muscle stress 100 kPa, pointwise volume; equilibria
-are computed by the quasi-static solver.
+represent teeth and bone. There is no gravity, the largest muscle stress is 100 kPa, and the pressure
+is computed at each Gauss point; equilibria are computed by the quasi-static solver.
 
 ## Interpretation
 

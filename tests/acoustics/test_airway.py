@@ -74,7 +74,7 @@ def test_other_walls_and_closures():
     closed = position * np.where(np.abs(position[:, :1] - 0.1) < 0.01, [1.0, 0.0, 0.0], 1.0)
     area = sections(closed, triangle, STRAIGHT, count=34).area
     assert (area[19:21] == 0.0).all() and (area[:17] > 1e-4).all()
-    with pytest.raises(DataError, match="no length"):
+    with pytest.raises(DataError, match="the length zero"):
         sections(position, triangle, STRAIGHT[:1])
     with pytest.raises(DataError, match="no plane"):
         sections(position, triangle, STRAIGHT + 1.0)

@@ -277,8 +277,10 @@ def test_symmetric_drive_keeps_the_head_symmetric(head: Head) -> None:
 def test_properties_beside_a_scene_are_refused(head: Head) -> None:
     """They would be ignored."""
     scene = head_scene(head)
-    with pytest.raises(HeadError, match="gravity specified beside a scene, which has its own"):
+    with pytest.raises(
+        HeadError, match="gravity specified in addition to a scene, which already contains it"
+    ):
         simulate_head(head, raised({}), duration=0.02, scene=scene, gravity=False)
-    with pytest.raises(HeadError, match="tongue and law specified beside"):
+    with pytest.raises(HeadError, match="tongue and law specified in addition"):
         other = TONGUE.model_copy(update={"sigma_max": 3e5})
         simulate_head(head, raised({}), duration=0.02, scene=scene, tongue=other, law="hill")

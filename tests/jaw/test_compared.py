@@ -43,7 +43,7 @@ def test_scores_stand_beside_those_of_motions_that_must_be_worse(truth, recordin
     away = np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean())
     assert rows["none (the point rests)"][2] == pytest.approx(away, rel=0.02)
     assert np.isnan(rows["still"][0])
-    assert "scores as high" not in found.scores.note
+    assert "has an equally high score" not in found.scores.note
     apart = found.path.sel(marker="lower_incisor").values.T - x
     assert np.sqrt(np.nanmean((apart**2).sum(axis=1))) == pytest.approx(rmse, rel=1e-6)
     assert np.isfinite(apart).mean() > 0.98
@@ -110,6 +110,6 @@ def test_a_movement_that_is_the_same_backwards_is_told(truth):
     rest = truth["position"].values[..., :1]
     motion["position"].values[:] = rest - 1e-2 * bump * np.array([0.0, 0.5, 1.0])[:, None]
     assert (
-        "backwards in time scores as high"
+        "backwards in time has an equally high score"
         in beside(simulated_recording(motion), motion).scores.note
     )

@@ -103,7 +103,7 @@ def test_an_absent_file_of_excitations_is_named(tmp_path):
 def test_a_late_start_is_told_and_milliseconds_of_files_are_converted(tmp_path):
     table = pd.DataFrame({"time": [0.3, 0.6], "bi_all": [0.2, 0.4]})
     table.to_csv(tmp_path / "drive.csv", index=False)
-    with pytest.warns(FeatureWarning, match="begins at 0.3 s: .* first values are held"):
+    with pytest.warns(FeatureWarning, match="begins at 0.3 s: its first values are used"):
         given = read_excitation(tmp_path / "drive.csv")
     a, _ = given.activation(small_jaw())
     told = a.assign_coords(time=("time", 1e3 * a["time"].values, {"units": "ms"}))

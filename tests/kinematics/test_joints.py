@@ -194,7 +194,7 @@ def test_redundant_and_unknown_joints_are_named():
     ball = Spherical("ball", None, "bob", (0.0, 0.0, 0.0))
     with pytest.raises(sim.SceneError, match="joint row 'other travel z' repeats rows before it"):
         pendulum(ball, Spherical("other", None, "bob", (0.0, 0.0, -ARM)))
-    with pytest.raises(sim.SceneError, match="names body 'chin'"):
+    with pytest.raises(sim.SceneError, match="refers to body 'chin'"):
         pendulum(Spherical("ball", "chin", "bob", (0.0, 0.0, 0.0)))
     with pytest.raises(sim.SceneError, match="acts on nothing that moves"):
         pendulum(Spherical("ball", None, None, (0.0, 0.0, 0.0)))

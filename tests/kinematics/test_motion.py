@@ -253,7 +253,7 @@ def test_body_of_a_closed_surface():
     np.testing.assert_allclose(body.inertia, np.diag(expected), atol=1e-9 * expected.max())
     with pytest.raises(sim.MeshError, match=r"not closed: 3 edges .*\("):
         sim.body_of_surface("jaw", X, surface.triangles[1:], 2000.0)
-    with pytest.raises(sim.MeshError, match="turn its faces over"):
+    with pytest.raises(sim.MeshError, match="reverse the order of the vertices"):
         sim.body_of_surface("jaw", X, surface.triangles[:, ::-1], 2000.0)
     with pytest.raises(sim.SceneError, match="symmetric positive definite"):
         sim.Body("jaw", 1.0)

@@ -117,7 +117,7 @@ def test_numbers_and_names_of_joints_are_checked():
         Bushing("b", None, "bob", (0, 0, 0), damping=(1.0,) * 6)
     with pytest.raises(sim.SceneError, match="rest lengths for 1"):
         sim.AxialSprings((np.array([0, 1]),), 1.0, rest=np.zeros(2))
-    with pytest.raises(sim.SceneError, match="the probe Reactions names"):
+    with pytest.raises(sim.SceneError, match="the probe Reactions refers to"):
         system = held(Weld("wall", None, "bob", (0.0, 0.0, 0.0)))
         sim.Reactions(("floor",)).record(
             system, system.rest_state(), system.control(np.zeros(0)), None

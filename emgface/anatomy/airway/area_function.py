@@ -257,7 +257,7 @@ def lips_of_trial(trajectory: xr.Dataset) -> tuple[Floats, Floats, Floats]:
     names = ("mouth_area", "lip_protrusion")
     if any(name not in trajectory for name in names):
         raise DataError(
-            "the trajectory has no mouth_area, expected that of a face with a mouth opening: "
+            "the trajectory has no mouth_area, expected a trajectory of a face with a mouth opening: "
             "simulate it again with this version"
         )
     at = np.asarray(trajectory["time"].values, np.float64)

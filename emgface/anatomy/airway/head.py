@@ -161,7 +161,9 @@ def head_tract(head: Head, motion: xr.Dataset | None = None) -> xr.Dataset:
     shells = {name: head.shell(name) for name in ("palate", "maxilla", "mandible")}
     palate = shells["palate"].points, shells["palate"].triangles
     if motion is not None and "node_position" not in motion:
-        raise DataError("the motion has no positions of nodes, expected those of face and tongue")
+        raise DataError(
+            "the motion has no positions of nodes, expected the nodes of face and tongue"
+        )
     time = np.zeros(1) if motion is None else motion["time"].values
     areas, lengths = list[Floats](), list[Floats]()
     for k in range(len(time)):

@@ -148,7 +148,8 @@ def sections(
     area = np.array([f[0] for f in found])
     if not (area > 0.0).any():
         raise DataError(
-            "no plane across the centre line meets the surface, expected a tube round it"
+            "no plane across the centre line intersects the surface, expected a surface that "
+            "encloses the centre line"
         )
     step = np.linalg.norm(np.diff(line, axis=0), axis=1)
     return Sections(line, tangent, area, float(step.sum() + 0.5 * (step[0] + step[-1])))
@@ -200,7 +201,9 @@ def _resampled(line: Floats, count: int, *, inner: bool = False) -> Floats:
     """Points in the middle of equal parts of a line; where `inner`, from first to last point."""
     s = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
     if not (len(line) > 1 and np.isfinite(line).all() and s[-1] > 0.0):
-        raise DataError("the centre line has no length, expected at least two different points")
+        raise DataError(
+            "the centre line has the length zero, expected at least two different points"
+        )
     at = np.linspace(0.0, 1.0, count) if inner else (np.arange(count) + 0.5) / count
     return np.stack([np.interp(at * s[-1], s, column) for column in line.T], axis=1)
 

@@ -85,7 +85,7 @@ def simulate_head(
     if scene is not None and any(beside.values()):
         named = " and ".join(name for name, given in beside.items() if given)
         raise HeadError(
-            f"{named} specified beside a scene, which has its own: pass it to head_scene"
+            f"{named} specified in addition to a scene, which already contains it: pass it to head_scene"
         )
     parts = scene or head_scene(head, face=face, tongue=tongue, law=law, gravity=gravity)
     system = parts.system

@@ -151,7 +151,8 @@ def _notes(motion: xr.Dataset, scores: xr.Dataset, backwards: Floats) -> list[st
     ]
     if (backwards > rho - ALIKE).any():
         told.append(
-            "The motion backwards in time scores as high: this recording does not distinguish the "
+            "The motion backwards in time has an equally high score: this recording does not "
+            "distinguish the "
             "course of the motion."
         )
     error = motion.attrs.get("numerical_error")

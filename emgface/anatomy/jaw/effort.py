@@ -96,7 +96,8 @@ def require_effort(channels: Sequence[str], own: Floats, references: Sequence[Fl
     if loud:
         warnings.warn(
             "rest is stronger than in maximum effort, relative to the other channels, in "
-            f"{', '.join(loud)}: if these muscles rest in between, their gain or unit differs",
+            f"{', '.join(loud)}: if these muscles are at rest in part of the recording, its "
+            "gain or unit differs from that of the reference",
             FeatureWarning,
             stacklevel=3,
         )

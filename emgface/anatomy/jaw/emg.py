@@ -123,7 +123,8 @@ def excitation_of(
             rows[exciter + side] = xr.concat(parts, "part").sum("part")
     if not rows:
         raise JawError(
-            "no exciter has all of its channels: record both of a pair, or change weights"
+            "no exciter has all of its channels: record the channels of both sides, or change "
+            "the weights"
         )
     u = xr.concat(list(rows.values()), "exciter").assign_coords(exciter=list(rows))
     u = u.transpose("exciter", "time").clip(0.0, 1.0)

@@ -206,7 +206,7 @@ def _check_times(path: Path, given: Excitation) -> None:
         )
     if t[0] > 0.0:
         warnings.warn(
-            f"{path.name} begins at {t[0]:g} s: from time 0 to then its first values are held",
+            f"{path.name} begins at {t[0]:g} s: its first values are used from time 0 until then",
             FeatureWarning,
             stacklevel=3,
         )

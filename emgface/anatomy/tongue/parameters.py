@@ -63,7 +63,7 @@ class TongueParameters(Parameters):
         "current",
         "Stiffness of the damping: with active muscles, without them, or at rest.",
         source=OWN,
-        note="as of a face; the published program uses 'current'",
+        note="the default is also that of faces; the published program uses 'current'",
     )
     gravity: bool = choice(True, "Gravity of 9.8 m/s^2 along -z.", source=STAVNESS)
 

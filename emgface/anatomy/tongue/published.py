@@ -151,7 +151,7 @@ def _postures(folder: Path, X: Floats) -> dict[str, Floats]:
             continue
         rows = np.array([line.split() for line in _lines(path)], dtype=np.float64)[: len(X)]
         if rows.shape != X.shape:
-            raise TongueError(f"{path} has {len(rows)} rows, expected one of {len(X)} nodes")
+            raise TongueError(f"{path} has {len(rows)} rows, expected {len(X)}, one for each node")
         scale = 1.0 if name == "jaw_open_a" else 1e-3
         found[name] = scale * rows - SHIFT - X
     return found
