@@ -28,6 +28,7 @@ from emgface.errors import (
     UnitsError,
 )
 from emgface.muscles import MUSCLES
+from emgface.recordings.verdicts import LARGEST_VARIATION
 from emgface.signals.envelope import muscle_activation
 from emgface.signals.features import feature_of
 from emgface.signals.filters import bandpass, constant_rows
@@ -121,6 +122,7 @@ def feature_before_normalisation(
     montage = montage_of(map(str, emg["channel"].values), chain.montage)
     emg = with_mirrored(emg, montage)
     filtered, silent = filtered_channels(emg, chain)
+    _warn_of_unit(filtered)
     oom, stage = chain.mapping.oom, chain.mapping.mapping_stage
     if stage == "signal":
         filtered = map_channels(filtered, oom, montage.estimated)
@@ -128,6 +130,20 @@ def feature_before_normalisation(
     if stage == "feature":
         feature = map_channels(feature, oom, montage.estimated)
     return feature, silent
+
+
+def _warn_of_unit(filtered: xr.DataArray) -> None:
+    """Warn of signals far above sEMG, as with mV declared for uV."""
+    spread = filtered.std("time_emg").values
+    k = int(np.argmax(np.nan_to_num(spread)))
+    if spread[k] > LARGEST_VARIATION:
+        warnings.warn(
+            f"channel {filtered['channel'].values[k]} varies by {spread[k]:.3g} V after the filter, "
+            f"expected sEMG of at most {LARGEST_VARIATION:g} V: check the unit of the recording or "
+            "its sidecar",
+            FeatureWarning,
+            stacklevel=3,
+        )
 
 
 def filtered_channels(

@@ -251,3 +251,21 @@ def test_only_sidecars_count_as_recordings(tmp_path: Path) -> None:
     assert find_recordings(tmp_path) == [path]
     with pytest.raises(DataError, match="emg.csv does not specify its contents, rate and units"):
         read_recording(tmp_path / "emg.csv")
+
+
+@pytest.mark.parametrize(
+    ("table", "columns", "match"),
+    [
+        ("ZYG_L,ZYG_L\n1,2\n3,4\n", "", "several columns 'ZYG_L'"),
+        ("1,2\n3,4\n", 'columns = ["ZYG_L", "ZYG_L"]', "lists 'ZYG_L' more than once"),
+    ],
+)
+def test_repeated_labels_are_refused(tmp_path: Path, table: str, columns: str, match: str) -> None:
+    """pandas renames the second column, which was then ignored without a message."""
+    (tmp_path / "emg.csv").write_text(table)
+    sidecar = tmp_path / "emg.toml"
+    sidecar.write_text(
+        f'schema = "recording"\n[emg]\nfile = "emg.csv"\nunit = "uV"\nrate = 1000\n{columns}\n'
+    )
+    with pytest.raises(EmgfaceError, match=match):
+        read_recording(sidecar)

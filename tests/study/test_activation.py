@@ -280,3 +280,10 @@ def test_recording_is_left_as_it_was():
         warnings.simplefilter("error")
         activation_of(recording, SignalChain())
     xr.testing.assert_identical(recording, before)
+
+
+def test_millivolts_declared_for_microvolts_are_told():
+    recording = recording_of()
+    recording["emg"] = (recording["emg"] * 1e3).assign_attrs(units="V")
+    with pytest.warns(FeatureWarning, match="varies by .* V after the filter, .* check the unit"):
+        activation_of(recording, SignalChain())

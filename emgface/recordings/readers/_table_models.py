@@ -46,6 +46,11 @@ class Table(Parameters):
                 if held
                 else f"{self.file} contains no variables; expected one of {', '.join(ARRAYS)}"
             )
+        twice = [name for name in self.columns or () if (self.columns or ()).count(name) > 1]
+        if twice:
+            raise ValueError(
+                f"columns lists {twice[0]!r} more than once, expected a different label for each column"
+            )
         if self.delimiter == self.decimal:
             raise ValueError(
                 f"delimiter and decimal are both {self.decimal!r}, so that numbers cannot be "

@@ -45,6 +45,9 @@ def load_table(
     dropped: dict[str, str] = {}
     if table.variable is None:
         frame = _table(sidecar, path, table)
+        # A sidecar that lists its channels may use the names that pandas gives to repeated labels.
+        if wanted is None and not table.columns:
+            _require_different_labels(sidecar, path, table)
         for name in list(frame.columns):
             if frame[name].dtype.kind in "iuf":
                 continue
@@ -155,6 +158,21 @@ def _table(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
             )
         frame.columns = list(table.columns)
     return frame
+
+
+def _require_different_labels(sidecar: Path, path: Path, table: Table) -> None:
+    """Refuse repeated labels, of which pandas renames all but the first."""
+    first = pd.read_csv(
+        path, sep=table.delimiter, skipinitialspace=True, header=None, nrows=1, dtype=str,
+        skiprows=table.skip_rows, encoding=_encoding(path, table), index_col=False,
+    )  # fmt: skip
+    labels = [str(label).strip() for label in first.iloc[0].dropna()]
+    twice = [label for label in labels if label and labels.count(label) > 1]
+    if twice:
+        raise DataError(
+            f"{path.name} has several columns {twice[0]!r}; expected different labels: rename them, "
+            f"or list them as 'columns' in {sidecar.name} and skip the row of labels by 'skip_rows'."
+        )
 
 
 def _column_of_time(
