@@ -72,7 +72,7 @@ def _laid(points: np.ndarray, layout: np.ndarray, others: np.ndarray) -> tuple[n
 
 
 def _oriented(points: np.ndarray, layout: np.ndarray) -> tuple[np.ndarray, float] | None:
-    """Points in the frame of the layout by the best orientation, if it is clearly the best."""
+    """Points in the frame of the layout for the best orientation; None if none is clearly best."""
     found: list[tuple[float, tuple[int, ...], np.ndarray, float]] = []
     for turn in _orientations():
         size = np.linalg.norm(layout - layout.mean(axis=0)) / np.linalg.norm(

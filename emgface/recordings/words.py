@@ -53,12 +53,12 @@ OTHER_MUSCLES: Final[Mapping[str, tuple[str, ...]]] = {
 }  # fmt: skip
 """Words for muscles of the head that the study does not record; the model may move some of them."""
 AMBIGUOUS: Final[Mapping[str, str]] = {
-    "orbicularis oris": "orbicularis oris, but neither superior nor inferior in it",
-    "orb oris": "orbicularis oris, but neither superior nor inferior in it",
-    "oris": "orbicularis oris, but neither superior nor inferior in it",
-    "oo": "orbicularis oris, but neither superior nor inferior in it",
-    "orbicularis": "orbicularis, but neither oris superior, oris inferior nor oculi in it",
-    "depressor": "a depressor, but not which in it",
+    "orbicularis oris": "orbicularis oris, but neither superior nor inferior is stated",
+    "orb oris": "orbicularis oris, but neither superior nor inferior is stated",
+    "oris": "orbicularis oris, but neither superior nor inferior is stated",
+    "oo": "orbicularis oris, but neither superior nor inferior is stated",
+    "orbicularis": "orbicularis, but neither oris superior, oris inferior nor oculi is stated",
+    "depressor": "a depressor, but it is not stated which",
 }
 """Words that fit several muscles, with the reason why a label is ambiguous."""
 

@@ -161,7 +161,7 @@ def read_tsv(path: Path) -> pd.DataFrame:
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON file that contains an object; DataError if it is absent or does not."""
+    """Read a JSON file that contains an object; DataError if the file is absent or contains none."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:

@@ -70,7 +70,7 @@ def _sections(path: Path) -> dict[str, dict[str, str]]:
     except UnicodeDecodeError as error:
         if marked:
             raise DataError(
-                f"{path.name} declares the encoding UTF-8 but is not encoded so (byte "
+                f"{path.name} declares the encoding UTF-8 but is not valid UTF-8 (byte "
                 f"{error.start}); expected text in the declared encoding: it is damaged, "
                 "export it again."
             ) from None
