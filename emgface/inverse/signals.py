@@ -6,7 +6,6 @@ import xarray as xr
 from emgface.errors import ConfigurationError, SchemaError, SignalError, UnitsError
 from emgface.inverse.variants import Variant
 from emgface.muscles import CHANNELS, MUSCLES
-from emgface.recordings.verdicts import LARGEST_VARIATION
 from emgface.signals.activation import (
     IDENTITY,
     activation_of,
@@ -14,6 +13,7 @@ from emgface.signals.activation import (
     feature_parameters,
     filtered_channels,
 )
+from emgface.signals.filters import LARGEST_VARIATION
 from emgface.signals.mapping import sources_of
 from emgface.signals.montage import montage_of
 from emgface.signals.parameters import SignalChain

@@ -6,11 +6,9 @@ import numpy as np
 
 from emgface.errors import SignalError
 from emgface.recordings.labels import constant_value
-from emgface.signals.filters import pass_band
+from emgface.signals.filters import LARGEST_VARIATION, pass_band
 from emgface.signals.parameters import FilterParameters
 
-LARGEST_VARIATION = 10e-3
-"""Standard deviation [V] above which surface EMG is suspect: amplified, or in another unit."""
 SMALLEST_VARIATION = 0.1e-6
 """Standard deviation [V] below which surface EMG is suspect: less than electrode noise."""
 CLIPPED = 0.01

@@ -28,10 +28,9 @@ from emgface.errors import (
     UnitsError,
 )
 from emgface.muscles import MUSCLES
-from emgface.recordings.verdicts import LARGEST_VARIATION
 from emgface.signals.envelope import muscle_activation
 from emgface.signals.features import feature_of
-from emgface.signals.filters import bandpass, constant_rows
+from emgface.signals.filters import LARGEST_VARIATION, bandpass, constant_rows
 from emgface.signals.mapping import map_channels
 from emgface.signals.montage import montage_of, with_mirrored
 from emgface.signals.normalisation import normalise

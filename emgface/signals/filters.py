@@ -14,6 +14,8 @@ import xarray as xr
 from emgface.errors import FeatureWarning, SignalError
 from emgface.signals.parameters import FilterParameters
 
+LARGEST_VARIATION = 10e-3
+"""Standard deviation [V] above which surface EMG is suspect: amplified, or in another unit."""
 TIME_EMG = "time_emg"
 HELD: Final = 0.9
 """Fraction of half the sampling rate at which a narrowed pass-band ends; anti-aliasing filters of
