@@ -56,14 +56,10 @@ def parts_of(
 ) -> tuple[Part, ...]:
     """Lay out the chosen elements (n_elements,) of every block, by default all.
 
-    Parameters
-    ----------
-    chosen : (n_elements,) bool or None
-    prestretch : (n_elements, 3, 3) or None
-        F0 from the stress-free state to the mesh. With F = (dx/dxi) A of the mesh, the total
-        deformation is F F0 = (dx/dxi) (A F0), and the stress-free volume is dV/det F0.
-    point_per_node : divide the single point of an element among its nodes; other elements have a point
-        per node.
+    With a prestretch F0 (n_elements, 3, 3) from the stress-free state to the mesh and F = (dx/dxi) A of
+    the mesh, the total deformation is F F0 = (dx/dxi) (A F0), and the stress-free volume is dV/det F0.
+    With `point_per_node` the single point of an element is divided among its nodes; other elements have
+    a point per node.
     """
     parts: list[Part] = []
     first = 0

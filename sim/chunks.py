@@ -56,12 +56,7 @@ def _folded(size: Index) -> Index:
 
 
 def coloured_chunks(nodes: Index) -> tuple[Index, Index, Index]:
-    """Order of elements by colour and chunk, first element of every chunk, first chunk of every colour.
-
-    Parameters
-    ----------
-    nodes : (n, k) nodes of the elements.
-    """
+    """Order of elements by colour and chunk, first elements of chunks and first chunks of colours."""
     level = levels(nodes)
     filled = np.bincount(level)
     chunk_of_level = np.zeros(len(filled), dtype=np.int64)

@@ -20,12 +20,7 @@ from sim.state import Array, Control
 
 @dataclass(frozen=True)
 class _Coefficients:
-    """Coefficients of mass and stiffness.
-
-    Notes
-    -----
-    Source of the values: Stavness et al., chapter on the coupled face model.
-    """
+    """Coefficients of mass and stiffness; their values are of Stavness et al., coupled face model."""
 
     alpha: float | Array = 19.0  #: mass damping [1/s], not negative; or (n_nodes,) of the nodes
     beta: float | Array = (

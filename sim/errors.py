@@ -120,9 +120,7 @@ class AcousticsError(SimulationError, ValueError):
 class CourantError(AcousticsError):
     """The Courant number of a tube exceeds 1: sound crosses more than one cell within a time step.
 
-    Attributes
-    ----------
-    number : Courant number c dt/dx found.
+    `number` is the Courant number c dt/dx found.
     """
 
     def __init__(self, number: float, dt: float, cell: float) -> None:

@@ -107,15 +107,8 @@ def lay_out_multibody(
 ) -> Multibody | None:
     """Tables of a scene whose velocities are those of bodies and whose terms act on points.
 
-    Parameters
-    ----------
-    X : (n_points, 3) positions at rest [m].
-    names : of the memory of every term.
-
-    Returns
-    -------
-    Multibody or None
-        None for any other scene.
+    X (n_points, 3) are positions at rest [m], and `names` those of the memory of every term. It is None
+    for any other scene.
     """
     if not isinstance(kinematics, Articulated) or not kinematics.bodies_alone:
         return None

@@ -30,8 +30,6 @@ def between(before: State, after: State, t: float) -> State:
     The error of positions is of fourth order in the step and that of velocities of third, so that
     an integrator of second order keeps its order. History variables are not interpolated.
 
-    Notes
-    -----
     Dense output by Hermite interpolation: Hairer, Norsett and Wanner, Solving Ordinary Differential
     Equations I, II.6.
     """
@@ -173,11 +171,8 @@ def outputs_of(
 
     Raises InvertedElement, NotConverged, SingularSystem as `advance`.
 
-    Parameters
-    ----------
-    state : at the start of the interval.
-    smallest_J : smallest det F (1) at positions (n_nodes, 3) [m].
-    astray : largest distance of the activation from its straight line over the interval [1].
+    `smallest_J` is the smallest det F at positions (n_nodes, 3) [m], and `astray` the largest distance
+    of the activation from its straight line over the interval [1].
     """
     if not interval.inside:
         return [advance(state, interval.until, None)]

@@ -56,11 +56,8 @@ def distinct(keys: Index) -> Index:
 def symmetric_pattern(n_nodes: int, keys: Index, held: Index) -> SymmetricPattern:
     """Pattern over all free unknowns, from the node pairs of all terms.
 
-    Parameters
-    ----------
-    keys : (m,) array of int
-        ``a * n_nodes + b`` with a <= b, in any order, with repetitions.
-    held : indices of fixed unknowns among 3 n_nodes.
+    `keys` (m,) are ``a * n_nodes + b`` with a <= b, in any order and with repetitions; `held` are the
+    fixed ones of 3 n_nodes unknowns.
     """
     number = np.zeros(3 * n_nodes, dtype=np.int64)
     number[held] = -1

@@ -164,11 +164,9 @@ class Remembers(Protocol):
     def during(self, q: Array, memory: Array | None, h: float) -> "Remembering":
         """Term over one step.
 
-        Parameters
-        ----------
-        q : (n_nodes, 3) positions at the start of the step [m].
-        memory : result of `Remembering.remember` for the previous step; None for a fully relaxed term.
-        h : length of the step [s]; infinite for a static equilibrium.
+        It starts at positions q (n_nodes, 3) [m] with the result of `Remembering.remember` for the
+        previous step, or None for a fully relaxed term; its length h is infinite for a static
+        equilibrium [s].
         """
         ...
 

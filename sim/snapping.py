@@ -26,11 +26,7 @@ def snapped(
     determines the further motion. The matrix of a time step may still be positive definite because
     of inertia and damping. The test succeeds once the unstable motion dominates the displacement.
 
-    Parameters
-    ----------
-    before, after : at q0 and q1.
-    control : of both forces.
-    bodies : evaluates the forces of a scene of rigid bodies in less time.
+    Both forces are for one control; `bodies` evaluates those of a scene of rigid bodies in less time.
     """
     if bodies is not None:
         frames, activation = np.stack([before.frames, after.frames]), control.activation[None]

@@ -201,10 +201,7 @@ def _sum(errors: list[Array | None]) -> Array | None:
 class Outputs:
     """Successive states of a scene, along the first axis of every array.
 
-    Attributes
-    ----------
-    t, q, v, memory, frames, twists : as of `State`.
-    reports : on the steps before each.
+    Arrays are as of `State`; reports are on the steps before each.
     """
 
     t: Array

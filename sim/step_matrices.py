@@ -110,10 +110,8 @@ def implicit_matrix(
 ) -> Matrix:
     """M + by_damping D + by_stiffness R'KR; the values K of the points' stiffness are overwritten.
 
-    Parameters
-    ----------
-    pose : of forces `here` and stiffness K.
-    inertia : of the mass, by default the same.
+    `pose` is that of the forces `here` and the stiffness K, and `inertia` that of the mass, by default
+    the same.
     """
     kinematics = system.kinematics
     values = by_damping * D.values

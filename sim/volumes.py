@@ -11,14 +11,7 @@ from sim.state import Array
 
 
 class ElementVolumes:
-    """Current volumes of all elements.
-
-    Attributes
-    ----------
-    rest : (n_elements,) rest volumes [m^3].
-    v : (n_elements,) current volumes [m^3].
-    h : (n_elements, 3, 8) dv/dx at every slot [m^2].
-    """
+    """Volumes of all elements, at rest and current (n_elements,) [m^3], and h = dv/dx (n_elements, 3, 8)."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.parts = parts_of(mesh)
@@ -34,10 +27,7 @@ class ElementVolumes:
 class PointVolumes:
     """Current volumes of all quadrature points; a tetrahedron has one quarter per node.
 
-    Attributes
-    ----------
-    rest : (n_elements, 8) rest volumes [m^3], zero if an element has no such point.
-    v : (n_elements, 8) current volumes [m^3].
+    `rest` and current volumes `v` are (n_elements, 8) [m^3], zero if an element has no such point.
     """
 
     def __init__(self, mesh: Mesh, pattern: SymmetricPattern) -> None:

@@ -67,12 +67,7 @@ def cache_folder(sources: Path) -> Path:
 
 @contextmanager
 def kernel_cache(sources: Path) -> Generator[None]:
-    """Cache the kernels decorated inside the block under the digest of their sources.
-
-    Parameters
-    ----------
-    sources : folder (or single file) whose Python files together make up the kernels.
-    """
+    """Cache the kernels decorated inside the block under the digest of their file or folder."""
     config: Any = numba.core.config  # numba defines its settings while it runs
     before = config.CACHE_DIR
     config.CACHE_DIR = str(cache_folder(sources))
@@ -86,9 +81,7 @@ def kernel_cache(sources: Path) -> Generator[None]:
 def in_one_process(lock: Path) -> Generator[None]:
     """Run the block in one process at a time, where the system has advisory locks.
 
-    Parameters
-    ----------
-    lock : file that all processes lock; its folder is created.
+    All processes lock the same file, whose folder is created.
     """
     with ExitStack() as held:
         try:

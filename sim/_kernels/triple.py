@@ -22,13 +22,9 @@ def congruence(
 ) -> None:
     """Add R'KR to `out`: entries that are copied, and products left K right.
 
-    Parameters
-    ----------
-    K : values of the upper triangle over points.
-    R : values of R.
-    place : position of each entry of K that is copied, -1 for the others.
-    entry, target, left, right : for every product R[left] K[entry] R[right], the positions in K, in
-        `out` and in R.
+    K are values of the upper triangle over points. `place` is the position of each entry that is
+    copied, -1 for the others; `entry`, `target`, `left` and `right` are, for every product R[left]
+    K[entry] R[right], the positions in K, in `out` and in R.
     """
     for e in range(len(place)):
         if place[e] >= 0:

@@ -328,12 +328,9 @@ def advance(
 def scatter(reflection, glottis, lips, inflow, out):
     """Kelly-Lochbaum: forward and backward waves of flow, delayed by one sample per section.
 
-    Parameters
-    ----------
-    reflection : (sections - 1,) (S_i - S_i+1)/(S_i + S_i+1), of waves of flow that travel forwards.
-    glottis, lips : reflection of waves of flow at the ends.
-    inflow : (n,) flow into the tube.
-    out : (n,) flow out of the lips, written.
+    `reflection` (sections - 1,) is (S_i - S_i+1)/(S_i + S_i+1), of waves of flow that travel forwards;
+    `glottis` and `lips` reflect them at the ends. `inflow` (n,) is the flow into the tube, `out` (n,)
+    that out of the lips, which is written.
     """
     m = reflection.size + 1
     ahead, back = np.zeros(m), np.zeros(m)

@@ -122,18 +122,8 @@ def shapes(areas: ArrayLike, length: ArrayLike, times: ArrayLike = 0.0) -> Shape
     Raises AcousticsError if a value is not finite or negative, a length is not between 1 cm and 1 m, an
     area exceeds 100 cm^2 (as areas in cm^2 would), or times do not ascend.
 
-    Parameters
-    ----------
-    areas : array_like, shape (sections,) or (frames, sections)
-        Areas from the glottis to the lips [m^2].
-    length : array_like, scalar or shape (frames,)
-        Length of the tube [m].
-    times : array_like, shape (frames,)
-        Instants of the frames [s], ascending.
-
-    Returns
-    -------
-    Shapes
+    `areas` (sections,) or (frames, sections) are those from the glottis to the lips [m^2], `length`
+    that of the tube, also (frames,) [m], and `times` (frames,) the instants [s].
     """
     S, t = (
         np.atleast_2d(np.asarray(areas, np.float64)),

@@ -24,15 +24,8 @@ class Projection:
     """Displacement -M^-1 G' (G M^-1 G')^-1 c along the derivative G of constraints.
 
     The matrix has one row per constraint and couples neighbours alone. It is solved by conjugate
-    gradients, preconditioned by its factor from an earlier step.
-
-    Parameters
-    ----------
-    mass : (n,) diagonal of the mass [kg, kg m^2].
-
-    Attributes
-    ----------
-    iterations, factorisations : of the latest projection.
+    gradients, preconditioned by its factor from an earlier step. `mass` (n,) is the diagonal [kg, kg
+    m^2]; `iterations` and `factorisations` are those of the latest projection.
     """
 
     def __init__(self, constraints: Constraints, mass: Array) -> None:

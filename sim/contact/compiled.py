@@ -26,20 +26,11 @@ COLUMNS = 11
 class CompiledContact:
     """Compiled contact, which exerts no force as a term; integrators enforce its rows.
 
-    Parameters
-    ----------
-    frictions : Coulomb's coefficient of each.
-    reach : of `ConstraintContact` [m].
-    removal_speed : speed at which initial penetrations are removed; 0 if they may remain [m/s].
-    edge_points : of `ConstraintContact`.
-
-    Attributes
-    ----------
-    names : names of the pairings.
-    rubs : True if any pairing has friction.
-    in_matrix : True if the sparsity pattern of the scene contains the entries of the rows.
-    pairing_of_slot : (n_slots,) pairing of each row of the memory.
-    vertex_of_slot : (n_slots,) node of each row of the memory, -1 for others.
+    `reach` [m] and `edge_points` are those of `ConstraintContact`; initial penetrations are removed at
+    `removal_speed` [m/s], or may remain if it is 0. `rubs` is True if any pairing has friction,
+    `in_matrix` if the sparsity pattern contains the entries of the rows. `pairing_of_slot` and
+    `vertex_of_slot` (n_slots,) are the pairing and node of each row of the memory, -1 for a vertex that
+    is no node.
     """
 
     def __init__(
@@ -133,13 +124,7 @@ class CompiledContact:
         return count, np.where(gap < np.inf, gap, np.nan), force
 
     def remembered(self, memory: Mapping[str, Array], q: Array, t: float) -> Array:
-        """Memory of a state, (n_slots, COLUMNS).
-
-        Parameters
-        ----------
-        memory : of the state.
-        q, t : its positions [m] and time [s]; without a memory, present penetrations may remain.
-        """
+        """Memory (n_slots, COLUMNS) of a state; without one, penetrations at q and t may remain."""
         if MEMORY in memory:
             return memory[MEMORY]
         new = np.zeros((self._n_slots, COLUMNS))

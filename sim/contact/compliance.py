@@ -47,11 +47,8 @@ def directions(pattern: SymmetricPattern, rows: Rows) -> csr_array:
 class Compliance:
     """Compliance C = E' H E of the unknowns of a surface, computed on demand.
 
-    Parameters
-    ----------
-    n : number of free unknowns.
-    solve_many : displacements H f (k, n) [m] of the current tissue by forces f (k, n) [N]; updated with
-        the tissue.
+    `solve_many` gives the displacements H f (k, n) [m] of the current tissue by forces f (k, n) [N]; it
+    is updated with the tissue.
     """
 
     def __init__(self, n: int, solve_many: Solve) -> None:
@@ -144,10 +141,7 @@ class Compliance:
 class RowCompliance:
     """Delassus matrix W = D C D' of the rows of a step [m/N], computed for active rows.
 
-    Parameters
-    ----------
-    D : (m, n) sparse
-        Directions of all rows.
+    D (m, n) has the directions of all rows.
     """
 
     def __init__(self, D: csr_array, compliance: Compliance) -> None:

@@ -49,15 +49,9 @@ def forces(S: Array, r: Array, blocks: Blocks, before: Array, error: float) -> t
     rounding, also where rows repeat each other. Forces of sweeps alone would leave a rate of `error` in
     every step, with which a stack turns over hundreds of steps.
 
-    Parameters
-    ----------
-    S : (m, m) symmetric positive semi-definite.
-    r : (m,) rates without forces.
-    before : (m,) initial forces.
-    error : tolerance of the rates.
+    S (m, m) is symmetric positive semi-definite, r (m,) are the rates without forces and `before` (m,)
+    the initial forces.
 
-    Notes
-    -----
     Source: Jean 1999, The non-smooth contact dynamics method, Comput. Methods Appl. Mech. Eng. 177,
     235-257. The fixed points of the sweeps obey Coulomb's law, not the associated one that a quadratic
     programme over the friction cones has.

@@ -50,12 +50,8 @@ def normal_stiffness(
     closest points are therefore combined first; the rotation of their normals, which only reduces
     the stiffness, is omitted.
 
-    Parameters
-    ----------
-    found : ipctk.NormalCollisions
-    mesh : ipctk.CollisionMesh
-    x : (k, 3) vertices [m].
-    distance, stiffness : of the barrier [m], [Pa].
+    `found` are ipctk.NormalCollisions of an ipctk.CollisionMesh with vertices x (k, 3) [m]; distance
+    [m] and stiffness [Pa] are those of the barrier.
     """
     kind, vertex, scale = _read(found, mesh, x)
     if len(kind) == 0:

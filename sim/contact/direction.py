@@ -135,12 +135,9 @@ class Direction:
     def near(self, move: Move, allowed: Array, way: Array | None) -> Rows:
         """Rows of the vertices near a face.
 
-        Parameters
-        ----------
-        allowed : (n_slots,) depth that vertices may have [m]. At the start, the entries of vertices that
-            have passed around a free edge are increased to their depth.
-        way : (n_slots,) or None
-            Upper bound of the displacement of each vertex in the step [m].
+        `allowed` (n_slots,) is the depth that vertices may have [m]; at the start, entries of vertices
+        that have passed around a free edge are increased to their depth. `way` (n_slots,) is an upper
+        bound of the displacement of each vertex in the step [m].
         """
         faces, blur = self.faces, BLUR * self._approach
         x0, x1 = move.ends(faces)

@@ -11,14 +11,7 @@ SHARP = 0.7  #: cosine of the angle of the faces of an edge, below which it is s
 
 
 def points_on_edges(faces: SignedFaces, X: Array, number: int) -> tuple[Index, Array]:
-    """Ends (n, 2) and fractions (n,) of equidistant points on the sharp convex edges at rest.
-
-    Parameters
-    ----------
-    faces : of a surface of the mesh.
-    X : (n_nodes, 3) rest positions [m].
-    number : points per edge.
-    """
+    """Ends (n, 2) and fractions (n,) of a number of points on each sharp convex edge at rest."""
     triangles, across = faces.triangles, faces.across.ravel()
     ends, normal = sides_of(triangles), faces.normals(X)[0]
     beyond = np.roll(triangles, 1, axis=1).ravel()

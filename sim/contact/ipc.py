@@ -67,15 +67,9 @@ class Hessian:
 class CollisionPair:
     """The two surfaces of a pairing (or one) as one collision mesh.
 
-    Parameters
-    ----------
-    shells : replacements of the surfaces of the pairing, in the same order.
-    X : (n_nodes, 3) rest positions of the scene's mesh [m].
-
-    Attributes
-    ----------
-    node : (k,) node of every vertex, -1 for vertices of a shell, which come last.
-    n_soft : number of vertices that are nodes.
+    `shells` replace the surfaces of the pairing, in the same order; X (n_nodes, 3) are the rest
+    positions of the mesh [m]. `node` (k,) is the node of every vertex, -1 for those of a shell, which
+    come after the `n_soft` others.
     """
 
     def __init__(

@@ -13,11 +13,8 @@ class VertexPlaces:
     """Assembler of stiffness over vertices into the values of a pattern.
 
     A coupling of two nodes that the pattern does not contain is replaced by an upper bound on the
-    diagonal blocks, which slows down the iteration without affecting its result.
-
-    Attributes
-    ----------
-    free : (3 n_nodes,) True for free unknowns.
+    diagonal blocks, which slows down the iteration without affecting its result. `free` (3 n_nodes,) is
+    True for free unknowns.
     """
 
     def __init__(self, pattern: SymmetricPattern) -> None:

@@ -14,20 +14,12 @@ SOFTENED = 1e-6  #: smallest eigenvalue relative to the largest one
 def pushes(G: Array, c: Array, pushing: Flags) -> Array:
     """Forces f (m,) with f >= 0, G f + c >= 0 and f . (G f + c) = 0.
 
-    Parameters
-    ----------
-    G : (m, m) symmetric [m/N]
-        Regularised until it is positive definite.
-    c : (m,) gaps without the forces [m].
-    pushing : (m,)
-        Initial active set.
+    G (m, m) is symmetric [m/N], and regularised until it is positive definite; c (m,) are the gaps
+    without the forces [m]; `pushing` is the initial active set.
 
-    Notes
-    -----
     Source: Hintermueller, Ito and Kunisch 2002, The primal-dual active set strategy as a semismooth
-    Newton method, SIAM J. Optim. 13, 865-888. It may cycle for a general G; then the least squares
-    |L' f + L^-1 c| with f >= 0 and G = L L' are solved by Lawson and Hanson 1974, which always
-    ends.
+    Newton method, SIAM J. Optim. 13, 865-888. It may cycle for a general G; then the least squares |L'
+    f + L^-1 c| with f >= 0 and G = L L' are solved by Lawson and Hanson 1974, which always ends.
     """
     try:
         return _pushes(G, c, pushing)

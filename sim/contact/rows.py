@@ -108,10 +108,7 @@ def no_rows() -> Rows:
 class RowPlaces:
     """Positions of the blocks of rows in the values of a pattern.
 
-    Parameters
-    ----------
-    names : names of the pairings, for the message.
-    reach : declared reach, for the message [m].
+    Names of the pairings and the declared reach [m] are for the message.
     """
 
     def __init__(

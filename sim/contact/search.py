@@ -65,17 +65,9 @@ class Candidates:
     skin. The faces found among them are those found among all, so that the skin affects the run
     time alone.
 
-    Parameters
-    ----------
-    triangles : (m, 3) int
-    nodes : (n,) int
-        Vertex that every point is, -1 for none; faces that contain it are omitted.
-    skin : distance by which points and faces may approach each other before a new search [m].
-    every : list all faces within a radius, not only up to the closest one.
-
-    Attributes
-    ----------
-    searches : number of searches.
+    `nodes` (n,) is the vertex that every point is, -1 for none; faces that contain it are omitted.
+    `skin` is a distance [m]. With `every` all faces within a radius are listed, otherwise those up to
+    the closest one. `searches` counts the searches.
     """
 
     def __init__(
@@ -92,11 +84,8 @@ class Candidates:
     ) -> Lists:
         """Faces within a radius of points anywhere on their paths.
 
-        Parameters
-        ----------
-        before, after : (n, 3) points at both ends [m].
-        x0, x1 : (k, 3) vertices of the faces at both ends [m].
-        radius : (n,) or float [m]; may be infinite.
+        Points (n, 3) and vertices of the faces (k, 3) are given at both ends [m]; the radius may be
+        infinite.
         """
         every = np.array(np.broadcast_to(radius, len(after)), dtype=np.float64)
         ends = before, after, x0, x1
@@ -125,15 +114,8 @@ def closest_faces(
 ) -> Found:
     """Closest faces of every point within a radius: all equally close ones, with their distances.
 
-    Parameters
-    ----------
-    points : (n, 3) [m]
-    radius : (n,) or float
-        Largest distance [m]; may be infinite.
-    x : (m, 3) positions of the vertices of the triangles [m].
-    triangles : (k, 3) int
-    near : of the points.
-    away : outward normals of the points; faces with normals not opposite to them are omitted.
+    The radius may be infinite [m]. Faces with normals that are not opposite to the outward normals
+    `away` of the points are omitted.
     """
     points = np.ascontiguousarray(points)
     start, faces = near.along(points, points, x, x, radius)
@@ -183,13 +165,6 @@ def entered_faces(
 
     Several of a point are entered at the same time. It is a root of the volume of point and triangle, a
     cubic over the step.
-
-    Parameters
-    ----------
-    before, after : (n, 3) points at both ends of the step [m].
-    x_before, x_after : (m, 3) positions of the vertices of the triangles [m].
-    triangles : (k, 3) int
-    near : of the points.
     """
     before, after = np.ascontiguousarray(before), np.ascontiguousarray(after)
     start, faces = near.along(before, after, x_before, x_after)

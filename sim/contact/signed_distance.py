@@ -22,13 +22,9 @@ Result = TypeVar("Result")
 class Recent(Generic[Result]):
     """Function of positions with a cache of its latest results.
 
-    A step evaluates the same positions several times, alternately at its start and its end; those
-    of a shell at rest are always the same.
-
-    Parameters
-    ----------
-    make : result for one or several arrays of positions.
-    size : number of cached results.
+    A step evaluates the same positions several times, alternately at its start and its end; those of a
+    shell at rest are always the same. `make` computes the result for one or several arrays; `size`
+    results are kept.
     """
 
     def __init__(self, make: Callable[..., Result], size: int = 2) -> None:
@@ -66,16 +62,10 @@ class Met:
 class SignedFaces:
     """Faces of a surface: closest faces, entered faces and signed distances.
 
-    Attributes
-    ----------
-    across : (m, 3) faces beyond the edges of each, -1 at a free one.
-
-    Notes
-    -----
-    The sign follows from the normal of the nearest face, or from the sum of the normals of the
-    nearest edge, or from the angle-weighted normals of the nearest vertex (Baerentzen and Aanaes
-    2005, Signed distance computation using the angle weighted pseudonormal). At a free edge of an
-    open surface there is no sign.
+    The sign follows from the normal of the nearest face, or from the sum of the normals of the nearest
+    edge, or from the angle-weighted normals of the nearest vertex (Baerentzen and Aanaes 2005, Signed
+    distance computation using the angle weighted pseudonormal). At a free edge of an open surface there
+    is no sign. `across` (m, 3) are the faces beyond the edges of each, -1 at a free one.
     """
 
     def __init__(self, surface: Surface) -> None:
@@ -208,11 +198,7 @@ class SignedFaces:
     def signed(self, points: Array, found: Found, x: Array) -> tuple[Array, Array]:
         """Signed distances (k,), negative inside and NaN at a free edge [m], and their gradients (k, 3).
 
-        Parameters
-        ----------
-        points : (n, 3) [m]
-        found : of `closest_faces`.
-        x : (m, 3) positions of the vertices of the triangles [m].
+        Points (n, 3) and vertices x (m, 3) are in [m]; `found` is of `closest_faces`.
         """
         by_face, by_corner, flat = self._normals(x)
         k = len(found.point)

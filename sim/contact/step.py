@@ -38,11 +38,8 @@ SHARING, SHARED = 40, 1e-12
 class ContactStep:
     """Contact of a scene from a state to a time.
 
-    Parameters
-    ----------
-    state : start of the step.
-    t1 : end of the step [s].
-    equilibrium : quasi-static step, in which normals are not filtered.
+    The time t1 is the end of the step [s]. In a quasi-static step (`equilibrium`) normals are not
+    filtered.
     """
 
     def __init__(
@@ -145,11 +142,8 @@ class ContactStep:
     def moved_out(self, q: Array, near: Rows, opened: Opened, noticed: float = np.inf) -> Array:
         """Positions with penetrations removed along the compliance of the tissue.
 
-        Parameters
-        ----------
-        q : (n_nodes, 3) positions at the end of the step [m].
-        near : those at q.
-        noticed : smallest penetration that is removed [m], at most that of the tolerances.
+        `near` are the rows at the positions q (n_nodes, 3) at the end of the step; `noticed` is the
+        smallest penetration that is removed [m], at most that of the tolerances.
         """
         noticed = min(noticed, self.tolerances.noticed)
         for _ in range(CORRECTIONS):
@@ -269,11 +263,8 @@ def pressed(
 ) -> Array:
     """Nodal forces (n_nodes, 3) that open rows approximately by distances (k,) [m].
 
-    Parameters
-    ----------
-    pushing : slots of active rows.
-    diagonal : (n_free,) of the stiffness [N/m].
-    penalty : factor on the stiffness of active rows in the matrix.
+    `pushing` are slots of active rows, for which the matrix with the diagonal (n_free,) [N/m] contains
+    `penalty` times the stiffness.
     """
     factor = np.where(np.isin(rows.slot, pushing), penalty, 1.0)
     rho = factor * penalties(pattern, diagonal, rows, 1.0)

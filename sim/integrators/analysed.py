@@ -18,15 +18,9 @@ MOST = 1000
 class AnalysedSolver:
     """Linear solver, and the form of the system for which it is analysed.
 
-    Parameters
-    ----------
-    name : of the linear solver, or "auto".
-
-    Attributes
-    ----------
-    system : the whole system.
-    pattern, form_pattern : of the system, and of the form that the solver requires.
-    analysed : sparsity for which the solver is analysed.
+    The name is that of the linear solver, or "auto". `system` is the whole one with its `pattern`,
+    `form_pattern` is of the form that the solver requires, and `analysed` the sparsity for which it is
+    analysed.
     """
 
     linear: Factor | ReusedFactor  #: solver for the matrix of a step

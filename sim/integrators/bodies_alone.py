@@ -40,13 +40,8 @@ class BodiesAlone:
     ) -> "Passed":
         """Advance by linearly implicit steps up to the first that requires the general path.
 
-        Parameters
-        ----------
-        state : State
-        control : ControlAt
-        ends : times at which steps end [s], of which at most `AT_ONCE` are used.
-        theta : float
-            Implicit part of a step; 1 is Euler's method, 1/2 the trapezoidal rule.
+        `ends` are the times at which steps end [s], of which at most `AT_ONCE` are used; `theta` is the
+        implicit part of a step, 1 for Euler's method and 1/2 for the trapezoidal rule.
         """
         time = [state.t]
         for end in ends[:AT_ONCE]:
@@ -137,14 +132,9 @@ class BodiesAlone:
 class Passed:
     """States passed by fused steps.
 
-    Attributes
-    ----------
-    bodies : BodiesAlone
-    time, frames, twists, whole : of the start and of the end of every step.
-    h, reaction, indefinite : length, forces of rows and definiteness of the matrix of every step.
-    done : int
-        Number of steps that were possible.
-    jump : of every step possible, as of `sim.state.StepReport`.
+    `time`, `frames`, `twists` and `whole` are of the start and of the end of every step; `h`,
+    `reaction` and `indefinite` are the length, the forces of rows and the definiteness of the matrix of
+    each. `done` steps were possible, with `jump` as of `sim.state.StepReport`.
     """
 
     bodies: BodiesAlone

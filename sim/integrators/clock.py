@@ -10,10 +10,6 @@ class PhaseClock:
 
     A workspace and its solver share it. If the solver referred to its workspace instead, this cycle
     would keep the hundreds of megabytes of a scene until the next garbage collection.
-
-    Attributes
-    ----------
-    seconds, calls : by the name of the phase.
     """
 
     def __init__(self) -> None:

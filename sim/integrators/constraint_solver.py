@@ -21,14 +21,8 @@ from sim.system import System
 class ConstraintSolver:
     """Saddle systems A x + G' y = r, G x = gamma, and projection of positions.
 
-    Parameters
-    ----------
-    linear : solver of steps; factors of saddle systems are reused if it reuses its own.
-
-    Attributes
-    ----------
-    multipliers : (m,) or None
-        Of the latest constrained step, the initial values of the next one.
+    Factors of saddle systems are reused if the solver of steps reuses its own. `multipliers` (m,) of
+    the latest constrained step are the initial values of the next one.
     """
 
     def __init__(self, system: System, linear: Factor | ReusedFactor, clock: PhaseClock) -> None:

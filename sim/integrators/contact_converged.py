@@ -80,13 +80,9 @@ class Settled:
         return self.touching.held(rhs, self.work)
 
     def kick(self, old: Index) -> Array:
-        """Displacement (n,) due to the present forces on vertices that are newly in contact.
+        """Displacement (n,) due to the present forces on vertices whose slots are not in `old`.
 
         They include friction, which an impact changes as suddenly.
-
-        Parameters
-        ----------
-        old : slots that were active at the start.
         """
         multipliers = self.touching.multipliers
         new = (multipliers.normal > 0.0) & ~np.isin(multipliers.rows.slot, old)

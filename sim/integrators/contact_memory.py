@@ -14,11 +14,8 @@ from sim.state import Array
 class ContactMemory:
     """Memory of converged steps with contact, for n unknowns.
 
-    Attributes
-    ----------
-    stiffness : (Key, (n,)) or None
-        Integrator and step, and the diagonal of their stiffness, to which penalties are
-        proportional [N/m].
+    `stiffness` is the diagonal (n,) of the stiffness of an integrator and step, to which penalties are
+    proportional [N/m].
     """
 
     def __init__(self, newton: NewtonFactor, n: int) -> None:

@@ -76,14 +76,7 @@ class StageInContact:
 
 
 class StageWithRows:
-    """Iteration of one stage.
-
-    Parameters
-    ----------
-    phi : potential of the stage.
-    key : integrator and step of the factor.
-    until : end of the stage [s].
-    """
+    """Iteration of one stage that ends at a time [s], with the integrator and step of its factor."""
 
     def __init__(
         self,

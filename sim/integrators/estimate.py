@@ -29,22 +29,11 @@ def relaxed(
     is (1 - s J)^-1 (e_q, e_v) with J the Jacobian of the motion: it replaces v0 by the velocity
     that corresponds to the forces at the start, and does not change the slow part of the error.
 
-    Parameters
-    ----------
-    position : (n,) estimate of the coordinates e_q [m].
-    momentum : (n,) mass times the estimate of the velocities, M e_v [N s].
-    D : damping of the step [N s/m].
-    s : implicit part of the step [s].
-    solve : exact or approximate solution with A.
-    pose : of the estimate.
+    The arguments are e_q as `position` (n,) [m], M e_v as `momentum` (n,) [N s], the implicit part s of
+    the step [s] and an exact or approximate solution with A; the result is of the points (n_points, 3)
+    [m].
 
-    Returns
-    -------
-    (n_points, 3) estimate of the positions [m].
-
-    Notes
-    -----
-    The filter of Hosea and Shampine 1996, Analysis and implementation of TR-BDF2, Appl. Numer.
+    The filter is that of Hosea and Shampine 1996, Analysis and implementation of TR-BDF2, Appl. Numer.
     Math. 20, section 4, for second-order equations.
     """
     e, kinematics = position, system.kinematics

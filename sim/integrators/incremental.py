@@ -18,16 +18,9 @@ from sim.vectors import dot
 class PotentialOfMoves(BySecants):
     """A potential of motions d (n,) of the coordinates from a base, under one control.
 
-    Parameters
-    ----------
-    base : origin of the motions.
-    work : of the run times.
-
-    Attributes
-    ----------
-    duration : time in which motions take place; infinite for an equilibrium [s].
-    sigma : stiffness that the factor has in addition, on velocities that joints act on.
-    reaction, held : of a minimum under joints, as of `sim.integrators.joined`.
+    `duration` is the time in which motions take place, infinite for an equilibrium [s]; `sigma` the
+    stiffness that the factor has in addition on velocities on which joints act; `reaction` and `held`
+    are of a minimum under joints, as of `sim.integrators.joined`.
     """
 
     def __init__(self, system: System, base: Pose, control: Control, work: Workspace) -> None:

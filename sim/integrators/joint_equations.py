@@ -116,10 +116,7 @@ class Reduced:
     def step(self, now: Conditions, g: Array, before: Array) -> tuple[Array, Array]:
         """Motion (n,) and forces of rows (m,) of one iteration.
 
-        Parameters
-        ----------
-        g : (n,) gradient less the forces of rows.
-        before : (m,) those forces.
+        The gradient g (n,) is less the forces `before` (m,) of the rows.
         """
         free, rows = (
             self.work.newton.secants.direction(g, lambda r: self.work.newton.solve(self.scale * r)),

@@ -65,10 +65,8 @@ class LinearRows:
     equation is solved for again until the forces no longer change, from those of the last step. Rigid
     rows of joints then precondition these solutions (`sim.linear.equations`), which satisfy them.
 
-    Parameters
-    ----------
-    equation : of the velocities without rows.
-    h, error : length of the step [s] and largest error of an iterative solution [m].
+    The equation is that without rows; `h` is the length of the step [s] and `error` the largest error
+    of an iterative solution [m].
     """
 
     def __init__(

@@ -190,12 +190,8 @@ def minimise(
     Raises NotConverged if the tolerances were not met, no step length lowers the potential, or its
     matrix cannot be shifted to be definite; SingularSystem if the matrix could not be factorised.
 
-    Parameters
-    ----------
-    point : start, with det F > 0.
-    work : contains the factor; one with the same key is reused.
-    key : integrator and step of the factor.
-    until : end of the step, for messages [s].
+    The start has det F > 0. A factor with the same key, of integrator and step, is reused; `until` is
+    the end of the step [s] for messages.
     """
     factorisations = shifts = age = 0
 

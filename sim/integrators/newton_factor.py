@@ -24,13 +24,9 @@ Key = tuple[str, float]  #: integrator, and implicit part of its step [s]
 class NewtonFactor:
     """Factor that serves the iterations of many steps.
 
-    Attributes
-    ----------
-    key : integrator and step of the latest factor; None if it is of another matrix.
-    number : counter of factors.
-    secants, inverse_secants
-        Updates of the factor.
-    on_rows : number of a factor, and its solutions for the velocities on which joints act.
+    `key` is None if the latest factor is of another matrix; `number` counts factors; `secants` and
+    `inverse_secants` are updates of the factor; `on_rows` is the number of a factor and its solutions
+    for the velocities on which joints act.
     """
 
     def __init__(self, solver: AnalysedSolver, clock: PhaseClock) -> None:

@@ -129,14 +129,7 @@ class RowsAt:
 
 
 class RowsOfStep:
-    """Rows of one step.
-
-    Parameters
-    ----------
-    step : None for a scene without contact.
-    solve, delassus : with the matrix of the step.
-    scale : square of its implicit part [s^2].
-    """
+    """Rows of one step; `scale` is the square of its implicit part [s^2]."""
 
     def __init__(
         self,

@@ -119,10 +119,8 @@ def _stopped(
     A vertex that has reached a face within the stage still has its velocity towards the face, which an
     inelastic impact removes.
 
-    Parameters
-    ----------
-    ahead, moved : pose to which the velocities lead, and the same without penetration.
-    after : time until that pose [s].
+    `ahead` and `moved` are the pose to which the velocities lead after a time [s], and the same without
+    penetration.
     """
     if moved is ahead:
         return w, ahead

@@ -20,17 +20,10 @@ from sim.system import System
 class StepInverse:
     """Inverse of the matrix A of a step: dense in small scenes, by the solver of steps in others.
 
-    Parameters
-    ----------
-    equation : of the velocities without rows.
-    h, error : length of the step [s] and largest error of a velocity [m/s].
-    start : pose of the step.
-
-    Attributes
-    ----------
-    inverse : (n, n) in small scenes, otherwise None.
-    found : solution of the first right-hand side, with the counts of all.
-    guess : (n,) velocities without rows in small scenes, extrapolated ones in others.
+    The equation is that of the velocities without rows; `h` is the length of the step [s] and `error`
+    the largest error of a velocity [m/s]. `inverse` (n, n) is None in large scenes, `found` the
+    solution of the first right-hand side with the counts of all, and `guess` (n,) the velocities
+    without rows in small scenes, extrapolated ones in others.
     """
 
     def __init__(

@@ -65,13 +65,8 @@ class StepSolver:
         Raises NotReached if the iteration failed; A is of a form with products; SingularSystem if the
         matrix is singular or holds NaN.
 
-        Parameters
-        ----------
-        A : of the system, or of its `form`.
-        rhs : (n_free,)
-        start : (n_free,) initial value of an iterative solver.
-        error : largest remaining error of an iterative solver, in the units of the solution.
-        under : equations of the solution.
+        A is of the system or of its `form`; an iteration begins with `start` and leaves `error` at
+        most, in the units of the solution.
         """
         linear = self._solver.linear
         if not isinstance(linear, ReusedFactor) or A.pattern is not self._solver.form_pattern:

@@ -52,12 +52,7 @@ class InContact(Point):
 
 
 class Touching:
-    """Potential with the augmentation of rows for their present multipliers.
-
-    Parameters
-    ----------
-    q0 : (n_nodes, 3) positions at the start of the step [m].
-    """
+    """Potential with the augmentation of rows for their multipliers, from q0 (n_nodes, 3) [m]."""
 
     penalty: float
 
@@ -154,10 +149,7 @@ class TouchingInMatrix(BySecants, Touching):
     ) -> Array:
         """Displacements (n_nodes, 3) that open rows approximately by distances (k,) [m].
 
-        Parameters
-        ----------
-        pushing : slots of active rows.
-        diagonal : (n_free,) of the stiffness [N/m].
+        `pushing` are slots of active rows, and `diagonal` (n_free,) is that of the stiffness [N/m].
         """
         push = pressed(rows, wanted, pushing, self.system.point_pattern, diagonal, self.penalty)
         return self.opening(self.answer(self.scale * self.generalised(push), work))
@@ -212,9 +204,7 @@ class TouchingApart(Touching):
     ) -> tuple[Array, Array, Array]:
         """Forces (m,) of the model, and displacements (n,) by their change: by the factor, and in total.
 
-        Parameters
-        ----------
-        gap : (m,) after the displacement without a change of the forces [m].
+        Gaps (m,) are those after the displacement without a change of the forces [m].
         """
         forces, soft = self.multipliers.normal, 1.0 / self.multipliers.rho
         secants, D = work.newton.inverse_secants, self._directions

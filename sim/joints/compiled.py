@@ -35,18 +35,10 @@ class Rows:
     Raises SceneError if a body does not exist, a row depends on fixed bodies only, or a rigid row
     depends linearly on others.
 
-    Parameters
-    ----------
-    bodies : numbers of bodies by name.
-
-    Attributes
-    ----------
-    names : of the rows.
-    joints : names of the joints of the rows, in the order of the scene.
-    columns : (k,) velocities on which any row depends.
-    unilateral : (m,) True if a row is an inequality.
-    rigid : (m,) True if it is an equation without compliance.
-    compliance, damping_time : (m,)
+    `bodies` are numbers of bodies by name. Each row has a name, a compliance, a damping time, and is
+    `unilateral` if it is an inequality or `rigid` if it is an equation without compliance; `joints` are
+    the names of their joints in the order of the scene, and `columns` (k,) the velocities on which any
+    row depends.
     """
 
     def __init__(
@@ -131,12 +123,8 @@ class Rows:
     def reactions(self, frames: Array, q: Array, f: Array) -> tuple[Array, Array]:
         """Force [N] and moment [N m] (n, n_joints, 3) of each joint on body b, or its point, at n poses.
 
-        The moment is about the place of the joint on b; the opposite force acts on body a.
-
-        Parameters
-        ----------
-        frames, q : of the poses, along the first axis.
-        f : (n, m) forces or moments of the rows [N or N m].
+        The moment is about the place of the joint on b; the opposite force acts on body a. Poses are
+        along the first axis, with forces or moments of the rows f (n, m) [N or N m].
         """
         table = self.table
         _, JA, JB, JP = self._derivatives(frames, q)

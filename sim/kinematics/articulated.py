@@ -33,18 +33,10 @@ KEPT = 4  #: number of poses whose R is kept
 class Articulated(Kinematics):
     """Maps of a scene with bodies or attachments.
 
-    Parameters
-    ----------
-    points : sparsity of the tangents of terms, over the components that move.
-    node_mass : (n_points,) [kg], with the mass of every body at its centre.
-    motions : prescribed motion of each body.
-
-    Attributes
-    ----------
-    pattern, mass : as of `Kinematics`.
-    free_bodies : bodies without prescribed motion.
-    first : column of the first body among the velocities.
-    chains, paths : attachments, and prescribed motions.
+    `points` is the sparsity of the tangents of terms over the components that move, and `node_mass`
+    (n_points,) includes the mass of every body at its centre [kg]. `free_bodies` are those without
+    prescribed motion, `first` is the column of the first body among the velocities, and `chains` and
+    `paths` are attachments and prescribed motions.
     """
 
     matrix_varies = True

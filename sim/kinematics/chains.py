@@ -42,12 +42,8 @@ def resolve(
 ) -> Chains:
     """Resolve chains such as a node in an element whose nodes are on a body.
 
-    Raises SceneError if a node has two members, or depends on itself through others.
-
-    Parameters
-    ----------
-    mesh : with all points.
-    still : (n_bodies,) True for fixed bodies.
+    Raises SceneError if a node has two members, or depends on itself through others. The mesh has all
+    points; `still` (n_bodies,) is True for fixed bodies.
     """
     owner: dict[int, tuple[Attachment, int]] = {}
     held = np.zeros((mesh.n_nodes, 3), dtype=bool)

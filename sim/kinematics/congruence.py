@@ -65,14 +65,10 @@ class Congruence:
 
 
 def lay_out(points: SymmetricPattern, R: csr_array, constant: Index, more: Index) -> Congruence:
-    """Lay out R'KR.
+    """Lay out R'KR, with K on the pattern of `points` and the columns of R ascending in every row.
 
-    Parameters
-    ----------
-    points : of K.
-    R : (points.n, n) sparse, with columns ascending in every row.
-    constant : (points.n,) column of rows that are constant unit vectors, -1 for the others.
-    more : keys ``row * n + column``, row <= column, of additional entries.
+    `constant` (points.n,) is the column of rows that are constant unit vectors, -1 for the others;
+    `more` are keys ``row * n + column``, row <= column, of additional entries.
     """
     n = R.shape[1]
     i = np.repeat(np.arange(points.n), np.diff(points.indptr))

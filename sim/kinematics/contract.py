@@ -21,16 +21,10 @@ class Kinematics:
     Without bodies and attachments R selects the free components; `Articulated` defines the maps of other
     scenes.
 
-    Attributes
-    ----------
-    matrix_varies : True if R depends on the pose.
-
-    Notes
-    -----
-    The momentum is linear in the inertial velocities u for any pose: u contains the velocities of
-    all points and the angular momenta of all bodies. The discrete equation of motion is written in
+    The momentum is linear in the inertial velocities u for any pose: u contains the velocities of all
+    points and the angular momenta of all bodies. The discrete equation of motion is written in
     differences of u, so that inertial forces of a rotating R need no separate term and momentum is
-    conserved.
+    conserved. `matrix_varies` is True if R depends on the pose.
     """
 
     pattern: Sparsity  #: sparsity of generalised matrices over w

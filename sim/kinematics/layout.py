@@ -24,11 +24,8 @@ def lay_out_kinematics(
     Raises SceneError if two bodies have the same name, a body has two motions, nothing is free, a free
     node has no mass, or attachments are contradictory.
 
-    Parameters
-    ----------
-    mesh : with all points, last the centres of the bodies.
-    node_mass : (n_points,) [kg], with the mass of every body at its centre.
-    keys : node pairs coupled by terms.
+    The mesh has all points, last the centres of the bodies with their mass in `node_mass` (n_points,)
+    [kg]; `keys` are node pairs coupled by terms.
     """
     number = {body.name: b for b, body in enumerate(bodies)}
     if len(number) < len(bodies):

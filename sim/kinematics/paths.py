@@ -24,13 +24,7 @@ class Path:
 
 
 class Paths:
-    """All prescribed motions.
-
-    Attributes
-    ----------
-    moved : (n_bodies,) of bool, bodies with a prescribed motion.
-    led : (k,) indices of those with a motion that is not constant.
-    """
+    """All prescribed motions: of bodies `moved` (n_bodies,), of which `led` (k,) are not at rest."""
 
     def __init__(
         self,

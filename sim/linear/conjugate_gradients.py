@@ -16,15 +16,9 @@ def conjugate_gradients(
     gradient. The preconditioner P must be symmetric positive definite; the iteration ends at a
     direction of negative curvature of A.
 
-    Parameters
-    ----------
-    product, precondition : x -> A x and r -> P^-1 r.
-    rhs : (n,)
-    share : the iteration ends if the largest component of x changes by no more than this fraction.
-    limit : largest number of solutions with P.
+    `product` and `precondition` are x -> A x and r -> P^-1 r. The iteration ends if the largest
+    component of x changes by no more than a `share`, or after `limit` solutions with P.
 
-    Notes
-    -----
     Source: Steihaug 1983, SIAM J. Numer. Anal. 20, p. 626.
     """
     x, r = np.zeros(len(rhs)), rhs

@@ -33,22 +33,12 @@ def gmres(
     It minimises |P^-1 (b - A x)|: with P similar to A the error of x itself, in the units of x.
     Neither A nor P need be definite.
 
-    Parameters
-    ----------
-    product, precondition : x -> A x and r -> P^-1 r.
-    rhs, start : (n,) b, and initial value of x.
-    error : largest remaining component of P^-1 (b - A x).
-    limit : largest number of solutions with P.
+    `product` and `precondition` are x -> A x and r -> P^-1 r; `error` is the largest remaining
+    component of P^-1 (b - A x), and `limit` the largest number of solutions with P.
 
-    Returns
-    -------
-    Iterate
-
-    Notes
-    -----
-    Saad and Schultz 1986, SIAM J. Sci. Stat. Comput. 7, p. 856; Gram and Schmidt's
-    orthogonalisation is done twice (Giraud et al. 2005). Restarts with the true residual after each
-    reduction by 1e4.
+    Source: Saad and Schultz 1986, SIAM J. Sci. Stat. Comput. 7, p. 856; Gram and Schmidt's
+    orthogonalisation is done twice (Giraud et al. 2005). The iteration restarts with the true residual
+    after each reduction by 1e4.
     """
     x, spent, smallest = start, 0, math.inf
     for _ in range(MAX_CYCLES):

@@ -167,10 +167,7 @@ class _Handle:
 class Pardiso:
     """PARDISO for symmetric positive definite matrices; one symbolic analysis per pattern.
 
-    Parameters
-    ----------
-    precision : numpy.float64, or numpy.float32 for a factor of half the size whose solutions have six
-        digits.
+    A factor in numpy.float32 has half the size, and its solutions six digits.
     """
 
     name = "pardiso"

@@ -52,17 +52,10 @@ class ReusedFactor:
     definite, remaining errors grow from step to step, and the iteration continues to `SENSITIVE` of
     the requested error.
 
-    Parameters
-    ----------
-    factor : computes the factors.
-    indefinite : function that returns a solver for indefinite matrices.
-    whole : function that returns a direct solver for failed iterations.
-
-    Attributes
-    ----------
-    iterations, factorisations : of the latest solution.
-    definite : True if the matrix was positive definite, according to its factor and the iteration.
-    timed : context manager that times the phases "factorisation" and "solution".
+    `indefinite` returns a solver for indefinite matrices, and `whole` a direct one for failed
+    iterations. `iterations` and `factorisations` are of the latest solution; `definite` is True if the
+    matrix was positive definite, according to its factor and the iteration; `timed` times the phases
+    "factorisation" and "solution".
     """
 
     def __init__(
@@ -131,11 +124,8 @@ class ReusedFactor:
 
         Raises SingularSystem if the matrix contains NaN or infinity.
 
-        Parameters
-        ----------
-        values : (nnz,) of the pattern.
-        product : x -> A x, if the matrix has further terms.
-        to_factorise : function that returns the values to factorise, similar to the matrix.
+        Values (nnz,) are of the pattern; `product` x -> A x is given if the matrix has further terms,
+        and `to_factorise` then returns similar values to factorise.
         """
         require_finite_matrix(values)
         self._values, self._product, self._to_factorise = values, product, to_factorise
@@ -152,13 +142,9 @@ class ReusedFactor:
         Raises NotReached if the iteration failed, and the matrix is not fully assembled; SingularSystem
         if the matrix is singular.
 
-        Parameters
-        ----------
-        rhs : (n,)
-        start : (n,) initial value, zero by default.
-        error : largest estimated error of a component of the solution; by default 1e-12 of the largest
-            component.
-        under : equations that the solution satisfies by additional forces G'mu.
+        The iteration begins with `start` (n,), by default zero, and ends at an estimated error of the
+        largest component, by default 1e-12 of it. The solution satisfies the equations `under` by
+        additional forces G'mu.
         """
         self.iterations = self.factorisations = 0
         x = np.zeros(len(rhs)) if start is None else start

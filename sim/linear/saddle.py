@@ -29,9 +29,7 @@ PENALTY = 1e3
 class QuasiDefinite:
     """Direct solver of the saddle matrix, by a factor with a small compliance and refinement.
 
-    Parameters
-    ----------
-    weight : entries of G relative to those of A.
+    `weight` are entries of G relative to those of A.
     """
 
     solutions_per_factorisation: ClassVar[int] = 8
@@ -102,12 +100,8 @@ class Penalised:
 
     From G x - c y = s follows y = (G x - s)/c, hence (A + G'G/c) x = r + G's/c. With c small it is a
     preconditioner of the saddle matrix whose eigenvalues are 1, and s/(s + c) with those of G A^-1 G'
-    (Benzi, Golub and Liesen 2005, Numerical solution of saddle point problems, section 8).
-
-    Parameters
-    ----------
-    pattern : of A; it contains all pairs of unknowns of a constraint.
-    factor : for positive definite matrices.
+    (Benzi, Golub and Liesen 2005, Numerical solution of saddle point problems, section 8). The pattern
+    of A contains all pairs of unknowns of a constraint.
     """
 
     solutions_per_factorisation: ClassVar[int] = 8
@@ -168,17 +162,8 @@ class Penalised:
 class Saddle:
     """Solver of saddle systems of one sparsity; the rows of G are scaled relative to A.
 
-    Parameters
-    ----------
-    pattern : of A.
-    constraints : their sparsity is analysed once.
-    factor : for the matrices of an iteration that reuses factors; None to factorise every saddle
-        matrix.
-    timed : as of `ReusedFactor`.
-
-    Attributes
-    ----------
-    iterations, factorisations : of the latest solution.
+    The pattern is that of A. Without a `factor`, for an iteration that reuses factors, every saddle
+    matrix is factorised. `iterations` and `factorisations` are of the latest solution.
     """
 
     def __init__(
@@ -256,11 +241,8 @@ class Saddle:
         Raises SingularSystem if the solution is not finite, or does not satisfy the equations, because
         the constraints are contradictory or redundant.
 
-        Parameters
-        ----------
-        r, gamma : right-hand sides.
-        start : (n_free,) where an iteration begins, with the latest multipliers; zero by default.
-        error : largest error that an iteration leaves in x; by default 1e-12 of the solution.
+        An iteration begins with `start` (n_free,), by default zero, and the latest multipliers, and
+        leaves `error` at most in x, by default 1e-12 of the solution.
         """
         assert self._scale is not None  # a matrix has been set
         rhs, solver = np.concatenate([r, self._scale * gamma]), self._solver

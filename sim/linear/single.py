@@ -22,11 +22,9 @@ class SinglePardiso:
     to the accuracy of a factor in double precision; `approximate` does not refine. After a matrix
     that is too ill-conditioned for single precision, factors are computed in double precision.
 
-    Notes
-    -----
     Source: Wilkinson's iterative refinement in mixed precision, Buttari et al. 2008, Using mixed
-    precision for sparse matrix computations, ACM Trans. Math. Softw. 34(4), Algorithm 1; it
-    converges while the condition number is well below 1e7.
+    precision for sparse matrix computations, ACM Trans. Math. Softw. 34(4), Algorithm 1; it converges
+    while the condition number is well below 1e7.
     """
 
     name = "pardiso_single"

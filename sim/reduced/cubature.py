@@ -126,23 +126,9 @@ def sparse_weights(
 
     The active-set method of Lawson and Hanson, which ends before its optimum. The next column is that
     which alone reduces the squared residual most in relation to its cost, 1 and `NODE` for each of its
-    nodes that no other chosen column has.
-
-    Parameters
-    ----------
-    A, b : (m, n) and (m,).
-    tolerance : float
-    most : int
-        Largest number of entries.
-    nodes : (n, k), optional
-        Nodes of the columns, -1 for none; default: no column has any.
-
-    Returns
-    -------
-    chosen : (k,) columns of the entries above zero.
-    x : (k,) their values.
-    error : float
-        The norm of the residual.
+    nodes that no other chosen column has. A (m, n) has at most `most` columns chosen; `nodes` (n, k)
+    are -1 for none, and by default no column has any. Returns the columns (k,) of the entries above
+    zero, these entries (k,) and the norm of the residual.
     """
     lengths = np.linalg.norm(A, axis=0)
     lengths[lengths == 0.0] = np.inf

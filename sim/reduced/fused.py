@@ -148,14 +148,8 @@ def _some(passed: Passed, own: slice) -> Passed:
 class _Motion:
     """Successive steps, which change coordinates, velocities and omitted coordinates in place.
 
-    Parameters
-    ----------
-    rate : of `FusedEuler`.
-    term : CompiledReducedSolid
-    state : at the start.
-    control : ControlAt
-    time : (n + 1,) start and ends of the steps [s].
-    h : (n,) their lengths [s], if they are not the differences of these.
+    `rate` is that of `FusedEuler`, `time` (n + 1,) the start and the ends of the steps [s], and `h`
+    (n,) their lengths [s] if they are not the differences of these.
     """
 
     def __init__(

@@ -13,12 +13,9 @@ from sim.terms.tensor_elements import TensorElements
 class Relaxation:
     """History of viscoelastic elements: elastic stress and one stress per relaxation time.
 
-    The memory of a step is an array (n_gauss_points, 1 + n_times, 6) [Pa]: S_e, then H_i, both as
-    in `sim.laws.Prony`; unused times of a material are zero.
-
-    Parameters
-    ----------
-    region : (n_elements,) index into materials.
+    The memory of a step is an array (n_gauss_points, 1 + n_times, 6) [Pa]: S_e, then H_i, both as in
+    `sim.laws.Prony`; unused times of a material are zero. `region` (n_elements,) is an index into
+    materials.
     """
 
     def __init__(

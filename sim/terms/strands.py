@@ -42,11 +42,8 @@ class LineFibre:
 class Strands:
     """Segments d = D q of all fibres, and the pairs of segments coupled by the energy.
 
-    Parameters
-    ----------
-    names : names of the muscles, for messages.
-    coupled : (n_fibres,) True if the tension depends on the length or its rate.
-    tolerance : of embedded points outside the mesh.
+    Names are those of the muscles, for messages; `coupled` (n_fibres,) is True if the tension depends
+    on the length or its rate; the tolerance is that of embedded points outside the mesh.
     """
 
     def __init__(

@@ -34,10 +34,7 @@ def tensor_laws(materials: Sequence[Material], region: Index) -> TensorLawTable:
 class TensorElements:
     """Elements of one part under laws of the strain tensor.
 
-    Parameters
-    ----------
-    axes : (n_elements, 3, 3) or None
-        Material axes of all elements in the columns.
+    `axes` (n_elements, 3, 3) have the material axes of all elements in the columns.
     """
 
     def __init__(
