@@ -73,7 +73,7 @@ class Run:
         self.state, self.work = system.rest_state(), sim.Workspace(system, base.linear_solver)
         if isinstance(self.integrator, sim.ConvergedEuler):
             # Preparations that are made once are not part of the measured steps.
-            self.work.prepare(self.state)
+            self.work.form(system, self.state)
         self.parts: list[xr.Dataset] = []
         self.seconds, self.failure = 0.0, ""
 

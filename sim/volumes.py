@@ -11,7 +11,7 @@ from sim.state import Array
 
 
 class ElementVolumes:
-    """Volumes of all elements, at rest and current (n_elements,) [m^3], and h = dv/dx (n_elements, 3, 8)."""
+    """Volumes of all elements, at rest and current (n_elements,), and h = dv/dx (n_elements, 3, 8)."""
 
     def __init__(self, mesh: Mesh) -> None:
         self.parts = parts_of(mesh)

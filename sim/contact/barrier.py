@@ -8,8 +8,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sim.contact.clearance import cleared
-from sim.contact.ipc import Barrier, CollisionPair, Sliding
-from sim.contact.places import VertexPlaces
+from sim.contact.curvature import NormalStiffness
+from sim.contact.ipc import Barrier, CollisionPair, Hessian, Sliding
 from sim.contact.surfaces import NodeSurface, Pairing
 from sim.errors import NotConverged, SceneError
 from sim.mesh import Mesh
@@ -98,11 +98,17 @@ class BarrierContact:
 
 
 class CompiledBarrier:
-    """Compiled barriers; stored search results do not affect the results."""
+    """Compiled barriers; stored search results do not affect the results.
+
+    A coupling of two nodes that the pattern does not contain is replaced by an upper bound on the
+    diagonal blocks, which slows down the iteration without affecting its result.
+    """
 
     def __init__(self, part: BarrierContact, layout: Layout) -> None:
         barrier = Barrier(part.distance, part.stiffness, part.friction, part.stick_speed)
-        self._part, self._places = part, VertexPlaces(layout.pattern)
+        self._part, self._pattern = part, layout.pattern
+        self._diagonal = np.full(3 * layout.pattern.n_nodes, -1)
+        self._diagonal[layout.pattern.free] = layout.pattern.diagonal
         self.pairs = tuple(cleared(p, layout.mesh.X, barrier) for p in part.pairings)
         self._sliding: tuple[Sliding, ...] | None = None
 
@@ -133,9 +139,9 @@ class CompiledBarrier:
                 f[pair.node[: pair.n_soft]] -= gradient[: pair.n_soft]
             if K is None:
                 continue
-            self._places.add_normal(pair.node, pair.stiffness(x), K)
+            self._add_normal(pair.node, pair.stiffness(x), K)
             if self._sliding is not None:
-                self._places.add(pair.node, self._sliding[i].hessian(x), K)
+                self._add_sliding(pair.node, self._sliding[i].hessian(x), K)
         return Contribution(energy)
 
     def _of(self, i: int) -> tuple[CollisionPair | Sliding, ...]:
@@ -155,7 +161,7 @@ class CompiledBarrier:
         blocked = [p for p in self.pairs if p.moves and self._share(p, q, q, t, control.t) < 1.0]
         moved = q.copy() if blocked else q
         for pair in blocked:
-            pair.carry(moved, self._places.free, t, control.t)
+            pair.carry(moved, self._diagonal >= 0, t, control.t)
         if blocked and min(self._share(p, q, moved, t, control.t) for p in self.pairs) < 1.0:
             name = blocked[0].pairing.name
             raise NotConverged(
@@ -178,6 +184,52 @@ class CompiledBarrier:
     @staticmethod
     def _share(pair: CollisionPair, q0: Array, q1: Array, t0: float, t1: float) -> float:
         return pair.largest_step(pair.vertices(q0, t0), pair.vertices(q1, t1))
+
+    def _add_normal(self, node: Index, stiffness: NormalStiffness, K: Array) -> None:
+        """Add the stiffness of normal forces; vertex i is node[i], or fixed if that is -1."""
+        at = node[stiffness.vertex]
+        pair = np.broadcast_to(at[:, :, None], (len(at), 4, 4)), at[:, None, :]
+        counts = (stiffness.share != 0.0) & (at >= 0)
+        needed = counts[:, :, None] & counts[:, None, :]
+        placed = (~needed | self._known(*pair)).all(axis=(1, 2))
+        unknown = 3 * at[:, :, None] + np.arange(3)
+        unknown[at < 0] = -1
+        shape = (len(at), 4, 3, 4, 3)
+        row = np.broadcast_to(unknown[:, :, :, None, None], shape)[placed]
+        column = np.broadcast_to(unknown[:, None, None, :, :], shape)[placed]
+        self._add(row.ravel(), column.ravel(), stiffness.blocks()[placed].ravel(), K)
+        if not placed.all():
+            shape = (len(at), 4, 3, 3)
+            row = np.broadcast_to(unknown[:, :, :, None], shape)[~placed]
+            column = np.broadcast_to(unknown[:, :, None, :], shape)[~placed]
+            self._add(row.ravel(), column.ravel(), stiffness.own_blocks()[~placed].ravel(), K)
+
+    def _add_sliding(self, node: Index, H: Hessian, K: Array) -> None:
+        """Add a positive semi-definite matrix; vertex i is node[i], or fixed if that is -1."""
+        row, column = (3 * node[part // 3] + part % 3 for part in (H.row, H.column))
+        fixed = (node[H.row // 3] < 0) | (node[H.column // 3] < 0)
+        known = fixed | self._known(row // 3, column // 3)
+        kept = known & ~fixed
+        self._add(row[kept], column[kept], H.value[kept], K)
+        # [[|e|, -e], [-e, |e|]] is positive semi-definite; adding it removes e.
+        own, size = row[~known], np.abs(H.value[~known])
+        place = self._diagonal[own]
+        np.add.at(K, place[place >= 0], size[place >= 0])
+
+    def _known(self, a: Index, b: Index) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+        """Test if the pattern couples nodes a and b."""
+        keys = np.minimum(a, b) * self._pattern.n_nodes + np.maximum(a, b)
+        pairs = self._pattern.pairs
+        return pairs[np.minimum(np.searchsorted(pairs, keys), len(pairs) - 1)] == keys
+
+    def _add(self, row: Index, column: Index, value: Array, K: Array) -> None:
+        """Add entries between unknowns that the pattern couples; -1 for none."""
+        upper = (row >= 0) & (column >= row)
+        row, column, value = row[upper], column[upper], value[upper]
+        keys = row // 3 * self._pattern.n_nodes + column // 3
+        target = self._pattern.target[self._pattern.pair_index(keys), 3 * (row % 3) + column % 3]
+        stored = target >= 0
+        np.add.at(K, target[stored], value[stored])
 
 
 def _within(mesh: Mesh, a: NodeSurface, b: NodeSurface, reach: float) -> Index:

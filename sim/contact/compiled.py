@@ -5,8 +5,8 @@ from copy import copy
 
 import numpy as np
 
+from sim.contact.connectivity import sides_of
 from sim.contact.direction import Direction, Move
-from sim.contact.edge_points import points_on_edges
 from sim.contact.rows import Rows, no_rows
 from sim.contact.signed_distance import SignedFaces
 from sim.contact.surfaces import NodeSurface, Pairing, RigidShell
@@ -21,6 +21,8 @@ ALLOWED, FORCE, PUSH, FRICTION, DIRECTION = 0, 1, slice(2, 5), slice(5, 8), slic
 """Columns of the memory: allowed depth [m], normal force, its vector, friction [N], normal."""
 
 COLUMNS = 11
+
+SHARP = 0.7  #: cosine of the angle of the faces of an edge, below which it is sharp
 
 
 class CompiledContact:
@@ -67,7 +69,7 @@ class CompiledContact:
                 own, other = faces[id(a)], faces[id(b)]
                 of_mesh = isinstance(a, NodeSurface) and a.triangles.max() < layout.mesh.n_nodes
                 if edge_points and of_mesh and isinstance(b, RigidShell):
-                    on, at = points_on_edges(own, layout.mesh.X, edge_points)
+                    on, at = _points_on_edges(own, layout.mesh.X, edge_points)
                     points, share = np.concatenate([points, on]), np.r_[share, at]
                 about = own, other, tolerances, free, layout.carriers
                 self._directions.append(
@@ -168,3 +170,16 @@ class CompiledContact:
     def entered(self, move: Move, allowed: Array) -> Rows:
         """Rows of all vertices that enter a face on their path; see `Direction.entered`."""
         return no_rows().joined(*(d.entered(move, allowed) for d in self._directions))
+
+
+def _points_on_edges(faces: SignedFaces, X: Array, number: int) -> tuple[Index, Array]:
+    """Ends (n, 2) and fractions (n,) of a number of points on each sharp convex edge at rest."""
+    triangles, across = faces.triangles, faces.across.ravel()
+    ends, normal = sides_of(triangles), faces.normals(X)[0]
+    beyond = np.roll(triangles, 1, axis=1).ravel()
+    once = np.flatnonzero((across >= 0) & (ends[:, 0] < ends[:, 1]))
+    own, other = normal[once // 3], normal[across[once]]
+    convex = np.einsum("ki,ki->k", other, X[beyond[once]] - X[ends[once, 0]]) < 0.0
+    sharp = once[convex & (np.einsum("ki,ki->k", own, other) < SHARP)]
+    share = np.arange(1, number + 1) / (number + 1)
+    return np.repeat(ends[sharp], number, axis=0), np.tile(share, len(sharp))

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sim.integrators.clock import PhaseClock
 from sim.integrators.kept import codes, named, part_of
 from sim.linear import Factor, ReusedFactor, solver_of_steps
+from sim.linear.reused import Timed
 from sim.pattern import Sparsity
 from sim.state import Array, State
 from sim.system import System
@@ -26,8 +26,8 @@ class AnalysedSolver:
     linear: Factor | ReusedFactor  #: solver for the matrix of a step
     factor: Factor  #: computes the factors, also for Newton's method
 
-    def __init__(self, system: System, name: str, clock: PhaseClock) -> None:
-        self._name, self._clock = name, clock
+    def __init__(self, system: System, name: str, timed: Timed) -> None:
+        self._name, self._timed = name, timed
         self._take(system.pattern.n)
         self.system, self.pattern = system, system.pattern
         self._form = self._with_products(system)
@@ -40,7 +40,7 @@ class AnalysedSolver:
     def _take(self, n: int) -> None:
         self.linear = solver_of_steps(self._name, n)
         if isinstance(self.linear, ReusedFactor):
-            self.linear.timed = self._clock.timed
+            self.linear.timed = self._timed
             self.factor = self.linear.factor
         else:
             self.factor = self.linear

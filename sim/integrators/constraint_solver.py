@@ -8,10 +8,10 @@ import numpy as np
 from sim.constraints.projection import Projection
 from sim.constraints.union import Constraints
 from sim.errors import SceneError
-from sim.integrators.clock import PhaseClock
 from sim.integrators.kept import named, part_of
 from sim.integrators.step_solver import Solution
 from sim.linear import Factor, ReusedFactor
+from sim.linear.reused import Timed
 from sim.linear.saddle import Saddle
 from sim.matrix import Matrix
 from sim.state import Array, Pose
@@ -25,8 +25,8 @@ class ConstraintSolver:
     the latest constrained step are the initial values of the next one.
     """
 
-    def __init__(self, system: System, linear: Factor | ReusedFactor, clock: PhaseClock) -> None:
-        self._system, self._timed, self._linear = system, clock.timed, linear
+    def __init__(self, system: System, linear: Factor | ReusedFactor, timed: Timed) -> None:
+        self._system, self._timed, self._linear = system, timed, linear
         self._saddle: Saddle | None = None
         self._projection: Projection | None = None
         self.multipliers: Array | None = None

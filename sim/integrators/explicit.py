@@ -24,6 +24,11 @@ def _acceleration(system: System, state: State, control: Control, work: Workspac
         )
     require_no_barrier(system, "an explicit integrator")
     require_no_contact(system, "an explicit integrator")
+    if system.rows is not None and not system.rows.rigid.all():
+        raise SceneError(
+            "an explicit integrator holds rigid joints alone: use LinearlyImplicitEuler for limits and "
+            "joints with compliance"
+        )
     with work.timed("force"):
         a = free_acceleration(system, state, control)
     return a if system.rows is None else held_acceleration(system, system.rows, a, state)[0]

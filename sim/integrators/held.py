@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from sim.errors import SceneError
 from sim.joints.compiled import Rows
 from sim.joints.contract import REACTIONS
 from sim.state import Array, Control, State
@@ -23,16 +22,20 @@ def free_acceleration(system: System, state: State, control: Control) -> Array:
 
 
 def held_acceleration(system: System, rows: Rows, a: Array, state: State) -> tuple[Array, Array]:
-    """Accelerations (n,) under rigid rows, G dw/dt + dG/dt w + ddrift/dt = 0, and the forces of rows.
+    """Accelerations (n,) under rigid rows, G dw/dt + dG/dt w + ddrift/dt = 0, and their forces (m,)."""
+    kinematics, pose, columns = system.kinematics, state.pose, rows.columns
+    w = kinematics.velocities(state)
 
-    Raises SceneError if a row is compliant or an inequality.
-    """
-    if not rows.rigid.all():
-        raise SceneError(
-            "an explicit integrator holds rigid joints alone: use LinearlyImplicitEuler for limits and "
-            "joints with compliance"
-        )
-    return _held_acceleration(system, rows, a, state)
+    def rate(after: float) -> Array:
+        now = rows.evaluate(kinematics.advance(pose, after * w, pose.t + after))
+        return now.G @ w[columns] + now.drift
+
+    on = rows.rigid
+    G, X = rows.evaluate(pose).G, rows.inverse_mass(pose)
+    turning = (rate(BESIDE) - rate(-BESIDE)) / (2.0 * BESIDE)
+    f, held = np.zeros(len(G)), G[on]
+    f[on] = np.linalg.solve(held @ X[columns] @ held.T, -(held @ a[columns] + turning[on]))
+    return a + X @ (G.T @ f), f
 
 
 def forces_at(system: System, state: State, control: Control) -> Array:
@@ -52,25 +55,8 @@ def forces_at(system: System, state: State, control: Control) -> Array:
     push[rows.columns] = now.G.T @ f
     a = a + system.kinematics.solve_mass(push, state.pose)
     if rows.rigid.any():
-        f[rows.rigid] = _held_acceleration(system, rows, a, state)[1][rows.rigid]
+        f[rows.rigid] = held_acceleration(system, rows, a, state)[1][rows.rigid]
     return f
-
-
-def _held_acceleration(system: System, rows: Rows, a: Array, state: State) -> tuple[Array, Array]:
-    """Accelerations (n,) and forces (m,) of the rigid rows."""
-    kinematics, pose, columns = system.kinematics, state.pose, rows.columns
-    w = kinematics.velocities(state)
-
-    def rate(after: float) -> Array:
-        now = rows.evaluate(kinematics.advance(pose, after * w, pose.t + after))
-        return now.G @ w[columns] + now.drift
-
-    on = rows.rigid
-    G, X = rows.evaluate(pose).G, rows.inverse_mass(pose)
-    turning = (rate(BESIDE) - rate(-BESIDE)) / (2.0 * BESIDE)
-    f, held = np.zeros(len(G)), G[on]
-    f[on] = np.linalg.solve(held @ X[columns] @ held.T, -(held @ a[columns] + turning[on]))
-    return a + X @ (G.T @ f), f
 
 
 def forces_of_rows(system: System, state: State, control: Control) -> Array:

@@ -4,17 +4,13 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
+from sim.contact.compliance import Compliance
 from sim.contact.rows import Rows, no_rows
 from sim.contact.step import ContactStep
 from sim.errors import NotConverged
-from sim.integrators.rows_of_step import (
-    STILL,
-    JointRows,
-    RowsAt,
-    RowsOfStep,
-)
-from sim.integrators.step_inverse import StepInverse
+from sim.integrators.rows_of_step import STILL, JointRows, RowsAt, RowsOfStep, inverted
 from sim.integrators.step_solver import Solution
 from sim.integrators.workspace import Workspace
 from sim.joints.compiled import Rows as JointTable
@@ -83,18 +79,51 @@ class LinearRows:
         self._w0 = system.kinematics.velocities(state)
         self._start = system.kinematics.at(state.pose, self._until)
         self._error = error / (equation.moves * h)
-        self._solver = StepInverse(system, state, equation, h, self._error, work, self._start)
+        # dense in small scenes, None in others
+        known = None if system.constraints is not None else inverted(equation.A, equation.rhs)
+        self._inverse, self._found = known or (None, Solution(equation.rhs))
+        self._guess = self._found.x if known else work.steps.extrapolated(state.t, h, self._w0)
         self._last: tuple[Rows, RowsAt, Array, Array] | None = None
         contact = system.contact
         self._step = None if contact is None else ContactStep(contact, state, self._until)
         left = 0.0 if self._step is None else self._step.tolerances.residual
         self._settled = max(h * self._error, left)
-        self._rows = RowsOfStep(
-            system, self._step, self._solver.alone, self._solver.delassus, h * h
-        )
+        self._rows = RowsOfStep(system, self._step, self._alone, self._delassus, h * h)
         self._equations, self._joints = None, None
         if system.rows is not None:
             self._lay_out_joints(system.rows)
+
+    def _alone(self, r: Array) -> Array:
+        """Solution for (n,) or (k, n) by the factor at hand, without rows."""
+        assert self._found.alone is not None  # every solution of a step has it
+        return self._found.alone(r)
+
+    def _exactly(self, r: Array) -> Array:
+        """Solution (n,) for a further right-hand side, with G x = 0 for rigid rows in large scenes."""
+        found = self._found
+        assert found.again is not None  # every solution of a step has it
+        more = found.again(r, self._error)
+        self._found = replace(
+            found,
+            iterations=found.iterations + more.iterations,
+            factorisations=found.factorisations + more.factorisations,
+            definite=found.definite and more.definite,
+        )
+        return more.x
+
+    def _compliance(self) -> Compliance:
+        """Compliance of earlier matrices, whose new parts are those of the factor at hand."""
+        return self._work.contact.compliance(self._h**2, lambda f: self._h**2 * self._alone(f))
+
+    def _delassus(self, G: csr_array) -> Array:
+        """G A^-1 G' (m, m)."""
+        if not G.shape[0]:
+            return np.zeros((0, 0))
+        if self._inverse is not None:
+            product = np.asarray(G @ (G @ self._inverse).T)
+        else:
+            product = self._compliance().between(G, G) / self._h**2
+        return 0.5 * (product + product.T)
 
     def _learn(self, at: RowsAt, f: Array, w: Array, largest: float) -> float:
         """Update of the Delassus matrix such that impulses f (m,) change the velocities by w (n,).
@@ -107,9 +136,9 @@ class LinearRows:
         fr, fSf = float(f @ r), float(f @ Sf)
         missed, size = (float(np.abs(x).max(initial=0.0)) for x in (r - Sf, r))
         useful = missed > KNOWN * size and size > LARGE * largest and fr > 0.0 and fSf > 0.0
-        if self._solver.inverse is None and useful:
+        if self._inverse is None and useful:
             at.S += np.outer(r / fr, r) - np.outer(Sf / fSf, Sf)
-            self._solver.compliance().learn(at.G.T @ f, self._h**2 * w)
+            self._compliance().learn(at.G.T @ f, self._h**2 * w)
         return max(largest, size)
 
     def _lay_out_joints(self, rows: JointTable) -> None:
@@ -120,7 +149,7 @@ class LinearRows:
         self._joints = JointRows(
             rows.columns, now.G, h * value, h * rows.compliance / time, rows.unilateral
         )
-        alone = self._solver.inverse is None and self._system.constraints is None
+        alone = self._inverse is None and self._system.constraints is None
         if alone and rows.rigid.any():
             self._rigid = np.flatnonzero(rows.rigid)
             own = rows.columns, now.G[self._rigid], -now.drift[self._rigid]
@@ -129,14 +158,16 @@ class LinearRows:
     def _begin(self, rows: Rows, at: RowsAt) -> tuple[Array, Array]:
         """Initial velocities (n,) and forces (m,): those of the last rows, or of the last step."""
         f = np.zeros(len(at.value))
-        if self._solver.inverse is not None:
-            return self._solver.found.x, f
+        if self._inverse is not None:
+            return self._found.x, f
         if self._last is not None:
             before, known, w, forces = self._last
             return w, at.carried(rows, before, known, forces)
         f = at.before
         rhs = self._equation.rhs + self._h * (at.G.T @ f)
-        return self._solver.begin(rhs, self._equations), f
+        about = self._start, self._guess, self._error, self._equations
+        self._found = self._work.solve(self._system, self._equation.A, rhs, *about)
+        return self._found.x, f
 
     def _with_equations(self, at: RowsAt, Aw: Array, f: Array) -> Array:
         """Forces (m,) with those of the rigid rows that a solution w satisfies, from A w."""
@@ -193,17 +224,18 @@ class LinearRows:
         rests[at.first] = (f[at.first] == 0.0) & (acting.gap < 100.0 * STILL)
 
         def held(rhs: Array) -> tuple[Array, Array]:
-            x, impulse = at.kept(on, rhs, self._solver.exactly, exactly=True)
+            x, impulse = at.kept(on, rhs, self._exactly, exactly=True)
             closes = rests & (at.G @ x < 0.0)
             if closes.any():
-                x, impulse = at.kept(on | closes, rhs, self._solver.exactly, exactly=True)
+                x, impulse = at.kept(on | closes, rhs, self._exactly, exactly=True)
             return x, impulse[at.first]
 
         def roughly(rhs: Array) -> Array:
-            return at.kept(on, rhs, self._solver.roughly)[0]
+            assert self._found.roughly is not None  # every solution of a step has it
+            return at.kept(on, rhs, self._found.roughly)[0]
 
         return UnderRows(
-            replace(self._solver.found, x=w, roughly=roughly),
+            replace(self._found, x=w, roughly=roughly),
             pose,
             memory,
             pushed,
@@ -215,7 +247,7 @@ class LinearRows:
 
     def _under_some(self, rows: Rows) -> tuple[Rows, RowsAt, Array, Array]:
         """Those rows that may become active, with velocities (n,) and forces (m,) under all of them."""
-        if self._step is None or self._solver.inverse is not None:
+        if self._step is None or self._inverse is not None:
             return rows, *self.under(rows)
         tolerances, u = self._step.tolerances, self._start.q - self._step.q0
         kinematics = self._system.kinematics
@@ -224,7 +256,7 @@ class LinearRows:
             return rows.gaps(u + self._h * kinematics.displacements(w, self._start))
 
         on = self._step.multipliers(rows, np.ones(len(rows))).normal > 0.0
-        on |= gaps(self._solver.guess) < tolerances.likely
+        on |= gaps(self._guess) < tolerances.likely
         while True:
             some = rows.take(np.flatnonzero(on))
             at, w, f = self.under(some)
@@ -240,23 +272,23 @@ class LinearRows:
         w, f = self._begin(rows, at)
         Aw = A.times(w)
         f = self._with_equations(at, Aw, f)
-        at.S = self._solver.delassus(at.G)
+        at.S = self._delassus(at.G)
         before, most, largest = at.before, 100.0 * STILL, 0.0
-        if self._solver.inverse is None:
+        if self._inverse is None:
             before, most = f, max(SHARE * self._settled, most)
         for k in range(LIMIT):
-            if k == STALE and self._solver.inverse is None:
+            if k == STALE and self._inverse is None:
                 self._work.contact.discard()
-                at.S = self._solver.delassus(at.G)
+                at.S = self._delassus(at.G)
             # gaps without forces, whose change by f follows from the matrix
             gap = at.value + h * (at.G @ w) - h * h * (at.S @ f)
             new = at.forces(gap, before, 0.01 * most, self._until)
             change = h * h * float(np.abs(at.S @ (new - f)).max(initial=0.0))
             # in very short steps even considerable forces move rows by less
-            if change == 0.0 or (change <= most and (k or self._solver.inverse is None)):
+            if change == 0.0 or (change <= most and (k or self._inverse is None)):
                 self._last = rows, at, w, f
                 return at, w, f
-            moved = self._solver.exactly(rhs + h * (at.G.T @ new) - Aw)
+            moved = self._exactly(rhs + h * (at.G.T @ new) - Aw)
             w = w + moved
             Aw = A.times(w)
             new = self._with_equations(at, Aw, new)

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from sim.integrators.analysed import AnalysedSolver
-from sim.integrators.clock import PhaseClock
 from sim.integrators.kept import codes, named, part_of, text
 from sim.integrators.quasi_newton import InverseSecants, SecantMemory
 from sim.linear import NotPositiveDefinite, ReusedFactor
 from sim.linear.conjugate_gradients import conjugate_gradients
+from sim.linear.reused import Timed
 from sim.matrix import Matrix
 from sim.state import Array
 
@@ -29,8 +29,8 @@ class NewtonFactor:
     for the velocities on which joints act.
     """
 
-    def __init__(self, solver: AnalysedSolver, clock: PhaseClock) -> None:
-        self._solver, self._timed = solver, clock.timed
+    def __init__(self, solver: AnalysedSolver, timed: Timed) -> None:
+        self._solver, self._timed = solver, timed
         self.key: Key | None = None
         self.number = 0
         self.secants, self.inverse_secants = SecantMemory(), InverseSecants()

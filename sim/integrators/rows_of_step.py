@@ -13,8 +13,11 @@ from scipy.sparse import csr_array
 from sim.contact.coulomb import Blocks, forces
 from sim.contact.rows import Acting, Multipliers, Rows
 from sim.contact.step import CORRECTIONS, ContactStep
-from sim.errors import NotConverged
+from sim.errors import NotConverged, SingularSystem
+from sim.integrators.step_solver import Solution
 from sim.joints.compiled import REDUNDANT
+from sim.matrix import Matrix
+from sim.multibody import MOST
 from sim.pattern import Flags, Sparsity
 from sim.scene import Index
 from sim.state import Array, Pose
@@ -40,6 +43,27 @@ def dense(p: Sparsity, values: Array) -> Array:
     row = np.repeat(np.arange(p.n), np.diff(p.indptr))
     A[row, p.indices] = A[p.indices, row] = values
     return A
+
+
+def inverted(A: Matrix, rhs: Array) -> tuple[Array, Solution] | None:
+    """Inverse (n, n) of the matrix of a small scene with the solution by it; None for others."""
+    if len(rhs) > MOST or A.products:
+        return None
+    whole = dense(A.pattern, A.values)
+    try:
+        values = np.linalg.eigvalsh(whole)
+        inverse = np.asarray(np.linalg.inv(whole), dtype=np.float64)
+    except np.linalg.LinAlgError as error:
+        raise SingularSystem("the matrix of the step is singular") from error
+
+    def alone(r: Array) -> Array:
+        return np.asarray(r @ inverse)
+
+    def again(r: Array, _: float) -> Solution:
+        return Solution(np.asarray(inverse @ r), 0, 0)
+
+    definite = bool(values[0] > 0.0)
+    return inverse, Solution(inverse @ rhs, 1, 1, definite, alone, again, alone)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,6 @@ import numpy as np
 
 from sim.errors import SingularSystem
 from sim.integrators.analysed import AnalysedSolver
-from sim.integrators.clock import PhaseClock
 from sim.integrators.kept import named, part_of
 from sim.integrators.newton_factor import NewtonFactor
 from sim.linear import (
@@ -22,6 +21,7 @@ from sim.linear import (
     linear_solver,
 )
 from sim.linear.equations import Equations
+from sim.linear.reused import Timed
 from sim.matrix import Matrix
 from sim.state import Array
 
@@ -52,8 +52,8 @@ class StepSolver:
     It shares its factor with Newton's method, whose updates are then discarded.
     """
 
-    def __init__(self, solver: AnalysedSolver, newton: NewtonFactor, clock: PhaseClock) -> None:
-        self._solver, self._newton, self._timed = solver, newton, clock.timed
+    def __init__(self, solver: AnalysedSolver, newton: NewtonFactor, timed: Timed) -> None:
+        self._solver, self._newton, self._timed = solver, newton, timed
         self._indefinite: LinearSolver | None = None
         self._before: tuple[float, float, Array] | None = None
 

@@ -1,10 +1,11 @@
 """Solver memory of a simulation, kept between steps and divided by its owners."""
 
-from collections.abc import Mapping
+import time
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 
 from sim.integrators.analysed import AnalysedSolver
 from sim.integrators.bodies_alone import BodiesAlone
-from sim.integrators.clock import PhaseClock
 from sim.integrators.constraint_solver import ConstraintSolver
 from sim.integrators.contact_memory import ContactMemory
 from sim.integrators.newton_factor import NewtonFactor
@@ -14,6 +15,28 @@ from sim.linear.equations import Equations
 from sim.matrix import Matrix
 from sim.state import Array, Pose, State
 from sim.system import System
+
+
+class PhaseClock:
+    """Wall time and calls of every phase.
+
+    A workspace and its solver share it. If the solver referred to its workspace instead, this cycle
+    would keep the hundreds of megabytes of a scene until the next garbage collection.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self.calls: dict[str, int] = {}
+
+    @contextmanager
+    def timed(self, phase: str) -> Generator[None]:
+        """Add the wall time of a block to a phase."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[phase] = self.seconds.get(phase, 0.0) + time.perf_counter() - start
+            self.calls[phase] = self.calls.get(phase, 0) + 1
 
 
 class Workspace:
@@ -48,10 +71,10 @@ class Workspace:
     def __init__(self, system: System, linear: str = "auto") -> None:
         clock = PhaseClock()
         self.timed, self.seconds, self.calls = clock.timed, clock.seconds, clock.calls
-        self._solver = AnalysedSolver(system, linear, clock)
-        self.newton = NewtonFactor(self._solver, clock)
-        self.steps = StepSolver(self._solver, self.newton, clock)
-        self.constraints = ConstraintSolver(system, self.linear, clock)
+        self._solver = AnalysedSolver(system, linear, clock.timed)
+        self.newton = NewtonFactor(self._solver, clock.timed)
+        self.steps = StepSolver(self._solver, self.newton, clock.timed)
+        self.constraints = ConstraintSolver(system, self.linear, clock.timed)
         self.contact = ContactMemory(self.newton, system.pattern.n)
         self.bodies = BodiesAlone.of(system)
 
@@ -89,11 +112,8 @@ class Workspace:
         begins = state is not None and form.contact is not None
         if begins and form.pattern is not self._solver.analysed:
             self.newton.forget()
+            self._solver.analyse(form.pattern)
         return form
-
-    def prepare(self, state: State) -> None:
-        """Prepare a converged step from a state, which the first step would otherwise do."""
-        self._solver.analyse(self.form(self._solver.system, state).pattern)
 
     def arrays(self) -> dict[str, Array]:
         """Arrays that affect later results, for a bitwise identical restart by `restore`.
