@@ -8,7 +8,6 @@ import numpy as np
 
 from sim.constraints.union import Constraints
 from sim.contact.compiled import CompiledContact
-from sim.contact.constraint import ConstraintContact, RowsApart
 from sim.described import Described
 from sim.errors import ControlError
 from sim.joints.compiled import Rows
@@ -23,6 +22,7 @@ from sim.scene import (
     Contribution,
     Damps,
     Deforms,
+    HasApart,
     HasProduct,
     Index,
     RateDependent,
@@ -143,8 +143,7 @@ class System(Described):
             return None
         if not contact.in_matrix:
             return self
-        terms = self.scene.terms
-        alone = (RowsApart(contact) if isinstance(t, ConstraintContact) else t for t in terms)
+        alone = (t.apart() if isinstance(t, HasApart) else t for t in self.scene.terms)
         return recompiled(replace(self.scene, terms=tuple(alone)))
 
     @property

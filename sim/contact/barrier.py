@@ -5,11 +5,12 @@ from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
 from scipy.spatial import cKDTree
 
 from sim.contact.clearance import cleared
 from sim.contact.curvature import NormalStiffness
-from sim.contact.ipc import Barrier, CollisionPair, Hessian, Sliding
+from sim.contact.ipc import Barrier, CollisionPair, Sliding
 from sim.contact.surfaces import NodeSurface, Pairing
 from sim.errors import NotConverged, SceneError
 from sim.mesh import Mesh
@@ -204,15 +205,15 @@ class CompiledBarrier:
             column = np.broadcast_to(unknown[:, :, None, :], shape)[~placed]
             self._add(row.ravel(), column.ravel(), stiffness.own_blocks()[~placed].ravel(), K)
 
-    def _add_sliding(self, node: Index, H: Hessian, K: Array) -> None:
+    def _add_sliding(self, node: Index, H: coo_array, K: Array) -> None:
         """Add a positive semi-definite matrix; vertex i is node[i], or fixed if that is -1."""
-        row, column = (3 * node[part // 3] + part % 3 for part in (H.row, H.column))
-        fixed = (node[H.row // 3] < 0) | (node[H.column // 3] < 0)
+        row, column = (3 * node[part // 3] + part % 3 for part in (H.row, H.col))
+        fixed = (node[H.row // 3] < 0) | (node[H.col // 3] < 0)
         known = fixed | self._known(row // 3, column // 3)
         kept = known & ~fixed
-        self._add(row[kept], column[kept], H.value[kept], K)
+        self._add(row[kept], column[kept], H.data[kept], K)
         # [[|e|, -e], [-e, |e|]] is positive semi-definite; adding it removes e.
-        own, size = row[~known], np.abs(H.value[~known])
+        own, size = row[~known], np.abs(H.data[~known])
         place = self._diagonal[own]
         np.add.at(K, place[place >= 0], size[place >= 0])
 

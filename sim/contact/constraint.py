@@ -133,21 +133,6 @@ class ConstraintContact:
 
 
 @dataclass(frozen=True, eq=False)
-class RowsApart:
-    """Compiled contact without entries for its rows in the matrix."""
-
-    compiled: CompiledContact
-
-    def pair_keys(self, mesh: Mesh) -> Index:
-        """No pairs, because the contact forces are solved separately."""
-        return np.empty(0, dtype=np.int64)
-
-    def compile(self, layout: Layout) -> CompiledContact:
-        """Return the compiled contact."""
-        return self.compiled.apart(layout.pattern)
-
-
-@dataclass(frozen=True, eq=False)
 class Apart:
     """Contact whose rows have no entries in the matrix, as declared."""
 

@@ -9,6 +9,7 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
 
 from sim.contact.curvature import NormalStiffness, normal_stiffness
 from sim.contact.search import nearest_faces
@@ -53,15 +54,6 @@ class Barrier:
     stiffness: float
     friction: float
     stick_speed: float
-
-
-@dataclass(frozen=True)
-class Hessian:
-    """Matrix entries over the coordinates of the vertices of a pairing, each once."""
-
-    row: Index
-    column: Index
-    value: Array
 
 
 class CollisionPair:
@@ -243,20 +235,13 @@ class Sliding:
         rows = self._lagged, self._pair.mesh, np.asfortranarray(x - self._start)
         return self._potential(*rows), self._potential.gradient(*rows).reshape(-1, 3)
 
-    def hessian(self, x: Array) -> Hessian:
-        """Second derivative, positive semi-definite [N/m]."""
+    def hessian(self, x: Array) -> coo_array:
+        """Second derivative, positive semi-definite [N/m], each entry once."""
+        if len(self._lagged) == 0:
+            return coo_array((x.size, x.size))
         rows = self._lagged, self._pair.mesh, np.asfortranarray(x - self._start)
-        return _entries(self._potential.hessian(*rows, self._clamp), len(self._lagged))
+        return coo_array(self._potential.hessian(*rows, self._clamp))
 
 
 def _farthest(x: Array, y: Array) -> float:
     return float(np.sqrt(((x - y) ** 2).sum(axis=1).max()))
-
-
-def _entries(matrix: Any, count: int) -> Hessian:
-    if count == 0:
-        none = np.empty(0, dtype=np.int64)
-        return Hessian(none, none, np.empty(0))
-    start, row = (np.asarray(part, dtype=np.int64) for part in (matrix.indptr, matrix.indices))
-    column = np.repeat(np.arange(len(start) - 1), np.diff(start))
-    return Hessian(row, column, matrix.data)

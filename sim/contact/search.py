@@ -51,11 +51,6 @@ class Found:
         """The first face of every point."""
         return self.take(np.unique(self.point, return_index=True)[1])
 
-    def joined(self, other: "Found") -> "Found":
-        """Concatenation of these and other rows."""
-        names = self.__dataclass_fields__
-        return Found(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
-
 
 class Candidates:
     """Faces that points may meet (a Verlet list), which are searched again only after motions.

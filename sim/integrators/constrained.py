@@ -1,7 +1,5 @@
 """Newton's method on a potential with constraints c = 0, with multipliers and a line search."""
 
-from typing import Protocol
-
 import numpy as np
 
 from sim.errors import NotConverged
@@ -15,8 +13,7 @@ from sim.integrators.newton import (
     error_left,
 )
 from sim.integrators.workspace import Workspace
-from sim.state import Array, Pose
-from sim.system import System
+from sim.state import Array
 from sim.vectors import dot
 
 MAX_SHIFTS = 12
@@ -24,23 +21,8 @@ MAX_SHIFTS = 12
 DIRECTION_ERROR = 0.1  #: error of a direction, relative to the tolerance of positions
 
 
-class Placed(Potential, Protocol):
-    """Potential with a map from displacements to positions."""
-
-    system: System
-    base: Pose
-
-    def pose(self, d: Array) -> Pose:
-        """Pose after a motion."""
-        ...
-
-    def positions(self, d: Array) -> Array:
-        """Nodal positions (n_nodes, 3)."""
-        ...
-
-
 def minimise_constrained(
-    potential: Placed, point: Point, work: Workspace, tolerances: Tolerances, until: float
+    potential: Potential, point: Point, work: Workspace, tolerances: Tolerances, until: float
 ) -> tuple[Point, Iteration]:
     """Minimum of a potential on c = 0 from a start with det F > 0.
 
@@ -89,7 +71,7 @@ def minimise_constrained(
     raise NotConverged(tuple(residuals), until, f"limit of {tolerances.max_iterations} iterations")
 
 
-def _lagrangian_matrix(potential: Placed, d: Array, multiplier: Array) -> Array:
+def _lagrangian_matrix(potential: Potential, d: Array, multiplier: Array) -> Array:
     """Values of scale times the second derivative of phi + lambda . c."""
     conditions = potential.system.constraints
     assert conditions is not None
@@ -100,7 +82,7 @@ def _lagrangian_matrix(potential: Placed, d: Array, multiplier: Array) -> Array:
 
 
 def _newton_step(
-    potential: Placed, A: Array, G: Array, point: Point, c: Array, error: float, work: Workspace
+    potential: Potential, A: Array, G: Array, point: Point, c: Array, error: float, work: Workspace
 ) -> tuple[Array, Array, int, int]:
     """Step, multipliers, numbers of factorisations and of shifts of the saddle system.
 
@@ -128,7 +110,7 @@ def _newton_step(
 
 
 def _search(
-    potential: Placed, start: Point, c: Array, step: Array, rho: float
+    potential: Potential, start: Point, c: Array, step: Array, rho: float
 ) -> tuple[float, Point] | None:
     """Longest tried step with det F > 0 and sufficient decrease of phi + rho |c|_1."""
     conditions = potential.system.constraints

@@ -3,16 +3,14 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 
 from sim.contact.rows import GIVEN_UP, Multipliers, Rows
 from sim.contact.step import ContactStep, Opened, carried_over, penalties
 from sim.errors import NotConverged
-from sim.integrators.constrained import Placed
 from sim.integrators.contract import require_upright
-from sim.integrators.newton import Iteration, Point
+from sim.integrators.newton import Iteration, Point, Potential
 from sim.integrators.newton_factor import alike
 from sim.integrators.touching import InContact, TouchingApart, TouchingInMatrix
 from sim.integrators.workspace import Workspace
@@ -23,37 +21,7 @@ SLOW, STIFFER = 0.5, 4.0  #: ratio of gaps above which the penalty is increased,
 FRICTION_SETTLED = 1e-3  #: relative tolerance of the bounds of friction
 UPDATES, RENEWALS = 200, 20  #: largest numbers of updates of multipliers and of rows
 
-Minimise = Callable[[Placed, Point], tuple[Point, Iteration]]
-
-
-class EndInContact(Protocol):
-    """End of a stage with contact; attributes and methods as of `Settled`."""
-
-    @property
-    def memory(self) -> Mapping[str, Array]:
-        """Arrays for the next step."""
-        ...
-
-    @property
-    def pushed(self) -> Array:
-        """Contact forces (n_points, 3) [N]."""
-        ...
-
-    def held(self, rhs: Array) -> Array:
-        """Solution (n,) for a right-hand side with active rows closed."""
-        ...
-
-    def kick(self, old: Index) -> Array:
-        """Motion (n,) due to the forces on vertices that are newly in contact."""
-        ...
-
-    def outside(self, pose: Pose, after: float) -> Pose:
-        """Pose a time [s] after the end, without penetration of active rows."""
-        ...
-
-    def base(self, pose: Pose, after: float) -> Pose:
-        """Base of the next stage, without penetration."""
-        ...
+Minimise = Callable[[Potential, Point], tuple[Point, Iteration]]
 
 
 @dataclass(frozen=True)
@@ -108,7 +76,7 @@ class Settled:
 
 
 def minimise_in_contact(
-    potential: Placed,
+    potential: Potential,
     start: Point,
     step: ContactStep,
     way: Array,
@@ -209,7 +177,7 @@ def minimise_in_contact(
 
 
 def _stiffness_met(
-    potential: Placed, start: Point, key: tuple[str, float], work: Workspace
+    potential: Potential, start: Point, key: tuple[str, float], work: Workspace
 ) -> Array:
     """Diagonal (n_free,) of the stiffness [N/m], once per integrator and step."""
     known = work.contact.stiffness
@@ -229,7 +197,7 @@ def _require_outside(step: ContactStep, q: Array, until: float) -> None:
         raise NotConverged((), until, f"contact leaves a vertex {deepest:.2g} m inside")
 
 
-def moved_upright(potential: Placed, point: Point, q: Array, until: float) -> Evaluation:
+def moved_upright(potential: Potential, point: Point, q: Array, until: float) -> Evaluation:
     """Evaluation at a point, with the smallest det F at corrected positions, which is positive."""
     least, element = potential.system.smallest_J(q)
     require_upright(element, least, until)

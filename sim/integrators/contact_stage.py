@@ -42,7 +42,7 @@ PLACES, PLACED = 3, 1e-6
 
 @dataclass(frozen=True, eq=False)
 class StageInContact:
-    """End of a stage with contact, as of `sim.integrators.contact_converged.EndInContact`."""
+    """End of a stage with contact, with the methods of `contact_converged.Settled`."""
 
     point: Point
     pose: Pose  #: with penetrations removed

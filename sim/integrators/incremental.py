@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.integrators.newton import BySecants, Point
+from sim.integrators.newton import Point, Potential
 from sim.integrators.workspace import Workspace
 from sim.matrix import Matrix
 from sim.state import Array, Control, Evaluation, Pose
@@ -15,7 +15,7 @@ from sim.system import System
 from sim.vectors import dot
 
 
-class PotentialOfMoves(BySecants):
+class PotentialOfMoves(Potential):
     """A potential of motions d (n,) of the coordinates from a base, under one control.
 
     `duration` is the time in which motions take place, infinite for an equilibrium [s]; `sigma` the
@@ -33,10 +33,6 @@ class PotentialOfMoves(BySecants):
     def pose(self, d: Array) -> Pose:
         """Pose after a motion, at the time of the control."""
         return self.system.kinematics.advance(self.base, d, self._control.t)
-
-    def positions(self, d: Array) -> Array:
-        """Positions of all points (n_points, 3)."""
-        return self.pose(d).q
 
     def coordinates(self, pose: Pose) -> Array:
         """Motion d (n,) from the base to a pose."""
@@ -162,7 +158,7 @@ class VaryingInertia(IncrementalPotential):
         return 0.5 * dot(d, self._quadratic(d)) - dot(self._pull, d) + here.energy
 
     def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
-        """As `BySecants.direction`, with the quadratic of this iterate."""
+        """As of `Potential`, with the quadratic of this iterate."""
         return super().direction(self.at(point), work)
 
     def at(self, point: Point) -> Point:

@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 
 from sim.errors import NotConverged
+from sim.integrators.incremental import PotentialOfMoves
 from sim.integrators.joint_equations import (
     Conditions,
-    Jointed,
     Reduced,
     conditions,
     curvature,
@@ -30,7 +30,7 @@ FARTHEST = 0.5
 
 
 def minimise_joined(
-    potential: Jointed,
+    potential: PotentialOfMoves,
     point: Point,
     work: Workspace,
     key: Key,
@@ -112,7 +112,7 @@ def minimise_joined(
 
 
 def _search(
-    potential: Jointed,
+    potential: PotentialOfMoves,
     start: Point,
     now: Conditions,
     f: Array,

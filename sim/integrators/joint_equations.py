@@ -1,45 +1,25 @@
 """Equations of rows of joints at a motion, and their solution by a factor of the tissue."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol, cast
+from typing import cast
 
 import numpy as np
 
 from sim.contact.rows import Flags
-from sim.integrators.newton import Point, Potential
+from sim.integrators.incremental import PotentialOfMoves
+from sim.integrators.newton import Point
 from sim.integrators.newton_factor import Key
 from sim.integrators.workspace import Workspace
 from sim.joints.compiled import REDUNDANT, Rows
-from sim.matrix import Matrix
 from sim.scene import Index
-from sim.state import Array, Pose
-from sim.system import System
+from sim.state import Array
 
 CHANGES = 20  #: largest number of changes of the active inequalities in one iteration
 BESIDE = 1e-5  #: motions between which the curvature of rows is differenced [m, rad]
 ON = 1e-9  #: value below which an inequality counts as active [m, rad]
 NOTHING = 1e-14  #: relative size of singular values that are zero but for rounding
 CONVEX = 1e-4  #: least curvature along motions that the rows allow, relative to the largest one
-
-
-class Jointed(Potential, Protocol):
-    """Potential of motions from a base; attributes as of `PotentialOfMoves`."""
-
-    system: System
-    duration: float
-    sigma: float
-    reaction: Array | None
-    held: Callable[[Array], Array] | None
-
-    def pose(self, d: Array) -> Pose:
-        """Pose after a motion."""
-        ...
-
-    def at(self, point: Point) -> Point:
-        """Point with the model of the potential that belongs to it."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +49,7 @@ class Conditions:
         return np.abs(broken[self.compliance == 0.0])
 
 
-def conditions(potential: Jointed, d: Array) -> Conditions:
+def conditions(potential: PotentialOfMoves, d: Array) -> Conditions:
     """Rows at a motion d (n,)."""
     rows, s = potential.system.rows, potential.duration
     assert rows is not None  # Callers check that the scene has joints.
@@ -108,10 +88,13 @@ class Reduced:
         on = now.rows.rigid | (now.rows.unilateral & active)
         if on.any():
             G = now.G[on]
-            S = G @ self.X[:, self.columns] @ G.T
-            wanted = G @ (self.X @ now.lagrangian(g, f))
-            f[on] = np.linalg.lstsq(S, wanted, rcond=NOTHING)[0]
+            f[on] = self._pushed(G, G @ (self.X @ now.lagrangian(g, f)))
         return f
+
+    def _pushed(self, G: Array, motion: Array) -> Array:
+        """Forces of rows G that cause their motion, the least ones if rows repeat each other."""
+        S = G @ self.X[:, self.columns] @ G.T
+        return np.asarray(np.linalg.lstsq(S, motion, rcond=NOTHING)[0], np.float64)
 
     def step(self, now: Conditions, g: Array, before: Array) -> tuple[Array, Array]:
         """Motion (n,) and forces of rows (m,) of one iteration.
@@ -140,9 +123,7 @@ class Reduced:
         if not on.any():
             return np.zeros(int(self.X.shape[1]))
         G = now.G[on]
-        S = G @ self.X[:, self.columns] @ G.T
-        pushed = np.asarray(np.linalg.lstsq(S, now.r[on], rcond=NOTHING)[0], np.float64)
-        return -(G.T @ pushed) @ self.X
+        return -(G.T @ self._pushed(G, now.r[on])) @ self.X
 
     def held(self, now: Conditions, f: Array, rhs: Array) -> Array:
         """Solution (n,) for a right-hand side while rigid and active rows stay as they are."""
@@ -150,9 +131,7 @@ class Reduced:
         if not on.any():
             return x
         G = now.G[on]
-        S = G @ self.X[:, self.columns] @ G.T
-        pushed = np.asarray(np.linalg.lstsq(S, G @ x[self.columns], rcond=NOTHING)[0], np.float64)
-        return x - (G.T @ pushed) @ self.X
+        return x - (G.T @ self._pushed(G, G @ x[self.columns])) @ self.X
 
     def _held(self, now: Conditions, pull: Array, before: Array, on: Flags) -> tuple[Array, Array]:
         """Motion x (k,) and forces f of these rows: K x - s G'(f - f0) = p, G x + r + C f = 0.
@@ -183,7 +162,7 @@ class Reduced:
         return found[:k], f
 
 
-def curvature(potential: Jointed, d: Array, now: Conditions, g: Array) -> Array:
+def curvature(potential: PotentialOfMoves, d: Array, now: Conditions, g: Array) -> Array:
     """Second derivative (k, k) of -f . c, with the forces f that balance a gradient g (k,) best.
 
     By differences: equilibria under joints may owe their stability to it alone, as a pendulum does.
@@ -199,18 +178,18 @@ def curvature(potential: Jointed, d: Array, now: Conditions, g: Array) -> Array:
     return (out + out.T) / (4.0 * BESIDE)
 
 
-def _sigma(potential: Jointed, A: Matrix) -> float:
-    """Multiple of the unit matrix on the columns of rows: none where the mass makes A definite."""
-    if potential.duration < math.inf:
-        return 0.0
-    return float(np.abs(A.values[A.pattern.diagonal]).max()) or 1.0
+def factorise(
+    potential: PotentialOfMoves, point: Point, columns: Index, key: Key, work: Workspace
+) -> int:
+    """Factorise the matrix at a point; return the number of shifts.
 
-
-def factorise(potential: Jointed, point: Point, columns: Index, key: Key, work: Workspace) -> int:
-    """Factorise the matrix at a point; return the number of shifts."""
+    A multiple of the unit matrix is added on the columns of rows, unless the mass makes A definite.
+    """
     with work.timed("tangent"):
         A = potential.matrix(point.d)
-    sigma = _sigma(potential, A)
+    sigma = 0.0
+    if potential.duration == math.inf:
+        sigma = float(np.abs(A.values[A.pattern.diagonal]).max()) or 1.0
     A.values[A.pattern.diagonal[columns]] += sigma
     shifts = work.newton.factorise(A, potential.shift, key)
     work.newton.on_rows = None
@@ -218,7 +197,7 @@ def factorise(potential: Jointed, point: Point, columns: Index, key: Key, work: 
     return shifts
 
 
-def reduced(potential: Jointed, columns: Index, work: Workspace) -> Reduced:
+def reduced(potential: PotentialOfMoves, columns: Index, work: Workspace) -> Reduced:
     """Solutions for the columns by the present factor, once for each factor."""
     if work.newton.on_rows is not None and work.newton.on_rows[0] == work.newton.number:
         return cast(Reduced, work.newton.on_rows[1])

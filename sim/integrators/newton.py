@@ -1,8 +1,8 @@
 """Newton's method with line search on a potential, with a factor reused over many steps."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -10,7 +10,8 @@ from sim.errors import NotConverged
 from sim.integrators.workspace import Workspace
 from sim.linear import NotPositiveDefinite
 from sim.matrix import Matrix
-from sim.state import Array, Evaluation
+from sim.state import Array, Evaluation, Pose
+from sim.system import System
 from sim.vectors import dot
 
 ARMIJO = 1e-4
@@ -32,62 +33,52 @@ class Point:
         return float(np.abs(self.g).max())
 
 
-class Potential(Protocol):
-    """Interface of potentials minimised by the iteration."""
+class Potential(ABC):
+    """Potential of motions d (n_free,) from a base, with directions by quasi-Newton updates."""
 
+    system: System
+    base: Pose
     scale: float  #: factor of `matrix` on the second derivative
     #: (n_free,) positive diagonal, multiples of which make the matrix positive definite
     shift: Array
-    #: number of iterations after which a factor may be renewed because of slow convergence
-    patience: int
+    patience = 1  #: number of iterations after which a factor may be renewed for slow convergence
     #: factor on `Tolerances.keep_factor` in the criterion of slow convergence, smaller if an iteration
     #: is expensive
-    haste: float
+    haste = 1.0
 
+    @abstractmethod
+    def pose(self, d: Array) -> Pose:
+        """Pose after a motion."""
+
+    @abstractmethod
     def point(self, d: Array) -> Point:
         """Evaluate potential and gradient, which are undefined if det F <= 0 somewhere."""
-        ...
 
+    @abstractmethod
     def largest_step(self, d: Array, direction: Array) -> float:
         """Largest feasible fraction in (0, 1] of a displacement by `direction` from d."""
-        ...
 
+    @abstractmethod
     def matrix(self, d: Array) -> Matrix:
         """Scale times the second derivative at d, or the part of it that is factorised."""
-        ...
+
+    def positions(self, d: Array) -> Array:
+        """Positions of all points (n_points, 3)."""
+        return self.pose(d).q
 
     def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
-        """Current iterate and descent direction (n_free,)."""
-        ...
-
-    def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
-        """End of a step of this fraction of a direction, which updates the quasi-Newton history."""
-        ...
-
-    def refused(self, work: Workspace) -> bool:
-        """Test for retrying without a new factor after a direction without descent."""
-        ...
-
-
-class BySecants:
-    """Choice of directions of a `Potential` whose stiffness is factorised completely."""
-
-    scale: float
-    patience, haste = 1, 1.0
-
-    def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
-        """Current iterate, and direction -H g with the quasi-Newton inverse H."""
+        """Current iterate, and descent direction -H g with the quasi-Newton inverse H."""
         return point, work.newton.secants.direction(
             point.g, lambda r: work.newton.solve(self.scale * r)
         )
 
     def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
-        """End of a step, which updates the quasi-Newton history."""
+        """End of a step of this fraction of a direction, which updates the quasi-Newton history."""
         work.newton.secants.learn(end.d - start.d, end.g - start.g)
         return end
 
     def refused(self, work: Workspace) -> bool:
-        """False: a new factor is required."""
+        """Test for retrying without a new factor after a direction without descent."""
         return False
 
 

@@ -8,9 +8,9 @@ import numpy as np
 
 from sim.contact.step import ContactStep
 from sim.errors import SceneError
-from sim.integrators.constrained import Placed, minimise_constrained
-from sim.integrators.contact_converged import EndInContact, minimise_in_contact, moved_upright
-from sim.integrators.contact_stage import StageWithRows
+from sim.integrators.constrained import minimise_constrained
+from sim.integrators.contact_converged import Settled, minimise_in_contact, moved_upright
+from sim.integrators.contact_stage import StageInContact, StageWithRows
 from sim.integrators.estimate import relaxed
 from sim.integrators.incremental import (
     IncrementalPotential,
@@ -19,7 +19,7 @@ from sim.integrators.incremental import (
     VaryingInertia,
 )
 from sim.integrators.joined import minimise_joined
-from sim.integrators.newton import Iteration, Point, Tolerances, minimise
+from sim.integrators.newton import Iteration, Point, Potential, Tolerances, minimise
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
 from sim.matrix import Matrix
@@ -42,7 +42,7 @@ class Iterative(Tolerances):
 
     def _minimiser(
         self, system: System, work: Workspace, s: float, until: float
-    ) -> Callable[[Placed, Point], tuple[Point, Iteration]]:
+    ) -> Callable[[Potential, Point], tuple[Point, Iteration]]:
         """Return the iteration for a system, with its constraints if it has any.
 
         Factors belong to this integrator and s, its implicit part of a step [s].
@@ -54,7 +54,7 @@ class Iterative(Tolerances):
                 "LinearlyImplicitEuler, or a soft volume"
             )
 
-        def settle(potential: Placed, point: Point) -> tuple[Point, Iteration]:
+        def settle(potential: Potential, point: Point) -> tuple[Point, Iteration]:
             if system.rows is not None:
                 assert isinstance(potential, PotentialOfMoves)  # without contact
                 return minimise_joined(potential, point, work, key, self, until)
@@ -76,7 +76,7 @@ class Solved:
     w: Array
     here: Evaluation
     went: Iteration
-    contact: EndInContact | None = None
+    contact: Settled | StageInContact | None = None
     reaction: Array | None = None
     held: Callable[[Array], Array] | None = None
 

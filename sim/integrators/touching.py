@@ -11,14 +11,12 @@ from sim.contact.compliance import RowCompliance, directions
 from sim.contact.pushes import pushes
 from sim.contact.rows import Acting, Multipliers, RowPlaces, Rows
 from sim.contact.step import pressed
-from sim.integrators.constrained import Placed
-from sim.integrators.newton import BySecants, Point
+from sim.integrators.newton import Point, Potential
 from sim.integrators.workspace import Workspace
 from sim.linear.conjugate_gradients import conjugate_gradients
 from sim.matrix import Matrix
 from sim.scene import Index
 from sim.state import Array, Pose
-from sim.system import System
 
 IN_MATRIX, APART = 3.0, 300.0
 """Penalty of a row relative to the stiffness; smaller if assembled, so that factors can be reused."""
@@ -51,24 +49,19 @@ class InContact(Point):
     alone: Point  #: point of the potential without contact
 
 
-class Touching:
+class Touching(Potential):
     """Potential with the augmentation of rows for their multipliers, from q0 (n_nodes, 3) [m]."""
 
     penalty: float
 
-    def __init__(self, potential: Placed, multipliers: Multipliers, q0: Array) -> None:
+    def __init__(self, potential: Potential, multipliers: Multipliers, q0: Array) -> None:
         self._potential, self.multipliers, self._q0 = potential, multipliers, q0
-        self.system: System = potential.system
-        self.base = potential.base
+        self.system, self.base = potential.system, potential.base
         self.scale, self.shift = potential.scale, potential.shift
 
     def pose(self, d: Array) -> Pose:
         """Pose after a motion."""
         return self._potential.pose(d)
-
-    def positions(self, d: Array) -> Array:
-        """Nodal positions (n_nodes, 3)."""
-        return self._potential.positions(d)
 
     def generalised(self, f: Array) -> Array:
         """Generalised force (n,) of forces on nodes (n_nodes, 3)."""
@@ -114,13 +107,13 @@ class Touching:
         return self.multipliers.at(self.positions(d) - self._q0)
 
 
-class TouchingInMatrix(BySecants, Touching):
+class TouchingInMatrix(Touching):
     """Assembled contact, for friction or if the matrix is singular without contact."""
 
     penalty, patience = IN_MATRIX, PATIENCE
 
     def __init__(
-        self, potential: Placed, multipliers: Multipliers, q0: Array, places: RowPlaces
+        self, potential: Potential, multipliers: Multipliers, q0: Array, places: RowPlaces
     ) -> None:
         super().__init__(potential, multipliers, q0)
         self._places = places
@@ -164,7 +157,7 @@ class TouchingApart(Touching):
 
     penalty, patience, haste = APART, 2, HASTE
 
-    def __init__(self, potential: Placed, multipliers: Multipliers, q0: Array) -> None:
+    def __init__(self, potential: Potential, multipliers: Multipliers, q0: Array) -> None:
         super().__init__(potential, multipliers, q0)
         self._directions = directions(self.system.point_pattern, multipliers.rows)
         self._compliance: RowCompliance | None = None

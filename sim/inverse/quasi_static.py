@@ -13,6 +13,7 @@ from sim.inverse.objective import MeasuredActivation, Objective, Weights
 from sim.inverse.quadratic import minimise_in_box
 from sim.inverse.response import equilibrium_response
 from sim.inverse.targets import Target, Together
+from sim.inverse.track import misfit, tracked_dataset
 from sim.state import Array, Control, State
 from sim.system import System
 from sim.threads import one_blas_thread
@@ -93,30 +94,14 @@ def equilibria(
         objective = Objective.at(float(t), a, weights, measured)
         a, state, violation, iterations = found.minimum(objective, float(t), state)
         reached, wanted = target.value(state.q), target.wanted(float(t))
-        gap = (reached - wanted)[np.isfinite(wanted)]
-        misfit = float(np.sqrt(np.mean(gap**2))) if len(gap) else np.nan
         full = float(((a >= objective.high) & (objective.high > objective.low)).sum())
-        records.append((a, reached, wanted, misfit, violation, full, float(iterations)))
+        about = misfit(reached, wanted), violation, full, float(iterations)
+        records.append((a, reached, wanted, *about))
         if progress is not None:
             progress(k + 1, len(times))
-    a, reached, wanted, *rest = (np.array(part).T for part in zip(*records, strict=True))
     names = ("misfit", "violation", "saturated", "iterations")
-    data = {
-        name: ("time", values, {"units": "1"}) for name, values in zip(names, rest, strict=True)
-    }
-    return xr.Dataset(
-        {
-            "activation": (("muscle", "time"), a, {"units": "1"}),
-            "tracked": (("quantity", "time"), reached, {"units": "1"}),
-            "wanted": (("quantity", "time"), wanted, {"units": "1"}),
-            **data,
-        },
-        coords={
-            "muscle": list(system.muscles),
-            "time": ("time", np.asarray(times), {"units": "s"}),
-        },
-        attrs={"run_time_s": clock.perf_counter() - started},
-    ), state
+    seconds = clock.perf_counter() - started
+    return tracked_dataset(system, np.asarray(times), records, names, seconds), state
 
 
 class _Equilibria:

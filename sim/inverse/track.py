@@ -123,14 +123,14 @@ def track(
         for rows, one in pushes:
             reached = np.concatenate([reached, one.reached(system, state, rows) / one.size])
             wanted = np.concatenate([wanted, one.wanted(t1) / one.size])
-        gap = (reached - wanted)[np.isfinite(wanted)]
-        misfit = float(np.sqrt(np.mean(gap**2))) if len(gap) else np.nan
         saturated = float((found.at_high & (objective.high > objective.low)).sum())
-        records.append((a, reached, wanted, misfit, found.violation, response.rows, saturated))
+        about = misfit(reached, wanted), found.violation, response.rows, saturated
+        records.append((a, reached, wanted, *about))
         times.append(t1)
         if progress is not None:
             progress(k + 1, total)
-    return _dataset(system, times, records, time.perf_counter() - started), state
+    names, seconds = ("misfit", "violation", "rows", "saturated"), time.perf_counter() - started
+    return tracked_dataset(system, np.array(times), records, names, seconds), state
 
 
 def _residuals(
@@ -191,14 +191,21 @@ def _advanced(
     return system.kinematics.state(pose, w, system.during(state, h).remember(pose.q))
 
 
-def _dataset(
+def misfit(reached: Array, wanted: Array) -> float:
+    """Root mean square of the measured differences; NaN if nothing is measured."""
+    gap = (reached - wanted)[np.isfinite(wanted)]
+    return float(np.sqrt(np.mean(gap**2))) if len(gap) else np.nan
+
+
+def tracked_dataset(
     system: System,
-    times: list[float],
-    records: list[tuple[Array, Array, Array, float, float, float, float]],
+    times: Array,
+    records: Sequence[tuple[Array, Array, Array, *tuple[float, ...]]],
+    names: tuple[str, ...],
     seconds: float,
 ) -> xr.Dataset:
+    """Activations, reached and wanted values, and named numbers, of the records at times (n,) [s]."""
     a, reached, wanted, *rest = (np.array(part).T for part in zip(*records, strict=True))
-    names = ("misfit", "violation", "rows", "saturated")
     data = {
         name: ("time", values, {"units": "1"}) for name, values in zip(names, rest, strict=True)
     }
@@ -209,6 +216,6 @@ def _dataset(
             "wanted": (("quantity", "time"), wanted, {"units": "1"}),
             **data,
         },
-        coords={"muscle": list(system.muscles), "time": ("time", np.array(times), {"units": "s"})},
+        coords={"muscle": list(system.muscles), "time": ("time", times, {"units": "s"})},
         attrs={"run_time_s": seconds},
     )
