@@ -194,22 +194,6 @@ def nodal(w, P, slope, f):
 
 
 @inner
-def along_moduli(moduli, A, D, P, w):
-    """Rows P.. of w: change An D of the stress with dx/dxi by D, from the 54 rows A.. of moduli."""
-    for i in range(3):
-        for n in range(3):
-            s = D[0] - D[0]
-            for j in range(3):
-                # of the axes (i, j) with i <= j, row by row; the others are transposed
-                block = A + 9 * (i * (5 - i) // 2 + j if i <= j else j * (5 - j) // 2 + i)
-                row, step = (block + 3 * n, 1) if i <= j else (block + n, 3)
-                s += load(moduli, row) * D[3 * j]
-                s += load(moduli, row + step) * D[3 * j + 1]
-                s += load(moduli, row + 2 * step) * D[3 * j + 2]
-            store(w, P + 3 * i + n, s)
-
-
-@inner
 def stiffness_block(w, A, slope, K):
     """Rows K..K + 7 over the nodes: sum over points of d_la A_lm d_mb, from nine rows A over the points.
 

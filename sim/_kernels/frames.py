@@ -67,7 +67,12 @@ def rotated(frames, b, v):
     """Vector from the axes of body b to space, v + 2 w (r x v) + 2 r x (r x v); body -1 is space."""
     if b < 0:
         return v
-    w, r = frames[b, 3], (frames[b, 4], frames[b, 5], frames[b, 6])
+    return turned(frames[b, 3], (frames[b, 4], frames[b, 5], frames[b, 6]), v)
+
+
+@bare
+def turned(w, r, v):
+    """Vector turned by a quaternion with scalar part w and vector part r."""
     t = cross(r, v)
     u = cross(r, t)
     return (
@@ -114,14 +119,41 @@ def turn_between(start, end, b):
     """Rotation vector of body b from frames at the start to those at the end."""
     a, u = start[b, 3], (start[b, 4], start[b, 5], start[b, 6])
     c, v = end[b, 3], (end[b, 4], end[b, 5], end[b, 6])
-    w, n = a * c + inner_product(u, v), cross(u, v)
-    s = -1.0 if w < 0.0 else 1.0
+    n = cross(u, v)
     r = (a * v[0] - c * u[0] + n[0], a * v[1] - c * u[1] + n[1], a * v[2] - c * u[2] + n[2])
+    return rotation_vector(a * c + inner_product(u, v), r)
+
+
+@bare
+def rotation_vector(w, r):
+    """Rotation vector of a quaternion with scalar part w and vector part r."""
+    s = -1.0 if w < 0.0 else 1.0
     sine = math.sqrt(inner_product(r, r))
     size = s * (2.0 + sine * sine / 3.0)
     if sine >= SMALL:
         size = s * 2.0 * math.atan2(sine, s * w) / sine
     return (size * r[0], size * r[1], size * r[2])
+
+
+@bare
+def rate_of_vector(theta, v, half):
+    """Sum v + half theta x v + s theta x (theta x v), s = (1 - a/2 cot(a/2))/a^2 with the angle a.
+
+    Rate of a rotation vector theta at the angular velocity v for half = -1/2, its transpose for 1/2
+    (`sim.kinematics.rotations.vector_rate`).
+    """
+    angle2 = inner_product(theta, theta)
+    angle = math.sqrt(angle2)
+    s = 1.0 / 12.0 + angle2 / 720.0
+    if angle >= SMALL:
+        s = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / angle2
+    once = cross(theta, v)
+    twice = cross(theta, once)
+    return (
+        v[0] + half * once[0] + s * twice[0],
+        v[1] + half * once[1] + s * twice[1],
+        v[2] + half * once[2] + s * twice[2],
+    )
 
 
 @bare

@@ -3,13 +3,11 @@
 # pyright: basic
 # numba compiles these functions; those called from Python carry types
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.body_tables import BodyTable
-from sim._kernels.frames import SMALL, cross, inner_product, move, rotated, vector
+from sim._kernels.frames import cross, move, rate_of_vector, rotated, turned, vector
 from sim._kernels.options import inner, kernel
 
 Array = NDArray[np.float64]
@@ -18,14 +16,7 @@ Array = NDArray[np.float64]
 @inner
 def _back(frames, v):
     """Vector from space to the axes of the body, Q'v."""
-    w, r = frames[0, 3], (-frames[0, 4], -frames[0, 5], -frames[0, 6])
-    t = cross(r, v)
-    u = cross(r, t)
-    return (
-        v[0] + 2.0 * (w * t[0] + u[0]),
-        v[1] + 2.0 * (w * t[1] + u[1]),
-        v[2] + 2.0 * (w * t[2] + u[2]),
-    )
+    return turned(frames[0, 3], (-frames[0, 4], -frames[0, 5], -frames[0, 6]), v)
 
 
 @inner
@@ -58,22 +49,6 @@ def _acceleration(table, b, frame, w, a):
         a[3 + d] = rate[d]
 
 
-@inner
-def _vector_rate(d, w, rate):
-    """Rate (6,) of the motion d: `sim.kinematics.rotations.vector_rate` for the rotation."""
-    theta, omega = (d[3], d[4], d[5]), (w[3], w[4], w[5])
-    angle2 = inner_product(theta, theta)
-    angle = math.sqrt(angle2)
-    s = 1.0 / 12.0 + angle2 / 720.0
-    if angle >= SMALL:
-        s = (1.0 - 0.5 * angle / math.tan(0.5 * angle)) / angle2
-    once = cross(theta, omega)
-    twice = cross(theta, once)
-    for k in range(3):
-        rate[k] = w[k]
-        rate[3 + k] = omega[k] - 0.5 * once[k] + s * twice[k]
-
-
 @kernel
 def run_free_bodies(table: BodyTable, h: Array, frames: Array, twists: Array) -> None:
     """Advance frames (n_bodies, 7) and twists (n_bodies, 6) by the classical method with steps h (n,).
@@ -95,7 +70,9 @@ def run_free_bodies(table: BodyTable, h: Array, frames: Array, twists: Array) ->
                     if stage > 0:
                         d[k], w[k] = s * rate[k], twists[b, k] + s * a[k]
                 move(frame, 0, d, 0)
-                _vector_rate(d, w, rate)
+                turning = rate_of_vector((d[3], d[4], d[5]), (w[3], w[4], w[5]), -0.5)
+                rate[0], rate[1], rate[2] = w[0], w[1], w[2]
+                rate[3], rate[4], rate[5] = turning
                 _acceleration(table, b, frame, w, a)
                 for k in range(6):
                     before = (0.0, 0.0) if stage == 0 else (sum_rate[k], sum_a[k])

@@ -9,7 +9,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.frames import SMALL, cross, inner_product, minus, placed, put, rotated, vector
+from sim._kernels.frames import (
+    cross,
+    inner_product,
+    minus,
+    placed,
+    put,
+    rate_of_vector,
+    rotated,
+    rotation_vector,
+    vector,
+)
 from sim._kernels.options import bare, bare_kernel
 
 Array = NDArray[np.float64]
@@ -92,9 +102,8 @@ def _quaternion(frames, b):
 def _rotation(table, frames, k):
     """Component of the rotation vector theta of B in the axes of A, and its derivative, both turned.
 
-    d theta/dt = omega - theta x omega / 2 + s theta x (theta x omega) with the relative angular velocity
-    omega (`sim.kinematics.rotations.vector_rate`), so the derivative of n . theta is n + theta x n / 2 +
-    s theta x (theta x n).
+    The derivative of n . theta is the transpose of the map from the relative angular velocity to
+    d theta/dt, applied to n.
     """
     a, b, i = table.body_a[k], table.body_b[k], table.i[k]
     p, q = _quaternion(frames, a), _quaternion(frames, b)
@@ -105,23 +114,9 @@ def _rotation(table, frames, k):
         p[0] * v[1] - q[0] * u[1] - x[1],
         p[0] * v[2] - q[0] * u[2] - x[2],
     )
-    sign = -1.0 if w < 0.0 else 1.0
-    sine = math.sqrt(inner_product(r, r))
-    angle = 2.0 * math.atan2(sine, sign * w)
-    size, s = 2.0 * sign, 1.0 / 12.0
-    if sine > SMALL:
-        size = sign * angle / sine
-        cotangent = math.cos(0.5 * angle) / math.sin(0.5 * angle)
-        s = (1.0 - 0.5 * angle * cotangent) / (angle * angle)
-    theta = (size * r[0], size * r[1], size * r[2])
+    theta = rotation_vector(w, r)
     n = (table.axes_a[k, 0, i], table.axes_a[k, 1, i], table.axes_a[k, 2, i])
-    once = cross(theta, n)
-    twice = cross(theta, once)
-    slope = (
-        n[0] + 0.5 * once[0] + s * twice[0],
-        n[1] + 0.5 * once[1] + s * twice[1],
-        n[2] + 0.5 * once[2] + s * twice[2],
-    )
+    slope = rate_of_vector(theta, n, 0.5)
     return inner_product(n, theta), rotated(frames, a, slope)
 
 

@@ -37,10 +37,10 @@ from sim._kernels.element import (
     take,
 )
 from sim._kernels.lanes import load, smallest, store, total
-from sim._kernels.laws import bulk, fibre_rests, isochoric
+from sim._kernels.laws import fibre_rests
 from sim._kernels.options import inner
 from sim._kernels.scatter import subtract_from_nodes
-from sim._kernels.solid import STRESS, fibre_at_points, inverse_cube_root
+from sim._kernels.solid import STRESS, by_invariants, by_stretch
 
 KEPT = 14  #: rows of an element: F, 2 W_1, W_J, 4 W_11, 2 W_1J, W_JJ, times the volumes
 OF_FIBRE = 3  #: rows of a fibre: 2 W_4, 4 W_44, 2 W_4J
@@ -110,23 +110,12 @@ def add_stress(e, part, laws, fibres, activation, weight, first, s):
     own = part.element[e]
     row = laws.region[own]
     dV = weight[own] * load(part.volume, e)
-    root = inverse_cube_root(J)
-    scale = root * root
-    over = 1.0 / J
-    # d(I1bar)/dJ = dJ * I1bar and so on, the same for every isochoric invariant
-    dJ, ddJ = (-2.0 / 3.0) * over, (10.0 / 9.0) * over * over
-    I1bar = scale * _dot(F, F)
-    W, w1, w11 = isochoric(laws.code[row], laws.p[row], I1bar)
-    U, UJ, UJJ = bulk(laws.bulk_code[row], laws.kappa[row], J)
-    W = W + U
-    slope = dJ * I1bar
-    W_J = UJ + w1 * slope
-    W_JJ = UJJ + w11 * slope * slope + w1 * ddJ * I1bar
-    p_1 = 2.0 * dV * w1 * scale
+    scale, dJ, ddJ, W, p_1, e_11, e_1J, W_J, W_JJ = by_invariants(F, C, J, laws, row)
+    p_1 = dV * p_1
     put(s.kept, first, F)
     store(s.kept, first + 9, p_1)
-    store(s.kept, first + 11, 4.0 * dV * w11 * scale * scale)
-    store(s.kept, first + 12, 2.0 * dV * (w11 * I1bar + w1) * scale * dJ)
+    store(s.kept, first + 11, dV * e_11)
+    store(s.kept, first + 12, dV * e_1J)
     P, at = _scaled(p_1, F, p_1 - p_1, F), first + KEPT
     for fibre in range(fibres.start[own], fibres.start[own + 1]):
         muscle = fibres.muscle[fibre]
@@ -136,20 +125,14 @@ def add_stress(e, part, laws, fibres, activation, weight, first, s):
         stretch = math.sqrt(I4bar)
         s.acts[fibre] = not fibre_rests(code, fibres.p[muscle], -smallest(-stretch), drive)
         if s.acts[fibre]:
-            own_W, wl, wll = fibre_at_points(s.w, code, fibres.p[muscle], stretch, drive)
-            share = fibres.weight[fibre]
-            wl, wll = share * wl, share * wll
-            W = W + share * own_W
-            w4 = wl / (2.0 * stretch)
-            w44 = (wll - wl / stretch) / (4.0 * I4bar)
-            slope = dJ * I4bar
-            W_J = W_J + w4 * slope
-            W_JJ = W_JJ + w44 * slope * slope + w4 * ddJ * I4bar
-            p_4 = 2.0 * dV * w4 * scale
+            own_W, own_J, own_JJ, p_4, e_44, e_4J = by_stretch(
+                s.w, fibres, fibre, I4bar, stretch, drive, scale, dJ, ddJ
+            )
+            W, W_J, W_JJ, p_4 = W + own_W, W_J + own_J, W_JJ + own_JJ, dV * p_4
             P = _with_dyad(P, p_4 * a0, p_4 * a1, p_4 * a2, fibres, fibre)
             store(s.kept, at, p_4)
-            store(s.kept, at + 1, 4.0 * dV * w44 * scale * scale)
-            store(s.kept, at + 2, 2.0 * dV * (w44 * I4bar + w4) * scale * dJ)
+            store(s.kept, at + 1, dV * e_44)
+            store(s.kept, at + 2, dV * e_4J)
         at += OF_FIBRE
     store(s.kept, first + 10, dV * W_J)
     store(s.kept, first + 13, dV * W_JJ)

@@ -16,6 +16,7 @@ once.
 """
 
 # pyright: basic, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false
 # numba compiles these functions; those called from Python carry types
 
 import math
@@ -142,6 +143,44 @@ def fibre_at_points(w, code, p, stretch, drive):
     return load(w, _LAW), load(w, _LAW + 1), load(w, _LAW + 2)
 
 
+@inner
+def by_invariants(F, C, J, laws, row):
+    """Energy W of the isochoric and bulk laws, 2 W_1, 4 W_11, 2 W_1J, W_J and W_JJ.
+
+    They follow the factor J^(-2/3) of the invariants, and its derivatives dJ and ddJ by J over it.
+    """
+    I1 = F[0] * F[0] + F[1] * F[1] + F[2] * F[2] + F[3] * F[3] + F[4] * F[4]
+    I1 += F[5] * F[5] + F[6] * F[6] + F[7] * F[7] + F[8] * F[8]
+    root = inverse_cube_root(J)
+    scale = root * root
+    # One more step, because line searches near the minimum depend on the last digits of the energy.
+    scale += scale * ((1.0 - J * J * scale * scale * scale) * (1.0 / 3.0))
+    # d(I1bar)/dJ = dJ * I1bar and so on, the same for every isochoric invariant
+    over = 1.0 / J
+    dJ, ddJ = (-2.0 / 3.0) * over, (10.0 / 9.0) * over * over
+    I1bar = scale * I1
+    W, w1, w11 = isochoric(laws.code[row], laws.p[row], I1bar)
+    U, UJ, UJJ = bulk(laws.bulk_code[row], laws.kappa[row], J)
+    slope, e_1J = dJ * I1bar, 2.0 * (w11 * I1bar + w1) * scale * dJ
+    W_J, W_JJ = UJ + w1 * slope, UJJ + w11 * slope * slope + w1 * ddJ * I1bar
+    own = W + U, 2.0 * w1 * scale, 4.0 * w11 * scale * scale, e_1J
+    return (scale, dJ, ddJ) + own + (W_J, W_JJ)
+
+
+@inner
+def by_stretch(w, fibres, row, I4bar, stretch, drive, scale, dJ, ddJ):
+    """Share of one fibre in W, W_J and W_JJ, and its 2 W_4, 4 W_44 and 2 W_4J."""
+    muscle, share = fibres.muscle[row], fibres.weight[row]
+    W, wl, wll = fibre_at_points(w, fibres.code[muscle], fibres.p[muscle], stretch, drive)
+    wl, wll = share * wl, share * wll
+    w4 = wl / (2.0 * stretch)
+    w44 = (wll - wl / stretch) / (4.0 * I4bar)
+    slope = dJ * I4bar
+    W_JJ = w44 * slope * slope + w4 * ddJ * I4bar
+    moduli = 4.0 * w44 * scale * scale, 2.0 * (w44 * I4bar + w4) * scale * dJ
+    return (share * W, w4 * slope, W_JJ, 2.0 * w4 * scale) + moduli
+
+
 @in_threads(by_chunk)
 def smallest_J(first: int, last: int, q: Reals, part: Part, out: Reals) -> None:
     """Smallest det F over the points of every element, into out of all elements."""
@@ -178,22 +217,7 @@ def element_stress(
     dV = load(part.volume, e)
     if weight.size > 0:
         dV = weight[own] * dV
-    I1 = F[0] * F[0] + F[1] * F[1] + F[2] * F[2] + F[3] * F[3] + F[4] * F[4]
-    I1 += F[5] * F[5] + F[6] * F[6] + F[7] * F[7] + F[8] * F[8]
-    root = inverse_cube_root(J)
-    scale = root * root
-    # One more step, because line searches near the minimum depend on the last digits of the energy.
-    scale += scale * ((1.0 - J * J * scale * scale * scale) * (1.0 / 3.0))
-    # d(I1bar)/dJ = dJ * I1bar and so on, the same for every isochoric invariant
-    over = 1.0 / J
-    dJ, ddJ = (-2.0 / 3.0) * over, (10.0 / 9.0) * over * over
-    I1bar = scale * I1
-    W, w1, w11 = isochoric(laws.code[row], laws.p[row], I1bar)
-    U, UJ, UJJ = bulk(laws.bulk_code[row], laws.kappa[row], J)
-    W = W + U
-    slope = dJ * I1bar
-    W_J = UJ + w1 * slope
-    W_JJ = UJJ + w11 * slope * slope + w1 * ddJ * I1bar
+    scale, dJ, ddJ, W, p_1, e_11, e_1J, W_J, W_JJ = by_invariants(F, C, J, laws, row)
     M, N = natural(F, part.inverse, e), natural(C, part.inverse, e)
     put(w, _M, M)
     put(w, _N, N)
@@ -212,16 +236,10 @@ def element_stress(
             clear(w, STRESS, 9)
             if with_moduli:
                 clear(w, MODULI, 9 * BLOCKS)
-        own_W, wl, wll = fibre_at_points(w, code, fibres.p[muscle], stretch, drive)
-        share = fibres.weight[fibre_row]
-        wl, wll = share * wl, share * wll
-        W = W + share * own_W
-        w4 = wl / (2.0 * stretch)
-        w44 = (wll - wl / stretch) / (4.0 * I4bar)
-        slope = dJ * I4bar
-        W_J = W_J + w4 * slope
-        W_JJ = W_JJ + w44 * slope * slope + w4 * ddJ * I4bar
-        p_4 = 2.0 * dV * w4 * scale
+        own_W, own_J, own_JJ, p_4, e_44, e_4J = by_stretch(
+            w, fibres, fibre_row, I4bar, stretch, drive, scale, dJ, ddJ
+        )
+        W, W_J, W_JJ, p_4 = W + own_W, W_J + own_J, W_JJ + own_JJ, dV * p_4
         A = take(part.inverse, 9 * e)
         b0, b1, b2 = along(A, fibres.direction, fibre_row)
         first, second = (a0 * b0, a0 * b1, a0 * b2), (a1 * b0, a1 * b1, a1 * b2)
@@ -229,18 +247,15 @@ def element_stress(
         for n in range(9):
             _add(w, STRESS + n, p_4 * load(w, _T + n))
         if with_moduli:
-            e_44 = 4.0 * dV * w44 * scale * scale
-            e_4J = 2.0 * dV * (w44 * I4bar + w4) * scale * dJ
-            _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2)
+            _add_fibre_moduli(w, dV * e_44, dV * e_4J, p_4, b0, b1, b2)
     energy[own] = total(dV * W)
-    p_1, p_J = 2.0 * dV * w1 * scale, dV * W_J
+    p_1, p_J = dV * p_1, dV * W_J
     for n in range(9):
         value = p_1 * load(w, _M + n) + p_J * load(w, _N + n)
         _write(w, STRESS + n, value, driven)
     if with_moduli:
-        e_11 = 4.0 * dV * w11 * scale * scale
-        e_1J = 2.0 * dV * (w11 * I1bar + w1) * scale * dJ
-        _add_moduli(w, e_11, e_1J, dV * W_JJ, p_J * over, p_1, part.inverse, e, driven)
+        e_11, e_1J, e_JJ = dV * e_11, dV * e_1J, dV * W_JJ
+        _add_moduli(w, e_11, e_1J, e_JJ, p_J / J, p_1, part.inverse, e, driven)
     return True
 
 

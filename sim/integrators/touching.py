@@ -161,8 +161,10 @@ class TouchingApart(Touching):
         super().__init__(potential, multipliers, q0)
         self._directions = directions(self.system.point_pattern, multipliers.rows)
         self._compliance: RowCompliance | None = None
-        self._tried: _Tried | None = None
-        self._moved: _Moved | None = None
+        # of the last direction: forces (m,), displacements (n,) by the factor with the previous forces
+        # and by their change; of the last step: start, displacement by the factor, number of the factor
+        self._tried: tuple[Array, Array, Array] | None = None
+        self._moved: tuple[Point, Array, int] | None = None
         self._left = ROUGH
         assert self.system.contact is not None  # it has the rows
         self._tolerances = self.system.contact.tolerances
@@ -177,14 +179,14 @@ class TouchingApart(Touching):
         alone, forces, secants = point.alone, self.multipliers.normal, work.newton.inverse_secants
         rest = self._directions.T @ forces - alone.g
         by_factor = work.newton.solve(self.scale * rest)
-        moved, self._moved = self._moved, None
-        if moved is not None and moved.factor == work.newton.number:
-            answer = moved.by_factor - by_factor
-            secants.learn(alone.d - moved.start.d, alone.g - moved.start.g, answer)
+        if self._moved is not None and self._moved[2] == work.newton.number:
+            before, moved, _ = self._moved
+            secants.learn(alone.d - before.d, alone.g - before.g, moved - by_factor)
+        self._moved = None
         free = by_factor + secants.added(rest)
         gap = self.acting(point.d).gap + self._directions @ free
         new, answer, pushed = self._pushed(gap, self._rows(work), work)
-        self._tried = _Tried(new, by_factor, answer)
+        self._tried = new, by_factor, answer
         return self.with_contact(alone), free + pushed
 
     def _rows(self, work: Workspace) -> RowCompliance:
@@ -230,12 +232,11 @@ class TouchingApart(Touching):
         assert isinstance(start, InContact) and isinstance(end, InContact)
         if length < 1.0:
             self._left = SURE
-        tried, self._tried = self._tried, None
-        assert tried is not None  # set by `direction`
+        assert self._tried is not None  # set by `direction`
+        (forces, by_factor, answer), self._tried = self._tried, None
         multipliers = self.multipliers
-        multipliers.normal = multipliers.normal + length * (tried.forces - multipliers.normal)
-        by_factor = tried.by_factor + length * tried.answer
-        self._moved = _Moved(start.alone, by_factor, work.newton.number)
+        multipliers.normal = multipliers.normal + length * (forces - multipliers.normal)
+        self._moved = start.alone, by_factor + length * answer, work.newton.number
         return replace(end, g=end.alone.g - self._directions.T @ multipliers.normal)
 
     def refused(self, work: Workspace) -> bool:
@@ -284,24 +285,3 @@ class TouchingApart(Touching):
         push = D.T @ force[: len(rows)] + self._directions[elsewhere].T @ force[len(rows) :]
         x = work.newton.solve(self.scale * push)
         return self.opening(x)
-
-
-@dataclass(frozen=True, eq=False)
-class _Tried:
-    """Forces (m,) of a direction, and its displacements (n,) by the factor alone.
-
-    `by_factor` is the displacement with the previous forces, `answer` that by their change.
-    """
-
-    forces: Array
-    by_factor: Array
-    answer: Array
-
-
-@dataclass(frozen=True, eq=False)
-class _Moved:
-    """Step with its start, its displacement (n,) by the factor alone, and its factor."""
-
-    start: Point
-    by_factor: Array
-    factor: int
