@@ -13,7 +13,7 @@ from emgface.signals.activation import (
     feature_parameters,
     filtered_channels,
 )
-from emgface.signals.filters import LARGEST_VARIATION
+from emgface.signals.filters import too_large_for_semg
 from emgface.signals.mapping import sources_of
 from emgface.signals.montage import montage_of
 from emgface.signals.parameters import SignalChain
@@ -78,7 +78,9 @@ def _estimated(recording: xr.Dataset, chain: SignalChain, session: xr.Dataset | 
     if session is not None and session.attrs.get("parameters") == feature_parameters(given):
         session = session.assign_attrs(parameters=feature_parameters(chain))
     found = activation_of(recording, chain, strategy="act_all", session=session)
-    _check_unit(emg, chain)
+    known = emg.sel(channel=[name for name in emg["channel"].values if str(name) in CHANNELS])
+    if said := too_large_for_semg(filtered_channels(known, chain)[0]):
+        raise UnitsError(said)
     montage = montage_of(map(str, emg["channel"].values), chain.montage)
     silent = set(str(found.attrs["silent"]).split()) | set(montage.zero)
     missing = [
@@ -87,15 +89,3 @@ def _estimated(recording: xr.Dataset, chain: SignalChain, session: xr.Dataset | 
         if name not in montage.estimated or silent & {name, *sources_of(name)}
     ]
     return found.assign_attrs(missing=" ".join(missing))
-
-
-def _check_unit(emg: xr.DataArray, chain: SignalChain) -> None:
-    known = emg.sel(channel=[name for name in emg["channel"].values if str(name) in CHANNELS])
-    spread = filtered_channels(known, chain)[0].std("time_emg").values
-    k = int(np.argmax(spread))
-    if spread[k] > LARGEST_VARIATION:
-        raise UnitsError(
-            f"channel {known['channel'].values[k]} varies by {spread[k]:.3g} V after the filter, "
-            f"expected sEMG of at most {LARGEST_VARIATION:g} V: check the unit of the recording or "
-            "its sidecar"
-        )

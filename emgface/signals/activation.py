@@ -30,7 +30,7 @@ from emgface.errors import (
 from emgface.muscles import MUSCLES
 from emgface.signals.envelope import muscle_activation
 from emgface.signals.features import feature_of
-from emgface.signals.filters import LARGEST_VARIATION, bandpass, constant_rows
+from emgface.signals.filters import bandpass, constant_rows, too_large_for_semg
 from emgface.signals.mapping import map_channels
 from emgface.signals.montage import montage_of, with_mirrored
 from emgface.signals.normalisation import normalise
@@ -121,7 +121,8 @@ def feature_before_normalisation(
     montage = montage_of(map(str, emg["channel"].values), chain.montage)
     emg = with_mirrored(emg, montage)
     filtered, silent = filtered_channels(emg, chain)
-    _warn_of_unit(filtered)
+    if said := too_large_for_semg(filtered):
+        warnings.warn(said, FeatureWarning, stacklevel=2)
     oom, stage = chain.mapping.oom, chain.mapping.mapping_stage
     if stage == "signal":
         filtered = map_channels(filtered, oom, montage.estimated)
@@ -129,20 +130,6 @@ def feature_before_normalisation(
     if stage == "feature":
         feature = map_channels(feature, oom, montage.estimated)
     return feature, silent
-
-
-def _warn_of_unit(filtered: xr.DataArray) -> None:
-    """Warn of signals far above sEMG, as with mV declared for uV."""
-    spread = filtered.std("time_emg").values
-    k = int(np.argmax(np.nan_to_num(spread)))
-    if spread[k] > LARGEST_VARIATION:
-        warnings.warn(
-            f"channel {filtered['channel'].values[k]} varies by {spread[k]:.3g} V after the filter, "
-            f"expected sEMG of at most {LARGEST_VARIATION:g} V: check the unit of the recording or "
-            "its sidecar",
-            FeatureWarning,
-            stacklevel=3,
-        )
 
 
 def filtered_channels(

@@ -100,6 +100,22 @@ def constant_rows(signal: xr.DataArray) -> tuple[str, ...]:
     return tuple(str(name) for name in signal[dim].values[constant])
 
 
+def too_large_for_semg(filtered: xr.DataArray) -> str:
+    """Sentence on the channel that varies most, if by more than `LARGEST_VARIATION`, else empty.
+
+    `filtered` (channel, time_emg) [V] is sEMG after the band-pass, as with mV declared for uV.
+    """
+    spread = filtered.std(TIME_EMG).values
+    k = int(np.argmax(np.nan_to_num(spread)))
+    if not spread[k] > LARGEST_VARIATION:
+        return ""
+    return (
+        f"channel {filtered['channel'].values[k]} varies by {spread[k]:.3g} V after the filter, "
+        f"expected sEMG of at most {LARGEST_VARIATION:g} V: check the unit of the recording or "
+        "its sidecar"
+    )
+
+
 def bandpass(signal: xr.DataArray, parameters: FilterParameters) -> xr.DataArray:
     """Butterworth band-pass as second-order sections, zero-phase or causal.
 
