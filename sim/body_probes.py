@@ -8,8 +8,8 @@ from sim.errors import SceneError
 from sim.integrators.held import forces_of_rows
 from sim.joints.compiled import Rows
 from sim.joints.contract import REACTIONS
-from sim.probes import AXES, Variable
-from sim.state import Array, Control, Outputs, State, StepReport
+from sim.probes import AXES, Report, Values, Variable
+from sim.state import Array, Control, Outputs, State
 from sim.system import System
 
 
@@ -26,9 +26,7 @@ class Frames:
         parts = body | {"part": ("w", "x", "y", "z")}
         return centre, Variable("body_quaternion", "1", ("body", "part"), parts)
 
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
+    def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Copy the frames."""
         return state.frames[:, :3].copy(), state.frames[:, 3:].copy()
 
@@ -59,9 +57,7 @@ class Reactions:
         names = (("joint_force", "N"), ("joint_moment", "N m"))
         return tuple(Variable(name, units, ("joint", "axis"), coords) for name, units in names)
 
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
+    def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Sum the forces of the rows of each joint."""
         rows, forces = self._rows(system), forces_of_rows(system, state, control)[None]
         force, moment = rows.reactions(state.frames[None], state.q[None], forces)

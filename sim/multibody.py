@@ -81,11 +81,7 @@ class Multibody:
             PointScratch(**_zeros(points)),
             StepScratch(**_zeros(step)),
             RowScratch(
-                **_zeros(rows),
-                on=flags[0],
-                place=numbers[0],
-                chosen=flags[1],
-                near=numbers[1],
+                **_zeros(rows), on=flags[0], place=numbers[0], chosen=flags[1], near=numbers[1]
             ),
         )
 

@@ -15,6 +15,9 @@ from sim.vectors import dot
 
 AXES = ("x", "y", "z")
 
+Report = StepReport | None  #: None for the initial state and inside a step
+Values = tuple[Array | float, ...]  #: values of all variables of a probe at one time
+
 
 @dataclass(frozen=True)
 class Variable:
@@ -33,10 +36,8 @@ class Probe(Protocol):
         """Describe the variables returned by `record`, in order."""
         ...
 
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
-        """Values at one time; the report is None for the initial state and inside a step."""
+    def record(self, system: System, state: State, control: Control, report: Report) -> Values:
+        """Values at one time."""
         ...
 
 
@@ -78,9 +79,7 @@ class Markers:
         """One variable ``position``."""
         return _over_markers("position", self.names)
 
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
+    def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Copy the marker positions."""
         return (state.q[self.nodes],)
 
@@ -115,9 +114,7 @@ class Opening:
         """One variable."""
         return (Variable(self.name, "m"),)
 
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
+    def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Signed distance along the direction."""
         apart = state.q[self.upper] - state.q[self.lower]
         return (float(np.array(self.direction) @ apart) / math.hypot(*self.direction),)
@@ -131,9 +128,7 @@ class SmallestJ:
         """One variable."""
         return (Variable("smallest_J", "1"),)
 
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
+    def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Evaluate det F in the state."""
         return (system.smallest_J(state.q)[0],)
 
@@ -152,9 +147,7 @@ class StepErrors:
         """Variables ``step_error`` and ``iteration_error``."""
         return *_over_markers("step_error", self.names), Variable("iteration_error", "m")
 
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
+    def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Return the estimate at the nodes; zero at the start."""
         if report is None:
             return np.zeros((len(self.nodes), 3)), 0.0
@@ -172,9 +165,7 @@ class Energies:
         """Two variables."""
         return Variable("kinetic_energy", "J"), Variable("potential_energy", "J")
 
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
+    def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Return v' M v / 2 and the sum of the terms' energies."""
         kinetic = 0.5 * dot(system.node_mass, (state.v**2).sum(axis=1))
         kinetic += system.kinematics.kinetic_energy(state)
@@ -190,9 +181,7 @@ class Iterations:
         counts = ("iterations", "factorisations", "steps", "rejected", "shifts", "indefinite")
         return (*(Variable(name, "1") for name in counts), Variable("residual", "N"))
 
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
+    def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Copy the report; zeros for the initial state."""
         return (0.0,) * 7 if report is None else self._of(report)
 
@@ -220,9 +209,7 @@ class Positions:
         """One variable."""
         return (Variable("node_position", "m", ("node", "axis"), {"axis": AXES}),)
 
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
+    def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Copy all positions."""
         return (state.q.copy(),)
 
@@ -249,9 +236,7 @@ class Contacts:
         names = (("contacts", "1"), ("contact_gap", "m"), ("contact_force", "N"))
         return tuple(Variable(name, units, ("pairing",), coords) for name, units in names)
 
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
+    def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Measure the contacts of the state."""
         for term in system.terms:
             if isinstance(term, MeasuresContact):

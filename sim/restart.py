@@ -56,10 +56,7 @@ def save_state(state: State, path: str | PathLike[str]) -> None:
             "body_velocity": (("body", "axis"), twists[:, :3], {"units": "m s-1"}),
             "body_angular_velocity": (("body", "axis"), twists[:, 3:], {"units": "rad s-1"}),
         }
-    data = xr.Dataset(
-        blocks,
-        attrs={"kind": _KIND, "memory": list(state.memory) or ""},
-    )
+    data = xr.Dataset(blocks, attrs={"kind": _KIND, "memory": list(state.memory) or ""})
     for i, array in enumerate(state.memory.values()):
         data[f"memory_{i}"] = tuple(f"memory_{i}_{k}" for k in range(array.ndim)), array
     data.to_netcdf(  # pyright: ignore[reportUnknownMemberType]

@@ -13,11 +13,7 @@ ROUNDING = 1e-6  #: relative rounding error of the product of displacement and c
 
 
 def snapped(
-    system: System,
-    before: State,
-    after: State,
-    control: Control,
-    bodies: BodiesAlone | None = None,
+    system: System, before: State, after: State, control: Control, bodies: BodiesAlone | None = None
 ) -> bool:
     """Test if the energy for one control is concave between two states.
 

@@ -29,12 +29,7 @@ class Pose:
 
 @dataclass(frozen=True)
 class State:
-    """Complete state of a simulation, for copies, files and restarts.
-
-    Attributes
-    ----------
-    space.
-    """
+    """Complete state of a simulation, for copies, files and restarts."""
 
     t: float  #: time [s]
     q: Array  #: (n_points, 3) positions of nodes and of points on bodies [m]
@@ -43,7 +38,7 @@ class State:
     memory: Mapping[str, Array] = field(default_factory=dict[str, Array])
     #: (n_bodies, 7) centre of mass [m] and unit quaternion (scalar first) of every body
     frames: Array = field(default_factory=_no_frames)
-    #: (n_bodies, 6) velocity of the centre of mass [m/s] and angular velocity [rad/s], in
+    #: (n_bodies, 6) velocity of the centre of mass [m/s] and angular velocity [rad/s], in space
     twists: Array = field(default_factory=_no_twists)
 
     @property

@@ -202,19 +202,11 @@ def _hold(table, kinds, twists, h, step, rows):
                     S[i, j] += h * sign[d] * Y[i, d] * Y[j, d]
             time = h if kinds.unilateral[k] else h + kinds.damping_time[k]
             S[i, i] += kinds.compliance[k] / time
-        if not _complementary(
-            kinds.unilateral,
-            near,
-            m,
-            b,
-            S,
-            rows.T,
-            rows.on,
-            rows.place,
-            rows.positive,
-            rows.target,
+        good = _complementary(
+            kinds.unilateral, near, m, b, S, rows.T, rows.on, rows.place, rows.positive, rows.target,
             rows.f,
-        ):
+        )  # fmt: skip
+        if not good:
             return False
         _push(rows.f, m, Y, g)
         for j in range(n):
@@ -272,17 +264,9 @@ def move_on_rows(table, kinds, bodies, twists, q, h, theta, known, most, drift, 
                     rows.chosen[i] = kinds.rigid[i] or (fallen and not last)
                 m = _choose(rows.chosen, near)
                 _mobility(
-                    column,
-                    bodies.mass,
-                    inverse,
-                    table.body_a,
-                    table.body_b,
-                    near,
-                    m,
-                    rows.G,
-                    rows.Y,
+                    column, bodies.mass, inverse, table.body_a, table.body_b, near, m, rows.G, rows.Y,
                     rows.S,
-                )
+                )  # fmt: skip
                 k = -1
                 for softened in (0.0, SOFTENED):
                     if k < 0 and not (last and softened > 0.0):

@@ -22,11 +22,7 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.imputils import lower_builtin, lower_cast
 from numba.core.typeconv import Conversion
-from numba.core.typing.templates import (
-    AbstractTemplate,
-    infer_global,
-    signature,
-)
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, models, overload, register_model
 
 from sim._kernels.options import inner
@@ -210,9 +206,7 @@ def smallest(typingctx, x):
 
     def codegen(context, builder, sig, args):
         return _folded(
-            builder,
-            args[0],
-            lambda a, b: builder.select(builder.fcmp_ordered("<", a, b), a, b),
+            builder, args[0], lambda a, b: builder.select(builder.fcmp_ordered("<", a, b), a, b)
         )
 
     return types.float64(x), codegen

@@ -44,9 +44,7 @@ def _on_edge(what, weight, x, triangle, across, free):
     """
     if what >= CORNER_0:
         return what
-    double = _length(
-        np.cross(x[triangle[1]] - x[triangle[0]], x[triangle[2]] - x[triangle[0]]),
-    )
+    double = _length(np.cross(x[triangle[1]] - x[triangle[0]], x[triangle[2]] - x[triangle[0]]))
     count = near = away = 0
     for k in range(3):
         side = _length(x[triangle[(k + 2) % 3]] - x[triangle[(k + 1) % 3]])

@@ -224,13 +224,7 @@ def evaluate(
 
 @in_threads(by_chunk)
 def law_stress(
-    begin: int,
-    end: int,
-    q: Reals,
-    part: Part,
-    axes: Reals,
-    laws: TensorLawTable,
-    out: Reals,
+    begin: int, end: int, q: Reals, part: Part, axes: Reals, laws: TensorLawTable, out: Reals
 ) -> None:
     """Stress S of the passive law only, out (row, point, 6) [Pa]; NaN if det F <= 0."""
     x = np.empty((NODES, 3))

@@ -108,7 +108,7 @@ class Direction:
         if self._itself:
             return deep
         here = Move(q, q, t, t)
-        points, x = self._at(here.ends(self.surface)[0]), here.ends(self.faces)[0]
+        points, x = self.at(here.ends(self.surface)[0]), here.ends(self.faces)[0]
         # An open surface has no inside; depths in a closed one are not limited.
         radius = np.inf if self.faces.closed else self._approach
         found = self.closest(points, radius, x)
@@ -116,7 +116,7 @@ class Direction:
         np.maximum.at(deep, found.point, -np.nan_to_num(gap))
         return deep
 
-    def _at(self, of_vertices: Array) -> Array:
+    def at(self, of_vertices: Array) -> Array:
         """Values (n, 3) at the points, of values at the vertices of their surface."""
         one, two = (of_vertices[self.vertices[:, k]] for k in (0, 1))
         return one + self.share[:, None] * (two - one)
@@ -143,10 +143,10 @@ class Direction:
         x0, x1 = move.ends(faces)
         x = x0 if move.at_start else x1
         mine = move.ends(self.surface)[0 if move.at_start else 1]
-        points, may = self._at(mine), allowed[self.slots]
+        points, may = self.at(mine), allowed[self.slots]
         radius = self._approach + may + (0.0 if way is None else way[self.slots])
-        away = self._at(self._signs.normals(x)[1]) if self._itself else NO_NORMALS
-        outward = away if self._itself else self._at(self._own.normals(mine)[1])
+        away = self.at(self._signs.normals(x)[1]) if self._itself else NO_NORMALS
+        outward = away if self._itself else self.at(self._own.normals(mine)[1])
         deepest = -SELF_DEPTH * self._approach if self._itself else -np.inf
         met = self._signs.met(points, radius, may, x, self.candidates, away, outward, blur, deepest)
         if not len(met.point):
@@ -172,7 +172,7 @@ class Direction:
         allowed (n_slots,) are the depths that vertices may have [m].
         """
         x0, x1 = move.ends(self.faces)
-        before, after = self._outside(move, allowed), self._at(move.ends(self.surface)[1])
+        before, after = self._outside(move, allowed), self.at(move.ends(self.surface)[1])
         triangles = self.faces.triangles
         found = entered_faces(before, after, x0, x1, triangles, self.candidates)
         if not len(found.point):
@@ -192,7 +192,7 @@ class Direction:
             q0, known, points = self._lifted
             if q0 is move.q0 and known is allowed:
                 return points
-        points = self._at(move.ends(self.surface)[0])
+        points = self.at(move.ends(self.surface)[0])
         self._lifted = move.q0, allowed, points
         if self._itself or not self.faces.closed:
             return points

@@ -149,12 +149,7 @@ def faces_within(points: Array, x: Array, triangles: Index, distance: float) -> 
 
 
 def entered_faces(
-    before: Array,
-    after: Array,
-    x_before: Array,
-    x_after: Array,
-    triangles: Index,
-    near: Candidates,
+    before: Array, after: Array, x_before: Array, x_after: Array, triangles: Index, near: Candidates
 ) -> Found:
     """Faces that points enter first through their fronts on straight paths, with the times 0-1.
 

@@ -166,33 +166,10 @@ class SignedFaces:
         point, face, place = (np.empty(room, dtype=np.int64) for _ in range(3))
         wall, gap = np.empty(room, dtype=np.bool_), np.empty(room)
         weight, normal = np.empty((room, 3)), np.empty((room, 3))
-        n = met(
-            points,
-            radius,
-            may,
-            x,
-            self.triangles,
-            start,
-            listed,
-            away,
-            SAME_DISTANCE,
-            self.across,
-            self._free,
-            self._edge,
-            by_face,
-            by_corner,
-            flat,
-            blur,
-            against,
-            deepest,
-            point,
-            face,
-            place,
-            wall,
-            weight,
-            gap,
-            normal,
-        )
+        found = point, face, place, wall, weight, gap, normal
+        about = points, radius, may, x, self.triangles, start, listed, away, SAME_DISTANCE
+        signs = self.across, self._free, self._edge, by_face, by_corner, flat
+        n = met(*about, *signs, blur, against, deepest, *found)
         return Met(point[:n], face[:n], place[:n], wall[:n], weight[:n], gap[:n], normal[:n])
 
     def signed(self, points: Array, found: Found, x: Array) -> tuple[Array, Array]:
@@ -203,21 +180,7 @@ class SignedFaces:
         by_face, by_corner, flat = self._normals(x)
         k = len(found.point)
         gap, normal = np.empty(k), np.empty((k, 3))
-        signed(
-            np.ascontiguousarray(points),
-            found.point,
-            found.face,
-            found.weight,
-            found.value,
-            found.feature,
-            x,
-            self.triangles,
-            self.across,
-            self._free,
-            by_face,
-            by_corner,
-            flat,
-            gap,
-            normal,
-        )
+        about = found.point, found.face, found.weight, found.value, found.feature, x, self.triangles
+        signs = self.across, self._free, by_face, by_corner, flat
+        signed(np.ascontiguousarray(points), *about, *signs, gap, normal)
         return gap, normal

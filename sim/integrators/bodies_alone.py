@@ -53,25 +53,10 @@ class BodiesAlone:
         whole[0] = [name in state.memory and state.memory[name][0] > 0.0 for name in names]
         reaction = np.zeros((n - 1, len(self.tables.rows.kind)))
         negative, h = np.zeros(n - 1, dtype=np.int64), np.diff(time)
-        done: int = advance_bodies(
-            self.tables.table,
-            self.tables.lines,
-            self.tables.rows,
-            self.tables.kinds,
-            self._led(time[1:]),
-            self.scratch,
-            h,
-            control.at_ends(time),
-            whole,
-            GONE,
-            theta,
-            PROJECTIONS,
-            DRIFT,
-            frames,
-            twists,
-            reaction,
-            negative,
-        )
+        tables = self.tables.table, self.tables.lines, self.tables.rows, self.tables.kinds
+        about = h, control.at_ends(time), whole, GONE, theta, PROJECTIONS, DRIFT
+        found = frames, twists, reaction, negative
+        done: int = advance_bodies(*tables, self._led(time[1:]), self.scratch, *about, *found)
         jump = self._jumps(h[:done], twists[: done + 1])
         times = np.array(time)
         return Passed(self, times, h, frames, twists, whole, reaction, negative > 0, done, jump)

@@ -12,20 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim.contact.rows import Acting, Rows
+from sim.contact.rows import Rows
 from sim.contact.step import ContactStep
 from sim.errors import NotConverged
 from sim.integrators.incremental import IncrementalPotential
 from sim.integrators.joint_equations import conditions
 from sim.integrators.linear_rows import ROUNDS
-from sim.integrators.newton import (
-    ARMIJO,
-    MAX_HALVINGS,
-    Iteration,
-    Point,
-    Tolerances,
-    error_left,
-)
+from sim.integrators.newton import ARMIJO, MAX_HALVINGS, Iteration, Point, Tolerances, error_left
 from sim.integrators.newton_factor import Key
 from sim.integrators.rows_of_step import STILL, JointRows, RowsAt, RowsOfStep, dense
 from sim.integrators.workspace import Workspace
@@ -127,27 +120,13 @@ class StageWithRows:
             if searches == ROUNDS:
                 reason = "new contact constraints appear in every iteration"
                 raise NotConverged(tuple(self._residuals), self._until, reason)
-        return self._end(point, pose, near, rows, at, f, acting)
-
-    def _end(
-        self, point: Point, pose: Pose, near: Rows, rows: Rows, at: RowsAt, f: Array, acting: Acting
-    ) -> StageInContact:
         pose, near = self._rows.moved_out(pose, near)
-        n = at.joints
-        went = Iteration(
-            self._iterations,
-            self._factorisations,
-            self._residuals[-1],
-            self._left,
-            self._shortest,
-            self._shifts,
-        )
-        memory = self._step.memory(pose.q, near, at.remembered, acting)
+        counts = self._iterations, self._factorisations, self._residuals[-1]
+        went = Iteration(*counts, self._left, self._shortest, self._shifts)
+        memory = step.memory(pose.q, near, at.remembered, acting)
         pushed = rows.spread(acting.on_vertices(rows), len(pose.q))
-        return StageInContact(
-            point, pose, went, memory, pushed, f[:n] if n else None, rows, at, f, self._step,
-            self._rows,
-        )  # fmt: skip
+        about = memory, pushed, f[: at.joints] if at.joints else None, rows, at, f, step
+        return StageInContact(point, pose, went, *about, self._rows)
 
     def _renew(self, point: Point) -> None:
         with self._work.timed("tangent"):

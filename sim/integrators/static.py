@@ -40,17 +40,7 @@ class Static(Iterative):
     def step(
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
-        """Find equilibrium under the control; h only advances the time.
-
-        Raises
-        ------
-        InvertedElement
-            det F <= 0 at the start.
-        NotConverged
-            The tolerances were not met, or no step length lowers the energy.
-        SingularSystem
-            The matrix could not be factorised.
-        """
+        """Find equilibrium; h only advances the time. Errors as `ConvergedEuler.step`."""
         require_fixed_contact(system, "Static")
         system = work.form(system).during(state, math.inf)
         energy = _Energy(system, state, control(state.t + h), work)

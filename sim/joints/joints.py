@@ -228,10 +228,6 @@ class PointOnPlane:
 class PointOnCurve:
     """A point remains on the cylindrical surface z = f(x) in axes of a body, or above it.
 
-    Attributes
-    ----------
-    True if the point may leave the surface to the side of z.
-
     Notes
     -----
     The value of the row is the height above the curve, not the distance along the normal; the force of
@@ -248,7 +244,7 @@ class PointOnCurve:
     forward: tuple[float, float, float] | Array
     coefficients: NDArray[np.float64]  #: (4,) of f = sum_k coefficients_k x^k [m^(1 - k)]
     reach: tuple[float, float]  #: (2,) first and last x of the polynomial [m]; f is linear beyond
-    unilateral: bool = False
+    unilateral: bool = False  #: True if the point may leave the surface to the side of z
 
     def rows(self) -> tuple[Row, ...]:
         """One row."""

@@ -14,11 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.errors import SingularSystem
-from sim.linear.contract import (
-    NotPositiveDefinite,
-    require_finite_matrix,
-    require_finite_solution,
-)
+from sim.linear.contract import NotPositiveDefinite, require_finite_matrix, require_finite_solution
 from sim.pattern import Sparsity
 from sim.state import Array
 

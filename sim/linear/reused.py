@@ -59,10 +59,7 @@ class ReusedFactor:
     """
 
     def __init__(
-        self,
-        factor: Factor,
-        indefinite: Callable[[], Factor],
-        whole: Callable[[], LinearSolver],
+        self, factor: Factor, indefinite: Callable[[], Factor], whole: Callable[[], LinearSolver]
     ) -> None:
         self.factor, self._new_indefinite, self._new_whole = factor, indefinite, whole
         self._indefinite: Factor | None = None

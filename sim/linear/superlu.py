@@ -7,11 +7,7 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from sim.errors import SingularSystem
-from sim.linear.contract import (
-    NotPositiveDefinite,
-    require_finite_matrix,
-    require_finite_solution,
-)
+from sim.linear.contract import NotPositiveDefinite, require_finite_matrix, require_finite_solution
 from sim.pattern import Sparsity
 from sim.state import Array
 

@@ -139,8 +139,9 @@ class ReducedContact:
         found_N, found_gap, found_at, first = list[Array](), list[Array](), list[Index](), 0
         for side in self._sides:
             d, n = side.direction, len(side.own)
-            vertices = d.surface.vertices if isinstance(d.surface, RigidShell) else q
-            x = d.faces.vertices if isinstance(d.faces, RigidShell) else q
+            vertices, x = (
+                s.vertices if isinstance(s, RigidShell) else q for s in (d.surface, d.faces)
+            )
             one, two = vertices[side.ends[:, 0]], vertices[side.ends[:, 1]]
             points = np.ascontiguousarray(one + side.share * (two - one))
             within = np.ascontiguousarray(radius[first : first + n])
@@ -175,10 +176,10 @@ def near_slots(contact: CompiledContact, motions: Iterable[Array], within: float
     found = np.zeros(len(contact.vertex_of_slot), dtype=bool)
     for q in motions:
         for d in contact.directions:
-            vertices = d.surface.vertices if isinstance(d.surface, RigidShell) else q
-            x = d.faces.vertices if isinstance(d.faces, RigidShell) else q
-            one, two = vertices[d.vertices[:, 0]], vertices[d.vertices[:, 1]]
-            met = d.closest(one + d.share[:, None] * (two - one), within, x)
+            vertices, x = (
+                s.vertices if isinstance(s, RigidShell) else q for s in (d.surface, d.faces)
+            )
+            met = d.closest(d.at(vertices), within, x)
             found[d.slots[met.point]] = True
     return np.flatnonzero(found)
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.probes import AXES, Variable
+from sim.probes import AXES, Report, Values, Variable
 from sim.reduced.closure import Closure, each_product, features_of
 from sim.reduced.fused import OMITTED
 from sim.state import Array, Control, Outputs, State, StepReport
@@ -22,9 +22,7 @@ class _OfOutputs(ABC):
     def record_all(self, system: System, outputs: Outputs, activation: Array) -> tuple[Array, ...]:
         """Values of every variable along the first axis, under activations (n, n_muscles)."""
 
-    def record(
-        self, system: System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Array | float, ...]:
+    def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Values at one time."""
         outputs = Outputs.of(state, report or SILENT)
         return tuple(x[0] for x in self.record_all(system, outputs, control.activation[None]))

@@ -98,11 +98,7 @@ class CompiledSolid:
     """
 
     def __init__(
-        self,
-        solid: Solid,
-        layout: Layout,
-        region: Index,
-        chosen: NDArray[np.bool_] | None = None,
+        self, solid: Solid, layout: Layout, region: Index, chosen: NDArray[np.bool_] | None = None
     ) -> None:
         mesh, n = layout.mesh, len(region)
         self._prestretch = None if solid.prestretch is None else _checked(solid.prestretch, mesh)

@@ -79,16 +79,6 @@ class CompiledElementVolume:
         kappa = self._kappa if weight is None else weight * self._kappa
         values = self._no_values if K is None else K
         for part, places in zip(self._parts, self._places, strict=True):
-            kernel.add_pressure(
-                q,
-                part,
-                places,
-                kappa,
-                self._no_pressure,
-                True,
-                K is not None,
-                f,
-                self._energy,
-                values,
-            )
+            about = kappa, self._no_pressure, True, K is not None
+            kernel.add_pressure(q, part, places, *about, f, self._energy, values)
         return Contribution(float(self._energy.sum()))
