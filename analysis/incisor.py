@@ -21,21 +21,9 @@ def has_incisor(cube: xr.Dataset) -> bool:
 def of_incisor(cube: xr.Dataset) -> xr.Dataset:
     """Cube whose only marker is the lower incisor, for descriptives and `analysis.statistics`.
 
-    Parameters
-    ----------
-    cube : xarray.Dataset
-        With the variables `analysis.cube.OF_INCISOR`.
-
-    Returns
-    -------
-    xarray.Dataset
-        ``rho`` [1], ``amplitude_ratio`` [1] and ``rmse`` [m] over trials and marker; other variables of
-        markers are left out, those of trials are kept.
-
-    Raises
-    ------
-    CubeError
-        The cube has no incisor.
+    `cube` has the variables `analysis.cube.OF_INCISOR`. The result has ``rho`` [1],
+    ``amplitude_ratio`` [1] and ``rmse`` [m] over trials and marker, and the variables of trials.
+    Raises CubeError without incisor.
     """
     if "incisor_rho" not in cube:
         raise CubeError(

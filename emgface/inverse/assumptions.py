@@ -75,12 +75,9 @@ class Assumptions:
 class Density:
     """Density of the activations of a trial before its motion is known.
 
-    Attributes
-    ----------
-    quadratic : Quadratic
-        Negative logarithm of the density of the coefficients.
-    spread : (n_muscles,) standard deviation of the logarithm of the strength of the person's muscles
-        over those of the face, which the motion does not determine [1].
+    ``quadratic`` is the negative logarithm of the density of the coefficients, ``spread``
+    (n_muscles,) the standard deviation of the logarithm of the strength of the person's muscles
+    over those of the face, which the motion does not determine [1].
     """
 
     quadratic: Quadratic

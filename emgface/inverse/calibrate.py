@@ -92,28 +92,18 @@ def estimate(
     """Estimate gain, delay and error of every muscle with electrodes from fitted trials.
 
     The model is sum_j mixing_mj a_j(t) = gain_m e_m(t - delay_m) + error, where e is the sEMG
-    normalised over all trials and a the activation by which the face follows the markers. The delay of
-    the person is that of the activation from markers alone. Expectation-maximisation on
-    the linearised trials alternates between the posterior of a, from markers and sEMG, and the
+    normalised over all trials and a the activation by which the face follows the markers. The delay
+    of the person is that of the activation from markers alone. Expectation-maximisation on the
+    linearised trials alternates between the posterior of a, from markers and sEMG, and the
     regression of a on e with the posterior variance of a in its error, so that a muscle that the
     motion does not determine keeps the values assumed before. Source of the idea: Pizzolato et al.
     2015, J Biomech 48:3929-3936 (calibration on separate trials); Dempster, Laird and Rubin 1977.
 
-    Parameters
-    ----------
-    session : Dataset
-        Range of the features over all trials, which becomes part of the result.
-    mixing : (n_muscles, n_muscles), optional
-        Cross-talk that is known, in the order of `emgface.muscles.MUSCLES`.
-    cross_talk : bool
-        Estimate the share of the other muscles of the same side in every signal, too.
-
-    Returns
-    -------
-    Dataset
-        Muscles without electrodes have the mean gain, and the error assumed before. ``model_error`` is
-        the error of the face at markers that were left out of the linearised fit, in pairs, over their
-        displacement.
+    `session` is the range of the features over all trials; `mixing` (n_muscles, n_muscles) is known
+    cross-talk in the order of `emgface.muscles.MUSCLES`, and with `cross_talk` the share of the
+    other muscles of the same side in every signal is estimated, too. Muscles without electrodes
+    have the mean gain, and the error assumed before. ``model_error`` is the error of the face at
+    markers that were left out of the linearised fit, in pairs, over their displacement.
     """
     muscles, n = trials[0].muscles, len(trials[0].muscles)
     recorded = np.array([m.rpartition("_")[0] in RECORDED for m in muscles])

@@ -24,12 +24,10 @@ UNKNOWN_NOISE = 1e-4
 class Wanted:
     """Positions of lip markers on a face during a recording.
 
-    Attributes
-    ----------
-    position : (time, marker, axis) [m], NaN while a marker is lost.
-    scale : ratio of the sizes of the two mouths [1].
-    noise : standard deviation of a coordinate on the face [m].
-    at_rest : root mean square displacement of a coordinate within the first `REST` [m].
+    ``position`` (time, marker, axis) [m] is NaN while a marker is lost; ``scale`` is the ratio of
+    the sizes of the two mouths [1], ``noise`` the standard deviation of a coordinate on the face
+    [m], and ``at_rest`` the root mean square displacement of a coordinate within the first `REST`
+    [m].
     """
 
     position: xr.DataArray
@@ -49,21 +47,12 @@ def wanted_positions(
 ) -> Wanted:
     """Positions of the lip markers of a face (10, 3) at times of a recording.
 
-    A marker is where it is at rest plus its displacement since rest in the head frame, times the ratio
-    of the sizes of the two mouths, of all markers that are visible at rest. Gaps up to
-    ``head_frame.max_gap`` are interpolated, others are NaN.
-
-    Parameters
-    ----------
-    rest : positions at rest of `LIP_MARKERS` of the face [m].
-    time, start : (n,) times since `start`, a time of the recording [s].
-    left_out : markers that need not be visible.
-
-    Raises
-    ------
-    MarkerError, UnitsError
-        As of `in_head_frame`; a marker is not visible at rest, those visible are fewer than two or
-        mirrored, or the sizes of the mouths differ more than those of two heads.
+    A marker is where it is at `rest` [m] (`LIP_MARKERS`) plus its displacement since rest in the
+    head frame, times the ratio of the sizes of the two mouths, of all markers that are visible at
+    rest. `time` is since `start`, a time of the recording [s]. Gaps up to ``head_frame.max_gap``
+    are interpolated, others are NaN. Raises MarkerError or UnitsError as `in_head_frame`, and if a
+    marker that is not in `left_out` is not visible at rest, those visible are fewer than two or
+    mirrored, or the sizes of the mouths differ more than those of two heads.
     """
     given = recording["position"]
     names = [str(name) for name in given["marker"].values]

@@ -25,17 +25,12 @@ from sim.state import Array
 class Problem:
     """One recording as a problem of inverse tracking on a face.
 
-    Attributes
-    ----------
-    system, state, work : scene, its equilibrium and the memory of its solver.
-    target : PointTarget
-        Of the lip markers that are tracked.
-    start, h : time of the recording at the start of the simulation, and step [s].
-    emg : Dataset
-        Activation from sEMG, before gain and delay.
-    scale, noise : ratio of the mouths [1], noise of a coordinate of the markers on the face [m].
-    inputs : digest of the face and of the parameters of its mechanics.
-    at_rest : root mean square displacement of a coordinate while the mouth should be at rest [m].
+    ``target`` is of the lip markers that are tracked, ``start`` the time of the recording at the
+    start of the simulation [s], ``h`` the step [s], ``emg`` the activation from sEMG, before gain
+    and delay, ``scale`` the ratio of the mouths [1], ``noise`` the standard deviation of a
+    coordinate of the markers on the face [m], ``inputs`` the digest of the face and of the
+    parameters of its mechanics, and ``at_rest`` the root mean square displacement of a coordinate
+    while the mouth should be at rest [m].
     """
 
     system: System

@@ -35,15 +35,9 @@ NAMED = 5
 
 @dataclass(frozen=True)
 class Begun:
-    """State of a fit between two iterations.
+    """State of a fit after ``done`` iterations: coefficients (n_splines, n_muscles) and model error.
 
-    Attributes
-    ----------
-    coefficients : (n_splines, n_muscles)
-    done : int
-        Iterations done.
-    model_error : float or None
-        Error of the model that is assumed or was found; None before it is found.
+    ``model_error`` is assumed or was found; it is None before it is found.
     """
 
     coefficients: Array

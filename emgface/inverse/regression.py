@@ -18,10 +18,8 @@ SMALLEST = 0.02
 class Profile:
     """Regression of an activation on the sEMG of one muscle, for each of `DELAYS`.
 
-    Attributes
-    ----------
-    cost : (n,) twice the negative logarithm of the likelihood times the density of the gain.
-    gain, squares : (n,) gain, and sum of squared differences in the mean over the posterior.
+    ``cost`` is twice the negative logarithm of the likelihood times the density of the gain;
+    ``squares`` is the sum of squared differences in the mean over the posterior.
     """
 
     cost: Array
@@ -34,14 +32,8 @@ def profile(
 ) -> Profile:
     """Most probable gain for every delay, given the activation and its posterior variance.
 
-    Parameters
-    ----------
-    e : callable
-        Normalised sEMG, with a given delay, at the times of a.
-    error : float
-        Of the previous iteration.
-    per : float
-        Number of samples that count as one, because the error is correlated.
+    `e` is the normalised sEMG, with a given delay, at the times of a; `error` is that of the
+    previous iteration, and `per` samples count as one, because the error is correlated.
     """
     shifted = np.array([e(d) for d in DELAYS.tolist()])
     hold = per * error**2 / GAIN[1] ** 2

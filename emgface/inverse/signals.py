@@ -25,18 +25,12 @@ def estimated_activation(
 ) -> xr.Dataset:
     """Activation of all muscles by act_all, 0 where none is measured.
 
-    Channels that are absent or constant do not end the inversion: the attribute ``missing`` contains
-    the muscles that are computed from them. In the variant "motion", which does not use the sEMG,
-    neither does a recording whose sEMG is absent or cannot be processed: the activation is 0 at the
-    times of the markers, and the attribute ``montage`` states why.
-
-    Raises
-    ------
-    ConfigurationError
-        There is no sEMG, and another variant.
-    SchemaError, UnitsError, SignalError, ActivationError
-        As of `activation_of`, in other variants than "motion"; UnitsError also if a channel varies by
-        more than sEMG can.
+    Channels that are absent or constant do not end the inversion: the attribute ``missing``
+    contains the muscles that are computed from them. In the variant "motion", which does not use
+    the sEMG, neither does a recording whose sEMG is absent or cannot be processed: the activation
+    is 0 at the times of the markers, and the attribute ``montage`` states why. Other variants raise
+    ConfigurationError without sEMG, the errors of `activation_of`, and UnitsError if a channel
+    varies by more than sEMG can.
     """
     if "emg" not in recording and variant != "motion":
         raise ConfigurationError(

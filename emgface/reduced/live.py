@@ -28,11 +28,8 @@ WINDOW: Final = 0.1
 class CausalFeature:
     """Root mean square of filtered and mapped channels over the window that ends at each frame.
 
-    Attributes
-    ----------
-    rate : float
-        Samples per second.
-    weights : (n_muscles, n_channels) of Eqs 2-6 of Eskes et al. 2017.
+    ``rate`` is in samples per second; ``weights`` (n_muscles, n_channels) are those of Eqs 2-6 of
+    Eskes et al. 2017.
     """
 
     rate: float
@@ -62,14 +59,7 @@ class CausalFeature:
 
 @dataclass
 class LiveFace:
-    """Reduced face that takes one step per frame.
-
-    Attributes
-    ----------
-    reduced : ReducedFace
-    step : float
-        Time between frames [s].
-    """
+    """Reduced face that takes one step [s] per frame."""
 
     reduced: ReducedFace
     step: float

@@ -30,15 +30,9 @@ SAMPLE: Final = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Activation of all muscles.
+    """Activation (n, n_muscles) [1] of all muscles at times (n,) [s].
 
-    Attributes
-    ----------
-    label : str
-    purpose : str
-        "training", "calibration" or "test".
-    time : (n,) [s]
-    values : (n, n_muscles) [1]
+    ``purpose`` is "training", "calibration" or "test".
     """
 
     label: str

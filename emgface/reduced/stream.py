@@ -21,15 +21,7 @@ SILENT: Final = 1.0
 
 
 class Source(Protocol):
-    """Interface of sources.
-
-    Attributes
-    ----------
-    rate : float
-        Samples per second.
-    channels : tuple of str
-        Names of the channels of the samples, of the montage of the package.
-    """
+    """Interface of sources of samples at a rate [1/s], with the channel names of the montage."""
 
     rate: float
     channels: tuple[str, ...]
@@ -108,15 +100,10 @@ class Played:
 class Streamed:
     """A stream of the Lab Streaming Layer, found by its name.
 
-    Its channels are known by the labels and units of its description. The times of the samples are those
-    of the sender on the clock of this computer, so that a latency includes the transport.
-
-    Raises
-    ------
-    ConfigurationError
-        The package pylsl is not installed.
-    SignalError
-        No stream has this name, it has no sampling rate, or no channel or unit is known.
+    Its channels are known by the labels and units of its description. The times of the samples are
+    those of the sender on the clock of this computer, so that a latency includes the transport.
+    Raises ConfigurationError if the package pylsl is not installed, and SignalError if no stream
+    has this name, it has no sampling rate, or no channel or unit is known.
     """
 
     def __init__(self, name: str, step: float) -> None:

@@ -21,17 +21,12 @@ SAME: Final = 1e-6
 class Trained:
     """Range of the training.
 
-    Attributes
-    ----------
-    whitening : (muscle, muscle) inverse root of the mean of a a' over the activations a.
-    response : (muscle, muscle) root of the squares of the static displacements [m] per activation.
-    distance : float
-        Largest distance of an activation from rest, in units of the training [1].
-    change : float
-        Largest displacement at rest by the change of an activation in one step, of the sequences of
-        the calibration that stayed within the bound of their error [m].
-    step : float
-        Length of the steps [s].
+    ``whitening`` (muscle, muscle) is the inverse root of the mean of a a' over the activations a,
+    ``response`` (muscle, muscle) the root of the squares of the static displacements [m] per
+    activation, and ``distance`` the largest distance of an activation from rest in units of the
+    training [1]. ``change`` is the largest displacement at rest [m] by the change of an activation
+    in one step [s], of the sequences of the calibration that stayed within the bound of their
+    error.
     """
 
     whitening: Floats

@@ -16,16 +16,8 @@ def incisor_pair(
 ) -> tuple[xr.Dataset, xr.Dataset] | None:
     """Recorded incisor in the frame of the head, and the simulated one; None without both.
 
-    Parameters
-    ----------
-    recording, face : of the trial; the face markers of `face` determine the frame.
-    motion : trajectory of a head with ``incisor`` (axis, time) [m].
-    frame : HeadFrameParameters
-
-    Raises
-    ------
-    MarkerError
-        As of `emgface.recordings.head.in_head_frame`.
+    The markers of `face` determine the frame, `motion` is the trajectory of a head with ``incisor``
+    (axis, time) [m]. Raises MarkerError as `emgface.recordings.head.in_head_frame`.
     """
     if "incisor" not in motion or INCISOR not in recording["marker"].values:
         return None

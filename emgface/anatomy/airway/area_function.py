@@ -73,30 +73,12 @@ def ideal_vowel(name: str) -> xr.Dataset:
 
 
 def read_areas(path: Path, row: str | None = None, *, from_lips: bool = False) -> xr.Dataset:
-    """Read an area function from a CSV table.
+    """Read an area function (kind "sound") from a CSV table, with one row per shape.
 
-    One row per shape, with the columns A0_cm2, A1_cm2, ... (areas of sections of equal length) and
-    length_m. Rows with a column time_s are instants of one changing shape; otherwise `row` chooses one
-    by the column label or index.
-
-    Parameters
-    ----------
-    path : Path
-        Table.
-    row : str, optional
-        Label or index of the shape.
-    from_lips : bool
-        The areas are listed from the lips, not from the glottis.
-
-    Returns
-    -------
-    Dataset
-        Of the kind "sound".
-
-    Raises
-    ------
-    DataError
-        The file cannot be read, lacks columns, has no such row or several, or values are not valid.
+    Columns are A0_cm2, A1_cm2, ... (areas of sections of equal length, from the glottis unless
+    `from_lips`) and length_m. Rows with a column time_s are instants of one changing shape;
+    otherwise `row` chooses one by the column label or index. Raises DataError if the table cannot
+    be read or is not valid.
     """
     try:
         table = pd.read_csv(path, dtype={"label": str, "index": str})
@@ -135,29 +117,11 @@ def areas_of_surface(
     unit: str = "m",
     count: int = 40,
 ) -> xr.Dataset:
-    """Area function of a surface (``.obj`` of triangles) along its centre line.
+    """Area function (kind "sound") of `count` sections of a surface (``.obj`` of triangles).
 
-    Parameters
-    ----------
-    path : Path
-        Surface.
-    start, end : sequence of float
-        Points at the glottis and at the lips, in the unit of the file; without `end`, the line goes
-        to the farthest point of the surface.
-    unit : str
-        Unit of the file: m, cm or mm.
-    count : int
-        Number of sections.
-
-    Returns
-    -------
-    Dataset
-        Of the kind "sound".
-
-    Raises
-    ------
-    DataError
-        The file cannot be read, the unit is unknown, or no tube surrounds the line (`sections`).
+    `start` and `end` are points at the glottis and at the lips in the unit of the file (m, cm or
+    mm); without `end`, the centre line goes to the farthest point of the surface. Raises DataError
+    if the file cannot be read, the unit is unknown, or no tube surrounds the line.
     """
     if unit not in UNITS:
         raise DataError(f"unknown unit {unit!r}, expected {listed(UNITS)}")
@@ -246,13 +210,7 @@ def lips_of_trial(trajectory: xr.Dataset) -> tuple[Floats, Floats, Floats]:
     """Area between the lips [m^2], protrusion of their margins [m] and time [s] of a trajectory.
 
     Outputs that are farther apart than `FRAME` are interpolated by monotone cubics, because corners
-    of a piecewise linear opening would be heard as clicks.
-
-    Raises
-    ------
-    DataError
-        The trajectory has no ``mouth_area``: its face has no mouth opening, or it was written by an
-        earlier version.
+    of a piecewise linear opening would be heard as clicks. Raises DataError without ``mouth_area``.
     """
     names = ("mouth_area", "lip_protrusion")
     if any(name not in trajectory for name in names):

@@ -57,13 +57,7 @@ class TractGrid:
 
     @classmethod
     def of(cls, head: Head) -> "TractGrid":
-        """Lay out the planes of a head.
-
-        Raises
-        ------
-        DataError
-            The head lacks a part of `NEEDED`, or its tongue has no contour.
-        """
+        """Lay out the planes of a head; DataError if it lacks a part of `NEEDED` or a contour."""
         absent = [part for part in NEEDED if part not in head.named]
         if absent or "contour_node" not in head.parts.get("tongue", xr.Dataset()):
             raise DataError(

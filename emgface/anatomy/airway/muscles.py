@@ -22,35 +22,12 @@ def formants_by_muscle(
     muscles: Sequence[str] = MODELLED,
     parameters: SimulationParameters | None = None,
 ) -> pd.DataFrame:
-    """Change of lips and formants by every muscle pair, divided by its activation.
+    """Change of lips and formants by every muscle pair (names without side), per activation.
 
-    (F(a) - F(0))/a in steady states from rest: the derivative at rest to first order in `activation`.
-
-    Parameters
-    ----------
-    face : Dataset
-        Face model with a mouth opening.
-    tract : Dataset
-        Area function of one instant, kind "sound".
-    activation : float
-        Of both muscles of a pair, above 0 and at most 1.
-    muscles : sequence of str
-        Names without side.
-    parameters : SimulationParameters, optional
-        As of `steady_positions`: sigma_max 100 kPa, no gravity, contact of lips and teeth.
-
-    Returns
-    -------
-    DataFrame
-        Index ``muscle``; the first row, "rest", has the values at rest and the others changes per
-        activation of 1: ``area`` [mm^2], ``protrusion`` [mm], ``F1`` to ``F4`` [Hz].
-
-    Raises
-    ------
-    FaceError
-        The face has no mouth opening.
-    ActivationError, ControlError, InvertedElement, NotConverged
-        As `steady_positions`.
+    (F(a) - F(0))/a in steady states (`steady_positions`) from rest: the derivative at rest to first
+    order in `activation`, which is above 0 and at most 1. The first row, "rest", has the values at
+    rest and the others changes per activation of 1: ``area`` [mm^2], ``protrusion`` [mm], ``F1`` to
+    ``F4`` [Hz]. Raises FaceError if the face has no mouth opening.
     """
     mouth = Mouth.of(face)
     runs = [{}, *({f"{muscle}_{side}": activation for side in "LR"} for muscle in muscles)]

@@ -15,16 +15,11 @@ Integers = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Sections:
-    """Plane sections of an airway.
+    """Plane sections of an airway, from the glottis to the lips.
 
-    Attributes
-    ----------
-    centre, tangent : ndarray, shape (n, 3)
-        Centre line [m] and unit normals of the planes, from the glottis to the lips.
-    area : ndarray, shape (n,)
-        Area of the closed curve around the centre line [m^2]; 0 without such a curve, as in a closure.
-    length : float
-        Of the centre line [m].
+    ``centre`` (n, 3) [m] and unit normals ``tangent`` (n, 3) of the planes, ``area`` (n,) of the
+    closed curve around the centre line [m^2], 0 without such a curve, as in a closure, and
+    ``length`` of the centre line [m].
     """
 
     centre: Floats
@@ -41,29 +36,12 @@ def centre_line(
     end: Floats | None = None,
     levels: int = 40,
 ) -> Floats:
-    """First estimate of a centre line: means of rings at equal distance from a point on the surface.
+    """First estimate of a centre line [m]: means of rings at equal distance from a point `start`.
 
-    Parameters
-    ----------
-    position, triangle : ndarray, shape (n, 3), (m, 3)
-        Surface of a tube [m]; parts that are not connected with the beginning are left out.
-    start : ndarray, shape (3,)
-        Point at the end of the tube where the line begins [m].
-    end : ndarray, shape (3,), optional
-        The line ends where it comes closest to this point, such as the lips of a surface that
-        continues over the face [m].
-    levels : int
-        Number of rings.
-
-    Returns
-    -------
-    ndarray, shape (levels + 2, 3)
-        [m], at most; from the plane of `start` to that of `end`, or to the middle of the last ring.
-
-    Raises
-    ------
-    DataError
-        The surface is empty or not finite.
+    The line has at most `levels` + 2 points, from the plane of `start` to where it comes closest to
+    `end`, such as the lips of a surface that continues over the face, or to the middle of the last
+    ring. Parts that are not connected with the beginning are left out. Raises DataError if the
+    surface is empty or not finite.
     """
     if len(triangle) == 0 or not np.isfinite(position).all():
         raise DataError("the surface of the airway is empty or not finite, expected triangles")
@@ -97,33 +75,15 @@ def _ahead(pair: Floats, point: Floats) -> Floats:
 def sections(
     position: Floats, triangle: Integers, line: Floats, *, count: int = 40, rounds: int = 0
 ) -> Sections:
-    """Areas of the plane sections of a surface normal to a centre line.
+    """Areas of the plane sections of a surface normal to a centre line `line` (k, 3) [m].
 
-    Parameters
-    ----------
-    position, triangle : ndarray, shape (n, 3), (m, 3)
-        Surface [m], with one orientation; it may be open and may consist of several parts.
-    line : ndarray, shape (k, 3)
-        Centre line, from the glottis to the lips [m].
-    count : int
-        Sections, in the middle of equal parts of the line.
-    rounds : int
-        How often the centre line is moved to the centroids of its sections and smoothed.
-
-    Returns
-    -------
-    Sections
-
-    Raises
-    ------
-    DataError
-        The line has no length, or no plane meets the surface.
-
-    Notes
-    -----
-    The area of an oriented closed curve is the sum of t.((a - c) x (b - c))/2 over its segments,
-    without putting them in order. Of the curves in a plane, that round the centre counts, the
-    smallest if there are several: limbs of a bent tube and outer walls are thus left out.
+    The surface [m] has one orientation, may be open and may consist of several parts. The `count`
+    sections lie in the middle of equal parts of the line, which is moved `rounds` times to the
+    centroids of its sections and smoothed. The area of an oriented closed curve is the sum of t.((a
+    - c) x (b - c))/2 over its segments, without putting them in order. Of the curves in a plane,
+    that round the centre counts, the smallest if there are several: limbs of a bent tube and outer
+    walls are thus left out. Raises DataError if the line has no length, or no plane meets the
+    surface.
     """
     edges = np.sort(
         np.concatenate([triangle[:, [0, 1]], triangle[:, [1, 2]], triangle[:, [2, 0]]]), 1

@@ -66,14 +66,8 @@ def with_formants(tract: xr.Dataset, *, count: int = 4, medium: Medium | None = 
 def source_of(name: str, duration: float, *, lung: float, pitch: float, tension: float) -> Source:
     """Source by its name: two-mass "folds", pulses of "rosenberg", or the path of a wave file.
 
-    A wave file is the flow of the glottis, with 3e-4 m^3/s at its largest value.
-
-    Raises
-    ------
-    ConfigurationError
-        The name is neither a source nor a file.
-    DataError
-        The file is not a wave file.
+    A wave file is the flow of the glottis, with 3e-4 m^3/s at its largest value. Raises
+    ConfigurationError if there is neither, and DataError if the file is not a wave file.
     """
     if name == "folds":
         return Folds(lung=lung, tension=tension)

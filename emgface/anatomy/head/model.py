@@ -89,13 +89,7 @@ class Head:
         return replace(self, lists=self.lists.isel(contact=kept))
 
     def shell(self, name: str) -> Arch:
-        """Rigid surface "maxilla", "mandible" or "palate".
-
-        Raises
-        ------
-        HeadError
-            The head has none.
-        """
+        """Rigid surface "maxilla", "mandible" or "palate"; HeadError if the head has none."""
         names = [str(own) for own in self.lists["shell"].values]
         if name not in names:
             raise HeadError(f"the head has no {name}, expected one of {', '.join(names) or 'none'}")

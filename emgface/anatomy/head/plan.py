@@ -43,14 +43,10 @@ def labels(run: Run) -> dict[str, Any]:
 def read_plan(path: str | Path) -> tuple[Run, ...]:
     """Runs of a CSV table, one per row.
 
-    Columns are exciters with their levels, ``name``, ``contact`` (pairs with spaces between, or none),
-    ``ring.OOP`` and ``ring.OOM`` (words), and ``face.`` or ``tongue.`` with the name of a parameter.
-    Empty cells keep the default.
-
-    Raises
-    ------
-    HeadError
-        The file cannot be read, has no rows, or a level is not between 0 and 1.
+    Columns are exciters with their levels, ``name``, ``contact`` (pairs with spaces between, or
+    none), ``ring.OOP`` and ``ring.OOM`` (words), and ``face.`` or ``tongue.`` with the name of a
+    parameter. Empty cells keep the default. Raises HeadError if the file cannot be read, has no
+    rows, or a level is not between 0 and 1.
     """
     try:
         table = pd.read_csv(path, comment="#", skipinitialspace=True)

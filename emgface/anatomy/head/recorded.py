@@ -46,15 +46,10 @@ class Drive:
 def excitation_of_head(recording: xr.Dataset, head: Head, drive: Drive | None = None) -> Excitation:
     """Levels of the muscles of face and jaw from one recording, from time 0 of the activation.
 
-    Activations are those of `emgface.signals.activation.activation_of`, excitations of the jaw those of
-    `emgface.anatomy.jaw.emg.excitation_of`; closers without a channel have the tone of a jaw at rest.
-
-    Raises
-    ------
-    HeadError
-        The head lacks face or jaw, or the recording has no channel of the jaw.
-    DataError
-        As of the two functions.
+    Activations are those of `emgface.signals.activation.activation_of`, excitations of the jaw
+    those of `emgface.anatomy.jaw.emg.excitation_of`; closers without a channel have the tone of a
+    jaw at rest. Raises HeadError if the head lacks face or jaw, or the recording a channel of the
+    jaw.
     """
     given = drive or Drive()
     require_face_and_jaw(head)
@@ -86,11 +81,6 @@ def activation_of_head(
     """Activation (muscle, time) of a face with that of all other muscles of a head.
 
     Those of the jaw follow their channels, normalised by the range of the recording itself.
-
-    Raises
-    ------
-    HeadError, DataError
-        As of `excitation_of_head`.
     """
     study = StudyConfiguration(signals=chain)
     levels = _with_jaw(activation["activation"], recording, head, Drive(study))
@@ -141,13 +131,8 @@ def move_as_recorded(
 ) -> xr.Dataset:
     """Simulate a head for a recording, from rest under gravity at its first levels.
 
-    Tissue, muscles and contact of the face are those of the study; step and solver are not, because a
-    moving jaw requires linearly implicit steps.
-
-    Raises
-    ------
-    HeadError, DataError, SimulationError
-        As of `excitation_of_head` and `emgface.anatomy.head.run.simulate_head`.
+    Tissue, muscles and contact of the face are those of the study; step and solver are not, because
+    a moving jaw requires linearly implicit steps.
     """
     given = drive or Drive()
     levels = excitation_of_head(recording, head, given)
@@ -183,23 +168,11 @@ def trajectory_of_head(
 ) -> xr.Dataset:
     """Motion of the lips of a head, in the form of `emgface.face.motion.simulate_face`.
 
-    Linearly implicit steps of 5 ms, halved where they fail, from rest at the first levels. The motion
-    is repeated with twice the step, and ``numerical_error`` is the distance of the markers between
-    both: the error of a method of first order. ``incisor`` (axis, time) is the lower one, and the
-    attribute ``incisor_error`` its error. Step, solver and tolerances of the parameters do not
-    apply.
-
-    Parameters
-    ----------
-    activation : (muscle, time) of all muscles of the head, as of `activation_of_head`.
-    nodes : of the face, whose ``surface_position`` is recorded.
-
-    Raises
-    ------
-    HeadError
-        The parameters specify a reduced face, or another time than the recorded one.
-    SimulationError
-        As of `simulate_head`.
+    Linearly implicit steps of 5 ms, halved where they fail, from rest at the first levels. The
+    motion is repeated with twice the step, and ``numerical_error`` is the distance of the markers
+    between both: the error of a method of first order. ``incisor`` (axis, time) is the lower one,
+    and the attribute ``incisor_error`` its error. Step, solver and tolerances of the parameters do
+    not apply. Raises HeadError for a reduced face, or times other than the recorded ones.
     """
     p = parameters
     if p.reduced.file is not None or p.timing != "recorded":
@@ -252,13 +225,7 @@ def trajectory_of_head(
 def score_head(
     recording: xr.Dataset, motion: xr.Dataset, head: Head, drive: Drive | None = None
 ) -> xr.Dataset:
-    """Align the measured lip markers, and the lower incisor if it was recorded, and score each.
-
-    Raises
-    ------
-    MarkerError, AnalysisError
-        As of a trial on a face, and of `emgface.anatomy.jaw.recorded.score_motion`.
-    """
+    """Align the measured lip markers, and the lower incisor if it was recorded, and score each."""
     plan = (drive or Drive()).study
     lips = motion.sel(marker=list(LIP_MARKERS))
     measured = measured_during(recording, lips, head.parts["face"], plan.signals.head_frame)

@@ -37,13 +37,10 @@ FREE_SIDES = ("dorsum", "left", "right", "front")
 
 @dataclass(frozen=True, eq=False)
 class HeadScene:
-    """A head in `sim`.
+    """A head in `sim`, with the number of the ``first`` node of each tissue.
 
-    Attributes
-    ----------
-    scene : sim.Scene
-    first : number of the first node of each tissue.
-    jaw : scene of the jaw, whose points are numbered as in this one; None without moving bodies.
+    ``jaw`` is the scene of the jaw, whose points are numbered as in this one; None without moving
+    bodies.
     """
 
     scene: sim.Scene

@@ -29,15 +29,10 @@ _REVERSED, _STILL = "the same, backwards in time", "none (the point rests)"
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """A recording beside a motion.
+    """A recording beside a motion, with the scores of the motion and of baselines.
 
-    Attributes
-    ----------
-    path : (marker, axis, time)
-        Recorded points at the times of the motion, relative to the skull, NaN where nothing was
-        recorded [m].
-    scores : Table
-        Of the motion and of baselines.
+    ``path`` (marker, axis, time) [m] are recorded points at the times of the motion, relative to
+    the skull, NaN where nothing was recorded.
     """
 
     path: xr.DataArray
@@ -62,14 +57,9 @@ class Beside:
 def beside(
     recording: xr.Dataset, motion: xr.Dataset, baselines: Mapping[str, xr.Dataset] | None = None
 ) -> Beside:
-    """Align a recording with a motion as for the scores, and score it.
+    """Align a recording with a motion as for the scores, and score it as `compared`.
 
     Every recorded point is shifted so that the means of both paths are equal, as in the rmse.
-
-    Raises
-    ------
-    MarkerError, AnalysisError
-        As of `compared`.
     """
     found, model = aligned(recording, motion)
     found = found["position"].transpose("marker", "axis", "time")
@@ -85,17 +75,10 @@ def compared(
     """Scores of a motion, and of baselines that are aligned and scored in the same way.
 
     Two baselines need no further motion: the same motion backwards in time, which has its path,
-    amplitude and frequencies, but not its course, and a point that rests.
-
-    Parameters
-    ----------
-    recording, motion : as of `emgface.anatomy.jaw.recorded.score_motion`.
-    baselines : other motions of the same duration by name, such as that of exchanged channels.
-
-    Raises
-    ------
-    MarkerError, AnalysisError
-        As of `score_motion`, for the motion; a baseline that cannot be scored states the reason.
+    amplitude and frequencies, but not its course, and a point that rests. `baselines` are other
+    motions of the same duration by name, such as that of exchanged channels; one that cannot be
+    scored states the reason. Errors of the motion are those of
+    `emgface.anatomy.jaw.recorded.score_motion`.
     """
     scores = score_motion(recording, motion)
     rows = _rows("simulated", scores)

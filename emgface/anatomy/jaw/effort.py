@@ -54,18 +54,10 @@ def at_rest(channels: Sequence[str], own: Floats) -> list[str]:
 
 
 def require_effort(channels: Sequence[str], own: Floats, references: Sequence[Floats]) -> None:
-    """Refuse references without rest or effort, and a recording of another gain or unit.
+    """Refuse references without rest or effort, and a recording of another gain or unit (JawError).
 
-    Raises
-    ------
-    JawError
-        No contraction or no rest is found in the references, half of the recording is stronger than
-        maximum effort, or its rest is much quieter than that of the references.
-
-    Warns
-    -----
-    FeatureWarning
-        Rest of a channel is stronger than in the references, relative to the other channels.
+    Warns (FeatureWarning) if the rest of a channel is stronger than in the references, relative to
+    the other channels.
     """
     low = np.min([one[0] for one in references], axis=0)
     high = np.max([one[2] for one in references], axis=0)
@@ -108,16 +100,12 @@ def tell_exchanged_sides(
 ) -> None:
     """Warn where the levels fit the references better with left and right exchanged in one of both.
 
-    d_c is the difference of the logarithmic levels of both sides, relative to maximum effort, and e_c
-    that of maximum effort itself, which electrodes and skin determine. In a movement of both sides
-    d_c is small; exchanged labels of one file make it -2 e_c. The warning requires d_c closer to
-    -2 e_c than to 0 in every pair, by `CLOSER`, and a rms of d_c of at least `UNEQUAL`. Of 30 simulated
-    persons it finds 27 in opening and closing, but 5 and 3 in one-sided movements, where one of 60
-    with correct labels is reported, too.
-
-    Warns
-    -----
-    FeatureWarning
+    d_c is the difference of the logarithmic levels of both sides, relative to maximum effort, and
+    e_c that of maximum effort itself, which electrodes and skin determine. In a movement of both
+    sides d_c is small; exchanged labels of one file make it -2 e_c. The warning requires d_c closer
+    to -2 e_c than to 0 in every pair, by `CLOSER`, and a rms of d_c of at least `UNEQUAL`. Of 30
+    simulated persons it finds 27 in opening and closing, but 5 and 3 in one-sided movements, where
+    one of 60 with correct labels is reported, too.
     """
     names = list(channels)
     pairs = [(names.index(c), names.index(c[:-2] + "_R")) for c in names

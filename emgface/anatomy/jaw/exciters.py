@@ -15,24 +15,11 @@ LARGEST = 1.1  #: largest excitation [1]: cubic series through values up to 1 ex
 
 
 def exciters_of(muscles: Iterable[str], groups: Groups) -> dict[str, dict[str, float]]:
-    """Every muscle, every group of each side, and both sides together (``bi_``).
+    """Muscles and gains by exciter: every muscle, group of a side, and group of both sides (``bi_``).
 
-    Parameters
-    ----------
-    muscles : names with sides ``_L`` and ``_R``.
-    groups : mapping
-        Members that are not muscles of the model are omitted. A group that contains a muscle of its
-        own name replaces the exciter of that muscle.
-
-    Returns
-    -------
-    dict
-        Muscles and gains of every exciter.
-
-    Raises
-    ------
-    JawError
-        A group contains itself.
+    `muscles` are names with sides ``_L`` and ``_R``. Members of `groups` that are not muscles of
+    the model are omitted, and a group that contains a muscle of its own name replaces the exciter
+    of that muscle. Raises JawError if a group contains itself.
     """
     names = list(muscles)
 
@@ -61,26 +48,11 @@ def exciters_of(muscles: Iterable[str], groups: Groups) -> dict[str, dict[str, f
 
 
 def muscle_activation(jaw: xr.Dataset, excitation: Mapping[str, Floats]) -> tuple[Floats, float]:
-    """Activation of the muscles that excitations of exciters add up to.
+    """Activation (n, muscles) that excitations [1] of exciters over the same times add up to.
 
-    Parameters
-    ----------
-    jaw : xarray.Dataset
-        A jaw_model.
-    excitation : mapping of str to (n,) array
-        Excitations by exciter over the same times [1].
-
-    Returns
-    -------
-    activation : (n, muscles) array
-        a_m = min(1, sum_e gain_em max(0, u_e)).
-    negative : float
-        Most negative excitation that was set to zero, 0 if there was none.
-
-    Raises
-    ------
-    JawError
-        An exciter does not exist, or an excitation is not finite or exceeds `LARGEST`.
+    a_m = min(1, sum_e gain_em max(0, u_e)); also returns the most negative excitation that was set
+    to zero, or 0. Raises JawError if an exciter does not exist, or an excitation is not finite or
+    exceeds `LARGEST`.
     """
     known = jaw["exciter"].values.tolist()
     total: Floats | float = 0.0

@@ -22,18 +22,10 @@ KINDS = ("plane", "curve", "hinge")
 
 @dataclass(frozen=True, eq=False)
 class JawBody:
-    """A bone or cartilage.
+    """A bone or cartilage of a mass [kg], 0 if it is fixed, with its centre (3,) [m].
 
-    Attributes
-    ----------
-    name : str
-    mass : float
-        [kg]; 0 if the body is fixed.
-    centre : (3,) [m]
-    inertia : (3, 3) about the centre [kg m^2].
-    damping : (2,) of the translation [kg/s] and of the rotation [kg m^2/s].
-    damped_at : (3,) point whose velocity is damped [m].
-    moves : bool
+    ``inertia`` (3, 3) is about the centre [kg m^2], ``damping`` (2,) of the translation [kg/s] and
+    of the rotation [kg m^2/s], at the point ``damped_at`` (3,) [m].
     """
 
     name: str
@@ -47,14 +39,9 @@ class JawBody:
 
 @dataclass(frozen=True, eq=False)
 class JawLine:
-    """A muscle or spring between two bodies.
+    """A muscle or spring from one body to another, between ``ends`` (2, 3) [m].
 
-    Attributes
-    ----------
-    name : str
-    bodies : (2,) names of the bodies of both ends.
-    ends : (2, 3) [m]
-    values : parameters by name (`MUSCLE_VALUES`, `SPRING_VALUES`).
+    ``values`` are parameters by name (`MUSCLE_VALUES`, `SPRING_VALUES`).
     """
 
     name: str
@@ -65,24 +52,12 @@ class JawLine:
 
 @dataclass(frozen=True, eq=False)
 class JawJoint:
-    """A joint; see `sim.joints.PointOnPlane`, `PointOnCurve` and `Revolute`.
+    """A joint of one of `KINDS`; see `sim.joints.PointOnPlane`, `PointOnCurve` and `Revolute`.
 
-    Attributes
-    ----------
-    name : str
-    kind : str
-        One of `KINDS`.
-    body : str
-        Body of the plane or curve, or first body of a hinge.
-    origin, normal : (3,) [m], [1]; the normal of a hinge is its axis.
-    point : str
-        Guided point; for a hinge, the name of the second body.
-    one_sided : bool
-        True if the point may move away to the side of the normal.
-    forward : (3,) direction along the curve.
-    coefficients : (4,) of the height sum_k c_k x^k at the distance x along the curve [m^(1 - k)].
-    length : float
-        Distance for which the polynomial applies [m]; beyond it the curve is straight.
+    ``body`` has the plane or curve and guides ``point``; for a hinge they are both bodies, and
+    ``normal`` [1] is its axis. A one-sided joint lets the point move away to the side of the
+    normal. The height of a curve at the distance x along ``forward`` is sum_k c_k x^k, with
+    ``coefficients`` (4,) [m^(1 - k)], up to ``length`` [m]; beyond, it is straight.
     """
 
     name: str
@@ -125,30 +100,12 @@ def build_jaw(
     surfaces: Sequence[tuple[str, Floats, NDArray[np.integer]]] = (),
     attrs: Mapping[str, str | int | float] | None = None,
 ) -> xr.Dataset:
-    """Assemble a jaw_model Dataset and check it.
+    """Assemble a jaw_model Dataset, in the frame x right, y anterior, z superior, and check it.
 
-    Parameters
-    ----------
-    bodies, muscles, springs, joints : sequence
-    points : mapping
-        Body and rest position [m] of every named point.
-    exciters : mapping
-        Muscles that every exciter drives, with gains.
-    name, origin, source : str
-    surfaces : sequence of (body, vertices (n, 3) [m], triangles (m, 3)), to be drawn
-    attrs : mapping, optional
-
-    Returns
-    -------
-    xarray.Dataset
-        Of schema jaw_model, in the frame x right, y anterior, z superior.
-
-    Raises
-    ------
-    JawError
-        A part names a body, point or muscle that does not exist.
-    SchemaError, UnitsError
-        The Dataset does not follow its declaration.
+    `points` are bodies and rest positions [m] by name, `exciters` the muscles that each drives,
+    with gains, and `surfaces` (body, vertices (n, 3) [m], triangles (m, 3)) are to be drawn. Raises
+    JawError if a part names a body, point or muscle that does not exist, and SchemaError or
+    UnitsError if the Dataset does not follow its declaration.
     """
     of_body = _numbered([body.name for body in bodies])
     of_point = _numbered(points)

@@ -89,18 +89,8 @@ def outcome_table(
 ) -> pd.DataFrame:
     """Outcome of every task [mm, s] beside the published one, and the exciters that the model lacks.
 
-    ``error`` is the estimated error of the time steps [mm].
-
-    Parameters
-    ----------
-    jaw : xarray.Dataset
-        A jaw_model.
-    series : path-like, optional
-        Folder of published series, which replace the excitations of chewing.
-    step : float
-        [s]
-    progress : callable, optional
-        Called after every task as ``progress(done, total)``.
+    ``error`` is the estimated error of the time steps [mm]. Published series of a folder replace
+    the excitations of chewing; `progress` is called after every task as ``progress(done, total)``.
     """
     names, rows = list(TASKS), list[dict[str, object]]()
     for k, name in enumerate(names):

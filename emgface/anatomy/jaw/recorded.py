@@ -141,11 +141,6 @@ def aligned(recording: xr.Dataset, motion: xr.Dataset) -> tuple[xr.Dataset, xr.D
 
     The time of a motion that a recording drives is known, so that it is shifted by at most `SHIFT`:
     a movement that is repeated would otherwise match another repetition.
-
-    Raises
-    ------
-    MarkerError, AnalysisError
-        As of `score_motion`.
     """
     given, model = paired(recording, motion)
     most = SHIFT if "recorded_start" in motion.attrs else None
@@ -155,22 +150,11 @@ def aligned(recording: xr.Dataset, motion: xr.Dataset) -> tuple[xr.Dataset, xr.D
 def paired(recording: xr.Dataset, motion: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     """Recorded and simulated ``position`` (marker, axis, time) of the points that both have [m].
 
-    A motion that a recording drives is paired with the same times. Otherwise the whole recording is,
-    which `analysis.align.align` stretches to the duration of the motion.
-
-    Parameters
-    ----------
-    recording : xarray.Dataset
-        ``position`` (marker, axis, time_marker) [m], relative to the skull, in axes parallel to those
-        of the motion.
-    motion : xarray.Dataset
-        A jaw_motion.
-
-    Raises
-    ------
-    MarkerError
-        No recorded point is one of the motion, none was recorded during it, or one moves farther than
-        a jaw can.
+    The recorded ``position`` is relative to the skull, in axes parallel to those of the motion. A
+    motion that a recording drives is paired with the same times. Otherwise the whole recording is,
+    which `analysis.align.align` stretches to the duration of the motion. Raises MarkerError if no
+    recorded point is one of the motion, none was recorded during it, or one moves farther than a
+    jaw can.
     """
     known = [str(name) for name in motion["marker"].values]
     found = [str(m) for m in recording["marker"].values] if "position" in recording else []

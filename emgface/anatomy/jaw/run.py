@@ -259,13 +259,7 @@ def drawn(jaw: xr.Dataset, bodies: tuple[str, ...]) -> dict[str, object]:
 
 @dataclass(frozen=True, eq=False)
 class Lines:
-    """Lengths [m] of straight lines between points and their rates [m/s].
-
-    Attributes
-    ----------
-    ends : (n, 2) of int
-    names : tuple of str
-    """
+    """Lengths [m] of straight lines between points ``ends`` (n, 2) and their rates [m/s]."""
 
     ends: np.ndarray
     names: tuple[str, ...]

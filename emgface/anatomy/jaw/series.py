@@ -32,14 +32,10 @@ _SWITCHED_OFF = ("th", "oh")
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """Excitations of exciters over common times, linear in between and held outside.
+    """Excitations [1] of exciters over common times [s], linear in between and held outside.
 
-    Attributes
-    ----------
-    time : (n,) ascending [s].
-    values : (n,) by exciter [1].
-    recorded_start : float, optional
-        Instant at time 0 of the recording that they were computed from [s].
+    ``recorded_start`` is the instant at time 0 of the recording that they were computed from [s],
+    if any.
     """
 
     time: Floats
@@ -74,15 +70,11 @@ def ramps(corners: Mapping[str, list[tuple[float, float]]]) -> Excitation:
 def read_probe(path: str | os.PathLike[str], time: Floats) -> Floats:
     """Values (n,) of a published input series at times [s].
 
-    The first line holds start, stop and scale of the times, whole numbers in nanoseconds; the second the
-    interpolation, the number of values and ``explicit`` or the interval of the rows; rows follow. Cubic
-    series are Hermite splines whose slope at a row is that of the chord of its neighbours, at the ends
-    of the first and last chord. Before the first row the value is 0, after the last it is held.
-
-    Raises
-    ------
-    JawError
-        The file is absent or has another form.
+    The first line holds start, stop and scale of the times, whole numbers in nanoseconds; the
+    second the interpolation, the number of values and ``explicit`` or the interval of the rows;
+    rows follow. Cubic series are Hermite splines whose slope at a row is that of the chord of its
+    neighbours, at the ends of the first and last chord. Before the first row the value is 0, after
+    the last it is held. Raises JawError if the file is absent or has another form.
     """
     path = Path(path)
     try:
@@ -119,14 +111,10 @@ INTERVAL: Final = 1e-3
 def read_probes(folder: str | os.PathLike[str], *, duration: float = 1.0) -> Excitation:
     """Excitations of a folder of published series, sampled every `INTERVAL`.
 
-    The files are called by side and muscle, such as ``lsm.txt``. Those of the mylohyoid drive both of
-    its parts, those of the posterior digastric all retractors of the hyoid, as published; thyrohyoid and
-    omohyoid are switched off there.
-
-    Raises
-    ------
-    JawError
-        The folder contains no series, or one cannot be read.
+    The files are called by side and muscle, such as ``lsm.txt``. Those of the mylohyoid drive both
+    of its parts, those of the posterior digastric all retractors of the hyoid, as published;
+    thyrohyoid and omohyoid are switched off there. Raises JawError if there is no series, or one
+    cannot be read.
     """
     folder = Path(folder)
     time = (np.arange(round(duration / INTERVAL) + 1) * INTERVAL).astype(np.float64)
@@ -145,19 +133,10 @@ def read_probes(folder: str | os.PathLike[str], *, duration: float = 1.0) -> Exc
 def read_excitation(path: str | os.PathLike[str]) -> Excitation:
     """Excitations of a CSV table with a column ``time`` [s], or of a netCDF file, by exciter.
 
-    A netCDF file holds ``excitation`` or ``activation`` over ``exciter`` or ``muscle``, and ``time``, as
-    `emgface jaw activate` writes it.
-
-    Raises
-    ------
-    JawError
-        The file cannot be read, contains no such series, or its times do not ascend or are so far
-        apart that they cannot be in seconds.
-
-    Warns
-    -----
-    FeatureWarning
-        The series begins after time 0, or is so long and coarse that its times may be in milliseconds.
+    A netCDF file holds ``excitation`` or ``activation`` over ``exciter`` or ``muscle``, and
+    ``time``, as `emgface jaw activate` writes it. Raises JawError if there is no such series or its
+    times do not ascend or cannot be in seconds; warns (FeatureWarning) if it begins after time 0,
+    or is so long and coarse that its times may be in milliseconds.
     """
     path = Path(path)
     if not path.is_file():

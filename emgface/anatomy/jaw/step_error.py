@@ -37,15 +37,11 @@ class Jumps:
 def estimated_error(motion: xr.Dataset, finer: xr.Dataset, order: int) -> Floats:
     """Estimated error (time,) of the points of a motion until every instant [m].
 
-    It is the sum of two parts. For steps h and a method of order p the error is that of the series
-    in h, 2^p/(2^p - 1) of the distance from a motion with steps h/2. Where an impact or a burst within
-    a step decides the further motion, both motions may err alike: a velocity that changes by dv at
-    an unknown instant of a step displaces a point by up to h dv.
-
-    Parameters
-    ----------
-    motion, finer : with ``position``; the first with ``jump``.
-    order : p
+    It is the sum of two parts. For steps h and a method of order p (`order`) the error is that of
+    the series in h, 2^p/(2^p - 1) of the distance from a motion with steps h/2 (`finer`). Where an
+    impact or a burst within a step decides the further motion, both motions may err alike: a
+    velocity that changes by dv (``jump``) at an unknown instant of a step displaces a point by up
+    to h dv.
     """
     away = motion["position"].values - finer["position"].values
     dims = motion["position"].dims
@@ -59,14 +55,10 @@ def estimated_error(motion: xr.Dataset, finer: xr.Dataset, order: int) -> Floats
 def with_error(
     run: Callable[[float, bool], xr.Dataset], step: float, order: int, tolerance: float | None
 ) -> xr.Dataset:
-    """Motion with ``numerical_error``.
+    """Motion with ``numerical_error``; `run` makes one, or its positions alone, with a step [s].
 
     Steps are halved until the error is at most a tolerance [m], at most `HALVINGS` times; without a
     tolerance they are those given.
-
-    Parameters
-    ----------
-    run : motion with steps of a length [s], with all variables or the positions alone.
     """
     whole, halved, motion = tolerance is not None, 0, run(step, True)
     finer = run(0.5 * step, whole)

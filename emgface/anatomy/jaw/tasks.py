@@ -141,26 +141,14 @@ are ours."""
 
 
 def task_of(name: str) -> Task:
-    """Task of a name.
-
-    Raises
-    ------
-    JawError
-        There is none.
-    """
+    """Task of a name, or JawError."""
     if name not in TASKS:
         raise JawError(f"no task is called {name!r}, expected one of {', '.join(TASKS)}")
     return TASKS[name]
 
 
 def with_series(name: str, series: str | os.PathLike[str] | None) -> tuple[Task, dict[str, object]]:
-    """Task of a name, and its excitations as an option of `run_task` where they are read from a folder.
-
-    Raises
-    ------
-    JawError
-        There is no such task.
-    """
+    """Task of a name, and its excitations as an option of `run_task` if they are read from a folder."""
     task = task_of(name)
     if not task.series or series is None:
         return task, {}
@@ -174,14 +162,7 @@ def turned_head(degrees: float, centre: Floats) -> "HeadTurn":
 
 @dataclass(frozen=True, eq=False)
 class HeadTurn:
-    """Motion of the skull: a smooth rotation about x, which lifts what is in front.
-
-    Attributes
-    ----------
-    angle : float
-        [rad]
-    centre : (3,) [m]
-    """
+    """Smooth rotation [rad] of the skull about x through a centre [m], which lifts what is in front."""
 
     angle: float
     centre: Floats

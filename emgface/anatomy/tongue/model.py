@@ -126,14 +126,10 @@ def build_tongue(
 def check_tongue(ds: xr.Dataset) -> xr.Dataset:
     """Check a tongue against its schema and the requirements of the mechanics, and return it.
 
-    Raises
-    ------
-    SchemaError, UnitsError
-        Names, dims, units or ranges differ from the schema.
-    TongueError
-        An element refers to a node that does not exist or is inverted at a quadrature point at rest (a
-        stored shape may invert corners), a node belongs to no element, a muscle has no element, one
-        twice or no fibre, or a marker of `MARKERS` is absent.
+    Raises SchemaError or UnitsError as the schema does, and TongueError if an element refers to a
+    node that does not exist or is inverted at a quadrature point at rest (a stored shape may invert
+    corners), a node belongs to no element, a muscle has no element, one twice or no fibre, or a
+    marker of `MARKERS` is absent.
     """
     check_references(ds, (("marker_node", "marker"),), TongueError)
     ds = validate(ds, "tongue_model")

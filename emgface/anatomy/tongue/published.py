@@ -170,14 +170,10 @@ GESTURE: Final = ("GGP", "GGM", "GGA", "STY", "GH", "MH", "HG", "VERT", "TRANS",
 def read_gesture(path: str | os.PathLike[str]) -> Excitation:
     """Excitations of a published gesture of the tongue, such as ``excitations.txt``.
 
-    The first line holds start, stop and scale of the times, the second ``Linear 11 explicit``; rows are
-    a time and the excitations of `GESTURE`, as named in the file ``0probes.art`` beside it. Values
-    outside 0-1 by rounding are clipped.
-
-    Raises
-    ------
-    TongueError
-        The file is absent or has another form, or a value is outside 0-1.
+    The first line holds start, stop and scale of the times, the second ``Linear 11 explicit``; rows
+    are a time and the excitations of `GESTURE`, as named in the file ``0probes.art`` beside it.
+    Values outside 0-1 by rounding are clipped. Raises TongueError if the file is absent or has
+    another form, or a value is outside 0-1.
     """
     place = Path(path)
     lines = _lines(place)

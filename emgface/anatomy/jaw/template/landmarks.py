@@ -28,16 +28,12 @@ SIDE_GAP = 4e-3
 def landmarks(face: Measures, jaw: JawMeasures, arches: tuple[Arch, Arch]) -> Mapping[str, Floats]:
     """Landmarks (3,) by name [m].
 
-    ``condyle`` centre, ``incisor`` and ``upper_incisor`` edges, ``molar`` occlusal surface of the first
-    molars, ``pogonion``, ``menton``, ``chin_back``, ``gonion`` of the bone, ``coronoid`` tip, ``arch``
-    and ``zygoma`` of the cheek, ``hyoid`` body, ``horn`` end of the greater horn, ``notch`` and
-    ``thyroid_low`` of the thyroid cartilage in the midline, ``cricoid`` centre, ``joint`` of cricoid
-    and thyroid, ``sternum``.
-
-    Raises
-    ------
-    JawError
-        The condyles reach the skin, or lie behind the ears.
+    ``condyle`` centre, ``incisor`` and ``upper_incisor`` edges, ``molar`` occlusal surface of the
+    first molars, ``pogonion``, ``menton``, ``chin_back``, ``gonion`` of the bone, ``coronoid`` tip,
+    ``arch`` and ``zygoma`` of the cheek, ``hyoid`` body, ``horn`` end of the greater horn,
+    ``notch`` and ``thyroid_low`` of the thyroid cartilage in the midline, ``cricoid`` centre,
+    ``joint`` of cricoid and thyroid, ``sternum``. Raises JawError if the condyles reach the skin,
+    or lie behind the ears.
     """
     upper, lower = (edge(arch) for arch in arches)
     half = 0.5 * jaw.condyle_width

@@ -114,23 +114,12 @@ class JawMeasures:
 def jaw_measures(
     face: Measures, preset: str = "adult", values: Mapping[str, float] | None = None
 ) -> JawMeasures:
-    """Measures of the jaw that belongs to a face.
+    """Measures [m] of the jaw that belongs to a face, with `values` in place of defaults.
 
-    The defaults are the means of the sex of the preset, both sexes for others than women, girls, men
-    and boys, times the mean ratio of width and depth of the face to their norms.
-
-    Parameters
-    ----------
-    face : Measures
-    preset : str
-        As of `emgface.face.template.volunteers.PRESETS`.
-    values : mapping, optional
-        Measures that replace the defaults [m].
-
-    Raises
-    ------
-    JawError
-        A measure does not exist or is out of bounds.
+    The defaults are the means of the sex of the preset
+    (`emgface.face.template.volunteers.PRESETS`), both sexes for others than women, girls, men and
+    boys, times the mean ratio of width and depth of the face to their norms. Raises JawError if a
+    measure does not exist or is out of bounds.
     """
     given = dict(values or {})
     unknown = sorted(set(given) - set(_BY_NAME))
@@ -143,13 +132,7 @@ def jaw_measures(
 
 
 def parse_settings(settings: Sequence[str]) -> dict[str, float]:
-    """Settings such as ``condyle_width=98mm`` of the jaw, or of the face, in SI units by name.
-
-    Raises
-    ------
-    FaceError
-        As `emgface.face.template.measures.parse_measures`.
-    """
+    """Settings such as ``condyle_width=98mm`` of the jaw, or of the face, in SI units by name."""
     return parse_measures(settings, also=_BY_NAME)
 
 

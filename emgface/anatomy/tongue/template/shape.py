@@ -52,13 +52,9 @@ _BOTTOM, _TOP = 1.8, 3.0
 
 @dataclass(frozen=True, eq=False)
 class TongueMesh:
-    """Mesh of a tongue.
+    """Mesh of a tongue: ``position`` (n, 3) [m] and ``connectivity`` (m, 8) in VTK order.
 
-    Attributes
-    ----------
-    position : (n, 3) [m]
-    connectivity : (m, 8) nodes in VTK order.
-    shape : (3,) numbers of elements along u, v, w.
+    ``shape`` (3,) holds the numbers of elements along u, v, w.
     """
 
     position: Floats
@@ -120,13 +116,9 @@ def tongue_mesh(
 ) -> TongueMesh:
     """Mesh of the tongue of a person, exactly symmetric.
 
-    Parameters
-    ----------
-    places : mapping
-        Of `emgface.anatomy.jaw.template.landmarks.landmarks`.
-    arches : of `emgface.face.template.dental_arches`.
-    resolution : str or int
-        A name of `RESOLUTIONS`, or an approximate number of elements.
+    `places` are those of `emgface.anatomy.jaw.template.landmarks.landmarks`, `arches` those of
+    `emgface.face.template.dental_arches`; `resolution` is a name of `RESOLUTIONS` or an approximate
+    number of elements.
     """
     nu, nv, nw = shape = divisions(resolution)
     u, v, w = np.linspace(0, 1, nu + 1), np.linspace(0, 1, nv + 1), np.linspace(-1, 1, nw + 1)
@@ -158,11 +150,9 @@ def tongue_mesh(
 class Frame:
     """Lengths that fit an outline to a person [m].
 
-    Attributes
-    ----------
-    y : (3,) of the hyoid, the back of the chin and the lower incisors behind their edge.
-    low : (2,) heights z of the hyoid and of the back of the chin.
-    width : half width between the last teeth, or between the bodies of the mandible.
+    ``y`` (3,) of the hyoid, the back of the chin and the lower incisors behind their edge; ``low``
+    (2,) heights z of the hyoid and of the back of the chin; ``width`` half the distance between the
+    last teeth, or between the bodies of the mandible.
     """
 
     y: tuple[float, float, float]
