@@ -120,8 +120,8 @@ def individual_table(cube: xr.Dataset) -> Table:
     )  # fmt: skip
     origin = origin_of(cube)
     note = (
-        "Means over trials. Timing is on the clock of the recording, before alignment; the "
-        "template's is the mean of the other volunteers, from the start of a trial. "
+        "Means over trials. Times are those of the recording, before alignment; times of the "
+        "template are means over the other volunteers, from the start of a trial. "
         "Asymmetry: (left - right) / (left + right). within instruction: correlation of the "
         "deviations of repetitions from the person's mean, simulated with measured; it is "
         "undefined for a motion that is the same in every repetition, and its mean over all "
@@ -156,9 +156,9 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
         told.append(text + ".")
         if template >= rho:
             told.append(
-                f"A rho of {rho:.2f} therefore shows that the lips made the movement that "
-                "was asked for, but not that the EMG contributed to the prediction, because "
-                "the template scores no less."
+                f"A rho of {rho:.2f} therefore shows that the lips made the instructed "
+                "movement, but not that the EMG contributed to the prediction, because the "
+                "score of the template is at least as high."
             )
         else:
             told.append(
@@ -168,7 +168,7 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
             )
         if others < 3:
             told.append(
-                "A template of one or two volunteers is poor. The mean of more volunteers "
+                "A template of one or two volunteers is unreliable. The mean of more volunteers "
                 "would score higher, so that gain and skill are overestimated."
             )
     else:

@@ -92,7 +92,7 @@ def intervals(out: Path, count: int, seed: int) -> None:
         f"{3 * count} cubes per row, seed {seed}, ± Monte Carlo error; difference of two strategies "
         "in z, standard deviations of volunteer x strategy and instruction x strategy 0.3. Rows with "
         "fewer volunteers or instructions than required show the coverage that an interval would "
-        "have; none is given there. Made by python -m benchmarks calibration.",
+        "have; studies report no interval in these cases. Computed by python -m benchmarks calibration.",
     )  # fmt: skip
     (out / "intervals.md").write_text(table.markdown(), encoding="utf-8")
     rows = listed(covered, ("coverage",), table.title)
@@ -112,16 +112,16 @@ def sizes(out: Path, count: int, seed: int) -> None:
     note = (
         f"{count} cubes per condition, seed {seed}, ± Monte Carlo error; six volunteers, six "
         "instructions, two repetitions, three markers. Conditions: standard deviation in z of "
-        "volunteer x strategy and instruction x strategy; departures with both 0.3. The truth is "
-        "that of the instructions drawn, except in the rows 'mixed model, instructions' and 'mixed "
-        "model, misread' (the test of these instructions interpreted as one of instructions in "
-        "general). Made by python -m benchmarks calibration."
+        "volunteer x strategy and instruction x strategy; departures with both 0.3. The true "
+        "value is that of the instructions drawn, except in the rows 'mixed model, instructions' "
+        "and 'mixed model, misread' (the test of these instructions interpreted as one of "
+        "instructions in general). Computed by python -m benchmarks calibration."
     )
     parts = [
         pivot(found, "size", "size at 0.05 without a difference, simulated scores", note),
         pivot(found, "coverage", "coverage of intervals of 0.95 (equivalence 0.90), simulated scores",
-              "The exact intervals (sign flip, Wilcoxon) take the next level that they can reach, "
-              "62/64."),
+              "The exact intervals (sign flip, Wilcoxon) have the next attainable confidence "
+              "level, 62/64."),
     ]  # fmt: skip
     text = "\n".join(part.markdown() for part in parts)
     (out / "calibration.md").write_text(text, encoding="utf-8")

@@ -93,7 +93,8 @@ def quality() -> str:
     by_preset = pd.DataFrame.from_dict(rows, orient="index").rename_axis("preset")
     return f"""{markdown(by_resolution.reset_index(), ".2f")}
 
-The published reference mesh has a smallest scaled Jacobian of 0.011. Presets, fine:
+The published reference mesh has a smallest scaled Jacobian of 0.011. The next table lists the presets at
+the fine resolution:
 
 {markdown(by_preset.reset_index(), ".2f")}"""
 
@@ -123,9 +124,9 @@ def volunteers() -> str:
         }
     table = pd.DataFrame.from_dict(rows, orient="index").rename_axis("preset")
     took = (time.perf_counter() - start) / VOLUNTEERS
-    return f"""{VOLUNTEERS} random volunteers at the fine resolution, with differences between the sides
-(`random_measures(seed, preset=..., asymmetry=1.0)`, seeds 0 to {VOLUNTEERS - 1}; {1e3 * took:.0f}
-ms each):
+    return f"""The table summarises {VOLUNTEERS} random volunteers at the fine resolution, with
+differences between the sides (`random_measures(seed, preset=..., asymmetry=1.0)`, seeds 0 to
+{VOLUNTEERS - 1}; {1e3 * took:.0f} ms each):
 
 {markdown(table.reset_index(), ".2f")}"""
 
@@ -133,13 +134,13 @@ ms each):
 def actions() -> str:
     """Every muscle pair alone."""
     table = muscle_actions(template_face(resolution="fine")).drop(columns=["name"])
-    return f"""Fine face, activation 0.5, sigma_max 100 kPa, no gravity, lips and teeth in contact by
-constraints, at 0.8 s; displacement in mm, x positive medially (left markers), y forward, z up.
-`opening` (mm): height of the upper above the lower margin in the midline, negative where one lip has
-come in front of the other; `lips in lips` (mm): depth to which the lips penetrate each other. `agrees`:
-every displacement that defines the action has the stated direction and exceeds 0.1 mm, the lips do
-not penetrate each other, and a muscle that closes them moves both margins and closes at least half
-of the opening.
+    return f"""The table lists displacements of the fine face at 0.8 s with an activation of 0.5,
+sigma_max = 100 kPa, no gravity, and lips and teeth in contact by constraints. They are in mm; x is
+positive medially (left markers), y forward and z up. `opening` (mm) is the height of the upper above the lower
+margin in the midline, which is negative where one lip has moved in front of the other; `lips in lips`
+(mm) is the depth to which the lips penetrate each other. `agrees` is true if every displacement that
+defines the action has the stated direction and exceeds 0.1 mm, the lips do not penetrate each other,
+and a muscle that closes them moves both margins and closes at least half of the opening.
 
 {markdown(table.reset_index(), ".2f")}"""
 
@@ -177,8 +178,8 @@ def gestures() -> str:
     faces = {f"{r} template": template_face(resolution=r) for r in ("coarse", "medium")}
     rows = [smiles(name, face, gesture_positions(face, JUDGED)) for name, face in faces.items()]
     rows.append(smiles("fine template", fine, positions))
-    return f"""Displacement from rest by the muscles of Table 1 of Eskes et al. 2017, simulated.
-Lips and teeth are in contact, by constraints. The opening is {rest:.2f} mm at
+    return f"""The table lists simulated displacements from rest caused by the muscles of Table 1 of
+Eskes et al. 2017. Lips and teeth are in contact by constraints. The opening is {rest:.2f} mm at
 rest, and negative where the lips have passed through each other.
 
 ![Rest and six gestures from three sides](gestures.jpg)
@@ -196,9 +197,9 @@ the margin of the upper lip in the midline.
 
 In spontaneous smiles of 15 children (mean age 10.5 years) the corners moved up and laterally at about 47
 degrees, the mouth widened by 27 %, and the upper lip rose by 28 % (Tarantili et al. 2005, Am J Orthod
-Dentofacial Orthop 128:8-15). The levels of activation of the smiles were chosen among several on the
-medium face with these values in view, so that the agreement is not a prediction; the coarse and the
-fine face were not used. The corner of a published model moves by 11 to 14 mm in four
+Dentofacial Orthop 128:8-15). The levels of activation of the smiles were selected from several
+candidates on the medium face by comparison with these values, so that the agreement is not a prediction;
+the coarse and the fine face were not used. The corner of a published model moves by 11 to 14 mm in four
 expressions, within one standard deviation of measured displacements (Flynn et al. 2015, Comput Methods
 Biomech Biomed Eng 18:571-582); that of this template moves less, as in Eskes et al. 2017. With the
 relevant muscles, pursing closes, narrows and protrudes the lips (Eskes et al. 2017, Results; Stavness
@@ -241,16 +242,16 @@ def published() -> str:
     models = Path(os.environ.get("EMGFACE_SHARED", "../shared")) / "artisynth_models"
     face = import_artisynth(models)
     table = smiles("published face", face, gesture_positions(face, JUDGED))
-    return f"""The same activations and measures on the imported reference face (Nazari et al. 2010;
-ArtiSynth Models), with contact of lips and teeth, muscle elements within 5 mm of the fibres, and the
-mechanics of the tables above; simulated.
+    return f"""The table lists the same activations and measures for the imported reference face (Nazari
+et al. 2010; ArtiSynth Models), with contact of lips and teeth, muscle elements within 5 mm of the
+fibres, and the mechanics of the tables above (simulated).
 
 {markdown(table, ".1f")}
 
-These levels were chosen for the template and do not give good smiles on this face: the corners move up
-and back, the mouth widens by 6 % in the voluntary smile and narrows in the one with closed mouth. The
-lips are 4 mm apart at rest. Pursing narrows the mouth and moves the corners forward, but the paramedian
-markers hardly move forward, and the lips do not close. [Mechanics](../mechanics/README.md) compares
+These levels were chosen for the template and do not produce realistic smiles of this face: the corners
+move up and back, the mouth widens by 6 % in the voluntary smile and narrows in the closed-mouth smile.
+The lips are 4 mm apart at rest. Pursing narrows the mouth and moves the corners forward, but the
+paramedian markers hardly move forward, and the lips do not close. [Mechanics](../mechanics/README.md) compares
 the protrusion of this face with and without support and stress stiffening."""
 
 
@@ -309,8 +310,9 @@ def convergence() -> str:
     """Displacement of the lip markers on grids refined in proportion, with the observed order."""
     return f"""The numbers of rays and rings of the coarse grid are multiplied by 1, 2, 4 and 8
 (`refined_grid`), so that the edges along the surface are halved each time; the three anatomical layers
-are not divided. Muscle pairs at an activation of 0.3. `change`: root mean square, over the ten markers,
-of the difference between successive grids. The observed order is log2 of the ratio of two changes.
+are not divided. Each muscle pair has an activation of 0.3. `change`: root mean square, over the ten
+markers, of the difference between successive grids. The observed order is log2 of the ratio of two
+changes.
 
 {markdown(orders(on_a_curve=False).reset_index(), ".2f")}
 

@@ -86,7 +86,7 @@ def _wide(at: Results) -> Iterator[Finding]:
 _LIPS: Final = ("opening_mm", "area_mm2", "width_mm", "protrusion_mm")
 EXPLAINED: Final[Mapping[str, Experiment]] = {
     "explained": Experiment(
-        "8 What explains the differences: rings, levels and forces",
+        "8 Causes of the differences: rings, levels and forces",
         tuple(_faces()),
         (*_LIPS, "lower_to_teeth_mm", "smallest_J", "speed_mm_s"),
         ("protrusion_mm", "area_mm2", "lower_to_teeth_mm"),
@@ -94,7 +94,7 @@ EXPLAINED: Final[Mapping[str, Experiment]] = {
         with_teeth,
     ),
     "open": Experiment(
-        "9 What explains the differences: superficial rings with an open jaw",
+        "9 Causes of the differences: superficial rings with an open jaw",
         tuple(_open()),
         ("lower_incisor_up_mm", *_LIPS, "smallest_J", "speed_mm_s"),
         ("opening_mm", "area_mm2", "width_mm"),

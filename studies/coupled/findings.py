@@ -102,8 +102,8 @@ def _stiffening(at: Results) -> Iterator[Finding]:
         for a, b in ((1, 3), (10, 20))
     )
     yield Finding(
-        "It saturates with stiffness at enough activation",
-        f"change of protrusion by a factor of 3 from 1 {low} mm, by one of 2 from 10 {high} mm",
+        "It saturates with stiffness if the activation is high enough",
+        f"change of protrusion {low} mm with 3 times the factor 1, {high} mm with 2 times the factor 10",
         low.above(high),
     )
 
@@ -179,7 +179,7 @@ def _closes_until(at: Results, name: str) -> Value:
 def _closing(at: Results) -> Iterator[Finding]:
     lowest = {name: _closes_until(at, name) for name in ("superficial", "deep", "marginal")}
     yield Finding(
-        "The superficial layer closes the lips at a low jaw best",
+        "The superficial layer is the best at closing the lips with a low jaw",
         "closed until the incisor is lowered by: "
         + ", ".join(f"{name} {down} mm" for name, down in lowest.items()),
         every(*(lowest["superficial"].above(lowest[name]) for name in ("deep", "marginal"))),
@@ -190,7 +190,7 @@ def _closing(at: Results) -> Iterator[Finding]:
         for name in ("superficial", "superficial and marginal")
     )
     yield Finding(
-        "The marginal ring in addition closes them at a very low jaw",
+        "With the marginal ring in addition they close at a very low jaw",
         f"opening at the lowest jaw {alone} mm alone, {both} mm with it",
         alone.above(both),
     )
@@ -237,14 +237,14 @@ def _coupling(at: Results) -> Iterator[Finding]:
     }
     yield Finding(
         "Muscles of the tongue move the jaw",
-        "incisor against rest, forward or backward: "
+        "incisor relative to rest, forward or backward: "
         + "; ".join(f"{name} {value} mm" for name, value in jaw.items()),
         every(*(value.above(zero) for value in jaw.values())),
     )
     back = at("openers 0.2", "back_forward_mm") - at("rest", "back_forward_mm")
     yield Finding(
         "Muscles of the jaw move the tongue",
-        f"openers move the back of the tongue forward by {back} mm against rest",
+        f"openers move the back of the tongue forward by {back} mm relative to rest",
         abs(back).above(zero),
     )
 

@@ -35,7 +35,7 @@ is computed at each Gauss point; equilibria are computed by the quasi-static sol
 ## Interpretation
 
 **Lip rounding.** The peripheral part of orbicularis oris on both sides is activated to 0.5 and 1.
-`stiffening` is the factor on the passive moduli of its elements at full activation; 1 is no
+`stiffening` is the factor on the passive moduli of its elements at full activation; 1 means no
 stiffening (Stavness et al., Fig. 11.10). With stiffening, the shape changes less between half and
 full activation: the change of the opening is 0.14 to 0.41 times, and that of the protrusion 0.40
 to 0.67 times, the change without stiffening, on both faces, with and without walls. Without walls
@@ -56,7 +56,7 @@ largest displacement depends on the chosen activations: on the reference face, t
 lower lip at an activation of only 0.1 moves the chin and the lower lip further than the depressor
 of the corner at 0.7 moves the corner.
 
-**Skin under tension.** Two feet, 16 mm apart, pull at the skin within a fixed ring of 30 mm radius,
+**Skin under tension.** Two probes, 16 mm apart, pull at the skin within a fixed ring of 30 mm radius,
 along and across the local tension line. The tension lines follow a rule: they are perpendicular to
 the muscles beneath. The median deviation from the published orientations on the reference face,
 transferred by node numbers, is 14 degrees around the mouth and 18 degrees in the upper face, but 50
@@ -70,10 +70,10 @@ stiffness in both directions: 89.4 kPa increases it along and across the line by
 ## Survival
 
 The tables list the largest sigma_max (kPa), from a grid of 25 to 1000 kPa, at which no element
-inverts, for every muscle pair alone and for all twenty muscles together. Reference face; the
-activation rises from 0 to 1 in 0.1 s and is then held; steps of 10 ms. 0 means that elements invert
-at 25 kPa, 1000 is the end of the grid. `python -m benchmarks survival` writes `survival.csv`, which
-contains all attempts.
+inverts, for every muscle pair alone and for all twenty muscles together. They refer to the reference
+face; the activation rises from 0 to 1 in 0.1 s and is then held, and the steps are 10 ms long. The
+value 0 means that elements invert at 25 kPa, and 1000 is the end of the grid.
+`python -m benchmarks survival` writes `survival.csv`, which contains all attempts.
 
 {survival}
 
@@ -167,7 +167,7 @@ def survival_table() -> str:
         solvers = list(dict.fromkeys(own.solver))
         best = best.reindex(index=order, columns=solvers).fillna(0).astype(int)
         table = markdown(best.rename_axis("muscle pair").reset_index(), ".2f")
-        parts.append(f"{kind} volume, held to {duration:g} s:\n\n{table}")
+        parts.append(f"With {kind} volume and the activation held until {duration:g} s:\n\n{table}")
     return "\n\n".join(parts)
 
 

@@ -189,7 +189,9 @@ def contrasts_table(tests: Mapping[str, Mapping[str, xr.Dataset]]) -> Table:
         Column("p", digits=3), Column("p Holm", digits=3), Column("volunteers"),
     )  # fmt: skip
     title = "difference of strategies in Fisher's z, simulated recordings"
-    note = "Intervals of 0.95, one contrast each; p Holm is over the contrasts of a row's test."
+    note = (
+        "Intervals of 0.95, one contrast each; p Holm is corrected over the contrasts of one test."
+    )
     return Table(title, columns, tuple(rows), origin, note)
 
 

@@ -63,7 +63,7 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
             "Eq. 8 as printed uses the minimum and maximum of each trial, so that an inactive "
             "muscle reaches an activation of 1 like all others. The alternative uses the minimum "
             "and maximum over all trials of a volunteer, all instructions and repetitions "
-            "(`signals.normalisation.reach`). Simulated and scored are "
+            "(`signals.normalisation.reach`). The table is based on "
             f"{found['volunteer'].nunique()} volunteers, instructions {', '.join(subset())} only, the "
             "first repetition only. A muscle is called silent in a trial if the excitation that "
             f"generated its EMG remains below {LEAST_PEAK:g}. The table lists the median, over "

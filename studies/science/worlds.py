@@ -54,10 +54,11 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
             "The kinds of mismatch (`emgface volunteers --world ...`, with the sizes of "
             "`emgface.volunteers.world.World`) are divided into those of the recording "
             f"({', '.join(RECORDING)}), which change the EMG alone, and those of the person "
-            f"({', '.join(PERSON)}). {found['volunteer'].nunique()} volunteers, instructions "
-            f"{', '.join(subset())} only, the first repetition only; the worlds in which both are "
-            "matched or mismatched are parts of the studies of all instructions and repetitions "
-            "below. All worlds use the same persons, instructions and random numbers. Of "
+            f"({', '.join(PERSON)}). This section uses {found['volunteer'].nunique()} volunteers, "
+            f"instructions {', '.join(subset())} only, the first repetition only; the results of the "
+            "worlds in which both are matched or mismatched are parts of the studies of all "
+            "instructions and repetitions below. All worlds use the same persons, instructions and "
+            "random numbers. Of "
             f"{trials} trials, {lost} have no score.",
             "",
             markdown(_table(levels, shift).reset_index(), ".0f"),
@@ -201,8 +202,8 @@ def _reading(levels: Mapping[str, pd.DataFrame], shift: pd.Series) -> str:
         )
     sentences.append(
         "* The sizes of the mismatches were chosen, those of delay, activation dynamics, tissue filter "
-        "and signal-to-noise ratio after publications. The effects depend on these choices and on the "
-        "instructions."
+        "and signal-to-noise ratio according to publications. The effects depend on these "
+        "choices and on the instructions."
     )
     assert set(KINDS) == {*PERSON, *RECORDING}
     return "\n".join(sentences) + "\n"
