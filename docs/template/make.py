@@ -136,11 +136,12 @@ def actions() -> str:
     table = muscle_actions(template_face(resolution="fine")).drop(columns=["name"])
     return f"""The table lists displacements of the fine face at 0.8 s with an activation of 0.5,
 sigma_max = 100 kPa, no gravity, and lips and teeth in contact by constraints. They are in mm; x is
-positive medially (left markers), y forward and z up. `opening` (mm) is the height of the upper above the lower
-margin in the midline, which is negative where one lip has moved in front of the other; `lips in lips`
-(mm) is the depth to which the lips penetrate each other. `agrees` is true if every displacement that
-defines the action has the stated direction and exceeds 0.1 mm, the lips do not penetrate each other,
-and a muscle that closes them moves both margins and closes at least half of the opening.
+positive medially (left markers), y forward and z up. `opening` (mm) is the height of the upper
+above the lower margin in the midline, which is negative where one lip has moved in front of the other;
+`lips in lips` (mm) is the depth to which the lips penetrate each other. `agrees` is true if every
+displacement that defines the action has the stated direction and exceeds 0.1 mm, the lips do not
+penetrate each other, and a muscle that closes them moves both margins and closes at least half of the
+opening.
 
 {markdown(table.reset_index(), ".2f")}"""
 
@@ -251,8 +252,9 @@ fibres, and the mechanics of the tables above (simulated).
 These levels were chosen for the template and do not produce realistic smiles of this face: the corners
 move up and back, the mouth widens by 6 % in the voluntary smile and narrows in the closed-mouth smile.
 The lips are 4 mm apart at rest. Pursing narrows the mouth and moves the corners forward, but the
-paramedian markers hardly move forward, and the lips do not close. [Mechanics](../mechanics/README.md) compares
-the protrusion of this face with and without support and stress stiffening."""
+paramedian markers hardly move forward, and the lips do not close.
+[Mechanics](../mechanics/README.md) compares the protrusion of this face with and without support and
+stress stiffening."""
 
 
 PAIRS = {
