@@ -1,6 +1,6 @@
 """Time per step of a scene of four bodies, 20 joint rows and 45 line muscles, and its memory.
 
-    python -m benchmarks bodies [--steps 2000] [--repeats 5]
+    python -m benchmarks bodies
 
 A chain of four bodies hangs on line muscles that run to space and between bodies. Processor time of one
 thread, kernels warm; "fused" is the step of `sim._kernels.multibody` within `simulate` with an output
@@ -105,14 +105,14 @@ def simulated(system, activation, steps):
     return (time.process_time() - start) / steps, state
 
 
-def main(steps: int = 2000, repeats: int = 5, out: Path | None = None):
+def main(out: Path | None = None):
     """Measure, print and store."""
     system = sim.compile_scene(scene())
+    steps, few = 2000, 100
     activation = drive(steps * STEP)
-    few = 100
     simulated(system, activation, few)  # compiles
     found = {"fused": [], "single": [], "general": []}
-    for _ in range(repeats):
+    for _ in range(5):
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         time_of, end = simulated(system, activation, steps)
         growth = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before

@@ -242,9 +242,9 @@ def draw(times: Floats, omega: Floats, swing: Floats, shapes: list[Floats], work
     return figure
 
 
-def main(turns: int = 1000, out: Path | None = None):
+def main(out: Path | None = None):
     """Measure, print and store."""
-    top, times, omega = spinning(turns)
+    top, times, omega = spinning(1000)
     bar, swing, shapes = hanging()
     finish("accuracy", pd.concat([top, swinging(), bar]), out)
     finish("orders", orders(), out)

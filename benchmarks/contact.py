@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 import sim
 from benchmarks.lip_probe import LipProbe, to_and_fro
-from benchmarks.report import Chart, face_of, finish, say
+from benchmarks.report import face_of, finish, say
 from emgface.face.accuracy import accuracy_settings
 from emgface.face.contact_parameters import ContactParameters
 from emgface.face.integration import integrator_of
@@ -277,35 +277,20 @@ def _judged(
     }
 
 
-def opening(found: xr.Dataset) -> pd.DataFrame:
-    """Opening of the lips in mm over time [s], one row per instant, case and kind of contact."""
-    table = found["opening"].to_dataframe().reset_index()
-    return table.assign(**{"opening mm": 1e3 * table.pop("opening")})
-
-
-OPENING = Chart("time", ("opening mm",), "opening of the lips [mm]", by="contact", panel="case")
-
-
 def main(
     out: Path = Path("bench"),
     face: Path | None = None,
     resolution: str = "medium",
     case: list[str] = [CLOSING, *GESTURES],  # noqa: B006
-    method: list[str] = list(METHODS),  # noqa: B006
     between: list[str] = ["lips", "teeth"],  # noqa: B006
-    friction: float = 0.0,
-    sigma_max: float = SIGMA_MAX,
     hold: float = HOLD,
 ) -> None:
     """Measure, print and store."""
     found = measure(
         face_of(face, resolution),
-        methods=method,
         cases=case,
         between=between,
-        friction=friction,
         hold=hold,
-        parameters=SimulationParameters(sigma_max=sigma_max, gravity=False, **STEPPING),
+        parameters=SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, **STEPPING),
     )
     finish("contact", contact_table(found), out)
-    finish("contact-opening", opening(found), out, OPENING)

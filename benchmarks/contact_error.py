@@ -17,7 +17,7 @@ import xarray as xr
 import sim
 from analysis.scores import correlation_3d
 from benchmarks.contact import CHUNK, Run, drive
-from benchmarks.report import Chart, face_of, finish, say
+from benchmarks.report import face_of, finish, say
 from emgface.face.accuracy import accuracy_settings
 from emgface.face.contact_parameters import ContactParameters
 from emgface.face.muscle_parameters import SIGMA_MAX
@@ -122,17 +122,6 @@ def measure(
     return pd.DataFrame(rows)
 
 
-CHART = Chart(
-    "marker error mm", ("ms of processor",), "time of an output [ms]", by="contact", panel="case"
-)
-
-
-def main(
-    out: Path | None = None,
-    face: Path | None = None,
-    case: list[str] = list(CASES),  # noqa: B006
-    duration: float = 0.3,
-) -> None:
+def main(out: Path | None = None, face: Path | None = None) -> None:
     """Measure, print and store."""
-    table = measure(face_of(face), cases=case, duration=duration)
-    finish("contact-error", table, out, CHART)
+    finish("contact-error", measure(face_of(face)), out)

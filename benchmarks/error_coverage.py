@@ -1,15 +1,14 @@
 """Coverage of the estimated error of time stepping on activations from EMG.
 
-    python -m benchmarks error_coverage OUT.csv [--volunteers 6] [--seed 0] [--shared ../shared]
+    python -m benchmarks error_coverage OUT.csv
     python -m benchmarks error_coverage OUT.csv --contact --preset study --trials 18 --check 2
 
-Activations are estimated from simulated volunteers' EMG with three strategies, in random order; with
---shared also from rectified recordings. Every trial is simulated without contact, or with that of a
-study by default (--contact), with each preset and with SDIRK2 in small steps (--reference, in
-seconds); the largest distance of a lip marker over outputs is the true error. With contact, the
-estimate contains the error assumed for its events, or the one measured by repeating every motion of
-a preset in other steps (--check-contact; event_mm in the table). The first trials
-(--check) are also simulated with half of these steps, which are then their reference, and the
+Activations are estimated from simulated volunteers' EMG with three strategies, in random order.
+Every trial is simulated without contact, or with that of a study by default (--contact), with each
+preset and with SDIRK2 in small steps; the largest distance of a lip marker over outputs is the true
+error. With contact, the estimate contains the error assumed for its events, or the one measured by
+repeating every motion of a preset in other steps (--check-contact; event_mm in the table). The first
+trials (--check) are also simulated with half of these steps, which are then their reference, and the
 difference of both references is printed. Writes one row per trial and preset, and prints, per
 preset, the fractions of trials whose true error is at most the estimate or the tolerance, medians
 and the largest error.
@@ -18,7 +17,7 @@ and the largest error.
 import time
 import warnings
 from collections.abc import Iterator
-from itertools import chain, islice
+from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -32,7 +31,7 @@ from emgface.choices import configure
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
-from emgface.muscles import CHANNELS, INSTRUCTIONS, MUSCLES
+from emgface.muscles import CHANNELS, INSTRUCTIONS
 from emgface.signals.activation import activation_of
 from emgface.signals.parameters import SignalChain
 from emgface.volunteers.emg import draw_pools, synthesise_emg
@@ -43,24 +42,23 @@ from sim.errors import SimulationError
 
 PRESETS = ("study", "draft", "published")
 STRATEGIES = ("act_all", "act_3", "act_rel")
+VOLUNTEERS, SEED = 6, 0
 SNR = 20.0  # dB
 OUTPUT = 0.01  # s
 FREE: dict[str, object] = {"contact": {"method": "none"}}
 
 
-def emg_trials(
-    n: int, seed: int, duration: float
-) -> Iterator[tuple[str, xr.DataArray, xr.DataArray]]:
+def emg_trials() -> Iterator[tuple[str, xr.DataArray, xr.DataArray]]:
     """Label, activation estimated from simulated EMG, and the true one, in random order."""
-    settings = VolunteerParameters(duration=duration)
+    settings = VolunteerParameters(duration=1.0)
     signals = configure(SignalChain, {"normalisation": {"silent": "zero"}})
-    wanted = [(i, x, s) for i in range(1, n + 1) for x in INSTRUCTIONS for s in STRATEGIES]
-    for k in np.random.default_rng(seed).permutation(len(wanted)):
+    wanted = [(i, x, s) for i in range(1, VOLUNTEERS + 1) for x in INSTRUCTIONS for s in STRATEGIES]
+    for k in np.random.default_rng(SEED).permutation(len(wanted)):
         index, instruction, strategy = wanted[k]
-        person = draw_volunteer(index, seed)
+        person = draw_volunteer(index, SEED)
         truth = trial_activation(person, instruction, 1, settings)
         gain = np.array([person.gain[channel] for channel in CHANNELS])
-        rng = np.random.default_rng([seed, index, 11, list(INSTRUCTIONS).index(instruction)])
+        rng = np.random.default_rng([SEED, index, 11, list(INSTRUCTIONS).index(instruction)])
         emg = synthesise_emg(
             truth,
             gain=gain,
@@ -69,7 +67,7 @@ def emg_trials(
             mains_hum=person.mains_hum,
             rng=rng,
             sampling_rate=settings.sampling_rate,
-            pools=draw_pools(np.random.default_rng([seed, index, 7])),
+            pools=draw_pools(np.random.default_rng([SEED, index, 7])),
         )
         noise = gain[:, None] * 10.0 ** (-SNR / 20.0) * rng.standard_normal(emg.shape)
         recording = xr.Dataset(
@@ -79,27 +77,6 @@ def emg_trials(
         label = f"{person.name} {instruction} {strategy}"
         estimated = activation_of(recording, signals, strategy=strategy)["activation"]
         yield label, estimated, truth.rename(time_true="time")
-
-
-def recorded_trials(shared: Path, muscles: list[str]) -> Iterator[tuple[str, xr.DataArray, None]]:
-    """Rectified facial EMG, 100 Hz, as activations: zygomaticus drives ZYG, corrugator DAO."""
-    for path in sorted((shared / "recordings" / "oxazepam-facial-emg").glob("*_preprocessed.txt")):
-        size = pd.read_csv(path, sep="\t", header=None).iloc[:, 3:5].abs().to_numpy(dtype=float)
-        size = np.clip(size / np.percentile(size, 99.9, axis=0), 0.0, 1.0)
-        n = 81  # 0.8 s
-        loudest = np.argsort(-np.convolve(size[:, 0], np.ones(n), "valid")[::n])[:6]
-        for k in loudest:
-            part = size[k * n : (k + 1) * n]
-            values = np.zeros((len(muscles), len(part)))
-            for name, column in (("ZYG", 0), ("DAO", 1)):
-                for side in "LR":
-                    values[muscles.index(f"{name}_{side}")] = part[:, column]
-            drive = xr.DataArray(
-                values,
-                dims=("muscle", "time"),
-                coords={"muscle": muscles, "time": np.arange(len(part)) / 100.0},
-            )
-            yield f"recorded {path.stem[:7]} {k}", drive, None
 
 
 Job = tuple[str, xr.DataArray, xr.DataArray | None, bool]
@@ -113,16 +90,12 @@ class Bench:
 
     def __init__(
         self,
-        resolution: str,
         presets: tuple[str, ...],
         contact: bool,
-        reference: float,
         check_contact: bool,
     ) -> None:
         warnings.simplefilter("ignore")
-        wanted = int(resolution) if resolution.isdigit() else resolution
-        self.presets, self.face = presets, template_face(resolution=wanted)
-        self.reference = reference
+        self.presets, self.face = presets, template_face(resolution="coarse")
         self.checked: dict[str, object] = {"check_contact": check_contact}
         self.base: dict[str, object] = {"sigma_max": 100e3, "output": OUTPUT}
         self.base |= {} if contact else FREE
@@ -146,10 +119,10 @@ class Bench:
     def rows(self, job: Job) -> list[dict[str, object]]:
         """One row per preset of a trial."""
         label, drive, truth, checked = job
-        exact = self.exact(drive, self.reference)
+        exact = self.exact(drive, OUTPUT / 4)
         known = np.nan
         if checked:
-            finer = self.exact(drive, 0.5 * self.reference)
+            finer = self.exact(drive, 0.5 * OUTPUT / 4)
             known = 1e3 * float(np.sqrt(((exact - finer) ** 2).sum("axis")).max())
             exact = finer
         signal = float(np.sqrt(((exact - exact.isel(time=0)) ** 2).sum("axis")).max())
@@ -222,34 +195,25 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
 
 def main(
     out: Path,
-    volunteers: int = 6,
-    seed: int = 0,
-    duration: float = 1.0,
-    resolution: str = "coarse",
     preset: list[str] = list(PRESETS),  # noqa: B006
-    shared: Path | None = None,
     contact: bool = False,
     check_contact: bool = False,
     trials: int = 0,
-    reference: float = OUTPUT / 4,
     check: int = 0,
     workers: int = 2,
 ) -> None:
-    """Measure recordings of `duration` seconds, store after every trial, print.
+    """Measure recordings of a second, store after every trial, print.
 
     `trials` limits their number (0: all). `check_contact` repeats every motion, as the parameter of a
     study does.
     """
     warnings.simplefilter("ignore")
-    jobs = emg_trials(volunteers, seed, duration)
-    if shared is not None:
-        jobs = chain(recorded_trials(shared, list(MUSCLES)), jobs)
-    chosen = enumerate(islice(jobs, trials or None))
+    chosen = enumerate(islice(emg_trials(), trials or None))
     marked: Iterator[Job] = (
         (label, drive, truth, k < check) for k, (label, drive, truth) in chosen
     )
     rows: list[dict[str, object]] = []
-    begin = (resolution, tuple(preset), contact, reference, check_contact)
+    begin = (tuple(preset), contact, check_contact)
     with get_context("spawn").Pool(workers, Bench, begin) as pool:
         for found in pool.imap(_of, marked):
             rows += found

@@ -9,7 +9,6 @@
     python -m benchmarks head --part led_single  # every muscle alone on that jaw
     python -m benchmarks head --part published --models DIR --out DIR  # experiments
     python -m benchmarks head --part cost        # processor time of a step against the face alone
-    python -m benchmarks head --part face_on_jaw # the same of a face on a moving jaw
     python -m benchmarks head --part published_size  # the same, as large as the published head
     python -m benchmarks head --part precision --out DIR  # error and run time over scheme and step
     python -m benchmarks head --part checks --models DIR  # checks of the specification
@@ -24,10 +23,10 @@ from pathlib import Path
 import pandas as pd
 
 from benchmarks.head_checks import checks
-from benchmarks.head_cost import cost, face_on_jaw, precision, published_size
+from benchmarks.head_cost import cost, precision, published_size
 from benchmarks.head_led import Rows, led, led_single, survives
 from benchmarks.head_sweeps import ALL, SWEEPS, WIDE
-from benchmarks.report import Chart, finish, say
+from benchmarks.report import finish, say
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import Head
 from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
@@ -132,13 +131,10 @@ PARTS = {
         led,
         led_single,
         cost,
-        face_on_jaw,
         published_size,
         precision,
     )
 }
-ERRORS = "run time s/s", ("error max mm",), "largest error of a point [mm]", "scheme", "scene"
-CHARTS = {"precision": Chart(*ERRORS, log=True)}
 
 
 def main(
@@ -170,7 +166,7 @@ def main(
             table = pd.concat([table, pd.DataFrame([row])], ignore_index=True)
             if stored is not None:
                 write_text(stored, table.to_csv(index=False))
-    finish(f"head_{part}", table, out, CHARTS.get(part))
+    finish(f"head_{part}", table, out)
 
 
 __all__ = ["main"]

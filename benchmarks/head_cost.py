@@ -30,13 +30,6 @@ def _drive(head: Head, system: sim.System) -> sim.Activation:
     return activation_of(head, system, raised(levels, jaw=len(head.named) > 1))[0]
 
 
-def face_on_jaw(preset: str, resolution: str) -> Rows:
-    """Cost of a face on a moving jaw, whose condyles are on curves, without contact."""
-    return timed(
-        {"face": (["face"], []), "face on a jaw": (["face", "jaw"], [])}, preset, resolution
-    )
-
-
 SCENES: Final = {
     "face, lips": (("face",), ["lip-lip"]),
     "face, lips and teeth": (("face",), ["lip-lip", "lips-teeth"]),

@@ -1,9 +1,9 @@
 """Force and indentation of a deformable sphere on a rigid plane compared with Hertz, for several meshes.
 
-    python -m benchmarks hertz [--cells 8 --cells 12] [--depth 0.0004] [--method constraint]
+    python -m benchmarks hertz
 
 A quarter of a sphere of radius 1 m, fixed at its equator; small strain, E = 10 kPa, nu = 0.3. The
-plane rises by `depth` radii; the indentation is the rise of the pole, the force four times the
+plane rises by `DEPTH` radii; the indentation is the rise of the pole, the force four times the
 normal force reported by contact. Hertz (1881), for a half-space of the same curvature:
 
     F = 4/3 E* sqrt(R) delta^(3/2),   E* = E/(1 - nu^2).
@@ -15,13 +15,11 @@ force, and they have opposite signs. The indentation is 400 times the tolerance 
 Simulated data.
 """
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 
 import sim
-from benchmarks.report import Chart, finish, markdown
+from benchmarks.report import markdown
 from sim.grids import grid_mesh
 
 RADIUS, YOUNG, POISSON = 1.0, 1e4, 0.3
@@ -84,25 +82,17 @@ def hertz(rise):
 METHODS = {"constraint": sim.ConstraintContact, "barrier": sim.BarrierContact}
 
 
-def main(
-    cells: list[int] = [8, 12, 16, 20, 24],  # noqa: B006
-    depth: float = 0.0004,
-    method: list[str] = list(METHODS),  # noqa: B006
-    out: Path | None = None,
-):
-    """Print the error of the force in percent, and store force over indentation."""
-    rows, curves = [], []
-    for name in method:
+CELLS = (8, 12, 16, 20, 24)  # along an edge
+DEPTH = 0.0004  # of the radius
+
+
+def main():
+    """Print the error of the force in percent."""
+    rows = []
+    for name, method in METHODS.items():
         row = {"cells along an edge": name}
-        for n in cells:
-            rise, force = pressed(n, depth, METHODS[name])
-            curve = {"indentation mm": 1e3 * rise, "force mN": 1e3 * force}
-            curves.append(pd.DataFrame({"method": name, "cells": n} | curve))
+        for n in CELLS:
+            rise, force = pressed(n, DEPTH, method)
             row[str(n)] = f"{100 * (force[-1] / hertz(rise[-1]) - 1):.1f}"
         rows.append(row)
     print(markdown(pd.DataFrame(rows)), flush=True)
-    if out is not None:
-        table = pd.concat(curves, ignore_index=True)
-        table["Hertz mN"] = 1e3 * hertz(1e-3 * table["indentation mm"])
-        chart = Chart("indentation mm", ("force mN", "Hertz mN"), "force [mN]", "cells", "method")
-        finish("hertz", table, out, chart)

@@ -1,6 +1,6 @@
 """Derivatives over a trial: cost against the number of coefficients, and kinks by contact.
 
-    python -m benchmarks inverse-gradients [--part cost|contact] [--resolution coarse]
+    python -m benchmarks inverse-gradients [--part cost|contact]
 
 `--part cost`: processor time of a step of the face with the derivatives of the markers by all spline
 coefficients, propagated forward, for several distances of the splines. The line "adjoint, at least" is
@@ -38,9 +38,9 @@ PURSED = {"OOP": 0.5, "OOM": 0.3, "BUC": 0.2, "DAO": 0.2}  #: activations; other
 ENOUGH = 1e-3  #: share of the largest decrease that may be left
 
 
-def main(part: str = "cost", resolution: str = "coarse", out: Path | None = None) -> None:
+def main(part: str = "cost", out: Path | None = None) -> None:
     """Measure and print."""
-    table = {"cost": cost, "contact": contact}[part](template_face(resolution=resolution))
+    table = {"cost": cost, "contact": contact}[part](template_face(resolution="coarse"))
     finish(f"inverse_gradients_{part}", table, out)
 
 

@@ -1,6 +1,6 @@
 """Cost of every law per evaluation of force and of force with tangent, relative to Mooney-Rivlin.
 
-    python -m benchmarks law_cost [--cells 18] [--repeats 7]
+    python -m benchmarks law_cost
 
 One block of hexahedra at a random deformation, without muscles, including the assembly, which is
 common to all laws. Processor time on one thread (set NUMBA_NUM_THREADS=1); the laws are evaluated
@@ -17,6 +17,7 @@ import pandas as pd
 import sim
 from benchmarks.report import finish
 
+CELLS, REPEATS = 18, 7
 CASES = {
     "MooneyRivlin (first loop)": (sim.MooneyRivlin(), None),
     "NeoHooke (first loop)": (sim.NeoHooke(), None),
@@ -30,9 +31,9 @@ CASES = {
 }
 
 
-def main(cells: int = 18, repeats: int = 7, out: Path | None = None):
+def main(out: Path | None = None):
     """Measure, print and store."""
-    axis = np.arange(cells + 1) * 1e-3
+    axis = np.arange(CELLS + 1) * 1e-3
     mesh = sim.grid_mesh(np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1))
     q = mesh.X + np.random.default_rng(0).normal(size=mesh.X.shape) * 5e-5
     axes = np.broadcast_to(np.eye(3), (mesh.n_elements, 3, 3))
@@ -49,7 +50,7 @@ def main(cells: int = 18, repeats: int = 7, out: Path | None = None):
         times[name] = ([], [])
         for call in calls[name]:
             call()
-    for _ in range(repeats):
+    for _ in range(REPEATS):
         for name, pair in calls.items():
             for call, found in zip(pair, times[name], strict=True):
                 start = time.process_time()

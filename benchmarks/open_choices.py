@@ -75,11 +75,7 @@ def with_markers_further_out(face):
 
 
 def main(
-    volunteers: int = 7,
-    instructions: list[str] = ["B", "D"],  # noqa: B006
-    strategies: list[str] = ["act_rel"],  # noqa: B006
     workers: int = 1,
-    seed: int = 7,
     out: Path = Path("docs/choices"),
     work: Path | None = None,
 ) -> None:
@@ -93,9 +89,9 @@ def main(
         make_volunteers(
             face,
             folder / "volunteers",
-            n=volunteers,
-            instructions=instructions,
-            seed=seed,
+            n=7,
+            instructions=["B", "D"],
+            seed=7,
             parameters=SimulationParameters(step=0.02, sigma_max=100e3),
             # In the matched world only the choice differs from the assumptions of the study.
             settings=VolunteerParameters(world=MATCHED),
@@ -106,7 +102,7 @@ def main(
             StudyConfiguration,
             {
                 "name": "open choices",
-                "strategies": strategies,
+                "strategies": ["act_rel"],
                 "recordings": {"folder": folder / "volunteers" / "recordings"},
                 "face": {"path": folder / "lips.nc"},
                 "signals": {"normalisation": {"silent": "zero"}},

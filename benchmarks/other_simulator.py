@@ -1,6 +1,6 @@
 """Trajectories of the reference face against those recorded with another simulator.
 
-    python -m benchmarks other_simulator --shared ../shared --out FOLDER
+    python -m benchmarks other_simulator --out FOLDER
     python -m benchmarks other_simulator --table    # that of docs/verification.md, without contact
 
 Same mesh, muscles, laws, scheme and step; per case and time the rms and the largest distance of a
@@ -173,19 +173,12 @@ def _undisturbed(folder: Path, system: sim.System) -> NDArray[np.bool_]:
     return KDTree(X[inside]).query(X)[0] > FAR
 
 
-def main(
-    shared: Path = SHARED,
-    out: Path | None = None,
-    table: bool = False,
-    until: float = 1.0,
-    case: list[str] | None = None,
-) -> None:
-    """Compare up to the time `until`, print and store; with --table as in docs, without contact."""
+def main(out: Path | None = None, table: bool = False) -> None:
+    """Compare, print and store; with --table as in docs, without contact."""
     rows: list[dict[str, object]] = []
     for one in CASES if table else (*CASES, *CONTACT):
-        if case is None or one.name in case:
-            say(f"{one.name}, contact {one.contact}")
-            rows += compare(shared / "artisynth_reference", one, until)
+        say(f"{one.name}, contact {one.contact}")
+        rows += compare(SHARED / "artisynth_reference", one, 1.0)
     if table:
         print(markdown(pd.DataFrame(table_of(rows))))
     else:

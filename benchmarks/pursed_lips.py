@@ -1,6 +1,6 @@
 """Reasons why step by step inversion misses the activations of pursed lips.
 
-    python -m benchmarks pursed-lips RECORDING.nc [--form trajectory --variant assisted]
+    python -m benchmarks pursed-lips RECORDING.nc
 
 Printed are, for the coarse template, the response of the markers to each muscle at rest and its cosine
 with the largest displacement wanted, the same for finite activations with and without contact, and the
@@ -34,13 +34,13 @@ def cosine(a: np.ndarray, b: np.ndarray) -> float:
     return float(a.ravel() @ b.ravel() / np.linalg.norm(a) / np.linalg.norm(b))
 
 
-def main(path: Path, form: str = "step", variant: str = "motion") -> None:
+def main(path: Path) -> None:
     """Print the responses and the activations."""
     recording, face = read_recording(path), template_face(resolution="coarse")
     if "true_activation" not in recording:
         raise DataError(f"{path} has no true activation, expected a simulated volunteer")
     settled = settle_face(face, SIMULATION)
-    p = InverseParameters(variant=variant, form=form)
+    p = InverseParameters(variant="motion", form="step")
     found = invert(recording, face, SIMULATION, parameters=p, settled=settled)
     wanted = targets_of(recording, face, settled, found["time"].values)
     moved = (wanted - wanted.isel(time=slice(0, 5)).mean("time")).transpose("time", ...).values
@@ -65,7 +65,7 @@ def main(path: Path, form: str = "step", variant: str = "motion") -> None:
         print(f"{name:8s} {cosine(both[name], goal):8.2f} {a:14.2f} {b:7.2f}")
     a, b = found["activation"].values, true.sel(muscle=found["muscle"].values).values
     r, rms = np.corrcoef(a.ravel(), b.ravel())[0, 1], np.sqrt(np.mean((a - b) ** 2))
-    print(f"{form}, {variant}: correlation {r:.2f}, rms {rms:.3f}")
+    print(f"correlation {r:.2f}, rms {rms:.3f}")
     least = 1e3 * np.linalg.svd(flat, compute_uv=False).min()
     print(f"cosine of OOP and OOM {cosine(both['OOP'], both['OOM']):.2f}; ", end="")
     print(f"smallest singular value of the response {least:.1f} mm per unit of activation")

@@ -19,7 +19,7 @@ import pandas as pd
 import xarray as xr
 
 from analysis.scores import correlation_3d
-from benchmarks.report import Chart, finish, say
+from benchmarks.report import finish, say
 from emgface.face.file import load_face
 from emgface.reduced.model import ReducedFace, parameters_of
 from emgface.reduced.motion import simulate_reduced
@@ -150,8 +150,7 @@ def main(face: Path, rom: Path, trials: int = 20, out: Path | None = None):
         "rms": 1e3 * data["projection_rms"].values,
         "largest": 1e3 * data["projection_largest"].values,
     }
-    chart = Chart("modes", ("rms", "largest"), "distance of markers from the span [mm]", log=True)
-    finish("reduced_modes", pd.DataFrame(sizes), out, chart)
+    finish("reduced_modes", pd.DataFrame(sizes), out)
     if out is not None:
         table.to_csv(out / "reduced_trials.csv", index=False)
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 import emgface as ef
-from benchmarks.report import Chart, finish, say
+from benchmarks.report import finish, say
 from emgface.face.file import load_face
 from emgface.muscles import INSTRUCTIONS
 from emgface.recordings.dataset import write_recording
@@ -36,19 +36,20 @@ from emgface.volunteers.session import (
 from emgface.volunteers.settings import VolunteerParameters
 
 FIRST = 400_001  #: index of the first volunteer, beyond those of training, calibration and tests
+VOLUNTEERS, REPETITIONS = 6, 4
 SEED = 0  #: of the volunteers
 
 
-def record(face, simulation, folder, volunteers, repetitions):
+def record(face, simulation, folder):
     """Write the recordings of all volunteers."""
     world = VolunteerParameters().world.without("mesh", "courses", "laws", "pick-up")
     settings = VolunteerParameters(world=world, emg="noise", cameras="direct")
-    for index in range(FIRST, FIRST + volunteers):
+    for index in range(FIRST, FIRST + VOLUNTEERS):
         person = draw_volunteer(index, SEED)
         noise = amplifier_noise(person, settings, pools=None, conduction=None)
         mismatch = draw_mismatch(person.seed, person.index, settings.world)
         for instruction in INSTRUCTIONS:
-            plan = range(1, repetitions + 1)
+            plan = range(1, REPETITIONS + 1)
             activations = [trial_activation(person, instruction, k, settings) for k in plan]
             motions = [
                 ef.simulate(mismatch.driven(a).rename(time_true="time"), face, **simulation)
@@ -57,7 +58,7 @@ def record(face, simulation, folder, volunteers, repetitions):
             rest = face["face_marker_position"]
             about = person, instruction, activations, motions, rest, settings
             session = simulate_session(*about, noise=noise)
-            events = session_events(instruction, repetitions, settings)
+            events = session_events(instruction, REPETITIONS, settings)
             for k, trial in enumerate(cut_trials(session, events), 1):
                 trial.attrs["true_sigma_max"] = session.attrs["true_sigma_max"][k - 1]
                 write_recording(trial, folder / f"{person.name}_{instruction}_{k}.nc")
@@ -67,8 +68,6 @@ def main(
     face: Path,
     rom: Path,
     out: Path,
-    volunteers: int = 6,
-    repetitions: int = 4,
     full: int = 2,
     workers: int = 1,
 ):
@@ -81,7 +80,7 @@ def main(
     folder = out / "recordings"
     begun = time.process_time()
     if not folder.is_dir():
-        record(load_face(face), simulation | reduced, folder, volunteers, repetitions)
+        record(load_face(face), simulation | reduced, folder)
     recorded = time.process_time() - begun
     plan = {"strategies": list(PUBLISHED), "face": {"path": str(face.resolve())}}
 
@@ -125,8 +124,3 @@ def main(
         ("difference of rho, largest", float(apart.max())),
     ]
     finish("reduced_study", pd.DataFrame(rows, columns=["quantity", "value"]), out)
-    share = np.linspace(0.05, 1.0, 20)
-    table = pd.DataFrame({"difference of rho": np.quantile(apart, share), "share": share})
-    finish(
-        "reduced_study_rho", table, out, Chart("difference of rho", ("share",), "share of markers")
-    )

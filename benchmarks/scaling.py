@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.drives import gesture
 from benchmarks.refine import refine_face
-from benchmarks.report import Chart, face_of, finish, say
+from benchmarks.report import face_of, finish, say
 from benchmarks.unit import STEP, step_matrix
 from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.recipe import compose_scene
@@ -114,12 +114,11 @@ def slope(elements: Floats, values: Floats) -> float:
     return float(np.polyfit(np.log(elements[ok]), np.log(values[ok]), 1)[0])
 
 
-def main(out: Path = Path("bench"), face: Path | None = None, refine: bool = True) -> None:
+def main(out: Path = Path("bench"), face: Path | None = None) -> None:
     """Measure the template face at three resolutions, or one face; print table and exponents."""
     faces = [
         face_of(face, name) for name in (("coarse", "medium", "fine") if face is None else "-")
     ]
-    table = measure(faces, SimulationParameters(contact=NO_CONTACT), refine=refine)
-    chart = Chart("elements", tuple(f"{p} ms" for p in PHASES), "time [ms]", log=True)
-    finish("scaling", table, out, chart)
+    table = measure(faces, SimulationParameters(contact=NO_CONTACT))
+    finish("scaling", table, out)
     finish("scaling-exponents", exponents(table), out)

@@ -17,7 +17,7 @@ from typing import Final
 import pandas as pd
 
 from benchmarks.first_output import PHASES
-from benchmarks.report import Chart, finish, say
+from benchmarks.report import finish, say
 from emgface.errors import DataError
 
 VOLUMES: Final = ("pointwise", "element", "nodal", "hard")
@@ -96,13 +96,6 @@ def measure(
     return pd.DataFrame(rows)
 
 
-def main(
-    out: Path = Path("bench"),
-    face: Path | None = None,
-    volume: list[str] = list(VOLUMES),  # noqa: B006
-    repeats: int = 3,
-) -> None:
+def main(out: Path = Path("bench"), face: Path | None = None) -> None:
     """Measure, print and store."""
-    table = measure(face, volumes=volume, repeats=repeats)
-    chart = Chart("process", tuple(f"{p} s" for p in PHASES), "time of a fresh process [s]")
-    finish("start", table, out, chart)
+    finish("start", measure(face), out)

@@ -1,7 +1,6 @@
 """Step time of a face by bulk law and integrator, divided into phases, in milliseconds and in units U.
 
-    python -m benchmarks step_time FACE.nc [--steps 40] [--repeats 5] [--muscle OOP] [--peak 0.5]
-        [--bulk nodal] [--linear pardiso]
+    python -m benchmarks step_time FACE.nc
 
 U is one numerical factorisation plus one solution in double precision of the face's matrix with
 pointwise bulk, measured in every round with the same threads, so that values from different
@@ -28,6 +27,7 @@ from emgface.face.file import load_face
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 
+STEPS, REPEATS = 40, 5
 PHASES = ("force", "tangent", "factorisation", "solution")
 BULK = {
     "pointwise": {},
@@ -50,77 +50,61 @@ class Case:
     rows: list[dict[str, float]] = field(default_factory=list)
 
 
-def run(case, activation, steps, linear):
+def run(case, activation):
     """Milliseconds per step in total and by phase, and the counts per step."""
-    work = sim.Workspace(case.system, linear)
+    work = sim.Workspace(case.system)
     start = time.perf_counter()
     trajectory, _ = sim.simulate(
         case.system,
         activation,
-        duration=steps * 0.01,
+        duration=STEPS * 0.01,
         integrator=case.integrator,
         steps=sim.FixedStep(0.01),
         probes=(sim.SmallestJ(), sim.Iterations()),
         work=work,
     )
-    row = {"step": 1e3 * (time.perf_counter() - start) / steps}
-    row |= {name: 1e3 * work.seconds.get(name, 0.0) / steps for name in PHASES}
+    row = {"step": 1e3 * (time.perf_counter() - start) / STEPS}
+    row |= {name: 1e3 * work.seconds.get(name, 0.0) / STEPS for name in PHASES}
     for name in ("iterations", "factorisations", "indefinite"):
-        row[name] = float(trajectory[name].sum()) / steps
+        row[name] = float(trajectory[name].sum()) / STEPS
     return row | {"smallest J": float(trajectory.smallest_J.min())}
 
 
-def cases(face, bulks, integrators, sigma_max):
+def cases(face):
     """Every configuration, compiled."""
     found = []
-    for bulk in bulks:
+    for bulk, options in BULK.items():
         parameters = SimulationParameters(
-            sigma_max=sigma_max, gravity=False, contact=NO_CONTACT, **BULK[bulk]
+            sigma_max=100e3, gravity=False, contact=NO_CONTACT, **options
         )
         scene = compose_scene(face, parameters)
-        for name in integrators:
-            integrator, damping = INTEGRATORS[name]
+        for name, (integrator, damping) in INTEGRATORS.items():
             system = sim.compile_scene(replace(scene, damping=damping))
             found.append(Case(f"{name}, {bulk}", system, integrator))
     return found
 
 
-def main(
-    face: Path,
-    steps: int = 40,
-    repeats: int = 5,
-    muscle: str = "ZYG",
-    peak: float = 0.5,
-    sigma_max: float = 100e3,
-    bulk: list[str] = list(BULK),  # noqa: B006
-    integrator: list[str] = list(INTEGRATORS),  # noqa: B006
-    linear: str = "auto",
-    out: Path | None = None,
-):
+def main(face: Path, out: Path | None = None):
     """Measure, print and store."""
-    model = load_face(face)
-    alone = cases(model, ["pointwise"], ["linearly implicit"], sigma_max)[0].system
-    chosen = cases(model, bulk, integrator, sigma_max)
-    level = np.array([peak * m.startswith(muscle) for m in alone.muscles])
+    chosen = cases(load_face(face))
+    alone = chosen[0].system
+    level = np.array([0.5 * m.startswith("ZYG") for m in alone.muscles])
     activation = sim.Activation(np.array([0.0, 0.1]), np.array([0.0 * level, level]))
     units = []
-    for _ in range(repeats):
+    for _ in range(REPEATS):
         units.append(1e3 * unit_seconds(alone))
         for case in chosen:
             try:
-                row = run(case, activation, steps, linear)
+                row = run(case, activation)
                 case.rows.append(row | {"U": row["step"] / units[-1]})
             except sim.SimulationError as error:
                 print(f"  {case.name}: {error}")
     print(
         f"{alone.pattern.n} unknowns, {alone.scene.mesh.n_elements} elements, {os.cpu_count()} cores, "
-        f"linear solver {linear}; U = {statistics.median(units):.1f} ms "
+        f"U = {statistics.median(units):.1f} ms "
         f"({min(units):.1f} to {max(units):.1f})"
     )
-    print(
-        f"{muscle} to {peak:g} in 0.1 s, {steps} steps of 10 ms, medians of "
-        f"{repeats} rounds, ms per step:"
-    )
+    print(f"ZYG to 0.5 in 0.1 s, {STEPS} steps of 10 ms, medians of {REPEATS} rounds, ms per step:")
     columns = ("step", "U", *PHASES, "iterations", "factorisations", "indefinite", "smallest J")
     rows = [
         {"case": case.name}

@@ -178,7 +178,6 @@ def main(
     out: Path | None = None,
     case: list[str] | None = None,
     step: float | None = None,
-    until: float | None = None,
     contact: Contact = "kept",
     at_rest: bool = False,
 ) -> None:
@@ -190,6 +189,6 @@ def main(
         )
     for name in case or known:
         say(name)
-        rows.append(repeated(name, step, until, contact, at_rest))
+        rows.append(repeated(name, step, None, contact, at_rest))
         say(json.dumps(rows[-1]))
     finish("tongue-coupled", pd.DataFrame(rows), out)

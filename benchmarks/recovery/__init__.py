@@ -1,6 +1,6 @@
 """Recovery of the true activation by the signal chain with noise and cross-talk, as a figure.
 
-    python -m benchmarks recovery FIGURE.png [--n 3] [--seed 0] [--emg motor_units]
+    python -m benchmarks recovery FIGURE.png [--n 3]
 
 Activations are estimated from simulated EMG of known activations; estimate and truth are compared
 for each muscle by Spearman's rank correlation over time and the root-mean-square error. Noise and
@@ -103,7 +103,7 @@ def draw(noise: xr.Dataset, mixed: xr.Dataset, other: xr.Dataset):
     return figure
 
 
-def main(out: Path, n: int = 3, seed: int = 0, emg: str = "motor_units") -> None:
+def main(out: Path, n: int = 3) -> None:
     """Compute, draw and print."""
     noisy = [Condition(snr, USUAL.cross_talk) for snr in SNR]
     mixing = [Condition(USUAL.snr, share) for share in CROSS_TALK]
@@ -113,8 +113,8 @@ def main(out: Path, n: int = 3, seed: int = 0, emg: str = "motor_units") -> None
         warnings.simplefilter("ignore")
         found, other = (
             recover(
-                wanted, chains, n=n, seed=seed,
-                settings=VolunteerParameters(emg=emg, world=world, resolution="coarse"),
+                wanted, chains, n=n, seed=0,
+                settings=VolunteerParameters(emg="motor_units", world=world, resolution="coarse"),
             )
             for world, wanted in (
                 (MATCHED, conditions),

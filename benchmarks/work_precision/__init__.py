@@ -7,8 +7,8 @@ of them. Instructions are A to F. --processor measures processor time.
 
 from pathlib import Path
 
-from benchmarks.report import Chart, face_of, finish, say
-from benchmarks.work_precision.measure import TIME, measure, worst
+from benchmarks.report import face_of, finish, say
+from benchmarks.work_precision.measure import measure, worst
 from benchmarks.work_precision.models import MODELS, Model
 from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.simulation_parameters import SimulationParameters
@@ -17,9 +17,6 @@ from emgface.face.simulation_parameters import SimulationParameters
 def main(
     out: Path = Path("bench"),
     face: Path | None = None,
-    sigma_max: float = 100e3,
-    duration: float = 0.4,
-    repeats: int = 2,
     instruction: list[str] = ["A", "D", "E"],  # noqa: B006
     model: list[str] = [m.name for m in MODELS],  # noqa: B006
     processor: bool = False,
@@ -28,21 +25,17 @@ def main(
     """Measure, print and store errors of time stepping, error control and discretisation."""
     found = measure(
         face_of(face),
-        SimulationParameters(sigma_max=sigma_max, contact=NO_CONTACT),
+        SimulationParameters(sigma_max=100e3, contact=NO_CONTACT),
         instructions=instruction,
         models=[Model.named(name) for name in model],
         full=full,
         processor=processor,
-        duration=duration,
-        repeats=repeats,
+        repeats=2,
     )
     say(f"U = {1e3 * found.unit:.1f} ms (one factorisation and one solution)")
-    label = "largest error of a marker [mm]"
-    lines = Chart(TIME, ("error max mm",), label, by="family", panel="model", log=True)
-    finish("work-precision", worst(found.stepping), out, lines)
+    finish("work-precision", worst(found.stepping), out)
     say(f"models against {found.finest}")
     finish("discretisation", found.models, out)
     controlled = found.stepping.dropna(subset="requested mm")
     if len(controlled):
-        lines = Chart("requested mm", ("error max mm",), label, "instruction", "model", log=True)
-        finish("error-control", controlled, out, lines)
+        finish("error-control", controlled, out)

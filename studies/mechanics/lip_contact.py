@@ -12,22 +12,16 @@ teeth     protrusion with and without support by the teeth
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pandas as pd
 import typer
 import xarray as xr
 
 from analysis.figures import save
-from benchmarks.contact import (
-    CLOSING,
-    METHODS,
-    OPENING,
-    STEPPING,
-    contact_table,
-    measure,
-    opening,
-)
-from benchmarks.report import draw, face_of, shrink
+from analysis.figures.style import COLOURS, MARKS, blank, grid, legend, styled
+from benchmarks.contact import CLOSING, METHODS, STEPPING, contact_table, measure
+from benchmarks.report import face_of, shrink
 from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.gestures import GESTURES
@@ -35,6 +29,10 @@ from emgface.pictures.sections import draw_sections
 from emgface.pictures.stills import states_figure, write_figure
 from studies.mechanics.teeth_support import BACKING, protrude_lips
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FACTORS = (1.0, 10.0)  #: of the stiffening of the muscles with their activation
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "contact"
 
 
@@ -43,14 +41,12 @@ def held(
     out: Path,
     name: str,
     cases: Sequence[str],
-    methods: Sequence[str],
     hold: float,
     friction: float = 0.0,
 ) -> xr.Dataset:
     """Run cases with several methods; write table, figure and a section of every case."""
     found = measure(
         face,
-        methods=methods,
         cases=cases,
         friction=friction,
         hold=hold,
@@ -58,11 +54,11 @@ def held(
     )
     table = contact_table(found)
     table.round(6).to_csv(out / f"{name}.csv", index=False)
-    title = f"opening of the lips, {face.attrs['name']}"
-    shrink(save(draw(opening(found), OPENING, title), out / f"{name}-opening.png"))
+    title = f"opening of the lips, {face.attrs['name']} (simulated)"
+    shrink(save(_opening_figure(found["opening"], title), out / f"{name}-opening.png"))
     for case in cases:
         shown = {"rest": face["position"].values}
-        for method in methods:
+        for method in METHODS:
             label = "no contact" if method == "none" else method
             shown[label] = found["node_position"].sel(case=case, contact=method).values
         title = f"{face.attrs['name']}: {case}, section in the midline (simulated)"
@@ -72,10 +68,36 @@ def held(
     return found
 
 
-def teeth(face: xr.Dataset, out: Path, methods: Sequence[str], factors: Sequence[float]) -> None:
+@styled
+def _opening_figure(opening: xr.DataArray, title: str) -> "Figure":
+    """Opening of the lips over time, one panel per case and one line per kind of contact."""
+    cases, kinds = opening["case"].values, opening["contact"].values
+    across = min(3, len(cases))
+    rows = -(-len(cases) // across)
+    figure = blank(7.0 if across == 1 else 3.6 * across, 3.0 * rows + 0.8)
+    panels = [panel for row in grid(figure, rows, across, sharex=True) for panel in row]
+    lines = []
+    for panel, case in zip(panels, cases, strict=False):
+        drawn = opening.sel(case=case)
+        marked = MARKS if opening.sizes["time"] < 30 else [""] * len(MARKS)
+        lines = [
+            panel.plot(
+                opening["time"], 1e3 * drawn.sel(contact=kind), color=COLOURS[k], marker=marked[k]
+            )[0]
+            for k, kind in enumerate(kinds)
+        ]
+        panel.set(xlabel="time [s]", ylabel="opening of the lips [mm]", title=str(case))
+    for panel in panels[len(cases) :]:
+        panel.set_visible(False)
+    legend(figure, lines, [str(kind) for kind in kinds])
+    figure.suptitle(title)
+    return figure
+
+
+def teeth(face: xr.Dataset, out: Path) -> None:
     """Protrusion with and without teeth, with every method and several stiffenings."""
     tables, motion = [], {}
-    for method in methods:
+    for method in METHODS:
         backing = {name: between for name, between in BACKING.items() if between}
         if method == "none":
             backing = {name: between for name, between in BACKING.items() if not between}
@@ -83,7 +105,7 @@ def teeth(face: xr.Dataset, out: Path, methods: Sequence[str], factors: Sequence
             face,
             backing=backing,
             method="constraint" if method == "none" else method,
-            stiffening=factors,
+            stiffening=FACTORS,
             progress=print,
         )
         table.insert(1, "contact", method)
@@ -92,7 +114,7 @@ def teeth(face: xr.Dataset, out: Path, methods: Sequence[str], factors: Sequence
     table = pd.concat(tables, ignore_index=True)
     table.round(6).to_csv(out / "teeth.csv", index=False)
     print(table.round(3).to_string(index=False), flush=True)
-    for factor in factors:
+    for factor in FACTORS:
         shown = {"rest": face["position"].values}
         for (name, method, own), found in motion.items():
             if own == factor:
@@ -106,7 +128,7 @@ def teeth(face: xr.Dataset, out: Path, methods: Sequence[str], factors: Sequence
         shown = {
             name: position
             for name, position in shown.items()
-            if name == "no contact" or name.endswith(f"({methods[-1]})")
+            if name == "no contact" or name.endswith(f"({METHODS[-1]})")
         }
         path = out / f"teeth-{factor:g}-outside.png"
         figure = states_figure(
@@ -117,25 +139,20 @@ def teeth(face: xr.Dataset, out: Path, methods: Sequence[str], factors: Sequence
 
 def main(
     face: Path | None = None,
-    resolution: str = "medium",
     out: Path = DOCS / "template",
     part: list[str] = ["closing", "gestures", "friction", "teeth"],  # noqa: B006
-    method: list[str] = list(METHODS),  # noqa: B006
-    stiffening: list[float] = [1.0, 10.0],  # noqa: B006
-    gesture: list[str] = list(GESTURES),  # noqa: B006
-    hold: float = 1.0,
 ) -> None:
-    """Measure, draw and store; `hold` [s] is that of the closing lips."""
-    model = face_of(face, resolution)
+    """Measure, draw and store."""
+    model = face_of(face, "medium")
     out.mkdir(parents=True, exist_ok=True)
     if "closing" in part:
-        held(model, out, "closing", (CLOSING,), method, hold)
+        held(model, out, "closing", (CLOSING,), 1.0)
     if "gestures" in part:
-        held(model, out, "gestures", gesture, method, 0.3)
+        held(model, out, "gestures", tuple(GESTURES), 0.3)
     if "friction" in part:
-        held(model, out, "friction", (CLOSING,), method, 0.5, friction=0.3)
+        held(model, out, "friction", (CLOSING,), 0.5, friction=0.3)
     if "teeth" in part:
-        teeth(model, out, method, stiffening)
+        teeth(model, out)
 
 
 if __name__ == "__main__":

@@ -216,7 +216,6 @@ def attempt(path: Path) -> str:
 # The HDF5 library of netCDF runs in this process, which would end with its crash.
 @pytest.mark.parametrize("name", FORMATS)
 def test_damage_gives_a_typed_error(name: str, tmp_path: Path) -> None:
-    """Forty times here; `python -m benchmarks mutations` does it 500 times, with limited memory."""
     count = 40
     path, target = FORMATS[name](tmp_path)
     assert attempt(path) == "ok"
