@@ -21,10 +21,11 @@ import xarray as xr
 from analysis.scores import correlation_3d
 from benchmarks.report import finish, say
 from emgface.face.file import load_face
+from emgface.reduced.full_order import STEP, FullOrder, stored_motion
 from emgface.reduced.model import ReducedFace, parameters_of
 from emgface.reduced.motion import simulate_reduced
 from emgface.reduced.study_plan import sequences_of
-from emgface.reduced.training import STEP, FullOrder, marker_errors, stored_motion
+from emgface.reduced.training import marker_errors
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.store import Store
 from sim import Activation, Energies, FixedStep, Workspace, resting, simulate

@@ -28,7 +28,8 @@ from emgface.study.digest import text_digest
 from emgface.study.journal import Journal, StoredFiles
 from emgface.study.observer import Silent
 from emgface.study.outcomes import Run
-from emgface.study.parallel import Workers, run_jobs
+from emgface.study.parallel import run_jobs
+from emgface.study.processes import Workers
 from emgface.study.store import Done, Stage, Store
 from emgface.study.table import PlannedTrial
 from emgface.study.workers import PAUSE

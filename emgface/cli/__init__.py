@@ -16,6 +16,7 @@ from emgface.cli import (
     head,
     inverse,
     jaw,
+    jaw_recorded,
     live,
     simulate,
     sound,
@@ -71,6 +72,8 @@ app.add_typer(study.app, name="study")
 app.add_typer(face.app, name="face")
 app.add_typer(head.app, name="head")
 app.add_typer(inverse.app, name="inverse")
+for verb in (jaw_recorded.record, jaw_recorded.activate, jaw_recorded.score):
+    jaw.app.command()(verb)
 app.add_typer(jaw.app, name="jaw")
 app.add_typer(data.app, name="data")
 app.add_typer(tongue.app, name="tongue")

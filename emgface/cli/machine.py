@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from emgface.cli.console import say
 
 if TYPE_CHECKING:
-    from emgface.study.parallel import Workers
+    from emgface.study.processes import Workers
 
 
 def cores() -> int:

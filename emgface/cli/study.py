@@ -13,7 +13,7 @@ from emgface.cli.options import AccuracyOption, OutPath, SchedulerOption, Worker
 if TYPE_CHECKING:
     from emgface.report.kept import KeptReport, Page
     from emgface.study.configuration import StudyConfiguration
-    from emgface.study.parallel import Workers
+    from emgface.study.processes import Workers
     from emgface.study.report import Report
     from emgface.study.run import StudyResult
     from emgface.volunteers.settings import VolunteerParameters

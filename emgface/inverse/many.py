@@ -21,7 +21,7 @@ from emgface.study.digest import dataset_digest
 from emgface.study.jobs import run_table
 from emgface.study.observer import Observer, Silent
 from emgface.study.one_trial import EXPECTED
-from emgface.study.parallel import Workers
+from emgface.study.processes import Workers
 from emgface.study.stage_code import INVERSE
 from emgface.study.stages import Laboratory
 from emgface.study.store import Stage, Store

@@ -1,26 +1,19 @@
 """Training of a reduced face: full-order motions, modes, sampled elements, calibrated error."""
 
-import pkgutil
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from types import ModuleType
 from typing import Final
 
 import numpy as np
 import xarray as xr
 
-import sim
-import sim._kernels as kernels
-from emgface.face.motion import settle_face
-from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.reduced.full_order import MECHANICAL, STEP, FullOrder, stored_motion
 from emgface.reduced.model import (
     Floats,
     ReducedFace,
     mechanics_of,
     training_text,
-    without_contact,
 )
 from emgface.reduced.motion import simulate_reduced
 from emgface.reduced.parameters import ReductionParameters
@@ -35,21 +28,10 @@ from emgface.reduced.trained import (
 )
 from emgface.schema.validation import validate
 from emgface.study.digest import dataset_digest, text_digest
-from emgface.study.mechanics import MECHANICS
-from emgface.study.store import Stage, Store
+from emgface.study.store import Store
 from sim import (
     Activation,
-    ContactFailure,
     FixedStep,
-    InvertedElement,
-    LinearlyImplicitEuler,
-    NotConverged,
-    Positions,
-    SingularSystem,
-    State,
-    System,
-    Workspace,
-    compile_scene,
     simulate,
 )
 from sim.reduced import (
@@ -69,111 +51,14 @@ from sim.threads import one_blas_thread
 Progress = Callable[[str, int, int], None]
 
 
-def _modules(package: ModuleType) -> tuple[str, ...]:
-    """Modules of a package but those of reduced models, on which motions at full order do not depend."""
-    names = (f"{package.__name__}.{m.name}" for m in pkgutil.iter_modules(package.__path__))
-    return tuple(n for n in names if ".reduced" not in n and n != kernels.__name__)
-
-
-SNAPSHOTS: Final = Stage(
-    "snapshots",
-    (
-        *(m for m in MECHANICS if m != "sim" and not m.startswith("emgface.reduced")),
-        *_modules(sim),
-        *_modules(kernels),
-    ),
-)
-STEP: Final = 0.01
-"""Time step of training and reduced motions [s]."""
 FLOOR: Final = 1e-3
 """Smallest estimate of the error before calibration [m]."""
-MECHANICAL: Final = (InvertedElement, NotConverged, SingularSystem, ContactFailure)
-"""Failures that a weaker activation avoids."""
-WEAKER: Final = 0.8
-"""Factor on a drive of the plan after such a failure."""
 SAMPLED: Final = 300
 """Largest number of training states at which forces are sampled."""
 TOUCHED, CLOSE = 100, 2e-3
 """Number of training states at which points near opposite faces are found, and their distance [m]."""
 SHOWN: Final = 1.0
 """Weight of the markers in the norm of the modes, relative to the mass of the tissue."""
-
-
-def with_steps(parameters: SimulationParameters) -> SimulationParameters:
-    """The same tissue, muscles and contact with the steps of the training."""
-    steps = {"step": STEP, "output": STEP}
-    return parameters.as_accurate("published").model_copy(update=steps)
-
-
-@dataclass(frozen=True, eq=False)
-class FullOrder:
-    """Full-order motions of a face at rest under gravity, for training and comparison.
-
-    `tissue` is the system without contact.
-    """
-
-    face: xr.Dataset
-    parameters: SimulationParameters
-    system: System
-    tissue: System
-    rest: Floats
-
-    @classmethod
-    def of(
-        cls, face: xr.Dataset, parameters: SimulationParameters, rest: Floats | None = None
-    ) -> "FullOrder":
-        """Compile the face and find its rest, unless it is given."""
-        parameters = with_steps(parameters)
-        system = compile_scene(compose_scene(face, parameters))
-        tissue = compile_scene(compose_scene(face, without_contact(parameters)))
-        if rest is not None:
-            return cls(face, parameters, system, tissue, rest)
-        start = settle_face(face, parameters)["node_position"].values
-        return cls(face, parameters, system, tissue, start)
-
-    def motion(self, drive: Drive, every: float) -> xr.Dataset:
-        """Positions of nodes [m] at every snapshot, and of markers at every step, of one drive.
-
-        A drive that inverts an element, or brings lips into contact whose distance at rest exceeds the
-        reach of the contact, is repeated with a weaker activation; the attribute ``scale`` is its
-        factor, and the result is empty (scale 0) if none of five succeeds.
-        """
-        scale = 1.0
-        for _ in range(5):
-            try:
-                return self._motion(drive.scaled(scale), every).assign_attrs(scale=scale)
-            except MECHANICAL:
-                scale *= WEAKER
-        return xr.Dataset(attrs={"scale": 0.0})
-
-    def _motion(self, drive: Drive, every: float) -> xr.Dataset:
-        stride = max(1, round(every / STEP))
-        activation = Activation(drive.time, drive.values)
-        work = Workspace(self.system, self.parameters.linear_solver)
-        begun = time.process_time()
-        moved, _ = simulate(
-            self.system,
-            activation,
-            duration=float(drive.time[-1]),
-            integrator=LinearlyImplicitEuler(),
-            steps=FixedStep(STEP),
-            probes=(Positions(),),
-            initial=State(0.0, self.rest, np.zeros_like(self.rest)),
-            work=work,
-        )
-        spent = time.process_time() - begun
-        nodes = moved["node_position"].transpose("time", "node", "axis").values
-        markers = nodes[:, self.face["marker_node"].values.astype(np.int64)]
-        at = slice(stride, None, stride)
-        levels = np.array([activation.at(t) for t in moved["time"].values[at]])
-        return xr.Dataset(
-            {
-                "node_position": (("snapshot", "node", "axis"), nodes[at].astype(np.float32)),
-                "activation": (("snapshot", "muscle"), levels),
-                "marker_position": (("time", "marker", "axis"), markers),
-            },
-            attrs={"cost_s": spent},
-        )
 
 
 @one_blas_thread
@@ -241,22 +126,6 @@ def reduce_face(
     _calibrate(full, data, reduction.coverage, plan, motions)
     spent = cost + time.process_time() - begun
     return validate(data.assign_attrs(training_time_s=spent), "reduced_face")
-
-
-def stored_motion(
-    store: Store, full: FullOrder, drive: Drive, every: float
-) -> tuple[xr.Dataset, str]:
-    """Motion of a drive and its digest, from the store if it is there."""
-    parameters = full.parameters.model_dump(mode="json")
-    values = text_digest(drive.values.tobytes().hex() + drive.time.tobytes().hex())
-    found = store.get_or_compute(
-        SNAPSHOTS,
-        {"face": dataset_digest(full.face), "drive": values},
-        {"simulation": parameters, "every": every},
-        lambda: full.motion(drive, every),
-        label=drive.label,
-    )
-    return found.dataset, found.digest
 
 
 def _of(

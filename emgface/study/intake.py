@@ -19,7 +19,8 @@ from emgface.study.configuration import RecordingsConfiguration
 from emgface.study.digest import code_version, file_digest, text_digest
 from emgface.study.exclusions import Exclusion, Place, reason_to_exclude
 from emgface.study.observer import Observer, Silent
-from emgface.study.parallel import Workers, run_jobs
+from emgface.study.parallel import run_jobs
+from emgface.study.processes import Workers
 from emgface.study.provenance import CODE
 from emgface.study.runs import Line, lines_of, run_files
 from emgface.study.table import Recording

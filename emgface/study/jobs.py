@@ -7,7 +7,7 @@ from typing import TypeVar
 from emgface.study.digest import code_version
 from emgface.study.journal import Journal
 from emgface.study.observer import Observer
-from emgface.study.parallel import Workers
+from emgface.study.processes import Workers
 from emgface.study.provenance import CODE
 from emgface.study.store import Done
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from analysis.trial import Trial
 from emgface.study.journal import Entry, Journal, StoredFiles
 from emgface.study.observer import Observer, Silent
-from emgface.study.parallel import Workers
+from emgface.study.processes import Workers
 from emgface.study.stages import Laboratory
 from emgface.study.store import Done
 from emgface.study.table import Place, PlannedTrial

@@ -22,7 +22,7 @@ from emgface.study.journal import Entry, Journal, StoredFiles, events_of
 from emgface.study.objects import Objects
 from emgface.study.observer import Observer, Silent
 from emgface.study.outcomes import Entries, Run
-from emgface.study.parallel import Workers
+from emgface.study.processes import Workers
 from emgface.study.provenance import CODE
 from emgface.study.stages import Laboratory
 from emgface.study.store import Event, Result, Store

@@ -17,7 +17,8 @@ from emgface.study.configuration import StudyConfiguration
 from emgface.study.digest import code_version, dataset_digest
 from emgface.study.objects import Objects
 from emgface.study.one_trial import origin_of, run_trial
-from emgface.study.parallel import Workers, run_jobs
+from emgface.study.parallel import run_jobs
+from emgface.study.processes import Workers
 from emgface.study.provenance import CODE, require_code
 from emgface.study.retention import FACES
 from emgface.study.stages import Laboratory

@@ -20,7 +20,8 @@ from emgface.recordings.events import cut_trials
 from emgface.study.digest import code_version
 from emgface.study.jobs import run_table
 from emgface.study.observer import Observer, Silent
-from emgface.study.parallel import Workers, run_jobs
+from emgface.study.parallel import run_jobs
+from emgface.study.processes import Workers
 from emgface.study.provenance import CODE, require_code
 from emgface.study.store import Done, Event, Store
 from emgface.volunteers.conduction import Conduction, face_conduction

@@ -17,7 +17,7 @@ from emgface.study import intake as intake_module
 from emgface.study.configuration import RecordingsConfiguration
 from emgface.study.intake import Intake, take_in
 from emgface.study.journal import Journal
-from emgface.study.parallel import InProcess
+from emgface.study.processes import InProcess
 from emgface.study.state import read_state
 from tests.data.conftest import recording
 

@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from emgface.errors import WorkerDied
-from emgface.study.parallel import BLAS, ELEMENTS, kept_processes, run_jobs, share_of_threads
+from emgface.study.parallel import kept_processes, run_jobs
+from emgface.study.processes import BLAS, ELEMENTS, share_of_threads
 
 ROOT = Path(__file__).resolve().parents[2]
 _offset = 0

@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 
+from emgface.anatomy.head.model import PARTS
 from emgface.errors import HeadError
 from emgface.schema.rules import one_line
 
@@ -25,6 +26,22 @@ class Run:
     rings: Mapping[str, str] = field(default_factory=dict)
     #: contact pairs; None for all of the parts
     contacts: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Person, mesh and duration that the runs of a sweep share."""
+
+    parts: tuple[str, ...] = PARTS
+    preset: str = "adult"
+    seed: int | None = None
+    resolution: str | int = "coarse"
+    #: resolution of a second mesh, from which the mesh error is estimated; None omits it
+    finer: str | int | None = None
+    duration: float = 0.4  #: simulated time [s]
+    rise: float = 0.15  #: time within which the levels are reached [s]
+    step: float = 1e-2  #: larger of the two time steps, of which the other is a half [s]
+    gravity: bool = True
 
 
 def labels(run: Run) -> dict[str, Any]:
@@ -79,3 +96,15 @@ def _run(row: Mapping[Any, Any], number: int) -> Run:
         if not isinstance(level, (int, float)) or not 0.0 <= level <= 1.0:
             raise HeadError(f"row {number}: {exciter} = {level}, expected a level from 0 to 1")
     return Run(name, kinds[""], kinds["face"], kinds["tongue"], kinds["ring"], contacts)
+
+
+def nested(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested tables from names with dots."""
+    found: dict[str, Any] = {}
+    for name, value in values.items():
+        place = found
+        *outer, last = name.split(".")
+        for part in outer:
+            place = place.setdefault(part, {})
+        place[last] = value
+    return found

@@ -105,7 +105,7 @@ def simulate_head(
         motion = motion.isel(node=slice(0, n))
     sizes = [head.parts[tissue].sizes["node"] for tissue in parts.first]
     own = sim.Activation(excitation.time, given.values.T)
-    at = np.array([own.at(float(t)) for t in motion["time"].values])
+    at = own.at_all(motion["time"].values)
     motion = motion.assign(
         tissue_nodes=("tissue", np.array(sizes, dtype=np.int32), {"units": "1"}),
         activation=(("muscle", "time"), at.T, {"units": "1"}),

@@ -12,9 +12,9 @@ import xarray as xr
 
 import sim
 from emgface.anatomy.head.build import build_head
-from emgface.anatomy.head.model import PARTS, Head, read_head, write_head
+from emgface.anatomy.head.model import Head, read_head, write_head
 from emgface.anatomy.head.outcomes import Measure, outcomes
-from emgface.anatomy.head.plan import Run, labels, read_plan
+from emgface.anatomy.head.plan import Run, Setting, labels, nested, read_plan
 from emgface.anatomy.head.run import raised, simulate_head
 from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
 from emgface.anatomy.tongue.parameters import TongueParameters
@@ -28,7 +28,8 @@ from emgface.study.digest import canonical_json, code_version, dataset_digest, t
 from emgface.study.jobs import run_table
 from emgface.study.mechanics import MECHANICS
 from emgface.study.observer import Observer, Silent
-from emgface.study.parallel import Workers, run_jobs
+from emgface.study.parallel import run_jobs
+from emgface.study.processes import Workers
 from emgface.study.provenance import CODE, require_code
 from emgface.study.store import Done, Stage, Store
 from sim.threads import one_blas_thread
@@ -37,22 +38,6 @@ STEP_ERROR, MESH_ERROR = "_step_error", "_mesh_error"
 """Endings of the columns with the numerical errors of an outcome."""
 ROW: Final = Stage("sweep", (*MECHANICS, "emgface.anatomy", "emgface.choices", "emgface.face"))
 """Rows of sweeps; the module of their measure is part of their code, too."""
-
-
-@dataclass(frozen=True)
-class Setting:
-    """Person, mesh and duration that the runs of a sweep share."""
-
-    parts: tuple[str, ...] = PARTS
-    preset: str = "adult"
-    seed: int | None = None
-    resolution: str | int = "coarse"
-    #: resolution of a second mesh, from which the mesh error is estimated; None omits it
-    finer: str | int | None = None
-    duration: float = 0.4  #: simulated time [s]
-    rise: float = 0.15  #: time within which the levels are reached [s]
-    step: float = 1e-2  #: larger of the two time steps, of which the other is a half [s]
-    gravity: bool = True
 
 
 @one_blas_thread
@@ -226,8 +211,8 @@ class _Heads:
         key = _of_head(run)
         if resolution not in self.kept or self.kept[resolution][0] != key:
             head = self._head(run, resolution)
-            unknown = [name for name in run.drive if name not in head.lists["exciter"].values]
-            if unknown:
+            known = head.lists["exciter"].values
+            if unknown := [name for name in run.drive if name not in known]:
                 raise HeadError(
                     f"run {run.name!r}: the head has no exciter {unknown[0]!r}, expected muscles or "
                     "groups of its parts, such as bi_OOP"
@@ -235,11 +220,11 @@ class _Heads:
             scene = head_scene(
                 head,
                 face=configure(
-                    SimulationParameters, _nested(run.face), where=f"run {run.name!r}, face"
+                    SimulationParameters, nested(run.face), where=f"run {run.name!r}, face"
                 ),
                 tongue=configure(
                     TongueParameters,
-                    TONGUE.model_dump() | _nested(run.tongue),
+                    TONGUE.model_dump() | nested(run.tongue),
                     where=f"run {run.name!r}, tongue",
                 ),
                 gravity=self.setting.gravity,
@@ -290,25 +275,12 @@ def _row(run: Run, heads: _Heads, measure: Measure) -> dict[str, Any]:
 def _simulated(
     run: Run, heads: _Heads, resolution: str | int, step: float, measure: Measure
 ) -> dict[str, float]:
-    s = heads.setting
-    head, scene = heads.of(run, resolution)
+    s, (head, scene) = heads.setting, heads.of(run, resolution)
     drive = raised(dict(run.drive), rise=s.rise, jaw="bi_close" in head.lists["exciter"].values)
     motion = simulate_head(
         head, drive, duration=s.duration, step=step, output=2.0 * s.step, scene=scene
     )
     return dict(measure(motion, head))
-
-
-def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Nested tables from names with dots."""
-    found: dict[str, Any] = {}
-    for name, value in values.items():
-        place = found
-        *outer, last = name.split(".")
-        for part in outer:
-            place = place.setdefault(part, {})
-        place[last] = value
-    return found
 
 
 __all__ = ["Run", "Setting", "outcomes", "read_plan", "sweep"]

@@ -1,10 +1,12 @@
 """Muscle laws by name, from the parameters of a jaw model."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 import sim
+from emgface.anatomy.jaw.model import Floats
 from sim.laws import LineLaw
 
 MuscleLaw = Callable[[Mapping[str, float]], LineLaw]
@@ -78,3 +80,24 @@ LAWS: dict[str, MuscleLaw] = {
     "constant": constant,
 }
 """Muscle laws by name."""
+
+
+@dataclass(frozen=True, eq=False)
+class MuscleLine:
+    """A muscle of a scene: numbers of its ends, law, damping [N s/m] and length at rest [m]."""
+
+    ends: tuple[int, int]
+    law: LineLaw
+    damping: float
+    rest: float
+    relation: sim.ForceVelocity | None = None
+
+    def tension(self, length: Floats, rate: Floats, activation: Floats) -> Floats:
+        """Tension (n,) at lengths [m], rates [m/s] and activations, with that of the damper [N]."""
+        rest = np.full_like(length, self.rest)
+        _, F, _ = self.law.evaluate(length, rest, activation)
+        F = F + self.damping * rate
+        if self.relation is not None:
+            _, passive, _ = self.law.evaluate(length, rest, np.zeros_like(activation))
+            F = F + (F - passive) * (self.relation.evaluate(rate / self.rest)[0] - 1.0)
+        return F

@@ -1,13 +1,13 @@
 """Motion of a jaw under excitations: simulation and its labelled result."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 
 import sim
 from emgface.anatomy.jaw.model import AXES, Floats
+from emgface.anatomy.jaw.probes import Lines, Resistance
 from emgface.anatomy.jaw.scene import JawScene, jaw_scene
 from emgface.anatomy.jaw.series import Excitation
 from emgface.anatomy.jaw.step_error import Jumps, with_error
@@ -16,9 +16,8 @@ from emgface.errors import JawError
 from emgface.schema.validation import validate
 from sim.integrators import Integrator
 from sim.integrators.contract import TimeIntegrator
-from sim.probes import Probe, Variable
+from sim.probes import Probe
 from sim.scene import Term
-from sim.state import Control, Outputs, State, StepReport
 
 STEP, OUTPUT = 1e-3, 5e-3
 """Time step and time between outputs [s]."""
@@ -255,70 +254,6 @@ def drawn(jaw: xr.Dataset, bodies: tuple[str, ...]) -> dict[str, object]:
         found |= {name: jaw[name] for name in ("surface_position", "surface_triangle")}
         found["surface_body"] = ("vertex", moving[jaw["surface_body"].values], one)
     return found
-
-
-@dataclass(frozen=True, eq=False)
-class Lines:
-    """Lengths [m] of straight lines between points ``ends`` (n, 2) and their rates [m/s]."""
-
-    ends: np.ndarray
-    names: tuple[str, ...]
-
-    def variables(self) -> tuple[Variable, ...]:
-        """Variables ``muscle_length`` and ``muscle_rate``."""
-        coords = {"muscle": self.names}
-        return (
-            Variable("muscle_length", "m", ("muscle",), coords),
-            Variable("muscle_rate", "m/s", ("muscle",), coords),
-        )
-
-    def record(
-        self, system: sim.System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[Floats, Floats]:
-        """Measure the lines."""
-        return self._of(state.q, state.v)
-
-    def record_all(
-        self, system: sim.System, outputs: Outputs, activation: Floats
-    ) -> tuple[Floats, Floats]:
-        """Measure the lines at all outputs."""
-        return self._of(outputs.q, outputs.v)
-
-    def _of(self, q: Floats, v: Floats) -> tuple[Floats, Floats]:
-        a, b = self.ends.T
-        way, rate = q[..., b, :] - q[..., a, :], v[..., b, :] - v[..., a, :]
-        length = np.linalg.norm(way, axis=-1)
-        return length, (way * rate).sum(axis=-1) / length
-
-
-@dataclass(frozen=True, eq=False)
-class Resistance:
-    """Force of a morsel [N]."""
-
-    term: sim.Crushable
-
-    def variables(self) -> tuple[Variable, ...]:
-        """Variable ``morsel_force``."""
-        return (Variable("morsel_force", "N"),)
-
-    def record(
-        self, system: sim.System, state: State, control: Control, report: StepReport | None
-    ) -> tuple[float]:
-        """Force at the end of a step, after which an intact morsel is remembered."""
-        return (float(self._of(state.q, state.v, state.memory)),)
-
-    def record_all(self, system: sim.System, outputs: Outputs, activation: Floats) -> tuple[Floats]:
-        """Force at all outputs."""
-        return (self._of(outputs.q, outputs.v, outputs.memory),)
-
-    def _of(self, q: Floats, v: Floats, memory: Mapping[str, Floats]) -> Floats:
-        term = self.term
-        d = (q[..., term.node, :] - term.origin) @ term.normal
-        rate = v[..., term.node, :] @ term.normal
-        intact = [x[..., 0] > 0.0 for name, x in memory.items() if name.startswith("Crushable")]
-        whole = np.any(intact, axis=0) & (d < term.diameter)
-        force = term.force_max * (1.0 - d / term.diameter) - term.damping * rate
-        return np.where(whole, np.maximum(force, 0.0), 0.0)
 
 
 __all__ = [

@@ -8,37 +8,15 @@ import numpy as np
 import xarray as xr
 
 import sim
-from emgface.anatomy.jaw.laws import LAWS, RELATIONS
+from emgface.anatomy.jaw.laws import LAWS, RELATIONS, MuscleLine
 from emgface.anatomy.jaw.model import AXES, KINDS, Floats
 from emgface.errors import JawError
 from sim.bodies import Motion
 from sim.joints import Joint, PointOnCurve, PointOnPlane, Revolute
-from sim.laws import LineLaw
 from sim.scene import Term
 
 FAR = 1e9
 """Distance of the fixed ends of dampers against space [m]."""
-
-
-@dataclass(frozen=True, eq=False)
-class MuscleLine:
-    """A muscle of a scene: numbers of its ends, law, damping [N s/m] and length at rest [m]."""
-
-    ends: tuple[int, int]
-    law: LineLaw
-    damping: float
-    rest: float
-    relation: sim.ForceVelocity | None = None
-
-    def tension(self, length: Floats, rate: Floats, activation: Floats) -> Floats:
-        """Tension (n,) at lengths [m], rates [m/s] and activations, with that of the damper [N]."""
-        rest = np.full_like(length, self.rest)
-        _, F, _ = self.law.evaluate(length, rest, activation)
-        F = F + self.damping * rate
-        if self.relation is not None:
-            _, passive, _ = self.law.evaluate(length, rest, np.zeros_like(activation))
-            F = F + (F - passive) * (self.relation.evaluate(rate / self.rest)[0] - 1.0)
-        return F
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,7 +101,7 @@ def _labelled(
     nodes = tongue.sizes["node"]
     lines, q = fibre_points(tongue, q), q[:, :nodes]
     drive = sim.Activation(excitation.time, values)
-    at = np.array([drive.at(float(t)) for t in motion["time"].values])
+    at = drive.at_all(motion["time"].values)
     connectivity = tongue["connectivity"].values
     volume = [element_quality(x, connectivity).volume.sum() for x in q]
     metre = {"units": "m"}
