@@ -101,6 +101,11 @@ def activate(
     Dataset
         ``activation`` (muscle, time) [1], between 0 and 1, at times in s.
 
+    Warns
+    -----
+    FeatureWarning
+        The spectrum contradicts the sampling rate, or the gains of both sides differ.
+
     Raises
     ------
     DataError
@@ -113,9 +118,13 @@ def activate(
     >>> import emgface as ef
     >>> activation = ef.activate("V1_A_1.nc", strategy="act_rel", band=(20, 400))  # doctest: +SKIP
     """
+    import warnings
+
     import xarray as xr
 
     from emgface.api.given import changed, merged, recording_of, study_of
+    from emgface.errors import FeatureWarning
+    from emgface.recordings.quality.plausible import doubts_of
     from emgface.signals.activation import activation_of, feature_range
     from emgface.study.configuration import TRUE_STRATEGY
     from emgface.study.truth import true_activation_of
@@ -138,6 +147,8 @@ def activate(
         extent = feature_range((recording_of(one, mapping) for one in reference), chain)
     if strategy == TRUE_STRATEGY:
         return true_activation_of(given, chain.resampling)
+    for doubt in doubts_of(given):
+        warnings.warn(doubt, FeatureWarning, stacklevel=2)
     return activation_of(
         given,
         chain,

@@ -10,6 +10,7 @@ from analysis.tables import origin_of
 from emgface.cli.console import frame, out, say, show_table
 from emgface.errors import DataError, EmgfaceError
 from emgface.recordings.check import check_recording, problems
+from emgface.recordings.quality.plausible import doubtful_gains
 from emgface.schema.rules import one_line
 from emgface.signals.parameters import SignalChain
 from emgface.study.readiness import refusals
@@ -27,6 +28,7 @@ class Checked:
     report: pd.DataFrame
     bad: list[str]
     refused: dict[str, str]
+    volunteer: str
 
     def show(self) -> None:
         """Print the table in a terminal, and one sentence for each problem."""
@@ -61,7 +63,19 @@ def checked(
     if channels:
         names = report.loc[report["kind"] == "channel", "name"].astype(str)
         report = report[report["name"].isin(containing(channels, names, file))]
-    return Checked(file, origin_of(recording), report, problems(report), refused)
+    volunteer = str(recording.attrs.get("volunteer", ""))
+    return Checked(file, origin_of(recording), report, problems(report), refused, volunteer)
+
+
+def gains(done: Iterable[Checked]) -> list[str]:
+    """Sentences on recordings whose gain differs from that of the volunteer's other recordings."""
+    measures: dict[str, dict[str, pd.DataFrame]] = {}
+    for one in done:
+        rows = one.report[(one.report["kind"] == "channel") & (one.report["signal"] == "EMG")]
+        if one.volunteer and "floor" in rows:
+            measures.setdefault(one.volunteer, {})[one.file] = rows.set_index("name")
+    found = (doubtful_gains(files) for files in measures.values())
+    return [f"{file}: {text}." for each in found for file, text in each.items()]
 
 
 def containing(text: str, names: Iterable[str], file: str) -> list[str]:

@@ -62,7 +62,7 @@ def check(
     """
     import pandas as pd
 
-    from emgface.cli.checked import Checked, checked
+    from emgface.cli.checked import Checked, checked, gains
     from emgface.cli.pages import overview_pages
     from emgface.errors import EmgfaceError
     from emgface.files import refuse_existing, write_text
@@ -98,6 +98,8 @@ def check(
     if done and not out.is_terminal:
         tables = pd.concat([found.labelled() for found in done], ignore_index=True)
         typer.echo(tables.to_csv(index=False), nl=False)
+    for sentence in gains(done):
+        say(f"Warning: {sentence}")
     n_good = sum(not found.bad for found in done)
     if n_read or n_all > 1:
         say(

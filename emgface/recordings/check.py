@@ -35,7 +35,8 @@ def check_recording(
     `study` lists also the channels and markers that a study requires and the recording lacks.
     `max_gap` is the longest gap [s] of a marker that is interpolated later; the default is that of
     `emgface.signals.parameters.HeadFrameParameters`. Hum, artefacts, drift, saturation, baseline,
-    cross-talk, noise of markers, and exchanged names are measured by `emgface.recordings.quality`.
+    cross-talk, doubtful rates and gains, noise of markers, and exchanged names are measured by
+    `emgface.recordings.quality`.
 
     The table has the columns ``name``, ``kind`` (channel or marker), ``signal`` (EMG, position, or
     another signal of `emgface.recordings.kinds`), ``rate`` [Hz], ``duration`` [s] (samples over
@@ -96,11 +97,13 @@ def _with_quality(rows: list[dict[str, object]], recording: xr.Dataset) -> list[
         recording = recording.sel(channel=emg) if emg else recording.drop_vars("emg")
     measures, found = findings(recording)
     result: list[dict[str, object]] = []
+    # A finding on the whole recording is stated with its first channel or marker.
+    judgeable = [row for row in rows if row["signal"] in ("EMG", "position")]
     for row in rows:
         key = (str(row["kind"]), str(row["name"]))
         told = [text for kind, name, text in found if (kind, name) == key]
-        if key[0] == "marker" and row is next(r for r in rows if r["kind"] == "marker"):
-            told += [text for kind, name, text in found if (kind, name) == ("marker", "")]
+        if row is next((r for r in judgeable if r["kind"] == key[0]), None):
+            told += [text for kind, name, text in found if (kind, name) == (key[0], "")]
         verdict, reason = str(row["verdict"]), str(row["reason"])
         if told:
             verdict = "warning" if verdict == "ok" else verdict

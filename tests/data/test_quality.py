@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from emgface.errors import SignalError
+import emgface as ef
+from emgface.errors import FeatureWarning, SignalError
 from emgface.recordings.check import check_recording, problems
 from emgface.recordings.quality import cross_talk, emg_quality, mains_hum, remove_hum
 from emgface.recordings.quality.figure import scale_factor
 from emgface.recordings.quality.findings import UNLIKELY
+from emgface.recordings.quality.plausible import doubtful_gains
 from tests.data.made_recordings import RATE, emg, face, noise, recording
 
 
@@ -119,6 +121,8 @@ def test_cross_talk_of_a_silent_muscle_is_that_of_its_electrode() -> None:
     assert row["correlation"] > 0.95 and row["share"] == pytest.approx(0.15, abs=0.01)
     quiet = noise()
     quiet[:2] = np.array([[1, 0.15], [0.15, 0.02]]) @ quiet[:2]
+    # The amplifiers add their noise to the mixture of both muscles.
+    quiet[:2] += 2e-6 * np.random.default_rng(2).normal(size=quiet[:2].shape)
     quiet[2:7] = 1e-6 * np.random.default_rng(1).normal(size=quiet[2:7].shape)
     assert problems(check_recording(recording(quiet)), "warning") == []
 
@@ -162,3 +166,40 @@ def test_channels_of_unusual_amplitude_have_their_own_scale() -> None:
         factor = scale_factor(strength, 1.0)
         assert 0.25 <= factor * strength <= 1.25
         assert f"{factor:e}"[0] in "125"
+
+
+@pytest.mark.parametrize(("factor", "word"), [(2.0, "high"), (0.5, "low")])
+def test_a_rate_wrong_by_two_is_reported_with_its_evidence(factor: float, word: str) -> None:
+    """The spectrum of Shwedyk et al. has its median at 96 Hz, and at 192 or 48 Hz on such a clock."""
+    given = recording(noise(seconds=12.0))
+    wrong = given.assign_coords(time_emg=("time_emg", given["time_emg"].values / factor))
+    wrong["time_emg"].attrs["units"] = "s"
+    (sentence,) = problems(check_recording(wrong), "warning")
+    assert sentence.startswith("channel OOS_L: median frequency ")
+    assert "expected 50 to 180 Hz" in sentence and sentence.endswith(f"the rate is too {word}.")
+    with pytest.warns(FeatureWarning, match="median frequency"):
+        ef.activate(wrong, strategy="act_all")
+
+
+def test_a_gain_of_one_channel_is_reported_and_a_one_sided_movement_is_not() -> None:
+    values = noise()
+    one_sided, quiet = values.copy(), 2e-6 * np.random.default_rng(3).normal(size=values.shape[1])
+    one_sided[3] = quiet  # the muscle of one side does not move
+    assert problems(check_recording(recording(one_sided)), "warning") == []
+    values[10] *= 10.0
+    (sentence,) = problems(check_recording(recording(values[:, : int(6.5 * RATE)])), "warning")
+    assert sentence.startswith("channel ZYG_R: ") and "that of ZYG_L" in sentence
+    with pytest.warns(FeatureWarning, match="channel ZYG_R: amplifier noise is 1?[0-9]"):
+        ef.activate(recording(values), strategy="act_all")
+
+
+def test_a_recording_with_another_gain_is_found_among_those_of_the_volunteer() -> None:
+    made = {f"V1_A_{k}.nc": emg_quality(emg(noise(seed=k))) for k in range(4)}
+    assert doubtful_gains(made) == {}
+    made["V1_A_2.nc"] = emg_quality(emg(10.0 * noise(seed=2)))
+    ((file, clause),) = doubtful_gains(made).items()
+    assert file == "V1_A_2.nc"
+    assert clause.startswith(
+        "14 of 14 channels (OOS_L, OOI_L, RIS_L, ZYG_L, ...) are 10 times larger"
+    )
+    assert doubtful_gains({name: made[name] for name in list(made)[1:3]}) == {}

@@ -18,9 +18,12 @@ WINDOW = 0.1  #: window of the moving root mean square [s]
 BLOCK = 0.5  #: length of the windows whose means define the drift [s]
 LEAST_RATE = 2.0 * MUSCLE[0] / 0.45
 """Sampling rate [Hz] above which a recording contains at least an octave of this band."""
+FLOOR = 500.0
+"""Frequency [Hz] above which a recording contains the noise of the amplifier and no muscle."""
+LEAST_FLOOR_RATE = 1500.0  #: sampling rate [Hz] that leaves a band above `FLOOR`
 COLUMNS = (
     "hum", "hum_frequency", "hum_rms", "hum_chance", "artefact", "drift", "stuck", "saturated",
-    "baseline", "snr", "median_frequency",
+    "baseline", "snr", "median_frequency", "floor",
 )  # fmt: skip
 
 
@@ -34,7 +37,8 @@ def emg_quality(emg: xr.DataArray) -> pd.DataFrame:
     seconds); ``stuck`` [s] (longest run of one value); ``saturated`` (fraction of samples in runs
     of three or more at the least or greatest value); ``baseline`` [V] and ``snr`` [dB] (10th
     percentile of the root mean square in 100 ms from 15 to 500 Hz, and the 95th over it);
-    ``median_frequency`` [Hz] of that band. Values are NaN unless `can_be_judged`. Raises
+    ``median_frequency`` [Hz] of that band; ``floor`` [V], 10th percentile of the root mean square
+    in 100 ms above `FLOOR` (NaN below `LEAST_FLOOR_RATE`). Values are NaN unless `can_be_judged`. Raises
     SignalError if the clock is not uniform.
     """
     rate = sampling_rate(emg[TIME_EMG])
@@ -70,7 +74,18 @@ def _measures(values: np.ndarray, rate: float) -> dict[str, float]:
         "baseline": float(low),
         "snr": float(20.0 * np.log10(high / low)) if low > 0 else np.inf,
         "median_frequency": float(frequency[inside][np.searchsorted(running, 0.5 * running[-1])]),
+        "floor": _floor(values, rate),
     }
+
+
+def _floor(values: np.ndarray, rate: float) -> float:
+    """Noise of the amplifier above the band of muscles [V]."""
+    if rate < LEAST_FLOOR_RATE:
+        return float("nan")
+    sos = scipy.signal.butter(4, (FLOOR, 0.45 * rate), "bandpass", fs=rate, output="sos")
+    heard = scipy.signal.sosfiltfilt(sos, values)
+    strength = uniform_filter1d(heard**2, round(WINDOW * rate), mode="nearest")
+    return float(np.sqrt(max(np.percentile(strength, 10), 0.0)))
 
 
 def can_be_judged(values: np.ndarray, rate: float) -> bool:

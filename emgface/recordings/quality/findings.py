@@ -10,7 +10,9 @@ from emgface.errors import SignalError
 from emgface.recordings.quality.cross_talk import cross_talk
 from emgface.recordings.quality.emg import emg_quality
 from emgface.recordings.quality.markers import LAYOUT, marker_quality, swapped_markers
+from emgface.recordings.quality.plausible import doubtful_rate, doubtful_sides
 from emgface.recordings.quality.sides import swapped_sides
+from emgface.signals.filters import TIME_EMG, sampling_rate
 from emgface.signals.resampling import little_in_common
 
 MUCH_HUM = 0.1  #: fraction of the power in the lines of the mains
@@ -37,15 +39,20 @@ def findings(
 
     Returned are, by (kind, name), the measures of `emg_quality` and `marker_quality`, with
     ``common`` and ``cross_talk``, the largest value of `cross_talk` between a channel and a
-    neighbour; and kind, name and one clause for each finding.
+    neighbour; and kind, name and one clause for each finding, without a name if it applies to all
+    channels or markers.
     """
     measures: dict[tuple[str, str], dict[str, float]] = {}
     found: list[Finding] = []
     try:
         if "emg" in recording:
-            for name, row in _rows(emg_quality(recording["emg"])):
+            table = emg_quality(recording["emg"])
+            for name, row in _rows(table):
                 measures["channel", name] = {**row, "common": np.nan, "cross_talk": np.nan}
                 found += [("channel", name, text) for text in _channel(row)]
+            if told := doubtful_rate(table, sampling_rate(recording["emg"][TIME_EMG])):
+                found.append(("channel", "", told))
+            found += [("channel", name, text) for name, text in doubtful_sides(table).items()]
             pairs = cross_talk(recording["emg"])
             for a, b, r, _, common, share in pairs.itertuples(index=False):
                 for name in (a, b):
@@ -101,7 +108,8 @@ def _channel(row: Mapping[str, float]) -> list[str]:
         )
     if row["baseline"] > LOUD_BASELINE:
         found.append(
-            f"baseline {row['baseline'] * 1e6:.3g} uV: high noise, or the muscle is never at rest"
+            f"baseline {row['baseline'] * 1e6:.3g} uV: high noise, a muscle that is never at rest, or "
+            "a wrong gain"
         )
     return found
 
