@@ -147,6 +147,8 @@ def align(
     model = checked(simulated, "simulated")
     whole = same_markers(checked(measured, "measured"), model)
     seen = measured_span(whole)
+    if seen.stop == 0:  # no instant with all markers
+        without_gaps(whole, "measured", least=LEAST_SAMPLES)
     given = whole.isel(time=seen)
     for role, data in (("measured", given), ("simulated", model)):
         without_gaps(data, role, least=LEAST_SAMPLES)

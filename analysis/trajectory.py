@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from analysis.errors import TrajectoryError
 from analysis.typed import coordinates, floats, relabelled, selected
@@ -114,11 +115,20 @@ def motion(position: xr.DataArray) -> float:
 def without_gaps(position: xr.DataArray, role: str, *, least: int) -> None:
     """Raise unless all samples are finite and their number suffices."""
     count = position.sizes["time"]
+    bad = ~np.isfinite(position.values)
+    seen: NDArray[np.bool_] = np.any(~bad, axis=(1, 2))
+    labels = [str(marker) for marker in position["marker"].values]
+    never = [label for label, found in zip(labels, seen.tolist(), strict=True) if not found]
+    if never and count:
+        raise TrajectoryError(
+            f"the {role} marker{'s' if len(never) > 1 else ''} {names(never)} "
+            f"{'are' if len(never) > 1 else 'is'} visible at no instant, expected positions of every "
+            "marker: omit such markers on both sides, or omit the trial"
+        )
     if count < least:
         raise TrajectoryError(
             f"the {role} trajectory has {count} samples, expected at least {least}: pass the whole trial"
         )
-    bad = ~np.isfinite(position.values)
     if bad.any():
         markers = position["marker"].values[bad.any(axis=(1, 2))]
         instants = int(bad.any(axis=(0, 1)).sum())

@@ -200,11 +200,12 @@ def _signed_ranks(data: Paired, level: float, contrasts: int) -> Finding:
     n, zeros = len(values), int((values == 0).sum())
     statistic, p = wilcoxon_p(values)
     estimate, lower, upper, coverage = hodges_lehmann(values, level)
+    held = coverage if math.isfinite(lower) else level  # an unbounded interval has the level 1
     least = min(1.0, 2.0 ** (1 - n))
     reach = min(1.0, least * contrasts)
     sentence = (
         f"median {data.shown(estimate)} over {persons(n)} "
-        f"({data.shown_interval(lower, upper, coverage)}; Wilcoxon {shown_p(p)}; after Holm over "
+        f"({data.shown_interval(lower, upper, held)}; Wilcoxon {shown_p(p)}; after Holm over "
         f"{contrasts} contrasts no p below {reach:.2g} is possible)."
     )
     if reach > 1.0 - level:

@@ -6,6 +6,7 @@ import xarray as xr
 from synthetic_trajectories import DURATION, once, there_and_back, trajectory
 
 from analysis.align import align
+from analysis.errors import TrajectoryError
 from analysis.lag import overlap_correlation
 
 COURSES = pytest.mark.parametrize("course", [once, there_and_back])
@@ -49,6 +50,15 @@ def test_overlap_correlation_against_a_loop() -> None:
             fractions = a.var() * len(a) / (x.var() * 23), b.var() * len(b) / (y.var() * 17)
             assert part == pytest.approx(min(fractions), rel=1e-9)
             assert var == pytest.approx(b.var(), rel=1e-9)
+
+
+def test_a_marker_that_is_never_visible_is_named() -> None:
+    model = trajectory()
+    measured = model.copy(deep=True)
+    measured["position"][3] = np.nan
+    name = str(model["marker"].values[3])
+    with pytest.raises(TrajectoryError, match=f"measured marker {name} is visible at no instant"):
+        align(measured, model)
 
 
 @COURSES

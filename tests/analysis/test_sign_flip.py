@@ -70,7 +70,7 @@ def test_six_volunteers_reach_one_in_thirty_two() -> None:
 def test_five_volunteers_allow_no_95_percent_interval() -> None:
     found = sign_flip(compare(of_differences([0.2, 0.5, 0.4, 0.9, 0.1])))
     assert np.isinf(found["interval"]).all()
-    assert "no bounded" in found.attrs["sentence"]
+    assert "no bounded 95 % interval" in found.attrs["sentence"]
 
 
 def test_random_patterns_beyond_sixteen() -> None:
