@@ -124,6 +124,6 @@ def main(out: Path | None = None) -> None:
     told = {True: "yes", False: "**no**", None: ""}
     table = pd.DataFrame(
         [(o.check, o.wanted, o.measured, told[o.passed]) for o in rows],
-        columns=["check", "wanted", "measured", "met"],
+        columns=["check", "required", "measured", "met"],
     )
     finish("checks", table, out)

@@ -60,7 +60,7 @@ def checks(models: Path | None) -> pd.DataFrame:
     told = {True: "yes", False: "**no**", None: ""}
     table = pd.DataFrame(
         [(o.check, o.wanted, o.measured, told[o.passed]) for o in rows],
-        columns=["check", "wanted", "computed", "met"],
+        columns=["check", "required", "computed", "met"],
     )
     return table.sort_values("check", key=lambda c: c.str[:1], kind="stable")
 

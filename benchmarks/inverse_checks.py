@@ -262,6 +262,6 @@ def main(
     told = {True: "yes", False: "**no**", None: ""}
     table = pd.DataFrame(
         [(o.check, o.wanted, o.measured, told[o.passed]) for o in run(only, recordings or [])],
-        columns=["check", "wanted", "measured", "met"],
+        columns=["check", "required", "measured", "met"],
     )
     print(markdown(table), flush=True)

@@ -113,7 +113,7 @@ def sizes(out: Path, count: int) -> None:
     note = (
         f"{count} cubes per condition, seed {SEED}, ± Monte Carlo error; six volunteers, six "
         "instructions, two repetitions, three markers. Conditions: standard deviation in z of "
-        "volunteer x strategy and instruction x strategy; departures with both 0.3. The true "
+        "volunteer x strategy and instruction x strategy; in the departures both are 0.3. The true "
         "value is that of the instructions drawn, except in the rows 'mixed model, instructions' "
         "and 'mixed model, misread' (the test of these instructions interpreted as one of "
         "instructions in general). Computed by python -m benchmarks calibration."

@@ -333,12 +333,13 @@ the boundary condition and the mouth corner, at which the rings meet and stresse
 
 def norms() -> str:
     """Means, spreads, sources."""
-    return f"""All measures are in mm. `found`: numbers taken from the table cited; `assumption`:
-numbers that are quoted without access to the source, derived or chosen, as stated in the note.
+    return f"""All measures are in mm. In the column `standing`, `found` means that the numbers were
+taken from the table cited, and `assumption` that they are quoted without access to the source, derived
+or chosen, as stated in the note.
 
 {markdown(norms_table().reset_index(), ".1f")}
 
-Groups of people:
+The presets describe the following groups of people:
 
 {markdown(pd.DataFrame({"means": PRESETS}).rename_axis("preset").reset_index())}"""
 

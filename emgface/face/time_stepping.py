@@ -71,7 +71,7 @@ class TimeStepping(Parameters):
     ] = choice(
         "auto",
         "Linear solver: PARDISO, in double or single precision, or SuperLU of SciPy; or "
-        "iterative ('gmres'), with factors of these that are reused in many steps.",
+        "iterative ('gmres'), with factors of one of them that are reused in many steps.",
         note="'auto' uses PARDISO if it is installed, and reuses factors for large faces",
     )
 

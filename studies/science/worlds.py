@@ -72,8 +72,8 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
             "",
             "*Large marks: means of the table with their intervals; small marks: volunteers.*",
             "",
-            "Change of the same means by a mismatch of the recording or of the person; the volunteers "
-            "are paired:",
+            "The next table lists the change of the same means by a mismatch of the recording or of the "
+            "person; the volunteers are paired:",
             "",
             markdown(effects(levels).reset_index()),
             "",
