@@ -31,6 +31,15 @@ def shared() -> Path:
 
 
 @pytest.fixture(scope="session")
+def real_c3d(shared: Path) -> Path:
+    """Measured C3D file with markers and sEMG."""
+    path = shared / "recordings" / "pyomeca" / "markers_analogs.c3d"
+    if not path.is_file():
+        pytest.skip("the recording of markers and EMG is not there")
+    return path
+
+
+@pytest.fixture(scope="session")
 def root() -> Path:
     return ROOT
 

@@ -77,7 +77,7 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
             "",
             markdown(effects(levels).reset_index()),
             "",
-            _reading(levels, shift),
+            reading(levels, shift),
         ]
     )
 
@@ -165,7 +165,7 @@ def _draw(found: pd.DataFrame):
     return figure
 
 
-def _reading(levels: Mapping[str, pd.DataFrame], shift: pd.Series) -> str:
+def reading(levels: Mapping[str, pd.DataFrame], shift: pd.Series) -> str:
     """Describe the figure in sentences with its numbers."""
     changes = effects(levels)
     true = levels[TRUE]

@@ -151,62 +151,41 @@ def test_cube_meets_the_schema(root) -> None:
         assert found[name].attrs.get("units") == variable["units"], name
 
 
-def test_duplicate_trial() -> None:
-    with pytest.raises(CubeError, match="v1/A/1/act_all is passed twice"):
-        build_cube([results()[0], results()[0]])
+def second(**options) -> list[Trial]:
+    """A trial, and another one of the same study with other scores."""
+    return [Trial("v1", "A", 1, "s", scores(1)), Trial("v1", "A", 2, "s", scores(2, **options))]
 
 
-def test_unexpected_label() -> None:
-    with pytest.raises(CubeError, match="has volunteer 'v2', expected one of v1"):
-        build_cube(results(), volunteers=["v1"])
+def without_origin() -> xr.Dataset:
+    found = scores(1)
+    del found.attrs["origin"]
+    return found
 
 
-def test_other_markers() -> None:
-    with pytest.raises(CubeError, match="other markers than the cube .*nose"):
-        build_cube(
-            [
-                Trial("v1", "A", 1, "s", scores(1)),
-                Trial("v1", "A", 2, "s", scores(2, markers=(*MARKERS[:2], "nose"))),
-            ]
-        )
+def only(found: xr.Dataset) -> list[Trial]:
+    return [Trial("v1", "A", 1, "s", found)]
 
 
-def test_measured_and_simulated_never_mix() -> None:
-    with pytest.raises(CubeError, match="cannot share a cube"):
-        build_cube(
-            [
-                Trial("v1", "A", 1, "s", scores(1)),
-                Trial("v1", "A", 2, "s", scores(2, origin="measured")),
-            ]
-        )
-
-
-def test_unknown_origin() -> None:
-    unknown = scores(1)
-    del unknown.attrs["origin"]
-    with pytest.raises(CubeError, match="is unknown, expected 'measured' or 'simulated'"):
-        build_cube([Trial("v1", "A", 1, "s", unknown)])
-
-
-def test_choices_must_agree() -> None:
-    with pytest.raises(CubeError, match="form = 'as_printed', another one with 'consistent'"):
-        build_cube(
-            [
-                Trial("v1", "A", 1, "s", scores(1)),
-                Trial("v1", "A", 2, "s", scores(2, form="as_printed")),
-            ]
-        )
-    assert cube().attrs["form"] == "consistent"
-
-
-def test_empty_study() -> None:
-    with pytest.raises(CubeError, match="there is no volunteer"):
-        build_cube([])
-
-
-def test_scores_without_a_variable() -> None:
-    with pytest.raises(CubeError, match="lack rmse"):
-        build_cube([Trial("v1", "A", 1, "s", scores(1).drop_vars("rmse"))])
+@pytest.mark.parametrize(
+    ("trials", "labels", "words"),
+    [
+        (2 * results()[:1], {}, "v1/A/1/act_all is passed twice"),
+        (results(), {"volunteers": ["v1"]}, "has volunteer 'v2', expected one of v1"),
+        (second(markers=(*MARKERS[:2], "nose")), {}, "other markers than the cube .*nose"),
+        (second(origin="measured"), {}, "cannot share a cube"),
+        (
+            only(without_origin()),
+            {},
+            "is unknown, expected 'measured' or 'simulated'",
+        ),
+        (second(form="as_printed"), {}, "form = 'as_printed', another one with 'consistent'"),
+        ([], {}, "there is no volunteer"),
+        (only(scores(1).drop_vars("rmse")), {}, "lack rmse"),
+    ],
+)
+def test_results_that_form_no_cube_are_refused(trials, labels, words) -> None:
+    with pytest.raises(CubeError, match=words):
+        build_cube(trials, **labels)
 
 
 @pytest.mark.parametrize(

@@ -218,16 +218,8 @@ def test_a_foreign_file_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def real_path(shared: Path) -> Path:
-    path = shared / "recordings" / "pyomeca" / "markers_analogs.c3d"
-    if not path.is_file():
-        pytest.skip("the recording of markers and EMG is not there")
-    return path
-
-
-@pytest.fixture(scope="module")
-def real(real_path: Path) -> xr.Dataset:
-    return read_recording(real_path)
+def real(real_c3d: Path) -> xr.Dataset:
+    return read_recording(real_c3d)
 
 
 def test_the_real_file_has_its_rates_counts_and_units(real: xr.Dataset) -> None:
@@ -241,8 +233,8 @@ def test_the_real_file_has_its_rates_counts_and_units(real: xr.Dataset) -> None:
     assert (real["emg"].units, real["position"].units) == ("V", "m")
 
 
-def test_the_real_values_are_those_of_the_file(real: xr.Dataset, real_path: Path) -> None:
-    raw = ezc3d.c3d(str(real_path))["data"]
+def test_the_real_values_are_those_of_the_file(real: xr.Dataset, real_c3d: Path) -> None:
+    raw = ezc3d.c3d(str(real_c3d))["data"]
     np.testing.assert_array_equal(real["emg"], raw["analogs"][0])
     expected = raw["points"][:3].transpose(1, 0, 2) / 1000.0
     np.testing.assert_array_equal(real["position"], expected)
@@ -259,9 +251,9 @@ def test_the_real_file_has_eleven_live_and_five_dead_surface_channels(real: xr.D
     assert deviation == pytest.approx(0.212e-3, abs=0.0005e-3)  # as published beside the file
 
 
-def test_the_real_file_is_mapped_and_written(real_path: Path, tmp_path: Path) -> None:
+def test_the_real_file_is_mapped_and_written(real_c3d: Path, tmp_path: Path) -> None:
     mapping = {"channels": {label: label.split(".")[0] for label in REAL_EMG}}
-    live = read_recording(real_path, mapping=mapping)
+    live = read_recording(real_c3d, mapping=mapping)
     assert live.sizes["channel"] == 11 and "flagged" not in live.attrs
     dropped = note(live, "dropped")
     assert len(dropped) == 38 - 11
@@ -272,8 +264,8 @@ def test_the_real_file_is_mapped_and_written(real_path: Path, tmp_path: Path) ->
     assert json.loads(back.attrs["original_names"])["Infra"] == "Infra.EMG10"
 
 
-def test_the_real_file_cut_short_is_refused(real_path: Path, tmp_path: Path) -> None:
+def test_the_real_file_cut_short_is_refused(real_c3d: Path, tmp_path: Path) -> None:
     cut = tmp_path / "cut.c3d"
-    cut.write_bytes(real_path.read_bytes()[:1_000_000])
+    cut.write_bytes(real_c3d.read_bytes()[:1_000_000])
     with pytest.raises(DataError, match="cut.c3d declares 580 frames but contains 255"):
         read_recording(cut)

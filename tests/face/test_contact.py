@@ -8,6 +8,8 @@ import sim
 from emgface.choices import configure
 from emgface.errors import ConfigurationError, FaceError
 from emgface.face.contact import contact_pairings, touching
+from emgface.face.lips import lip_surface
+from emgface.face.parts import LIPS
 from emgface.face.penetration import Penetration, depths
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
@@ -106,7 +108,7 @@ def test_depth_of_a_face_starts_at_rest(face: xr.Dataset) -> None:
     assert penetration.lips(X) == penetration.teeth(X) == 0.0
     assert 1e-3 < penetration.teeth(X - [0.0, 3e-3, 0.0]) < 3e-3
     lips = X.copy()
-    lips[np.unique(penetration._lips[0]), 2] -= 6e-3
+    lips[np.unique(lip_surface(face, LIPS[0])), 2] -= 6e-3
     assert 1e-3 < penetration.lips(lips) < 6e-3
 
 

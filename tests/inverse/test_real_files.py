@@ -24,16 +24,8 @@ TRIAL = {"volunteer": "S01", "instruction": "D", "repetition": 1}
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 
 
-@pytest.fixture(scope="module")
-def path(shared: Path) -> Path:
-    path = shared / "recordings" / "pyomeca" / "markers_analogs.c3d"
-    if not path.is_file():
-        pytest.skip("the recording of markers and EMG is not there")
-    return path
-
-
-def test_its_sEMG_becomes_activation_and_absent_muscles_are_named(path: Path) -> None:
-    recording = read_recording(path, mapping=TRIAL | {"channels": GIVEN})
+def test_its_sEMG_becomes_activation_and_absent_muscles_are_named(real_c3d: Path) -> None:
+    recording = read_recording(real_c3d, mapping=TRIAL | {"channels": GIVEN})
     found = estimated_activation(recording, SignalChain(), "assisted", None)
     a = found["activation"].sel(muscle=["ZYG_L", "RIS_L", "DAO_L", "MEN_L"])
     assert 0.0 <= float(a.min()) and float(a.max()) <= 1.0
@@ -44,24 +36,26 @@ def test_its_sEMG_becomes_activation_and_absent_muscles_are_named(path: Path) ->
     assert missing < right and {"ZYG_R", "LLSAN_R", "DAO_R", "MEN_R"} <= missing
 
 
-def test_its_markers_are_not_those_of_a_face(path: Path, coarse: xr.Dataset) -> None:
-    recording = read_recording(path, mapping=TRIAL | {"channels": GIVEN})
+def test_its_markers_are_not_those_of_a_face(real_c3d: Path, coarse: xr.Dataset) -> None:
+    recording = read_recording(real_c3d, mapping=TRIAL | {"channels": GIVEN})
     with pytest.raises(MarkerError, match="missing markers .* expected six face and ten lip"):
         invert(recording, coarse)
-    names = read_recording(path)["position"]
+    names = read_recording(real_c3d)["position"]
     seen = [str(m) for m in names["marker"].values if np.isfinite(names.sel(marker=m)).all()]
     labels = dict(zip(seen, (*FACE_MARKERS, *LIP_MARKERS), strict=False))
-    wrong = read_recording(path, mapping=TRIAL | {"channels": GIVEN, "markers": labels})
+    wrong = read_recording(real_c3d, mapping=TRIAL | {"channels": GIVEN, "markers": labels})
     with pytest.raises(UnitsError, match="check the unit of the positions"):
         invert(wrong, coarse)
 
 
-def test_its_sEMG_beside_the_markers_of_a_face_is_inverted(path: Path, coarse: xr.Dataset) -> None:
+def test_its_sEMG_beside_the_markers_of_a_face_is_inverted(
+    real_c3d: Path, coarse: xr.Dataset
+) -> None:
     """Real channels and simulated markers on one clock: every step of the notebook runs."""
     from emgface.face.simulation_parameters import SimulationParameters
     from emgface.inverse.parameters import InverseParameters
 
-    emg = read_recording(path, mapping=TRIAL | {"channels": GIVEN})
+    emg = read_recording(real_c3d, mapping=TRIAL | {"channels": GIVEN})
     markers = recording_of(coarse)
     both = markers.drop_vars(["emg", "time_emg", "channel"])
     both = both.merge(emg[["emg"]].sel(time_emg=slice(2.0, 3.2)).assign_coords(

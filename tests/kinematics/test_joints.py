@@ -1,13 +1,9 @@
 """Joints against closed forms: derivatives, freedoms, a pendulum, drift, limits and redundancy."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import sim
-from sim.contact.rows import no_rows
-from sim.integrators.linear_rows import LinearRows
 from sim.joints import (
     JOINTS,
     Bushing,
@@ -19,9 +15,8 @@ from sim.joints import (
     Weld,
 )
 from sim.linear import linear_solver
-from sim.step_matrices import LinearStep, damping_matrix, implicit_matrix
 from tests.bodies import grid
-from tests.kinematics.scenes import INERTIA, dense, mixed_system, random_pose
+from tests.kinematics.scenes import INERTIA, mixed_system, random_pose
 
 ARM, MASS, G = 0.1, 0.2, 9.8
 AXIS = (0.3, 0.4, 0.5)
@@ -134,36 +129,6 @@ def test_order_and_drift_with_a_joint(integrator, duration, steps):
         now = system.rows.evaluate(end.pose)
         assert np.abs(now.c).max() < 1e-12
         assert np.abs(now.G @ end.twists.ravel()).max() < 1e-10
-
-
-def rows_and_saddle():
-    """Velocities and forces of tissue, bodies, and a rigid and a compliant joint, and those of the dense
-    solution of [A -h G'; G 0]."""
-    ball = Spherical("ball", "jaw", None, (0.0, 0.0, 0.0))
-    bond = Weld("bond", "skull", "jaw", (0.01, 0.0, 0.0), compliance=1e-3, damping_time=0.02)
-    system = mixed_system(prescribed=False, joints=(ball, bond))
-    pose, _ = random_pose(system, size=0.3)
-    control, h, rows = system.control(np.full(len(system.muscles), 0.2)), 2e-3, system.rows
-    here, K = system.tangent(pose.q, control)
-    D = damping_matrix(system, pose, np.zeros_like(pose.q), control, K)
-    A = implicit_matrix(system, pose, here, K, D, h, h * h)
-    rhs = np.random.default_rng(0).normal(size=system.pattern.n) * 1e-6
-    state = system.kinematics.state(pose, np.zeros(system.pattern.n), {})
-    state, equation = replace(state, t=pose.t - h), LinearStep(A, rhs, 1.0)
-    step = LinearRows(system, state, equation, h, 1e-12, sim.Workspace(system))
-    _, w, f = step.under(no_rows())
-    now, m, n = rows.evaluate(pose), len(rows.names), system.pattern.n
-    G = np.zeros((m, n))
-    G[:, rows.columns] = now.G
-    time = np.where(rows.rigid, np.inf, h + rows.damping_time)
-    saddle = np.block([[dense(system, A.values), -h * G.T], [G, np.diag(rows.compliance / time)]])
-    expected = np.linalg.solve(saddle, np.concatenate([rhs, -now.drift - now.c / time]))
-    return (w, expected[:n]), (f, expected[n:])
-
-
-def test_rows_by_the_schur_complement_equal_the_full_saddle_system():
-    for found, expected in rows_and_saddle():
-        np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
 
 
 def test_limits_stop_and_release_a_motion():

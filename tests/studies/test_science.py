@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import ttest_1samp
 
 from studies.science.subset import mean_interval, told
-from studies.science.worlds import PERSON, TRUE, WORLDS, _reading, effects, per_volunteer
+from studies.science.worlds import PERSON, TRUE, WORLDS, effects, per_volunteer, reading
 
 RHO = np.array([0.62, 0.71, 0.55, 0.80, 0.66, 0.74])
 
@@ -39,5 +39,5 @@ def test_effects_of_worlds_are_paired() -> None:
     changes = effects(levels)
     assert list(changes["act_3"]) == 2 * ["+0.00 (+0.00 to +0.00)"] + 2 * ["-0.10 (-0.10 to -0.10)"]
     assert set(changes[TRUE]) == {"+0.00 (+0.00 to +0.00)"}
-    text = _reading(levels, per_volunteer(found, "median shift [s]")["act_3"].median(axis=1))
+    text = reading(levels, per_volunteer(found, "median shift [s]")["act_3"].median(axis=1))
     assert "changes from 0 to -40 ms" in text

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from fsspec.core import url_to_fs
 
 from emgface.errors import ConfigurationError, StoreError
 from emgface.study.objects import Objects
@@ -140,7 +141,7 @@ def test_an_interrupted_copy_is_no_result(url: str, tmp_path: Path, monkeypatch)
     def lost(*_: object, **__: object) -> None:
         raise ConnectionResetError("connection reset by peer")
 
-    monkeypatch.setattr(type(objects._files), "pipe_file", lost)
+    monkeypatch.setattr(type(url_to_fs(url)[0]), "pipe_file", lost)
     with pytest.raises(StoreError, match="connection reset by peer.*run the same command again"):
         Store(tmp_path / "a", objects=objects).get_or_compute(STAGE, {}, {}, compute)
     monkeypatch.undo()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from emgface import __version__
 from emgface.face.file import load_face
@@ -129,12 +130,18 @@ def test_the_report_states_the_versions_of_cube_and_page(
     assert "not recorded" in shown.warning(old) and shown.mixture(old) is None
 
 
-def test_the_store_states_date_and_version(made) -> None:
-    index = next((made.path.parent / "store" / "motion").glob("*.json"))
-    known = json.loads(index.read_text())
+def test_the_store_states_date_and_version(tmp_path: Path) -> None:
+    def stored() -> store.Result:
+        stage = store.Stage("double", ("emgface.study.store",))
+        return store.Store(tmp_path).get_or_compute(stage, {}, {}, lambda: xr.Dataset({"x": 1.0}))
+
+    path = stored().path.with_suffix(".json")
+    known = json.loads(path.read_text())
     assert known["environment"] == json.loads(provenance.environment())
     assert known["written"].endswith("Z")
     del known["environment"]
-    index.write_text(json.dumps(known))
+    path.write_text(json.dumps(known))
     # An older store is used, without a computing environment.
-    assert store._made(index.with_suffix(".nc")) == (known["written"], "")
+    again = stored()
+    assert again.outcome == "reused"
+    assert (again.computed, again.environment) == (known["written"], "")
