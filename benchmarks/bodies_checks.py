@@ -21,7 +21,7 @@ from benchmarks.report import finish, say
 from benchmarks.stability.rigid_rows import tower
 from sim.integrators import INTEGRATORS
 from tests.contact import test_bodies_in_contact, test_fast_and_short_steps
-from tests.kinematics import test_joints, test_motion, test_multibody
+from tests.kinematics import test_joints, test_motion, test_multibody, test_volumes
 
 Results = Iterator[Result]
 SHORTER = 4  #: factor by which steps are shorter than in the tests of orders
@@ -54,7 +54,7 @@ def attached() -> Results:
     apart = float(np.abs(led - free).max() / np.abs(free - start).max())
     yield limited("tissue on a body against its motion prescribed, relative", apart, 1e-10)
     for of, pairs in (
-        ("joints", test_joints.rows_and_saddle()),
+        ("joints", test_volumes.rows_and_saddle()),
         ("a joint and contacts", test_bodies_in_contact.contact_and_saddle()),
     ):
         for what, (found, exact) in zip(("velocities", "forces"), pairs, strict=True):
