@@ -31,7 +31,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 from studies.coupled.__main__ import HERE
 from studies.coupled.experiments import LABIALS, LAW
 from studies.coupled.findings import findings
-from tests.kinematics import test_joints, test_maps, test_motion
+from tests.kinematics import test_joints, test_maps, test_motion, test_volumes
 
 SIGNS: Final = {
     "GGP": {"tip_forward": 1.0},
@@ -100,7 +100,7 @@ def attachments() -> Results:
 
 def elimination() -> Results:
     """Check 2."""
-    (w, exact), (f, forces) = test_joints.rows_and_saddle()
+    (w, exact), (f, forces) = test_volumes.rows_and_saddle()
     yield limited("2 velocities, against the full saddle system with joints", _off(w, exact), 1e-9)
     yield limited("2 forces of the joints, likewise", _off(f, forces), 1e-9)
     for cls in (sim.ConvergedEuler, sim.Trapezoidal, sim.Sdirk2):
