@@ -8,14 +8,7 @@ import xarray as xr
 from analysis.errors import TrajectoryError
 from analysis.flags import FLAGS
 from analysis.noise import SMALLEST_SNR, attenuation
-from analysis.trajectory import (
-    SMALLEST_MOTION,
-    Pair,
-    checked,
-    pair,
-    same_markers,
-    same_time,
-)
+from analysis.trajectory import SMALLEST_MOTION, Pair, checked, pair, same_markers, same_time
 from analysis.typed import selected, texts
 
 Form = Literal["consistent", "as_printed"]

@@ -10,8 +10,8 @@ from typing import Any
 
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
-from emgface.study.audit import content
 from emgface.study.digest import dataset_digest
+from emgface.study.reproduced import content
 from emgface.study.store import damage_of
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.simulate import make_volunteers

@@ -130,7 +130,7 @@ def reproduce(
     seed: Annotated[int, typer.Option(help="Seed of the draw.")] = 0,
 ) -> None:
     """Compute trials again and compare every result with the stored one, bit for bit."""
-    from emgface.study.audit import reproduce
+    from emgface.study.reproduced import reproduce
 
     configuration, words = _study(folder, study), _words(trial)
     compared = reproduce(

@@ -250,13 +250,12 @@ class StoredFiles:
         self.found: dict[tuple[str, str], tuple[int, int]] = {}
         if not store.is_dir():
             return
-        for stage in os.scandir(store):
-            if stage.is_dir():
-                for file in os.scandir(stage.path):
-                    name, dot, suffix = file.name.rpartition(".")
-                    if suffix == "nc" and dot and not name.startswith("."):
-                        told = file.stat()
-                        self.found[stage.name, name] = told.st_size, told.st_mtime_ns
+        for stage in (entry for entry in os.scandir(store) if entry.is_dir()):
+            for file in os.scandir(stage.path):
+                name, dot, suffix = file.name.rpartition(".")
+                if suffix == "nc" and dot and not name.startswith("."):
+                    told = file.stat()
+                    self.found[stage.name, name] = told.st_size, told.st_mtime_ns
 
     def intact(self, entry: Entry) -> bool:
         """Return True if the results of a trial are those that it recorded."""
@@ -264,8 +263,7 @@ class StoredFiles:
 
 
 def _number(value: float) -> float | None:
-    value = float(value)
-    return None if value != value else value
+    return None if value != value else float(value)
 
 
 def _plain(value: Any) -> Any:
@@ -296,8 +294,7 @@ def _unpacked(packed: Line) -> xr.Dataset:
     """Scores from `_packed`."""
     made: dict[str, Any] = {}
     for name, (dims, kind, values) in packed["variables"].items():
-        data = np.array(values, dtype=str if kind == "U" else np.dtype(kind))
-        made[name] = xr.Variable(dims, data)
+        made[name] = xr.Variable(dims, np.array(values, str if kind == "U" else np.dtype(kind)))
     dims = {dim for found in made.values() for dim in found.dims}
     coords = {name: made.pop(name) for name in [*made] if name in dims}
     return xr.Dataset(made, coords=coords, attrs=packed["attrs"])

@@ -14,9 +14,10 @@ from emgface.cli import app
 from emgface.errors import DataError, StoreError
 from emgface.recordings.dataset import read_recording, write_recording
 from emgface.report.results import open_results, study_cube
-from emgface.study.audit import explain, reproduce
+from emgface.study.audit import explain
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.digest import file_digest
+from emgface.study.reproduced import reproduce
 from emgface.study.retention import export, unused_files
 from emgface.study.run import run_study
 from emgface.study.runs import lines, run_files, written
