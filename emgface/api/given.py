@@ -44,6 +44,16 @@ def study_of(given: Given) -> StudyConfiguration:
     return load_study(Path(given))
 
 
+def path_of(given: object, expected: str) -> Path:
+    """Return a path; SchemaError if the argument is neither a path nor a dataset."""
+    if not isinstance(given, str | PathLike):
+        raise SchemaError(
+            f"the argument is of type {type(given).__name__}, expected {expected} as a Dataset or "
+            "the path of its file: pass one of them"
+        )
+    return Path(given)
+
+
 def dataset_of(given: Data, kind: str, variable: str) -> xr.Dataset:
     """Return a dataset of a kind, read from its netCDF file if a path is passed.
 
@@ -51,7 +61,7 @@ def dataset_of(given: Data, kind: str, variable: str) -> xr.Dataset:
     variable.
     """
     if not isinstance(given, xr.Dataset):
-        return read_netcdf(Path(given), kind)
+        return read_netcdf(path_of(given, f"a stored {kind}"), kind)
     if variable not in given:
         raise SchemaError(
             f"the dataset contains {', '.join(map(str, given.data_vars)) or 'no variable'}, expected "
@@ -68,7 +78,7 @@ def recording_of(given: Data, mapping: Mapping[str, Any] | File | None) -> xr.Da
     if isinstance(given, xr.Dataset):
         return given
     named = fspath(mapping) if isinstance(mapping, PathLike) else mapping
-    return read_recording(Path(given), mapping=named)
+    return read_recording(path_of(given, "a recording"), mapping=named)
 
 
 def face_of(given: Data | None, study: StudyConfiguration) -> xr.Dataset:

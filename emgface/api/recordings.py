@@ -123,13 +123,17 @@ def activate(
     import xarray as xr
 
     from emgface.api.given import changed, merged, recording_of, study_of
-    from emgface.errors import FeatureWarning
+    from emgface.errors import ConfigurationError, FeatureWarning
     from emgface.recordings.quality.plausible import doubts_of
     from emgface.signals.activation import activation_of, feature_range
     from emgface.study.configuration import TRUE_STRATEGY
     from emgface.study.truth import true_activation_of
 
     given = recording_of(recording, mapping)
+    if band is not None and (isinstance(band, str) or len(band) != 2):
+        raise ConfigurationError(
+            f"the pass-band is {band!r}, expected its two edges in Hz: pass for example (20, 400)"
+        )
     low, high = band or (None, None)
     options: dict[str, Any] = {
         "filter": {"low": low, "high": high},

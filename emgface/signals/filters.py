@@ -95,8 +95,12 @@ def constant_rows(signal: xr.DataArray) -> tuple[str, ...]:
     """Names of rows with one value throughout (electrode off, amplifier saturated)."""
     dim = row_dim(signal, TIME_EMG)
     values = np.asarray(signal.transpose(dim, TIME_EMG), dtype=float)
-    spread = values.max(axis=1) - values.min(axis=1)
-    constant = spread <= 8 * np.finfo(float).eps * np.abs(values).max(axis=1)
+    with np.errstate(invalid="ignore"):
+        spread = values.max(axis=1) - values.min(axis=1)
+    # An infinite sample is a gap and no constant; infinity would be within its own tolerance.
+    constant = np.isfinite(spread) & (
+        spread <= 8 * np.finfo(float).eps * np.abs(values).max(axis=1)
+    )
     return tuple(str(name) for name in signal[dim].values[constant])
 
 

@@ -5,7 +5,7 @@ import pytest
 import scipy.signal
 
 import emgface as ef
-from emgface.errors import FeatureWarning, SignalError
+from emgface.errors import ConfigurationError, FeatureWarning, SchemaError, SignalError
 from emgface.recordings.check import check_recording, problems
 from emgface.recordings.quality import cross_talk, emg_quality, mains_hum, remove_hum
 from emgface.recordings.quality.figure import scale_factor
@@ -203,3 +203,22 @@ def test_a_recording_with_another_gain_is_found_among_those_of_the_volunteer() -
         "14 of 14 channels (OOS_L, OOI_L, RIS_L, ZYG_L, ...) are 10 times larger"
     )
     assert doubtful_gains({name: made[name] for name in list(made)[1:3]}) == {}
+
+
+def test_an_infinite_sample_is_no_constant_channel() -> None:
+    """With silent = "zero", the channel would otherwise be inactive without a message."""
+    values = noise(seconds=3.0)
+    values[3, 500] = np.inf
+    for silent in ("error", "zero"):
+        with pytest.raises(SignalError, match="ZYG_L") as caught:
+            ef.activate(recording(values), strategy="act_all", normalisation={"silent": silent})
+        assert "one value throughout" not in str(caught.value)
+
+
+def test_arguments_of_other_types_are_refused_with_a_sentence() -> None:
+    for wrong in (None, 3, noise(2), [recording(noise(2))]):
+        with pytest.raises(SchemaError, match="expected a recording as a Dataset or the path"):
+            ef.activate(wrong)  # pyright: ignore[reportArgumentType]
+    for band in ((20,), (20, 30, 40), "20-400"):
+        with pytest.raises(ConfigurationError, match="expected its two edges in Hz"):
+            ef.activate(recording(noise()), band=band)  # pyright: ignore[reportArgumentType]

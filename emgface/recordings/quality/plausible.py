@@ -99,12 +99,14 @@ def doubtful_gains(recordings: Mapping[str, pd.DataFrame]) -> dict[str, str]:
 def doubts_of(recording: xr.Dataset) -> list[str]:
     """Return a sentence without full stop for each doubt about rate and gains of a recording.
 
-    The raw signal is ``emg`` (channel, time_emg) [V]. Without it, or if its clock is not uniform, the
-    list is empty, because later steps refuse such a recording.
+    The raw signal is ``emg`` (channel, time_emg) [V]. Without real numbers of these dims, or if its
+    clock is not uniform, the list is empty, because later steps refuse such a recording.
     """
     if "emg" not in recording or "channel" not in recording["emg"].coords:
         return []
     emg = recording["emg"]
+    if {*emg.dims} != {"channel", TIME_EMG} or emg.dtype.kind not in "fiu":
+        return []
     try:
         rate = sampling_rate(emg[TIME_EMG])
         measures = emg_quality(emg)
