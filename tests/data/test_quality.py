@@ -206,7 +206,7 @@ def test_a_recording_with_another_gain_is_found_among_those_of_the_volunteer() -
 
 
 def test_an_infinite_sample_is_no_constant_channel() -> None:
-    """With silent = "zero", the channel would otherwise be inactive without a message."""
+    """The message names the gap, with either treatment of constant channels."""
     values = noise(seconds=3.0)
     values[3, 500] = np.inf
     for silent in ("error", "zero"):
