@@ -129,17 +129,10 @@ class System(Described):
     def apart(self) -> "System | None":
         """Same system without entries for contact rows, if they can be solved separately.
 
-        Not with friction, because each row then has three directions and sliding directions change,
-        nor with constraints or products.
+        Not with constraints or products.
         """
         contact, recompiled = self.contact, self.recompiled
-        if (
-            contact is None
-            or recompiled is None
-            or contact.rubs
-            or self.scene.constraints
-            or self.has_products
-        ):
+        if contact is None or recompiled is None or self.scene.constraints or self.has_products:
             return None
         if not contact.in_matrix:
             return self

@@ -32,13 +32,14 @@ LEARNT = 64  #: number of updates stored with the matrix
 Solve = Callable[[Array], Array]
 
 
-def directions(pattern: SymmetricPattern, rows: Rows) -> csr_array:
-    """D (k, n_free), motion along the normals of rows by the free unknowns."""
+def directions(pattern: SymmetricPattern, rows: Rows, along: Array | None = None) -> csr_array:
+    """D (k, n_free), motion along directions (k, 3), by default the normals, by the free unknowns."""
+    along = rows.normal if along is None else along
     k = len(rows)
     place = np.full(3 * pattern.n_nodes, -1)
     place[pattern.free] = np.arange(len(pattern.free))
     column = place[(3 * rows.nodes[:, :, None] + np.arange(3)).reshape(k, 12)]
-    entry = (rows.weight[:, :, None] * rows.normal[:, None, :]).reshape(k, 12)
+    entry = (rows.weight[:, :, None] * along[:, None, :]).reshape(k, 12)
     used = (column >= 0) & (entry != 0.0)
     ends = np.r_[0, np.cumsum(used.sum(axis=1))]
     return csr_array((entry[used], column[used], ends), shape=(k, len(pattern.free)))

@@ -174,8 +174,8 @@ class Multipliers:
         force = np.maximum(self.normal - rho * gap, 0.0)
         energy = float((force * force / (2.0 * rho)).sum())
         if not (self.rows.friction > 0.0).any():
-            none = np.zeros(len(n))
-            return Acting(gap, force, np.zeros_like(n), none > 0.0, none, 0.0, energy)
+            none, zero = np.zeros(len(n)), np.zeros_like(n)
+            return Acting(gap, force, zero, zero, none > 0.0, none, 0.0, energy)
         across = r - along[:, None] * n
         tau = self.tangent - rho[:, None] * across
         size = np.sqrt(np.einsum("ki,ki->k", tau, tau))
@@ -188,7 +188,7 @@ class Multipliers:
         energy += dot(stored, np.ones(len(n)))
         slip = float(np.abs(across[sticks]).max()) if sticks.any() else 0.0
         turn = np.where(sticks, 0.0, share * rho)
-        return Acting(gap, force, friction, sticks, turn, slip, energy)
+        return Acting(gap, force, across, friction, sticks, turn, slip, energy)
 
     def stiffness(self, acting: "Acting") -> Array:
         """Blocks (k, 3, 3), minus the derivative of the force on the vertex by r [N/m]."""
@@ -211,7 +211,11 @@ class Multipliers:
 
     def update(self, acting: "Acting") -> None:
         """Set the multipliers to the present forces."""
-        self.normal, self.tangent = acting.force, acting.friction
+        self.set_to(acting.force, acting.friction)
+
+    def set_to(self, normal: Array, tangent: Array) -> None:
+        """Set the multipliers [N], and the bounds of friction accordingly."""
+        self.normal, self.tangent = normal, tangent
         self.bound = self.rows.friction * self.normal
 
 
@@ -221,6 +225,9 @@ class Acting:
 
     gap: Array  #: (k,) [m]
     force: Array  #: (k,) along the normals [N]
+    across: (
+        Array  #: (k, 3) displacement across the normals since the start; zero without friction [m]
+    )
     friction: Array  #: (k, 3) tangential [N]
     sticks: Flags  #: (k,) True for sticking contacts
     turn: Array  #: (k,) stiffness of a sliding contact against a change of direction [N/m]

@@ -106,7 +106,7 @@ class RowsAt:
         for i, e in enumerate(self.tangents):
             friction[self.rub] += f[self.first[self.rub] + 1 + i, None] * e
         none = np.zeros(len(gap))
-        return Acting(gap, f[self.first], friction, none > 0.0, none, 0.0, 0.0)
+        return Acting(gap, f[self.first], 0.0 * friction, friction, none > 0.0, none, 0.0, 0.0)
 
     def carried(self, rows: Rows, before: Rows, known: "RowsAt", f: Array) -> Array:
         """Forces (m,) that these rows had among earlier ones with forces f, zero for new ones."""

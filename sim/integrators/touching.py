@@ -8,9 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.contact.compliance import RowCompliance, directions
+from sim.contact.frictional import frictional
 from sim.contact.pushes import pushes
 from sim.contact.rows import Acting, Multipliers, RowPlaces, Rows
 from sim.contact.step import pressed
+from sim.contact.unit_vectors import UnitVectors
 from sim.integrators.newton import Point, Potential
 from sim.integrators.workspace import Workspace
 from sim.linear.conjugate_gradients import conjugate_gradients
@@ -40,6 +42,8 @@ FREED, FREED_LIMIT = 1e-4, 60
 """Relative error of a solution without the rows of the factor, and largest number of its iterations."""
 
 SOFT = 1e-3  #: relative regularisation of redundant rows in a correction
+
+AT_BOUND = 1e-9  #: relative distance of friction from its bound below which a contact slides
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +112,7 @@ class Touching(Potential):
 
 
 class TouchingInMatrix(Touching):
-    """Assembled contact, for friction or if the matrix is singular without contact."""
+    """Assembled contact, for scenes with constraints or a matrix that is singular without contact."""
 
     penalty, patience = IN_MATRIX, PATIENCE
 
@@ -149,21 +153,24 @@ class TouchingInMatrix(Touching):
 
 
 class TouchingApart(Touching):
-    """Contact by the Schur complement, without friction, with a factor of the potential alone.
+    """Contact by the Schur complement, with a factor of the potential alone.
 
     Each iteration minimises a quadratic model of the potential under all rows. The contact forces follow
-    from the Schur complement, and the displacement from the forces, which become the multipliers.
+    from the Schur complement, and the displacement from the forces, which become the multipliers. Rows
+    with friction have three directions, the normal one and two across it.
     """
 
     penalty, patience, haste = APART, 2, HASTE
 
     def __init__(self, potential: Potential, multipliers: Multipliers, q0: Array) -> None:
         super().__init__(potential, multipliers, q0)
-        self._directions = directions(self.system.point_pattern, multipliers.rows)
+        self._unit = UnitVectors(multipliers.rows)
+        self._directions = self._unit.directions(self.system.point_pattern)
         self._compliance: RowCompliance | None = None
-        # of the last direction: forces (m,), displacements (n,) by the factor with the previous forces
-        # and by their change; of the last step: start, displacement by the factor, number of the factor
-        self._tried: tuple[Array, Array, Array] | None = None
+        # of the last direction: previous and new forces (m,), displacements (n,) by the factor with the
+        # previous ones and by their change; of the last step: start, displacement by the factor, number
+        # of the factor
+        self._tried: tuple[Array, Array, Array, Array] | None = None
         self._moved: tuple[Point, Array, int] | None = None
         self._left = ROUGH
         assert self.system.contact is not None  # it has the rows
@@ -173,10 +180,12 @@ class TouchingApart(Touching):
         """Point for the present multipliers, and the direction to the minimum of the model.
 
         The gradient of the model is that of the potential; its matrix is the factorised one with the
-        quasi-Newton updates of later steps.
+        quasi-Newton updates of later steps. The bounds of friction are those of the new normal forces,
+        so that the direction is one of descent.
         """
         assert isinstance(point, InContact)  # result of `point`
-        alone, forces, secants = point.alone, self.multipliers.normal, work.newton.inverse_secants
+        alone, secants = point.alone, work.newton.inverse_secants
+        forces = self._unit.components(self.multipliers.normal, self.multipliers.tangent)
         rest = self._directions.T @ forces - alone.g
         by_factor = work.newton.solve(self.scale * rest)
         if self._moved is not None and self._moved[2] == work.newton.number:
@@ -184,9 +193,11 @@ class TouchingApart(Touching):
             secants.learn(alone.d - before.d, alone.g - before.g, moved - by_factor)
         self._moved = None
         free = by_factor + secants.added(rest)
-        gap = self.acting(point.d).gap + self._directions @ free
-        new, answer, pushed = self._pushed(gap, self._rows(work), work)
-        self._tried = new, by_factor, answer
+        acting = self.acting(point.d)
+        gap = self._unit.components(acting.gap, acting.across) + self._directions @ free
+        new, answer, pushed = self._pushed(gap, forces, self._rows(work), work)
+        self._tried = forces, new, by_factor, answer
+        self.multipliers.bound = self.multipliers.rows.friction * new[self._unit.first]
         return self.with_contact(alone), free + pushed
 
     def _rows(self, work: Workspace) -> RowCompliance:
@@ -195,33 +206,37 @@ class TouchingApart(Touching):
         return self._compliance
 
     def _pushed(
-        self, gap: Array, compliance: RowCompliance, work: Workspace
+        self, gap: Array, forces: Array, compliance: RowCompliance, work: Workspace
     ) -> tuple[Array, Array, Array]:
         """Forces (m,) of the model, and displacements (n,) by their change: by the factor, and in total.
 
-        Gaps (m,) are those after the displacement without a change of the forces [m].
+        Gaps and slips (m,) are those after the displacement without a change of the forces (m,) [m, N].
         """
-        forces, soft = self.multipliers.normal, 1.0 / self.multipliers.rho
+        unit, soft = self._unit, 1.0 / self.multipliers.rho
         secants, D = work.newton.inverse_secants, self._directions
         share, least, omitted = self._left
         residual = self._tolerances.residual
         new, answer = forces, np.zeros(D.shape[1])
-        pushed, on = answer, (forces > 0.0) | (gap < 0.0)
-        compliance.expect(np.flatnonzero(on | (gap < self._tolerances.likely)))
+        pushed, on = answer, (forces[unit.first] > 0.0) | (gap[unit.first] < 0.0)
+        likely = on | (gap[unit.first] < self._tolerances.likely)
+        compliance.expect(unit.of(np.flatnonzero(likely)))
         seen = secants.seen_by(D)
         for _ in range(PASSES):
-            rows = np.flatnonzero(on)
-            if not len(rows):
+            contacts = np.flatnonzero(on)
+            if not len(contacts):
                 break
+            rows = unit.of(contacts)
             G = compliance.among(rows) + secants.between(seen[rows])
-            G[np.diag_indices_from(G)] += soft[rows]
-            new = np.zeros_like(forces)
-            new[rows] = pushes(G, gap[rows] - G @ forces[rows], forces[rows] > 0.0)
+            G[np.diag_indices_from(G)] += soft[unit.contact[rows]]
+            start, new = new, np.zeros_like(forces)
+            first, rubs = np.searchsorted(rows, unit.first[contacts]), unit.friction[contacts]
+            free = gap[rows] - G @ forces[rows]
+            new[rows] = frictional(G, free, first, rubs, start[rows])
             change = D.T @ (new - forces)
             answer = work.newton.solve(self.scale * change)
             pushed = answer + secants.added(change)
             missed, size = compliance.learn(new - forces, answer)
-            more = ~on & (gap + D @ pushed < -omitted * residual)
+            more = ~on & ((gap + D @ pushed)[unit.first] < -omitted * residual)
             if missed <= max(share * size, least * residual) and not more.any():
                 break
             on |= more
@@ -233,11 +248,11 @@ class TouchingApart(Touching):
         if length < 1.0:
             self._left = SURE
         assert self._tried is not None  # set by `direction`
-        (forces, by_factor, answer), self._tried = self._tried, None
-        multipliers = self.multipliers
-        multipliers.normal = multipliers.normal + length * (forces - multipliers.normal)
+        (before, new, by_factor, answer), self._tried = self._tried, None
+        forces = before + length * (new - before)
+        self.multipliers.set_to(*self._unit.vectors(forces))
         self._moved = start.alone, by_factor + length * answer, work.newton.number
-        return replace(end, g=end.alone.g - self._directions.T @ multipliers.normal)
+        return replace(end, g=end.alone.g - self._directions.T @ forces)
 
     def refused(self, work: Workspace) -> bool:
         """Test if the compliance may be inaccurate; if so, it is computed again."""
@@ -246,22 +261,30 @@ class TouchingApart(Touching):
         return work.contact.forget_compliance()
 
     def settled(self, d: Array) -> Acting:
-        """Contact forces at the end of the iteration: the multipliers."""
-        return replace(self.acting(d), force=self.multipliers.normal)
+        """Contact forces at the end of the iteration: the multipliers.
+
+        The slip contains that which friction in another direction than the multipliers would require.
+        """
+        acting, own = self.acting(d), self.multipliers
+        turned = np.linalg.norm(acting.friction - own.tangent, axis=1) / own.rho
+        slip = max(acting.slip, float(turned.max(initial=0.0)))
+        return replace(acting, force=own.normal, friction=own.tangent, slip=slip)
 
     def held(self, rhs: Array, work: Workspace) -> Array:
-        """Solution x with the factor and D x = 0 for the active rows.
+        """Solution x with the factor and D x = 0 for the active rows, and across sticking contacts.
 
         x = A^-1 (rhs - s^2 D' f), (D C D' + 1/rho) f = D A^-1 rhs, with the compliance C = s^2 A^-1. The
         solution is repeated, because C may belong to an earlier factor.
         """
         multipliers = self.multipliers
-        on = np.flatnonzero(multipliers.normal > 0.0)
+        tangent = np.linalg.norm(multipliers.tangent, axis=1)
+        sticks = tangent < multipliers.rows.friction * multipliers.normal * (1.0 - AT_BOUND)
+        on = np.flatnonzero(self._unit.is_of(multipliers.normal > 0.0, sticks))
         x = work.newton.solve(rhs)
         if not len(on):
             return x
         D, G = self._directions[on], self._rows(work).among(on)
-        G[np.diag_indices_from(G)] += 1.0 / multipliers.rho[on]
+        G[np.diag_indices_from(G)] += 1.0 / multipliers.rho[self._unit.contact[on]]
         opening: Array = D @ x
         most = HELD_SHARE * float(np.abs(opening).max())
         for _ in range(HELD):
@@ -274,9 +297,10 @@ class TouchingApart(Touching):
     def opened(
         self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
     ) -> Array:
-        """Same as `TouchingInMatrix.opened`, with other active rows kept closed."""
+        """Same as `TouchingInMatrix.opened`, with other active rows kept closed, without friction."""
         own = self.multipliers.rows
-        elsewhere = np.flatnonzero(np.isin(own.slot, pushing) & ~np.isin(own.slot, rows.slot))
+        others = np.flatnonzero(np.isin(own.slot, pushing) & ~np.isin(own.slot, rows.slot))
+        elsewhere = self._unit.first[others]
         D = directions(self.system.point_pattern, rows)
         G = self._rows(work).beside(D, elsewhere)
         G[np.diag_indices_from(G)] *= 1.0 + SOFT
