@@ -111,9 +111,8 @@ class _Trial:
         f[across] = f[slides, None] * along + s[:, None] * turned
         u = G @ f + c
         missed = np.r_[u[held], np.einsum("ki,ki->k", turned, u[across]) + self._turning * s]
-        right = -missed.astype(np.float32)
-        change: NDArray[np.float32] = np.linalg.solve(self._matrix(single), right)
-        x = change.astype(np.float64)
+        x = np.empty_like(missed)
+        x[:] = np.linalg.solve(self._matrix(single), -missed.astype(np.float32))
         f[held] += x[: len(held)]
         f[across] = f[slides, None] * along + (s + x[len(held) :])[:, None] * turned
         return f
