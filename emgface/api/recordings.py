@@ -120,6 +120,7 @@ def activate(
     """
     import warnings
 
+    import numpy as np
     import xarray as xr
 
     from emgface.api.given import changed, merged, recording_of, study_of
@@ -130,14 +131,14 @@ def activate(
     from emgface.study.truth import true_activation_of
 
     given = recording_of(recording, mapping)
-    if band is not None and (isinstance(band, str) or len(band) != 2):
+    if band is not None and (isinstance(band, str) or np.shape(band) != (2,)):
         raise ConfigurationError(
             f"the pass-band is {band!r}, expected its two edges in Hz: pass for example (20, 400)"
         )
     low, high = band or (None, None)
     options: dict[str, Any] = {
         "filter": {"low": low, "high": high},
-        "feature": {"kind": feature} if isinstance(feature, str) else feature or {},
+        "feature": feature if isinstance(feature, Mapping) else {"kind": feature},
         "montage": {"missing_side": missing_side, "missing_muscle": missing_muscle},
     }
     for table, named in options.items():

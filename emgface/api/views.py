@@ -58,8 +58,13 @@ def show(
     >>> import emgface as ef
     >>> ef.show(ef.face(resolution="coarse"), "face.html")  # doctest: +SKIP
     """
+    import xarray as xr
+
+    from emgface.api.given import path_of
     from emgface.pictures.show import kind, opened
 
+    if not isinstance(shown, xr.Dataset):
+        path_of(shown, "something to show")
     named = os.fspath(mapping) if isinstance(mapping, os.PathLike) else mapping
     data, parts = opened(shown, named)
     view = View(data, kind(data), activation, parts)

@@ -53,7 +53,8 @@ def sampling_rate(time: np.ndarray | xr.DataArray) -> float:
 def row_dim(signal: xr.DataArray, time_dim: str = TIME_EMG) -> str:
     """Name of the dimension of a two-dimensional signal that is not time.
 
-    Raises SignalError if the signal has other than two dims or no such time.
+    Raises SignalError if the signal has other than two dims, no such time, times other than numbers of
+    seconds, or samples that are not real numbers.
     """
     others = [str(dim) for dim in signal.dims if dim != time_dim]
     if time_dim not in signal.dims or len(others) != 1:
@@ -61,6 +62,14 @@ def row_dim(signal: xr.DataArray, time_dim: str = TIME_EMG) -> str:
             f"found dims {tuple(signal.dims)}, expected one of rows and '{time_dim}': "
             "rename or select dims"
         )
+    if time_dim not in signal.coords:
+        raise SignalError(f"found no times of the samples, expected seconds: assign '{time_dim}'")
+    for what, array in (("times", signal[time_dim]), ("samples", signal)):
+        if array.dtype.kind not in "fiu":
+            raise SignalError(
+                f"the {what} are of type {array.dtype}, expected real numbers"
+                f"{' of seconds' if what == 'times' else ''}: convert them"
+            )
     return others[0]
 
 

@@ -41,7 +41,7 @@ def needed_muscles(strategy: str, instruction: str | None) -> tuple[str, ...]:
     Raises ConfigurationError if the strategy or the instruction is unknown.
     """
     if strategy not in STRATEGIES:
-        near = difflib.get_close_matches(strategy, STRATEGIES, n=1, cutoff=0.4)
+        near = difflib.get_close_matches(str(strategy), STRATEGIES, n=1, cutoff=0.4)
         raise ConfigurationError(
             f"unknown strategy '{strategy}', "
             + (f"did you mean '{near[0]}'?" if near else f"expected one of {', '.join(STRATEGIES)}")

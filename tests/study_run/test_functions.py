@@ -9,7 +9,12 @@ import xarray as xr
 
 import emgface as ef
 from emgface.api.given import changed, simulation_of, study_of
-from emgface.errors import ConfigurationError, DataError, SchemaError
+from emgface.errors import (
+    ConfigurationError,
+    DataError,
+    SchemaError,
+    SignalError,
+)
 from emgface.face.file import save_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.schema.netcdf import write_netcdf
@@ -107,6 +112,15 @@ def test_errors_are_reported(file, laboratory, tmp_path, slab):
         ef.simulate(file, slab, sigmamax=1e5)
     with pytest.raises(ConfigurationError, match="unknown parameter 'mormalisation'"):
         ef.activate(file, mormalisation={})
+    for wrong, match in (
+        ({"strategy": 3}, "unknown strategy '3'"),
+        ({"feature": 3}, "'feature.kind' = 3"),
+        ({"band": 20}, "two edges"),
+    ):
+        with pytest.raises(ConfigurationError, match=match):
+            ef.activate(file, **wrong)
+    with pytest.raises(SchemaError, match="of type NoneType, expected something to show"):
+        ef.show(None)
     with pytest.raises(SchemaError, match="contains emg.*expected activation"):
         ef.simulate(ef.read(file).drop_vars("true_activation"), slab)
     with pytest.raises(DataError, match="of kind 'recording', expected 'activation'"):
@@ -114,6 +128,27 @@ def test_errors_are_reported(file, laboratory, tmp_path, slab):
     save_face(slab, tmp_path / "face.nc")
     with pytest.raises(DataError, match="expected 'trajectory'"):
         ef.score(file, tmp_path / "face.nc")
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        (lambda emg: emg.astype(complex), "samples are of type complex128, expected real numbers"),
+        (lambda emg: emg.astype(object), "samples are of type object"),
+        (lambda emg: emg.drop_vars("time_emg"), "no times of the samples, expected seconds"),
+        (
+            lambda emg: emg.assign_coords(
+                time_emg=(1e9 * emg.time_emg.values).astype("timedelta64[ns]")
+            ),
+            "times are of type timedelta64.*expected real numbers of seconds",
+        ),
+    ],
+)
+def test_samples_and_times_are_real_numbers(file, change, match):
+    recording = ef.read(file)
+    emg = change(recording["emg"])
+    with pytest.raises(SignalError, match=match):
+        ef.activate(recording.drop_vars(["emg", "time_emg"]).assign(emg=emg), strategy="act_rel")
 
 
 @pytest.fixture(scope="module")
