@@ -69,10 +69,11 @@ def convert(
         str | None, typer.Option(help="Volunteer, if the recordings specify none or a wrong one.")
     ] = None,
     task: Annotated[
-        str | None, typer.Option(help="Instruction, if they specify none or a wrong one.")
+        str | None, typer.Option(help="Instruction, if the recordings specify none or a wrong one.")
     ] = None,
     run: Annotated[
-        int | None, typer.Option(min=1, help="Repetition, if they specify none or a wrong one.")
+        int | None,
+        typer.Option(min=1, help="Repetition, if the recordings specify none or a wrong one."),
     ] = None,
 ) -> None:
     """Convert recordings to netCDF or to EMG-BIDS and Motion-BIDS, optionally with a notch filter."""

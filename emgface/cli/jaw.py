@@ -154,7 +154,7 @@ def run(
         chosen, own = with_series(name, series)
         if series is not None and not own:
             raise typer.BadParameter(
-                f"--series has no place in the task {name!r}: specify --task chew"
+                f"--series cannot be used with the task {name!r}: specify --task chew"
             )
         if chosen.series and not own:
             say("The excitations of chewing are chosen; --series reads published ones.")
@@ -206,7 +206,7 @@ def _tell_error(motion: "xr.Dataset", tolerance: float | None) -> None:
     told += f", {100.0 * error / moved:.2g} % of the motion." if moved > 0.0 else "."
     if tolerance is not None and error > tolerance:
         shortest = 1e3 * motion.attrs["step_s"]
-        told += f" It exceeds the desired one with the shortest steps, {shortest:.2g} ms."
+        told += f" It exceeds the desired error even with the shortest steps, {shortest:.2g} ms."
     elif tolerance is None and error > 0.1 * moved:
         told += " It exceeds a tenth of the motion: specify an --accuracy such as '0.1 mm'."
     say(told)
@@ -219,7 +219,7 @@ def tasks(
     series: SeriesOption = None,
     step: StepOption = 1e-3,
 ) -> None:
-    """Run all tasks, and compare their outcome with the published one."""
+    """Run all tasks, and compare the results with the published ones."""
     from emgface.anatomy.jaw.outcomes import outcome_table
     from emgface.files import write_text
     from emgface.schema.netcdf import read_netcdf

@@ -72,11 +72,13 @@ def activate(
     if passive := excitation.attrs["passive"]:
         say(f"No channel drives {passive}; these muscles are passive.")
     if not reference:
-        say("Without --reference the strongest instant of every channel counts as full activity.")
+        say("Without --reference the highest value of every channel is taken as full activity.")
     if (above := excitation.attrs["exceeded_fraction"]) > 0.0:
-        say(f"{100.0 * above:.2g} % of the samples exceed maximum effort, and are limited.")
+        say(f"{100.0 * above:.2g} % of the samples exceed maximum effort and are clipped to it.")
     if (below := excitation.attrs["clipped_fraction"] - above) > 1e-9:
-        say(f"{100.0 * below:.2g} % lie below the rest of the reference, and are zero.")
+        say(
+            f"{100.0 * below:.2g} % lie below the resting level of the reference and are set to zero."
+        )
     say(f"Wrote {out_path}: {excitation.sizes['exciter']} exciters.")
 
 

@@ -51,8 +51,8 @@ def test_tasks_run_without_the_muscles_that_a_fixed_hyoid_lacks(published, share
     assert 10.0 < table.loc["chew", "down"] < 30.0
     for options, told in (
         (["--task", "open", "--excitation", str(out)], "replaces the excitations"),
-        (["--task", "open", "--series", str(series)], "no place in the task 'open'"),
-        (["--series", str(series)], "no place in the task 'rest'"),
+        (["--task", "open", "--series", str(series)], "cannot be used with the task 'open'"),
+        (["--series", str(series)], "cannot be used with the task 'rest'"),
     ):  # neither was used, without a word
         found = CliRunner().invoke(app, ["jaw", "run", str(jaw), "--out", str(out), *options])
         assert found.exit_code == 2 and told in " ".join(found.output.replace("\u2502", "").split())
