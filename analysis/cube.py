@@ -227,7 +227,7 @@ def _origin(trials_: list[Trial], origin: Origin | None) -> str:
     if not known or not known <= {"measured", "simulated"}:
         raise CubeError(
             f"the origin of the trials is {names(sorted(known)) or 'unknown'}, expected "
-            "'measured' or 'simulated': give origin=..."
+            "'measured' or 'simulated': specify origin=..."
         )
     return known.pop()
 

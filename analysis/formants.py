@@ -13,7 +13,10 @@ from analysis.typed import relabelled, selected
 FORMANTS: Final = 4  #: number of formants
 INSTANTS: Final = 41  #: instants of a trial at which formants are given
 VARIABLES: Final = {
-    "formant_frequency": ("Hz", "formant of the simulated lips before a tract that does not move"),
+    "formant_frequency": (
+        "Hz",
+        "formant of the simulated lips in front of a tract that does not move",
+    ),
     "formant_change": (
         "Hz",
         "largest change of a formant from its value at the start of the trial",
@@ -102,7 +105,7 @@ def formant_table(cube: xr.Dataset) -> Table | None:
     origin = origin_of(cube)
     note = (
         "Medians over trials, and over markers for rho. Formants are those of the simulated lips "
-        "before a tract that does not move; they were not measured. The change is the largest one "
+        "in front of a tract that does not move; they were not measured. The change is the largest one "
         f"in a trial, with its sign. Assumptions: {cube.attrs.get('tract', 'unknown')}."
     )
     title = f"formants of the simulated lips, {recordings(origin)}"

@@ -62,8 +62,8 @@ def incisor_table(cube: xr.Dataset) -> Table | None:
             rows.append((*row, *map(float, quartiles), *rest))
     origin = origin_of(cube)
     note = (
-        "Medians over trials. The incisor is relative to the skull, shifted by at most 0.2 s. It is no "
-        "marker of the lips and in none of their medians and tests."
+        "Medians over trials. The incisor is relative to the skull, shifted by at most 0.2 s. It is not "
+        "a marker of the lips and is not part of their medians and tests."
     )
     title = f"scores of the lower incisor in all trials, {recordings(origin)}"
     return Table(title, tuple(columns), tuple(rows), origin, note)

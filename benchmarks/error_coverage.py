@@ -7,7 +7,8 @@ Activations are estimated from simulated volunteers' EMG with three strategies, 
 Every trial is simulated without contact, or with that of a study by default (--contact), with each
 preset and with SDIRK2 in small steps; the largest distance of a lip marker over outputs is the true
 error. With contact, the estimate contains the error assumed for its events, or the one measured by
-repeating every motion of a preset in other steps (--check-contact; event_mm in the table). The first
+repeating every motion of a preset with other time steps (--check-contact; event_mm in the table). The
+first
 trials (--check) are also simulated with half of these steps, which are then their reference, and the
 difference of both references is printed. Writes one row per trial and preset, and prints, per
 preset, the fractions of trials whose true error is at most the estimate or the tolerance, medians

@@ -99,5 +99,5 @@ def _require_closed(name: str, triangles: Index) -> None:
         shown = lonely or [tuple(int(i) for i in known[np.argmax(counts)])]
         raise MeshError(
             f"surface {name} is not closed: {len(lonely)} edges have a face on one side only, or more "
-            f"than two, first {shown[:5]}: close it, or give mass and inertia"
+            f"than two, first {shown[:5]}: close it, or specify mass and inertia"
         )

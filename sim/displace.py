@@ -54,7 +54,7 @@ def displace_held(
     """
     if target.shape != state.q.shape or not np.isfinite(target).all():
         raise SceneError(
-            f"the target of held nodes has shape {target.shape} or holds NaN, expected finite "
+            f"the target of held nodes has shape {target.shape} or contains NaN, expected finite "
             f"{state.q.shape}"
         )
     if system.kinematics.matrix_varies:

@@ -60,7 +60,7 @@ class Mesh(Described):
         n = len(self.X)
         if self.X.ndim != 2 or self.X.shape[1] != 3 or not np.isfinite(self.X).all():
             raise MeshError(
-                f"node positions have shape {self.X.shape} or hold NaN, expected finite (n, 3)"
+                f"node positions have shape {self.X.shape} or contain NaN, expected finite (n, 3)"
             )
         used = np.zeros(n, dtype=bool)
         used[n - self.n_points :] = True

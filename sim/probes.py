@@ -241,4 +241,6 @@ class Contacts:
         for term in system.terms:
             if isinstance(term, MeasuresContact):
                 return term.measure(state, control)
-        raise SceneError("the probe Contacts found no contact in the scene: declare one or drop it")
+        raise SceneError(
+            "the probe Contacts found no contact in the scene: declare one or remove the probe"
+        )

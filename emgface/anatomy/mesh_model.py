@@ -49,8 +49,8 @@ def muscle_variables(
     weighted = [bundle.muscle for bundle in bundles if bundle.weight is not None]
     if weighted and len(weighted) < len(bundles):
         raise error(
-            f"{weighted[0]} has weights and {len(bundles) - len(weighted)} muscles have none, expected "
-            "all or none"
+            f"{weighted[0]} has weights and {len(bundles) - len(weighted)} muscles have none, "
+            "expected weights for all muscles or for none"
         )
     if weighted:
         weight = np.concatenate([floats(b.weight) for b in bundles if b.weight is not None])

@@ -157,7 +157,9 @@ def run(
                 f"--series cannot be used with the task {name!r}: specify --task chew"
             )
         if chosen.series and not own:
-            say("The excitations of chewing are chosen; --series reads published ones.")
+            say(
+                "The excitations of chewing are chosen, not measured; --series reads published ones."
+            )
         simulated = partial(run_task, jaw, chosen, **own)
     announce_compilation()
     with progress(f"simulating {name}") as bar:

@@ -15,8 +15,8 @@ BaselineOption = Annotated[
     list[Path] | None,
     typer.Option(
         "--baseline",
-        help="Motion by other excitations, such as those of exchanged channels, that is scored "
-        "likewise; repeatable.",
+        help="Motion by other excitations, such as those of exchanged channels, that is also scored; "
+        "repeatable.",
     ),
 ]
 

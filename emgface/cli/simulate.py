@@ -58,7 +58,7 @@ def simulate(
         bool,
         typer.Option(
             "--check-contact",
-            help="Repeat a motion with contact in other steps, to estimate its error.",
+            help="Repeat a motion with contact with other time steps, to estimate its error.",
         ),
     ] = False,
 ) -> None:

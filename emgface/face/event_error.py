@@ -2,7 +2,7 @@
 
 Where two edges meet, a difference of micrometres decides on which side one passes the other, and two
 nearby motions part. Every step is accurate, so that its estimate remains small. The error is
-therefore estimated by repeating the motion in other steps, or assumed.
+therefore estimated by repeating the motion with other time steps, or assumed.
 """
 
 from collections.abc import Callable
@@ -77,7 +77,7 @@ def event_error(
     """Error (time,) [m] of the largest marker by events of contact, 0 before the first contact.
 
     `motion` contains ``position(marker, axis, time)`` [m] and, if surfaces may touch, the variables of
-    `ContactForce`. `again` repeats it in other steps; the error is `MARGIN` times the largest
+    `ContactForce`. `again` repeats it with other time steps; the error is `MARGIN` times the largest
     distance of a marker between both motions so far, and its run time is added to ``run_time_s`` of
     the motion. If it is None or fails, the error is `ASSUMED`. The second result contains the
     attributes of a motion with contact.
@@ -109,14 +109,15 @@ def contact_statement(*, repeated: bool) -> str:
     """Sentence on the part of contact in the estimated error, for the methods of a manuscript."""
     if repeated:
         return (
-            "Every motion with contact was repeated in other steps, and twice the largest distance "
+            "Every motion with contact was repeated with other time steps, and twice the largest "
+            "distance "
             "of a marker between both was added to its estimated error"
         )
     return (
         f"From the first contact, the estimated error includes {1e3 * ASSUMED:g} mm for events "
         "that error control cannot resolve, such as a lip that passes the edge of a tooth on one "
-        "side or the other: the largest distance of a marker between two motions of one trial in "
-        "different steps, measured in other trials, not in these"
+        "side or the other: the largest distance of a marker between two motions of one trial "
+        "with different time steps, measured in other trials, not in these"
     )
 
 
@@ -131,4 +132,6 @@ def contact_share(motion: xr.Dataset) -> str:
             f"of which {error:.2g} mm is assumed for contact, the largest distance between motions in "
             f"different steps (docs/accuracy.md){'' if 'repetition_failed' in motion.attrs else advice}"
         )
-    return f"of which {error:.2g} mm is twice the distance from the repetition in other steps"
+    return (
+        f"of which {error:.2g} mm is twice the distance from the repetition with other time steps"
+    )

@@ -136,7 +136,7 @@ def simulate_face(
     The motion starts at `settled`, the result of `settle_face` (default: computed). `further` are
     probes besides markers, lips, smallest J, energies and iterations; ``progress(done,
     total)`` is called after every step. With ``parameters.check_contact``, a motion with contact is
-    repeated in other steps.
+    repeated with other time steps.
 
     The result contains ``position(marker, axis, time)`` [m] of the lip markers from time 0, with
     ``smallest_J``, ``iterations``, ``lip_opening`` [m] (negative if the lips have passed each

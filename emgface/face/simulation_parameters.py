@@ -35,7 +35,7 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
     )
     check_contact: bool = choice(
         False,
-        "Repeat every motion with contact in other steps, and add twice the largest distance of "
+        "Repeat every motion with contact with other time steps, and add twice the largest distance of "
         "a marker between both to its estimated error; otherwise 0.5 mm is added.",
         source=f"{OWN}: `python -m benchmarks error_coverage --contact`",
         note="takes about twice as long; no effect where nothing touches",

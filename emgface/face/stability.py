@@ -46,7 +46,9 @@ def stability_warning(motion: xr.Dataset) -> str:
     lowered = str(motion.attrs.get("lowered_after", ""))
     lowered = f"sigma_max was lowered after {lowered}" if lowered else ""
     if failed := motion.attrs.get("repetition_failed"):
-        failed = f"the repetition in other steps failed ({failed}), its distance is not known"
+        failed = (
+            f"the repetition with other time steps failed ({failed}), its distance is not known"
+        )
         lowered = f"{lowered}; {failed}" if lowered else failed
     changes = float(motion.attrs.get("rounding_sensitivity", 0.0))
     if changes < NOTICED:

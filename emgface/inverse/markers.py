@@ -126,7 +126,7 @@ def _sampled(lips: xr.DataArray, times: Array) -> xr.DataArray:
     if inside.sum() < 2:
         raise MarkerError(
             f"markers are recorded from {frames[0]:.4g} to {frames[-1]:.4g} s, the activation is "
-            f"wanted from {times[0]:.4g} to {times[-1]:.4g} s: expected overlapping times"
+            f"required from {times[0]:.4g} to {times[-1]:.4g} s: expected overlapping times"
         )
     after = np.clip(np.searchsorted(frames, times - 1e-9), 1, len(frames) - 1)
     for m, one in enumerate(values):

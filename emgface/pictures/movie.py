@@ -120,6 +120,6 @@ def _write_mp4(pictures: Iterator[Image.Image], path: Path, program: str, rate: 
     if done.returncode != 0:
         said = done.stderr.decode(errors="replace").strip().splitlines()
         raise DataError(
-            f"{program} could not write the movie ({said[-1] if said else 'it says nothing'}): "
+            f"{program} could not write the movie ({said[-1] if said else 'without a message'}): "
             "update it, or write a .gif"
         )

@@ -73,7 +73,8 @@ def _drawn(stated: str, data: xr.Dataset, parts: Parts | None) -> Any:
         return _function(stated)(data)
     if not parts:
         raise DataError(
-            "the dataset is the head of a file without its parts, expected both: show the file itself"
+            "the dataset is the root group of the file of a model, without its parts, expected both: "
+            "show the file itself"
         )
     return _function(stated)(data, parts)
 

@@ -65,5 +65,5 @@ class ReducedParameters(Parameters):
     )
     fall_back: bool = choice(
         True,
-        "Simulate at full order where the reduced motion is not trusted; otherwise only say so.",
+        "Simulate at full order where the reduced motion is not trusted; otherwise only report this.",
     )

@@ -94,8 +94,8 @@ def formant_figure(results: Results) -> list[Drawn]:
     """Draw the formants over time."""
     text = (
         "Formants F1 and F2 over the duration of a trial: median over volunteers and repetitions, "
-        "band between the quartiles. They follow the simulated lips before a vocal tract that "
-        "does not move."
+        "band between the quartiles. They follow the simulated lips in front of a vocal tract "
+        "that does not move."
     )
     cube = results.base
     if "formant_frequency" not in cube:
@@ -249,7 +249,7 @@ def _differences(results: Results) -> list[Drawn]:
         f"{by_emg[0]} in every muscle and instruction, means over the trials. Purple: lower, or "
         "opposite over time; orange: higher, or equal in course. The scale of activations from sEMG is "
         "that of their normalisation, so that differences of their size are no finding by themselves; "
-        "grey: one of both does not change."
+        "grey: one of the two does not change."
     )
     title = "Where activations disagree"
     return _drawn(results, "differences", title, text, lambda: difference_map(pairs))

@@ -1,4 +1,4 @@
-"""Formants of the trials of a study: the moving lips before a tract that does not move."""
+"""Formants of the trials of a study: the moving lips in front of a tract that does not move."""
 
 from collections.abc import Mapping, Sequence
 from typing import Final

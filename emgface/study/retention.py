@@ -54,7 +54,9 @@ def unused_files(folders: Iterable[Path]) -> Unused:
     folders = list(folders)
     for folder in folders:
         if any(run.state == "running" for run in read_state(folder).runs):
-            raise StoreError(f"the study in {folder} is running, expected none: wait for its end")
+            raise StoreError(
+                f"the study in {folder} is running, expected one that has ended: wait until it ends"
+            )
     files: list[Path] = []
     for store, used in used_results(folders).items():
         # Other folders may belong to simulated volunteers, or to nobody who is known here.

@@ -270,8 +270,8 @@ def _put(source: Path, path: Path, *, keep: bool) -> None:
         source.replace(path)
     except OSError as error:
         raise StoreError(
-            f"{path} cannot be written ({error.strerror}): make its folder writable, or remove what has "
-            "its name if it is not a file"
+            f"{path} cannot be written ({error.strerror}): make its folder writable, or remove a "
+            "folder of the same name"
         ) from error
 
 

@@ -63,7 +63,7 @@ class StepSolver:
         """Solve A x = rhs, or A x = rhs + G'mu with the equations G x = b.
 
         Raises NotReached if the iteration failed; A is of a form with products; SingularSystem if the
-        matrix is singular or holds NaN.
+        matrix is singular or contains NaN.
 
         A is of the system or of its `form`; an iteration begins with `start` and leaves `error` at
         most, in the units of the solution.

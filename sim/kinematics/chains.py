@@ -56,13 +56,13 @@ def resolve(
             if before is not None or held[node].any():
                 name = "Fixed" if before is None else before[0].name
                 raise SceneError(
-                    f"node {node} is held by {name} and by {attachment.name}: drop one"
+                    f"node {node} is held by {name} and by {attachment.name}: remove one"
                 )
             owner[node] = attachment, i
     both = [node for node in owner if held[node].any()]
     if both:
         raise SceneError(
-            f"node {both[0]} is held by Fixed and by {owner[both[0]][0].name}: drop one"
+            f"node {both[0]} is held by Fixed and by {owner[both[0]][0].name}: remove one"
         )
 
     rows: dict[int, _Row] = {}

@@ -56,7 +56,7 @@ def _motions(bodies: Sequence[Body], attachments: Sequence[Attachment]) -> list[
         if attachment.motion is not None:
             b, motion = attachment.motion
             if b in given:
-                raise SceneError(f"body {bodies[b].name} has two prescribed motions: drop one")
+                raise SceneError(f"body {bodies[b].name} has two prescribed motions: remove one")
             given.add(b)
             motions[b] = Path(motion)
     return motions

@@ -63,13 +63,13 @@ class Factor(LinearSolver, Protocol):
 def require_finite_matrix(values: Array) -> None:
     """Raise SingularSystem unless all values of a matrix are finite."""
     if not np.isfinite(values).all():
-        raise SingularSystem("the matrix holds NaN or infinity, expected finite values")
+        raise SingularSystem("the matrix contains NaN or infinity, expected finite values")
 
 
 def require_finite_solution(x: Array) -> None:
     """Raise SingularSystem unless a solution is finite."""
     if not np.isfinite(x).all():
-        raise SingularSystem("the solution holds NaN or infinity: the matrix is singular")
+        raise SingularSystem("the solution contains NaN or infinity: the matrix is singular")
 
 
 def symmetric_product(pattern: Sparsity, values: Array, x: Array) -> Array:

@@ -199,7 +199,7 @@ class Pardiso:
     def factorise(self, values: Array) -> None:
         """Cholesky factorisation.
 
-        Raises NotPositiveDefinite if a pivot is not positive; SingularSystem if the matrix holds NaN,
+        Raises NotPositiveDefinite if a pivot is not positive; SingularSystem if the matrix contains NaN,
         or PARDISO failed otherwise.
         """
         self._factorised = False

@@ -229,7 +229,7 @@ class ReusedFactor:
         if self._product is not None:
             raise NotReached(
                 f"the linear iteration did not reach its tolerance in {self.iterations} solutions, "
-                "expected a matrix nearer to its preconditioner: choose a direct solver"
+                "expected a matrix that its preconditioner approximates better: choose a direct solver"
             )
         if self._whole is None:
             self._whole = self._new_whole()

@@ -49,7 +49,7 @@ class SinglePardiso:
         """Cholesky factorisation.
 
         Raises NotPositiveDefinite if a pivot is not positive, in double precision either;
-        SingularSystem if the matrix holds NaN, or PARDISO failed otherwise.
+        SingularSystem if the matrix contains NaN, or PARDISO failed otherwise.
         """
         self._values = values
         try:

@@ -43,7 +43,7 @@ class NodeLoad:
     def __post_init__(self) -> None:
         if self.force.shape != (len(self.nodes), 3) or not np.isfinite(self.force).all():
             raise SceneError(
-                f"NodeLoad: force has shape {self.force.shape} or holds NaN, expected finite "
+                f"NodeLoad: force has shape {self.force.shape} or contains NaN, expected finite "
                 f"({len(self.nodes)}, 3)"
             )
 

@@ -1,4 +1,4 @@
-"""Error by events of contact: assumed, or the distance from a repetition in other steps."""
+"""Error by events of contact: assumed, or the distance from a repetition with other time steps."""
 
 import numpy as np
 import pytest

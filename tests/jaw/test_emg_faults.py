@@ -143,7 +143,7 @@ def test_sides_that_are_exchanged_in_one_file_are_told(recorded):
     """The motion then scored 0.89 instead of 0.91; exchanged in both files, nothing shows it."""
     _, own, effort = recorded
     for a, b in ((own, exchanged(effort)), (exchanged(own), effort)):
-        with pytest.warns(FeatureWarning, match="left and right seem exchanged"):
+        with pytest.warns(FeatureWarning, match="left and right seem to be exchanged"):
             excitation_of(a, chain("rms"), reference=[b])
     for a, b in ((own, effort), (exchanged(own), exchanged(effort))):
         with warnings.catch_warnings():

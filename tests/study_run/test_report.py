@@ -329,7 +329,7 @@ def test_methods_state_every_choice_of_the_mechanics() -> None:
     )
     assert "contact" not in chosen(contact={"method": "none"})
     assert "the estimated error includes 0.5 mm" in chosen()
-    assert "contact was repeated in other steps" in chosen(check_contact=True)
+    assert "contact was repeated with other time steps" in chosen(check_contact=True)
 
 
 def test_methods_state_every_choice_of_the_signals() -> None:

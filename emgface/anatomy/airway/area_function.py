@@ -171,7 +171,7 @@ def equal_sections(
 def with_lips(
     tract: xr.Dataset, area: Floats, protrusion: Floats, time: Floats, *, lips: float = LIPS
 ) -> xr.Dataset:
-    """Put moving lips before a tract that does not move.
+    """Put moving lips in front of a tract that does not move.
 
     The tube of the tract ends `lips` metres before its end. There the section of the lips begins, whose
     area is that of the opening between the lips seen from the front and whose length is `lips` plus
@@ -202,7 +202,7 @@ def with_lips(
     front = np.maximum(lips + protrusion, LEAST)[:, None]
     ways = np.hstack([np.tile(behind, (len(time), 1)), front])
     areas, total = equal_sections(parts, ways, count=max(len(given), round(L / SECTION)))
-    told = f"only the lips move, before a tract that does not ({tract.attrs['assumptions']})"
+    told = f"only the lips move, in front of a tract that does not ({tract.attrs['assumptions']})"
     return area_function(areas, total, time, assumptions=told.replace(f"; {TUBE_ONLY}", ""))
 
 

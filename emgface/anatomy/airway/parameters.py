@@ -12,7 +12,7 @@ LIPS: Final = 0.01
 class TractParameters(Parameters):
     """Tract that does not move, and the section of the lips before it."""
 
-    vowel: Literal["a", "i", "u"] = choice("u", "Idealised vowel that the tract is shaped for.")
+    vowel: Literal["a", "i", "u"] = choice("u", "Idealised vowel whose shape the tract has.")
     areas: Path | None = choice(
         None, "Area function (CSV or netCDF) used instead of the vowel; relative to this file."
     )

@@ -130,7 +130,7 @@ def _notes(motion: xr.Dataset, scores: xr.Dataset, backwards: Floats) -> list[st
         f"at most {SHIFT:g} s."
         if driven
         else "No recording drives the motion: the recording was stretched to its duration, and the "
-        "scores say how alike the paths are."
+        "scores state how similar the paths are."
     ]
     if (backwards > rho - ALIKE).any():
         told.append(

@@ -46,7 +46,7 @@ def at_rest(channels: Sequence[str], own: Floats) -> list[str]:
         warnings.warn(
             f"{'channels' if len(found) > 1 else 'channel'} {', '.join(found)}: the strongest 0.2 s are "
             f"less than {BURST:g} times the weakest, as in noise; the excitation is zero. If the "
-            "muscle was active, give recordings of maximum effort as reference",
+            "muscle was active, specify recordings of maximum effort as a reference",
             FeatureWarning,
             stacklevel=3,
         )
@@ -121,7 +121,8 @@ def tell_exchanged_sides(
     if closer.all() and np.sqrt((d * d).mean()) > UNEQUAL:
         told = ", ".join(f"{names[k][:-2]} {np.exp(x):.3g}" for k, x in zip(left, d, strict=True))
         warnings.warn(
-            f"left and right seem exchanged in the recording or in the reference: relative to maximum "
+            "left and right seem to be exchanged in the recording or in the reference: relative "
+            "to maximum "
             f"effort the left channels are {told} times as strong as the right ones, and nearly "
             "equal if the labels of one file are exchanged. Check the labels of both",
             FeatureWarning,

@@ -243,7 +243,7 @@ def _numbered(names: Iterable[str]) -> dict[str, int]:
 
 def _number(found: Mapping[str, int], wanted: str, where: str) -> int:
     if wanted not in found:
-        raise JawError(f"{where} names {wanted!r}, expected one of {', '.join(found)}")
+        raise JawError(f"{where} refers to {wanted!r}, expected one of {', '.join(found)}")
     return found[wanted]
 
 

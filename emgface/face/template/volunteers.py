@@ -55,7 +55,7 @@ PRESETS: Final[Mapping[str, str]] = {
         "girl of eight: 3D Facial Norms (Weinberg et al. 2016) where they have the measure; the other "
         "lengths and all spreads are those of the woman times 0.86, which is chosen"
     ),
-    "boy": "boy of eight: likewise, of the man",
+    "boy": "boy of eight: as for the girl, with the measures of the man",
 }
 """Groups of people, with the origin of their means."""
 
