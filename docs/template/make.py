@@ -37,12 +37,12 @@ from emgface.pictures.stills import face_figure, states_figure, write_figure
 HERE = Path(__file__).parent
 RESOLUTIONS = ("coarse", "medium", "fine", 11_520)
 REFINEMENTS = (1, 2, 4, 8)
-"""Of the coarse grid, in proportion: each halves the edges of the one before."""
+"""Factors of refinement of the coarse grid; each halves the edges of the previous grid."""
 VOLUNTEERS = 1000
 
 
 def shrink(path: Path) -> None:
-    """Store a picture as JPEG beside its PNG, and drop the latter."""
+    """Store a picture as JPEG and delete its PNG."""
     with Image.open(path) as picture:
         picture.convert("RGB").save(path.with_suffix(".jpg"), quality=88, optimize=True)
     path.unlink()
@@ -56,12 +56,12 @@ def pictures() -> str:
 
 `emgface show face.nc --out face.png` draws this picture of any face.
 
-The nostrils are dimples in the underside of the nose without a nasal passage."""
+The nostrils are dimples in the underside of the nose; the face has no nasal passage."""
 
 
 def quality() -> str:
     """Quality and volume by resolution and by preset."""
-    template_face(resolution="coarse")  # what is loaded once is not building
+    template_face(resolution="coarse")  # files that are loaded once do not count as building
     rows = {}
     for resolution in RESOLUTIONS:
         start = time.perf_counter()
@@ -124,9 +124,9 @@ def volunteers() -> str:
         }
     table = pd.DataFrame.from_dict(rows, orient="index").rename_axis("preset")
     took = (time.perf_counter() - start) / VOLUNTEERS
-    return f"""The table summarises {VOLUNTEERS} random volunteers at the fine resolution, with
-differences between the sides (`random_measures(seed, preset=..., asymmetry=1.0)`, seeds 0 to
-{VOLUNTEERS - 1}; {1e3 * took:.0f} ms each):
+    return f"""The table summarises the fine meshes of {VOLUNTEERS} random volunteers with differences
+between the sides (`random_measures(seed, preset=..., asymmetry=1.0)`, seeds 0 to {VOLUNTEERS - 1}).
+Each mesh took {1e3 * took:.0f} ms.
 
 {markdown(table.reset_index(), ".2f")}"""
 
@@ -135,13 +135,13 @@ def actions() -> str:
     """Every muscle pair alone."""
     table = muscle_actions(template_face(resolution="fine")).drop(columns=["name"])
     return f"""The table lists displacements of the fine face at 0.8 s with an activation of 0.5,
-sigma_max = 100 kPa, no gravity, and lips and teeth in contact by constraints. They are in mm; x is
-positive medially (left markers), y forward and z up. `opening` (mm) is the height of the upper
-above the lower margin in the midline, which is negative where one lip has moved in front of the other;
-`lips in lips` (mm) is the depth to which the lips penetrate each other. `agrees` is true if every
-displacement that defines the action has the stated direction and exceeds 0.1 mm, the lips do not
-penetrate each other, and a muscle that closes them moves both margins and closes at least half of the
-opening.
+sigma_max = 100 kPa, no gravity, and lips and teeth in contact by constraints. Displacements are in mm;
+x is positive medially (left markers), y forward and z up. `opening` (mm) is the height of the margin
+of the upper lip above that of the lower lip in the midline; it is negative where one lip has moved in
+front of the other. `lips in lips` (mm) is the depth to which the lips penetrate each other. `agrees`
+is true if every displacement that defines the action has the stated direction and exceeds 0.1 mm, and
+the lips do not penetrate each other. A muscle whose action is to close the lips must also move both
+margins and close at least half of the opening.
 
 {markdown(table.reset_index(), ".2f")}"""
 
@@ -180,8 +180,8 @@ def gestures() -> str:
     rows = [smiles(name, face, gesture_positions(face, JUDGED)) for name, face in faces.items()]
     rows.append(smiles("fine template", fine, positions))
     return f"""The table lists simulated displacements from rest caused by the muscles of Table 1 of
-Eskes et al. 2017. Lips and teeth are in contact by constraints. The opening is {rest:.2f} mm at
-rest, and negative where the lips have passed through each other.
+Eskes et al. 2017. Lips and teeth are in contact by constraints. The opening is {rest:.2f} mm at rest;
+it is negative where the lips have passed through each other.
 
 ![Rest and six gestures from three sides](gestures.jpg)
 
@@ -189,22 +189,24 @@ rest, and negative where the lips have passed through each other.
 
 ### Comparison with published smiles and pursing
 
-`corner` is the displacement of the marker of the left corner, `direction` its angle above the
-lateral direction in front view, `mouth width` the change of the distance between the corners of the
-opening, `lips forward` the mean of the four paramedian markers, and `upper margin up` the motion of
-the margin of the upper lip in the midline.
+The columns contain the following measures. `corner`: displacement of the marker of the left corner.
+`direction`: angle of this displacement above the lateral direction in front view. `mouth width`:
+change of the distance between the corners of the opening. `lips forward`: mean forward displacement of
+the four paramedian markers. `upper margin up`: upward displacement of the margin of the upper lip in
+the midline.
 
 {markdown(pd.concat(rows), ".1f")}
 
-In spontaneous smiles of 15 children (mean age 10.5 years) the corners moved up and laterally at about 47
-degrees, the mouth widened by 27 %, and the upper lip rose by 28 % (Tarantili et al. 2005, Am J Orthod
-Dentofacial Orthop 128:8-15). The levels of activation of the smiles were selected from several
-candidates on the medium face by comparison with these values, so that the agreement is not a prediction;
-the coarse and the fine face were not used. The corner of a published model moves by 11 to 14 mm in four
-expressions, within one standard deviation of measured displacements (Flynn et al. 2015, Comput Methods
-Biomech Biomed Eng 18:571-582); that of this template moves less, as in Eskes et al. 2017. With the
-relevant muscles, pursing closes, narrows and protrudes the lips (Eskes et al. 2017, Results; Stavness
-et al., Coupled biomechanical modeling of the face)."""
+In spontaneous smiles of 15 children (mean age 10.5 years), the corners moved up and laterally at about
+47 degrees, the mouth widened by 27 %, and the upper lip rose by 28 % (Tarantili et al. 2005, Am J
+Orthod Dentofacial Orthop 128:8-15). The levels of activation of the smiles were selected from several
+candidates by comparing the motion of the medium face with these values; the agreement is therefore not
+a prediction. The coarse and fine faces were not used in this selection. In a published model, the
+corner moves by 11 to 14 mm in four expressions, within one standard deviation of the measured
+displacements (Flynn et al. 2015, Comput Methods Biomech Biomed Eng 18:571-582). In this template, the
+corner moves less, as in the model of Eskes et al. 2017. Pursing by the relevant muscles closes,
+narrows and protrudes the lips (Eskes et al. 2017, Results; Stavness et al., Coupled biomechanical
+modeling of the face)."""
 
 
 JUDGED = ("A", "D", "F")
@@ -243,16 +245,16 @@ def published() -> str:
     models = Path(os.environ.get("EMGFACE_SHARED", "../shared")) / "artisynth_models"
     face = import_artisynth(models)
     table = smiles("published face", face, gesture_positions(face, JUDGED))
-    return f"""The table lists the same activations and measures for the imported reference face (Nazari
-et al. 2010; ArtiSynth Models), with contact of lips and teeth, muscle elements within 5 mm of the
-fibres, and the mechanics of the tables above (simulated).
+    return f"""The table lists the same measures of the imported reference face (Nazari et al. 2010;
+ArtiSynth Models), simulated with the same activations and the mechanics of the tables above. Lips and
+teeth are in contact; the elements within 5 mm of the fibres belong to the muscles.
 
 {markdown(table, ".1f")}
 
-These levels were chosen for the template and do not produce realistic smiles of this face: the corners
-move up and back, the mouth widens by 6 % in the voluntary smile and narrows in the closed-mouth smile.
-The lips are 4 mm apart at rest. Pursing narrows the mouth and moves the corners forward, but the
-paramedian markers hardly move forward, and the lips do not close.
+These levels of activation were chosen for the template and do not produce realistic smiles of this
+face: the corners move up and back, the mouth widens by 6 % in the voluntary smile and narrows in the
+closed-mouth smile. The lips are 4 mm apart at rest. Pursing narrows the mouth and moves the corners
+forward, but the paramedian markers hardly move forward, and the lips do not close.
 [Mechanics](../mechanics/README.md) compares the protrusion of this face with and without support and
 stress stiffening."""
 
@@ -312,30 +314,31 @@ def convergence() -> str:
     """Displacement of the lip markers on grids refined in proportion, with the observed order."""
     return f"""The numbers of rays and rings of the coarse grid are multiplied by 1, 2, 4 and 8
 (`refined_grid`), so that the edges along the surface are halved each time; the three anatomical layers
-are not divided. Each muscle pair has an activation of 0.3. `change`: root mean square, over the ten
-markers, of the difference between successive grids. The observed order is log2 of the ratio of two
-changes.
+are not divided. Each muscle pair has an activation of 0.3. `change` is the root mean square, over the
+ten markers, of the difference between the displacements on two successive grids. The observed order is
+log2 of the ratio of two changes.
 
 {markdown(orders(on_a_curve=False).reset_index(), ".2f")}
 
-Muscles occupy fractions of elements, so that their volume does not depend on the grid. The set of
-fixed nodes does: the border between bone and free lining crosses the rings and moves by up to one
-element from grid to grid, which causes an error of first order. In the following table, the lining
-is instead fixed outside the perioral curve, which is a ring of nodes on every grid (a different
-boundary condition, with different displacements):
+Muscles occupy fractions of elements; the volume of a muscle therefore does not depend on the grid. The
+set of fixed nodes does depend on the grid: the border between bone and free lining crosses the rings
+and moves by up to one element from grid to grid, which causes an error of first order. In the
+following table, the lining is instead fixed outside the perioral curve, which is a ring of nodes on
+every grid (a different boundary condition, with different displacements):
 
 {markdown(orders(on_a_curve=True).reset_index(), ".2f")}
 
-The orders of ZYG and DAO increase; they are therefore limited by this border. Those of LLSAN and
-OOP do not increase consistently, and the cause was not isolated (possible causes are the kink in
-the boundary condition and the mouth corner, at which the rings meet and stresses are singular)."""
+With this boundary condition, the orders of ZYG and DAO increase; the border therefore limits them in
+the first table. The orders of LLSAN and OOP do not increase consistently, and the cause was not
+isolated (possible causes are the kink in the boundary condition and the mouth corner, at which the
+rings meet and stresses are singular)."""
 
 
 def norms() -> str:
     """Means, spreads, sources."""
     return f"""All measures are in mm. In the column `standing`, `found` means that the numbers were
-taken from the table cited, and `assumption` that they are quoted without access to the source, derived
-or chosen, as stated in the note.
+taken from the table cited. `assumption` means that they were quoted without access to the source,
+derived or chosen, as stated in the note.
 
 {markdown(norms_table().reset_index(), ".1f")}
 
