@@ -91,9 +91,10 @@ def intervals(out: Path, count: int) -> None:
         ),
         "simulated",
         f"{3 * count} cubes per row, seed {SEED}, ± Monte Carlo error; difference of two strategies "
-        "in z, standard deviations of volunteer x strategy and instruction x strategy 0.3. Rows with "
-        "fewer volunteers or instructions than required show the coverage that an interval would "
-        "have; studies report no interval in these cases. Computed by python -m benchmarks calibration.",
+        "in z; the standard deviations of volunteer x strategy and instruction x strategy are 0.3. For "
+        "fewer volunteers or instructions than required, a row shows the coverage that an interval "
+        "would have; studies report no interval in these cases. Computed by python -m benchmarks "
+        "calibration.",
     )  # fmt: skip
     (out / "intervals.md").write_text(table.markdown(), encoding="utf-8")
     rows = listed(covered, ("coverage",), table.title)
@@ -112,17 +113,19 @@ def sizes(out: Path, count: int) -> None:
         say(label)
     note = (
         f"{count} cubes per condition, seed {SEED}, ± Monte Carlo error; six volunteers, six "
-        "instructions, two repetitions, three markers. Conditions: standard deviation in z of "
-        "volunteer x strategy and instruction x strategy; in the departures both are 0.3. The true "
-        "value is that of the instructions drawn, except in the rows 'mixed model, instructions' "
-        "and 'mixed model, misread' (the test of these instructions interpreted as one of "
-        "instructions in general). Computed by python -m benchmarks calibration."
+        "instructions, two repetitions, three markers. The first four conditions differ in the "
+        "standard deviations, in z, of volunteer x strategy and instruction x strategy; both are 0.3 "
+        "in the other conditions. The true value is the difference for the instructions drawn, except "
+        "in the rows 'mixed model, instructions' and 'mixed model, misread', in which it is the "
+        "difference for instructions in general. 'Misread' is the test for these instructions, "
+        "interpreted as a test for instructions in general. Computed by python -m benchmarks "
+        "calibration."
     )
     parts = [
         pivot(found, "size", "size at 0.05 without a difference, simulated scores", note),
         pivot(found, "coverage", "coverage of intervals of 0.95 (equivalence 0.90), simulated scores",
-              "The exact intervals (sign flip, Wilcoxon) have the next attainable confidence "
-              "level, 62/64."),
+              "The exact intervals (sign flip, Wilcoxon) have the confidence level 62/64, the lowest "
+              "attainable level above the nominal one."),
     ]  # fmt: skip
     text = "\n".join(part.markdown() for part in parts)
     (out / "calibration.md").write_text(text, encoding="utf-8")

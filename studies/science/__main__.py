@@ -36,11 +36,11 @@ HEAD = """# What a simulated study can and cannot show
 
     {command}
 
-This command generates the page. It uses {volunteers} simulated volunteers with the instructions
-{instructions}, {repetitions} repetitions, seed {seed}, faces of resolution {resolution}, accuracy
-"{accuracy}" and no contact of the lips; the face of the study is simulated with steps of at most
-{step:.0f} ms. **All recordings are simulated.** The scores on this page do not show how well the
-method predicts the motion of people.
+This command generates the page. The studies use {volunteers} simulated volunteers with the
+instructions {instructions}, {repetitions} repetitions, seed {seed}, faces with the resolution
+"{resolution}", accuracy "{accuracy}" and no contact of the lips; the face of the study is simulated
+with steps of at most {step:.0f} ms. **All recordings are simulated.** The scores on this page do not
+show how well the method predicts the motion of people.
 """
 BASELINES = "rho, template, ceiling, wrong instruction, shuffled EMG and skill, {} world"
 FIGURES = (
@@ -132,8 +132,8 @@ def _cost(spent: "pd.Series[float]") -> str:
     parts = ", ".join(f"{name} {value:.1f}" for name, value in minutes.items())
     return (
         "## Cost\n\n"
-        f"All runs that filled the store took {minutes.sum():.1f} minutes on {os.cpu_count()} cores, "
-        f"depending on the other programs that they execute (minutes): {parts}.\n"
+        f"All runs that filled the store took {minutes.sum():.1f} minutes on {os.cpu_count()} cores; "
+        f"this time depends on the load of the machine. The parts, in minutes: {parts}.\n"
     )
 
 

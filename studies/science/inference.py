@@ -41,12 +41,13 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
     lines = [
         "## Scope of inference",
         "",
-        f"Each point was computed from {CUBES} cubes of simulated scores of six volunteers and six "
-        "instructions, without a difference between strategies. If the effect of the strategy "
+        f"Each point of the figure was computed from {CUBES} cubes of simulated scores of six "
+        "volunteers and six instructions, without a difference between strategies. If the effect of the strategy "
         "varies among instructions with a standard deviation of 0.3 in z, a model without a term "
         "for instruction x strategy makes a false claim about instructions in general in "
-        f"{100 * float(bad['size']):.0f} % of the cubes (nominal 5 %), and its intervals cover "
-        f"{100 * float(bad['coverage']):.0f} %. With this term the values are "
+        f"{100 * float(bad['size']):.0f} % of the cubes (nominal 5 %), and its intervals contain the "
+        f"true value in {100 * float(bad['coverage']):.0f} % of the cubes. For a model with this "
+        "term, the values are "
         f"{100 * float(good['size']):.0f} % and {100 * float(good['coverage']):.0f} %, and the "
         "intervals are wider. A test that treats the instructions as fixed is valid only for these "
         "instructions.",
@@ -54,9 +55,9 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
         "![Size and coverage of claims about instructions in general against the standard deviation of "
         "instruction x strategy, simulated scores](inference.svg)",
         "",
-        "Contrasts of the studies on this page in both scopes (mixed model; no interval is given with "
-        f"fewer than {LEAST_VOLUNTEERS} volunteers or, for instructions in general, with fewer than "
-        f"{LEAST_INSTRUCTIONS} instructions):",
+        "The next table lists the contrasts of the studies on this page in both scopes (mixed model; "
+        f"no interval is given with fewer than {LEAST_VOLUNTEERS} volunteers or, for instructions in "
+        f"general, with fewer than {LEAST_INSTRUCTIONS} instructions):",
         "",
     ]
     cubes = {world: _cube(folder) for world, folder in studies.items()}
@@ -190,7 +191,8 @@ def contrasts_table(tests: Mapping[str, Mapping[str, xr.Dataset]]) -> Table:
     )  # fmt: skip
     title = "difference of strategies in Fisher's z, simulated recordings"
     note = (
-        "Intervals of 0.95, one contrast each; p Holm is corrected over the contrasts of one test."
+        "Each interval of 0.95 refers to one contrast; p Holm is corrected over the contrasts of one "
+        "test."
     )
     return Table(title, columns, tuple(rows), origin, note)
 

@@ -60,15 +60,15 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
         [
             "## Normalisation per trial and per session",
             "",
-            "Eq. 8 as printed uses the minimum and maximum of each trial, so that an inactive "
-            "muscle reaches an activation of 1 like all others. The alternative uses the minimum "
-            "and maximum over all trials of a volunteer, all instructions and repetitions "
-            "(`signals.normalisation.reach`). The table is based on "
-            f"{found['volunteer'].nunique()} volunteers, instructions {', '.join(subset())} only, the "
-            "first repetition only. A muscle is called silent in a trial if the excitation that "
-            f"generated its EMG remains below {LEAST_PEAK:g}. The table lists the median, over "
-            "trials and silent muscles, of the peak activation computed by the chain (0 for muscles "
-            "that the strategy omits).",
+            "Eq. 8 as printed uses the minimum and maximum of each trial; the computed activation of "
+            "an inactive muscle therefore reaches 1, like that of every other muscle. The alternative "
+            "uses the minimum and maximum over all trials of a volunteer, which include all "
+            "instructions and repetitions (`signals.normalisation.reach`). The table is based on "
+            f"{found['volunteer'].nunique()} volunteers, only the instructions {', '.join(subset())} "
+            "and only the first repetition. A muscle is called silent in a trial if the excitation "
+            f"that generated its EMG remains below {LEAST_PEAK:g}. For these muscles, the table lists "
+            "the median, over trials and muscles, of the peak activation computed from the EMG (0 for "
+            "muscles that the strategy omits).",
             "",
             markdown(_table(rho, peak), ".2f"),
             "",
@@ -192,10 +192,12 @@ def _reading(rho: pd.DataFrame, peak: pd.Series) -> str:
         most = max(gain, key=lambda name: float(gain[name].mean()))
         silent = {reach: peak[world, reach, "act_all"] for reach in REACHES}
         sentences.append(
-            f"* In the {world} world, normalisation per session instead of per trial changes rho of "
+            f"* In the {world} world, normalisation per session instead of per trial changes rho as "
+            "follows: "
             + ", ".join(f"{name} by {told(values, '+.2f')}" for name, values in gain.items())
-            + f"; {most} gains most. With act_all, the peak activation of silent muscles is "
-            f"{silent['trial']:.2f} per trial and {silent['session']:.2f} per session."
+            + f"; {most} gains most. With act_all, the median peak activation of silent muscles is "
+            f"{silent['trial']:.2f} with normalisation per trial and {silent['session']:.2f} with "
+            "normalisation per session."
         )
     sentences.append(
         "* act_3 and act_rel omit most silent muscles and depend less on the choice: the lower scores "
@@ -205,7 +207,7 @@ def _reading(rho: pd.DataFrame, peak: pd.Series) -> str:
             for world in worlds
             for name in ("act_3", "act_rel")
         )
-        else "* In at least one world, it is not shown that act_all gains more than both other "
+        else "* In at least one world, the results do not show that act_all gains more than both other "
         "strategies; silent muscles alone therefore do not explain the difference between the "
         "strategies."
     )

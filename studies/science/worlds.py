@@ -53,12 +53,12 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
             "",
             "The kinds of mismatch (`emgface volunteers --world ...`, with the sizes of "
             "`emgface.volunteers.world.World`) are divided into those of the recording "
-            f"({', '.join(RECORDING)}), which change the EMG alone, and those of the person "
+            f"({', '.join(RECORDING)}), which change only the EMG, and those of the person "
             f"({', '.join(PERSON)}). This section uses {found['volunteer'].nunique()} volunteers, "
-            f"instructions {', '.join(subset())} only, the first repetition only; the results of the "
-            "worlds in which both are matched or mismatched are parts of the studies of all "
-            "instructions and repetitions below. All worlds use the same persons, instructions and "
-            "random numbers. Of "
+            f"only the instructions {', '.join(subset())} and only the first repetition. The results of "
+            "the worlds in which person and recording are both matched or both mismatched are parts of "
+            "the studies with all instructions and repetitions, which the following sections describe. "
+            "All worlds use the same persons, instructions and random numbers. Of "
             f"{trials} trials, {lost} have no score.",
             "",
             markdown(_table(levels, shift).reset_index(), ".0f"),
@@ -72,8 +72,8 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
             "",
             "*Large marks: means of the table with their intervals; small marks: volunteers.*",
             "",
-            "The next table lists the change of the same means by a mismatch of the recording or of the "
-            "person; the volunteers are paired:",
+            "The next table lists how much a mismatch of the recording or of the person changes these "
+            "means; the volunteers are paired:",
             "",
             markdown(effects(levels).reset_index()),
             "",
@@ -172,9 +172,10 @@ def reading(levels: Mapping[str, pd.DataFrame], shift: pd.Series) -> str:
     sentences = [
         f"* **The true activation scores {true.loc['matched'].mean():.2f} in the matched and "
         f"{true.loc['mismatched'].mean():.2f} in the mismatched world.** It drives the face of the "
-        "study, whose anatomy, mesh, laws, muscle courses and strengths differ from the person's: "
-        f"a mismatched person changes its score by {changes[TRUE]['person, matched recording']}. "
-        "The EMG does not affect it: a mismatched recording changes it by "
+        "study, whose anatomy, mesh, laws, muscle courses and strengths differ from those of the "
+        "person: a mismatched person changes the score of the true activation by "
+        f"{changes[TRUE]['person, matched recording']}. "
+        "The EMG does not affect this score: a mismatched recording changes it by "
         f"{changes[TRUE]['recording, matched person']}.",
         "* **Delay and activation dynamics** are compensated by the alignment, which shifts the "
         "measured motion: the median shift of act_3 changes from "
@@ -185,11 +186,11 @@ def reading(levels: Mapping[str, pd.DataFrame], shift: pd.Series) -> str:
         if name == TRUE:
             continue
         sentences.append(
-            f"* {name} changes from {own.loc['matched'].mean():.2f} to "
-            f"{own.loc['mismatched'].mean():.2f}, by "
-            f"{told(own.loc['mismatched'] - own.loc['matched'], '+.2f')}: by "
-            f"{changes[name]['recording, matched person']} with a mismatched recording alone and by "
-            f"{changes[name]['person, matched recording']} with a mismatched person alone."
+            f"* The score of {name} changes from {own.loc['matched'].mean():.2f} in the matched to "
+            f"{own.loc['mismatched'].mean():.2f} in the mismatched world, by "
+            f"{told(own.loc['mismatched'] - own.loc['matched'], '+.2f')}. A mismatched recording "
+            f"alone changes this score by {changes[name]['recording, matched person']}, a mismatched "
+            f"person alone by {changes[name]['person, matched recording']}."
         )
     if "act_rel" in levels and "act_all" in levels:
         lead = levels["act_rel"] - levels["act_all"]
@@ -198,12 +199,12 @@ def reading(levels: Mapping[str, pd.DataFrame], shift: pd.Series) -> str:
             "matched world, where the bursts are drawn from the table of muscles that act_rel uses, "
             f"and {told(lead.loc['mismatched'], '+.2f')} in the mismatched world, where each person "
             "departs from this table. Because the movements of both worlds are derived from this "
-            "table, the difference is not an estimate of the difference in people."
+            "table, these values do not estimate the difference in people."
         )
     sentences.append(
-        "* The sizes of the mismatches were chosen, those of delay, activation dynamics, tissue filter "
-        "and signal-to-noise ratio according to publications. The effects depend on these "
-        "choices and on the instructions."
+        "* The sizes of the mismatches of delay, activation dynamics, tissue filter and "
+        "signal-to-noise ratio follow publications; the sizes of the other mismatches are "
+        "assumptions. The effects depend on these sizes and on the instructions."
     )
     assert set(KINDS) == {*PERSON, *RECORDING}
     return "\n".join(sentences) + "\n"
