@@ -26,54 +26,58 @@ STRESSES = (0.0, 15.9e3, 40e3, 89.4e3)
 PAGE = """# Lips, expressions and skin
 
 All results on this page are simulated. `python -m studies.mechanics` generates the tables and
-pictures of the template face, and with `--face` and `--out` those of any other face. Contact of
-the lips is switched off; `overlap` is the area in which they pass through each other. "Walls" are
-frictionless unilateral supports of 1000 N/m behind every free node of the inner surface, which
-represent teeth and bone. There is no gravity, the largest muscle stress is 100 kPa, and the pressure
-is computed at each Gauss point; equilibria are computed by the quasi-static solver.
+pictures of the template face; with `--face` and `--out` it generates those of any other face.
+Contact of the lips is switched off; `overlap` is the area in which the lips pass through each
+other. "Walls" are frictionless unilateral supports with a stiffness of 1000 N/m behind every free
+node of the inner surface; they represent teeth and bone. The simulations include no gravity, the
+largest muscle stress is 100 kPa, and the pressure is computed at each Gauss point. The quasi-static
+solver computes the equilibria.
 
 ## Interpretation
 
 **Lip rounding.** The peripheral part of orbicularis oris on both sides is activated to 0.5 and 1.
-`stiffening` is the factor on the passive moduli of its elements at full activation; 1 means no
-stiffening (Stavness et al., Fig. 11.10). With stiffening, the shape changes less between half and
-full activation: the change of the opening is 0.14 to 0.41 times, and that of the protrusion 0.40
-to 0.67 times, the change without stiffening, on both faces, with and without walls. Without walls
-and without stiffening, the lower lip of the reference face is drawn beneath the upper lip at
-activations between 0.4 and 0.5; with stiffening it is not. With walls the lips protrude further
-(Fig. 11.12); without walls they retract on the reference face. At a given activation, stiffening
-reduces the protrusion.
+`stiffening` is the factor on the passive moduli of the muscle's elements at full activation; 1
+means no stiffening (Stavness et al., Fig. 11.10). With stiffening, the shape of the lips changes
+less between half and full activation: on both faces, with and without walls, the opening changes
+0.14 to 0.41 times as much as without stiffening, and the protrusion changes 0.40 to 0.67 times as
+much. Without walls and without stiffening, the lower lip of the reference face is drawn beneath the
+upper lip at activations between 0.4 and 0.5; with stiffening, the lower lip is not drawn beneath
+the upper lip. With walls, the lips protrude further (Fig. 11.12); without walls, the lips of the
+reference face retract. At a given activation, stiffening reduces the protrusion.
 
-**Expressions.** The publication states no activations; those used are in
-`studies.mechanics.expressions.EXPRESSIONS`. Landmarks are the ten lip markers, the lip margins in the
-midline, chin and cheeks. For every skin without tension, the mouth corner is the landmark with the
-largest displacement in each of the four expressions. A stiffer skin, isotropic or orthotropic as in
-the publication (young to old), reduces the displacements in both smiles on both faces, as
-published. The exception is the expression with lips turned downwards on the reference face, in
-which the stiffest skin of either kind increases the displacement of the corners by 6 %. The effect
-of tension depends on the expression, as published. For lips turned downwards, the landmark with the
-largest displacement depends on the chosen activations: on the reference face, the depressor of the
-lower lip at an activation of only 0.1 moves the chin and the lower lip further than the depressor
-of the corner at 0.7 moves the corner.
+**Expressions.** The publication states no activations; the activations used here are listed in
+`studies.mechanics.expressions.EXPRESSIONS`. Landmarks are the ten lip markers, the lip margins in
+the midline, chin and cheeks. For every skin without tension, the mouth corner is the landmark with
+the largest displacement in each of the four expressions. A stiffer skin, isotropic or orthotropic
+as in the publication (young to old), reduces the displacements in both smiles on both faces; this
+agrees with the publication. The exception is the expression with lips turned downwards on the
+reference face, in which the stiffest skin of either kind increases the displacement of the corners
+by 6 %. The effect of tension depends on the expression, which also agrees with the publication. For
+lips turned downwards, the landmark with the largest displacement depends on the chosen activations:
+on the reference face, the depressor of the lower lip, at an activation of only 0.1, moves the chin
+and the lower lip further than the depressor of the corner, at an activation of 0.7, moves the
+corner.
 
-**Skin under tension.** Two probes, 16 mm apart, pull at the skin within a fixed ring of 30 mm radius,
-along and across the local tension line. The tension lines follow a rule: they are perpendicular to
-the muscles beneath. The median deviation from the published orientations on the reference face,
-transferred by node numbers, is 14 degrees around the mouth and 18 degrees in the upper face, but 50
-degrees in the cheeks, where the rule is no better than chance. In a fixed block, the stress equals
-the prescribed tension, and tensions of 15.9 and 89.4 kPa increase the stiffness along the line from
-14.9 to 61.6 and 248 kPa, and across it to 19.6 and 29.6 kPa (`tests/verification`). On a face, the
-stress relaxes within the ring and the tissue beneath is isotropic. Tension therefore increases the
-stiffness in both directions: 89.4 kPa increases it along and across the line by factors of 2.4 and
-1.8 on the reference face, and of 2.2 and 2.1 on the template.
+**Skin under tension.** Two probes, 16 mm apart, pull at the skin within a fixed ring of 30 mm
+radius, along and across the local tension line. The orientation of the tension lines follows a
+rule: the lines are perpendicular to the muscles beneath the skin. On the reference face, to which
+the published orientations were transferred by node numbers, the median deviation of this rule from
+these orientations is 14 degrees around the mouth and 18 degrees in the upper face. In the cheeks it
+is 50 degrees; there the rule is no better than chance. In a fixed block, the stress equals the
+prescribed tension. Tensions of 15.9 and 89.4 kPa increase the stiffness of this block from 14.9 kPa
+to 61.6 and 248 kPa along the line, and to 19.6 and 29.6 kPa across the line (`tests/verification`).
+On a face, the stress relaxes within the ring, and the tissue beneath the skin is isotropic. Tension
+therefore increases the stiffness in both directions: a tension of 89.4 kPa increases the stiffness
+along and across the line by factors of 2.4 and 1.8 on the reference face, and by factors of 2.2 and
+2.1 on the template.
 
 ## Survival
 
 The tables list the largest sigma_max (kPa), from a grid of 25 to 1000 kPa, at which no element
-inverts, for every muscle pair alone and for all twenty muscles together. They refer to the reference
-face; the activation rises from 0 to 1 in 0.1 s and is then held, and the steps are 10 ms long. The
-value 0 means that elements invert at 25 kPa, and 1000 is the end of the grid.
-`python -m benchmarks survival` writes `survival.csv`, which contains all attempts.
+inverts when one muscle pair alone or all twenty muscles together are activated. The tables refer to
+the reference face; the activation rises from 0 to 1 in 0.1 s and is then held, and the steps are
+10 ms long. The value 0 means that elements invert even at 25 kPa, and the value 1000 is the end of
+the grid. `python -m benchmarks survival` writes `survival.csv`, which contains all attempts.
 
 {survival}
 

@@ -42,8 +42,9 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
         "## Scope of inference",
         "",
         f"Each point of the figure was computed from {CUBES} cubes of simulated scores of six "
-        "volunteers and six instructions, without a difference between strategies. If the effect of the strategy "
-        "varies among instructions with a standard deviation of 0.3 in z, a model without a term "
+        "volunteers and six instructions, without a difference between strategies. If the effect of "
+        "the strategy varies among instructions with a standard deviation of 0.3 in z, a model without "
+        "a term "
         "for instruction x strategy makes a false claim about instructions in general in "
         f"{100 * float(bad['size']):.0f} % of the cubes (nominal 5 %), and its intervals contain the "
         f"true value in {100 * float(bad['coverage']):.0f} % of the cubes. For a model with this "
