@@ -136,8 +136,8 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
     """Explain a correlation by the result of `against_baselines`, in sentences."""
     told = [
         f"With a rho of {rho:.2f}, {100 * unexplained(rho):.0f} % of the amplitude of a "
-        "movement is unexplained after the best scaling; with 0.99 it is "
-        f"{100 * unexplained(0.99):.0f} %."
+        "movement remains unexplained after the best scaling; with 0.99, "
+        f"{100 * unexplained(0.99):.0f} % remains unexplained."
     ]
     # The mean over strategies, whose values differ only by missing trials.
     levels = {name: mean_defined(found[name]) for name in LEVELS}
@@ -150,9 +150,10 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
         text += f"{template:.2f} (template)"
         if np.isfinite(ceiling):
             text += (
-                f", another repetition of the same person {levels['repeat_rho']:.2f}, and the best "
+                f"; another repetition of the same person scores {levels['repeat_rho']:.2f}, and the "
+                "best motion that is the same in every repetition scores "
+                f"{ceiling:.2f} (ceiling)"
             )
-            text += f"motion that is the same in every repetition {ceiling:.2f} (ceiling)"
         told.append(text + ".")
         if template >= rho:
             told.append(
@@ -169,7 +170,7 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
         if others < 3:
             told.append(
                 "A template of one or two volunteers is unreliable. The mean of more volunteers "
-                "would score higher, so that gain and skill are overestimated."
+                "would score higher; gain and skill are therefore overestimated."
             )
     else:
         told.append("There is no other volunteer and therefore no template for comparison.")
@@ -177,7 +178,7 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
     if np.isfinite(wrong[0]):
         told.append(
             f"The simulated motion of a wrong instruction scores {wrong[0]:.2f} on average, and "
-            f"{wrong[1]:.2f} for the best of the wrong instructions."
+            f"{wrong[1]:.2f} if the best of the wrong instructions is chosen in each trial."
         )
     if not np.isfinite(ceiling):
         told.append("No instruction was repeated; ceiling and skill are undefined.")
@@ -214,7 +215,8 @@ def _of_strategy(found: xr.Dataset, strategy: str) -> str:
         text += f", skill {skill:.2f}{_interval(one, 'skill', 2)}"
     own = float(one["gain_shuffled"])
     if np.isfinite(own):
-        text += f"; the EMG of the trial scores {own:+.3f} more than that of another repetition"
+        text += "; relative to the EMG of another repetition, the EMG of the trial changes rho by "
+        text += f"{own:+.3f}"
         text += _interval(one, "gain_shuffled", 3)
     n = int(one["volunteers"])
     few = too_few_volunteers(n) if np.isfinite(gain) else ""
