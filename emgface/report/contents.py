@@ -85,7 +85,7 @@ def verdict(cube: xr.Dataset) -> list[str]:
 
 
 def accuracy(cube: xr.Dataset) -> list[str]:
-    """State the estimated error of the time steps in comparison with the motion, if it is known."""
+    """State the estimated error of the time steps in comparison with the motion; empty if unknown."""
     if not {"numerical_error", "motion", "inaccurate"} <= set(cube.data_vars):
         return []
     ok = (cube["status"] == "ok").values
@@ -95,20 +95,20 @@ def accuracy(cube: xr.Dataset) -> list[str]:
         return ["The error of the time steps was not estimated in any scored trial."]
     flagged = int((cube["inaccurate"].values[ok] == 1.0).sum())
     lost = (
-        f" {_n(int((~known).sum()), 'scored trial')} without an estimate."
+        f" It was not estimated in {_n(int((~known).sum()), 'scored trial')}."
         if not known.all()
         else ""
     )
     return [
-        f"The estimated error of the time steps is {np.median(error[known]):.2g} mm in the "
-        f"median trial and {error[known].max():.2g} mm at most, with a median motion of "
-        f"{np.nanmedian(motion):.2g} mm; it exceeds a tenth of the motion in "
+        f"The estimated error of the time steps has a median of {np.median(error[known]):.2g} mm and "
+        f"a maximum of {error[known].max():.2g} mm; the median motion is "
+        f"{np.nanmedian(motion):.2g} mm. The error exceeds a tenth of the motion in "
         f"{_n(flagged, 'trial')}{', flagged as inaccurate' if flagged else ''}.{lost}"
     ]
 
 
 def reduction(cube: xr.Dataset) -> list[str]:
-    """State how often full order replaced a reduced face, if there was one."""
+    """State in how many trials full order replaced a reduced face; empty without a reduced face."""
     if "reduced" not in cube:
         return []
     used = cube["reduced"].values[(cube["status"] == "ok").values]
@@ -116,8 +116,9 @@ def reduction(cube: xr.Dataset) -> list[str]:
     if not used.size:
         return []
     return [
-        f"{_n(used.size, 'scored trial')} with a reduced face, of which full order replaced "
-        f"{int((used == 0.0).sum())}, because the reduced motion was not trusted."
+        f"A reduced face was simulated in {_n(used.size, 'scored trial')}. In "
+        f"{int((used == 0.0).sum())} of them, the motion was computed at full order instead, because "
+        "the reduced motion was not trusted."
     ]
 
 
@@ -127,11 +128,13 @@ def inference(cube: xr.Dataset, *, known: dict[str, xr.Dataset] | None = None) -
         return Inference(["There are no scores; no test is performed."])
     if cube.sizes["strategy"] < 2:
         return Inference(
-            ["There is one strategy; a contrast requires two, and no test is performed."]
+            ["There is one strategy; a contrast requires two strategies, and no test is performed."]
         )
     if cube.sizes["volunteer"] < 2:
         return Inference(
-            ["There is one volunteer; the tests require several, and none is performed."]
+            [
+                "There is one volunteer; the tests require several volunteers, and no test is performed."
+            ]
         )
     try:
         found = known or study_statistics(cube)
@@ -165,7 +168,7 @@ def inference(cube: xr.Dataset, *, known: dict[str, xr.Dataset] | None = None) -
 
 
 def varied(cube: xr.Dataset, notes: list[str]) -> xr.Dataset | None:
-    """Compare the levels of every further axis of a cube; None if it has none."""
+    """Compare the levels of every further axis of a cube; None if there is no such axis."""
     if not further_axes(cube) or not np.isfinite(cube["rho"].values).any():
         return None
     try:

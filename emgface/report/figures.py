@@ -55,10 +55,10 @@ def score_figures(results: Results) -> list[Drawn]:
         return []
     texts = {
         "rho": "3D correlation of simulated with measured markers, after Fig. 6 of Eskes et al. "
-        "2017. Boxes span the quartiles, the line is the median, the dot the mean; whiskers reach "
-        "the last value within 1.5 interquartile ranges, crosses lie beyond.",
-        "amplitude_ratio": "Amplitude of the simulated divided by that of the measured movement; "
-        "1 is the same amplitude. rho does not depend on it.",
+        "2017. Boxes span the quartiles; the line is the median, and the dot is the mean. Whiskers "
+        "reach the last value within 1.5 interquartile ranges; crosses are values beyond.",
+        "amplitude_ratio": "Amplitude of the simulated movement divided by that of the measured "
+        "movement; 1 means equal amplitudes. rho does not depend on this ratio.",
         "rmse": "Root-mean-square distance of simulated from measured markers.",
     }
     drawn: list[Drawn] = []
@@ -94,8 +94,8 @@ def formant_figure(results: Results) -> list[Drawn]:
     """Draw the formants over time."""
     text = (
         "Formants F1 and F2 over the duration of a trial: median over volunteers and repetitions, "
-        "band between the quartiles. They follow the simulated lips in front of a vocal tract "
-        "that does not move."
+        "with a band between the quartiles. The formants change with the simulated lips; the vocal "
+        "tract behind the lips does not move."
     )
     cube = results.base
     if "formant_frequency" not in cube:
@@ -115,9 +115,9 @@ def incisor_figure(results: Results, found: Incisors) -> list[Drawn]:
 def face_figure(results: Results, faces: xr.Dataset, body: Body) -> list[Drawn]:
     """Draw the faces at their largest displacements."""
     text = (
-        "Simulated faces at the instant of the largest marker displacement, with the "
-        "markers of the recording at that instant, shifted as in the moving face, after Fig. 4 of "
-        "Eskes et al. 2017. One trial represents each instruction."
+        "Simulated faces at the instant of the largest marker displacement, after Fig. 4 of Eskes et "
+        "al. 2017. The markers of the recording at that instant are shifted as in the moving face. "
+        "One trial represents each instruction."
     )
     return _drawn(results, "faces", "Faces", text, lambda: study_faces(faces, body))
 
@@ -125,8 +125,8 @@ def face_figure(results: Results, faces: xr.Dataset, body: Body) -> list[Drawn]:
 def choices_figure(results: Results, found: xr.Dataset) -> list[Drawn]:
     """Draw the effects of the varied choices."""
     text = (
-        "Change of rho with every varied choice, the others at their reference, for each "
-        "strategy: mean over volunteers with its interval. Open symbols: not significant "
+        "Change of rho caused by each varied choice, with all other choices at their reference, for "
+        "each strategy: mean over volunteers with its interval. Open symbols: not significant "
         "after Holm's correction over all changes."
     )
     return _drawn(results, "choices", "Open choices", text, lambda: sensitivity_plot(found))
@@ -146,7 +146,8 @@ def trial_figures(results: Results) -> list[Drawn]:
     try:
         trial = results.trial(place, strategy)
     except FAILURES as error:
-        results.notes.append(f"The pictures of trial {' '.join(map(str, where.values()))}: {error}")
+        label = " ".join(map(str, where.values()))
+        results.notes.append(f"The pictures of trial {label} are omitted: {error}")
         return []
     drawn: list[Drawn] = []
     if results.study.activation_source == "estimated":
@@ -154,7 +155,7 @@ def trial_figures(results: Results) -> list[Drawn]:
             results,
             "emg",
             "Signals and features",
-            f"Trial {trial.label}: sEMG of the left side as recorded and filtered, and its "
+            f"Trial {trial.label}: sEMG of the left side as recorded and filtered, and the "
             "feature before normalisation.",
             lambda: _emg(results, trial),
         )
@@ -220,8 +221,8 @@ def _features(results: Results) -> list[Drawn]:
     if not found:
         return []
     text = (
-        f"Activation of every muscle with {strategy}, all samples of all trials of an instruction, after"
-        " Fig. 5 of Eskes et al. 2017. Whiskers span the 5th to 95th percentile."
+        f"Activation of every muscle with {strategy}, over all samples of all trials of an instruction, "
+        "after Fig. 5 of Eskes et al. 2017. Whiskers span the 5th to 95th percentile."
     )
     return _drawn(results, "features", "Features per muscle", text, lambda: feature_boxes(found))
 
@@ -246,10 +247,10 @@ def _differences(results: Results) -> list[Drawn]:
             pairs[name].append((one, other))
     text = (
         f"Activations of {' and '.join(by_markers)}, which follow all markers, compared with "
-        f"{by_emg[0]} in every muscle and instruction, means over the trials. Purple: lower, or "
-        "opposite over time; orange: higher, or equal in course. The scale of activations from sEMG is "
-        "that of their normalisation, so that differences of their size are no finding by themselves; "
-        "grey: one of the two does not change."
+        f"{by_emg[0]} in every muscle and instruction (means over the trials). Mean difference: "
+        "purple is lower, orange is higher. Correlation over time: purple is opposite, orange is equal, "
+        "and grey means that one of the two activations does not change. The scale of activations from sEMG "
+        "depends on their normalisation; a difference in size is therefore not a finding by itself."
     )
     title = "Where activations disagree"
     return _drawn(results, "differences", title, text, lambda: difference_map(pairs))

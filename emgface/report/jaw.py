@@ -1,4 +1,4 @@
-"""Lower incisor of the trials in which a head moved: path and scores beside the recording."""
+"""Path and scores of the lower incisor in trials with a moving head, compared with the recording."""
 
 from dataclasses import dataclass
 
@@ -22,10 +22,10 @@ class Incisors:
 
 
 def incisors(results: Results) -> Incisors | None:
-    """Score the incisor of the trials that represent their instructions; None without any.
+    """Score the incisor in the representative trial of each instruction; None if there is no score.
 
-    Recording and motion are compared as `emgface jaw score` does, the recording in the frame of the head
-    as for the lips. A trial that cannot be compared is noted in `results`.
+    Recording and motion are compared as by `emgface jaw score`; the recording is in the frame of the
+    head, as for the lips. A trial that cannot be compared is noted in `results`.
     """
     laboratory = results.laboratory
     if laboratory is None or laboratory.head is None:

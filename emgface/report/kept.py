@@ -25,7 +25,8 @@ class Page:
 class KeptReport:
     """Printed tables and page of a study that were computed from the present data.
 
-    Each file ends with a digest of cube, recordings, code and templates. `folder` is that of the study.
+    Each file ends with a digest of cube, recordings, code and templates. `folder` is the
+    folder of the study.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -39,7 +40,7 @@ class KeptReport:
         return path.read_text(encoding="utf-8").removesuffix(mark)
 
     def keep_text(self, text: str) -> None:
-        """Keep the printed tables, unless the study can only be read."""
+        """Keep the printed tables, unless the folder of the study is read-only."""
         with suppress(DataError):
             write_text(self._folder / "store" / "report.txt", text + self._mark("text"))
 
@@ -53,7 +54,7 @@ class KeptReport:
         return Page(out, out.stat().st_size)
 
     def keep_page(self, text: str, *, faces: bool) -> str:
-        """Keep a page, unless the study can only be read, and return it with its digest."""
+        """Keep a page, unless the folder of the study is read-only; return the page with its digest."""
         text = text.rstrip() + "\n" + self._mark(f"page {faces}")
         with suppress(DataError):
             write_text(self._folder / "store" / "page.html", text)

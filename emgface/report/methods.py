@@ -24,9 +24,9 @@ VOLUMES = {
     "nodal": "of the region of each node",
 }
 TANGENTS = {
-    "current": "as it is",
-    "passive": "current tangent without activation",
-    "rest": "at rest",
+    "current": "current tangent stiffness",
+    "passive": "current tangent stiffness without activation",
+    "rest": "stiffness at rest",
 }
 INTEGRATORS = {
     "converged": "the implicit Euler method, each step iterated until it converged,",
@@ -64,7 +64,7 @@ def _recordings(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
     head = study.signals.head_frame
     told.append(
         "The rigid motion of the head was removed by a least-squares fit of the six face markers; "
-        f"dropouts up to {1e3 * head.max_gap:g} ms were interpolated."
+        f"gaps of up to {1e3 * head.max_gap:g} ms in the positions of a marker were interpolated."
     )
     return told
 
@@ -79,9 +79,11 @@ def _signals(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
         f"(Butterworth, design order {chain.filter.order}, {way})."
     ]
     feature = chain.feature
-    text = f"Its amplitude was taken as {FEATURES[feature.kind]}"
+    text = f"Its amplitude was computed as the {FEATURES[feature.kind]}"
     if feature.kind != "envelope":
-        text += f" in windows of {1e3 * feature.window:g} ms, labelled by their {feature.label}"
+        text += (
+            f" in windows of {1e3 * feature.window:g} ms, each at the time of its {feature.label}"
+        )
     if feature.kind == "wamp":
         over = (
             f"{1e6 * feature.threshold:g} µV"
@@ -92,24 +94,24 @@ def _signals(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
     told.append(f"{text}.")
     montage = str(cube.attrs.get("montage", COMPLETE.sentence))
     complete = montage == COMPLETE.sentence
-    oom = "in the weights of the text" if chain.mapping.oom == "text" else "as printed"
+    oom = "with the weights given in the text" if chain.mapping.oom == "text" else "as printed"
     told.append(
-        f"Ten muscles per side were derived from the {STAGES[chain.mapping.mapping_stage]} of "
-        f"{'seven' if complete else 'up to seven'} electrodes per side (Eqs 2-6 of Eskes et al. 2017, "
-        f"Eq. 3 {oom})."
+        "The activity of ten muscles per side was derived from the "
+        f"{STAGES[chain.mapping.mapping_stage]} of {'seven' if complete else 'up to seven'} "
+        f"electrodes per side (Eqs 2-6 of Eskes et al. 2017, Eq. 3 {oom})."
     )
     if not complete:
         told.append(f"Channels: {montage}.")
     told.append(
-        f"Features were scaled to 0-1 by minimum and maximum {REACHES[chain.normalisation.reach]}."
+        f"Features were scaled to 0-1 by their minimum and maximum {REACHES[chain.normalisation.reach]}."
     )
-    told.append(f"Activation strategies were {', '.join(study.strategies)}.")
+    told.append(f"The activation strategies were {', '.join(study.strategies)}.")
     followed = [name for name in study.strategies if name in VARIANT]
     if followed:
         told.append(
-            f"With {' and '.join(followed)}, the activations follow the measured markers"
+            f"With {' and '.join(followed)}, the activations were estimated from the measured markers"
             f"{' and the sEMG' if followed == ['assisted'] else ''} (inverse tracking without contact, "
-            f"form {study.inverse.form!r}); every pair of markers was scored in a simulation with "
+            f"form {study.inverse.form!r}). Each pair of markers was scored in a simulation with "
             "activations that were estimated without this pair."
         )
     sampling = chain.resampling
@@ -125,23 +127,25 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
     face = str(cube.attrs.get("face", "unnamed"))
     kind = str(cube.attrs.get("face_origin", "of unstated origin"))
     if s.incompressibility == "hard":
-        volume = "the volume of every element kept"
+        volume = "constant volume of every element"
     else:
         bulk = "(ln J)²" if s.bulk_potential == "logarithmic" else "(J - 1)²"
         where = VOLUMES[s.incompressibility]
         volume = f"kappa = {s.kappa / 1e3:g} kPa, potential kappa/2 {bulk} {where}"
     told = [
         f"The face model ({face}, {kind}) consisted of Mooney-Rivlin tissue (C10 = {s.C10:g} Pa, "
-        f"C20 = {s.C20:g} Pa, {volume}; density {s.density:g} kg/m³), with Rayleigh damping "
-        f"(alpha = {s.alpha:g} 1/s, beta = {s.beta:g} s, stiffness {TANGENTS[s.damping_tangent]}) "
-        f"{'and gravity' if s.gravity else 'and no gravity'}."
+        f"C20 = {s.C20:g} Pa, {volume}; density {s.density:g} kg/m³). Rayleigh damping "
+        f"(alpha = {s.alpha:g} 1/s, beta = {s.beta:g} s, {TANGENTS[s.damping_tangent]}) was included, "
+        f"and gravity was {'included' if s.gravity else 'neglected'}."
     ]
     policy = (
         f"sigma_max was initially {s.sigma_max / 1e3:g} kPa and was multiplied by "
         f"{s.sigma_max_policy.factor:g} after each simulation that failed"
     )
     if s.muscle_form == "lines":
-        told.append(f"Muscles were lines of {s.line_force:g} N at full activation.")
+        told.append(
+            f"Muscles were modelled as lines that each exert {s.line_force:g} N at full activation."
+        )
     elif s.fibre_law == "blemker":
         told.append(f"Muscle fibres followed the law of Blemker et al. 2005; {policy}.")
     else:
@@ -155,12 +159,12 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
     ]
     if further := [text for text, used in own if used]:
         told.append(
-            f"The model had {', '.join(further)}; details are given in the table of parameters."
+            f"The model included {', '.join(further)}; details are given in the table of parameters."
         )
     told += [f"The tissue of {tissue}." for tissue in s.tissues]
     control = (
-        f", chosen by an error of {1e3 * s.error_tolerance:g} mm at the lip markers and dividing "
-        f"{1e3 * s.step:g} ms"
+        f" that divided {1e3 * s.step:g} ms and were chosen by error control with a tolerance of "
+        f"{1e3 * s.error_tolerance:g} mm at the lip markers"
         if s.error_tolerance is not None
         else f" of {1e3 * s.step:g} ms"
     )
@@ -169,12 +173,12 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
     if s.contact.method != "none" and full_order:
         told.append(f"{contact_statement(repeated=s.check_contact)}.")
     if s.reduced.file is not None:
-        otherwise = "at full order" if s.reduced.fall_back else "by it as well"
+        otherwise = "at full order" if s.reduced.fall_back else "with the reduced face as well"
         told.append(
             "A reduced face was simulated instead, in linearly implicit Euler steps of "
-            f"{1e3 * s.step:g} ms, where the bound of its error was at most "
-            f"{1e3 * s.reduced.largest_error:g} mm and the activation within the range of its "
-            f"training; other motion was computed {otherwise}."
+            f"{1e3 * s.step:g} ms, where its error bound was at most "
+            f"{1e3 * s.reduced.largest_error:g} mm and the activation was within the range of its "
+            f"training. All other motions were computed {otherwise}."
         )
     return told
 
@@ -183,15 +187,15 @@ def _scores(study: StudyConfiguration) -> list[str]:
     a = study.alignment
     scaling = {
         "length": "stretched to the simulated duration",
-        "search": "stretched by a searched factor",
+        "search": "stretched by a factor found by search",
         "none": "not stretched",
     }[a.scaling]
     sign = (
-        "The arbitrary sign of a component was chosen so that both pointed in the same "
-        f"direction where the absolute cosine between them reached {a.clear_cosine:g}, and "
-        "by the larger correlation elsewhere."
+        "Where the absolute cosine between the components of both motions reached "
+        f"{a.clear_cosine:g}, their arbitrary sign was chosen so that they pointed in the same "
+        "direction; elsewhere, the sign with the larger correlation was chosen."
         if a.sign == "direction"
-        else "The arbitrary sign of a component was chosen by the larger of the two correlations."
+        else "Of the two arbitrary signs of a component, that with the larger correlation was chosen."
     )
     form = "with equal divisors" if study.score.form == "consistent" else "as printed"
     return [
@@ -201,10 +205,10 @@ def _scores(study: StudyConfiguration) -> list[str]:
         sign,
         "Each marker was scored by the 3D correlation of Pitermann and Munhall (Eqs 11-13, "
         f"{form}), the ratio of amplitudes and the root-mean-square distance.",
-        "The noise of a marker was estimated from third differences of its positions; a "
-        f"marker whose motion had less than {study.score.smallest_snr:g} times the variance "
-        "of its noise was not scored, and the expected attenuation by noise is reported "
-        "with rho, which is not corrected.",
+        "The noise of a marker was estimated from third differences of its positions. A "
+        "marker was not scored if the variance of its motion was less than "
+        f"{study.score.smallest_snr:g} times that of its noise. The expected attenuation of rho "
+        "by noise is reported; rho itself is not corrected.",
     ]
 
 
@@ -215,12 +219,12 @@ def _comparison(cube: xr.Dataset) -> list[str]:
     these = f"the {n} instructions recorded" if n > 1 else "the one instruction recorded"
     return [
         "Strategies were compared by Fisher's z of the correlation, paired within trial and "
-        f"marker: for {these}, by sign-flip permutation of the means of the volunteers; for "
-        "instructions in general, by a linear mixed model of the differences with crossed "
-        "random slopes of volunteer and instruction (restricted maximum likelihood, degrees "
-        f"of freedom after Satterthwaite). Intervals were given for {LEAST_VOLUNTEERS} or "
-        f"more volunteers and, for instructions in general, for {LEAST_INSTRUCTIONS} or more "
-        "instructions."
+        f"marker. For {these}, the comparison was a sign-flip permutation of the means of the "
+        "volunteers. For instructions in general, it was a linear mixed model of the differences "
+        "with crossed random slopes of volunteer and instruction (restricted maximum likelihood, "
+        "degrees of freedom after Satterthwaite). Intervals were given if there were at least "
+        f"{LEAST_VOLUNTEERS} volunteers and, for instructions in general, at least "
+        f"{LEAST_INSTRUCTIONS} instructions."
     ]
 
 

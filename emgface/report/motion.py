@@ -29,7 +29,7 @@ Say = Callable[[str, int, int], None]
 def moving_faces(
     results: Results, say: Say | None = None
 ) -> tuple[xr.Dataset, Body, dict[str, Any]] | None:
-    """Simulate the skin in the trials that represent their instructions.
+    """Simulate the skin in the representative trial of each instruction.
 
     Returns the faces at their largest displacement (for `emgface.report.faces.study_faces`), their
     drawn surface, and surface and motions for the page; None if there is no trial to show. Failures
@@ -62,8 +62,8 @@ def moving_faces(
         change = float(abs(trial.scores["rho"] - cell["rho"]).max())
         if change > 1e-6:
             results.notes.append(
-                f"{label} was computed again by this version of the package; its rho differs "
-                f"from that of the cube by up to {change:.2g}: run the study again before "
+                f"{label} was computed again by this version of the package; the new rho differs "
+                f"from that in the cube by up to {change:.2g}: run the study again before "
                 "using the report."
             )
         shown.append((trial, moved))
@@ -112,7 +112,8 @@ def _measured(trial: Trial, moved: xr.Dataset) -> NDArray[np.float64]:
     """Aligned measured markers at the frames (frame, marker, axis), NaN if there are none.
 
     They are shifted by one vector, so that their mean in the first complete frame is that of the
-    simulated markers: the lips of a person lie elsewhere in the head than those of the face model.
+    simulated markers, because the position of the lips in the head differs between a person and the
+    face model.
     """
     aligned = trial.aligned["position"].transpose("time", "marker", "axis")
     order = [str(name) for name in moved["marker"].values]

@@ -38,7 +38,7 @@ def sources(results: Results) -> list[tuple[str, str]]:
         source = str(results.laboratory.face.attrs.get("source", ""))
         now_read = results.laboratory.face_digest
         if "face_digest" in attrs and now_read != attrs["face_digest"]:
-            told.append(("present digest of the face", f"{now_read}: it has been changed"))
+            told.append(("present digest of the face", f"{now_read}: the face has been changed"))
         if source:
             told.append(("source of the face", source))
     return told + [("history", line) for line in str(attrs.get("history", "")).splitlines()]
@@ -88,12 +88,12 @@ def mixture(cube: xr.Dataset) -> Table | None:
     columns = tuple(Column(name) for name in (*TRIAL_DIMS, "computed", "environments"))
     origin = origin_of(cube)
     title = f"trials by computing environment, {recordings(origin)}"
-    note = "Two environments in one row: the study was resumed in another environment within the trial."
+    note = "Two environments in one row: the trial began in one environment and resumed in another."
     return Table(title, columns, rows, origin, note)
 
 
 def warning(cube: xr.Dataset) -> str:
-    """Sentence on a mixed or unknown provenance of a cube; empty if there is none."""
+    """Sentence on a mixed or unknown provenance of a cube; empty if it is uniform and known."""
     found = environments(cube)
     if not found:
         return (

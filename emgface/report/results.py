@@ -163,7 +163,7 @@ def open_results(folder: Path) -> Results:
 
 
 def _store(folder: Path) -> Path:
-    """Store of the last run of a study, or the default one without a journal."""
+    """Store of the last run of a study, or the default store if there is no journal."""
     try:
         return read_state(folder).store(folder)
     except DataError:
@@ -173,8 +173,8 @@ def _store(folder: Path) -> Path:
 def representative(cube: xr.Dataset) -> dict[str, Place]:
     """Choose the representative trial of each instruction with a scored trial.
 
-    It is scored under most strategies and, among these trials, its median rho is nearest to the
-    median of the instruction.
+    Among the trials that are scored with the largest number of strategies, it is the trial whose
+    median rho is nearest to the median of the instruction.
     """
     chosen: dict[str, Place] = {}
     ok = cube["status"] == "ok"

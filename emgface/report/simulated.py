@@ -19,14 +19,14 @@ MATCHED = (
     "Scores close to 1 are therefore expected."
 )
 REL_MATCHED = (
-    "The bursts are drawn only from the table of relevant muscles that act_rel uses. "
+    "Only muscles in the table of relevant muscles, which act_rel also uses, are active. "
     "act_rel therefore contains the true selection of muscles by construction, and its "
     "advantage over the other strategies is not a finding."
 )
 OTHER = (
-    "These volunteers belong to the {world}. The sizes of the differences from the "
-    "assumptions of the study were chosen. The scores show the effect of differences of "
-    "these sizes, not their sizes in people."
+    "These volunteers belong to the {world}. The sizes of their differences from the "
+    "assumptions of the study were chosen. The scores show the effects of differences of "
+    "these sizes; they do not show how large such differences are in people."
 )
 REL_OTHER = (
     "The volunteers' movements are still derived from the table of relevant muscles that "

@@ -40,14 +40,14 @@ def write_page(
 ) -> Page:
     """Write the report of a finished study as one page, and return its path, size and notes.
 
-    `folder` is that of ``emgface study run --out``, or contains it. A page of the same cube,
+    `folder` is the folder of ``emgface study run --out``, or contains it. A page of the same cube,
     recordings and code is not written again: an existing file `out` (``*.html``) is unchanged, and
     a page in the store of the study is copied. `faces` includes moving and rendered faces, which
     require one simulation per instruction and strategy (stored); `known` are the tables of the
     study, if they have been computed, which saves a second; `say` receives description, completed
     number and total. A content security policy, which lists the digests of the scripts, forbids
-    every request. Raises DataError if the folder has no cube or it cannot be read, and StoreError if
-    the page cannot be written.
+    every request. Raises DataError if the folder has no cube or the cube cannot be read, and
+    StoreError if the page cannot be written.
     """
     folder = study_folder(folder)
     kept = KeptReport(folder)

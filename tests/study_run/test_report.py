@@ -221,7 +221,7 @@ def test_one_strategy_and_one_volunteer(tmp_path: Path) -> None:
     one = scores(volunteers=1)
     assert any("There is one volunteer" in sentence for sentence in contents.verdict(one))
     assert contents.inference(one).conclusions == [
-        "There is one volunteer; the tests require several, and none is performed."
+        "There is one volunteer; the tests require several volunteers, and no test is performed."
     ]
 
 
@@ -320,7 +320,8 @@ def test_methods_state_every_choice_of_the_mechanics() -> None:
         extra |= {"bulk_potential": "quadratic"} if name == "incompressibility" else {}
         told[name] = {chosen(**{name: option}, **extra) for option in options}
         assert len(told[name]) == len(options), name
-    assert "chosen by an error of 0.1 mm" in chosen(solver="converged", error_tolerance=1e-4)
+    controlled = chosen(solver="converged", error_tolerance=1e-4)
+    assert "chosen by error control with a tolerance of 0.1 mm" in controlled
     assert "lips and cheeks with the teeth, where the face has them" in chosen(), "the default"
     assert "support of 5 N/m" in chosen(support=5.0)
     held = chosen(contact={"method": "barrier", "between": ["lips"], "friction": 0.2})
@@ -367,7 +368,7 @@ def test_the_report_says_how_often_full_order_replaced_a_reduced_face() -> None:
     data = {"status": (dims, status), "reduced": (dims, used)}
     cube = xr.Dataset(data, coords={**labels, "strategy": ["act_all"]})
     (told,) = contents.reduction(cube)
-    assert told.startswith("2 scored trials with a reduced face, of which full order replaced 1,")
+    assert told.startswith("A reduced face was simulated in 2 scored trials. In 1 of them,")
     assert not contents.reduction(cube.assign(reduced=(dims, np.full(shape, np.nan))))
 
 
@@ -389,7 +390,7 @@ def test_the_error_of_the_time_steps_is_stated_beside_the_motion() -> None:
         coords={**labels, "strategy": ["act_all"]},
     )
     (told,) = contents.accuracy(cube)
-    assert "1.1 mm in the median trial and 2 mm at most, with a median motion of 5 mm" in told
+    assert "a median of 1.1 mm and a maximum of 2 mm; the median motion is 5 mm" in told
     assert "a tenth of the motion in 1 trial, flagged as inaccurate" in told
     assert (
         "not estimated in any"
