@@ -77,7 +77,7 @@ def study_statistics(
 
 
 def conclusions(found: Mapping[str, xr.Dataset]) -> list[str]:
-    """State for every contrast if a difference is significant, and its scope.
+    """State for every contrast whether the difference is significant, and for which scope.
 
     One or two sentences per contrast of the result of `study_statistics`. A difference is
     significant for the instructions of the study if the sign-flip p over all contrasts jointly is

@@ -47,7 +47,8 @@ def stability_warning(motion: xr.Dataset) -> str:
     lowered = f"sigma_max was lowered after {lowered}" if lowered else ""
     if failed := motion.attrs.get("repetition_failed"):
         failed = (
-            f"the repetition with other time steps failed ({failed}), its distance is not known"
+            f"the repetition with other time steps failed ({failed}), so the difference between the "
+            "two motions is unknown"
         )
         lowered = f"{lowered}; {failed}" if lowered else failed
     changes = float(motion.attrs.get("rounding_sensitivity", 0.0))

@@ -103,7 +103,8 @@ def estimate(
     cross-talk in the order of `emgface.muscles.MUSCLES`, and with `cross_talk` the share of the
     other muscles of the same side in every signal is estimated, too. Muscles without electrodes
     have the mean gain, and the error assumed before. ``model_error`` is the error of the face at
-    markers that were left out of the linearised fit, in pairs, over their displacement.
+    markers left out of the linearised fit (two at a time), divided by the displacement of these
+    markers.
     """
     muscles, n = trials[0].muscles, len(trials[0].muscles)
     recorded = np.array([m.rpartition("_")[0] in RECORDED for m in muscles])

@@ -75,7 +75,7 @@ class Reduced:
     curvature: Array | float = 0.0
 
     def bent(self, curvature: Array) -> "Reduced":
-        """Same with the curvature of rows (k, k)."""
+        """Return a copy with the curvature of the rows (k, k)."""
         return replace(self, curvature=self.scale * curvature)
 
     def multipliers(self, now: Conditions, g: Array, active: Flags) -> Array:

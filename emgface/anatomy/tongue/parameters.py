@@ -27,7 +27,7 @@ class TongueParameters(Parameters):
         486.0, "Second coefficient of Mooney-Rivlin.", unit="Pa", source=STAVNESS, ge=0
     )
     kappa: float = positive(
-        10370.0, "Bulk modulus of the pressure of an element.", unit="Pa", source=STAVNESS
+        10370.0, "Bulk modulus of the element-wise pressure.", unit="Pa", source=STAVNESS
     )
     young: float = positive(6912.0, "Young's modulus of 'linear'.", unit="Pa", source=PROGRAM)
     poisson: float = parameter(0.49, "Poisson's ratio of 'linear'.", source=PROGRAM, ge=0, lt=0.5)
