@@ -248,9 +248,10 @@ def _differences(results: Results) -> list[Drawn]:
     text = (
         f"Activations of {' and '.join(by_markers)}, which follow all markers, compared with "
         f"{by_emg[0]} in every muscle and instruction (means over the trials). Mean difference: "
-        "purple is lower, orange is higher. Correlation over time: purple is opposite, orange is equal, "
-        "and grey means that one of the two activations does not change. The scale of activations from sEMG "
-        "depends on their normalisation; a difference in size is therefore not a finding by itself."
+        "purple is lower, orange is higher. Correlation over time: purple is opposite, orange is "
+        "equal, and grey means that one of the two activations does not change. The scale of "
+        "activations from sEMG depends on their normalisation; a difference in size is therefore "
+        "not a finding by itself."
     )
     title = "Where activations disagree"
     return _drawn(results, "differences", title, text, lambda: difference_map(pairs))
