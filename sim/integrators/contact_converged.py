@@ -12,7 +12,8 @@ from sim.errors import NotConverged
 from sim.integrators.contract import require_upright
 from sim.integrators.newton import Iteration, Point, Potential
 from sim.integrators.newton_factor import alike
-from sim.integrators.touching import InContact, TouchingApart, TouchingInMatrix
+from sim.integrators.touching import InContact, TouchingInMatrix
+from sim.integrators.touching_apart import TouchingApart
 from sim.integrators.workspace import Workspace
 from sim.scene import Index
 from sim.state import Array, Evaluation, Pose

@@ -1,18 +1,12 @@
-"""Potentials with contact forces, by the Schur complement or by assembly.
+"""Potentials with contact forces, and that with assembled rows.
 
-Both are augmented Lagrangians of the rows' gaps g >= 0 (`sim.contact.rows`).
+They are augmented Lagrangians of the rows' gaps g >= 0 (`sim.contact.rows`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import numpy as np
-
-from sim.contact.compliance import RowCompliance, directions
-from sim.contact.frictional import frictional
-from sim.contact.pushes import pushes
 from sim.contact.rows import Acting, Multipliers, RowPlaces, Rows
 from sim.contact.step import pressed
-from sim.contact.unit_vectors import UnitVectors
 from sim.integrators.newton import Point, Potential
 from sim.integrators.workspace import Workspace
 from sim.linear.conjugate_gradients import conjugate_gradients
@@ -20,30 +14,13 @@ from sim.matrix import Matrix
 from sim.scene import Index
 from sim.state import Array, Pose
 
-IN_MATRIX, APART = 3.0, 300.0
-"""Penalty of a row relative to the stiffness; smaller if assembled, so that factors can be reused."""
-
-PASSES = 6  #: largest number of updates of the contact forces in one iteration
-
-ROUGH, SURE = (0.5, 1.0, 1.0), (0.02, 1e-3, 0.0)
-"""Tolerance of the displacement by a change of forces, relative to it and to the contact residual, and
-depth of omitted rows in residuals: while all steps were taken in full, and after a shortened or refused
-step, when rows that are closed in the potential but omitted in its model could prevent a descent."""
+IN_MATRIX = 3.0
+"""Penalty of a row relative to the stiffness, so small that factors can be reused."""
 
 PATIENCE = 6  #: number of iterations with one factor if rows are assembled
 
-HASTE = 0.5
-"""Factor on the criterion of slow convergence, because an iteration takes two solutions."""
-
-HELD, HELD_SHARE = 2, 0.05
-"""Number of corrections of a solution that keeps rows closed, and share of their opening left by it."""
-
 FREED, FREED_LIMIT = 1e-4, 60
 """Relative error of a solution without the rows of the factor, and largest number of its iterations."""
-
-SOFT = 1e-3  #: relative regularisation of redundant rows in a correction
-
-AT_BOUND = 1e-9  #: relative distance of friction from its bound below which a contact slides
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,162 +127,3 @@ class TouchingInMatrix(Touching):
         """
         push = pressed(rows, wanted, pushing, self.system.point_pattern, diagonal, self.penalty)
         return self.opening(self.answer(self.scale * self.generalised(push), work))
-
-
-class TouchingApart(Touching):
-    """Contact by the Schur complement, with a factor of the potential alone.
-
-    Each iteration minimises a quadratic model of the potential under all rows. The contact forces follow
-    from the Schur complement, and the displacement from the forces, which become the multipliers. Rows
-    with friction have three directions, the normal one and two across it.
-    """
-
-    penalty, patience, haste = APART, 2, HASTE
-
-    def __init__(self, potential: Potential, multipliers: Multipliers, q0: Array) -> None:
-        super().__init__(potential, multipliers, q0)
-        self._unit = UnitVectors(multipliers.rows)
-        self._directions = self._unit.directions(self.system.point_pattern)
-        self._compliance: RowCompliance | None = None
-        # of the last direction: previous and new forces (m,), displacements (n,) by the factor with the
-        # previous ones and by their change; of the last step: start, displacement by the factor, number
-        # of the factor
-        self._tried: tuple[Array, Array, Array, Array] | None = None
-        self._moved: tuple[Point, Array, int] | None = None
-        self._left = ROUGH
-        assert self.system.contact is not None  # it has the rows
-        self._tolerances = self.system.contact.tolerances
-
-    def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
-        """Point for the present multipliers, and the direction to the minimum of the model.
-
-        The gradient of the model is that of the potential; its matrix is the factorised one with the
-        quasi-Newton updates of later steps. The bounds of friction are those of the new normal forces,
-        so that the direction is one of descent.
-        """
-        assert isinstance(point, InContact)  # result of `point`
-        alone, secants = point.alone, work.newton.inverse_secants
-        forces = self._unit.components(self.multipliers.normal, self.multipliers.tangent)
-        rest = self._directions.T @ forces - alone.g
-        by_factor = work.newton.solve(self.scale * rest)
-        if self._moved is not None and self._moved[2] == work.newton.number:
-            before, moved, _ = self._moved
-            secants.learn(alone.d - before.d, alone.g - before.g, moved - by_factor)
-        self._moved = None
-        free = by_factor + secants.added(rest)
-        acting = self.acting(point.d)
-        gap = self._unit.components(acting.gap, acting.across) + self._directions @ free
-        new, answer, pushed = self._pushed(gap, forces, self._rows(work), work)
-        self._tried = forces, new, by_factor, answer
-        self.multipliers.bound = self.multipliers.rows.friction * new[self._unit.first]
-        return self.with_contact(alone), free + pushed
-
-    def _rows(self, work: Workspace) -> RowCompliance:
-        if self._compliance is None:
-            self._compliance = RowCompliance(self._directions, work.contact.compliance(self.scale))
-        return self._compliance
-
-    def _pushed(
-        self, gap: Array, forces: Array, compliance: RowCompliance, work: Workspace
-    ) -> tuple[Array, Array, Array]:
-        """Forces (m,) of the model, and displacements (n,) by their change: by the factor, and in total.
-
-        Gaps and slips (m,) are those after the displacement without a change of the forces (m,) [m, N].
-        """
-        unit, soft = self._unit, 1.0 / self.multipliers.rho
-        secants, D = work.newton.inverse_secants, self._directions
-        share, least, omitted = self._left
-        residual = self._tolerances.residual
-        new, answer = forces, np.zeros(D.shape[1])
-        pushed, on = answer, (forces[unit.first] > 0.0) | (gap[unit.first] < 0.0)
-        likely = on | (gap[unit.first] < self._tolerances.likely)
-        compliance.expect(unit.of(np.flatnonzero(likely)))
-        seen = secants.seen_by(D)
-        for _ in range(PASSES):
-            contacts = np.flatnonzero(on)
-            if not len(contacts):
-                break
-            rows = unit.of(contacts)
-            G = compliance.among(rows) + secants.between(seen[rows])
-            G[np.diag_indices_from(G)] += soft[unit.contact[rows]]
-            start, new = new, np.zeros_like(forces)
-            first, rubs = np.searchsorted(rows, unit.first[contacts]), unit.friction[contacts]
-            free = gap[rows] - G @ forces[rows]
-            new[rows] = frictional(G, free, first, rubs, start[rows])
-            change = D.T @ (new - forces)
-            answer = work.newton.solve(self.scale * change)
-            pushed = answer + secants.added(change)
-            missed, size = compliance.learn(new - forces, answer)
-            more = ~on & ((gap + D @ pushed)[unit.first] < -omitted * residual)
-            if missed <= max(share * size, least * residual) and not more.any():
-                break
-            on |= more
-        return new, answer, pushed
-
-    def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
-        """End of a step, with the forces of the model as the new multipliers."""
-        assert isinstance(start, InContact) and isinstance(end, InContact)
-        if length < 1.0:
-            self._left = SURE
-        assert self._tried is not None  # set by `direction`
-        (before, new, by_factor, answer), self._tried = self._tried, None
-        forces = before + length * (new - before)
-        self.multipliers.set_to(*self._unit.vectors(forces))
-        self._moved = start.alone, by_factor + length * answer, work.newton.number
-        return replace(end, g=end.alone.g - self._directions.T @ forces)
-
-    def refused(self, work: Workspace) -> bool:
-        """Test if the compliance may be inaccurate; if so, it is computed again."""
-        self._left = SURE
-        self._compliance = None
-        return work.contact.forget_compliance()
-
-    def settled(self, d: Array) -> Acting:
-        """Contact forces at the end of the iteration: the multipliers.
-
-        The slip contains that which friction in another direction than the multipliers would require.
-        """
-        acting, own = self.acting(d), self.multipliers
-        turned = np.linalg.norm(acting.friction - own.tangent, axis=1) / own.rho
-        slip = max(acting.slip, float(turned.max(initial=0.0)))
-        return replace(acting, force=own.normal, friction=own.tangent, slip=slip)
-
-    def held(self, rhs: Array, work: Workspace) -> Array:
-        """Solution x with the factor and D x = 0 for the active rows, and across sticking contacts.
-
-        x = A^-1 (rhs - s^2 D' f), (D C D' + 1/rho) f = D A^-1 rhs, with the compliance C = s^2 A^-1. The
-        solution is repeated, because C may belong to an earlier factor.
-        """
-        multipliers = self.multipliers
-        tangent = np.linalg.norm(multipliers.tangent, axis=1)
-        sticks = tangent < multipliers.rows.friction * multipliers.normal * (1.0 - AT_BOUND)
-        on = np.flatnonzero(self._unit.is_of(multipliers.normal > 0.0, sticks))
-        x = work.newton.solve(rhs)
-        if not len(on):
-            return x
-        D, G = self._directions[on], self._rows(work).among(on)
-        G[np.diag_indices_from(G)] += 1.0 / multipliers.rho[self._unit.contact[on]]
-        opening: Array = D @ x
-        most = HELD_SHARE * float(np.abs(opening).max())
-        for _ in range(HELD):
-            x = x - work.newton.solve(self.scale * (D.T @ np.linalg.solve(G, opening)))
-            opening = D @ x
-            if float(np.abs(opening).max()) <= most:
-                break
-        return x
-
-    def opened(
-        self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
-    ) -> Array:
-        """Same as `TouchingInMatrix.opened`, with other active rows kept closed, without friction."""
-        own = self.multipliers.rows
-        others = np.flatnonzero(np.isin(own.slot, pushing) & ~np.isin(own.slot, rows.slot))
-        elsewhere = self._unit.first[others]
-        D = directions(self.system.point_pattern, rows)
-        G = self._rows(work).beside(D, elsewhere)
-        G[np.diag_indices_from(G)] *= 1.0 + SOFT
-        gap = np.r_[-wanted, np.zeros(len(elsewhere))]
-        force = pushes(G, gap, gap < 0.0)
-        push = D.T @ force[: len(rows)] + self._directions[elsewhere].T @ force[len(rows) :]
-        x = work.newton.solve(self.scale * push)
-        return self.opening(x)
