@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.signal import butter, sosfilt
 
 from emgface.recordings.check import check_recording, problems
 from emgface.recordings.kinds import kind_of_name, kind_of_unit, signal_of
@@ -13,7 +14,8 @@ RATE = 2000.0
 TIME = np.arange(8000) / RATE
 RNG = np.random.default_rng(11)
 NOISE = RNG.standard_normal(TIME.size)
-EMG = 60e-6 * NOISE * (TIME % 1 > 0.5) + 2e-6 * RNG.standard_normal(TIME.size)
+MUSCLE = sosfilt(butter(2, [30.0, 200.0], "bandpass", fs=RATE, output="sos"), NOISE)
+EMG = 120e-6 * MUSCLE * (TIME % 1 > 0.5) + 2e-6 * RNG.standard_normal(TIME.size)
 SLOW = np.sin(2 * np.pi * 0.7 * TIME)
 
 
