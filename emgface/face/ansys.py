@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emgface.errors import FaceError
+from emgface.texts import read_text
 
 MILLIMETRE = 1e-3  #: unit of length of the published files [m]
 
@@ -190,7 +191,7 @@ def _real(text: str) -> float:
 def lines(path: Path) -> Iterator[tuple[int, str]]:
     """Lines of a text file that are not blank, with numbers; FaceError if it cannot be read."""
     try:
-        text = path.read_text(encoding="ascii")
+        text = read_text(path, "ascii")
     except OSError as error:
         raise FaceError(f"{path} cannot be read ({error.strerror}): check the path") from error
     except UnicodeDecodeError as error:

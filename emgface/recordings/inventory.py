@@ -13,8 +13,9 @@ import xarray as xr
 from emgface.errors import DataError, EmgfaceError
 from emgface.recordings.check import check_recording
 from emgface.recordings.dataset import read_recording, readers
-from emgface.recordings.labels import note, read_toml
+from emgface.recordings.labels import note
 from emgface.schema.rules import one_line
+from emgface.texts import read_text, read_toml
 
 TEXTS = (".md", ".json", ".tsv", ".pdf", ".rst", ".license", "")
 """Suffixes of files that describe recordings; of these only ``*_motion.tsv`` contains signals."""
@@ -76,11 +77,16 @@ def read_files(
 def _files(root: Path) -> Iterator[Path]:
     known = readers()
     for path in sorted(root.rglob("*")):
-        if not path.is_file() or path.name.startswith(".") or path.name.isupper():
-            continue
         suffix = path.suffix.lower()
+        if path.name.startswith(".") or path.is_dir() and not path.is_symlink():
+            continue
+        if path.is_symlink() and not path.is_file():
+            yield path  # a link to a folder is not followed, one to an absent file cannot be
+            continue
+        if not path.is_file():
+            continue
         reader = known.get(suffix)
-        if suffix in BESIDE_HEADER and path.with_suffix(".vhdr").is_file():
+        if suffix in BESIDE_HEADER and _beside(path, ".vhdr"):
             continue
         if suffix == ".tsv":
             if reader is not None and path.name.endswith("_motion.tsv"):
@@ -89,6 +95,11 @@ def _files(root: Path) -> Iterator[Path]:
             yield path
         elif suffix not in TEXTS and path.stem.lower() not in ("readme", "origin", "codebook"):
             yield path
+
+
+def _beside(path: Path, suffix: str) -> bool:
+    """Return True if a file of the same name has the suffix, in upper or lower case."""
+    return any(path.with_suffix(s).is_file() for s in (suffix, suffix.upper()))
 
 
 def _sidecars(root: Path, folder: Path) -> tuple[dict[Path, str], list[tuple[Path, EmgfaceError]]]:
@@ -100,13 +111,14 @@ def _sidecars(root: Path, folder: Path) -> tuple[dict[Path, str], list[tuple[Pat
         raise DataError(f"No folder {folder}; expected TOML sidecars in it: check the path.")
     found: dict[Path, str] = {}
     bad: list[tuple[Path, EmgfaceError]] = []
-    for path in sorted(folder.glob("*.toml")):
+    for path in sorted(p for p in folder.iterdir() if p.suffix.lower() == ".toml"):
         try:
             content = read_toml(path)
-            text = path.read_text(encoding="utf-8")
+            text = read_text(path)
         except (EmgfaceError, OSError) as error:
             bad.append((path, DataError(str(error))))
             continue
+        described: list[Path] = []
         for part in ("emg", "position"):
             table = content.get(part)
             name = table.get("file") if isinstance(table, dict) else None
@@ -119,8 +131,24 @@ def _sidecars(root: Path, folder: Path) -> tuple[dict[Path, str], list[tuple[Pat
                 text,
                 flags=re.MULTILINE,
             )
-            found[target] = text
+            described.append(target)
+        if problem := _unusable(root, described, found):
+            bad.append((path, DataError(f"{path.name} {problem}")))
+            continue
+        found |= dict.fromkeys(described, text)
     return found, bad
+
+
+def _unusable(root: Path, described: list[Path], found: dict[Path, str]) -> str:
+    """Reason why a sidecar describes no file of a folder, or one that another describes."""
+    if not described:
+        return "describes no file; expected the entry 'file' in a table 'emg' or 'position'."
+    for target in described:
+        if not target.is_file():
+            return f"describes {target.name}, which {root} lacks; expected a path relative to it."
+        if target in found:
+            return f"describes {target.name}, as another sidecar does; expected one: delete one."
+    return ""
 
 
 def _row(path: Path, root: Path, found: xr.Dataset | EmgfaceError) -> dict[str, Any]:

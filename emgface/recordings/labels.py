@@ -1,7 +1,6 @@
 """Assignment of the labels of a file to the names of the study, with a record of omissions."""
 
 import json
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,8 +10,9 @@ import xarray as xr
 from pydantic import Field
 
 from emgface.choices import Parameters, configure
-from emgface.errors import ConfigurationError, DataError, SchemaError, listed
-from emgface.schema.rules import hint, one_line
+from emgface.errors import DataError, SchemaError, listed
+from emgface.schema.rules import hint
+from emgface.texts import read_toml
 
 
 class LabelMap(Parameters):
@@ -47,21 +47,6 @@ def read_label_map(mapping: Mapping[str, Any] | LabelMap | str | Path | None) ->
     if isinstance(mapping, Mapping):
         return configure(LabelMap, mapping, where="mapping")
     return configure(LabelMap, read_toml(Path(mapping)), where=Path(mapping).name)
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """Return the tables of a TOML file; ConfigurationError if it is absent or is not TOML."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigurationError(
-            f"Cannot read {path}: {error.strerror}; expected a TOML file: check its path."
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ConfigurationError(
-            f"{path.name} is not valid TOML ({one_line(error)}); expected lines such as name = 'value': "
-            "repair it."
-        ) from error
 
 
 def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:

@@ -1,7 +1,6 @@
 """Layout of a text table, from its contents: encoding, delimiter, decimal sign, labels, units."""
 
 import codecs
-import gzip
 import re
 from collections import Counter
 from dataclasses import dataclass
@@ -10,10 +9,10 @@ from typing import Final, Literal
 
 from emgface.errors import DataError
 from emgface.schema.units import quantity_of, spelling
+from emgface.texts import marked_encoding, read_bytes
 
 HEAD: Final = 1 << 20  #: bytes of a file that are looked at
 _DELIMITERS: Final = ("\t", ";", ",", "|", r"\s+")
-_MARKS: Final = (codecs.BOM_UTF8, codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 _NUMBER: Final = {
     sign: re.compile(
         rf"[+-]?(\d+({re.escape(sign)}\d*)?|{re.escape(sign)}\d+)([eE][+-]?\d+)?|[nN]a[nN]"
@@ -107,19 +106,18 @@ def unit_in(label: str) -> str:
 def _text(path: Path) -> tuple[str, str | None]:
     """Beginning of a file as text without its last, possibly truncated, line; and its encoding."""
     try:
-        with gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb") as stream:
-            data = stream.read(HEAD)
-    except (OSError, EOFError) as error:
+        data = read_bytes(path, HEAD)
+    except OSError as error:
         raise DataError(f"{path.name} cannot be read ({error}); expected a text table.") from error
     whole = len(data) < HEAD
-    mark = next((mark for mark in _MARKS if data.startswith(mark)), None)
-    if mark is None and b"\x00" in data[:4096]:
+    marked = marked_encoding(data)
+    if marked is None and b"\x00" in data[:4096]:
         raise DataError(
             f"{path.name} contains binary data; expected a table of text: export it as CSV."
         )
     encoding = None
-    if mark is not None:
-        text = data.decode("utf-8-sig" if mark == codecs.BOM_UTF8 else "utf-16", "replace")
+    if marked is not None:
+        text = data.decode(marked, "replace")
     else:
         try:
             text = codecs.getincrementaldecoder("utf-8")().decode(data, whole)

@@ -1,7 +1,6 @@
 """Trials excluded from a study, with reasons, which are stored in the cube."""
 
 import json
-import tomllib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from pydantic import field_validator
 from emgface.choices import Parameters, choice, configure, parameter
 from emgface.errors import ConfigurationError
 from emgface.muscles import INSTRUCTIONS
+from emgface.texts import read_toml
 
 Place = tuple[str, str, int]  #: volunteer, instruction, repetition
 
@@ -80,16 +80,12 @@ def read_exclusions(path: Path) -> tuple[Exclusion, ...]:
     ``emgface data check --exclude`` writes such a file. Raises ConfigurationError if the file is
     absent, is not TOML, or an entry is unknown or lacks its reason.
     """
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
+    if not path.is_file():
         raise ConfigurationError(
-            f"{path} cannot be read ({error.strerror}), expected a file of exclusions: write one "
+            f"{path} cannot be read (no such file), expected a file of exclusions: write one "
             "with 'emgface data check --exclude'"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{path} is not valid TOML: {error}") from error
-    found = configure(_ExclusionFile, values, where=path.name).exclude
+        )
+    found = configure(_ExclusionFile, read_toml(path), where=path.name).exclude
     return check_exclusions(found, where=path.name)
 
 

@@ -1,6 +1,5 @@
 """Read and check study.toml, and resolve its paths."""
 
-import tomllib
 from pathlib import Path
 
 from emgface.choices import configure
@@ -9,6 +8,7 @@ from emgface.study.configuration import StudyConfiguration
 from emgface.study.exclusions import check_exclusions, read_exclusions
 from emgface.study.paths import with_paths
 from emgface.study.variants import check_axes
+from emgface.texts import read_toml
 
 
 def load_study(path: Path) -> StudyConfiguration:
@@ -17,15 +17,11 @@ def load_study(path: Path) -> StudyConfiguration:
     Raises ConfigurationError if the file is missing or is not TOML, a parameter is unknown (with
     the nearest valid name) or a value is out of range.
     """
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
+    if not path.is_file():
         raise ConfigurationError(
-            f"{path} cannot be read ({error.strerror}): write one with 'emgface study template'"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ConfigurationError(f"{path} is not valid TOML: {error}") from error
-    study = configure(StudyConfiguration, values, where=path.name)
+            f"{path} cannot be read (no such file): write one with 'emgface study template'"
+        )
+    study = configure(StudyConfiguration, read_toml(path), where=path.name)
     base = path.resolve().parent
 
     exclude = check_exclusions(study.exclude, where=path.name)

@@ -15,6 +15,7 @@ from emgface.anatomy.airway.sections import centre_line, sections
 from emgface.errors import DataError, listed
 from emgface.face.artisynth_contact import read_obj
 from emgface.schema.netcdf import read_netcdf
+from emgface.texts import open_text
 from sim.acoustics import SMALLEST
 
 Floats = NDArray[np.float64]
@@ -81,7 +82,7 @@ def read_areas(path: Path, row: str | None = None, *, from_lips: bool = False) -
     be read or is not valid.
     """
     try:
-        table = pd.read_csv(path, dtype={"label": str, "index": str})
+        table = pd.read_csv(open_text(path), dtype={"label": str, "index": str})
     except (OSError, ValueError) as error:
         raise DataError(f"{path} cannot be read as a CSV table: {error}") from error
     names = [f"A{k}_cm2" for k in range(table.shape[1]) if f"A{k}_cm2" in table]

@@ -9,6 +9,7 @@ import pandas as pd
 from emgface.errors import HeadError
 from emgface.face.parts import Integers
 from emgface.schema.rules import one_line
+from emgface.texts import open_text, read_text
 
 SOURCE: Final = (
     "Stavness et al., Coupled biomechanical modeling of the face, jaw, skull, tongue, and hyoid bone; "
@@ -18,7 +19,7 @@ SOURCE: Final = (
 
 def numbers_of(path: Path) -> Integers:
     """Numbers of a list with any number of them in a line."""
-    words = file_of(path).read_text(encoding="utf-8").split()
+    words = read_text(file_of(path)).split()
     try:
         return np.array([int(word) for word in words], dtype=np.int64)
     except ValueError as error:
@@ -28,7 +29,7 @@ def numbers_of(path: Path) -> Integers:
 def table_of(path: Path, columns: list[str]) -> pd.DataFrame:
     """Columns of a CSV table; HeadError if it is absent or lacks one."""
     try:
-        return pd.read_csv(file_of(path))[columns]
+        return pd.read_csv(open_text(file_of(path)))[columns]
     except (KeyError, ValueError) as error:
         raise HeadError(
             f"{path} cannot be read ({one_line(error)}): expected a table with the columns "

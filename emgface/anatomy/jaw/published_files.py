@@ -8,6 +8,7 @@ import numpy as np
 from emgface.anatomy.jaw.exciters import Groups
 from emgface.anatomy.jaw.model import Floats
 from emgface.errors import JawError
+from emgface.texts import read_text
 
 MM = np.array([-1e-3, -1e-3, 1e-3])
 """From millimetres in the frame of the files to metres in that of the package."""
@@ -27,7 +28,7 @@ class PublishedFiles:
     def lines(self, name: str) -> list[list[str]]:
         """Words of the lines that are not disabled."""
         try:
-            text = (self.folder / name).read_text(encoding="utf-8")
+            text = read_text(self.folder / name)
         except (OSError, UnicodeDecodeError) as error:
             raise JawError(f"{self.folder / name} cannot be read: {error}") from error
         rows = (line.strip() for line in text.splitlines())
@@ -37,7 +38,7 @@ class PublishedFiles:
         """Landmarks (n, 3) in the frame of the package [m]."""
         path = self.folder / "landmarks" / f"{name}.landmarkAscii"
         try:
-            text = path.read_text(encoding="utf-8").rsplit("@1", 1)[1]
+            text = read_text(path).rsplit("@1", 1)[1]
             cm = np.array(
                 [[float(x) for x in row.split()] for row in text.split("\n") if row.strip()]
             )
@@ -49,9 +50,7 @@ class PublishedFiles:
 
     def surface(self, name: str) -> tuple[Floats, np.ndarray]:
         """Vertices [m] and triangles of an OBJ file."""
-        rows = [
-            row.split() for row in (self.folder / name).read_text(encoding="utf-8").splitlines()
-        ]
+        rows = [row.split() for row in read_text(self.folder / name).splitlines()]
         X = np.array([row[1:4] for row in rows if row[:1] == ["v"]], dtype=np.float64) * MM
         faces = [[int(x.split("/")[0]) - 1 for x in row[1:]] for row in rows if row[:1] == ["f"]]
         triangles = [(f[0], f[i], f[i + 1]) for f in faces for i in range(1, len(f) - 1)]

@@ -17,6 +17,7 @@ from emgface.anatomy.jaw.model import Floats
 from emgface.errors import FeatureWarning, JawError
 from emgface.schema.rules import one_line
 from emgface.schema.units import to_si
+from emgface.texts import open_text, read_text
 
 NANOSECONDS = 1e9
 SAMPLED, SLOWEST, LEVELS = 20, 0.2, 5.0
@@ -78,7 +79,7 @@ def read_probe(path: str | os.PathLike[str], time: Floats) -> Floats:
     """
     path = Path(path)
     try:
-        lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
+        lines = [line.split() for line in read_text(path).splitlines()]
         lines = [words for words in lines if words]
         start, scale = lines[0][0], float(lines[0][2])
         order, n_values, spacing = lines[1]
@@ -146,7 +147,7 @@ def read_excitation(path: str | os.PathLike[str]) -> Excitation:
             with xr.open_dataset(path, engine="netcdf4", decode_times=False) as opened:
                 given = excitation_in(opened.load())
         else:
-            table = pd.read_csv(path).set_index("time").astype(np.float64)
+            table = pd.read_csv(open_text(path)).set_index("time").astype(np.float64)
             values = {str(name): column.to_numpy() for name, column in table.items()}
             given = Excitation(table.index.to_numpy(dtype=np.float64), values)
     except (OSError, KeyError, ValueError, RuntimeError) as error:

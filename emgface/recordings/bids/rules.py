@@ -13,6 +13,7 @@ from typing import Any, Final
 from emgface.errors import DataError
 from emgface.recordings.bids.names import LABEL, ORDER, entities
 from emgface.recordings.bids.sidecars import read_json, read_tsv, sidecar_path
+from emgface.texts import read_text
 
 BIDS_VERSION: Final = "1.11.0"
 EMG_COLUMNS: Final = ("name", "type", "units")
@@ -173,8 +174,7 @@ def _channels(path: Path, table: Path, kind: str) -> Iterator[str]:
         return
     for component in sorted(set(channels.get("component", ())) - COMPONENTS):
         yield f"{table.name} has the component {component!r}; expected x, y, z, quat_* or n/a"
-    with path.open(encoding="utf-8", errors="replace") as stream:
-        first = stream.readline().rstrip("\n").split("\t")
+    first = read_text(path, fallback="latin-1").partition("\n")[0].rstrip("\r").split("\t")
     if len(first) != len(names):
         yield f"{path.name} has {len(first)} columns and {table.name} {len(names)} rows"
     if not all(_number(cell) for cell in first):

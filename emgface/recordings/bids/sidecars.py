@@ -12,6 +12,7 @@ from emgface.errors import DataError, UnitsError
 from emgface.recordings.bids.names import ORDER, entities, file_name, trial_of
 from emgface.schema.rules import one_line
 from emgface.schema.units import spelling
+from emgface.texts import open_text, read_text
 
 
 class EmgSidecars(NamedTuple):
@@ -145,7 +146,7 @@ def read_tsv(path: Path) -> pd.DataFrame:
     """
     try:
         table = pd.read_csv(
-            path, sep="\t", dtype=str, keep_default_na=False, encoding="utf-8", index_col=False
+            open_text(path), sep="\t", dtype=str, keep_default_na=False, index_col=False
         )
     except (OSError, ValueError, pd.errors.ParserError) as error:
         raise DataError(
@@ -163,7 +164,7 @@ def read_tsv(path: Path) -> pd.DataFrame:
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON file that contains an object; DataError if the file is absent or contains none."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(read_text(path))
     except (OSError, ValueError, RecursionError) as error:
         raise DataError(
             f"{path.name} cannot be read as JSON ({one_line(error)}); expected an object of keys and "

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -11,6 +11,9 @@ import xarray as xr
 from emgface.errors import DataError, UnitsError
 from emgface.muscles import AXES
 from emgface.schema.units import quantity_of, spelling, to_si
+
+WIDEST: Final = 2048
+"""Most channels or markers of a recording, and columns of a table; the largest grids have 512."""
 
 
 class Part(NamedTuple):
@@ -122,6 +125,15 @@ def assemble_parts(
     return united.assign_attrs(device=device) if device else united
 
 
+def require_few(count: int, place: str, what: str) -> None:
+    """Raise DataError for more channels, markers or columns than a recording has (`WIDEST`)."""
+    if count > WIDEST:
+        raise DataError(
+            f"{place} {count} {what}; expected at most {WIDEST}: it is not a table of signals over "
+            "time, or transposed."
+        )
+
+
 def positive(path: Path, name: str, text: str, kind: type[int] | type[float] = float) -> float:
     """Convert the text of an entry of a header to a number above 0; DataError for another text."""
     try:
@@ -141,6 +153,7 @@ def unique_labels(labels: Sequence[str], stem: str) -> tuple[list[str], dict[str
 
     Empty labels are replaced by `stem`, and repeated ones are numbered.
     """
+    require_few(len(labels), "The file has", f"{stem}s")
     result: list[str] = []
     changed: dict[str, str] = {}
     for number, label in enumerate(labels, start=1):

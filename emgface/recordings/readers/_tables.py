@@ -1,10 +1,8 @@
 """Tables and arrays specified by a sidecar."""
 
-import codecs
-import gzip
+import io
 import re
 import warnings
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -14,13 +12,13 @@ import xarray as xr
 
 from emgface.errors import DataError, listed
 from emgface.recordings.readers._arrays import read_array, read_texts
+from emgface.recordings.readers._build import require_few
 from emgface.recordings.readers._table_models import PositionTable, Table
 from emgface.schema.rules import hint, one_line
 from emgface.schema.units import to_si
+from emgface.texts import open_text
 
 _UNREADABLE = (pd.errors.ParserError, pd.errors.ParserWarning)
-_MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF16_LE, "utf-16"),
-          (codecs.BOM_UTF16_BE, "utf-16"))  # fmt: skip
 _EXACT = {
     decimal: re.compile(rf"\s*[+-]?(\d+(\{decimal}\d*)?|\{decimal}\d+)([eE][+-]?\d+)?\s*", re.ASCII)
     for decimal in ".,"
@@ -89,6 +87,7 @@ def _array(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
     order = [d for d in ("time", "channel", "marker", "axis") if d in table.dims]
     values = values.transpose([table.dims.index(d) for d in order])
     count = values.shape[1]
+    require_few(count, f"{path.name}: {table.variable!r} has", f"{order[1]}s by 'dims'")
     labels = table.columns or tuple(str(i + 1) for i in range(count))
     if table.columns_variable is not None:
         labels = tuple(read_texts(path, table.columns_variable))
@@ -114,10 +113,12 @@ def _table(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
         with warnings.catch_warnings():
             # pandas truncates rows that are longer than the row of labels, with a warning only.
             warnings.simplefilter("error", pd.errors.ParserWarning)
+            stream = open_text(path, table.encoding)
+            _require_few_columns(path, stream, table)
             frame = pd.read_csv(
-                path, sep=table.delimiter, skipinitialspace=True, index_col=False,
+                stream, sep=table.delimiter, skipinitialspace=True, index_col=False,
                 header=None if table.columns else 0, skiprows=table.skip_rows,
-                encoding=_encoding(path, table), dtype=str if table.decimal == "," else None,
+                dtype=str if table.decimal == "," else None,
                 keep_default_na=table.decimal == ".",
             )  # fmt: skip
     except FileNotFoundError as error:
@@ -130,7 +131,9 @@ def _table(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
             f"{path.name} is not text in {table.encoding} ({one_line(error)}); expected another "
             f"encoding, such as 'latin-1' or 'utf-16': set 'encoding' in {sidecar.name}."
         ) from error
-    except (OSError, EOFError, ValueError, zlib.error, *_UNREADABLE) as error:
+    except DataError:
+        raise
+    except (OSError, ValueError, *_UNREADABLE) as error:
         raise DataError(
             f"{path.name} is not a table ({one_line(error)}); expected a row of labels and rows of "
             f"numbers separated by {table.delimiter!r}: check 'delimiter' and 'encoding' in "
@@ -160,11 +163,19 @@ def _table(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
     return frame
 
 
+def _require_few_columns(path: Path, stream: io.StringIO, table: Table) -> None:
+    """Refuse a table that is wider than a recording, before its columns are separated."""
+    sign = table.delimiter if len(table.delimiter) == 1 else " "
+    for _ in range(table.skip_rows + 3):
+        require_few(stream.readline().count(sign) + 1, f"{path.name} has", "columns")
+    stream.seek(0)
+
+
 def _require_different_labels(sidecar: Path, path: Path, table: Table) -> None:
     """Refuse repeated labels, of which pandas renames all but the first."""
     first = pd.read_csv(
-        path, sep=table.delimiter, skipinitialspace=True, header=None, nrows=1, dtype=str,
-        skiprows=table.skip_rows, encoding=_encoding(path, table), index_col=False,
+        open_text(path, table.encoding), sep=table.delimiter, skipinitialspace=True, header=None,
+        nrows=1, dtype=str, skiprows=table.skip_rows, index_col=False,
     )  # fmt: skip
     labels = [str(label).strip() for label in first.iloc[0].dropna()]
     twice = [label for label in labels if label and labels.count(label) > 1]
@@ -187,14 +198,6 @@ def _column_of_time(
             f"{listed(frame.columns)}: check 'time' in {sidecar.name}."
         )
     return frame.pop(table.time).to_numpy()
-
-
-def _encoding(path: Path, table: Table) -> str:
-    """Encoding by the byte order mark of a file, or otherwise that of the sidecar."""
-    opened = gzip.open(path) if path.suffix.lower() == ".gz" else path.open("rb")
-    with opened as stream:
-        start = stream.read(4)
-    return next((name for mark, name in _MARKS if start.startswith(mark)), table.encoding)
 
 
 def _with_points(column: pd.Series) -> pd.Series:

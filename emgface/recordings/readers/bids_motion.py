@@ -1,6 +1,7 @@
 """Marker positions of a BIDS dataset: ``*_motion.tsv`` with its tables."""
 
 from collections.abc import Mapping
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from emgface.recordings.bids.sidecars import (
     world,
 )
 from emgface.recordings.readers._build import Part, assemble_parts, position_array, unique_labels
+from emgface.texts import read_text
 
 SUFFIXES = (".tsv",)
 FORMAT = "Motion-BIDS"
@@ -142,7 +144,8 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
 def _values(path: Path, count: int) -> np.ndarray:
     """Return the numbers of a motion file, shape (frames, channels)."""
     try:
-        frame = pd.read_csv(path, sep="\t", header=None, na_values=["n/a"], encoding="utf-8")
+        text = read_text(path)
+        frame = pd.read_csv(StringIO(text), sep="\t", header=None, na_values=["n/a"])
         values = frame.to_numpy(dtype=np.float64)
     except (OSError, ValueError, pd.errors.ParserError) as error:
         raise DataError(
@@ -154,8 +157,7 @@ def _values(path: Path, count: int) -> np.ndarray:
             f"{path.name} has {values.shape[1]} columns and its channels.tsv {count} rows; "
             "expected one row for each column: it is truncated, or the table belongs to another file."
         )
-    with path.open("rb") as stream:
-        last = stream.read().rsplit(b"\n", 1)[-1]
-    if last and last.count(b"\t") != count - 1:
+    last = text.rpartition("\n")[2]
+    if last and last.count("\t") != count - 1:
         raise DataError(f"{path.name} ends within a row; expected complete rows: copy it again.")
     return values

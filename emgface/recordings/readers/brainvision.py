@@ -14,6 +14,7 @@ import xarray as xr
 
 from emgface.errors import DataError
 from emgface.recordings.readers._build import assemble_parts, positive, unique_labels, voltages
+from emgface.texts import decoded, marked_encoding
 
 SUFFIXES = (".vhdr",)
 FORMAT = "BrainVision"
@@ -58,6 +59,8 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
 def _sections(path: Path) -> dict[str, dict[str, str]]:
     """Entries of a header or marker file by section, without comments."""
     data = path.read_bytes()
+    if marked_encoding(data) not in (None, "utf-8-sig"):
+        data = decoded(data, fallback="latin-1").encode()
     first = data[:100].splitlines()[0] if data else b""
     if b"Data Exchange" not in first or b"\x00" in data:
         raise DataError(
@@ -66,7 +69,7 @@ def _sections(path: Path) -> dict[str, dict[str, str]]:
         )
     marked = data.startswith(codecs.BOM_UTF8) or b"Codepage=UTF-8" in data
     try:
-        text = data.decode("utf-8-sig")
+        text = decoded(data)
     except UnicodeDecodeError as error:
         if marked:
             raise DataError(
@@ -74,7 +77,7 @@ def _sections(path: Path) -> dict[str, dict[str, str]]:
                 f"{error.start}); expected text in the declared encoding: it is damaged, "
                 "export it again."
             ) from None
-        text = data.decode("cp1252", "replace")
+        text = decoded(data, "cp1252", fallback="latin-1")
     found: dict[str, dict[str, str]] = {}
     entries: dict[str, str] = {}
     for line in text.splitlines():

@@ -30,7 +30,6 @@ unit. ``delimiter``, ``decimal`` and ``encoding`` specify the format of the text
 ``unconfirmed`` are guesses of `emgface.recordings.describe`; such a sidecar is refused.
 """
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -40,8 +39,8 @@ import xarray as xr
 from pydantic import Field
 
 from emgface.choices import Parameters, configure
-from emgface.errors import DataError, listed
-from emgface.recordings.labels import LabelMap, apply_labels, read_toml
+from emgface.errors import DataError, EmgfaceError, listed
+from emgface.recordings.labels import LabelMap, apply_labels
 from emgface.recordings.readers._build import (
     Part,
     assemble_parts,
@@ -51,6 +50,7 @@ from emgface.recordings.readers._build import (
 )
 from emgface.recordings.readers._table_models import EmgTable, PositionTable
 from emgface.recordings.readers._tables import by_marker, load_table
+from emgface.texts import read_toml
 
 SUFFIXES = (".toml",)
 FORMAT = "CSV tables or MATLAB and HDF5 arrays with a TOML sidecar"
@@ -71,11 +71,11 @@ class Sidecar(Parameters):
 
 
 def is_recording(path: Path) -> bool:
-    """Return True for a TOML file with ``schema = "recording"``."""
+    """Return True for a TOML file with ``schema = "recording"``, or a damaged one."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8")).get("schema") == "recording"
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
-        return False
+        return read_toml(path).get("schema") == "recording"
+    except EmgfaceError:
+        return True  # it may be a sidecar, whose recording must not vanish
 
 
 def companions(path: Path) -> list[Path]:

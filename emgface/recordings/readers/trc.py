@@ -19,6 +19,7 @@ from emgface.recordings.readers._build import (
     positive,
     unique_labels,
 )
+from emgface.texts import read_text
 
 SUFFIXES = (".trc",)
 FORMAT = "TRC"
@@ -70,10 +71,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
 
 def _rows(path: Path) -> tuple[list[list[str]], dict[str, str]]:
     """Return the cells of all lines, and the counts of the header."""
-    try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        lines = path.read_text(encoding="latin-1").splitlines()
+    lines = read_text(path, fallback="latin-1").splitlines()
     if len(lines) < 6 or not lines[0].startswith("PathFileType"):
         start = lines[0][:20] if lines else ""
         raise DataError(

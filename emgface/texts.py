@@ -1,0 +1,150 @@
+"""Text of files that users supply, whatever encoding they were saved in, and TOML files.
+
+Editors and spreadsheets save text as UTF-8, with or without a byte order mark, as UTF-16, or in a
+code page. All text files of users are opened here, so that each of these is read everywhere.
+"""
+
+import codecs
+import gzip
+import io
+import tomllib
+import zlib
+from pathlib import Path
+from typing import Any, Final
+
+from emgface.errors import ConfigurationError, DataError
+
+_MARKS: Final = (
+    (codecs.BOM_UTF8, "utf-8-sig"),
+    (codecs.BOM_UTF32_LE, "utf-32"),  # before UTF-16, whose mark it begins with
+    (codecs.BOM_UTF32_BE, "utf-32"),
+    (codecs.BOM_UTF16_LE, "utf-16"),
+    (codecs.BOM_UTF16_BE, "utf-16"),
+)
+"""Byte order marks and the codecs that remove them."""
+EXPANDED, EXPANSION = 32 << 20, 32
+"""Largest size of a compressed text [byte], and addition per byte of the file.
+
+Tables of signals are compressed to a third to a tenth; only repetition exceeds the limit.
+"""
+LONGEST_TOML: Final = 8 << 20  #: largest TOML file [byte]; a study file has 30 kB
+DEEPEST: Final = 32  #: most tables or arrays that contain one another
+
+
+def marked_encoding(start: bytes) -> str | None:
+    """Return the encoding stated by a byte order mark, or shown by the zeros of UTF-16.
+
+    Examples
+    --------
+    >>> marked_encoding("t,EMG".encode("utf-16-le")), marked_encoding(b"t,EMG")
+    ('utf-16-le', None)
+    """
+    found = next((name for mark, name in _MARKS if start.startswith(mark)), None)
+    if found is not None:
+        return found
+    # UTF-16 of western text without a mark has a zero in every second byte.
+    head = start[: 2 * (min(len(start), 4096) // 2)]
+    even, odd = head[::2].count(0), head[1::2].count(0)
+    if min(even, odd) == 0 and max(even, odd) > 0.4 * len(head) / 2:
+        return "utf-16-le" if odd else "utf-16-be"
+    return None
+
+
+def decoded(data: bytes, encoding: str = "utf-8", *, fallback: str | None = None) -> str:
+    """Decode the bytes of a text file, without a byte order mark.
+
+    A byte order mark, or the zeros of UTF-16, take precedence over `encoding`. If the bytes do not
+    have this encoding, `fallback` is used. Raises UnicodeDecodeError if that is None.
+    """
+    found = marked_encoding(data) or encoding
+    try:
+        return data.decode(found)
+    except UnicodeDecodeError:
+        if fallback is None:
+            raise
+        return data.decode(fallback, "replace")
+
+
+def read_bytes(path: Path, most: int | None = None) -> bytes:
+    """Read a file, decompressed if its suffix is ``.gz``; `most` bytes of it if specified.
+
+    Raises DataError if a compressed file expands beyond `EXPANDED` and `EXPANSION`, is truncated or
+    damaged, and OSError if it cannot be read.
+    """
+    if path.suffix.lower() != ".gz":
+        with path.open("rb") as stream:
+            return stream.read() if most is None else stream.read(most)
+    limit = EXPANDED + EXPANSION * path.stat().st_size
+    try:
+        with gzip.open(path) as stream:
+            data = stream.read(limit + 1 if most is None else most)
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise DataError(
+            f"{path.name} cannot be decompressed ({error}); expected a complete gzip file: it is "
+            "truncated or damaged, copy it again."
+        ) from error
+    if len(data) > limit:
+        raise DataError(
+            f"{path.name} has {path.stat().st_size} bytes and expands to more than {limit}; expected "
+            f"at most {EXPANSION} bytes per compressed byte: decompress it if it is yours."
+        )
+    return data
+
+
+def read_text(path: Path, encoding: str = "utf-8", *, fallback: str | None = None) -> str:
+    """Read a text file as `decoded`, decompressed if its suffix is ``.gz``.
+
+    Raises OSError, UnicodeDecodeError, and DataError as `read_bytes`.
+    """
+    return decoded(read_bytes(path), encoding, fallback=fallback)
+
+
+def open_text(path: Path, encoding: str = "utf-8", *, fallback: str | None = None) -> io.StringIO:
+    """Return a stream of the text of `read_text`, with the line ends of the file."""
+    return io.StringIO(read_text(path, encoding, fallback=fallback), newline="")
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Raises ConfigurationError if the file is absent, is not TOML, larger than `LONGEST_TOML` or
+    deeper than `DEEPEST`.
+    """
+    try:
+        size = path.stat().st_size
+        text = read_text(path) if size <= LONGEST_TOML else ""
+        content = tomllib.loads(text)
+    except OSError as error:
+        raise ConfigurationError(
+            f"Cannot read {path}: {error.strerror}; expected a TOML file: check its path."
+        ) from error
+    # ValueError includes TOMLDecodeError, UnicodeDecodeError, and integers of thousands of digits.
+    except (ValueError, RecursionError) as error:
+        told = " ".join(str(error).split())[:200]
+        raise ConfigurationError(
+            f"{path.name} is not valid TOML ({type(error).__name__}: {told}); expected lines such as "
+            "name = 'value' in UTF-8: repair it."
+        ) from error
+    if size > LONGEST_TOML:
+        raise ConfigurationError(
+            f"{path.name} has {size / 2**20:.0f} MiB; expected a TOML file of at most "
+            f"{LONGEST_TOML >> 20} MiB: it is another file."
+        )
+    return _shallow(content, path)
+
+
+def _shallow(content: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Refuse nesting that later code, which is recursive, would not survive."""
+    left: list[tuple[Any, int]] = [(content, 1)]
+    while left:
+        value, depth = left.pop()
+        if not isinstance(value, (dict, list)):
+            continue
+        if depth > DEEPEST:
+            raise ConfigurationError(
+                f"{path.name} nests tables and arrays more than {DEEPEST} deep; expected the entries "
+                "of the documentation: repair it."
+            )
+        inner = value.values() if isinstance(value, dict) else value
+        left += [(item, depth + 1) for item in inner]
+    return content

@@ -1,0 +1,120 @@
+"""Text files in every encoding, TOML of any depth and size, and compressed texts that expand."""
+
+import ast
+import codecs
+import gzip
+from pathlib import Path
+
+import pytest
+import xarray as xr
+
+from emgface.errors import ConfigurationError, DataError
+from emgface.recordings.dataset import read_recording
+from emgface.recordings.labels import read_label_map
+from emgface.study.exclusions import read_exclusions
+from emgface.study.file import load_study
+from emgface.study.template import study_template
+from emgface.texts import DEEPEST, EXPANDED, read_text, read_toml
+from tests.data.test_mutations import FORMATS
+
+TEXTS = ("trc", "bids motion", "bids json", "bids channels", "csv", "toml", "brainvision header",
+         "brainvision markers", "motion alone")  # fmt: skip
+SAVED = {
+    "mark": lambda text: codecs.BOM_UTF8 + text.encode(),
+    "utf-16": lambda text: text.encode("utf-16"),
+    "utf-16 big": lambda text: codecs.BOM_UTF16_BE + text.encode("utf-16-be"),
+    "utf-16 without mark": lambda text: text.encode("utf-16-le"),
+    "utf-32": lambda text: text.encode("utf-32"),
+    "crlf": lambda text: text.replace("\r\n", "\n").replace("\n", "\r\n").encode(),
+}
+
+
+@pytest.mark.parametrize("saved", SAVED)
+@pytest.mark.parametrize("name", TEXTS)
+def test_a_text_file_is_read_whatever_encoding_it_was_saved_in(
+    name: str, saved: str, tmp_path: Path
+) -> None:
+    path, target = FORMATS[name](tmp_path)
+    before = read_recording(path)
+    target.write_bytes(SAVED[saved](target.read_text(encoding="utf-8")))
+    after = read_recording(path)
+    for part in (before, after):
+        part.attrs.pop("source_digest", None)
+    xr.testing.assert_identical(before, after)
+
+
+@pytest.mark.parametrize("saved", SAVED)
+def test_settings_are_read_whatever_encoding_they_were_saved_in(saved: str, tmp_path: Path) -> None:
+    mapping, study, left_out = (tmp_path / name for name in ("m.toml", "s.toml", "x.toml"))
+    mapping.write_bytes(SAVED[saved]('[channels]\n"Mündung" = "OOS_L"\n'))
+    study.write_bytes(SAVED[saved](study_template()))
+    left_out.write_bytes(SAVED[saved]('[[exclude]]\nvolunteer = "V1"\nreason = "läuft"\n'))
+    assert read_label_map(mapping).channels == {"Mündung": "OOS_L"}
+    plain = tmp_path / "plain.toml"
+    plain.write_text(study_template(), encoding="utf-8")
+    assert load_study(study) == load_study(plain)
+    assert read_exclusions(left_out)[0].reason == "läuft"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("x = " + "[" * 3000 + "]" * 3000, "not valid TOML"),
+        (".".join("a" * 5000) + " = 1", "deep"),
+        ("[" + ".".join("a" * (DEEPEST + 2)) + "]\nx = 1", "deep"),
+        ("x = " + "9" * 10000, "not valid TOML"),
+        ("# " + "x" * (9 << 20), "MiB"),
+        ("name = 'Mündung'", "not valid TOML"),
+    ],
+    ids=["nested arrays", "dotted key", "nested table", "huge integer", "huge file", "latin-1"],
+)
+def test_a_deep_or_huge_toml_file_is_refused(text: str, told: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_bytes(text.encode("latin-1"))
+    for read in (read_toml, read_label_map, load_study, read_exclusions):
+        with pytest.raises(ConfigurationError, match=told):
+            read(path)
+    with pytest.raises((ConfigurationError, DataError)):
+        read_recording(path)
+
+
+def test_a_compressed_text_that_expands_beyond_reason_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv.gz"
+    row = b"0.0,0.0,0.0,0.0\n"
+    path.write_bytes(gzip.compress(row * (3 * EXPANDED // len(row)), 9))
+    with pytest.raises(DataError, match="expands to more than"):
+        read_text(path)
+    (tmp_path / "a.toml").write_text(
+        'schema = "recording"\n[emg]\nfile = "a.csv.gz"\nrate = 100.0\nunit = "mV"\n'
+    )
+    with pytest.raises(DataError, match="expands to more than"):
+        read_recording(tmp_path / "a.toml")
+
+
+OWN = {  # files that the package writes itself, or ships
+    "emgface/texts.py", "emgface/cli/data_describe.py", "emgface/recordings/readers/_isolated.py",
+    "emgface/cli/study.py", "emgface/pictures/page.py",
+    "emgface/report/kept.py", "emgface/schema/validation.py", "emgface/schema/older.py",
+}  # fmt: skip
+
+
+def test_every_text_file_of_a_user_is_opened_in_one_place() -> None:
+    """No other module decodes a file, except those that read what the package wrote."""
+    root = Path(__file__).parents[2]
+    found = []
+    for path in sorted((root / "emgface").rglob("*.py")):
+        name = path.relative_to(root).as_posix()
+        if name in OWN or name.startswith("emgface/study/"):
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.Call):
+                continue
+            called = ast.unparse(node.func)
+            first = ast.unparse(node.args[0]) if node.args else ""
+            decodes = called.endswith((".read_text", "tomllib.loads", "tomllib.load"))
+            table = called in ("pd.read_csv", "pandas.read_csv")
+            if decodes or (
+                table and not first.startswith(("open_text(", "StringIO(", "io.", "stream"))
+            ):
+                found.append(f"{name}: {ast.unparse(node)[:60]}")
+    assert not found
