@@ -10,6 +10,8 @@ from sim.activation import Activation, Driven
 from sim.errors import SceneError
 from sim.integrators import ConvergedEuler, Integrator, Workspace
 from sim.integrators.contract import RunsSteps
+from sim.linear.threads import NOTE
+from sim.linear.threads import solver_threads as threads_of
 from sim.outputs import Interval, intervals, outputs_of, steps_to_outputs
 from sim.probes import Probe, SmallestJ
 from sim.record import Log
@@ -36,6 +38,7 @@ def simulate(
     initial: State | None = None,
     work: Workspace | None = None,
     progress: Progress | None = None,
+    solver_threads: int = 1,
 ) -> tuple[xr.Dataset, State]:
     """Simulate and record.
 
@@ -64,12 +67,15 @@ def simulate(
         Analysed solver for several simulations of one system; it does not influence the result.
     progress : callable, optional
         Called as ``progress(done, total)`` after every step.
+    solver_threads : int
+        Threads of PARDISO. With more than one, a large scene takes less time on idle cores, and the
+        last digits differ between processes, which the attribute ``note`` of the trajectory states.
 
     Returns
     -------
     trajectory : xarray.Dataset
-        One variable per probe variable over ``time`` [s]. Attributes: solver, largest step, run
-        time, and ``unstable_from_s`` and ``unstable_until_s`` [s] if a matrix was not positive
+        One variable per probe variable over ``time`` [s]. Attributes: solver and its threads, largest
+        step, run time, and ``unstable_from_s`` and ``unstable_until_s`` [s] if a matrix was not positive
         definite or the motion snapped (`sim.snapping`) between these times; the further motion may
         depend on rounding.
     final : State
@@ -80,7 +86,7 @@ def simulate(
         The activation leaves 0-1, is not finite or does not fit the muscles; steps, outputs and
         duration do not fit each other.
     SceneError
-        The initial state is not finite.
+        The initial state is not finite; the linear solver has no threads.
     InvertedElement, NotConverged, SingularSystem
         A step failed and the step control could not help.
     """
@@ -90,7 +96,8 @@ def simulate(
     _require_finite(state)
     work = work or Workspace(system)
     carried, origin = solver_memory(state)
-    work.restore(carried)
+    with threads_of(solver_threads, work.linear.name):
+        work.restore(carried)
     every = steps.h if every is None else every
     longest = min(steps.h, every) if system.holds_at_ends else steps.h
     origin = state.t if origin is None else origin
@@ -106,19 +113,23 @@ def simulate(
     system.control(activation.values[int(np.argmin(inside))])  # errors before the first step
     began = time.perf_counter()
     log.add(state, control(state.t), None)
-    if through is not None:
-        state = _together(motion, through, state, groups, activation, log, progress)
-    else:
-        state = _one_by_one(motion, control, steps, state, plan, log, progress)
+    with threads_of(solver_threads, work.linear.name):
+        if through is not None:
+            state = _together(motion, through, state, groups, activation, log, progress)
+        else:
+            state = _one_by_one(motion, control, steps, state, plan, log, progress)
     attrs = {
         "integrator": type(integrator).__name__,
         "step_control": type(steps).__name__,
         "step_s": longest,
         "output_s": every,
         "linear_solver": work.linear.name,
+        "solver_threads": solver_threads,
         "run_time_s": time.perf_counter() - began,
         "n_unknowns": system.pattern.n,
     }
+    if solver_threads > 1:
+        attrs["note"] = NOTE.format(solver_threads)
     if log.unstable:
         attrs |= {"unstable_from_s": log.unstable[0], "unstable_until_s": log.unstable[-1]}
     return log.dataset(attrs), with_solver_memory(state, work, origin)

@@ -149,6 +149,7 @@ def simulate(
     surface: bool = False,
     probes: "tuple[Probe, ...]" = (),
     progress: "Show | bool | None" = None,
+    solver_threads: int = 1,
     **choices: Any,
 ) -> "xr.Dataset":
     """Simulate the motion of a face for an activation.
@@ -176,6 +177,9 @@ def simulate(
     progress : bool or callable, optional
         Print a line of progress; by default for runs longer than a few
         seconds. A callable receives the completed and the total number of steps.
+    solver_threads : int
+        Threads of the linear solver. With more than one, a large face takes less time on idle cores,
+        and the last digits differ between processes, as the attribute ``note`` then states.
     **choices : Any
         Parameters of the table ``[simulation]`` of a study file, such as ``sigma_max=100e3`` [Pa] or
         ``contact={"method": "barrier"}``.
@@ -237,6 +241,7 @@ def simulate(
                 settled=settled if same else settle_face(model, chosen),
                 further=further,
                 progress=line.show,
+                solver_threads=solver_threads,
             )
 
         trajectory = lower_sigma_max(once, parameters, report=line.message)

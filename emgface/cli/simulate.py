@@ -61,6 +61,13 @@ def simulate(
             help="Repeat a motion with contact with other time steps, to estimate its error.",
         ),
     ] = False,
+    solver_threads: Annotated[
+        int,
+        typer.Option(
+            min=1,
+            help="Threads of the linear solver; with several, the last digits differ between processes.",
+        ),
+    ] = 1,
 ) -> None:
     """Simulate the motion of the face for an activation or a recording; store it, or show it."""
     if not (out_path or page or movie or vtk):
@@ -95,7 +102,14 @@ def simulate(
     announce_compilation()
     with progress("simulating") as bar:
         trajectory = ef.simulate(
-            drive, model, study=plan, accuracy=accuracy, probes=probes, progress=bar.show, **changes
+            drive,
+            model,
+            study=plan,
+            accuracy=accuracy,
+            probes=probes,
+            progress=bar.show,
+            solver_threads=solver_threads,
+            **changes,
         )
         nodes = trajectory.get("node_position")
         trajectory = trajectory.drop_vars("node_position", errors="ignore")

@@ -130,13 +130,14 @@ def simulate_face(
     settled: xr.Dataset | None = None,
     further: tuple[Probe, ...] = (),
     progress: Progress | None = None,
+    solver_threads: int = 1,
 ) -> xr.Dataset:
     """Simulate the motion of a face for an activation (muscle, time) [1] of all its muscles.
 
     The motion starts at `settled`, the result of `settle_face` (default: computed). `further` are
     probes besides markers, lips, smallest J, energies and iterations; ``progress(done,
     total)`` is called after every step. With ``parameters.check_contact``, a motion with contact is
-    repeated with other time steps.
+    repeated with other time steps. `solver_threads` are those of `sim.simulate`, for the motion.
 
     The result contains ``position(marker, axis, time)`` [m] of the lip markers from time 0, with
     ``smallest_J``, ``iterations``, ``lip_opening`` [m] (negative if the lips have passed each
@@ -146,7 +147,8 @@ def simulate_face(
     ``output`` [s], ``sigma_max`` [Pa], ``run_time_s``, ``origin`` "simulated"; ``unstable_from_s``,
     ``unstable_until_s`` [s] and ``rounding_sensitivity`` [m] if the equilibrium lost stability
     (`emgface.face.stability`); the times in the recording, ``recorded_start`` [s] and
-    ``recorded_pace`` (recorded per simulated second); ``motion`` [m], the largest displacement of a
+    ``recorded_pace`` (recorded per simulated second); ``solver_threads``, with a ``note`` if they are
+    several; ``motion`` [m], the largest displacement of a
     marker, and, if the integrator has an estimate, the largest ``numerical_error`` [m] and
     ``inaccurate``, 1 if it exceeds a tenth of the motion. If surfaces touched, ``event_error`` [m]
     is the part of contact in that error, and ``event_error_measured`` 1 if the motion was repeated
@@ -194,6 +196,7 @@ def simulate_face(
             initial=initial,
             work=sim.Workspace(system, parameters.linear_solver),
             progress=progress,
+            solver_threads=solver_threads,
         )[0]
 
     watched = _probes(face)

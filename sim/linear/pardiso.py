@@ -15,13 +15,15 @@ from numpy.typing import NDArray
 
 from sim.errors import SingularSystem
 from sim.linear.contract import NotPositiveDefinite, require_finite_matrix, require_finite_solution
+from sim.linear.threads import thread_count
 from sim.pattern import Sparsity
 from sim.state import Array
 
 SYMMETRIC_POSITIVE_DEFINITE, SYMMETRIC_INDEFINITE = 2, -2
 MKL_PATH = "PYPARDISO_MKL_RT"  # where pypardiso looks first
 ANALYSE, FACTORISE, SOLVE, RELEASE = 11, 22, 33, -1
-AVX2, COMPATIBLE, STRICT = 10, 3, 0x10000  # branches of MKL's conditional numerical reproducibility
+# Branches of MKL's conditional numerical reproducibility.
+AUTO, AVX2, STRICT = 2, 10, 0x10000
 NOT_DEFINITE = -4
 
 # Zero-based indices into iparm.
@@ -49,20 +51,22 @@ def _wrapper() -> tuple[Any, str]:
 
 
 def _fix_code_path(mkl: ctypes.CDLL) -> None:
-    """Configure MKL for reproducible results, independent of the alignment of arrays.
+    """Configure MKL for equal results in every process of a machine, on the same number of threads.
 
-    Otherwise its kernels depend on the alignment of memory, and solutions differ between processes
-    in their last digits. MKL refuses the setting after it has computed in this process, or if
-    MKL_CBWR is set; a processor without AVX2 uses the branch common to all.
+    Without a setting, the alignment of arrays in memory may select other kernels, and the last digits
+    of solutions differ between processes. AVX2 with STRICT is the same branch on all processors of
+    Intel; MKL refuses it on others, where AUTO is the branch of this processor. (The branch common to
+    all processors has no vectors of four numbers, and takes twice as long.) MKL refuses any setting
+    after it has computed in this process, or if MKL_CBWR is set.
     """
     if mkl.MKL_CBWR_Set(ctypes.c_int(AVX2 | STRICT)) != 0:
-        mkl.MKL_CBWR_Set(ctypes.c_int(COMPATIBLE))
+        mkl.MKL_CBWR_Set(ctypes.c_int(AUTO))
 
 
 @contextmanager
-def _one_thread(mkl: ctypes.CDLL) -> Generator[None]:
-    """Restrict MKL to one thread, because rounding depends on the number of threads."""
-    before = mkl.MKL_Set_Num_Threads_Local(ctypes.c_int(1))
+def _on_threads(mkl: ctypes.CDLL, count: int) -> Generator[None]:
+    """Set the number of threads of MKL in this thread: rounding depends on it."""
+    before = mkl.MKL_Set_Num_Threads_Local(ctypes.c_int(count))
     try:
         yield
     finally:
@@ -138,7 +142,7 @@ class _Handle:
         def data(array: NDArray[Any], kind: Any = ctypes.c_void_p) -> Any:
             return array.ctypes.data_as(kind)
 
-        with _one_thread(self._mkl):
+        with _on_threads(self._mkl, thread_count()):
             self._routine(
                 data(self._pt, ctypes.POINTER(self._pt_type)),
                 number(1),  # factors kept
