@@ -3,7 +3,7 @@
 ``import emgface as ef`` offers one function for every stage: `read` a recording or a result,
 `activate` (sEMG to muscle activation), `face`, `reduce`, `simulate`, `score`, `study` and `show`.
 They take and return plain xarray, and import what they need when they are first called. Importing
-this package also gives xarray objects the accessor ``emg`` (`emgface.signals.accessor`).
+this package also gives xarray objects the accessor ``semg`` (`emgface.signals.accessor`).
 """
 
 import os as _os

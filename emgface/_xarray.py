@@ -1,4 +1,4 @@
-"""Registration of the accessor ``emg`` of xarray objects without importing xarray.
+"""Registration of the accessor ``semg`` of xarray objects without importing xarray.
 
 Importing xarray takes longer than all other imports of ``import emgface``. If xarray has not been
 imported, the accessor is registered when it is.
@@ -9,6 +9,9 @@ from collections.abc import Sequence
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
+
+_FORMER = ("emg", "bandpass", "wamp", "rms", "mav", "envelope", "muscles", "normalise")
+"""Names that arrays have for one release: the former accessor, and its steps on ``recording.emg``."""
 
 
 def register_accessor() -> None:
@@ -26,8 +29,12 @@ def _register() -> None:
         (xarray.register_dataarray_accessor, xarray.DataArray),
         (xarray.register_dataset_accessor, xarray.Dataset),
     ):
-        if not hasattr(kind, "emg"):
-            register("emg")(_steps)
+        if not hasattr(kind, "semg"):
+            register("semg")(_steps)
+    if not hasattr(xarray.Dataset, "emg"):
+        xarray.Dataset.emg = _Variable()  # pyright: ignore[reportAttributeAccessIssue]
+        for name in _FORMER:
+            xarray.register_dataarray_accessor(name)(_former(name))
 
 
 def _steps(signal: Any) -> Any:
@@ -35,6 +42,31 @@ def _steps(signal: Any) -> Any:
     from emgface.signals.accessor import Steps
 
     return Steps(signal)
+
+
+def _former(name: str) -> Any:
+    """Return a function that returns a former name of an array, with a warning."""
+
+    def get(array: Any) -> Any:
+        from emgface.signals.deprecated import former
+
+        return former(array, name)
+
+    return get
+
+
+class _Variable:
+    """The variable ``emg`` of a Dataset."""
+
+    def __get__(self, recording: Any, kind: type | None = None) -> Any:
+        """Return the variable; AttributeError leaves the message to xarray."""
+        if recording is None:
+            return self
+        if "emg" not in recording.variables:
+            raise AttributeError("emg")
+        from emgface.signals.accessor import variable_of
+
+        return variable_of(recording)
 
 
 class _Waiting:

@@ -1,6 +1,6 @@
-"""Steps of the signal chain as the accessor ``emg`` of xarray objects.
+"""Steps of the signal chain as the accessor ``semg`` of xarray objects.
 
-``recording.emg.bandpass(low=20).emg.wamp()`` computes the same as
+``recording.semg.bandpass(low=20).semg.wamp()`` computes the same as
 `emgface.signals.activation.activation_of`. For a Dataset the steps use its variable ``emg``. Each
 step returns a DataArray, which has the accessor again.
 """
@@ -52,6 +52,14 @@ def _choosing(model: type[BaseModel], *names: str) -> Callable[[StepT], StepT]:
     return signed
 
 
+def variable_of(recording: xr.Dataset) -> xr.DataArray:
+    """Return the variable ``emg``, whose accessor carries what identifies the trial."""
+    array = recording["emg"]
+    # The accessor that xarray would create at its first use knows the array alone.
+    object.__setattr__(array, "_cache", {"semg": Steps(recording)})
+    return array
+
+
 class Steps:
     """Steps of the signal chain on a signal, a feature or an activation.
 
@@ -63,8 +71,7 @@ class Steps:
 
     Notes
     -----
-    Other attributes of the accessor of a Dataset are those of its variable ``emg``, so that
-    ``recording.emg.sel(channel="ZYG_L")`` works as for any variable.
+    The variable itself is ``recording.emg``, or ``recording["emg"]``.
     """
 
     def __init__(self, given: xr.DataArray | xr.Dataset) -> None:
@@ -109,7 +116,7 @@ class Steps:
         ...     {"channel": ["ZYG_L"], "time_emg": time},
         ...     attrs={"units": "V"},
         ... )
-        >>> signal.emg.bandpass(low=20).emg.rms().sel(channel="ZYG_L").max().round(6).item()
+        >>> signal.semg.bandpass(low=20).semg.rms().sel(channel="ZYG_L").max().round(6).item()
         7.1e-05
         """
         return bandpass(self._signal, configure(FilterParameters, choices, where="bandpass"))
@@ -256,12 +263,6 @@ class Steps:
         signal = self._signal
         chosen = configure(FeatureParameters, {**choices, "kind": kind}, where=kind)
         return feature_of(signal, chosen, phase=signal.attrs.get("filter_phase", "zero"))
-
-    def __getattr__(self, name: str) -> Any:
-        """Forward to the variable ``emg`` of a Dataset."""
-        if name.startswith("_") or not isinstance(self._given, xr.Dataset):
-            raise AttributeError(f"the accessor emg has no step {name!r}")
-        return getattr(self._signal, name)
 
     def __repr__(self) -> str:
         """List the steps and show the signal."""
