@@ -210,8 +210,11 @@ def style() -> Markup:
     return Markup(resource("page/page.css"))
 
 
-def policy(script: str) -> str:
-    """Content security policy that forbids every request and every script but this one."""
+def policy(script: str, *, connects: bool = False) -> str:
+    """Content security policy that forbids every request and every script but this one.
+
+    With `connects`, the page may send requests to the server that it was loaded from.
+    """
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
     return "; ".join(
         [
@@ -219,23 +222,26 @@ def policy(script: str) -> str:
             f"script-src 'sha256-{digest}'" if script else "script-src 'none'",
             "style-src 'unsafe-inline'",
             "img-src data:",
+            *(["connect-src 'self'"] if connects else []),
             "base-uri 'none'",
             "form-action 'none'",
         ]
     )
 
 
-def viewer_script() -> str:
-    """Combine three.js and the viewer in one module without imports.
+def viewer_script(page: str | None = None) -> str:
+    """Combine three.js, the drawing of surfaces and the script of a page in one module.
 
-    The exports, which are the last statement of a module, are replaced by an object.
+    `page` is the text of that script, by default that of stored motions. The module has no imports;
+    the exports, which are the last statement of a module, are replaced by an object.
     """
+    page = resource("page/viewer.js") if page is None else page
     library = resource(THREE)
     body, exported = re.fullmatch(r"(.*)export\{([^{}]*)\};\s*", library, re.DOTALL).groups()  # pyright: ignore[reportOptionalMemberAccess]
     names = [pair.split(" as ") for pair in exported.split(",")]
     made = ",".join(f"{pair[-1]}:{pair[0]}" for pair in names)
     # Top-level names of the library would collide with those of the viewer.
-    text = f"const THREE=(()=>{{{body}return{{{made}}};}})();\n{resource('page/viewer.js')}"
+    text = f"const THREE=(()=>{{{body}return{{{made}}};}})();\n{resource('page/surface.js')}{page}"
     if "</script" in text.lower():
         raise AssertionError("the script would end its own element")
     return text

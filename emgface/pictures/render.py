@@ -1,6 +1,6 @@
 """Shaded pictures of a body: cameras, light and a z-buffer in numpy.
 
-The page has the same cameras, colours and light (`page/viewer.js`), by WebGL.
+The page has the same cameras, colours and light (`page/surface.js`), by WebGL.
 """
 
 from collections.abc import Mapping

@@ -75,6 +75,11 @@ class LiveFace:
         self._omitted, self._estimate = self.reduced.modes[nodes][..., r:], 0.0
         self._before = np.zeros(len(self._system.muscles))
 
+    @property
+    def coordinates(self) -> Floats:
+        """Coordinates (modes,) of the displacement in the moving modes [sqrt(kg) m]."""
+        return self._state.q.reshape(-1)[: self.reduced.moving]
+
     def __call__(self, activation: Floats) -> tuple[Floats, float, float, bool]:
         """Advance by one step.
 

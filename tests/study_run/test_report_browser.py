@@ -3,7 +3,6 @@
 import base64
 import io
 import json
-import os
 import re
 import shutil
 import time
@@ -21,37 +20,13 @@ from emgface.pictures.body import body_of, skin_of
 from emgface.pictures.encoding import QUANTUM
 from emgface.pictures.render import VIEWS, Window, project, render
 from emgface.report.write import write_page
+from tests.browser import PATIENCE, needs_browser, started, until
 from tests.study_run.conftest import leave_out_figures
 
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-)
-DRIVER = shutil.which("chromedriver")
-
 pytestmark = [
-    pytest.mark.skipif(
-        not (CHROMIUM and DRIVER),
-        reason="no Chromium with chromedriver found (Debian: chromium, chromium-driver)",
-    ),
+    needs_browser,
     pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning"),
 ]
-
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-quic",
-    "--disable-dev-shm-usage",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--window-size=1000,800",
-)
-PATIENCE = 60.0
-"""Seconds until the page must be ready, on a slow machine as well."""
 
 
 @pytest.fixture(scope="module")
@@ -66,20 +41,7 @@ def page(shown: Path, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory) -> Iterator:
-    selenium = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-    from selenium.webdriver.chrome.service import Service
-
-    options = selenium.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for flag in FLAGS:
-        options.add_argument(flag)
-    options.add_argument(f"--user-data-dir={tmp_path_factory.mktemp('profile')}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    # The driver is local and must not be accessed through a proxy.
-    os.environ["NO_PROXY"] = os.environ["no_proxy"] = "localhost,127.0.0.1"
-    driver = selenium.Chrome(options=options, service=Service(DRIVER))
-    yield driver
-    driver.quit()
+    yield from started(tmp_path_factory.mktemp("profile"))
 
 
 def opened(browser, page: Path, *, query: str = "") -> None:
@@ -88,14 +50,6 @@ def opened(browser, page: Path, *, query: str = "") -> None:
     browser.get_log("performance")
     browser.get(page.as_uri() + query)
     until(browser, "return document.getElementById('stage').dataset.ready === 'yes'")
-
-
-def until(browser, script: str) -> None:
-    """Wait for a condition in the page."""
-    limit = time.monotonic() + PATIENCE
-    while not browser.execute_script(script):
-        assert time.monotonic() < limit, (script, browser.get_log("browser"))
-        time.sleep(0.05)
 
 
 def drawn(browser) -> np.ndarray:

@@ -1,0 +1,306 @@
+// The surface of a face or head: decoding, camera, light; drawn with WebGL, or on a plain canvas where
+// there is none. A page appends its own script, which defines show(): it writes the positions and
+// colours of an instant and calls draw(points).
+const data = JSON.parse(document.getElementById("motions").textContent);
+const $ = (id) => document.getElementById(id);
+const canvas = $("stage");
+
+// Decoding: base 64, deflate, byte planes, differences in time.
+async function bytes(text) {
+  const raw = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const stream = new Blob([raw]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+async function frames(text, count) {
+  const packed = await bytes(text);
+  const n = packed.length / 2;
+  const values = new Int16Array(n);
+  for (let i = 0; i < n; i++) values[i] = packed[i] | (packed[n + i] << 8);
+  const size = n / count;
+  for (let i = size; i < n; i++) values[i] += values[i - size];
+  return values;
+}
+const MM = data.quantum * 1000;
+function millimetres(values, from, size, into) {
+  for (let i = 0; i < size; i++) into[i] = values[from + i] * MM;
+}
+
+const view = { yaw: 0, pitch: 0, zoom: 1 };
+const start = new Float32Array(3 * data.nodes);
+// Nodes of muscles are coloured by the activation of their muscle, numbered from 1.
+let fibre = null;
+// All points: nodes of the skin, those between them, the dark behind the mouth, the teeth.
+let rules, triangles, own, position, colour, normal, moved;
+
+async function unpack() {
+  rules = new Uint32Array((await bytes(data.rules)).buffer);
+  if (data.fibre) fibre = await bytes(data.fibre);
+  triangles = new Uint32Array((await bytes(data.triangle)).buffer);
+  const teeth = new Int16Array((await bytes(data.teeth)).buffer);
+  own = Float32Array.from(await bytes(data.colour), (c) => c / 255);
+  position = new Float32Array(own.length);
+  normal = new Float32Array(own.length);
+  colour = own.slice();
+  moved = new Float32Array(own.length / 3);
+  millimetres(teeth, 0, teeth.length, position.subarray(position.length - teeth.length));
+}
+
+// Each point between nodes is (9 b + 9 c - a - d) / 16 of four earlier ones.
+function follow(values, width) {
+  for (let k = 0, p = data.nodes * width; k < rules.length; k += 4, p += width) {
+    const a = rules[k] * width, b = rules[k + 1] * width, c = rules[k + 2] * width, d = rules[k + 3] * width;
+    for (let i = 0; i < width; i++) values[p + i] = (9 * (values[b + i] + values[c + i]) - values[a + i] - values[d + i]) / 16;
+  }
+}
+
+// Mean normals of the triangles round each point, weighted by area; their length has no meaning.
+function normals() {
+  normal.fill(0);
+  for (let t = 0; t < triangles.length; t += 3) {
+    const i = 3 * triangles[t], j = 3 * triangles[t + 1], k = 3 * triangles[t + 2];
+    const ux = position[j] - position[i], uy = position[j + 1] - position[i + 1], uz = position[j + 2] - position[i + 2];
+    const vx = position[k] - position[i], vy = position[k + 1] - position[i + 1], vz = position[k + 2] - position[i + 2];
+    const nx = uy * vz - uz * vy, ny = uz * vx - ux * vz, nz = ux * vy - uy * vx;
+    for (const at of [i, j, k]) { normal[at] += nx; normal[at + 1] += ny; normal[at + 2] += nz; }
+  }
+}
+
+function shade(x, out, at) {
+  const last = data.displacement.length - 1, t = Math.min(Math.max(x, 0), 1) * last;
+  const k = Math.min(Math.floor(t), last - 1);
+  for (let c = 0; c < 3; c++) out[at + c] = data.displacement[k][c] + (t - k) * (data.displacement[k + 1][c] - data.displacement[k][c]);
+}
+
+// Both ways of drawing share one orthographic camera, its light and what it has in view: the face at
+// rest, in the middle, at a scale at which it fits from every side.
+function axes(yaw, pitch) {
+  const a = (yaw * Math.PI) / 180, b = (pitch * Math.PI) / 180;
+  const ca = Math.cos(a), sa = Math.sin(a), cb = Math.cos(b), sb = Math.sin(b);
+  return [[-ca, sa, 0], [-sa * sb, -ca * sb, cb], [sa * cb, ca * cb, sb]];
+}
+function along(axis, x, y, z) { return axis[0] * x + axis[1] * y + axis[2] * z; }
+function span(axis) {
+  let low = Infinity, high = -Infinity;
+  for (let i = 0; i < start.length; i += 3) {
+    const at = along(axis, start[i], start[i + 1], start[i + 2]);
+    low = Math.min(low, at); high = Math.max(high, at);
+  }
+  return [low, high];
+}
+function camera(width, height) {
+  let half = 0;
+  for (const [yaw, pitch] of Object.values(data.views)) {
+    const [right, up] = axes(yaw, pitch).map(span);
+    half = Math.max(half, 0.53 * (up[1] - up[0]), (0.53 * (right[1] - right[0]) * height) / width);
+  }
+  const frame = axes(view.yaw, view.pitch);
+  const [u, v, w] = frame.map((axis) => { const [low, high] = span(axis); return (low + high) / 2; });
+  return { frame, middle: [0, 1, 2].map((k) => u * frame[0][k] + v * frame[1][k] + w * frame[2][k]), half: half / view.zoom };
+}
+const unit = (v) => { const n = Math.hypot(...v); return v.map((x) => x / n); };
+const SOURCE = unit(data.light.key_from);
+const HALF = unit([SOURCE[0], SOURCE[1], SOURCE[2] + 1]);
+function lit(c, nx, ny, nz, out) {
+  const { ambient, sky, key, gloss, power, shadow } = data.light;
+  const direct = Math.max(0, nx * SOURCE[0] + ny * SOURCE[1] + nz * SOURCE[2]);
+  const bright = ambient + (sky * (1 + ny)) / 2 + key * direct;
+  const shine = gloss * Math.max(0, nx * HALF[0] + ny * HALF[1] + nz * HALF[2]) ** power;
+  for (let k = 0; k < 3; k++) out[k] = Math.min(1, Math.max(0, c[k] * (1 + shadow[k] * (1 - direct)) * bright + shine));
+}
+
+// Two shapes, so that the markers differ without colour as well.
+function mark(pen, kind, u, v, size, line) {
+  pen.beginPath();
+  if (kind === "simulated") {
+    pen.arc(u, v, 0.8 * size, 0, 7);
+    pen.fillStyle = "#0072b2"; pen.strokeStyle = "#ffffff"; pen.lineWidth = line;
+    pen.fill(); pen.stroke();
+    return;
+  }
+  pen.moveTo(u, v - size); pen.lineTo(u + size, v); pen.lineTo(u, v + size); pen.lineTo(u - size, v);
+  pen.closePath();
+  pen.strokeStyle = "#ffffff"; pen.lineWidth = 2.2 * line; pen.stroke();
+  pen.strokeStyle = "#b84a00"; pen.lineWidth = 1.5 * line; pen.stroke();
+}
+
+const number = (x) => x.toFixed(6);
+const vector = (v) => `vec3(${v.map(number).join()})`;
+const VERTEX = `
+  varying vec3 n; varying vec3 c;
+  void main() {
+    n = normalMatrix * normal; c = color;
+    gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+  }`;
+const FRAGMENT = `
+  varying vec3 n; varying vec3 c;
+  void main() {
+    vec3 m = normalize(n);
+    float direct = max(0.0, dot(m, ${vector(SOURCE)}));
+    float bright = ${number(data.light.ambient)} + ${number(data.light.sky / 2)} * (1.0 + m.y) + ${number(data.light.key)} * direct;
+    float shine = ${number(data.light.gloss)} * pow(max(0.0, dot(m, ${vector(HALF)})), ${number(data.light.power)});
+    vec3 skin = c * (1.0 + ${vector(data.light.shadow)} * (1.0 - direct)) * bright + shine;
+    gl_FragColor = vec4(gl_FrontFacing ? skin : mix(${vector(data.mouth)}, skin, ${number(data.light.inside)}), 1.0);
+  }`;
+
+function webgl() {
+  const renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "low-power" });
+  const scene = new THREE.Scene();
+  const eye = new THREE.OrthographicCamera(-1, 1, 1, -1, 1, 2000);
+  eye.up.set(0, 0, 1);
+  const geometry = new THREE.BufferGeometry();
+  for (const [name, values] of Object.entries({ position, normal, color: colour })) geometry.setAttribute(name, new THREE.BufferAttribute(values, 3));
+  geometry.setIndex(new THREE.BufferAttribute(triangles, 1));
+  const material = new THREE.ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, vertexColors: true, side: THREE.DoubleSide });
+  const mesh = new THREE.Mesh(geometry, material);
+  mesh.frustumCulled = false;
+  scene.add(mesh);
+  const markers = {};
+  for (const kind of ["simulated", "measured"]) {
+    const paint = new THREE.SpriteMaterial({ map: symbol(kind), depthTest: false, toneMapped: false });
+    markers[kind] = data.markers.map(() => {
+      // Markers lie on the skin: as bodies, half of each would drown in it.
+      const one = new THREE.Sprite(paint);
+      one.renderOrder = kind === "measured" ? 3 : 2;
+      scene.add(one);
+      return one;
+    });
+  }
+  function symbol(kind) {
+    const picture = Object.assign(document.createElement("canvas"), { width: 64, height: 64 });
+    const pen = picture.getContext("2d");
+    mark(pen, kind, 32, 32, 23, 7);
+    const map = new THREE.CanvasTexture(picture);
+    map.colorSpace = THREE.SRGBColorSpace;
+    return map;
+  }
+  return (points) => {
+    const width = canvas.clientWidth, height = canvas.clientHeight;
+    renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
+    renderer.setSize(width, height, false);
+    const { frame, middle, half } = camera(width, height);
+    const across = (half * width) / height;
+    Object.assign(eye, { left: -across, right: across, top: half, bottom: -half });
+    eye.updateProjectionMatrix();
+    eye.position.set(...middle.map((m, k) => m + 500 * frame[2][k]));
+    eye.lookAt(...middle);
+    normals();
+    for (const name of ["position", "normal", "color"]) geometry.attributes[name].needsUpdate = true;
+    const size = (15 * half) / (height / 2);  // pixels
+    for (const kind of Object.keys(markers)) {
+      markers[kind].forEach((one, m) => {
+        const at = points[kind][m];
+        one.visible = Boolean(at);
+        if (at) { one.position.set(...at); one.scale.setScalar(size); }
+      });
+    }
+    renderer.render(scene, eye);
+  };
+}
+
+function plain() {
+  const pen = canvas.getContext("2d");
+  const flat = new Float32Array(position.length), turned = new Float32Array(position.length);
+  const paint = [0, 0, 0], mean = [0, 0, 0];
+  return (points) => {
+    const ratio = Math.min(window.devicePixelRatio || 1, 2);
+    const width = canvas.clientWidth, height = canvas.clientHeight;
+    canvas.width = width * ratio; canvas.height = height * ratio;
+    pen.setTransform(ratio, 0, 0, ratio, (width * ratio) / 2, (height * ratio) / 2);
+    const { frame, middle, half } = camera(width, height), scale = height / 2 / half;
+    const project = (x, y, z) => {
+      const at = [x - middle[0], y - middle[1], z - middle[2]];
+      return [along(frame[0], ...at) * scale, -along(frame[1], ...at) * scale, along(frame[2], ...at)];
+    };
+    normals();
+    for (let i = 0; i < flat.length; i += 3) {
+      flat.set(project(position[i], position[i + 1], position[i + 2]), i);
+      for (let k = 0; k < 3; k++) turned[i + k] = along(frame[k], normal[i], normal[i + 1], normal[i + 2]);
+    }
+    const order = Array.from({ length: triangles.length / 3 }, (_, k) => k);
+    const depth = order.map((k) => flat[3 * triangles[3 * k] + 2] + flat[3 * triangles[3 * k + 1] + 2] + flat[3 * triangles[3 * k + 2] + 2]);
+    order.sort((p, q) => depth[p] - depth[q]);
+    for (const k of order) {
+      const [i, j, l] = [3 * triangles[3 * k], 3 * triangles[3 * k + 1], 3 * triangles[3 * k + 2]];
+      const front = (flat[j] - flat[i]) * (flat[l + 1] - flat[i + 1]) - (flat[j + 1] - flat[i + 1]) * (flat[l] - flat[i]) < 0;
+      const n = unit([0, 1, 2].map((c) => turned[i + c] + turned[j + c] + turned[l + c]));
+      for (let c = 0; c < 3; c++) mean[c] = (colour[i + c] + colour[j + c] + colour[l + c]) / 3;
+      lit(mean, ...n, paint);
+      pen.fillStyle = pen.strokeStyle = `rgb(${(front ? paint : data.mouth).map((c) => Math.round(255 * c)).join()})`;
+      pen.beginPath();
+      pen.moveTo(flat[i], flat[i + 1]); pen.lineTo(flat[j], flat[j + 1]); pen.lineTo(flat[l], flat[l + 1]);
+      pen.closePath(); pen.fill(); pen.lineWidth = 0.7; pen.stroke();
+    }
+    for (const kind of ["simulated", "measured"]) {
+      for (const at of points[kind]) {
+        if (!at) continue;
+        const [u, v] = project(...at);
+        mark(pen, kind, u, v, 5, 1.2);
+      }
+    }
+  };
+}
+
+function hasWebGL() {
+  if (new URLSearchParams(location.search).has("plain")) return false;
+  try {
+    const probe = document.createElement("canvas").getContext("webgl2");
+    if (!probe) return false;
+    probe.getExtension("WEBGL_lose_context")?.loseContext();
+    return true;
+  } catch { return false; }
+}
+
+let draw = () => {};
+let waiting = false;
+function refresh() {
+  if (waiting) return;
+  waiting = true;
+  requestAnimationFrame(() => { waiting = false; show(); });
+}
+
+function turn(yaw, pitch) {
+  view.yaw = yaw;
+  view.pitch = Math.min(Math.max(pitch, -80), 80);
+  for (const button of document.querySelectorAll("[data-view]")) {
+    const [y, p] = data.views[button.dataset.view];
+    button.setAttribute("aria-pressed", String(Math.abs(y - view.yaw) < 1 && Math.abs(p - view.pitch) < 1));
+  }
+  refresh();
+}
+
+// Chooses the way of drawing, and lets the picture be turned by pointer and keys.
+function prepare() {
+  let way = "canvas";
+  if (hasWebGL()) {
+    try { draw = webgl(); way = "webgl"; } catch { way = "canvas"; }
+  }
+  if (way === "canvas") draw = plain();
+  canvas.dataset.drawn = way;
+  for (const button of document.querySelectorAll("[data-view]")) {
+    button.addEventListener("click", () => turn(...data.views[button.dataset.view]));
+  }
+  let grip = null;
+  canvas.addEventListener("pointerdown", (event) => {
+    grip = [event.clientX, event.clientY, view.yaw, view.pitch];
+    canvas.setPointerCapture(event.pointerId);
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    if (grip) turn(grip[2] - 0.5 * (event.clientX - grip[0]), grip[3] + 0.5 * (event.clientY - grip[1]));
+  });
+  for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => { grip = null; });
+  canvas.addEventListener("wheel", (event) => {
+    if (!event.ctrlKey) return;  // a page is scrolled by the wheel alone
+    event.preventDefault();
+    view.zoom = Math.min(Math.max(view.zoom * Math.exp(-0.01 * event.deltaY), 0.5), 6);
+    refresh();
+  }, { passive: false });
+  canvas.addEventListener("keydown", (event) => {
+    const step = { ArrowLeft: [-8, 0], ArrowRight: [8, 0], ArrowUp: [0, 8], ArrowDown: [0, -8] }[event.key];
+    if (step) { event.preventDefault(); turn(view.yaw + step[0], view.pitch + step[1]); }
+    if (event.key === "+" || event.key === "-") {
+      view.zoom = Math.min(Math.max(view.zoom * (event.key === "+" ? 1.15 : 0.87), 0.5), 6);
+      refresh();
+    }
+  });
+  new ResizeObserver(refresh).observe(canvas);
+}

@@ -1,0 +1,1 @@
+"""Pages that answer: a server on this computer, the live face, curves, and recordings to browse."""

@@ -1,0 +1,387 @@
+"""Live face: activations from sliders or sEMG, one step at a time, sent to pages in the browser."""
+
+import json
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final, Protocol
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from emgface.errors import DataError, SignalError
+from emgface.pictures.encoding import QUANTUM
+from emgface.reduced.live import CausalFeature, weights_of
+from emgface.reduced.stream import Source
+from emgface.view.curves import Curves, curves_from
+from emgface.view.moving import Moved, Moving
+from emgface.view.server import Connection
+
+Floats = NDArray[np.float64]
+
+RISE: Final = 10.0
+"""Largest change of an activation that follows a slider, per second of simulated time [1/s]."""
+FRAMES: Final = 30.0  #: largest number of frames sent to a page per second
+AGAIN: Final = 1.0  #: time after which a source that has stopped is asked again [s]
+WAITING: Final = 0.25  #: time between looks at a page that has not drawn its frame yet [s]
+MOST_ROWS: Final = 1_000_000  #: largest number of steps in the log, 2.8 h of steps of 10 ms
+HEAD: Final = ("time", "latency", "computing", "bound", "distance", "trusted", "smallest_J", "lost",
+               "late", "pace")  # fmt: skip
+"""Numbers at the start of a frame, in single precision; activations and positions follow."""
+
+UNITS: Final = {"time": "s", "latency": "s", "computing": "s", "bound": "m"}  #: of others: 1
+
+
+class Drive(Protocol):
+    """Origin of the activations of a live face."""
+
+    name: str
+
+    def start(self) -> None:
+        """Begin with the next step."""
+        ...
+
+    def step(self, k: int) -> tuple[Floats, float, int, str]:
+        """Activation (n_muscles,) of step k, its time of arrival [s], lost samples, and a note."""
+        ...
+
+    def now(self) -> float:
+        """Time on the clock of the arrivals [s]."""
+        ...
+
+    def follow(self, began: float) -> None:
+        """Continue after a pause, as if the first step had begun at an instant of `now`."""
+        ...
+
+
+class Sliders:
+    """Activations that pages set; each follows its slider at no more than `RISE` per second."""
+
+    name = "sliders"
+
+    def __init__(self, muscles: Sequence[str], step: float, *, real_time: bool = True) -> None:
+        self.wanted = np.zeros(len(muscles))
+        self._muscles, self._step, self._real_time = tuple(muscles), step, real_time
+        self._current, self._begun = np.zeros(len(muscles)), 0.0
+
+    def set(self, values: Any) -> None:
+        """Set all sliders; DataError if the values are not one number in 0-1 for each muscle."""
+        self.wanted = levels_of(values, len(self._muscles))
+
+    def start(self) -> None:
+        """Begin now."""
+        self._begun = self.now()
+
+    def now(self) -> float:
+        """Time of this computer [s]."""
+        return time.perf_counter()
+
+    def follow(self, began: float) -> None:
+        """Continue after a pause."""
+        self._begun = began
+
+    def step(self, k: int) -> tuple[Floats, float, int, str]:
+        """Activation at the end of step k, when its time has come."""
+        due = self._begun + (k + 1) * self._step
+        if self._real_time and (early := due - self.now()) > 0.0:
+            time.sleep(early)
+        most = RISE * self._step
+        self._current = self._current + np.clip(self.wanted - self._current, -most, most)
+        return self._current.copy(), due if self._real_time else self.now(), 0, ""
+
+
+class Semg:
+    """Activations from streamed sEMG: causal feature, divided by its range, limited to 0-1.
+
+    A stream that stops is asked again every second, with the muscles at rest meanwhile.
+    """
+
+    def __init__(
+        self, source: Source, muscles: Sequence[str], between: tuple[Floats, Floats], name: str
+    ) -> None:
+        self.name, self._source = name, source
+        self._low, high = between
+        self._span = np.where(high > self._low, high - self._low, 1.0)
+        self._weights = weights_of(source.channels, muscles)
+        self._rest = np.zeros(len(muscles))
+        self.start()
+
+    def start(self) -> None:
+        """Forget what arrived before."""
+        self._feature = CausalFeature(self._source.rate, self._weights)
+        self._frame, self._silent_until = 0, 0.0
+        self._source.start()
+
+    def now(self) -> float:
+        """Time on the clock of the source [s]."""
+        return self._source.now()
+
+    def follow(self, began: float) -> None:
+        """Continue after a pause, without what arrived during it."""
+        self.start()
+
+    def step(self, k: int) -> tuple[Floats, float, int, str]:
+        """Activation after the next frame of the source."""
+        try:
+            samples, arrived, lost = self._source.frame(self._frame)
+            self._frame += 1
+        except SignalError as error:
+            note = f"{error} The muscles are at rest until samples arrive again."
+            try:
+                self.start()
+            except Exception as failed:  # the transport library raises its own types
+                note = f"{note} ({type(failed).__name__})"
+                time.sleep(AGAIN)
+            return self._rest.copy(), self.now(), 0, note
+        note = ""
+        if not np.isfinite(samples).all():
+            note = "The source sent values that are not numbers; they are treated as 0 V."
+            samples = np.where(np.isfinite(samples), samples, 0.0)
+        value = np.clip((self._feature(samples) - self._low) / self._span, 0.0, 1.0)
+        return value, arrived, lost, note
+
+
+def levels_of(values: Any, count: int) -> Floats:
+    """Activations (count,) of a message; DataError if they are not numbers in 0-1."""
+    try:
+        found = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        found = np.empty(0)
+    if found.shape != (count,) or not np.isfinite(found).all():
+        raise DataError(f"the message contains no {count} numbers, one for each muscle")
+    if found.min(initial=0.0) < 0.0 or found.max(initial=0.0) > 1.0:
+        raise DataError("an activation of the message is outside 0 to 1")
+    return found
+
+
+@dataclass
+class Log:
+    """Steps of a live face: activations, markers and the numbers of `HEAD`."""
+
+    muscles: tuple[str, ...]
+    markers: tuple[str, ...]
+    rows: list[Floats] = field(default_factory=list)
+    activation: list[Floats] = field(default_factory=list)
+    position: list[Floats] = field(default_factory=list)
+    notes: list[tuple[float, str]] = field(default_factory=list)
+
+    def add(self, row: Floats, activation: Floats, position: Floats) -> None:
+        """Add a step; the oldest are dropped beyond `MOST_ROWS`."""
+        for whole, part in zip((self.rows, self.activation, self.position),
+                               (row, activation, position), strict=True):  # fmt: skip
+            whole.append(part)
+            if len(whole) > MOST_ROWS:
+                del whole[: MOST_ROWS // 10]
+
+    def dataset(self, attrs: Mapping[str, Any]) -> xr.Dataset:
+        """Activation (muscle, time) [1] and markers (marker, axis, time) [m], with the numbers."""
+        rows = np.array(self.rows).reshape(-1, len(HEAD))
+        units = {n: UNITS.get(n, "1") for n in HEAD}
+        named = {
+            n: ("time", rows[:, k], {"units": units[n]}) for k, n in enumerate(HEAD) if n != "time"
+        }
+        activation = np.array(self.activation).reshape(-1, len(self.muscles))
+        position = np.array(self.position).reshape(-1, len(self.markers), 3)
+        return xr.Dataset(
+            {
+                "activation": (("muscle", "time"), activation.T, {"units": "1"}),
+                "position": (
+                    ("marker", "axis", "time"),
+                    position.transpose(1, 2, 0),
+                    {"units": "m"},
+                ),
+                **named,
+            },
+            coords={
+                "muscle": list(self.muscles),
+                "marker": list(self.markers),
+                "axis": ["x", "y", "z"],
+                "time": ("time", rows[:, 0], {"units": "s"}),
+            },
+            attrs={**attrs, "origin": "simulated", "notes": json.dumps(self.notes)},
+        )
+
+
+class LiveSession:
+    """Moves a face by a drive and sends it to any number of pages.
+
+    Steps are taken in the thread that calls `run`; each page has a thread that receives and one that
+    sends the newest frame after the page has drawn the former.
+    """
+
+    def __init__(
+        self,
+        face: Moving,
+        drive: Drive,
+        markers: Sequence[str],
+        *,
+        centre: Floats,
+        curves: Callable[..., bytes] | None = None,
+        further: Callable[[Floats, Floats], None] | None = None,
+    ) -> None:
+        self.face, self.drive = face, drive
+        self.log = Log(face.muscles, tuple(markers))
+        self._centre, self._curves, self._further = centre, curves, further
+        self._new, self._frame, self._number = threading.Condition(), b"", 0
+        self._asked: list[tuple[Connection, Curves, bool]] = []
+        self._still, self._reset, self.ended = False, False, False
+        self._notes: list[str] = []
+        self.dropped = 0
+
+    def talk(self, connection: Connection) -> None:
+        """Converse with one page until it closes."""
+        ready = threading.Event()
+        sender = threading.Thread(target=self._send, args=(connection, ready), daemon=True)
+        sender.start()
+        while (message := connection.receive()) is not None:
+            try:
+                self._hear(connection, message, ready)
+            except DataError as error:
+                connection.send(json.dumps({"kind": "refused", "why": str(error)}))
+        ready.set()
+
+    def _hear(self, connection: Connection, message: str | bytes, ready: threading.Event) -> None:
+        try:
+            parsed = json.loads(message) if isinstance(message, str) else None
+        except (ValueError, RecursionError) as error:
+            raise DataError("the message is not JSON") from error
+        said: dict[str, Any] = parsed if isinstance(parsed, dict) else {}
+        kind = said.get("kind")
+        if kind == "drawn":
+            ready.set()
+        elif kind == "activation":
+            if not isinstance(self.drive, Sliders):
+                raise DataError(f"the activations come from {self.drive.name}, not from sliders")
+            self.drive.set(said.get("values"))
+            self._still = False
+        elif kind == "curves":
+            if self._curves is None:
+                raise DataError("curves require a reduced face: start with --reduced FILE")
+            curves = curves_from(said, self.face.muscles)
+            with self._new:
+                self._asked = [one for one in self._asked if one[0] is not connection]
+                self._asked.append((connection, curves, said.get("preview") is True))
+                self._new.notify_all()
+        elif kind == "rest":
+            self._reset = True
+        elif kind in ("still", "go"):
+            self._still = kind == "still"
+        else:
+            raise DataError("the message is of an unknown kind")
+
+    def _send(self, connection: Connection, ready: threading.Event) -> None:
+        """Send the newest frame whenever the page has drawn the former one."""
+        sent, last = 0, 0.0
+        ready.set()
+        while connection.open and not self.ended:
+            if not ready.wait(WAITING):
+                continue
+            with self._new:
+                if self._number <= sent and not self._new.wait(WAITING):
+                    continue
+                frame, number, notes = self._frame, self._number, list(self._notes)
+                self._notes.clear()
+            for note in notes:
+                connection.send(json.dumps({"kind": "note", "text": note}))
+            if (early := last + 1.0 / FRAMES - time.perf_counter()) > 0.0:
+                time.sleep(early)
+                frame, number = self._frame, self._number
+            self.dropped += max(number - sent - 1, 0) if sent else 0
+            ready.clear()
+            last, sent = time.perf_counter(), number
+            connection.send(frame)
+
+    def run(self, seconds: float | None = None) -> None:
+        """Take steps until the time is over, or for ever."""
+        self.face(np.zeros(len(self.face.muscles)))  # loads the kernels before the clock starts
+        self.face.reset()
+        self.drive.start()
+        k, began = 0, self.drive.now()
+        try:
+            while seconds is None or k * self.face.step < seconds - 1e-9:
+                if self._asked:
+                    self._answer()
+                    self._still, began = True, self._continue(k)
+                    continue
+                if self._still:
+                    with self._new:
+                        self._new.wait_for(lambda: bool(self._asked) or not self._still, WAITING)
+                    began = self._continue(k)
+                    continue
+                if self._reset:
+                    self._reset = False
+                    self.face.reset()
+                activation, arrived, lost, note = self.drive.step(k)
+                begun = self.drive.now()
+                moved = self.face(activation)
+                done = self.drive.now()
+                k += 1
+                pace = k * self.face.step / max(done - began, 1e-9)
+                self._publish(moved, activation, k, (done - arrived, done - begun, lost, pace))
+                for text in filter(None, (note, moved.note)):
+                    self.note(k * self.face.step, text)
+        finally:
+            self.ended = True
+            with self._new:
+                self._new.notify_all()
+
+    def _continue(self, k: int) -> float:
+        """Let step k be due now, and return the start that this corresponds to."""
+        began = self.drive.now() - k * self.face.step
+        self.drive.follow(began)
+        return began
+
+    def _answer(self) -> None:
+        """Compute and send the motions of the curves that pages have asked for."""
+        with self._new:
+            asked, self._asked = self._asked, []
+        for connection, curves, preview in asked:
+            assert self._curves is not None
+            try:
+                connection.send(self._curves(curves, preview=preview))
+            except Exception as error:
+                from emgface.errors import EmgfaceError
+                from sim import SimulationError
+
+                if not isinstance(error, EmgfaceError | SimulationError):
+                    raise
+                connection.send(json.dumps({"kind": "refused", "why": str(error)}))
+
+    def _publish(
+        self, moved: Moved, activation: Floats, k: int, times: tuple[float, float, int, float]
+    ) -> None:
+        latency, computing, lost, pace = times
+        late = float(self.face.real_time and latency > self.face.step)
+        row = np.array([k * self.face.step, latency, computing, moved.bound, moved.distance,
+                        float(moved.trusted), moved.smallest_J, float(lost), late, pace])  # fmt: skip
+        self.log.add(row, activation, moved.markers)
+        if self._further:
+            self._further(activation, moved.markers)
+        frame = frame_of(row, activation, moved, self._centre)
+        with self._new:
+            self._frame, self._number = frame, self._number + 1
+            self._new.notify_all()
+
+    def note(self, at: float, text: str) -> None:
+        """Report a sentence to the pages and the log, once until another one follows."""
+        if self.log.notes and self.log.notes[-1][1] == text:
+            return
+        self.log.notes.append((round(at, 4), text))
+        with self._new:
+            self._notes.append(text)
+
+
+def frame_of(row: Floats, activation: Floats, moved: Moved, centre: Floats) -> bytes:
+    """Numbers and activations in single precision, then skin and markers in `QUANTUM` as int16.
+
+    Positions are relative to `centre` (3,) [m], the origin of the coordinates of the page.
+    """
+    numbers = np.concatenate([row, activation]).astype("<f4").tobytes()
+    return numbers + quanta(moved.skin - centre) + quanta(moved.markers - centre)
+
+
+def quanta(position: Floats) -> bytes:
+    """Positions as multiples of `QUANTUM`, limited to the range of int16."""
+    return np.clip(np.round(position / QUANTUM), -32767, 32767).astype("<i2").tobytes()
