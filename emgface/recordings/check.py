@@ -7,6 +7,7 @@ import pandas as pd
 import xarray as xr
 
 from emgface.muscles import CHANNELS
+from emgface.recordings.findings import findings_in
 from emgface.recordings.kinds import Signal, kind_of_name, kind_of_unit, signal_of
 from emgface.recordings.labels import note
 from emgface.recordings.quality.findings import findings
@@ -95,14 +96,19 @@ def _with_quality(rows: list[dict[str, object]], recording: xr.Dataset) -> list[
     emg = [row["name"] for row in rows if row["signal"] == "EMG"]
     if "emg" in recording:
         recording = recording.sel(channel=emg) if emg else recording.drop_vars("emg")
+    stored = findings_in(recording)
     measures, found = findings(recording)
     result: list[dict[str, object]] = []
     # A finding on the whole recording is stated with its first channel or marker.
     judgeable = [row for row in rows if row["signal"] in ("EMG", "position")]
     for row in rows:
         key = (str(row["kind"]), str(row["name"]))
-        told = [text for kind, name, text in found if (kind, name) == key]
+        told = [finding.clause for finding in stored if (finding.kind, finding.name) == key]
+        told += [text for kind, name, text in found if (kind, name) == key]
         if row is next((r for r in judgeable if r["kind"] == key[0]), None):
+            told = [
+                f.clause for f in stored if f.kind in (key[0], "recording") and not f.name
+            ] + told
             told += [text for kind, name, text in found if (kind, name) == (key[0], "")]
         verdict, reason = str(row["verdict"]), str(row["reason"])
         if told:

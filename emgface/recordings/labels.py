@@ -11,6 +11,7 @@ from pydantic import Field
 
 from emgface.choices import Parameters, configure
 from emgface.errors import DataError, SchemaError, listed
+from emgface.recordings.findings import Kind, findings_in, renamed
 from emgface.schema.rules import hint
 from emgface.texts import read_toml
 
@@ -58,10 +59,16 @@ def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
     """
     names = note(recording, "original_names")
     dropped = note(recording, "dropped")
-    for dim, chosen in (("channel", labels.channels), ("marker", labels.markers)):
+    maps: tuple[tuple[Kind, dict[str, str] | None], ...]
+    maps = (("channel", labels.channels), ("marker", labels.markers))
+    for dim, chosen in maps:
         if chosen is None:
             continue
         found = [str(v) for v in recording[dim].values] if dim in recording.coords else []
+        # A channel that its file marks as bad is missing, and its finding says so.
+        bad = {f.name for f in findings_in(recording) if (f.code, f.kind) == ("bad", dim)}
+        recording = renamed(recording, dim, chosen)
+        chosen = {k: name for k, name in chosen.items() if k in found or k not in bad}
         _demand(dim, chosen, found, dropped)
         for label in found:
             if label not in chosen:

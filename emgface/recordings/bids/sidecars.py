@@ -65,6 +65,16 @@ class EmgSidecars(NamedTuple):
             result.append(unit or told)
         return result
 
+    def rates(self, labels: Sequence[str]) -> dict[str, float | None]:
+        """Return the sampling rates [Hz] that the JSON file and the table state, by their place."""
+        found = {"emg.json": _rate(self.description.get("SamplingFrequency"))}
+        if "sampling_frequency" in self.channels:
+            rows = self.channels.loc[self.channels["name"].isin(labels), "sampling_frequency"]
+            told = [rate for rate in map(_rate, rows) if rate is not None]
+            if told:
+                found["channels.tsv"] = max(told, key=told.count)
+        return found
+
     @property
     def duration(self) -> float | None:
         """Duration of the recording [s], if it is specified."""
@@ -90,6 +100,15 @@ class EmgSidecars(NamedTuple):
     def trial(self) -> dict[str, str | int]:
         """Volunteer, instruction and repetition."""
         return trial_of(self.path)
+
+
+def _rate(value: Any) -> float | None:
+    """Rate [Hz] as a number or text of a sidecar, None if there is none."""
+    try:
+        rate = float(value)
+    except (TypeError, ValueError):
+        return None
+    return rate if 0.0 < rate < 1e9 else None
 
 
 def world(description: dict[str, Any]) -> dict[str, str]:

@@ -10,6 +10,8 @@ import xarray as xr
 
 from emgface.errors import DataError, UnitsError
 from emgface.muscles import AXES
+from emgface.recordings.findings import Finding, findings_in, with_findings
+from emgface.recordings.timebase import TimeBase
 from emgface.schema.units import quantity_of, spelling, to_si
 
 WIDEST: Final = 2048
@@ -21,48 +23,51 @@ class Part(NamedTuple):
 
     `data` is the result of `emg_array` or `position_array`, or None. The mappings contain the
     `units` of variables in the file, the `dropped` labels with the reason, and by new name the
-    `names` in the file.
+    `names` in the file; `findings` are those besides the findings of the time base.
     """
 
     data: xr.Dataset | None = None
     units: Mapping[str, str] = {}
     dropped: Mapping[str, str] = {}
     names: Mapping[str, str] = {}
+    findings: Sequence[Finding] = ()
 
 
-def emg_array(values: np.ndarray, labels: Sequence[str], time: np.ndarray, unit: str) -> xr.Dataset:
-    """Return ``emg(channel, time_emg)`` [V] from values (channels, samples) in a unit.
+def emg_array(values: np.ndarray, labels: Sequence[str], time: TimeBase, unit: str) -> xr.Dataset:
+    """Return ``emg(channel, time_emg)`` [V] from stored values (channels, samples) in a unit.
 
-    Raises UnitsError if the unit is absent or not a voltage.
+    Gaps of the time base are NaN, and its findings are stored with the dataset. Raises UnitsError if
+    the unit is absent or not a voltage.
     """
-    coords = {"channel": list(labels), "time_emg": ("time_emg", time, {"units": "s"})}
-    array = xr.DataArray(values, coords, ("channel", "time_emg"), "emg", {"units": unit})
-    return to_si(array, "voltage").to_dataset()
+    coords = {"channel": list(labels), "time_emg": ("time_emg", time.times, {"units": "s"})}
+    laid = time.laid(values)
+    array = xr.DataArray(laid, coords, ("channel", "time_emg"), "emg", {"units": unit})
+    return with_findings(to_si(array, "voltage").to_dataset(), time.findings("channel"))
 
 
 def position_array(
-    values: np.ndarray, labels: Sequence[str], time: np.ndarray, unit: str
+    values: np.ndarray, labels: Sequence[str], time: TimeBase, unit: str
 ) -> xr.Dataset:
-    """Return ``position(marker, axis, time_marker)`` [m] from values (markers, 3, frames) in a unit.
+    """Return ``position(marker, axis, time_marker)`` [m] from stored values (markers, 3, frames).
 
-    Values are NaN where a marker is not visible. Raises UnitsError if the unit is absent or not a
-    length.
+    Values are NaN where a marker is not visible and in the gaps of the time base, whose findings are
+    stored with the dataset. Raises UnitsError if the unit is absent or not a length.
     """
     coords = {
         "marker": list(labels),
         "axis": list(AXES),
-        "time_marker": ("time_marker", time, {"units": "s"}),
+        "time_marker": ("time_marker", time.times, {"units": "s"}),
     }
     dims = ("marker", "axis", "time_marker")
-    array = xr.DataArray(values, coords, dims, "position", {"units": unit})
-    return to_si(array, "length").to_dataset()
+    array = xr.DataArray(time.laid(values), coords, dims, "position", {"units": unit})
+    return with_findings(to_si(array, "length").to_dataset(), time.findings("marker"))
 
 
 def voltages(
     values: Sequence[np.ndarray] | np.ndarray,
     labels: Sequence[str],
     found: Sequence[str],
-    time: np.ndarray,
+    time: TimeBase,
     unit: str | None,
     names: Mapping[str, str],
 ) -> Part:
@@ -93,7 +98,9 @@ def voltages(
         emg_array(np.stack([values[i] for i in rows]), [labels[i] for i in rows], time, one)
         for one, rows in by_unit.items()
     ]
-    data = xr.concat(parts, "channel").sel(channel=[labels[i] for i in keep])
+    data = xr.concat(parts, "channel", combine_attrs="override").sel(
+        channel=[labels[i] for i in keep]
+    )
     original = ", ".join(dict.fromkeys(found[i] for i in keep))
     return Part(data, {"emg": original}, dropped, names)
 
@@ -118,8 +125,11 @@ def assemble_parts(
             f"The file contains neither EMG nor markers{f' ({reasons})' if reasons else ''}; "
             "expected at least one of them: check whether it is the right file."
         )
-    united = xr.merge(found)
+    told = [finding for data in found for finding in findings_in(data)]
+    told += [finding for part in parts for finding in part.findings]
+    united = xr.merge([data.drop_attrs(deep=False) for data in found])
     united.attrs = {"origin": origin}
+    united = with_findings(united, told)
     for name, value in notes.items():
         united.attrs[name] = json.dumps(value, ensure_ascii=False)
     return united.assign_attrs(device=device) if device else united

@@ -35,6 +35,11 @@ def check_structure(path: Path) -> None:
     if start + 4 > len(data) or data[start + 3] not in _ORDERS:
         raise _error(path, "specifies no processor", "a parameter section")
     order = _ORDERS[data[start + 3]]
+    if order == ">":
+        raise DataError(
+            f"{path.name} is a C3D file in the byte order of SGI and MIPS computers, which is not "
+            "supported; expected that of Intel or DEC: convert it in the program that wrote it."
+        )
     end = start + data[start + 2] * _BLOCK
     if not start < end <= len(data):
         raise _error(path, f"has parameters up to byte {end} of {len(data)}", "all of them")
@@ -115,12 +120,12 @@ def _check_counts(
             f"has {per_frame} analog samples in a frame and {channels} channels of {samples}",
             "their product",
         )
-    if start is not None and start != block:
+    if start not in (None, 0, block):  # some programs leave it at 0
         raise _error(path, f"begins its data at block {block} and {start}", "one place")
     needed = [("POINT", "SCALE", 1), ("POINT", "RATE", 1)] if points else []
     if channels:
         each = min(channels, 255)  # further ones are in SCALE2
-        needed += [("ANALOG", "GEN_SCALE", 1), ("ANALOG", "RATE", 1)]
+        needed += [("ANALOG", "RATE", 1)]
         needed += [("ANALOG", "SCALE", each), ("ANALOG", "OFFSET", each)]
     for group, name, least in needed:
         record = held.get((group, name))

@@ -26,8 +26,8 @@ class NotAnArray(LookupError):
 def parse_c3d(path: Path) -> dict[str, Any]:
     """Return parameters, points and analog samples of a C3D file of checked structure, by ezc3d.
 
-    The keys are ``parameters`` (group to name to value), ``points`` (4, points, frames) and
-    ``analogs`` (1, channels, samples).
+    The keys are ``parameters`` (group to name to value), ``points`` (4, points, frames), ``analogs``
+    (1, channels, samples) and ``residuals`` (1, points, frames).
     """
     import ezc3d
 
@@ -45,6 +45,7 @@ def parse_c3d(path: Path) -> dict[str, Any]:
         "parameters": parameters,
         "points": np.array(content["data"]["points"], dtype=np.float64),
         "analogs": np.array(content["data"]["analogs"], dtype=np.float64),
+        "residuals": np.array(content["data"]["meta_points"]["residuals"], dtype=np.float64),
     }
 
 
@@ -168,11 +169,11 @@ def _require_room(path: Path, name: str, shape: tuple[int, ...]) -> None:
 
 
 def parse_xdf(path: Path) -> list[dict[str, Any]]:
-    """Return the streams of an XDF file, with synchronised clocks and without jitter.
+    """Return the streams of an XDF file, with synchronised clocks and the jitter of their times.
 
     The dict of each numeric stream contains ``name``, ``type``, ``rate`` (nominal [Hz]),
-    ``announced`` (samples by the footer, None without one), ``segments`` (runs without a break),
-    ``channels`` (dicts of texts), ``values`` (samples, channels) and ``time`` [s]. The chunks of
+    ``announced`` (samples by the footer, None without one), ``channels`` (dicts of texts), ``values``
+    (samples, channels) and ``time`` [s]. The chunks of
     the file have been checked; ValueError is raised if a part cannot be read.
     """
     import logging
@@ -189,7 +190,8 @@ def parse_xdf(path: Path) -> list[dict[str, Any]]:
     collector = Collector(logging.ERROR)
     logging.getLogger("pyxdf").addHandler(collector)
     try:
-        streams, _ = pyxdf.load_xdf(str(path))
+        # Fitting lines through the times would distribute lost samples over the recording.
+        streams, _ = pyxdf.load_xdf(str(path), dejitter_timestamps=False)
     finally:
         logging.getLogger("pyxdf").removeHandler(collector)
     if told:
@@ -209,7 +211,6 @@ def parse_xdf(path: Path) -> list[dict[str, Any]]:
                 "type": str(info["type"][0]),
                 "rate": float(info["nominal_srate"][0]),
                 "announced": None if not footer else int(footer[0]),
-                "segments": len(info["segments"]),
                 "channels": [
                     {key: str(value[0]) for key, value in channel.items() if value and value[0]}
                     for channel in channels

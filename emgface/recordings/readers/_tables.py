@@ -14,6 +14,13 @@ from emgface.errors import DataError, listed
 from emgface.recordings.readers._arrays import read_array, read_texts
 from emgface.recordings.readers._build import require_few
 from emgface.recordings.readers._table_models import PositionTable, Table
+from emgface.recordings.timebase import (
+    TimeBase,
+    contradicting,
+    of_rate,
+    of_stamps,
+    with_counter,
+)
 from emgface.schema.rules import hint, one_line
 from emgface.schema.units import to_si
 from emgface.texts import open_text
@@ -30,11 +37,11 @@ _MISSING = frozenset({"", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL
 
 def load_table(
     sidecar: Path, table: Table, wanted: Mapping[str, str] | None
-) -> tuple[pd.DataFrame, np.ndarray, dict[str, str]]:
+) -> tuple[pd.DataFrame, TimeBase, dict[str, str]]:
     """Return the numbers described by a table of a sidecar.
 
     The table has one column of float64 for each channel, and three for each marker. Returned in
-    addition are the instants [s], and the omitted columns with the reason: those that are not
+    addition are the time base, and the omitted columns with the reason: those that are not
     `wanted` may contain text and are then omitted. Raises DataError if the file is absent or
     damaged, contains a cell that is not a number, or does not fit the description, and UnitsError
     if the unit of time is unknown.
@@ -64,13 +71,18 @@ def load_table(
                 f"{path.name}: {table.time!r} has {instants.size} instants and {table.variable!r} "
                 f"{len(frame)} samples; expected the same number: check 'dims' in {sidecar.name}."
             )
+    columns = {str(name): frame[name].to_numpy() for name in frame.columns}
     if (table.step, table.zero) != (1.0, 0.0):
         frame = table.step * (frame - table.zero)
     if instants is None:
-        return frame, np.arange(len(frame)) / float(table.rate or np.nan), dropped
+        rate = float(table.rate or np.nan)
+        base = of_rate(path.name, len(frame), rate, by=f"'rate' in {sidecar.name}")
+        base = base.noting(contradicting(columns, rate, f"'rate' in {sidecar.name}"))
+        return frame, with_counter(base, columns), dropped
     named = xr.DataArray(instants, dims="time", name=f"{path.name}, {table.time}")
     time = to_si(named.assign_attrs(units=table.time_unit), "time").values
-    return frame, time, dropped
+    base = of_stamps(f"{path.name}, {table.time}", time, by=f"the times of {table.time!r}")
+    return frame, with_counter(base, columns), dropped
 
 
 def _array(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:

@@ -21,6 +21,8 @@ from emgface.recordings.bids.sidecars import (
     world,
 )
 from emgface.recordings.readers._build import Part, assemble_parts, position_array, unique_labels
+from emgface.recordings.readers._flags import bad_rows, without_bad
+from emgface.recordings.timebase import TimeBase, of_rate, of_stamps
 from emgface.texts import read_text
 
 SUFFIXES = (".tsv",)
@@ -101,17 +103,25 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
             "tracked_point and units: repair it."
         )
     rate = description.get("SamplingFrequencyEffective", description.get("SamplingFrequency"))
-    if not isinstance(rate, (int, float)) or not 0 < rate < 1e6:
+    latencies = channels.index[channels["type"] == "LATENCY"]
+    if rate == "n/a" and len(latencies):
+        rate = None
+    elif not isinstance(rate, (int, float)) or not 0 < rate < 1e6:
         raise DataError(
             f"{sidecar.name} has SamplingFrequency {rate!r}; expected a rate above 0 Hz: set it."
         )
     values = _values(path, len(channels))
     announced = description.get("RecordingDuration")
-    held = values.shape[0] / float(rate)
-    short = isinstance(announced, (int, float)) and held < announced - 0.5 / rate
+    base = _time_base(path, values, channels, rate)
+    held = base.times.size / base.rate
+    short = isinstance(announced, (int, float)) and held < announced - 0.5 / base.rate
     positions = channels[(channels["type"] == "POS") & channels["component"].isin(AXES)]
     dropped = {
-        str(row["name"]): f"of type {row['type']}, component {row['component']}"
+        str(row["name"]): (
+            "read as the times of the samples"
+            if row["type"] == "LATENCY"
+            else f"of type {row['type']}, component {row['component']}"
+        )
         for _, row in channels.drop(positions.index).iterrows()
     }
     if short:
@@ -135,10 +145,49 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
             "it, or specify the unit in the table 'units' of the mapping."
         )
     labels, names = unique_labels(points, "marker")
-    time = np.arange(values.shape[0]) / float(rate)
     array = np.stack([values[:, triple].T for triple in columns])
-    data = position_array(array, labels, time, units.get("position", found[0]))
-    return Part(data, {"position": found[0]}, dropped, names), description
+    data = position_array(array, labels, base, units.get("position", found[0]))
+    part = Part(data, {"position": found[0]}, dropped, names)
+    bad = bad_rows(channels, [str(name) for name in positions["name"]])
+    point = {str(row["name"]): str(row["tracked_point"]) for _, row in positions.iterrows()}
+    of_points = {point[name]: why for name, why in bad.items() if point[name] in labels}
+    return without_bad(part, "marker", of_points, table.name), description
+
+
+def _time_base(
+    path: Path, values: np.ndarray, channels: pd.DataFrame, rate: float | None
+) -> TimeBase:
+    """Instants of the frames: of the column of latencies, or otherwise of the rate."""
+    if len(values) < 1:
+        raise DataError(f"{path.name} has no frames; expected at least one: copy it again.")
+    latency = next((k for k, kind in enumerate(channels["type"]) if kind == "LATENCY"), None)
+    if latency is not None:
+        return of_stamps(
+            path.name,
+            values[:, latency],
+            nominal=None if rate is None else float(rate),
+            by="the column of latencies",
+            nominal_by="motion.json",
+            jittered=True,
+        )
+    columns = {str(name): values[:, k] for k, name in enumerate(channels["name"])}
+    told = [_number(cell) for cell in channels.get("sampling_frequency", ())]
+    others = {"channels.tsv": next((rate for rate in told if rate), None)}
+    return of_rate(
+        path.name,
+        len(values),
+        float(rate or 0.0),
+        by="motion.json",
+        others=others,
+        witnesses=columns,
+    )
+
+
+def _number(cell: Any) -> float | None:
+    try:
+        return float(cell)
+    except (TypeError, ValueError):
+        return None
 
 
 def _values(path: Path, count: int) -> np.ndarray:

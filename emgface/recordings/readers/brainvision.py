@@ -14,6 +14,8 @@ import xarray as xr
 
 from emgface.errors import DataError
 from emgface.recordings.readers._build import assemble_parts, positive, unique_labels, voltages
+from emgface.recordings.readers._flags import with_bad_samples
+from emgface.recordings.timebase import of_rate
 from emgface.texts import decoded, marked_encoding
 
 SUFFIXES = (".vhdr",)
@@ -47,13 +49,20 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     interval = positive(path, "SamplingInterval", common.get("SamplingInterval", ""))
     rate = 1e6 / interval  # an interval in microseconds
     channels = [_channel(path, sections.get("Channel Infos", {}), i + 1) for i in range(count)]
-    _require_continuous(path, common)
+    bad = _bad_intervals(path, common)
     samples = _samples(path, common, sections.get("Binary Infos", {}), count)
     labels, names = unique_labels([channel.label for channel in channels], "channel")
     values = [row * channel.resolution for row, channel in zip(samples, channels, strict=True)]
-    time = np.arange(samples.shape[1]) / rate
+    witnesses = dict(zip(labels, values, strict=True))
+    base = of_rate(path.name, samples.shape[1], rate, by="SamplingInterval", witnesses=witnesses)
     found = [channel.unit for channel in channels]
-    return assemble_parts([voltages(values, labels, found, time, units.get("emg"), names)])
+    part = voltages(values, labels, found, base, units.get("emg"), names)
+    for start, stop, channel in bad:
+        inside = np.zeros(base.stored, dtype=bool)
+        inside[start:stop] = True
+        concerned = None if channel is None else labels[channel : channel + 1]
+        part = with_bad_samples(part, "channel", base, inside, "a marker 'Bad Interval'", concerned)
+    return assemble_parts([part])
 
 
 def _sections(path: Path) -> dict[str, dict[str, str]]:
@@ -118,8 +127,11 @@ def _beside(path: Path, name: str) -> Path | None:
     return path.parent / Path(name.replace("\\", "/")).name if name else None
 
 
-def _require_continuous(path: Path, common: Mapping[str, str]) -> None:
-    """Refuse a recording that is not one continuous sequence of samples."""
+def _bad_intervals(path: Path, common: Mapping[str, str]) -> list[tuple[int, int, int | None]]:
+    """First sample, end and channel (None for all) of the intervals that markers call bad.
+
+    Refuses a recording that is not one continuous sequence of samples.
+    """
     kind, domain = common.get("SegmentationType", ""), common.get("DataType", "TIMEDOMAIN")
     if kind not in ("", "NOTSEGMENTED") or domain != "TIMEDOMAIN" or "AveragedSegments" in common:
         raise DataError(
@@ -127,8 +139,9 @@ def _require_continuous(path: Path, common: Mapping[str, str]) -> None:
             "the raw data."
         )
     markers = _beside(path, common.get("MarkerFile", ""))
+    bad: list[tuple[int, int, int | None]] = []
     if markers is None or not markers.is_file():
-        return
+        return bad
     for told in _sections(markers).get("Marker Infos", {}).values():
         cells = told.split(",")
         if cells[0] == "New Segment" and len(cells) > 2 and cells[2].strip() not in ("0", "1"):
@@ -136,6 +149,12 @@ def _require_continuous(path: Path, common: Mapping[str, str]) -> None:
                 f"{path.name} was paused: a new segment begins at sample {cells[2]}; expected a "
                 "continuous recording: export each part as a separate file."
             )
+        if cells[0].strip() == "Bad Interval" and len(cells) > 4:
+            numbers = [cell.strip() for cell in cells[2:5]]
+            if all(number.isascii() and number.isdigit() for number in numbers):
+                start, size, channel = map(int, numbers)
+                bad.append((max(start - 1, 0), start - 1 + size, channel - 1 if channel else None))
+    return bad
 
 
 def _samples(

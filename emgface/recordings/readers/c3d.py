@@ -1,5 +1,6 @@
 """C3D files of motion capture: markers and analog EMG of one trial, through ezc3d."""
 
+import struct
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -8,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import DataError
+from emgface.recordings.findings import Finding
 from emgface.recordings.readers._build import (
     Part,
     assemble_parts,
@@ -18,6 +20,7 @@ from emgface.recordings.readers._build import (
 from emgface.recordings.readers._c3d_structure import check_structure
 from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_c3d
+from emgface.recordings.timebase import of_rate
 
 SUFFIXES = (".c3d",)
 FORMAT = "C3D"
@@ -43,6 +46,7 @@ def _open(path: Path) -> dict[str, Any]:
     content = parsed(path, parse_c3d, path)
     # ezc3d reads a truncated file up to its end and adapts its counts without a warning.
     announced, found = _announced_frames(path, content), content["points"].shape[2]
+    content["header_rate"] = _header_rate(path)
     if announced is not None and found < announced:
         raise DataError(
             f"{path.name} declares {announced} frames but contains {found}; expected all of them: "
@@ -70,6 +74,18 @@ def _announced_frames(path: Path, content: Mapping[str, Any]) -> int | None:
     first, last = (int(v) for v in np.frombuffer(header[6:10], order))
     # Counts beyond 16 bits are written as 65535.
     return last - first + 1 if last < 65535 else None
+
+
+def _header_rate(path: Path) -> float | None:
+    """Frame rate of the header [Hz]; None if it is not stated, or in the format of a DEC processor."""
+    with path.open("rb") as stream:
+        header = stream.read(512)
+        stream.seek((header[0] - 1) * 512 + 3)
+        processor = stream.read(1)
+    if processor not in (b"\x54", b"\x56"):
+        return None
+    (rate,) = struct.unpack_from(">f" if processor == b"\x56" else "<f", header, 20)
+    return float(rate) if 0.0 < rate < 1e6 else None
 
 
 def _strings(group: Any, name: str) -> list[str]:
@@ -114,11 +130,42 @@ def _points(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
     seen = values[:, keep]
     found = (_strings(group, "UNITS") or [""])[0]
     unit = units.get("position", found)
-    time = np.arange(frames) / _rate(group, "POINT")
-    part = position_array(
-        np.ascontiguousarray(seen.transpose(1, 0, 2)), [labels[i] for i in keep], time, unit
+    base = of_rate(
+        "POINT",
+        frames,
+        _rate(group, "POINT"),
+        by="POINT:RATE",
+        others={
+            "the header": content["header_rate"],
+            "TRIAL:CAMERA_RATE": _number(content, "TRIAL", "CAMERA_RATE"),
+        },
     )
-    return Part(part, {"position": found}, dropped, changed)
+    part = position_array(
+        np.ascontiguousarray(seen.transpose(1, 0, 2)), [labels[i] for i in keep], base, unit
+    )
+    told = _interpolated(content["residuals"][0][keep], [labels[i] for i in keep])
+    return Part(part, {"position": found}, dropped, changed, told)
+
+
+def _interpolated(residuals: np.ndarray, labels: list[str]) -> list[Finding]:
+    """Findings on markers with positions whose residual is 0, which no camera measured.
+
+    A file in which all residuals are 0 does not state them.
+    """
+    if not (residuals > 0).any():
+        return []
+    found: list[Finding] = []
+    for label, row in zip(labels, residuals, strict=True):
+        computed = int((row == 0).sum())
+        if computed:
+            values = {"frames": computed, "share": computed / row.size, "by": "their residual of 0"}
+            found.append(Finding("interpolated", "marker", label, values))
+    return found
+
+
+def _number(content: Mapping[str, Any], group: str, name: str) -> float | None:
+    value = np.atleast_1d(content["parameters"].get(group, {}).get(name, []))
+    return float(value[0]) if value.size and value.dtype.kind in "iuf" else None
 
 
 def _analogs(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
@@ -132,5 +179,18 @@ def _analogs(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
     labels, changed = unique_labels(given + [""] * (count - len(given)), "channel")
     found = _strings(group, "UNITS")[:count]
     found += [""] * (count - len(found))
-    time = np.arange(samples) / _rate(group, "ANALOG")
-    return voltages(values, labels, found, time, units.get("emg"), changed)
+    rate, frames = _rate(group, "ANALOG"), content["points"].shape[2]
+    frame_rate = _number(content, "POINT", "RATE")
+    base = of_rate(
+        "ANALOG",
+        samples,
+        rate,
+        by="ANALOG:RATE",
+        others={
+            "POINT:RATE and the samples of a frame": frame_rate * samples / frames
+            if frames and frame_rate
+            else None
+        },
+        witnesses=dict(zip(labels, values, strict=True)),
+    )
+    return voltages(values, labels, found, base, units.get("emg"), changed)

@@ -18,7 +18,10 @@ from emgface.errors import DataError
 from emgface.recordings.bids.electrodes import read_electrodes
 from emgface.recordings.bids.sidecars import EmgSidecars, emg_sidecars
 from emgface.recordings.readers._build import Part, assemble_parts, unique_labels, voltages
+from emgface.recordings.readers._edf_records import Records, out_of_range, records_of
+from emgface.recordings.readers._flags import bad_rows, with_bad_samples, without_bad
 from emgface.recordings.readers.bids_motion import motion_of_trial
+from emgface.recordings.timebase import TimeBase, of_blocks, of_rate, with_counter
 from emgface.schema.rules import one_line
 from emgface.schema.units import quantity_of
 
@@ -34,6 +37,7 @@ class _Content(NamedTuple):
     units: list[str]
     rates: list[float]
     device: str
+    records: Records | None
 
 
 def is_recording(path: Path) -> bool:
@@ -44,7 +48,9 @@ def is_recording(path: Path) -> bool:
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     """Read the voltage channels with the most frequent sampling rate.
 
-    Raises DataError also if the recording is not continuous or contradicts its tables.
+    Pauses between records are gaps, and intervals annotated as bad (BAD, BAD_..., or a status of
+    BioSemi that is out of range) are NaN. Raises DataError also if the recording contradicts its
+    tables.
     """
     content = _load(path)
     sidecars = emg_sidecars(path)
@@ -55,23 +61,22 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
         found = sidecars.units(given, content.units)
     names |= {label: own for label, own in zip(labels, content.labels, strict=True) if label != own}
     keep, dropped = _of_one_rate(content, labels, found, sidecars, "emg" in units)
-    rate = content.rates[keep[0]] if keep else 1.0
-    n = len(content.values[keep[0]]) if keep else 0
-    if sidecars is not None and sidecars.duration is not None:
-        n = min(n, round(sidecars.duration * rate))  # the last record is padded
-    emg = (
-        voltages(
+    emg = Part()
+    if keep:
+        base = _time_base(path, content, keep, sidecars, given)
+        n = base.stored
+        emg = voltages(
             [content.values[i][:n] for i in keep],
             [labels[i] for i in keep],
             [found[i] for i in keep],
-            np.arange(n) / rate,
+            base,
             units.get("emg"),
             {label: names[label] for label in labels if label in names},
         )
-        if keep
-        else Part()
-    )
+        emg = _without_flagged(emg, content, base)
     emg = emg._replace(dropped={**dropped, **emg.dropped})
+    if sidecars is not None:
+        emg = without_bad(emg, "channel", bad_rows(sidecars.channels, labels), "channels.tsv")
     if sidecars is None:
         return assemble_parts([emg], device=content.device)
     motion = motion_of_trial(path, units)
@@ -81,6 +86,53 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     electrodes = read_electrodes(path, sidecars.channels)
     told = {} if electrodes is None else {"electrodes": electrodes}
     return united.assign_attrs({**sidecars.world, **sidecars.trial, **told})
+
+
+def _time_base(
+    path: Path,
+    content: _Content,
+    keep: Sequence[int],
+    sidecars: EmgSidecars | None,
+    given: Sequence[str],
+) -> TimeBase:
+    """Instants of the samples: by the begins of the records, and compared with the tables."""
+    rate, stored = content.rates[keep[0]], len(content.values[keep[0]])
+    others = {} if sidecars is None else sidecars.rates([given[i] for i in keep])
+    base = of_rate(path.name, stored, rate, by="its header", others=others)
+    records = content.records
+    if records is not None:
+        size = round(rate * records.duration)
+        if size * records.starts.size == stored:
+            blocks = of_blocks(path.name, records.starts, size, rate, "the begins of its records")
+            base = blocks.noting(base.notes) if blocks.gaps else base
+    if not base.gaps and sidecars is not None and sidecars.duration is not None:
+        n = min(stored, round(sidecars.duration * rate))  # the last record is padded
+        base = of_rate(path.name, n, rate, by="its header", others=others)
+    n = base.stored
+    same = {
+        label: values[:n]
+        for label, values in zip(content.labels, content.values, strict=True)
+        if len(values) == stored
+    }
+    return with_counter(base, same)
+
+
+def _without_flagged(part: Part, content: _Content, base: TimeBase) -> Part:
+    """Replace samples that annotations or the status of the amplifier mark as bad."""
+    for one in () if content.records is None else content.records.bad:
+        inside = (base.times >= one.start) & (base.times < one.start + max(one.duration, 0.0))
+        part = with_bad_samples(
+            part, "channel", base, inside[base.places], f"the annotation {one.text!r}"
+        )
+    same = {
+        label: values[: base.stored]
+        for label, values in zip(content.labels, content.values, strict=True)
+        if len(values) >= base.stored
+    }
+    outside = out_of_range(same)
+    if outside is not None:
+        part = with_bad_samples(part, "channel", base, outside, "the status (out of range)")
+    return part
 
 
 def _of_one_rate(
@@ -125,7 +177,8 @@ def _load(path: Path) -> _Content:
                 opened = edfio.read_bdf(data, header_encoding="latin-1")
             else:
                 opened = edfio.read_edf(data, lazy_load_data=False, header_encoding="latin-1")
-            continuous = opened.is_continuous and opened.reserved[:5] not in ("EDF+D", "BDF+D")
+            records = records_of(data)
+            broken = opened.reserved[:5] in ("EDF+D", "BDF+D") and records is None
             signals = opened.signals
             content = _Content(
                 [np.asarray(signal.data, dtype=np.float64) for signal in signals],
@@ -133,6 +186,7 @@ def _load(path: Path) -> _Content:
                 [signal.physical_dimension.strip() for signal in signals],
                 [float(signal.sampling_frequency) for signal in signals],
                 _device(opened),
+                records,
             )
             ranges = [(*signal.physical_range, *signal.digital_range) for signal in signals]
     except (ValueError, KeyError, IndexError, TypeError, ArithmeticError, Warning) as error:
@@ -140,10 +194,10 @@ def _load(path: Path) -> _Content:
             f"{path.name} cannot be read as {'BDF' if bdf else 'EDF'} ({one_line(error)}); expected the "
             "fields of that format: it is damaged, export it again."
         ) from error
-    if not continuous:
+    if broken:
         raise DataError(
-            f"{path.name} has pauses between its records; expected a continuous recording: "
-            "export each part as a separate file."
+            f"{path.name} has pauses between its records, but does not state when they begin; "
+            "expected a continuous recording: export each part as a separate file."
         )
     for label, limits in zip(content.labels, ranges, strict=True):
         low, high, least, most = limits

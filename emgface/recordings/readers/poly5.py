@@ -15,6 +15,8 @@ import xarray as xr
 
 from emgface.errors import DataError
 from emgface.recordings.readers._build import assemble_parts, unique_labels, voltages
+from emgface.recordings.readers._flags import with_bad_samples
+from emgface.recordings.timebase import of_rate
 
 SUFFIXES = (".poly5", ".s00")
 FORMAT = "TMSi Poly5"
@@ -24,6 +26,8 @@ _VERSIONS = {203: 31, 204: 32}  #: length of the initial text of the file, by ve
 _HEADER = struct.Struct("<H81pHHBHi4x14xiHHH64x")
 _SIGNAL = struct.Struct("<41p4x11p4fHH60x")
 _BLOCK = struct.Struct("<i4x14x64x")
+_FILLED = 1 << 8
+"""Bit of the status that marks samples inserted in place of lost ones (TMSi, SAGA user manual)."""
 
 
 class _Header(NamedTuple):
@@ -51,6 +55,7 @@ class _Channel(NamedTuple):
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     """Read the channels that are voltages.
 
+    Samples that the status channel marks as fillers are gaps, as are those that the counter lacks.
     The value is ``unit_low + (x - adc_low) (unit_high - unit_low) / (adc_high - adc_low)``. Raises
     DataError also if the file is compressed.
     """
@@ -59,10 +64,20 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     channels, start = _channels(path, data, header, start)
     samples = _samples(path, data, header, channels, start)
     labels, names = unique_labels([channel.label for channel in channels], "channel")
-    time = np.arange(header.periods) / float(_rate(path, header))
-    part = voltages(
-        samples, labels, [channel.unit for channel in channels], time, units.get("emg"), names
+    base = of_rate(
+        path.name,
+        header.periods,
+        float(_rate(path, header)),
+        by="its header",
+        witnesses=dict(zip(labels, samples, strict=True)),
     )
+    part = voltages(
+        samples, labels, [channel.unit for channel in channels], base, units.get("emg"), names
+    )
+    for label, values in zip(labels, samples, strict=True):
+        if label.strip().lower() == "status":
+            filled = (np.nan_to_num(values).astype(np.int64) & _FILLED) != 0
+            part = with_bad_samples(part, "channel", base, filled, f"bit 8 of {label!r} (no data)")
     return assemble_parts([part])
 
 

@@ -19,6 +19,7 @@ from emgface.recordings.readers._build import (
     positive,
     unique_labels,
 )
+from emgface.recordings.timebase import TimeBase, of_stamps, with_counter
 from emgface.texts import read_text
 
 SUFFIXES = (".trc",)
@@ -28,9 +29,10 @@ _COUNTS = ("DataRate", "NumFrames", "NumMarkers", "Units")
 
 
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
-    """Read the markers; empty cells are NaN.
+    """Read the markers; empty cells are NaN, and frames that were left out are gaps.
 
-    Raises DataError also if counts, frames and times do not agree.
+    The column of times determines the rate, and another one in the header is a finding. Raises
+    DataError also if counts, frames and times do not agree.
     """
     rows, header = _rows(path)
     rate = positive(path, "DataRate", header["DataRate"])
@@ -46,27 +48,41 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
             "it is truncated, export it again."
         )
     values = _values(path, table, count)
-    number, time = values[:, 0], values[:, 1]
-    step = np.diff(number)
-    if not (step == 1).all():
-        at = int(np.argmin(step == 1))
-        raise DataError(
-            f"{path.name} continues from frame {number[at]:g} to frame {number[at + 1]:g}; expected the "
-            "next one: frames are missing, export them all."
-        )
-    regular = np.arange(frames) / rate
-    away = np.abs(time - time[0] - regular)
-    if not (away < 0.5 / rate).all():
-        at = int(np.argmin(away < 0.5 / rate))
-        raise DataError(
-            f"{path.name}: frame {number[at]:g} is at {time[at]:g} s; expected "
-            f"{time[0] + regular[at]:g} s at {rate:g} Hz: the rate or the times are wrong, export "
-            "the file again."
-        )
+    base = _time_base(path, values[:, 0], values[:, 1], rate)
     positions = values[:, 2:].reshape(frames, count, 3).transpose(1, 2, 0)
     unit = units.get("position", header["Units"])
-    data = position_array(np.ascontiguousarray(positions), labels, time[0] + regular, unit)
+    data = position_array(np.ascontiguousarray(positions), labels, base, unit)
     return assemble_parts([Part(data, {"position": header["Units"]}, {}, names)])
+
+
+def _time_base(path: Path, number: np.ndarray, time: np.ndarray, rate: float) -> TimeBase:
+    """Instants of the frames by their times, compared with their numbers and the rate."""
+    step = np.diff(number)
+    if not (np.isfinite(number).all() and (step == np.rint(step)).all() and (step >= 1).all()):
+        at = int(np.argmin(np.nan_to_num(step, nan=-1.0) >= 1)) if step.size else 0
+        raise DataError(
+            f"{path.name} continues from frame {number[at]:g} to frame "
+            f"{number[min(at + 1, number.size - 1)]:g}; expected ascending numbers of frames: it is "
+            "damaged, export it again."
+        )
+    base = of_stamps(
+        path.name,
+        time,
+        nominal=rate,
+        by="the column of times",
+        nominal_by="the header",
+        largest_difference=0.05,
+    )
+    if not np.array_equal(number - number[0], base.places):
+        if base.gaps:
+            at = int(np.argmax(number - number[0] != base.places))
+            raise DataError(
+                f"{path.name}: frame {number[at]:g} is at {time[at]:g} s; expected "
+                f"{time[0] + (number[at] - number[0]) / base.rate:g} s at {base.rate:g} Hz: the rate or "
+                "the times are wrong, export the file again."
+            )
+        return with_counter(base, {"frame": number}, least=2)
+    return base
 
 
 def _rows(path: Path) -> tuple[list[list[str]], dict[str, str]]:

@@ -24,6 +24,7 @@ from emgface.recordings.readers._build import (
 )
 from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_xdf
+from emgface.recordings.timebase import TimeBase, of_stamps
 
 SUFFIXES = (".xdf",)
 FORMAT = "XDF"
@@ -37,8 +38,9 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     """Read the EMG stream and the markers.
 
     Time is 0 at the first sample of any stream that is read, so that EMG and markers remain
-    synchronous; other streams are listed in ``dropped``. Raises DataError also if a stream has
-    breaks, or there are two EMG streams.
+    synchronous; other streams are listed in ``dropped``. Samples lost on the way are gaps at the
+    nominal rate. Raises DataError also if the times of a stream cannot be those of its samples, or
+    there are two EMG streams.
     """
     _check_chunks(path)
     streams = parsed(path, parse_xdf, path)
@@ -55,14 +57,16 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     used = emg + markers
     for stream in used:
         _require_whole(path, stream)
-    start = min((float(stream["time"][0]) for stream in used), default=0.0)
+    bases = [_time_base(path, stream) for stream in used]
+    start = min((float(base.times[0]) for base in bases), default=0.0)
     dropped = {
         f"stream {stream['name']}": f"of type {stream['type']!r}, neither EMG nor MoCap"
         for stream in streams
         if stream not in used
     }
-    parts = [_emg(stream, start, units.get("emg")) for stream in emg]
-    parts += [_markers(path, stream, start, units.get("position")) for stream in markers]
+    clocks = [base.moved(-start) for base in bases]
+    parts = [_emg(stream, clocks[0], units.get("emg")) for stream in emg]
+    parts += [_markers(path, stream, clocks[-1], units.get("position")) for stream in markers]
     return assemble_parts([*parts, Part(None, {}, dropped, {})])
 
 
@@ -98,18 +102,26 @@ def _check_chunks(path: Path) -> None:
 
 
 def _require_whole(path: Path, stream: Mapping[str, Any]) -> None:
-    """Refuse a stream that lost samples or was interrupted."""
+    """Refuse a stream that does not contain the samples that it declares."""
     held, announced = len(stream["time"]), stream["announced"]
     if announced is not None and announced != held:
         raise DataError(
             f"{path.name}, stream {stream['name']!r}, declares {announced} samples but contains {held}; "
             "expected all of them: it is damaged, copy it again."
         )
-    if stream["segments"] > 1:
-        raise DataError(
-            f"{path.name}, stream {stream['name']!r}, was interrupted {stream['segments'] - 1} times; "
-            "expected a continuous recording: save each part as a separate file."
-        )
+
+
+def _time_base(path: Path, stream: Mapping[str, Any]) -> TimeBase:
+    """Instants of the samples by their time stamps, which jitter, and the nominal rate."""
+    nominal = float(stream["rate"])
+    return of_stamps(
+        f"{path.name}, stream {stream['name']!r}",
+        stream["time"],
+        nominal=nominal,
+        by="the time stamps",
+        jittered=nominal > 0,
+        irregular=not nominal > 0,
+    )
 
 
 def _emg_channels(stream: Mapping[str, Any]) -> list[int]:
@@ -122,16 +134,16 @@ def _emg_channels(stream: Mapping[str, Any]) -> list[int]:
     return [i for i, kind in enumerate(kinds[:count]) if kind == "emg"]
 
 
-def _emg(stream: Mapping[str, Any], start: float, unit: str | None) -> Part:
+def _emg(stream: Mapping[str, Any], base: TimeBase, unit: str | None) -> Part:
     """Channels of EMG, each converted from its own unit."""
     chosen = _emg_channels(stream)
     labels, names = unique_labels([_text(stream, i, "label") for i in chosen], "channel")
     values = [stream["values"][:, i] for i in chosen]
     found = [_text(stream, i, "unit") for i in chosen]
-    return voltages(values, labels, found, stream["time"] - start, unit, names)
+    return voltages(values, labels, found, base, unit, names)
 
 
-def _markers(path: Path, stream: Mapping[str, Any], start: float, unit: str | None) -> Part:
+def _markers(path: Path, stream: Mapping[str, Any], base: TimeBase, unit: str | None) -> Part:
     """Markers of a motion capture stream, with the three coordinates of each combined."""
     places: dict[str, dict[str, int]] = {}
     for i, channel in enumerate(stream["channels"]):
@@ -150,7 +162,7 @@ def _markers(path: Path, stream: Mapping[str, Any], start: float, unit: str | No
     order = [[axes[axis] for axis in _AXES] for axes in whole.values()]
     found = _text(stream, order[0][0], "unit")
     values = np.stack([stream["values"][:, columns].T for columns in order])
-    data = position_array(values, labels, stream["time"] - start, unit or found)
+    data = position_array(values, labels, base, unit or found)
     dropped = {name: "lacks a coordinate" for name in places if name not in whole}
     return Part(data, {"position": found}, dropped, names)
 

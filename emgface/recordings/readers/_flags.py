@@ -1,0 +1,86 @@
+"""Channels and intervals that a file marks as bad: values NaN or left out, each with a finding."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from emgface.recordings.findings import Finding, Kind
+from emgface.recordings.readers._build import Part
+from emgface.recordings.timebase import TimeBase
+
+BAD = "marked as bad"  #: begin of the reason of a channel that was left out because it is bad
+_LISTED = 20  #: intervals that are described one by one
+
+
+def bad_rows(table: pd.DataFrame | None, names: Sequence[str]) -> dict[str, str]:
+    """Channels with ``status`` bad in a table of BIDS, with ``status_description`` (or empty)."""
+    if table is None or "status" not in table.columns:
+        return {}
+    found: dict[str, str] = {}
+    for row in table.to_dict("records"):
+        if str(row["status"]).strip().lower() == "bad" and str(row["name"]) in names:
+            told = str(row.get("status_description", "n/a")).strip()
+            found[str(row["name"])] = "" if told in ("", "n/a", "nan") else told
+    return found
+
+
+def without_bad(part: Part, dim: Kind, bad: dict[str, str], by: str) -> Part:
+    """Leave out channels that a table marks as bad; markers are not visible instead."""
+    if not bad:
+        return part
+    told = [
+        Finding("bad", dim, name, {"by": by, "why": f" ({why})" if why else ""})
+        for name, why in bad.items()
+    ]
+    part = part._replace(findings=[*part.findings, *told])
+    if part.data is None:
+        return part
+    names = [str(name) for name in part.data[dim].values]
+    if dim == "marker":
+        hidden = np.array([name in bad for name in names])
+        seen = part.data["position"].where(~part.data["marker"].isin(np.array(names)[hidden]))
+        return part._replace(data=part.data.assign(position=seen.assign_attrs(units="m")))
+    keep = [name for name in names if name not in bad]
+    reasons = {
+        name: f"{BAD} in {by}{f' ({bad[name]})' if bad[name] else ''}"
+        for name in names
+        if name in bad
+    }
+    data = part.data.sel(channel=keep) if keep else None
+    return part._replace(data=data, dropped={**part.dropped, **reasons})
+
+
+def with_bad_samples(
+    part: Part,
+    dim: Kind,
+    base: TimeBase,
+    bad: np.ndarray,
+    by: str,
+    names: Sequence[str] | None = None,
+) -> Part:
+    """Replace samples that are marked as bad by NaN; `bad` (stored samples) is a mask.
+
+    `names` are the channels or markers concerned, all of them if None.
+    """
+    if part.data is None or not bad.any():
+        return part
+    laid = base.laid(bad.astype(float)) == 1.0
+    variable, time = ("position", "time_marker") if dim == "marker" else ("emg", "time_emg")
+    array = part.data[variable]
+    held = [str(name) for name in array[dim].values]
+    concerned = [name for name in held if names is None or name in names]
+    if not concerned:
+        return part
+    where = array[dim].isin(concerned) & array[time].copy(data=laid)
+    data = part.data.assign({variable: array.where(~where).assign_attrs(array.attrs)})
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], laid.astype(np.int8), [0]))))
+    code = "bad_frames" if dim == "marker" else "bad_interval"
+    told = [
+        Finding(code, dim, name, {
+            "by": by, "at": float(base.times[start]), "seconds": float((stop - start) / base.rate)
+        })
+        for name in ([""] if names is None else concerned)
+        for start, stop in zip(edges[::2][:_LISTED], edges[1::2], strict=False)
+    ]  # fmt: skip
+    return part._replace(data=data, findings=[*part.findings, *told])
