@@ -127,11 +127,12 @@ def test_a_new_format_is_a_new_file(
     code = """
 import numpy as np
 from emgface.recordings.readers._build import Part, assemble_parts, emg_array
+from emgface.recordings.timebase import of_rate
 SUFFIXES = (".raw8",)
 FORMAT = "one byte per sample"
 def read(path, units):
     values = np.frombuffer(path.read_bytes(), "i1")[None].astype(float)
-    part = emg_array(values, ["only"], np.arange(values.size) / 1000, units.get("emg", "uV"))
+    part = emg_array(values, ["only"], of_rate(path.name, values.size, 1000.0), units.get("emg", "uV"))
     return assemble_parts([Part(part, {"emg": "uV"})])
 """
     (tmp_path / "more").mkdir()

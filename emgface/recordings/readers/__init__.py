@@ -7,5 +7,7 @@ channels that are not read are listed, with reasons, in the attribute ``dropped`
 DataError if the file is damaged, truncated or of another format, and UnitsError if a unit is
 missing or of another quantity. Two functions are optional: ``is_recording(path)`` returns False for
 a file with the suffix but other contents, and ``companions(path)`` returns further files of the
-recording. Modules whose names begin with an underscore are not readers.
+recording. Samples are
+built with a time base (`emgface.recordings.timebase`), which compares all that the file says about
+time. Modules whose names begin with an underscore are not readers.
 """
