@@ -14,6 +14,7 @@ from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.file import load_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.recordings.dataset import read_recording
+from emgface.recordings.fillers import without_fillers
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.faces import study_face
@@ -76,7 +77,7 @@ def recording_of(given: Data, mapping: Mapping[str, Any] | File | None) -> xr.Da
     Raises errors as `emgface.recordings.dataset.read_recording`.
     """
     if isinstance(given, xr.Dataset):
-        return given
+        return without_fillers(given)
     named = fspath(mapping) if isinstance(mapping, PathLike) else mapping
     return read_recording(path_of(given, "a recording"), mapping=named)
 

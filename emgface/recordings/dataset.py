@@ -17,6 +17,7 @@ import xarray as xr
 
 import emgface.recordings.readers
 from emgface.errors import DataError, EmgfaceError
+from emgface.recordings.fillers import without_fillers
 from emgface.recordings.labels import LabelMap, apply_labels, constant_value, read_label_map
 from emgface.schema.netcdf import write_netcdf
 from emgface.schema.rules import hint, one_line
@@ -63,7 +64,7 @@ def read_recording(
     mapping: Mapping[str, Any] | LabelMap | str | Path | None = None,
     study: bool = False,
 ) -> xr.Dataset:
-    """Read one trial in SI units, with gaps as NaN.
+    """Read one trial in SI units, with gaps and values in place of lost samples as NaN.
 
     The suffix of the file determines the reader. Tables, MATLAB and HDF5 arrays are specified by
     their TOML sidecar (`emgface.recordings.readers.csv_toml`), BrainVision recordings by their
@@ -87,7 +88,7 @@ def read_recording(
         raise DataError(_unknown_format(path))
     labels = read_label_map(mapping)
     try:
-        recording = reader.read(path, labels.units)
+        recording = without_fillers(reader.read(path, labels.units))
         recording = apply_labels(recording, labels)
         if "source" not in recording.attrs:
             others = getattr(reader, "companions", None)

@@ -1,0 +1,210 @@
+"""Values that stand for samples that were not measured: zeros, held values, constants far away.
+
+Programs fill lost samples with zeros, with the last value, or with a number such as 9999 or 1e38. Such
+fillers become gaps (NaN) in every recording that is opened, with a finding for each channel and marker.
+"""
+
+from collections.abc import Iterator
+from typing import Final, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from emgface.recordings.findings import Finding, with_findings
+
+LEAST: Final = 20  #: samples from which fillers can be recognised
+CHANCE: Final = (
+    1e-6  #: probability of a run of equal samples by chance below which it is a held value
+)
+FINE: Final = 3.0
+"""Usual step over the resolution above which repeated values are not due to the resolution."""
+FAR: Final = 5.0  #: distance of a constant from all other values, over their range
+FAR_MARKER: Final = 0.5  #: distance of a constant from all other positions [m]
+SHORTEST: Final = 0.005  #: time at one value [s] below which EMG is not changed
+
+
+class Filler(NamedTuple):
+    """Samples of one signal that contain a filler, and the filler in words."""
+
+    mask: np.ndarray
+    what: str
+
+
+def without_fillers(recording: xr.Dataset) -> xr.Dataset:
+    """Replace the fillers of a recording by NaN, and store a finding for each filler.
+
+    Signals that are constant throughout are not changed (`emgface.recordings.check` reports them),
+    except markers at the origin while the others are not near it.
+    """
+    found: list[Finding] = []
+    if _usable(recording, "emg", ("channel", "time_emg")):
+        emg = recording["emg"].transpose("channel", "time_emg")
+        values = np.array(emg.values, dtype=float)
+        time = recording["time_emg"].values
+        period = _period(time)
+        for row, name in zip(values, emg["channel"].values, strict=True):
+            for filler in emg_fillers(row, period):
+                found.append(_finding("filler", "channel", str(name), filler, time, period))
+                row[filler.mask] = np.nan
+        if found:
+            recording = recording.assign(emg=emg.copy(data=values))
+    known = len(found)
+    if _usable(recording, "position", ("marker", "axis", "time_marker")):
+        position = recording["position"].transpose("marker", "axis", "time_marker")
+        values = np.array(position.values, dtype=float)
+        time = recording["time_marker"].values
+        period = _period(time)
+        elsewhere = _distance_of_markers(values)
+        for row, name in zip(values, position["marker"].values, strict=True):
+            # The first filler is removed before the next one is sought.
+            for filler in marker_fillers(row, elsewhere):
+                found.append(
+                    _finding("filler_of_marker", "marker", str(name), filler, time, period)
+                )
+                row[:, filler.mask] = np.nan
+        if len(found) > known:
+            recording = recording.assign(position=position.copy(data=values))
+    return with_findings(recording, found) if found else recording
+
+
+def emg_fillers(values: np.ndarray, period: float) -> Iterator[Filler]:
+    """Find the fillers of a channel (samples,) [V] sampled every `period` [s]."""
+    yield from _infinite(values[None])
+    if values.size < LEAST:
+        return
+    finite = np.isfinite(values)
+    values = np.where(finite, values, np.nan)
+    far = _far(values[None], FAR, 0.0)
+    if far is not None:
+        yield far
+        finite &= ~far.mask
+    if not finite.any() or np.ptp(values[finite]) == 0.0:
+        return
+    edges = values[finite].min(), values[finite].max()
+    shortest = SHORTEST / period if period > 0 else np.inf
+    for start, stop in _runs(values[None], finite):
+        value = values[start]
+        # A run at a limit is saturation, or rectified EMG at rest.
+        if stop - start < shortest or value in edges:
+            continue
+        yield _held(values.size, start, stop, value == 0.0)
+
+
+def marker_fillers(values: np.ndarray, elsewhere: float) -> Iterator[Filler]:
+    """Find the fillers of a marker (axes, frames) [m].
+
+    `elsewhere` [m] is the usual distance of the other markers from the origin.
+    """
+    yield from _infinite(values)
+    finite = np.asarray(np.isfinite(values).all(axis=0))
+    zero = finite & np.asarray((values == 0.0).all(axis=0))
+    if zero.any() and (not zero[finite].all() or elsewhere > FAR_MARKER):
+        yield Filler(zero, "zeros")
+        finite &= ~zero
+    if values.shape[1] < LEAST or not finite.any():
+        return
+    kept = np.where(finite, values, np.nan)
+    far = _far(kept, FAR, FAR_MARKER)
+    if far is not None:
+        yield far
+        finite &= ~far.mask
+    for start, stop in _runs(kept, finite):
+        yield _held(values.shape[1], start, stop, False)
+
+
+def _held(size: int, start: int, stop: int, zero: bool) -> Filler:
+    """Filler of a run of equal samples; the first of a held value was measured."""
+    mask = np.zeros(size, dtype=bool)
+    mask[start if zero else start + 1 : stop] = True
+    return Filler(mask, "zeros" if zero else "a held value")
+
+
+def _infinite(values: np.ndarray) -> Iterator[Filler]:
+    mask = np.asarray(np.isinf(values).any(axis=0))
+    if mask.any():
+        yield Filler(mask, "infinity")
+
+
+def _far(values: np.ndarray, ratio: float, least: float) -> Filler | None:
+    """Find one repeated value that is far from all others (axes, samples).
+
+    Its distance from the others exceeds `ratio` times their range and `least`. A saturated signal
+    approaches its limit, so that other values are near it.
+    """
+    finite = np.asarray(np.isfinite(values).all(axis=0))
+    points = values[:, finite]
+    if points.shape[1] < LEAST:
+        return None
+    middle = np.median(points, axis=1, keepdims=True)
+    away = np.abs(points - middle).max(axis=0)
+    candidate = points[:, int(np.argmax(away))]
+    same = np.asarray((points == candidate[:, None]).all(axis=0))
+    number, others = int(same.sum()), points[:, ~same]
+    coded = candidate.size > 1 and np.ptp(candidate) == 0.0  # 9999 for every axis
+    if others.shape[1] < 0.5 * points.shape[1] or (number < 2 and not coded):
+        return None
+    extent = float(np.ptp(others, axis=1).max())
+    nearest = float(np.abs(others - candidate[:, None]).max(axis=0).min())
+    if extent == 0.0 or not nearest > max(ratio * extent, least):
+        return None
+    mask = np.zeros(values.shape[1], dtype=bool)
+    mask[np.flatnonzero(finite)[same]] = True
+    return Filler(mask, f"the constant {float(candidate[0]):.6g}")
+
+
+def _runs(values: np.ndarray, finite: np.ndarray) -> Iterator[tuple[int, int]]:
+    """Runs of equal samples (axes, samples) that are neither chance nor due to the resolution."""
+    steps = np.diff(values, axis=1)
+    both = finite[1:] & finite[:-1]
+    equal = both & np.asarray((steps == 0.0).all(axis=0))
+    if not equal.any() or both.sum() < LEAST:
+        return
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], equal.astype(np.int8), [0]))))
+    starts, lengths = edges[::2], edges[1::2] - edges[::2]
+    moving = np.abs(steps[:, both & ~equal])
+    moving = moving[moving > 0]
+    if not moving.size or float(np.median(moving)) < FINE * float(moving.min()):
+        return
+    for start, length in zip(starts.tolist(), lengths.tolist(), strict=True):
+        # Equal steps elsewhere; three runs of a filler do not make a fourth one likely.
+        others = int((lengths[lengths < length]).sum())
+        share = (others + 1.0) / (int(both.sum()) + 2.0)
+        if length >= 2 and values.shape[1] * share**length < CHANCE:
+            yield start, start + length + 1
+
+
+def _distance_of_markers(values: np.ndarray) -> float:
+    """Median distance of the markers (markers, axes, frames) from the origin [m], zeros left out."""
+    distance = np.linalg.norm(values, axis=1)
+    seen = distance[np.isfinite(distance) & (distance > 0)]
+    return float(np.median(seen)) if seen.size else 0.0
+
+
+def _finding(
+    code: str, kind: str, name: str, filler: Filler, time: np.ndarray, period: float
+) -> Finding:
+    mask = filler.mask
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(np.int8), [0]))))
+    starts, lengths = edges[::2], edges[1::2] - edges[::2]
+    longest = int(np.argmax(lengths))
+    values = {
+        "filler": filler.what,
+        "samples": int(mask.sum()),
+        "seconds": float(lengths[longest] * period) if np.isfinite(period) else 0.0,
+        "at": float(time[starts[longest]]),
+    }
+    return Finding(code, "marker" if kind == "marker" else "channel", name, values)
+
+
+def _usable(recording: xr.Dataset, name: str, dims: tuple[str, ...]) -> bool:
+    return (
+        name in recording
+        and {*recording[name].dims} == {*dims}
+        and all(dim in recording.coords for dim in dims)
+        and recording[name].dtype.kind in "fiu"
+        and recording[dims[-1]].dtype.kind in "fiu"
+    )
+
+
+def _period(time: np.ndarray) -> float:
+    return float((time[-1] - time[0]) / (time.size - 1)) if time.size > 1 else float("nan")
