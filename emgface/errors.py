@@ -57,6 +57,10 @@ class HeadError(DataError):
     """A head is unusable: unknown part or contact pair, or a part that one needs is absent."""
 
 
+class FitError(DataError):
+    """A face cannot be fitted: unusable landmarks or surfaces, or no admissible result."""
+
+
 class ActivationError(DataError):
     """An activation is outside 0-1 or not finite."""
 

@@ -6,8 +6,9 @@ imported in the functions, so that importing this module is fast.
 """
 
 from emgface.api.faces import face, reduce, simulate
+from emgface.api.fits import fit
 from emgface.api.recordings import activate, read, score
 from emgface.api.studies import study
 from emgface.api.views import show
 
-__all__ = ["activate", "face", "read", "reduce", "score", "show", "simulate", "study"]
+__all__ = ["activate", "face", "fit", "read", "reduce", "score", "show", "simulate", "study"]

@@ -13,6 +13,7 @@ from emgface.cli import (
     data_describe,
     data_files,
     face,
+    fit,
     head,
     inverse,
     jaw,
@@ -86,6 +87,7 @@ for verb in (
     data_files.schema,
 ):
     data.app.command()(verb)
+app.command()(fit.fit)
 app.command()(trial.activate)
 app.command()(simulate.simulate)
 app.command()(simulate.show)

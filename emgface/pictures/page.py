@@ -45,7 +45,7 @@ def face_page(face: xr.Dataset) -> str:
     about = f"{face.sizes['node']} nodes, {face.sizes['element']} elements."
     trial = _trial(rest[None], markers, np.zeros(1), centre, about)
     data = body_data(body_of(face, skin), rest) | _single(trial, face["marker"].values)
-    kind = "generated" if face.attrs["origin"] == "generated" else "imported"
+    kind = str(face.attrs["origin"]).rpartition(", ")[2]
     words = f"The face model {face.attrs['name']} at rest, {kind} ({face.attrs['source']})."
     return page_of(data, title=str(face.attrs["name"]), badge=f"{kind} face", words=words,
                    simulated=False)  # fmt: skip

@@ -88,7 +88,7 @@ def face_figure(face: xr.Dataset) -> Figure:
     through the skin.
     """
     figure = blank(11.0, 8.2)
-    kind = "generated" if face.attrs["origin"] == "generated" else "imported"
+    kind = str(face.attrs["origin"]).rpartition(", ")[2]
     figure.suptitle(f"{face.attrs['name']} ({kind}: {face.attrs['source']})")
     skin = skin_of(face)
     body, rest = body_of(face, skin), face["position"].values

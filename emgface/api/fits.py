@@ -1,0 +1,89 @@
+"""Public function that fits a face to a person."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+    from emgface.api.given import Data, File
+    from emgface.fit.person import Given
+
+    Marks = Mapping[str, Sequence[float]] | pd.DataFrame | File
+
+
+def fit(
+    face: "Data | None" = None,
+    *,
+    landmarks: "Marks",
+    skin: "Given | None" = None,
+    inner: "Given | None" = None,
+    bone: "Given | None" = None,
+    unit: str | None = None,
+    on_face: "Marks | None" = None,
+    noise: float = 0.8e-3,
+    name: str = "fitted face",
+    simulated: bool = False,
+    report: "File | None" = None,
+    progress: Any = None,
+) -> "xr.Dataset":
+    """Fit a face to a person: landmarks and, if present, surfaces become a face that can be simulated.
+
+    The mesh is pulled to the surfaces by springs while its tissue resists, so that no element inverts;
+    muscles, attachments, markers and teeth follow. Surfaces need no correspondence.
+
+    Parameters
+    ----------
+    face : Dataset or path-like, optional
+        Face model that is fitted; default: the generated face.
+    landmarks : mapping, DataFrame or path-like
+        Points by name, (x, y, z) in metres unless `unit` is given, or a file (.csv, .mrk.json, .fcsv,
+        .landmarkAscii). At least four have names of the face (`emgface.fit.inputs.points_of_face`) or
+        of `on_face`.
+    skin, inner, bone : path-like, Scan, or points and triangles, optional
+        Surface of the skin, of the inside of the soft tissue, and of the bones to which it is fixed
+        (.ply, .obj, .stl), in the frame of the landmarks.
+    unit : str, optional
+        Unit of all files that do not state it: "mm", "cm", "m".
+    on_face : mapping, DataFrame or path-like, optional
+        Places of landmarks on the face that is fitted, in its frame.
+    noise : float
+        Standard deviation of a landmark [m].
+    name : str
+        Name of the fitted face.
+    simulated : bool
+        The inputs are simulated; the face and the report then say so.
+    report : path-like, optional
+        Page with the distances, the quality of the elements and the uncertainty (HTML).
+    progress : callable, optional
+        Called with the current stage, the completed number and the total.
+
+    Returns
+    -------
+    Dataset
+        Checked face model in the frame of the face.
+
+    Raises
+    ------
+    FitError
+        An input is unusable (with its place), mirrored, in another unit or frame, or the fitted face
+        misses a surface.
+
+    Examples
+    --------
+    >>> import emgface as ef
+    >>> person = ef.fit("face.nc", landmarks="person.csv", skin="scan.ply", unit="mm")  # doctest: +SKIP
+    """
+    from emgface.api.given import face_of, study_of
+    from emgface.fit.person import fit_face
+
+    found = fit_face(
+        face_of(face, study_of(None)), landmarks, skin=skin, inner=inner, bone=bone, unit=unit,
+        on_face=on_face, noise=noise, name=name, simulated=simulated, progress=progress,
+    )  # fmt: skip
+    if report is not None:
+        from emgface.fit.report import write_report
+
+        write_report(found, report)
+    return found.face

@@ -1,0 +1,125 @@
+"""Mesh of a person: similarity, spline, equilibria with the surfaces, relaxation of the elements."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from emgface.fit.corners import Corners
+from emgface.fit.loops import along
+from emgface.fit.mechanics import FINE, Tissue
+from emgface.fit.similarity import Similarity, similarity, thin_plate
+from emgface.fit.springs import Rows, at_nodes
+from emgface.fit.targets import LandmarkPoints, Pull, Target, pulling
+from emgface.fit.triangulated import Floats
+
+Progress = Callable[[str, int, int], None]
+
+TO_SPLINE: Final = 10.0  #: stiffness of springs to the thin-plate spline [N/m]
+EVERY: Final = 3  #: every third point of a contour determines the spline
+PULLS: Final = (
+    Pull(3e4, 0.2, 0.3), Pull(1e5, 0.1, 0.3), Pull(3e5, 0.05, 0.3),
+    Pull(1e6, 0.02, 0.3), Pull(3e6, 0.01, 0.05), Pull(1e7, 0.01, 0.05),
+)  # fmt: skip
+"""Springs of the iterations of closest points: stiffer, and freer along the surface, each time."""
+RELAXING: Final = Pull(1e7, 0.1, 0.3, back=0.5)
+ROUNDS: Final = 2  #: rounds of relaxation
+BELOW, STIFFENING = 0.3, 10.0
+"""Scaled Jacobian below which an element is relaxed, and factor on its stiffness."""
+NOISE: Final = 0.8e-3  #: standard deviation of a landmark [m]
+LANDMARK: Final = 5.0
+"""Stiffness of a landmark with this noise [N/m].
+
+With less than 5 N/m, landmarks of the neck are left behind by 7 mm.
+"""
+
+
+@dataclass(frozen=True)
+class Deformed:
+    """Positions of the nodes after every stage [m], by name, and the similarity at the beginning."""
+
+    stages: dict[str, Floats]
+    similarity: Similarity
+    landmarks: LandmarkPoints
+    iterations: int = 0
+
+    @property
+    def position(self) -> Floats:
+        """Positions (n_nodes, 3) of the last stage [m]."""
+        return next(reversed(self.stages.values()))
+
+
+def deform(
+    source: Floats,
+    corners: Corners,
+    landmarks: LandmarkPoints,
+    targets: Sequence[Target],
+    *,
+    noise: float = NOISE,
+    progress: Progress | None = None,
+    held: Callable[[Floats], Rows] | None = None,
+) -> Deformed:
+    """Move nodes (n, 3) [m] to landmarks and surfaces without inverting any corner.
+
+    `held` returns further springs at positions, such as those of the prior of thickness.
+    """
+    tell = progress or (lambda what, done, total: None)
+    total = 2 + (len(PULLS) if targets else 0) + ROUNDS
+    tell("spline", 0, total)
+    motion = similarity(landmarks.source, landmarks.target)
+    start = motion(source)
+    spline = _spline(source, start, landmarks, targets, noise)
+    stages = {"similarity": start, "spline": spline}
+    tell("spline by mechanics", 1, total)
+    nodes = np.arange(len(source))
+    guide = at_nodes(nodes, spline, np.tile(TO_SPLINE * np.eye(3), (len(nodes), 1, 1)))
+    tissue = Tissue.at_rest(corners, start)
+    q = stages["mechanics"] = tissue.settle(guide)
+    iterations = tissue.iterations
+    at_landmarks = landmarks.rows(LANDMARK * (NOISE / noise) ** 2)
+
+    def pulled(q: Floats, pull: Pull) -> Rows:
+        rows = pulling(q, targets, pull) if targets else guide
+        return rows.joined(at_landmarks, *([held(q)] if held else []))
+
+    if targets:
+        tissue = Tissue.at_rest(corners, q)
+        for k, pull in enumerate(PULLS):
+            tell("fit to the surfaces", 2 + k, total)
+            rows = pulled(tissue.q, Pull(pull.stiffness, pull.tangential, pull.along_curve, seed=k))
+            tissue.settle(rows, *((FINE,) if k >= len(PULLS) - 2 else ()))
+        q = stages["surfaces"] = tissue.q
+        iterations += tissue.iterations
+    for k in range(ROUNDS):
+        tell("relaxation of the elements", total - ROUNDS + k, total)
+        tissue = Tissue.toward_rectangles(corners, q, below=BELOW, stiffening=STIFFENING)
+        pull = Pull(RELAXING.stiffness, RELAXING.tangential, RELAXING.along_curve, 0.5, 50 + k)
+        q = tissue.settle(pulled(q, pull), 0.5 * FINE)
+        iterations += tissue.iterations
+    stages["relaxed"] = q
+    tell("relaxation of the elements", total, total)
+    return Deformed(stages, motion, landmarks, iterations)
+
+
+def _spline(
+    source: Floats,
+    start: Floats,
+    landmarks: LandmarkPoints,
+    targets: Sequence[Target],
+    noise: float,
+) -> Floats:
+    """Thin-plate spline of the landmarks, and of points of the contours paired by it."""
+    of, to = landmarks.source, landmarks.target
+    q = thin_plate(of, to, noise)(source) if len(of) >= 4 else start
+    for _ in range(2):
+        points, places = [of], [to]
+        for target in targets:
+            for pair in target.pairs(q):
+                foot, _ = along(q[pair.mine], pair.target)
+                points.append(source[pair.mine[::EVERY]])
+                places.append(foot[::EVERY])
+        if len(points) == 1:
+            break
+        q = thin_plate(np.concatenate(points), np.concatenate(places), noise)(source)
+    return q

@@ -1,0 +1,225 @@
+"""Landmarks and surfaces of a person compared with a face: pairs, sides, order, frame of the face."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+import xarray as xr
+
+from emgface.errors import FitError, listed
+from emgface.face.landmarks import MIDLINE
+from emgface.face.parts import OUTER
+from emgface.fit.readers.landmarks import Landmarks, plain
+from emgface.fit.readers.surfaces import Scan
+from emgface.fit.similarity import Similarity, misfit, similarity, thin_plate
+from emgface.fit.targets import LandmarkPoints, Sheet
+from emgface.fit.triangulated import Floats, Surface
+
+LEAST: Final = 4  #: smallest number of landmarks
+FLAT: Final = 0.05  #: smallest extent of the landmarks across a plane, relative to the largest [1]
+MIRRORED: Final = 0.6  #: ratio of the misfits of improper and proper map of a mirrored input [1]
+SCALE: Final = (0.6, 1.6)  #: ratio of sizes of two people
+OFF: Final = 0.012  #: distance of a landmark from the skin that is refused [m]
+STRAY: Final = 0.025  #: distance of a landmark from the place expected from the others [m]
+DISAGREE: Final = 0.5  #: mean cosine of normals below which a surface is refused [1]
+
+
+@dataclass(frozen=True, eq=False)
+class Paired:
+    """Landmarks on the source mesh, with targets in the frame of the face, and the rigid motion."""
+
+    points: LandmarkPoints
+    to_face: Similarity  #: rigid motion from the frame of the person to that of the face
+    misfit: float  #: root mean square distance after the similarity [m]
+    notes: list[str]
+
+
+def points_of_face(face: xr.Dataset) -> dict[str, Floats]:
+    """Named points of a face: lip and face markers, lip margins, tips of nose and chin [m]."""
+    position = face["position"].values
+    rows = zip(face["marker"].values, face["marker_node"].values, strict=True)
+    found = {str(name): position[node] for name, node in rows}
+    if "face_marker_position" in face:
+        rows = zip(face["face_marker"].values, face["face_marker_position"].values, strict=True)
+        found |= {str(name): point for name, point in rows}
+    if "lip_opening_node" in face:
+        for lip, node in zip(face["lip"].values, face["lip_opening_node"].values, strict=True):
+            found[f"stomion_{lip}"] = position[node]
+    nodes = Sheet.of(face, OUTER).nodes
+    middle = position[nodes[np.abs(position[nodes, 0]) < MIDLINE]]
+    if len(middle) and "lip_opening_node" in face:
+        mouth = position[face["lip_opening_node"].values, 2]
+        height = float(np.ptp(position[nodes, 2]))
+        for name, own in (
+            ("pronasale", middle[middle[:, 2] > mouth.max() + 0.1 * height]),
+            ("pogonion", middle[middle[:, 2] < mouth.min() - 0.1 * height]),
+        ):
+            if len(own):
+                found[name] = own[np.argmax(own[:, 1])]
+    return found
+
+
+def pair(face: xr.Dataset, given: Landmarks, on_face: Landmarks | None) -> Paired:
+    """Pair landmarks of a person by name with those of a face, and check their geometry.
+
+    `on_face` are places of the landmarks on the face [m], in addition to its own named points. Raises
+    FitError if fewer than four have a counterpart, they lie in a plane, the input is mirrored, two are
+    exchanged, or one is far from the place expected from the others.
+    """
+    known = {plain(name): p for name, p in points_of_face(face).items()}
+    if on_face is not None:
+        known |= dict(zip(on_face.names, on_face.position, strict=True))
+    names = [n for n in given.names if n in known]
+    if len(names) < LEAST:
+        raise FitError(
+            f"{given.source}: {len(names)} of {len(given.names)} landmarks have a counterpart on the "
+            f"face, expected at least {LEAST}: name them as on the face ({listed(sorted(known), 12)}), "
+            "or state their places on the face"
+        )
+    notes = []
+    if unknown := [n for n in given.names if n not in known]:
+        notes.append(f"landmarks without a counterpart on the face were ignored: {listed(unknown)}")
+    at = np.array([given.names.index(n) for n in names])
+    source, target = np.array([known[n] for n in names]), given.position[at]
+    extents = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)
+    own = np.linalg.svd(target - target.mean(axis=0), compute_uv=False)
+    for values, whose in ((extents, "on the face"), (own, f"of {given.source}")):
+        if not values[2] > FLAT * values[0]:
+            raise FitError(
+                f"the landmarks {whose} lie nearly in one plane, expected landmarks at different "
+                "depths: add some, for example at the tip of the nose, the chin and the temples"
+            )
+    motion = similarity(source, target)
+    _check_side(source, target, motion, given.source)
+    _check_order(names, motion(source), target, given.source)
+    if not SCALE[0] <= motion.scale <= SCALE[1]:
+        raise FitError(
+            f"{given.source}: the landmarks are {motion.scale:.3g} times as far apart as those of the "
+            f"face, expected {SCALE[0]} to {SCALE[1]}: check the unit"
+        )
+    _check_strays(names, source, target, given.source)
+    inverse = Similarity(1.0, motion.rotation.T, np.zeros(3))
+    shift = source.mean(axis=0) - inverse(target.mean(axis=0)[None])[0]
+    to_face = Similarity(1.0, motion.rotation.T, shift)
+    near = (skin := Sheet.of(face, OUTER).at(face["position"].values)).nearest(source)
+    points = LandmarkPoints(
+        tuple(names), source, to_face(target), skin.triangles[near.triangle], near.weights,
+        near.distance <= OFF,
+    )  # fmt: skip
+    return Paired(points, to_face, misfit(motion, source, target), notes)
+
+
+def _check_side(source: Floats, target: Floats, motion: Similarity, name: str) -> None:
+    """Refuse landmarks that only a reflection fits."""
+    proper = misfit(motion, source, target)
+    improper = misfit(similarity(source, target, mirrored=True), source, target)
+    if improper < MIRRORED * proper:
+        raise FitError(
+            f"{name} is mirrored: a reflection fits the landmarks to {1e3 * improper:.3g} mm rms, the "
+            f"best rotation only to {1e3 * proper:.3g} mm; expected a right-handed frame and left and "
+            "right of the person: change the sign of one axis of all inputs, or exchange the names of "
+            "the sides"
+        )
+
+
+def _check_order(names: Sequence[str], mapped: Floats, target: Floats, source: str) -> None:
+    """Refuse two landmarks whose exchange would bring both much nearer."""
+    apart = ((mapped[:, None] - target[None]) ** 2).sum(axis=2)
+    worst: tuple[float, int, int] | None = None
+    for i, j in combinations(range(len(names)), 2):
+        now, then = apart[i, i] + apart[j, j], apart[i, j] + apart[j, i]
+        if then < 0.2 * now and now > 2 * 0.006**2 and (worst is None or now - then > worst[0]):
+            worst = now - then, i, j
+    if worst is not None:
+        _, i, j = worst
+        raise FitError(
+            f"{source}: the landmarks {names[i]} and {names[j]} seem to be exchanged: each lies nearer "
+            "to the place of the other; exchange their names"
+        )
+
+
+def _check_strays(names: Sequence[str], source: Floats, target: Floats, given: str) -> None:
+    """Refuse a landmark that lies far from the place that a spline of the others predicts."""
+    if len(names) <= LEAST + 1:
+        return
+    miss = left_out(source, target, 2e-3)
+    k = int(np.argmax(miss))
+    if miss[k] > STRAY and miss[k] > 3.0 * float(np.median(miss)):
+        raise FitError(
+            f"{given}: landmark {names[k]} lies {1e3 * miss[k]:.3g} mm from the place expected from the "
+            "others: check its side and position, or omit it"
+        )
+
+
+def left_out(source: Floats, target: Floats, noise: float) -> Floats:
+    """Distance (n,) of every landmark from the place that the spline of the others predicts [m]."""
+    found = np.empty(len(source))
+    for k in range(len(source)):
+        rest = np.delete(np.arange(len(source)), k)
+        extents = np.linalg.svd(source[rest] - source[rest].mean(axis=0), compute_uv=False)
+        good = len(rest) >= LEAST and extents[2] > FLAT * extents[0]
+        guess = (
+            thin_plate(source[rest], target[rest], noise)(source[k : k + 1])[0]
+            if good
+            else similarity(source[rest], target[rest])(source[k : k + 1])[0]
+        )
+        found[k] = np.linalg.norm(guess - target[k])
+    return found
+
+
+def in_face_frame(scan: Scan, to_face: Similarity) -> Surface:
+    """Surface of a scan in the frame of the face."""
+    return Surface(to_face(scan.surface.points), scan.surface.triangles)
+
+
+def check_landmarks_on(skin: Surface, points: LandmarkPoints, name: str) -> None:
+    """Refuse landmarks that do not lie on the skin, with the evidence for the likely reason."""
+    near = skin.nearest(points.target)
+    far = points.on_skin & (near.distance > OFF)
+    if not far.any():
+        return
+    k = int(np.argmax(np.where(far, near.distance, 0.0)))
+    many = float(np.median(near.distance[points.on_skin]))
+    raise FitError(
+        f"landmark {points.names[k]} lies {1e3 * near.distance[k]:.3g} mm from {name} (median of all "
+        f"{1e3 * many:.3g} mm), expected at most {1e3 * OFF:.0f} mm: "
+        + (
+            "check the unit and the frame (LPS or RAS) of both files"
+            if many > OFF
+            else "check this landmark, or whether the surface has a hole there"
+        )
+    )
+
+
+def facing(
+    surface: Surface, sheet: Surface, nodes: np.ndarray, side: float, name: str
+) -> tuple[Surface, str | None]:
+    """Turn a surface whose normals oppose those of the tissue; FitError if they do neither."""
+    near = surface.nearest(sheet.points[nodes])
+    close = near.distance < 0.02
+    if close.sum() < 0.2 * len(nodes):
+        raise FitError(
+            f"{name} is near only {close.mean():.0%} of the nodes it belongs to, expected a surface "
+            "that covers at least 20 % of them: check the unit, the frame and the part"
+        )
+    cosine = side * np.einsum(
+        "ni,ni->n", surface.normals[near.triangle[close]], sheet.point_normals[nodes[close]]
+    )
+    mean = float(np.mean(cosine))
+    if abs(mean) < DISAGREE and abs(float(np.median(cosine))) < DISAGREE:
+        raise FitError(
+            f"{name} has no consistent outer side (mean cosine {mean:.2f} with the normals of the "
+            "face), expected outward triangles: repair the surface"
+        )
+    if float(np.median(cosine)) > 0.0:
+        return surface, None
+    return Surface(surface.points, surface.triangles[:, ::-1].copy()), (
+        f"the triangles of {name} were turned, because their normals pointed inward"
+    )
+
+
+def digests(files: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+    """Name and digest of every input by its purpose, for the attributes of the face."""
+    return {purpose: f"{name} {digest}".strip() for purpose, (name, digest) in files.items()}

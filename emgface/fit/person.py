@@ -1,0 +1,234 @@
+"""Face of a person from landmarks and surfaces: the whole fit, its checks and its measures."""
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from emgface.errors import FitError
+from emgface.face.parts import FREE
+from emgface.face.validity import check_face
+from emgface.fit.carry import carry
+from emgface.fit.columns import Columns, ThicknessPrior
+from emgface.fit.corners import Corners
+from emgface.fit.deform import NOISE, Deformed, Progress, deform
+from emgface.fit.inputs import (
+    Paired,
+    check_landmarks_on,
+    digests,
+    facing,
+    in_face_frame,
+    left_out,
+    pair,
+)
+from emgface.fit.measures import distances, quality_rows
+from emgface.fit.readers.landmarks import Landmarks, landmarks_of
+from emgface.fit.readers.surfaces import Scan, read_surface
+from emgface.fit.targets import Target, sheets
+from emgface.fit.triangulated import Floats
+
+ORIGIN: Final = "fitted"  #: origin of a fitted face in its attributes
+LARGEST_MISS: Final = {"skin": 1.0e-3, "inner": 1.5e-3, "bone": 1.5e-3}
+"""Largest mean distance of the fitted face from a surface that is accepted [m].
+
+One millimetre is the accuracy of the surfaces in Bucki et al. 2010.
+"""
+
+Given = Scan | tuple[Any, Any] | str | os.PathLike[str]
+Marks = Landmarks | Mapping[str, Sequence[float]] | pd.DataFrame | str | os.PathLike[str]
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Fitted face with the measures of its report."""
+
+    face: xr.Dataset  #: checked face model
+    source: xr.Dataset  #: face that was fitted
+    targets: tuple[Target, ...]  #: surfaces in the frame of the face
+    landmarks: pd.DataFrame  #: error at the landmark and of the spline without it [mm]
+    distance: pd.DataFrame  #: distances of the surfaces by stage [mm]
+    quality: pd.DataFrame  #: quality of the elements before and after
+    fibres: pd.DataFrame  #: lengths of the fibres [mm]
+    thickness: pd.DataFrame  #: thickness of the columns [mm] with interval, by node of the skin
+    prior: ThicknessPrior | None
+    notes: tuple[str, ...]
+    deformed: Deformed
+
+
+def fit_face(
+    face: xr.Dataset,
+    landmarks: Marks,
+    *,
+    skin: Given | None = None,
+    inner: Given | None = None,
+    bone: Given | None = None,
+    unit: str | None = None,
+    on_face: Marks | None = None,
+    noise: float = NOISE,
+    name: str = "fitted face",
+    simulated: bool = False,
+    progress: Progress | None = None,
+) -> Fitted:
+    """Fit a face to landmarks and surfaces; arguments and errors as of `emgface.fit`."""
+    check_face(face)
+    if not 1e-5 <= noise <= 1e-2:
+        raise FitError(f"the noise of landmarks is {noise} m, expected 1e-5 to 1e-2")
+    marks = landmarks_of(landmarks, unit)
+    places = None if on_face is None else landmarks_of(on_face)
+    scans = {
+        kind: _scan(given, unit)
+        for kind, given in (("skin", skin), ("inner", inner), ("bone", bone))
+        if given is not None
+    }
+    paired = pair(face, marks, places)
+    notes = list(paired.notes)
+    targets = _targets(face, scans, paired, notes)
+    source = face["position"].values
+    corners = Corners.of(face["connectivity"].values.astype(np.int64))
+    columns = Columns.of(face)
+    known = [t.sheet.nodes if t.only is None else t.only for t in targets if t.name != "skin"]
+    prior = None
+    if not any(t.name == "inner" for t in targets):
+        scale = _scale(paired, source)
+        determined = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *known]))
+        prior = ThicknessPrior.scaled(columns, source, scale, determined)
+    area = sheets(face)["skin"].at(source).point_areas
+
+    def thick(q: Floats) -> Any:
+        assert prior is not None
+        return prior.rows(q, area=area)
+
+    result = deform(
+        source, corners, paired.points, targets, noise=noise, progress=progress,
+        held=thick if prior is not None and targets else None,
+    )  # fmt: skip
+    carried = carry(face, result.position)
+    inputs = {"landmarks": (marks.source, marks.digest)}
+    inputs |= {kind: (scan.source, scan.digest) for kind, scan in scans.items()}
+    found = carried.face.assign_attrs(_attributes(face, name, inputs, paired, simulated))
+    for stale in ("muscle_radius",):
+        found.attrs.pop(stale, None)
+    _check_corners(corners, result.position)
+    found = check_face(found)
+    distance = _distances(face, targets, result)
+    _check_distances(distance, scans)
+    return Fitted(
+        found, face, tuple(targets), _landmark_table(paired, source, result, noise), distance,
+        quality_rows(face, found), carried.fibres,
+        _thickness_table(columns, source, result.position, prior), prior, tuple(notes), result,
+    )  # fmt: skip
+
+
+def _scan(given: Given, unit: str | None) -> Scan:
+    if isinstance(given, Scan):
+        return given
+    if isinstance(given, str | os.PathLike):
+        return read_surface(given, unit=unit)
+    from emgface.fit.readers.surfaces import surface_of
+
+    points, triangles = given
+    return surface_of(points, triangles, unit=unit or "m")
+
+
+def _scale(paired: Paired, source: Floats) -> float:
+    from emgface.fit.similarity import similarity
+
+    return similarity(paired.points.source, paired.points.target).scale
+
+
+def _targets(
+    face: xr.Dataset, scans: Mapping[str, Scan], paired: Paired, notes: list[str]
+) -> list[Target]:
+    """Surfaces in the frame of the face, with outward normals."""
+    from emgface.fit.similarity import similarity
+
+    source = face["position"].values
+    start = similarity(paired.points.source, paired.points.target)(source)
+    own = sheets(face)
+    targets: list[Target] = []
+    for kind, scan in scans.items():
+        surface = in_face_frame(scan, paired.to_face)
+        notes.extend(f"{scan.source}: {note}" for note in scan.notes)
+        if kind == "skin":
+            check_landmarks_on(surface, paired.points, scan.source)
+        sheet = own["skin" if kind == "skin" else "inner"]
+        held = sheet.nodes[face["fixed"].values[sheet.nodes] != FREE]
+        nodes, side = (held, -1.0) if kind == "bone" else (sheet.nodes, 1.0)
+        surface, turned = facing(surface, sheet.at(start), nodes, side, scan.source)
+        notes.extend([turned] if turned else [])
+        targets.append(Target(kind, sheet, surface, held if kind == "bone" else None, side))
+    return targets
+
+
+def _attributes(
+    face: xr.Dataset,
+    name: str,
+    inputs: Mapping[str, tuple[str, str]],
+    paired: Paired,
+    simulated: bool,
+) -> dict[str, str | float]:
+    motion = np.column_stack([paired.to_face.rotation, paired.to_face.shift]).ravel()
+    kind = "simulated person" if simulated else "person"
+    return {
+        "name": name,
+        "origin": ORIGIN,
+        "source": f"{face.attrs['name']} ({face.attrs['source']}), fitted to a {kind}",
+        "fit_inputs": json.dumps(digests(inputs)),
+        "fit_of": "simulated" if simulated else "measured",
+        "fit_frame": json.dumps([float(v) for v in motion]),
+    }
+
+
+def _check_corners(corners: Corners, q: Floats) -> None:
+    if not (corners.scaled_jacobians(q) > 0.0).all():
+        raise FitError("an element of the fitted mesh is inverted at a corner, expected none")
+
+
+def _distances(face: xr.Dataset, targets: Sequence[Target], result: Deformed) -> pd.DataFrame:
+    rows = []
+    for stage, q in result.stages.items():
+        for target in targets:
+            rows.append({"stage": stage, "surface": target.name, **distances(target, q)})
+    return pd.DataFrame(rows, columns=["stage", "surface", "mean", "q95", "largest", "covered"])
+
+
+def _check_distances(table: pd.DataFrame, scans: Mapping[str, Scan]) -> None:
+    """Refuse a fit that misses one of its surfaces."""
+    last = table[table["stage"] == "relaxed"]
+    for row in last.to_dict("records"):
+        limit = 1e3 * LARGEST_MISS[row["surface"]]
+        if not row["mean"] <= limit:
+            raise FitError(
+                f"the fitted face misses {scans[row['surface']].source} by {row['mean']:.3g} mm in the "
+                f"mean, expected at most {limit:.3g} mm: check that the surface is the {row['surface']} "
+                "of the same person in the same pose as the landmarks, and repair intersections"
+            )
+
+
+def _landmark_table(paired: Paired, source: Floats, result: Deformed, noise: float) -> pd.DataFrame:
+    points = paired.points
+    miss = np.linalg.norm(points.at(result.position) - points.target, axis=1)
+    out = left_out(points.source, points.target, noise)
+    miss[~points.on_skin] = np.nan
+    return pd.DataFrame({"landmark": points.names, "error": 1e3 * miss, "left_out": 1e3 * out})
+
+
+def _thickness_table(
+    columns: Columns, source: Floats, q: Floats, prior: ThicknessPrior | None
+) -> pd.DataFrame:
+    found = 1e3 * columns.thickness(q)
+    low, high = found.copy(), found.copy()
+    if prior is not None:
+        a, b = prior.interval()
+        ratio = columns.thickness(q) / prior.mean
+        low[prior.free] = 1e3 * (ratio * a)[prior.free]
+        high[prior.free] = 1e3 * (ratio * b)[prior.free]
+    return pd.DataFrame(
+        {"node": columns.skin, "inner_node": columns.inner,
+         "before": 1e3 * columns.thickness(source), "after": found, "low": low, "high": high}
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Files of landmarks and surfaces, read without trust in their content."""

@@ -1,0 +1,106 @@
+"""Bytes, digest and unit of an input file, with limits on its size."""
+
+import hashlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emgface.errors import FitError
+
+Floats = NDArray[np.float64]
+
+UNITS: Final = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}  #: metres per unit
+FACE: Final = (0.04, 0.6)
+"""Smallest and largest extent of landmarks or surfaces of a face or a bone of the face [m]."""
+
+
+@dataclass(frozen=True)
+class Content:
+    """Name, bytes and digest (SHA-256) of a file."""
+
+    name: str
+    data: bytes
+
+    @property
+    def digest(self) -> str:
+        """Digest of the bytes."""
+        return hashlib.sha256(self.data).hexdigest()
+
+    @property
+    def text(self) -> str:
+        """Decoded text; FitError if the bytes are not text."""
+        try:
+            return self.data.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            raise FitError(
+                f"{self.name} is not text in UTF-8 (byte {error.start}), expected a text file: "
+                "export it again"
+            ) from error
+
+
+def content_of(path: str | os.PathLike[str], most: int) -> Content:
+    """Read a file of at most this number of bytes; FitError if it is absent, empty or larger."""
+    path = Path(path)
+    try:
+        size = path.stat().st_size
+        if not path.is_file():
+            raise FitError(f"{path} is no file, expected one with landmarks or a surface")
+        if size > most:
+            raise FitError(
+                f"{path} has {size / 1e6:.0f} MB, expected at most {most / 1e6:.0f} MB: reduce the "
+                "number of triangles or points"
+            )
+        data = path.read_bytes()
+    except OSError as error:
+        raise FitError(
+            f"{path} cannot be read ({error.strerror}), expected a file: check its path"
+        ) from error
+    if not data.strip():
+        raise FitError(f"{path} is empty, expected landmarks or a surface: export it again")
+    return Content(path.name, data)
+
+
+def metres(points: Floats, unit: str | None, name: str, *, stated: str | None = None) -> Floats:
+    """Points in metres, from the given `unit` or the one `stated` by the file.
+
+    Raises FitError if no unit is known, both contradict each other, a number is not finite, or the
+    extent is not that of a face.
+    """
+    bad = ~np.isfinite(points).all(axis=1)
+    if bad.any():
+        raise FitError(
+            f"{name}: point {int(np.argmax(bad))} of {len(points)} is not finite, expected three "
+            "numbers: remove or correct it"
+        )
+    for one in (unit, stated):
+        if one is not None and one not in UNITS:
+            raise FitError(f"{name}: unknown unit {one!r}, expected one of {', '.join(UNITS)}")
+    if unit is not None and stated is not None and unit != stated:
+        raise FitError(
+            f"{name} states the unit {stated}, and {unit} was given: omit the option or correct the "
+            "file"
+        )
+    extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+    known = stated or unit
+    if known is None:
+        likely = [u for u, factor in UNITS.items() if FACE[0] <= factor * extent <= FACE[1]]
+        hint = (
+            f"a face of this size is likely in {' or '.join(likely)}"
+            if likely
+            else ("no unit gives the size of a face")
+        )
+        raise FitError(
+            f"{name} does not state its unit; its extent is {extent:.4g} units, and {hint}: give the "
+            "unit"
+        )
+    size = UNITS[known] * extent
+    if not FACE[0] <= size <= FACE[1]:
+        raise FitError(
+            f"{name} has an extent of {extent:.4g} {known}, that is {1e3 * size:.4g} mm, expected "
+            f"{1e3 * FACE[0]:.0f} to {1e3 * FACE[1]:.0f} mm for a face: check the unit"
+        )
+    return UNITS[known] * points

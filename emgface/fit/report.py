@@ -1,0 +1,124 @@
+"""Page of a fit: maps from three sides, landmarks left out, quality, fibres, mass and provenance."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from emgface.files import write_text
+from emgface.fit.carry import CHANGED
+from emgface.fit.columns import SPREAD
+from emgface.fit.person import Fitted
+from emgface.fit.picture import fit_figure
+from emgface.pictures.page import environment, policy, style, svg_of
+
+STAGES = {
+    "similarity": "after the similarity",
+    "spline": "thin-plate spline",
+    "mechanics": "spline by mechanics",
+    "surfaces": "surfaces by mechanics",
+    "relaxed": "elements relaxed",
+}
+
+
+def write_report(fitted: Fitted, path: str | os.PathLike[str]) -> Path:
+    """Write the page (HTML without network requests); DataError if it cannot be written."""
+    path = Path(path)
+    write_text(path, render(fitted))
+    return path
+
+
+def render(fitted: Fitted) -> str:
+    """Render the page."""
+    face = fitted.face
+    origin = str(face.attrs["fit_of"])
+    values: dict[str, Any] = {
+        "title": str(face.attrs["name"]),
+        "origin": origin,
+        "summary": summary(fitted),
+        "notes": list(fitted.notes),
+        "figure": svg_of(
+            fit_figure(fitted), "maps", "Distance of the skin to the scan and thickness by colour"
+        ),
+        "tables": _tables(fitted),
+        "style": style(),
+        "policy": policy(""),
+    }
+    return environment("emgface.fit").get_template("fit.html").render(**values)
+
+
+def summary(fitted: Fitted) -> list[str]:
+    """Sentences with the main measures."""
+    quality = fitted.quality
+    said: list[str] = []
+    last = fitted.distance[fitted.distance["stage"] == "relaxed"]
+    for row in last.to_dict("records"):
+        said.append(
+            f"The {row['surface']} is {row['mean']:.2f} mm from its surface in the mean, 95 % within "
+            f"{row['q95']:.2f} mm; the surface covers {row['covered']:.0%} of it."
+        )
+    if not len(last):
+        said.append("Only landmarks were given: the shape between them is that of the source face.")
+    smallest = "smallest scaled Jacobian of hexahedra"
+    said.append(
+        f"No corner of an element is inverted; the smallest scaled Jacobian of the hexahedra is "
+        f"{quality.loc[smallest, 'after']:.3f} (before {quality.loc[smallest, 'before']:.3f})."
+    )
+    out = fitted.landmarks["left_out"].median()
+    said.append(f"A landmark left out is predicted by the others to {out:.1f} mm (median).")
+    if fitted.prior is not None:
+        said.append(
+            "No data determine the thickness of the tissue where neither an inner surface nor bone was "
+            f"given. It is that of the source face times the scale of the landmarks, with a standard "
+            f"deviation of {SPREAD:.0%} from published norms; the interval in the figure contains 90 % "
+            "of people of such a group."
+        )
+    changed = fitted.fibres[np.abs(fitted.fibres["change"]) > CHANGED]
+    said.append(
+        f"{len(changed)} of {len(fitted.fibres)} fibres differ in length from the affine prediction by "
+        f"more than {CHANGED:.0%}."
+    )
+    return said
+
+
+def _tables(fitted: Fitted) -> dict[str, Any]:
+    distance = fitted.distance.assign(
+        stage=fitted.distance["stage"].map(STAGES), covered=100.0 * fitted.distance["covered"]
+    ).rename(columns={"mean": "mean [mm]", "q95": "95 % [mm]", "largest": "largest [mm]",
+                      "covered": "covered [%]"})  # fmt: skip
+    landmarks = fitted.landmarks.rename(
+        columns={"error": "distance [mm]", "left_out": "left out [mm]"}
+    )
+    fibres = fitted.fibres.assign(change=100.0 * fitted.fibres["change"]).rename(
+        columns={"before": "before [mm]", "predicted": "affine prediction [mm]",
+                 "after": "after [mm]", "change": "change [%]"}
+    )  # fmt: skip
+    inputs = json.loads(fitted.face.attrs["fit_inputs"])
+    sources = pd.DataFrame({"input": list(inputs), "file and SHA-256": list(inputs.values())})
+    found = {
+        "distances": ("Distances from the surfaces by stage", distance),
+        "quality": ("Elements before and after", fitted.quality.reset_index()),
+        "landmarks": ("Landmarks", landmarks),
+        "fibres": ("Lengths of the fibres", fibres),
+        "provenance": ("Provenance", sources),
+    }
+    return {key: _cells(title, frame) for key, (title, frame) in found.items() if len(frame)}
+
+
+def _cells(title: str, frame: pd.DataFrame) -> dict[str, Any]:
+    heads = [
+        {"text": str(name), "number": frame[name].dtype.kind in "fi"} for name in frame.columns
+    ]
+    rows = [[_text(v) for v in row] for row in frame.itertuples(index=False)]
+    return {"title": title, "note": "", "heads": heads, "rows": rows}
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, float | np.floating):
+        if not np.isfinite(value):
+            return "–"
+        return f"{value:.0f}" if value == round(value) and abs(value) >= 1 else f"{value:.3g}"
+    return str(value)
