@@ -12,8 +12,12 @@ from analysis.typed import selected
 
 
 def alignment_tables(cube: xr.Dataset) -> dict[str, Table]:
-    """Return the tables ``flags`` and ``noise``, if the cube contains their variables."""
-    found = {"flags": flag_table(cube), "noise": noise_table(cube)}
+    """Return the tables ``flags``, ``flagged`` and ``noise``, if the cube has their variables."""
+    found = {
+        "flags": flag_table(cube),
+        "flagged": flagged_table(cube),
+        "noise": noise_table(cube),
+    }
     return {name: table for name, table in found.items() if table is not None}
 
 
@@ -42,6 +46,37 @@ def flag_table(cube: xr.Dataset) -> Table | None:
         "These trials remain in the scores; the table of all trials lists their flags."
     )
     return Table(f"flagged alignments, {recordings(origin)}", columns, tuple(rows), origin, note)
+
+
+def flagged_table(cube: xr.Dataset) -> Table | None:
+    """Tabulate the median rho per strategy with and without the trials that have any flag.
+
+    None if the cube contains no flags or no scored trial.
+    """
+    ok = cube["status"] == "ok"
+    held = [name for name in FLAGS if name in cube]
+    if not held or not ok.any():
+        return None
+    raised = sum(((cube[name] == 1.0) for name in held), start=xr.zeros_like(ok)) > 0
+    rows: list[tuple[Any, ...]] = []
+    for strategy in cube["strategy"].values:
+        row: list[Any] = [str(strategy)]
+        for mask in (ok, ok & ~raised, ok & raised):
+            one = {"strategy": strategy}
+            rho = selected(cube["rho"].where(mask), one).values
+            rho = rho[np.isfinite(rho)]
+            row += [int(selected(mask, one).sum()), float(np.median(rho)) if rho.size else np.nan]
+        rows.append(tuple(row))
+    heads = ("trials", "median_rho", "without_flag", "median_without_flag", "with_flag",
+             "median_with_flag")  # fmt: skip
+    columns = (Column("strategy"), *(Column(head) for head in heads))
+    origin = origin_of(cube)
+    note = (
+        "Scored trials and the median of their rho over trials and markers: all of them, those without "
+        "any flag, and those with at least one. Statistics include all scored trials."
+    )
+    title = f"rho with and without flagged trials, {recordings(origin)}"
+    return Table(title, columns, tuple(rows), origin, note)
 
 
 def noise_table(cube: xr.Dataset) -> Table | None:

@@ -5,7 +5,7 @@ from typing import Any, Final
 import numpy as np
 import xarray as xr
 
-from analysis.baselines import has_baselines, unexplained
+from analysis.baselines import NO_ROOM, has_baselines, unexplained
 from analysis.descriptives import mean_defined
 from analysis.statistics.finding import persons
 from analysis.statistics.scope import too_few_volunteers
@@ -70,7 +70,7 @@ def baseline_instruction_table(cube: xr.Dataset) -> Table:
             ok = texts(one["status"]) == "ok"
             levels = [mean_defined(one[name].where(ok)) for name in LEVELS]
             skill = one["skill"].values[np.isfinite(one["skill"].values)]
-            no_room = int((texts(one["skill_reason"]) == "no room above the template").sum())
+            no_room = int((texts(one["skill_reason"]) == NO_ROOM).sum())
             middle = float(np.median(skill)) if len(skill) else np.nan
             rows.append((str(instruction), str(strategy), *levels, middle, len(skill), no_room))
     origin = origin_of(cube)

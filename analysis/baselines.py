@@ -57,9 +57,9 @@ LEAST_ROOM: Final = 1e-3
 
 Noise of 0.1 mm lowers the rho of a marker that moves by 3 mm (root mean square) by 1.7e-3.
 """
+NO_ROOM: Final = "ceiling not above the template"
 SKILL_REASONS: Final = (
-    "", "rho is undefined", "no other volunteer", "no other repetition",
-        "ceiling not above the template",
+    "", "rho is undefined", "no other volunteer", "no other repetition", NO_ROOM,
 )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ from analysis.statistics.finding import (
     judged,
     persons,
     shown_p,
+    untestable,
+    without_spread,
 )
 from analysis.statistics.paired import LIMIT, Paired, Scale, described, paired
 from analysis.statistics.power import detectable
@@ -157,14 +160,17 @@ def _result(
 
 
 def _t_test(data: Paired) -> tuple[float, float]:
-    """Standard error and p of the mean difference; NaN for too few volunteers."""
+    """Standard error and p of the mean difference; NaN for too few volunteers.
+
+    If the difference is the same in all of them, p is 1 for a difference of zero and otherwise NaN.
+    """
     values = data.values
     n = len(values)
     if n < LEAST_VOLUNTEERS:
         return math.nan, math.nan
     mean, error = float(values.mean()), float(values.std(ddof=1)) / math.sqrt(n)
-    if error == 0.0:
-        return 0.0, float(mean == 0.0)
+    if without_spread(values):
+        return 0.0, math.nan if values.any() else 1.0
     return error, 2.0 * float(t.sf(abs(mean) / error, n - 1))
 
 
@@ -172,6 +178,9 @@ def _finding(data: Paired, adjusted: float, tests: int, level: float) -> Finding
     values = data.values
     n, mean = len(values), float(values.mean())
     error, p = _t_test(data)
+    if math.isnan(p):
+        exact = {"p_sign_flip": sign_flip_p(values, sign_patterns(n))}
+        return replace(untestable(data), further=exact | {"rises": float((values > 0).sum())})
     reach = float(t.ppf((1.0 + level) / 2.0, n - 1)) * error
     exact = sign_flip_p(values, sign_patterns(n))
     up, down = int((values > 0).sum()), int((values < 0).sum())
@@ -282,5 +291,7 @@ def _summary(result: xr.Dataset, first: Paired | None, alpha: float) -> str:
         )
     untested = int((~np.isfinite(p)).sum())
     if untested:
-        parts.append(f"{untested} are not tested because there are too few volunteers.")
+        parts.append(
+            f"{untested} are not tested: too few volunteers, or no variation between them."
+        )
     return " ".join(parts)

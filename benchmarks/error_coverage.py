@@ -28,6 +28,7 @@ import xarray as xr
 
 from analysis.scores import correlation_3d
 from benchmarks.report import markdown
+from emgface.children import safe_children
 from emgface.choices import configure
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
@@ -215,7 +216,7 @@ def main(
     )
     rows: list[dict[str, object]] = []
     begin = (tuple(preset), contact, check_contact)
-    with get_context("spawn").Pool(workers, Bench, begin) as pool:
+    with safe_children(), get_context("spawn").Pool(workers, Bench, begin) as pool:
         for found in pool.imap(_of, marked):
             rows += found
             pd.DataFrame(rows).to_csv(out, index=False)

@@ -10,10 +10,11 @@ throughout.
 import hashlib
 import os
 import subprocess
-import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+
+from emgface.children import python_command
 
 THREADS = (1, 2, 4)
 RESTARTED = " restarted"
@@ -107,7 +108,7 @@ def main(processes: int = 20, child: bool = False) -> None:
     with tempfile.TemporaryDirectory() as cache:
         for number in range(processes):
             own = environment(number, cache)
-            command = [sys.executable, "-m", "benchmarks", "same_bits", "--child"]
+            command = python_command("-m", "benchmarks", "same_bits", "--child")
             lines = subprocess.run(
                 command, env=own, check=True, text=True, stdout=subprocess.PIPE, cwd=ROOT
             ).stdout.splitlines()

@@ -5,10 +5,8 @@ time. Kernels are loaded from disk, because a first process is not counted.
 """
 
 import json
-import os
 import statistics
 import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,6 +16,7 @@ import pandas as pd
 
 from benchmarks.first_output import PHASES
 from benchmarks.report import finish, say
+from emgface.children import child_environment, python_command
 from emgface.errors import DataError
 
 VOLUMES: Final = ("pointwise", "element", "nodal", "hard")
@@ -33,7 +32,8 @@ IMPORTED: Final = (
 def import_seconds(what: str) -> float:
     """Wall time of a fresh interpreter that imports modules and ends [s]."""
     start = time.perf_counter()
-    subprocess.run([sys.executable, "-c", f"import {what}"], check=True, capture_output=True)
+    command = python_command("-c", f"import {what}")
+    subprocess.run(command, env=child_environment(), check=True, capture_output=True)
     return time.perf_counter() - start
 
 
@@ -46,11 +46,11 @@ def first_result(face: Path | None, volume: str) -> tuple[dict[str, float], floa
     task = json.dumps({"face": None if face is None else str(face), "volume": volume})
     start = time.perf_counter()
     child = subprocess.Popen(
-        [sys.executable, "-m", "benchmarks.first_output", task],
+        python_command("-m", "benchmarks.first_output", task),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env=os.environ | {"PYTHONUNBUFFERED": "1"},
+        env=child_environment() | {"PYTHONUNBUFFERED": "1"},
     )
     assert child.stdout is not None and child.stderr is not None
     seconds: dict[str, float] = {}

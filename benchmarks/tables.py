@@ -17,8 +17,9 @@ import os
 import re
 import shlex
 import subprocess
-import sys
 from pathlib import Path
+
+from emgface.children import child_environment, python_command
 
 ROOT = Path(__file__).resolve().parents[1]
 MARKED = re.compile(
@@ -68,10 +69,15 @@ def shared_folder() -> Path | None:
 
 def made_by(command: str) -> str:
     """Markdown lines that a command prints."""
-    words = [sys.executable if w == "python" else w for w in shlex.split(command)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    first, *words = shlex.split(command)
+    words = python_command(*words) if first == "python" else [first, *words]
     done = subprocess.run(
-        words, cwd=ROOT, env=environment, check=True, text=True, stdout=subprocess.PIPE
+        words,
+        cwd=ROOT,
+        env=child_environment([ROOT]),
+        check=True,
+        text=True,
+        stdout=subprocess.PIPE,
     )
     return "".join(f"{line}\n" for line in done.stdout.splitlines() if line.startswith("|"))
 

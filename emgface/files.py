@@ -1,14 +1,107 @@
-"""Atomic writing of files."""
+"""Atomic writing of files, and the names of files that follow from data.
+
+Names of volunteers, instructions and stages are read from files, which may come from others. They
+become paths only by `named_file` and `result_file`, so that no content of a file leads out of the
+folder that the user has specified.
+"""
 
 import os
+import re
 import shutil
 import tempfile
-from collections.abc import Callable
+import unicodedata
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Final
 
-from emgface.errors import DataError
+from emgface.errors import DataError, StoreError, listed
 
 LEAST_SPACE = 2**20  #: free space [bytes] below which a disk counts as full
+
+
+LONGEST: Final = 200  #: bytes of the name of a file; file systems allow 255
+_UNSAFE: Final = re.compile(r"[^\w .+=()@,-]")
+_DEVICES: Final = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")  # of Windows
+_STAGE, _DIGEST = re.compile(r"[A-Za-z]\w*", re.ASCII), re.compile(r"[0-9A-Za-z]+", re.ASCII)
+
+
+def named_file(folder: Path, *names: object, suffix: str) -> Path:
+    """File in `folder` whose name consists of texts from data, joined by ``_``, and `suffix`.
+
+    Everything but letters, digits, spaces and ``.+=()@,-`` is replaced by ``-``, as are a point or
+    space at the beginning or end: the result lies directly in `folder`. Empty texts are omitted.
+    Raises DataError if no text remains or the name is too long.
+    """
+    texts = [unicodedata.normalize("NFC", str(name)) for name in names]
+    name = "_".join(_UNSAFE.sub("-", text) for text in texts if text.strip())
+    name = re.sub(r"^[. ]|[. ]$", "-", name)
+    if _DEVICES.fullmatch(name):
+        name = f"{name}-"
+    if not name or len(f"{name}{suffix}".encode()) > LONGEST:
+        raise DataError(
+            f"{listed([ascii(text)[:60] for text in texts]) or 'nothing'} cannot be the name of a file, "
+            f"expected 1 to {LONGEST - len(suffix)} bytes: rename volunteer, instruction or "
+            "repetition"
+        )
+    return folder / f"{name}{suffix}"
+
+
+def result_file(store: Path, stage: str, digest: str, suffix: str = ".nc") -> Path:
+    """File of a stored result, ``<store>/<stage>/<digest>.nc``.
+
+    Stage and digest may have been read from a journal. Raises StoreError unless the stage is an
+    identifier and the digest consists of letters and digits.
+    """
+    if not (_STAGE.fullmatch(stage) and _DIGEST.fullmatch(digest)):
+        raise StoreError(
+            f"found the stage {ascii(stage)[:80]} with the digest {ascii(digest)[:80]}, expected a name "
+            "and hexadecimal digits: the journal is damaged, or was written by another program"
+        )
+    return store / stage / f"{digest}{suffix}"
+
+
+def plain_files(folder: Path) -> Iterator[Path]:
+    """Files in a folder and its subfolders, in order; links are neither followed nor returned."""
+    if folder.is_symlink() or not folder.is_dir():
+        return
+    for path in sorted(folder.iterdir()):
+        if path.is_symlink():
+            continue
+        if path.is_dir():
+            yield from plain_files(path)
+        elif path.is_file():
+            yield path
+
+
+def new_files(targets: Mapping[Path, object], *, replace: bool) -> None:
+    """Check the files that a command is about to write, before it writes the first.
+
+    `targets` contains what is written to each. Raises DataError for a link, and unless `replace`
+    for a file that exists.
+    """
+    taken = [path.name for path in targets if path.is_symlink() or (path.exists() and not replace)]
+    if taken:
+        raise DataError(
+            f"{listed(taken)} of {next(iter(targets)).parent} exist, expected new files: specify "
+            "another folder, or --force to write them again (links are never replaced)"
+        )
+
+
+def different_names(pairs: Iterable[tuple[Path, str]]) -> dict[Path, str]:
+    """Return the origin of each target; DataError if two of them have the same target.
+
+    Names are compared without case, as some file systems do.
+    """
+    found: dict[str, tuple[Path, str]] = {}
+    for path, origin in pairs:
+        key = str(path).casefold()
+        if key in found:
+            raise DataError(
+                f"{origin} and {found[key][1]} would both be written as {path.name}, expected different "
+                "names: rename one of them, or use different folders"
+            )
+        found[key] = path, origin
+    return dict(found.values())
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:

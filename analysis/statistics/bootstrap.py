@@ -8,7 +8,15 @@ import xarray as xr
 from scipy.stats import norm, t
 
 from analysis.errors import StatisticsError
-from analysis.statistics.finding import Check, Finding, check_level, judged, persons
+from analysis.statistics.finding import (
+    Check,
+    Finding,
+    check_level,
+    judged,
+    persons,
+    untestable,
+    without_spread,
+)
 from analysis.statistics.paired import Array, Comparison, Paired
 from analysis.typed import selected
 
@@ -111,6 +119,8 @@ def _finding(
     estimate = float(np.median(pairs) if statistic == "median" else np.mean(pairs))
     drawn = replicates(cells, statistic, draws, seed)
     drawn = drawn[np.isfinite(drawn)]
+    if without_spread(drawn) and estimate != 0.0:
+        return untestable(data)
     lower, upper = (float(np.quantile(drawn, tail)) for tail in tails(n, level, interval))
     sentence = (
         f"{statistic} difference {data.shown(estimate)} over {len(pairs)} pairs of "

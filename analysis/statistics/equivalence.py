@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import xarray as xr
 from scipy.stats import shapiro, t
 
@@ -15,6 +14,8 @@ from analysis.statistics.finding import (
     judged,
     persons,
     shown_p,
+    untestable,
+    without_spread,
 )
 from analysis.statistics.paired import Array, Comparison, Paired
 from analysis.statistics.scope import LEAST_VOLUNTEERS
@@ -54,7 +55,7 @@ def equivalence(data: Comparison, *, margin: float, alpha: float = 0.05) -> xr.D
 def normality(values: Array) -> Check:
     """Test the normality of the differences of volunteers (Shapiro and Wilk)."""
     name = "mean differences are normal"
-    if len(values) < 3 or np.ptp(values) == 0:
+    if len(values) < 3 or without_spread(values):
         return Check(name, "not checked", "There are too few different values for a check.")
     p = float(shapiro(values).pvalue)
     text = f"Shapiro-Wilk {shown_p(p)} over {persons(len(values))}"
@@ -66,12 +67,8 @@ def _finding(data: Paired, margin: float, alpha: float) -> Finding:
     values = data.values
     n, estimate = len(values), float(values.mean())
     error = float(values.std(ddof=1)) / math.sqrt(n)
-    if error <= 1e-12 * max(margin, abs(estimate)):
-        text = (
-            f"{data.shown(estimate)} in each of {persons(n)}; without variation between "
-            "them, equivalence cannot be tested."
-        )
-        return Finding(estimate, sentence=text)
+    if without_spread(values, margin):
+        return untestable(data)
     above = float(t.sf((estimate + margin) / error, n - 1))
     below = float(t.cdf((estimate - margin) / error, n - 1))
     p = max(above, below)

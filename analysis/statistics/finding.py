@@ -141,6 +141,28 @@ def collected(
     return result
 
 
+EQUAL: Final = 1e-12  #: spread relative to the largest value below which values differ by rounding
+
+
+def without_spread(values: Array, scale: float = 0.0) -> bool:
+    """Return True if values differ by rounding only, so that their spread cannot be the error of a test.
+
+    `scale` is a size with which the values are compared, such as a margin.
+    """
+    size = max(float(np.abs(values).max(initial=0.0)), scale)
+    return float(np.ptp(values)) <= EQUAL * size
+
+
+def untestable(data: Paired) -> Finding:
+    """Finding of a contrast whose differences are the same in all volunteers, and not zero."""
+    estimate = float(data.values.mean())
+    text = (
+        f"{data.shown(estimate)} in each of {persons(len(data.values))}; without variation between "
+        "them, there is no test and no interval."
+    )
+    return Finding(estimate, sentence=text)
+
+
 def check_level(level: float) -> None:
     """Raise for a level that is not a probability."""
     if not 0 < level < 1:

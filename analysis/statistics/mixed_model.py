@@ -10,7 +10,16 @@ from scipy.stats import norm, normaltest, shapiro, t
 
 from analysis.errors import StatisticsError
 from analysis.statistics.crossed import Fit, fit_crossed
-from analysis.statistics.finding import Check, Finding, check_level, judged, persons, shown_p
+from analysis.statistics.finding import (
+    Check,
+    Finding,
+    check_level,
+    judged,
+    persons,
+    shown_p,
+    untestable,
+    without_spread,
+)
 from analysis.statistics.paired import Array, Comparison, Paired
 from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS, Scope, told_scope
 from analysis.trajectory import names
@@ -138,6 +147,8 @@ def _finding(data: Paired, fitted: _Fitted | str, level: float) -> Finding:
         estimate = float(data.values.mean())
         text = f"{data.shown(estimate)} over {over}; no test and no interval: {fitted}."
         return Finding(estimate, sentence=text)
+    if without_spread(data.values) and data.values.any():
+        return untestable(data)
     estimate, error, freedom = fitted.estimate, fitted.error, fitted.freedom
     p_wald = 2.0 * float(norm.sf(abs(estimate) / error))
     p = 2.0 * float(t.sf(abs(estimate) / error, freedom))

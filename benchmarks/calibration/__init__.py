@@ -16,6 +16,7 @@ import xarray as xr
 
 from analysis.tables import Column, Table
 from benchmarks.calibration.shares import METHODS, calibration, interval_coverage
+from benchmarks.calibration.skewed import skewed
 from benchmarks.report import say
 
 BOTH: dict[str, Any] = {"sd_interaction": 0.3, "sd_instruction_strategy": 0.3}
@@ -137,7 +138,13 @@ def sizes(out: Path, count: int) -> None:
 def main(
     simulations: int = 100,
     out: Path = Path("docs/statistics"),
+    only: str = "",
 ) -> None:
+    """Write the tables; `only` is intervals, sizes or skewed."""
     out.mkdir(parents=True, exist_ok=True)
-    intervals(out, simulations)
-    sizes(out, simulations)
+    if only in ("", "skewed"):
+        skewed(out)
+    if only in ("", "intervals"):
+        intervals(out, simulations)
+    if only in ("", "sizes"):
+        sizes(out, simulations)

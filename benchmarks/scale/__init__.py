@@ -22,7 +22,6 @@ of a study, and the computation is replaced by waiting. Results are written to F
 import json
 import resource
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -40,6 +39,7 @@ from benchmarks.scale.recordings import recordings
 from benchmarks.scale.simulated import thousand
 from benchmarks.scale.statistics import statistics
 from benchmarks.scale.stub import run
+from emgface.children import child_environment, python_command
 from emgface.study.cluster import DaskWorkers
 from emgface.study.state import read_state
 
@@ -83,7 +83,8 @@ def many(folder: Path, trials: int) -> list[dict[str, Any]]:
     code = "from emgface.cli import main; main()"
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     status = subprocess.run(
-        [sys.executable, "-c", code, "study", "status", str(folder)],
+        python_command("-c", code, "study", "status", str(folder)),
+        env=child_environment(),
         check=True,
         capture_output=True,
     )

@@ -1,9 +1,9 @@
 """A dask.distributed scheduler and workers, started as commands on this machine."""
 
-import os
 import subprocess
-import sys
 from pathlib import Path
+
+from emgface.children import child_environment, python_command
 
 
 class StartedByHand:
@@ -28,9 +28,8 @@ class StartedByHand:
     def _start(self, arguments: list[str]) -> subprocess.Popen[bytes]:
         self._folder.mkdir(parents=True, exist_ok=True)
         with (self._folder / "dask.log").open("ab") as log:
-            environment = os.environ | {"PYTHONPATH": os.getcwd()}
-            command = [sys.executable, "-m", "dask", *arguments]
-            return subprocess.Popen(command, stdout=log, stderr=log, env=environment)
+            command = python_command("-m", "dask", *arguments)
+            return subprocess.Popen(command, stdout=log, stderr=log, env=child_environment())
 
     def __enter__(self) -> "StartedByHand":  # noqa: D105
         self.start_scheduler()

@@ -18,6 +18,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from benchmarks.scale.stub import STRATEGIES, memory, planned
+from emgface.children import child_environment, python_command
 from emgface.study import assembly
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.intake import Intake
@@ -51,8 +52,8 @@ def stub_cube(
 def limited(folder: Path, trials: int, at_a_time: int, limit: int) -> dict[str, float]:
     """Write the cube in a new process; its measurements, none if the memory did not suffice."""
     done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-m", __name__, *map(str, (folder, trials, at_a_time, limit))],
-        capture_output=True, text=True,
+        python_command("-W", "ignore", "-m", __name__, *map(str, (folder, trials, at_a_time, limit))),
+        env=child_environment(), capture_output=True, text=True,
     )  # fmt: skip
     if done.returncode and "MemoryError" not in done.stderr:
         raise RuntimeError(done.stderr[-2000:])

@@ -10,7 +10,6 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -21,6 +20,7 @@ import xarray as xr
 
 from benchmarks.scale import stub
 from benchmarks.scale.cluster import StartedByHand
+from emgface.children import child_environment, python_command
 from emgface.study.digest import dataset_digest
 from emgface.study.journal import Entry, read_trial
 from emgface.study.runs import lines, run_files, written
@@ -34,9 +34,11 @@ Fault = Callable[[Path], str]
 
 def start(folder: Path, *options: str) -> subprocess.Popen[str]:
     """Start a study of stub trials in another process."""
-    command = [sys.executable, "-W", "ignore", "-m", "benchmarks.scale.stub", str(folder), str(TRIALS),
-               "--seconds", str(SECONDS), *options]  # fmt: skip
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    words = ("-W", "ignore", "-m", "benchmarks.scale.stub", str(folder), str(TRIALS))
+    return subprocess.Popen(
+        python_command(*words, "--seconds", str(SECONDS), *options),
+        env=child_environment(), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
 
 
 def here(folder: Path) -> None:

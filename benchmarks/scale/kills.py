@@ -3,11 +3,11 @@
 import random
 import shutil
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
+from emgface.children import child_environment, python_command
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 from emgface.study.digest import dataset_digest
@@ -39,8 +39,9 @@ def start(study: Path, out: Path) -> subprocess.Popen[bytes]:
     code = "from emgface.cli import main; main()"
     command = ["study", "run", str(study), "--out", str(out), "--workers", "1"]
     return subprocess.Popen(
-        [sys.executable, "-c", code, *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+        python_command("-c", code, *command),
+        env=child_environment(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
 
 
 def results(out: Path) -> dict[str, str]:

@@ -2,13 +2,16 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from emgface.cli.console import BAD_INPUT, fail, frame, say, show_table
 from emgface.cli.data import FORMATS
-from emgface.cli.options import BandOption, MappingOption, OutPath, chain_with
+from emgface.cli.options import BandOption, MappingOption, OutPath, ReplaceOption, chain_with
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 def inventory(
@@ -75,10 +78,13 @@ def convert(
         int | None,
         typer.Option(min=1, help="Repetition, if the recordings specify none or a wrong one."),
     ] = None,
+    replace: ReplaceOption = False,
 ) -> None:
     """Convert recordings to netCDF or to EMG-BIDS and Motion-BIDS, optionally with a notch filter."""
     from emgface.errors import DataError, EmgfaceError
+    from emgface.files import named_file, new_files
     from emgface.recordings.bids import write_bids
+    from emgface.recordings.bids.names import file_name
     from emgface.recordings.bids.rules import bids_problems
     from emgface.recordings.bids.write import bids_entities
     from emgface.recordings.dataset import find_recordings, read_recording, write_recording
@@ -96,9 +102,14 @@ def convert(
     for file in given:
         try:
             recording = read_recording(file, mapping=mapping).assign_attrs(named)
-            target = f"{file.stem}.nc"
+            target = named_file(out_path, file.stem, suffix=".nc").name
             if to == Target.bids:
-                target = "_".join(bids_entities(recording).values())
+                given_names = bids_entities(recording)
+                target = "_".join(given_names.values())
+                start = file_name(given_names, "")
+                there = sorted(out_path.glob(f"sub-{given_names['sub']}/*/{start}*"))
+            else:
+                there = [out_path / target]
             if target in taken:
                 raise DataError(
                     f"{file} and {taken[target]} would both be written as {target}, expected "
@@ -106,6 +117,7 @@ def convert(
                     "--run for each"
                 )
             taken[target] = file
+            new_files(dict.fromkeys(there), replace=replace)
             if notch is not None and "emg" in recording:
                 emg = remove_hum(recording["emg"], notch, width=notch_width)
                 recording = recording.assign(emg=emg)
@@ -143,9 +155,11 @@ def cut(
     band: BandOption = None,
     before: Annotated[float, typer.Option(min=0, help="Time before the onset in s.")] = 0.0,
     after: Annotated[float, typer.Option(min=0, help="Time after the end in s.")] = 0.0,
+    replace: ReplaceOption = False,
 ) -> None:
     """Cut a long recording into trials, by events or by its activity."""
-    from emgface.errors import DataError
+    from emgface.errors import DataError, SignalError
+    from emgface.files import different_names, named_file, new_files
     from emgface.recordings.dataset import read_recording, write_recording
     from emgface.recordings.events import cut_trials, find_repetitions, read_events
     from emgface.recordings.synchronise import synchronise
@@ -166,11 +180,24 @@ def cut(
             "EMG or events: specify a table with --events"
         )
     show_table(frame(table), f"{path.name}: {len(table)} trials")
-    for trial in cut_trials(recording, table, before=before, after=after):
+    trials: list[xr.Dataset] = []
+    outside: SignalError | None = None
+    try:
+        for trial in cut_trials(recording, table, before=before, after=after):
+            trials.append(trial)  # noqa: PERF402  # those before the error are kept
+    except SignalError as error:  # events beyond the recording; the others are written
+        outside = error
+    targets: list[Path] = []
+    for trial in trials:
         names = [str(trial.attrs.get(k, "")) for k in ("volunteer", "instruction", "repetition")]
         names[0] = names[0] or path.stem
-        target = out_path / ("_".join(name for name in names if name) + ".nc")
+        targets.append(named_file(out_path, *names, suffix=".nc"))
+    from_events = [f"the trial from {float(t.attrs['cut_from'][0]):.4g} s on" for t in trials]
+    new_files(different_names(zip(targets, from_events, strict=True)), replace=replace)
+    for trial, target in zip(trials, targets, strict=True):
         say(f"Wrote {write_recording(trial, target)}.")
+    if outside is not None:
+        raise outside
 
 
 def schema(

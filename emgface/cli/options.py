@@ -11,6 +11,9 @@ if TYPE_CHECKING:
 OutPath = Annotated[
     Path | None, typer.Option("--out", help="File to write; by default the text is printed.")
 ]
+ReplaceOption = Annotated[
+    bool, typer.Option("--force", help="Write files again that exist; default: refuse.")
+]
 MappingOption = Annotated[
     Path | None, typer.Option(help="TOML file that maps labels of a recording to names.")
 ]

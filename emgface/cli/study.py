@@ -32,7 +32,7 @@ def template(
     if out_path is None:
         typer.echo(study_template(), nl=False)
         return
-    write_text(study_template(), out_path)
+    write_text(out_path, study_template())
     say(f"Wrote {out_path}.")
 
 

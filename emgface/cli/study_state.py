@@ -91,11 +91,19 @@ def gc(
         list[Path], typer.Argument(help="Folders of all studies that share the store.")
     ],
     delete: Annotated[bool, typer.Option("--delete", help="Delete the files.")] = False,
+    forget: Annotated[
+        list[Path],
+        typer.Option(
+            help="Folder of a study that no longer exists, and whose results may go; repeatable."
+        ),
+    ] = [],  # noqa: B006
 ) -> None:
     """List stored results that no study uses, and delete them with --delete."""
     from emgface.study.retention import unused_files
 
-    unused = unused_files(folders)
+    unused = unused_files(folders, forget=forget)
+    for path in unused.files:
+        tell(str(path))
     for path in unused.files if delete else []:
         path.unlink(missing_ok=True)
     verb = "deleted" if delete else "unused; --delete removes them"

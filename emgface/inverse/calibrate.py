@@ -238,4 +238,9 @@ def volunteer_of(recordings: Sequence[xr.Dataset]) -> str:
         raise DataError(
             f"calibration trials are of volunteers {', '.join(volunteers)}: calibrate each separately"
         )
+    if not volunteers[0]:
+        raise DataError(
+            "the calibration trials name no volunteer, expected one, by which other recordings are "
+            "matched: set it in the mapping or the attributes of the recordings"
+        )
     return volunteers[0]

@@ -191,9 +191,12 @@ def score_figure(data: xr.Dataset) -> "Figure":
     drawn = blank(6.0, 3.6)
     panel = grid(drawn)[0][0]
     names = [str(name).replace("_", " ") for name in data["marker"].values]
-    panel.barh(names, np.nan_to_num(data["rho"].values), color=COLOURS[0])
+    rho = np.asarray(data["rho"].values, dtype=np.float64)
+    panel.barh(names, rho, color=COLOURS[0])
+    for place in np.flatnonzero(~np.isfinite(rho)):
+        panel.text(0.01, place, "undefined", va="center", fontsize="small", color="0.4")
     panel.invert_yaxis()
-    panel.set(xlim=(min(0.0, float(np.nanmin(data["rho"], initial=0.0))), 1.0), xlabel="rho")
+    panel.set(xlim=(float(np.nanmin(rho, initial=0.0)), 1.0), xlabel="rho")
     heading(drawn, "3D correlation of simulated with recorded markers", origin_of(data))
     return drawn
 

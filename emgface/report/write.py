@@ -57,7 +57,7 @@ def write_page(
     text = render(results, faces=faces, known=known, say=say)
     if not results.notes:
         text = kept.keep_page(text, faces=faces)
-    write_text(text, out)
+    write_text(out, text)
     return Page(out, out.stat().st_size, results.notes)
 
 

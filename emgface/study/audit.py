@@ -9,6 +9,7 @@ from typing import Any
 import xarray as xr
 
 from emgface.errors import DataError
+from emgface.files import result_file
 from emgface.study.axes import Label
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.faces import study_face
@@ -144,7 +145,7 @@ def _reason(one: Planned, store: Store, files: StoredFiles) -> str:
         before = next((s for s in (last or {}).get("stages", ()) if s["stage"] == stage), None)
         if before is None:
             return f"from stage {stage} on it is computed for the first time."
-        index = (store.folder / stage / before["digest"]).with_suffix(".json")
+        index = result_file(store.folder, stage, before["digest"], ".json")
         try:
             old = json.loads(index.read_text(encoding="utf-8"))["key"]
         except (OSError, ValueError, KeyError):

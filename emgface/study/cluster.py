@@ -5,9 +5,11 @@ store, which lies on a file system shared by all workers. dask.distributed retri
 worker died (setting ``distributed.scheduler.allowed-failures``, three by default).
 """
 
+import ipaddress
 import json
 import logging
 import time
+import warnings
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
 from contextlib import suppress
@@ -48,6 +50,8 @@ class DaskWorkers:
                 f"no scheduler answers at {self.address} ({error}): start one with 'dask scheduler', or "
                 "correct the address"
             ) from error
+        if problem := open_port(self.address):
+            warnings.warn(problem, stacklevel=2)
         self._executor = self._client.get_executor(pure=False)
         self._counted, self._threads = -REFRESH, 0
 
@@ -106,6 +110,27 @@ class DaskWorkers:
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         with suppress(Exception):
             self._client.close(timeout=5)
+
+
+def open_port(address: str) -> str:
+    """Warning about a scheduler that other machines can reach and anybody may use; or an empty text.
+
+    Whoever reaches the port of a scheduler can execute code on it and on its workers, unless the
+    connection is authenticated (tls) or restricted to this machine (inproc, or its own address).
+    """
+    protocol, _, rest = address.partition("://")
+    host = rest.rpartition(":")[0].strip("[]")
+    try:
+        local = ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        local = host == "localhost"
+    if protocol in ("inproc", "tls", "wss") or local:
+        return ""
+    return (
+        f"the scheduler at {address} is not authenticated: everybody who reaches its port can "
+        "execute code on it and its workers, with your rights. Use a private network and a "
+        "firewall, or certificates (tls://, 'dask scheduler --tls-ca-file ...')"
+    )
 
 
 def _address_in(file: Path) -> str:

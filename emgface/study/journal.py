@@ -15,6 +15,8 @@ import xarray as xr
 
 from analysis.trial import Trial
 from emgface.errors import StoreError
+from emgface.files import result_file
+from emgface.study.owners import add_owner
 from emgface.study.provenance import now
 from emgface.study.runs import FOLDER, FORMAT, Line, lines, parsed, run_files, run_number, written
 from emgface.study.store import Event
@@ -84,6 +86,8 @@ class Journal:
                 f"the journal {self.path} cannot be written ({error.strerror}): specify a "
                 "writable folder"
             ) from error
+        if "store" in facts:
+            add_owner(folder / str(facts["store"]), folder)
         number = 1 + max(map(run_number, earlier), default=0)
         self.write("run", format=FORMAT, number=number, host=host, process=process, **facts)
 
@@ -228,7 +232,7 @@ def _stages(events: list[Event], store: Path) -> list[Line]:
         asdict(event)
         | {
             "seconds": round(event.seconds, 4),
-            "file": _stat(store / event.stage / f"{event.digest}.nc"),
+            "file": _stat(result_file(store, event.stage, event.digest)),
         }
         for event in events
     ]

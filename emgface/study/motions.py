@@ -7,6 +7,7 @@ from pathlib import Path
 import xarray as xr
 
 from emgface.errors import StoreError
+from emgface.files import result_file
 from emgface.study.journal import Entry
 from emgface.study.stage_code import MOTION
 from emgface.study.stages import Laboratory
@@ -53,7 +54,7 @@ def stored(laboratory: Laboratory, stage: Stage, digest: str) -> xr.Dataset:
 
 def stored_file(laboratory: Laboratory, stage: Stage, digest: str) -> Path:
     """File of a result that this or another worker has stored."""
-    path = laboratory.store.folder / stage.name / f"{digest}.nc"
+    path = result_file(laboratory.store.folder, stage.name, digest)
     if damage_of(path) is not None:
         raise _changed(stage, digest)
     return path

@@ -6,12 +6,12 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from typing import Any, Final, Protocol
 
+from emgface.children import safe_children
 from emgface.errors import WorkerDied
 
 BLAS: Final = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS")
@@ -82,7 +82,6 @@ class LocalProcesses:
 
     def __init__(self, workers: int, modules: Sequence[str]) -> None:
         self.slots = workers
-        self._others = {child.pid for child in multiprocessing.active_children()}
         self._context = multiprocessing.get_context(
             "forkserver" if sys.platform == "linux" else "spawn"
         )
@@ -92,7 +91,8 @@ class LocalProcesses:
         self._starting: threading.Thread | None = None
 
     def _pool(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(1, self._context, _prepare, (share_of_threads(self.slots),))
+        with safe_children():  # its semaphores start a process of `multiprocessing`
+            return ProcessPoolExecutor(1, self._context, _prepare, (share_of_threads(self.slots),))
 
     def each(self, function: Callable[..., Any], *arguments: Any) -> None:
         """Give a job to every process, before any other.
@@ -105,7 +105,7 @@ class LocalProcesses:
             for pool in self._pools:
                 pool.submit(function, *arguments)
 
-        with one_blas_thread_in_children():
+        with safe_children(**dict.fromkeys(BLAS, "1")):
             if sys.platform != "linux":
                 give()
                 return
@@ -128,7 +128,7 @@ class LocalProcesses:
             self._started()
             number = self._pending.index(min(self._pending))
             self._pending[number] += 1
-            with one_blas_thread_in_children():
+            with safe_children(**dict.fromkeys(BLAS, "1")):
                 try:
                     future = self._pools[number].submit(function, *arguments)
                 except BrokenProcessPool:
@@ -154,30 +154,16 @@ class LocalProcesses:
     def stop(self) -> None:
         """Stop all jobs at once."""
         self._started()
-        for child in multiprocessing.active_children():
-            if child.pid not in self._others:
-                child.kill()
+        for pool in self._pools:
+            # the other children of this process are not ours; executors have no public list of theirs
+            for process in list((pool._processes or {}).values()):
+                process.kill()
 
     def end(self) -> None:
         """End the processes after the jobs that they have begun."""
         self._started()
         for pool in self._pools:
             pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextmanager
-def one_blas_thread_in_children() -> Iterator[None]:
-    """Restrict linear algebra in processes started in the block to one thread."""
-    before = {name: os.environ.get(name) for name in BLAS}
-    os.environ.update(dict.fromkeys(BLAS, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name)
-            else:
-                os.environ[name] = value
 
 
 def share_of_threads(workers: int) -> int:

@@ -53,9 +53,9 @@ def write_report(cube: xr.Dataset, out: Path) -> Report:
         with suppress(AnalysisError):
             tables["choices"] = choices_table(sensitivity(cube))
     for name, table in tables.items():
-        write_text(table.csv(), folder / f"{name}.csv")
-        write_text(table.markdown(), folder / f"{name}.md")
-        write_text(table.latex(), folder / f"{name}.tex")
+        write_text(folder / f"{name}.csv", table.csv())
+        write_text(folder / f"{name}.md", table.markdown())
+        write_text(folder / f"{name}.tex", table.latex())
     montage = str(base.attrs.get("montage", COMPLETE.sentence))
     if montage != COMPLETE.sentence:
         meaning = [f"The montage is incomplete: {montage}.", *meaning]

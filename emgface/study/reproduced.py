@@ -13,6 +13,7 @@ import xarray as xr
 from analysis.cube import OF_INCISOR, OF_NOISE, PER_MARKER, PER_TRIAL, TRIAL_DIMS, build_cube
 from analysis.trial import Trial
 from emgface.errors import DataError
+from emgface.files import result_file
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.audit import Planned, planned_trials
 from emgface.study.axes import Label
@@ -83,12 +84,14 @@ def _compared(one: Planned, fresh: Store, store: Path, cube: xr.Dataset | None) 
             told.remove(stage)
         # a run that found a result did not open those from which it follows
         digest = event.digest if stage is None else stage["digest"]
-        path = store / event.stage / f"{digest}.nc"
+        path = result_file(store, event.stage, digest)
         if not path.is_file():
             if stage is not None:
                 found.append(f"{event.stage}: the stored result {path.name} is missing")
             continue
-        change = _change(content(path), content(fresh.folder / event.stage / f"{event.digest}.nc"))
+        change = _change(
+            content(path), content(result_file(fresh.folder, event.stage, event.digest))
+        )
         if change:
             found.append(f"{event.stage}: {change}")
         else:

@@ -5,9 +5,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from emgface.errors import DataError, StoreError
+from emgface.errors import DataError, StoreError, listed
+from emgface.files import plain_files, result_file
 from emgface.study.journal import Journal
-from emgface.study.runs import lines, run_files
+from emgface.study.owners import add_owner, owners
+from emgface.study.runs import damaged_lines, is_cut_off, lines, run_files
 from emgface.study.state import read_state
 from emgface.study.store import damage_of
 
@@ -46,34 +48,82 @@ def used_results(folders: Iterable[Path]) -> dict[Path, set[tuple[str, str]]]:
     return used
 
 
-def unused_files(folders: Iterable[Path]) -> Unused:
+def unused_files(folders: Iterable[Path], *, forget: Iterable[Path] = ()) -> Unused:
     """Find results in the stores of studies that none of them uses, and parts of killed writers.
 
-    All studies that share a store must be named. Raises StoreError if one of them is running.
+    All studies in the list of the store (`emgface.study.owners`) must be named in `folders`; those
+    that no longer exist are named in `forget`. Links are neither followed nor returned. Raises
+    StoreError if a study is running, if a store has no list or another study than those
+    named, or if a journal is damaged, so that its results are not known.
     """
-    folders = list(folders)
+    folders, forgotten = list(folders), {path.resolve() for path in forget}
     for folder in folders:
         if any(run.state == "running" for run in read_state(folder).runs):
             raise StoreError(
                 f"the study in {folder} is running, expected one that has ended: wait until it ends"
             )
+        _require_intact(folder)
     files: list[Path] = []
     for store, used in used_results(folders).items():
+        _require_owners(store, {folder.resolve() for folder in folders}, forgotten)
         # Other folders may belong to simulated volunteers, or to nobody who is known here.
-        for stage in sorted({store / stage for stage, _ in used if (store / stage).is_dir()}):
-            for path in sorted(stage.iterdir()):
+        for name in sorted({stage for stage, _ in used}):
+            stage = result_file(store, name, "0").parent
+            for path in plain_files(stage):
                 part = path.name.startswith(".") and path.suffix == ".part"
                 result = path.suffix in (".nc", ".json")
-                if part or (result and (stage.name, path.stem) not in used):
+                own = path.parent == stage
+                if own and (part or (result and (name, path.stem) not in used)):
                     files.append(path)
     return Unused(files, sum(path.stat().st_size for path in files))
+
+
+def _require_intact(folder: Path) -> None:
+    """Refuse a study whose journal does not list all of its results."""
+    runs = run_files(folder)
+    for k, path in enumerate(runs):
+        lines_there = damaged_lines(path)
+        later = any(_finished(run) for run in runs[k + 1 :])
+        if lines_there or (is_cut_off(path) and not later):
+            where = f"line {lines_there[0]}" if lines_there else "the last line"
+            raise StoreError(
+                f"{where} of {path} is damaged, so that it is unknown which results the study uses; "
+                "expected a whole journal: move this file to another folder and run the study again, "
+                "which reads its stored results"
+            )
+
+
+def _finished(path: Path) -> bool:
+    return any(line["event"] == "end" and line["outcome"] == "finished" for _, line in lines(path))
+
+
+def _require_owners(store: Path, named: set[Path], forgotten: set[Path]) -> None:
+    """Refuse a store without a list of its studies, or with others than those named."""
+    listed_there = owners(store)
+    if not listed_there:
+        raise StoreError(
+            f"{store} has no list of the studies that use it, expected one, which every run extends: "
+            "run each of them again ('emgface study run'), which computes nothing anew"
+        )
+    strangers = named - listed_there.keys()
+    if strangers:
+        raise StoreError(
+            f"{listed(strangers)} is not in the list of {store}, expected a study that was run here: "
+            "run it again with this store"
+        )
+    others = listed_there.keys() - named - forgotten
+    if others:
+        raise StoreError(
+            f"{store} is also used by {listed(sorted(others))}, expected all studies that share it: "
+            "name them as well, or with --forget those that no longer exist"
+        )
 
 
 def export(folder: Path, out: Path, *, without: Iterable[str] = ()) -> tuple[int, int]:
     """Copy a study with the results that it uses to a new folder, where it can be continued.
 
-    `without` names stages to leave out, such as ``skin``. Damaged results are not copied. Returns
-    the number of copied results and their size [bytes]. Raises DataError if `out` exists or
+    `without` names stages to leave out, such as ``skin``. Damaged results and links are not copied.
+    Returns the number of copied results and their size [bytes]. Raises DataError if `out` exists or
     `folder` is not that of a study, and StoreError if a file cannot be copied.
     """
     if out.exists():
@@ -82,8 +132,10 @@ def export(folder: Path, out: Path, *, without: Iterable[str] = ()) -> tuple[int
     try:
         for store, used in used_results([folder]).items():
             for stage, digest in sorted(used):
-                source = store / stage / f"{digest}.nc"
-                if stage in omitted or damage_of(source) is not None:
+                source = result_file(store, stage, digest)
+                if stage in omitted or source.parent.is_symlink() or source.is_symlink():
+                    continue
+                if source.with_suffix(".json").is_symlink() or damage_of(source) is not None:
                     continue
                 target = out / "store" / stage
                 target.mkdir(parents=True, exist_ok=True)
@@ -93,15 +145,18 @@ def export(folder: Path, out: Path, *, without: Iterable[str] = ()) -> tuple[int
                 count += 1
         for name in ("runs", "tables", "cube.nc"):
             source = folder / name
-            if source.is_dir():
-                shutil.copytree(source, out / name)
-            elif source.exists():
-                shutil.copy2(source, out / name)
+            single = source.is_file() and not source.is_symlink()
+            for path in [source] if single else plain_files(source):
+                target = out / path.relative_to(folder)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(path, target)
         if read_state(out).store(out).resolve() != (out / "store").resolve():
             last = read_state(folder).runs[-1].first
             told = ("study", "folder", "trials", "workers", "code")
             facts = {name: last[name] for name in told if name in last}
             Journal(out, facts | {"store": "store"}).end("copied", [])
+        else:
+            add_owner(out / "store", out)
     except OSError as error:
         raise StoreError(f"{error.filename} cannot be copied ({error.strerror})") from error
     return count, size

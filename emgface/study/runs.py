@@ -14,6 +14,7 @@ larger than those of the runs that it found: clocks that differ or jump do not c
 """
 
 import json
+import os
 import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -61,6 +62,32 @@ def _lines(path: Path, wanted: Callable[[bytes], bool]) -> Iterator[tuple[int, L
             if wanted(data) and (line := parsed(data, scores=False)) is not None:
                 yield offset, line
             offset += len(data)
+
+
+def damaged_lines(path: Path) -> list[int]:
+    """Numbers, from 1 on, of the lines of a run that are damaged, or of another version.
+
+    The last line may have been cut off when its run was killed; it is not among them.
+    """
+    with path.open("rb") as stream:
+        if (parsed(stream.readline()) or {}).get("format") != FORMAT:
+            return [1]
+        stream.seek(0)
+        return [
+            number
+            for number, data in enumerate(stream, 1)
+            if data.strip() and parsed(data, scores=False) is None and data.endswith(b"\n")
+        ]
+
+
+def is_cut_off(path: Path) -> bool:
+    """Return True if the last line of a run is incomplete."""
+    with path.open("rb") as stream:
+        stream.seek(0, os.SEEK_END)
+        if stream.tell() == 0:
+            return True
+        stream.seek(-1, os.SEEK_END)
+        return stream.read(1) != b"\n"
 
 
 def written(line: Line) -> bytes:

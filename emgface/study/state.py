@@ -56,7 +56,7 @@ class State:
 
     def store(self, folder: Path) -> Path:
         """Store of the last run of the study in a folder."""
-        return folder / str(self.runs[-1].first["store"])
+        return store_of(folder, self.runs[-1].first)
 
     @property
     def running(self) -> list[str]:
@@ -74,6 +74,11 @@ class State:
         """Estimated time to the end of the last run [s], None if it cannot be estimated."""
         left = self.total - sum(self.status.values())
         return left / self.throughput if left > 0 and self.throughput > 0 else None
+
+
+def store_of(folder: Path, facts: Line) -> Path:
+    """Store of a run by the first line of its journal."""
+    return folder / str(facts["store"])
 
 
 def read_state(folder: Path) -> State:
@@ -96,6 +101,8 @@ def read_state(folder: Path) -> State:
         run: Run | None = None
         for _, line in lines(path):
             if run is None:
+                if line["event"] != "run":
+                    break  # its first line, without which its store is unknown, is damaged
                 run = Run(path, line)
             run.last_at, run.last_time = line["at"], line["time"]
             if line["event"] == "begin":

@@ -25,7 +25,7 @@ from typing import Any, Generic, Literal, TypeVar
 import xarray as xr
 
 from emgface.errors import DataError, StoreError
-from emgface.files import replace_file
+from emgface.files import replace_file, result_file
 from emgface.study.digest import canonical_json, code_version, file_digest, text_digest
 from emgface.study.objects import Objects
 from emgface.study.provenance import environment, now
@@ -121,7 +121,7 @@ class Store:
 
     def path(self, key: Mapping[str, Any]) -> Path:
         """File of the result with this key."""
-        return self.folder / str(key["stage"]) / f"{text_digest(canonical_json(key))}.nc"
+        return result_file(self.folder, str(key["stage"]), text_digest(canonical_json(key)))
 
     def get_or_compute(
         self,
@@ -187,12 +187,12 @@ class Store:
             return str(error), None
         if index is None:
             return "", None
-        write_text(index, path.with_suffix(".json"))
+        write_text(path.with_suffix(".json"), index)
         return self._stored(path, key)
 
     def read(self, stage: str, digest: str) -> xr.Dataset | None:
         """Return the stored result with a digest, None if it is absent or damaged."""
-        path = self.folder / stage / f"{digest}.nc"
+        path = result_file(self.folder, stage, digest)
         return _load(path) if damage_of(path) is None else None
 
     def _log(self, stage: Stage, path: Path, label: str, outcome: Outcome, started: float) -> None:
@@ -221,7 +221,7 @@ class Store:
             "key": key,
             "environment": json.loads(environment()),
         }
-        write_text(json.dumps(index, indent=2) + "\n", path.with_suffix(".json"))
+        write_text(path.with_suffix(".json"), json.dumps(index, indent=2) + "\n")
 
 
 def damage_of(path: Path, key: Mapping[str, Any] | None = None) -> str | None:
@@ -298,7 +298,7 @@ def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
     _replace(path, lambda temporary: dataset.to_netcdf(temporary, engine="netcdf4"))
 
 
-def write_text(text: str, path: Path) -> None:
+def write_text(path: Path, text: str) -> None:
     """Write a text file atomically; raises StoreError if the folder cannot be written."""
     _replace(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import xarray as xr
 
-from emgface.files import write_text
+from emgface.files import named_file, write_text
 from emgface.recordings.bids import write_bids
 from emgface.recordings.dataset import read_recording, write_recording
 from emgface.schema.netcdf import write_netcdf
@@ -35,11 +35,11 @@ def write_session(session: xr.Dataset, events: pd.DataFrame, folder: Path) -> Pa
     ``<volunteer>_<instruction>.nc`` and ``..._events.tsv``, for
     `emgface.recordings.events.read_events`. Raises DataError if they cannot be written.
     """
-    name = f"{session.attrs['volunteer']}_{session.attrs['instruction']}"
-    path = write_recording(session, folder / f"{name}.nc")
+    names = session.attrs["volunteer"], session.attrs["instruction"]
+    path = write_recording(session, named_file(folder, *names, suffix=".nc"))
     table = events.rename(columns={"label": "trial_type"})
     text = table.to_csv(sep="\t", index=False, lineterminator="\n")
-    write_text(folder / f"{name}_events.tsv", text)
+    write_text(named_file(folder, *names, suffix="_events.tsv"), text)
     return path
 
 

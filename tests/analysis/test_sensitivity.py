@@ -17,15 +17,19 @@ CHANGE = {"signal": 0.0, "feature": 0.3, "activation": 0.2}
 
 
 def factorial(**options: object) -> xr.Dataset:
-    """mapping_stage moves z by `CHANGE`, phase only adds noise."""
+    """mapping_stage moves z by `CHANGE`, not quite the same in all volunteers; phase only adds noise."""
     base = simulated_scores(3, **options)
     rng = np.random.default_rng(1)
     stages: list[xr.Dataset] = []
+    persons = xr.DataArray(rng.normal(size=base.sizes["volunteer"]), dims="volunteer")
+    persons -= persons.mean()
     for change in CHANGE.values():
+        own = (change * (1.0 + 0.01 * persons)).broadcast_like(base["rho"])
+        own = own.transpose(*base["rho"].dims).values
         phases: list[xr.Dataset] = []
         for phase in ("zero", "causal"):
             noise = 0.02 * rng.normal(size=base["rho"].shape) * (phase != "zero")
-            rho = np.tanh(np.arctanh(base["rho"]) + change + noise)
+            rho = np.tanh(np.arctanh(base["rho"]) + own + noise)
             phases.append(base.assign(rho=rho.assign_attrs(units="1")))
         stages.append(xr.concat(phases, xr.IndexVariable("phase", ["zero", "causal"])))
     cube = xr.concat(stages, xr.IndexVariable("mapping_stage", list(CHANGE)))

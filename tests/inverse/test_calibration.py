@@ -8,7 +8,7 @@ from emgface.errors import ConfigurationError, DataError
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.assumptions import Assumptions, emg_precision, marker_precision
-from emgface.inverse.calibrate import calibrate
+from emgface.inverse.calibrate import calibrate, volunteer_of
 from emgface.inverse.calibration import Calibration
 from emgface.inverse.parameters import InverseParameters, form_of
 from emgface.inverse.refine import intervals
@@ -147,6 +147,9 @@ def test_a_calibration_fits_its_volunteer_and_its_strength_only():
 def test_impossible_requests_are_refused():
     with pytest.raises(DataError, match="no calibration trial"):
         calibrate([], xr.Dataset())
+    for anonymous in ({}, {"volunteer": ""}):
+        with pytest.raises(DataError, match="name no volunteer"):
+            volunteer_of([xr.Dataset(attrs=anonymous)])
     two = [xr.Dataset(attrs={"volunteer": name}) for name in ("S01", "S02")]
     with pytest.raises(DataError, match="S01, S02: calibrate each separately"):
         calibrate(two, xr.Dataset())

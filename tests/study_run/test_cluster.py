@@ -72,3 +72,22 @@ def test_jobs_are_done_by_workers_that_may_die_and_the_loss_of_the_scheduler_is_
     finally:
         workers.end()
         cluster.close()
+
+
+def test_an_open_port_is_warned_of() -> None:
+    from emgface.study.cluster import open_port
+
+    for address in (
+        "tcp://10.0.0.4:8786",
+        "tcp://node7:8786",
+        "tcp://[2001:db8::1]:8786",
+        "ws://a:1",
+    ):
+        assert "everybody who reaches its port can execute code" in open_port(address)
+    for address in (
+        "tcp://127.0.0.1:8786",
+        "tcp://[::1]:8786",
+        "tls://10.0.0.4:8786",
+        "inproc://a",
+    ):
+        assert open_port(address) == ""

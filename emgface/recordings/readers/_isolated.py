@@ -3,28 +3,39 @@
 Compiled parsers of binary formats may terminate their process if a file is damaged: a segmentation
 fault cannot be caught. Such a parser therefore runs in a child process, which is started at the
 first call, serves all later calls, and is restarted after a crash.
+
+A damaged file could also let the child send anything. Both processes therefore exchange only plain
+values and arrays, as JSON and bytes (`emgface.recordings.readers._messages`), and an error is
+one of known types.
 """
 
 import atexit
 import os
-import pickle
 import signal
-import struct
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
+from emgface.children import child_environment, python_command
 from emgface.errors import DataError
+from emgface.recordings.readers._messages import (
+    DamagedMessage,
+    error_of,
+    function_of,
+    name_of,
+    receive,
+    send,
+    told_error,
+)
 from emgface.recordings.readers._parsers import AbsentVariable, NotAnArray
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
-_LENGTH = struct.Struct("<Q")
 _MEMORY, _MEMORY_PER_BYTE = 2 << 30, 64
 """Limit of the address space of a parser [byte], and addition per byte of the file."""
 _SECONDS, _SECONDS_PER_BYTE = 60.0, 2e-6
@@ -35,9 +46,9 @@ _START = "from emgface.recordings.readers._isolated import serve; serve()"
 def isolated(path: Path, function: Callable[P, T], /, *arguments: P.args, **options: P.kwargs) -> T:
     """Call a function of a module in the child process, and return its result.
 
-    Arguments and result are pickled. The size of the file `path` determines the limits, and its
-    name is stated in messages. Raises DataError if the child process ended or exceeded a limit, and
-    any exception of the function.
+    Arguments and result are plain values and arrays. The size of the file `path` determines the
+    limits, and its name is stated in messages. Raises DataError if the child process ended, exceeded
+    a limit or answered with something else, and any exception of the function.
     """
     with _LOCK:
         child = _running()
@@ -52,10 +63,15 @@ def isolated(path: Path, function: Callable[P, T], /, *arguments: P.args, **opti
         timer = threading.Timer(limit, stop)
         timer.start()
         try:
-            _send(child.stdin, (function, arguments, options, size))
-            succeeded, result = _receive(child.stdout)
-        except (EOFError, OSError, pickle.UnpicklingError):
+            send(child.stdin, [name_of(function), list(arguments), options, size])
+            succeeded, result = _answer(receive(child.stdout))
+        except (EOFError, OSError, DamagedMessage) as problem:
             _end(child)
+            if isinstance(problem, DamagedMessage):
+                raise DataError(
+                    f"{path.name} cannot be read: its parser returned {problem}; expected a complete "
+                    "file: it is damaged, copy or export it again."
+                ) from None
             why = f"took longer than {limit:.0f} s" if late.is_set() else _how(child.returncode)
             raise DataError(
                 f"{path.name} cannot be read: its parser {why}; expected a complete file: it is "
@@ -67,8 +83,15 @@ def isolated(path: Path, function: Callable[P, T], /, *arguments: P.args, **opti
         finally:
             timer.cancel()
     if not succeeded:
-        raise result
+        raise error_of(result)
     return result
+
+
+def _answer(message: Any) -> tuple[bool, Any]:
+    """Success and result of an answer of the child process."""
+    if not (isinstance(message, list) and len(message) == 2 and isinstance(message[0], bool)):
+        raise DamagedMessage("no answer")
+    return message[0], message[1]
 
 
 def parsed(path: Path, function: Callable[P, T], /, *arguments: P.args, **options: P.kwargs) -> T:
@@ -99,12 +122,11 @@ def _running() -> "subprocess.Popen[bytes]":
     own = os.getpid()
     child = _children.get(own)
     if child is None or child.poll() is not None:
-        search = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
         child = _children[own] = subprocess.Popen(
-            [sys.executable, "-c", _START],
+            python_command("-c", _START),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            env={**os.environ, "PYTHONPATH": search},
+            env=child_environment(),
         )
         atexit.register(_end, child)
     return child
@@ -128,25 +150,6 @@ def _how(code: int | None) -> str:
     return f"ended with the exit code {code}"
 
 
-def _send(stream: IO[bytes] | None, message: object) -> None:
-    assert stream is not None  # opened as a pipe
-    data = pickle.dumps(message, protocol=5)
-    stream.write(_LENGTH.pack(len(data)) + data)
-    stream.flush()
-
-
-def _receive(stream: IO[bytes] | None) -> Any:
-    assert stream is not None
-    head = stream.read(_LENGTH.size)
-    if len(head) < _LENGTH.size:
-        raise EOFError
-    (size,) = _LENGTH.unpack(head)
-    data = stream.read(size)
-    if len(data) < size:
-        raise EOFError
-    return pickle.loads(data)
-
-
 def serve() -> None:
     """Answer calls from standard input until it is closed; the main function of the child."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles interruptions
@@ -154,20 +157,21 @@ def serve() -> None:
     os.dup2(2, 1)  # the output of parsers must not enter the pipe
     while True:
         try:
-            function, arguments, options, size = _receive(requests)
+            name, arguments, options, size = receive(requests)
         except EOFError:
             return
         _limit_memory(size)
         try:
-            answer = (True, function(*arguments, **options))
+            answer = [True, function_of(name)(*arguments, **options)]
         except Exception as error:
-            answer = (False, error)
+            answer = [False, told_error(error)]
         try:
-            _send(answers, answer)
+            try:
+                send(answers, answer)
+            except (TypeError, MemoryError) as error:  # a result that is not plain, or too large
+                send(answers, [False, told_error(error)])
         except BrokenPipeError:
             return
-        except Exception as error:  # objects that cannot be pickled
-            _send(answers, (False, RuntimeError(f"{type(error).__name__}: {error}")))
 
 
 def _limit_memory(size: int) -> None:

@@ -71,6 +71,12 @@ def parse_matlab(path: Path, name: str) -> Any:
         # A single structure is an array of one object.
         while isinstance(value, np.ndarray) and value.dtype == object and value.size == 1:
             value = value.ravel()[0]
+    if isinstance(value, np.ndarray) and value.dtype.names is not None:
+        raise NotAnArray(name, list(value.dtype.names))
+    if not isinstance(value, np.ndarray):
+        raise DataError(
+            f"{path.name}: {name!r} is a {type(value).__name__}; expected an array: save it as one."
+        )
     return value
 
 

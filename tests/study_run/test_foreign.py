@@ -1,0 +1,197 @@
+"""Studies and recordings from somebody else: what their files name does not lead out of the folder."""
+
+import multiprocessing
+import shutil
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from emgface.cli import app
+from emgface.errors import StoreError
+from emgface.recordings.dataset import read_recording, write_recording
+from emgface.study import owners
+from emgface.study.parallel import run_jobs
+from emgface.study.processes import LocalProcesses
+from emgface.study.retention import export, unused_files
+from emgface.study.runs import damaged_lines, lines, run_files, written
+
+pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+
+
+@pytest.fixture
+def folder(shown: Path, tmp_path: Path) -> Path:
+    export(shown, tmp_path / "study")
+    return tmp_path / "study"
+
+
+def everything(folder: Path) -> dict[Path, bytes]:
+    return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def rewrite(folder: Path, change) -> None:
+    """Change every line of a journal and give it its checksum."""
+    for path in run_files(folder):
+        made = [
+            written({k: v for k, v in line.items() if k != "check"})
+            for line in (change(dict(line)) for _, line in lines(path))
+        ]
+        path.write_bytes(b"".join(made))
+
+
+@pytest.mark.parametrize("stage", ["../../victim", "..", "/etc", "."])
+def test_a_stage_in_a_journal_does_not_lead_out_of_the_store(folder: Path, stage: str) -> None:
+    victim = folder.parent / "victim"
+    victim.mkdir()
+    (victim / "own.nc").write_bytes(b"own")
+    before = everything(victim)
+
+    def change(line):
+        for one in line.get("stages", ()):
+            one["stage"] = stage
+        return line
+
+    rewrite(folder, change)
+    for action in (lambda: unused_files([folder]), lambda: export(folder, folder.parent / "out")):
+        with pytest.raises(StoreError, match="expected a name and hexadecimal digits"):
+            action()
+    told = CliRunner().invoke(app, ["study", "gc", str(folder), "--delete"])
+    assert told.exit_code == 2 and everything(victim) == before
+
+
+def test_a_journal_that_names_the_store_of_another_study_deletes_nothing(
+    shown: Path, folder: Path
+) -> None:
+    export(shown, folder.parent / "mine")
+    before = everything(folder.parent / "mine")
+
+    def change(line):
+        if "store" in line:
+            line["store"] = str(folder.parent / "mine" / "store")
+        return line
+
+    rewrite(folder, change)
+    with pytest.raises(StoreError, match="is not in the list of"):
+        unused_files([folder])
+    told = CliRunner().invoke(app, ["study", "gc", str(folder), "--delete"])
+    assert told.exit_code == 2 and everything(folder.parent / "mine") == before
+
+
+def test_links_of_a_store_are_not_followed(folder: Path) -> None:
+    outside = folder.parent / "outside"
+    shutil.move(folder / "store" / "skin", outside)
+    (folder / "store" / "skin").symlink_to(outside)
+    (outside / "0123.nc").write_bytes(b"own")
+    secret = folder.parent / "secret.txt"
+    secret.write_text("secret")
+    (folder / "tables").mkdir(exist_ok=True)
+    (folder / "tables" / "a.csv").symlink_to(secret)
+    (folder / "runs" / "b.txt").symlink_to(secret)
+    before = everything(outside)
+    assert unused_files([folder]).files == []
+    export(folder, folder.parent / "copy")
+    copied = everything(folder.parent / "copy")
+    assert b"secret" not in copied.values() and everything(outside) == before
+    assert not [path for path in (folder.parent / "copy").rglob("*") if path.is_symlink()]
+    assert not (folder.parent / "copy" / "store" / "skin").exists()
+
+
+def test_one_flipped_bit_of_a_journal_stops_deletion(folder: Path) -> None:
+    (path,) = run_files(folder)
+    whole = path.read_bytes()
+    starts = [0, *(k + 1 for k, byte in enumerate(whole) if byte == 10)]
+    before = everything(folder / "store")
+    for number, start in enumerate(starts[:-1], 1):
+        data = bytearray(whole)
+        data[start + 30] ^= 4
+        path.write_bytes(bytes(data))
+        assert damaged_lines(path)[0] == (number if number > 1 else 1)
+        told = CliRunner().invoke(app, ["study", "gc", str(folder), "--delete"])
+        assert told.exit_code == 2, (number, told.output)
+        assert everything(folder / "store") == before
+    path.write_bytes(whole)
+    assert unused_files([folder]).files == []
+
+
+def test_a_store_without_a_list_and_with_other_studies_is_refused(
+    shown: Path, folder: Path
+) -> None:
+    store = folder / "store"
+    (place,) = owners.owners(store)
+    assert place == folder.resolve()
+    gone = folder.parent / "gone"
+    owners.add_owner(store, gone)
+    with pytest.raises(StoreError, match="is also used by .*gone"):
+        unused_files([folder])
+    assert unused_files([folder], forget=[gone]).files == []
+    shutil.rmtree(store / owners.FOLDER)
+    with pytest.raises(StoreError, match="has no list of the studies"):
+        unused_files([folder])
+
+
+def test_gc_lists_before_it_deletes(folder: Path) -> None:
+    path = folder / "store" / "motion" / f"{'0' * 32}.nc"
+    path.write_bytes(b"12345")
+    for words, exists in ((), True), (("--delete",), False):
+        told = CliRunner().invoke(app, ["study", "gc", str(folder), *words])
+        assert str(path) in told.stdout.replace("\n", "") and path.exists() == exists
+
+
+def test_cut_writes_into_its_folder_only_and_replaces_nothing(
+    laboratory: Path, tmp_path: Path
+) -> None:
+    trial = read_recording(next((laboratory / "recordings").glob("*.nc")))
+    source, out = tmp_path / "in" / "long.nc", tmp_path / "a" / "b" / "out"
+    write_recording(trial.assign_attrs(volunteer="../../escaped/V1"), source)
+    table = tmp_path / "events.tsv"
+    table.write_text("onset\tduration\ttrial_type\n0.1\t0.2\t../../B\n0.3\t0.2\tB\n")
+    words = ["data", "cut", str(source), "--events", str(table), "--out", str(out)]
+    told = CliRunner().invoke(app, words)
+    assert told.exit_code == 0, told.output
+    made = everything(tmp_path / "a")
+    assert len(made) == 2 and all(path.parent == out for path in made)
+    assert not (tmp_path / "escaped").exists() and not (tmp_path / "a" / "escaped").exists()
+    again = CliRunner().invoke(app, words)
+    assert again.exit_code == 2 and "--force" in again.output and everything(tmp_path / "a") == made
+    assert CliRunner().invoke(app, [*words, "--force"]).exit_code == 0
+    table.write_text("onset\tduration\ttrial_type\n0.1\t0.2\ta/b\n0.3\t0.2\ta-b\n")
+    told = CliRunner().invoke(app, [*words[:-1], str(tmp_path / "other")])
+    assert told.exit_code == 2 and "would both be written as" in told.output
+    assert not (tmp_path / "other").exists()
+
+
+@pytest.mark.parametrize("kind", ["netcdf", "bids"])
+def test_convert_replaces_nothing(laboratory: Path, tmp_path: Path, kind: str) -> None:
+    source = next((laboratory / "recordings").glob("*.nc"))
+    words = ["data", "convert", str(source), "--out", str(tmp_path / "out"), "--to", kind]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    made = everything(tmp_path)
+    again = CliRunner().invoke(app, words)
+    assert again.exit_code == 2 and "--force" in again.output and everything(tmp_path) == made
+    assert CliRunner().invoke(app, [*words, "--force"]).exit_code == 0
+
+
+def _wait(seconds: float) -> None:
+    time.sleep(seconds)
+
+
+def _nothing() -> None:
+    pass
+
+
+def test_stopping_the_workers_leaves_other_children_alone() -> None:
+    workers = LocalProcesses(2, ["emgface.study.parallel"])
+    jobs = run_jobs(_wait, [0.0, 60.0], workers, begin=_nothing, arguments=())
+    next(jobs)
+    own = multiprocessing.get_context("spawn").Process(target=_wait, args=(60.0,))
+    own.start()
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            jobs.throw(KeyboardInterrupt)
+        own.join(1.0)
+        assert own.is_alive()
+    finally:
+        own.kill()
+        own.join()
+        workers.end()
