@@ -76,7 +76,9 @@ def bootstrap_t(x: Array, rng: np.random.Generator) -> Array:
         y = np.take_along_axis(one[:, None, :], index, axis=2)
         spread = y.std(axis=2, ddof=1)
         moved = y.mean(axis=2) - mean[:, None]
-        q = np.where(spread > 0, moved / np.where(spread > 0, spread, 1.0), np.sign(moved) * np.inf)
+        q = np.where(
+            spread > 0, moved / np.where(spread > 0, spread, 1.0), np.copysign(np.inf, moved)
+        )
         low, high = np.quantile(q, [0.025, 0.975], axis=1, method="inverted_cdf")
         found.append((mean - high * s <= 0.0) & (mean - low * s >= 0.0))
     return np.concatenate(found)
