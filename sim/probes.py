@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -39,6 +39,13 @@ class Probe(Protocol):
     def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Values at one time."""
         ...
+
+
+@runtime_checkable
+class ReadsErrors(Protocol):
+    """Probe or step control that reads the estimated error of every step, which takes time."""
+
+    reads_errors: ClassVar[bool]
 
 
 @runtime_checkable
@@ -140,6 +147,7 @@ class StepErrors:
     The error is NaN if the integrator has no estimate; the tolerance is 0 if it does not iterate.
     """
 
+    reads_errors: ClassVar[bool] = True
     nodes: Index  #: (n_markers,) node indices
     names: tuple[str, ...]  #: marker names
 

@@ -13,7 +13,7 @@ from sim.integrators.contract import RunsSteps
 from sim.linear.threads import NOTE
 from sim.linear.threads import solver_threads as threads_of
 from sim.outputs import Interval, intervals, outputs_of, steps_to_outputs
-from sim.probes import Probe, SmallestJ
+from sim.probes import Probe, ReadsErrors, SmallestJ
 from sim.record import Log
 from sim.restart import solver_memory, with_solver_memory
 from sim.snapping import snapped, snapped_bodies
@@ -113,7 +113,8 @@ def simulate(
     system.control(activation.values[int(np.argmin(inside))])  # errors before the first step
     began = time.perf_counter()
     log.add(state, control(state.t), None)
-    with threads_of(solver_threads, work.linear.name):
+    estimating = work.estimating(any(isinstance(part, ReadsErrors) for part in (steps, *probes)))
+    with threads_of(solver_threads, work.linear.name), estimating:
         if through is not None:
             state = _together(motion, through, state, groups, activation, log, progress)
         else:

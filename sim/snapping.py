@@ -1,15 +1,38 @@
 """Detection of a loss of stability by concave energy along the motion."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from sim.integrators.bodies_alone import BodiesAlone
+from sim.kinematics import Kinematics
 from sim.pattern import Flags
-from sim.state import Array, Control, State
+from sim.state import Array, Control, Pose, State
 from sim.system import System
 from sim.vectors import dot, norm
 
 STILL = 1e-7  #: displacement below which the test is not applied [m]
 ROUNDING = 1e-6  #: relative rounding error of the product of displacement and change of force
+
+
+def concave(
+    kinematics: Kinematics,
+    before: Pose,
+    f0: Callable[[], Array],
+    after: Pose,
+    f1: Callable[[], Array],
+) -> bool:
+    """Test if d . (f0 - f1) < 0 with the displacement d between two poses.
+
+    `f0` and `f1`, which are not called for very small displacements, return the forces (n_points, 3)
+    of all terms at the poses under one control [N].
+    """
+    d = kinematics.between(before, after)
+    if not np.abs(d).max(initial=0.0) > STILL:
+        return False
+    change = kinematics.generalised_force(f0(), before)
+    change = change - kinematics.generalised_force(f1(), after)
+    return dot(d, change) < -ROUNDING * norm(d) * norm(change)
 
 
 def snapped(
@@ -27,14 +50,12 @@ def snapped(
     if bodies is not None:
         frames, activation = np.stack([before.frames, after.frames]), control.activation[None]
         return bool(snapped_bodies(bodies, frames, activation)[0])
-    kinematics = system.kinematics
-    d = kinematics.between(before.pose, after.pose)
-    if not np.abs(d).max() > STILL:
-        return False
-    f0, f1 = system.force(before.q, control).f, system.force(after.q, control).f
-    change = kinematics.generalised_force(f0, before.pose)
-    change = change - kinematics.generalised_force(f1, after.pose)
-    return dot(d, change) < -ROUNDING * norm(d) * norm(change)
+
+    def force(state: State) -> Callable[[], Array]:
+        return lambda: system.force(state.q, control).f
+
+    poses = before.pose, force(before), after.pose, force(after)
+    return concave(system.kinematics, *poses)
 
 
 def snapped_bodies(bodies: BodiesAlone, frames: Array, activation: Array) -> Flags:

@@ -13,11 +13,12 @@ from sim.system import System
 
 @dataclass(frozen=True)
 class Missed:
-    """Data for the error estimate of a step."""
+    """Data for the error estimate of a step, and for the test of its stability."""
 
     line: Line  #: activation over the step
     D: Matrix  #: damping [N s/m]
     here: Evaluation  #: forces at the start under the control of the end
+    estimated: bool  #: True if the method has an estimate of its error
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class LinearStep:
     A: Matrix  #: for the velocities
     rhs: Array  #: (n_free,) right-hand side [N s]
     moves: float  #: share of the new velocity in the motion
-    missed: Missed | None = None  #: for the estimate of the error; None without one
+    missed: Missed  #: what one linear solution leaves
 
 
 def products(system: System, pose: Pose) -> tuple[Product, ...]:

@@ -13,7 +13,8 @@ from sim.integrators.step_solver import Solution
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
 from sim.linear import NotReached
-from sim.state import Array, Pose, State, StepReport
+from sim.snapping import concave
+from sim.state import Array, Evaluation, Pose, State, StepReport
 from sim.step_matrices import LinearStep, Missed
 from sim.system import System
 
@@ -70,6 +71,10 @@ def linear_step(
     converge; SingularSystem if a matrix could not be factorised; SceneError if the scene has a barrier.
     """
     require_no_barrier(system, "a linearly implicit step")
+
+    def f_at_end() -> Array:
+        return (at_end or system.force(pose.q, missed.line.at(1.0))).f
+
     kinematics, pose0, t1 = system.kinematics, state.pose, state.t + h
     v0 = kinematics.velocities(state)
     A, rhs, moves = equation.A, equation.rhs, equation.moves
@@ -84,10 +89,12 @@ def linear_step(
         pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * v1), t1)
     with work.timed("force"):
         least, element = system.smallest_J(pose.q)
-    local_error = None
-    if equation.missed is not None and least > 0.0:
+    local_error, missed, at_end = None, equation.missed, None
+    if missed.estimated and work.estimates and least > 0.0:
         pushed = under.pushed if under else np.zeros_like(pose.q)
-        local_error = _estimate(system, state, equation.missed, found, pushed, pose, work)
+        with work.timed("force"):
+            at_end = system.force(pose.q, missed.line.at(1.0))
+        local_error = _estimate(system, state, missed, found, pushed, pose, at_end, work)
     if conditions is not None:
         pose = work.constraints.projected(pose0, pose)
         done = work.constraints.projection
@@ -98,6 +105,7 @@ def linear_step(
         )
         with work.timed("force"):
             least, element = system.smallest_J(pose.q)
+        at_end = None  # of the pose before
     try:
         require_upright(element, least, t1)
     except InvertedElement as inverted:
@@ -108,6 +116,9 @@ def linear_step(
                 "rounding"
             )
         raise
+    with work.timed("force"):
+        start = kinematics.at(pose0, t1)
+        bent = concave(kinematics, start, lambda: missed.here.f, pose, f_at_end)
     remembered = {**system.remember(pose.q), **(under.memory if under else {})}
     if under and under.reaction is not None:
         remembered[REACTIONS] = under.reaction
@@ -118,6 +129,7 @@ def linear_step(
         factorisations=found.factorisations,
         indefinite=int(not found.definite),
         local_error=local_error,
+        concave=bent,
     )
 
 
@@ -128,6 +140,7 @@ def _estimate(
     found: Solution,
     pushed: Array,
     end: Pose,
+    at_end: Evaluation,
     work: Workspace,
 ) -> Array:
     """Estimated error (n_nodes, 3) of an implicit Euler step that was linearised at its start [m].
@@ -135,16 +148,16 @@ def _estimate(
     That of implicit Euler without the contribution of jumps of the load, and the displacement h
     A^-1 h r of one more Newton iteration, with the residual forces r at the end. The contact forces
     `pushed` (n_nodes, 3) at the end also serve at the start, since those of closed rows do no work.
+    `at_end` has the forces at the end.
     """
     line, D, h = missed.line, missed.D, missed.line.h
     kinematics, pose = system.kinematics, state.pose
     w0, w1, at_start = kinematics.velocities(state), found.x, missed.here
     error = 0.5 * h * (w1 - w0)  # the leading term, h^2/2 dv/dt
     assert found.roughly is not None  # Set by every solution of a step.
-    with work.timed("force"):
-        if line.rise.any():
+    if line.rise.any():
+        with work.timed("force"):
             at_start = system.force(state.q, line.at(0.0))
-        at_end = system.force(end.q, line.at(1.0))
     inertia = kinematics.momentum(kinematics.inertial(w1, end) - kinematics.inertial(w0, pose), end)
     f0, f1 = at_start.f + pushed, at_end.f + pushed
     gained = inertia - h * (kinematics.generalised_force(f0, pose) - D.force(w0))

@@ -112,7 +112,7 @@ class _Linearised:
             w0 = kinematics.velocities(state)
             left = (1.0 - theta) / theta
             rhs = rhs + left * kinematics.apply_mass(w0, predicted) - left * A.times(w0)
-        missed = Missed(line, D, here) if self.estimated else None
+        missed = Missed(line, D, here, self.estimated)
         return LinearStep(A, rhs + h * force, theta, missed)
 
 

@@ -64,6 +64,9 @@ class Workspace:
         Of converged steps with contact.
     bodies : BodiesAlone or None
         Fused steps of a scene of rigid bodies without tissue.
+    estimates : bool
+        True if steps with one linear solution estimate their error, which takes an evaluation of the
+        forces and a solution.
     timed, seconds, calls
         `PhaseClock` of all phases.
     """
@@ -77,11 +80,21 @@ class Workspace:
         self.constraints = ConstraintSolver(system, self.linear, clock.timed)
         self.contact = ContactMemory(self.newton, system.pattern.n)
         self.bodies = BodiesAlone.of(system)
+        self.estimates = True
 
     @property
     def linear(self) -> Factor | ReusedFactor:
         """Solver of the matrices of steps."""
         return self._solver.linear
+
+    @contextmanager
+    def estimating(self, wanted: bool) -> Generator[None]:
+        """Set `estimates` for a while."""
+        before, self.estimates = self.estimates, wanted
+        try:
+            yield
+        finally:
+            self.estimates = before
 
     def solve(
         self,

@@ -1,6 +1,7 @@
 """Steps chosen by the estimated error of selected positions."""
 
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -41,6 +42,7 @@ class ErrorControlledStep:
     Differential Equations I, II.4.
     """
 
+    reads_errors: ClassVar[bool] = True
     tolerance: float = 1e-4  #: largest error at the watched nodes [m]
     h: float = 0.01  #: largest step [s]
     nodes: Index | None = None  #: (k,) watched nodes, such as the lip markers; all if None

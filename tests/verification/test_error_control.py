@@ -1,6 +1,7 @@
 """Error control meets the requested tolerance, and rejected steps have no effect."""
 
 import functools
+import inspect
 
 import numpy as np
 import pytest
@@ -278,3 +279,50 @@ def test_accumulated_errors_are_part_of_the_state():
         steps += part.steps.values[1:].tolist()
     np.testing.assert_array_equal(whole.steps.values[1:], steps)
     np.testing.assert_allclose(state.q, whole.node_position.isel(time=-1).values, atol=1e-8)
+
+
+@pytest.mark.parametrize("read", [False, True])
+def test_errors_are_estimated_only_if_something_reads_them(read):
+    """The motion and the test of its stability do not depend on it."""
+
+    class Reports:
+        """Reports of all steps."""
+
+        def __init__(self):
+            self.seen = []
+
+        def variables(self):
+            return ()
+
+        def record(self, system, state, control, report):
+            self.seen.append(report)
+            return ()
+
+    system, reports = block(), Reports()
+    probes = (sim.Positions(), reports)
+    probes += (sim.StepErrors(np.array([26]), ("corner",)),) if read else ()
+    options = {"duration": DURATION, "integrator": sim.LinearlyImplicitEuler()}
+    motion, _ = sim.simulate(system, drive("ramp"), probes=probes, **options)
+    found = reports.seen[1:]
+    assert {report.local_error is not None for report in found} == {read}
+    assert {report.concave for report in found} == {False}
+    if read:
+        assert motion.step_error.isel(time=-1).any() and motion.step_error.notnull().all()
+        other, _ = sim.simulate(system, drive("ramp"), probes=(sim.Positions(),), **options)
+        np.testing.assert_array_equal(motion.node_position, other.node_position)
+
+
+def test_everything_that_reads_errors_declares_it():
+    """A part that does not would find no estimate."""
+    parts = [getattr(sim, name) for name in sim.__all__ if isinstance(getattr(sim, name), type)]
+    reading = {part for part in parts if "local_error" in _names(part)}
+    assert {sim.StepErrors, sim.ErrorControlledStep} <= reading
+    assert {part for part in reading if not getattr(part, "reads_errors", False)} == set()
+
+
+def _names(part):
+    """Names of attributes that the methods of a probe or step control read."""
+    if not (hasattr(part, "record") or hasattr(part, "advance")):
+        return set()
+    methods = [m for m in vars(part).values() if inspect.isfunction(m)]
+    return {name for method in methods for name in method.__code__.co_names}

@@ -1,10 +1,13 @@
 """Effect of rounding of the rest positions on the motion, and its report."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import sim
 from sim.integrators import INTEGRATORS
+from sim.snapping import snapped
 from tests.bodies import crossed_muscles, grid
 
 MOVED = 1e-14
@@ -133,3 +136,22 @@ def test_the_direction_of_buckling_depends_on_rounding():
     one, other = (buckled(system, sim.Sdirk2(), "superlu", seed) for seed in (1, 2))
     assert np.abs(one["node_position"] - other["node_position"]).max() > 1e-3
     assert 0.0 < one.attrs["unstable_from_s"] < one.attrs["unstable_until_s"] <= 0.25
+
+
+@pytest.mark.parametrize(
+    "kind, h", [(sim.LinearlyImplicitEuler, 0.01), (sim.LinearlyImplicitTrapezoidal, 0.001)]
+)
+def test_a_step_reports_the_concave_energy_of_its_motion(kind, h):
+    """The forces of the step serve for the test, which otherwise evaluates them at both ends."""
+    system, method = column(2e4), kind()
+    work, state = sim.Workspace(system, "superlu"), system.rest_state()
+    state = replace(state, q=state.q.copy())
+    bits = np.random.default_rng(1).choice([-1.0, 1.0], size=len(system.free))
+    state.q.reshape(-1)[system.free] += 1e-6 * bits
+    control, seen = system.control(np.array([1.0])), set()
+    for _ in range(round(0.15 / h)):
+        new, report = method.step(system, state, control, h, work)
+        assert report.concave == snapped(system, state, new, control)
+        seen.add(report.concave)
+        state = new
+    assert seen == {True, False}
