@@ -63,6 +63,7 @@ def read_recording(
     *,
     mapping: Mapping[str, Any] | LabelMap | str | Path | None = None,
     study: bool = False,
+    folder: Path | None = None,
 ) -> xr.Dataset:
     """Read one trial in SI units, with gaps and values in place of lost samples as NaN.
 
@@ -72,7 +73,8 @@ def read_recording(
     `mapping` contains the tables ``channels`` and ``markers`` from the labels of the file to names,
     ``units`` if the file does not state them, and ``volunteer``, ``instruction``, ``repetition``,
     or it is a TOML file with the same; without it the labels are unchanged. `study` requires all
-    channels and markers of the study (`emgface.schema.validation.validate`).
+    channels and markers of the study (`emgface.schema.validation.validate`). `folder` contains the
+    files that a sidecar specifies, by default that of the sidecar.
 
     Attributes of the result are ``source`` (file name), ``source_digest`` (SHA-256 of all files),
     ``device`` if stated in the file, and as JSON ``original_names``, ``original_units``,
@@ -88,11 +90,12 @@ def read_recording(
         raise DataError(_unknown_format(path))
     labels = read_label_map(mapping)
     try:
-        recording = without_fillers(reader.read(path, labels.units))
+        options: dict[str, Any] = {} if folder is None else {"folder": folder}
+        recording = without_fillers(reader.read(path, labels.units, **options))
         recording = apply_labels(recording, labels)
         if "source" not in recording.attrs:
             others = getattr(reader, "companions", None)
-            files = [path, *(others(path) if others else [])]
+            files = [path, *(others(path, **options) if others else [])]
             recording.attrs.update(source=path.name, source_digest=_digest(files))
         return validate(_flag_constant(recording), "recording", study=study)
     except DataError as error:

@@ -47,8 +47,8 @@ def describe(
 ) -> str:
     """Draft the sidecar of a text table, a MATLAB or an HDF5 file, as TOML.
 
-    `beside` is the folder of the sidecar, to which the entry ``file`` is relative; the default is
-    that of the file. Known properties are the sampling `rate` [Hz], the `unit` of the EMG, the
+    `beside` is the folder of the sidecar, which contains the file or its folder; the default is that
+    of the file. Known properties are the sampling `rate` [Hz], the `unit` of the EMG, the
     labels of the `columns`, if the file contains none, and the `variable` of a MATLAB or HDF5 file
     that contains the recording; `confirmed` accepts all guesses. Raises DataError if the file is
     absent, of a format that requires no sidecar, or contains no rows of numbers.
@@ -67,7 +67,13 @@ def describe(
     draft = Draft()
     folder = path.parent if beside is None else Path(beside)
     draft.lines.append("[emg]")
-    draft.put("file", Path(os.path.relpath(path, folder)).as_posix())
+    relative = Path(os.path.relpath(path, folder)).as_posix()
+    if relative.startswith("../") or Path(relative).is_absolute():
+        raise DataError(
+            f"the sidecar would be in {folder}, and {path.name} is not; expected a sidecar in the "
+            "folder of the file or above it, because it may name no other file: write it there."
+        )
+    draft.put("file", relative)
     if suffix in ARRAYS:
         frame, found = array_table(path, draft, variable, columns)
         units, rate = dict.fromkeys(frame.columns, ""), rate or found

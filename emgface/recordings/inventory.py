@@ -1,8 +1,6 @@
 """Inventory of a folder: contents and findings of each file, or the reason of its refusal."""
 
-import json
 import re
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,7 +13,7 @@ from emgface.recordings.check import check_recording
 from emgface.recordings.dataset import read_recording, readers
 from emgface.recordings.labels import note
 from emgface.schema.rules import one_line
-from emgface.texts import read_text, read_toml
+from emgface.texts import read_toml
 
 TEXTS = (".md", ".json", ".tsv", ".pdf", ".rst", ".license", "")
 """Suffixes of files that describe recordings; of these only ``*_motion.tsv`` contains signals."""
@@ -56,7 +54,7 @@ def read_files(
     root = Path(folder)
     if not root.is_dir():
         raise DataError(f"No folder {root}; expected recordings in it: check the path.")
-    told: dict[Path, str] = {}
+    told: dict[Path, Path] = {}
     if sidecars is not None:
         told, bad = _sidecars(root, Path(sidecars))
         yield from bad
@@ -65,11 +63,8 @@ def read_files(
             if path not in told:
                 yield path, read_recording(path)
                 continue
-            with tempfile.TemporaryDirectory() as place:
-                beside = Path(place) / f"{path.stem}.toml"
-                beside.write_text(told[path], encoding="utf-8")
-                recording = read_recording(beside)
-            yield path, recording.assign_attrs(sidecar=f"{path.stem}.toml")
+            recording = read_recording(told[path], folder=root)
+            yield path, recording.assign_attrs(sidecar=told[path].name)
         except EmgfaceError as error:
             yield path, error
 
@@ -102,44 +97,32 @@ def _beside(path: Path, suffix: str) -> bool:
     return any(path.with_suffix(s).is_file() for s in (suffix, suffix.upper()))
 
 
-def _sidecars(root: Path, folder: Path) -> tuple[dict[Path, str], list[tuple[Path, EmgfaceError]]]:
-    """Text of each sidecar, by the full path of the file that it describes.
+def _sidecars(root: Path, folder: Path) -> tuple[dict[Path, Path], list[tuple[Path, EmgfaceError]]]:
+    """Sidecar of each file that one describes.
 
-    Sidecars that cannot be read are returned with the reason.
+    Sidecars that cannot be read, or describe no file, are returned with the reason.
     """
     if not folder.is_dir():
         raise DataError(f"No folder {folder}; expected TOML sidecars in it: check the path.")
-    found: dict[Path, str] = {}
+    found: dict[Path, Path] = {}
     bad: list[tuple[Path, EmgfaceError]] = []
     for path in sorted(p for p in folder.iterdir() if p.suffix.lower() == ".toml"):
         try:
             content = read_toml(path)
-            text = read_text(path)
-        except (EmgfaceError, OSError) as error:
+        except EmgfaceError as error:
             bad.append((path, DataError(str(error))))
             continue
-        described: list[Path] = []
-        for part in ("emg", "position"):
-            table = content.get(part)
-            name = table.get("file") if isinstance(table, dict) else None
-            if not isinstance(name, str):
-                continue
-            target = root / name
-            text = re.sub(
-                rf'^file\s*=\s*"{re.escape(name)}"',
-                lambda _, target=target: f"file = {json.dumps(str(target.resolve()))}",
-                text,
-                flags=re.MULTILINE,
-            )
-            described.append(target)
+        tables = [content.get(part) for part in ("emg", "position")]
+        names = [table.get("file") for table in tables if isinstance(table, dict)]
+        described = [root / name for name in names if isinstance(name, str)]
         if problem := _unusable(root, described, found):
             bad.append((path, DataError(f"{path.name} {problem}")))
             continue
-        found |= dict.fromkeys(described, text)
+        found |= dict.fromkeys(described, path)
     return found, bad
 
 
-def _unusable(root: Path, described: list[Path], found: dict[Path, str]) -> str:
+def _unusable(root: Path, described: list[Path], found: dict[Path, Path]) -> str:
     """Reason why a sidecar describes no file of a folder, or one that another describes."""
     if not described:
         return "describes no file; expected the entry 'file' in a table 'emg' or 'position'."

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from emgface.errors import DataError
+from emgface.recordings.readers._build import require_few
 from emgface.schema.units import quantity_of, spelling
 from emgface.texts import marked_encoding, read_bytes
 
@@ -123,7 +124,14 @@ def _text(path: Path) -> tuple[str, str | None]:
             text = codecs.getincrementaldecoder("utf-8")().decode(data, whole)
         except UnicodeDecodeError:
             text, encoding = data.decode("latin-1"), "latin-1"
+    widest = max(map(_width_of, text.split("\n", 400)[:400]), default=0)
+    require_few(widest, f"{path.name} has", "columns")
     return (text if whole else text.rpartition("\n")[0]), encoding
+
+
+def _width_of(line: str) -> int:
+    """Most cells that a delimiter separates in a line, except blanks and decimal commas."""
+    return 1 + max(line.count(sign) for sign in "\t;,|")
 
 
 def _cells(line: str, delimiter: str) -> list[str]:

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ import xarray as xr
 
 from emgface.errors import DataError
 from emgface.files import replace_file
+from emgface.schema.hdf5 import ROOM, ROOM_PER_BYTE, require_own_file
 from emgface.schema.validation import validate
 
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -124,15 +125,25 @@ def open_netcdf(path: Path) -> netCDF4.Dataset:
 def _check_sizes(path: Path, opened: netCDF4.Dataset) -> None:
     """Refuse a file whose damaged counts would fill the memory."""
     room = _EXPANSION * path.stat().st_size
-    for name, variable in opened.variables.items():
+    total, most = 0, ROOM + ROOM_PER_BYTE * path.stat().st_size
+    for name, variable in _variables(opened):
         # The product of the shape, because variable.size overflows.
         size = getattr(variable.dtype, "itemsize", 1)
-        if math.prod(variable.shape) * size > room:
+        total += math.prod(variable.shape) * size
+        if math.prod(variable.shape) * size > room or total > most:
             raise DataError(
                 f"{path.name}: {name!r} has the shape {variable.shape} in a file of "
                 f"{path.stat().st_size} bytes; expected arrays no larger than the file: it "
                 "is damaged, copy or write it again."
             )
+
+
+def _variables(group: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the variables of a file and of all its groups."""
+    yield from group.variables.items()
+    for name, inner in group.groups.items():
+        for variable, value in _variables(inner):
+            yield f"{name}/{variable}", value
 
 
 def _check_texts(path: Path) -> None:
@@ -152,7 +163,10 @@ def _check_texts(path: Path) -> None:
 
     try:
         with h5py.File(path, "r") as opened:
+            require_own_file(path, opened)
             opened.visititems(visit)
+    except DataError:
+        raise
     except (OSError, RuntimeError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise DataError(_damaged(path)) from error
     if any(bool((held > longest).any()) for held in lengths):

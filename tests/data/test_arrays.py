@@ -202,7 +202,8 @@ def test_real_files_are_read_by_a_sidecar(shared: Path, tmp_path: Path, name: st
     if not source.is_file():
         pytest.skip(f"{name} is not there")
     line, shape = REAL[name]
-    trial = read_recording(sidecar(tmp_path, f'file = "{source.as_posix()}"\n{line}'))
+    described = sidecar(tmp_path, f'file = "{source.name}"\n{line}')
+    trial = read_recording(described, folder=source.parent)
     assert trial["emg"].shape == shape
 
 
@@ -211,10 +212,10 @@ def test_a_real_trajectory_is_read_by_a_sidecar(shared: Path, tmp_path: Path) ->
     if not source.is_file():
         pytest.skip("the trajectory is not there")
     (tmp_path / "jaw.toml").write_text(
-        f'schema = "recording"\n[position]\nfile = "{source.as_posix()}"\ndelimiter = " "\n'
+        f'schema = "recording"\n[position]\nfile = "{source.name}"\ndelimiter = " "\n'
         'skip_rows = 2\ncolumns = ["t", "jaw_x", "jaw_y", "jaw_z"]\ntime = "t"\nunit = "mm"\n'
     )
-    trial = read_recording(tmp_path / "jaw.toml")
+    trial = read_recording(tmp_path / "jaw.toml", folder=source.parent)
     assert trial["position"].shape == (1, 3, 1017)
     span = np.ptp(trial["position"].values[0], axis=1) * 1e3
     np.testing.assert_allclose(span, [3.16, 1.47, 2.53], atol=0.005)  # as stated beside the file

@@ -161,7 +161,7 @@ def test_arrays_are_described(tmp_path: Path) -> None:
         ("a.txt", bytes(range(256)) * 20, "binary data"),
         ("a.c3d", b"x", "state their rates and units themselves"),
         ("a.mat", b"nothing", "cannot be read"),
-        ("a.csv.gz", b"not compressed", "cannot be read"),
+        ("a.csv.gz", b"not compressed", "cannot be decompressed"),
         ("a.csv", b"", "no rows of numbers"),
     ],
 )

@@ -88,13 +88,15 @@ def parse_hdf5(path: Path, name: str, *, matlab: bool, texts: bool) -> Any:
     """
     import h5py
 
+    from emgface.schema.hdf5 import item_of, require_own_data
+
     with h5py.File(path, "r") as opened:
-        where: Any = opened
-        for part in (name.replace(".", "/") if matlab else name).strip("/").split("/"):
-            if not isinstance(where, h5py.Group) or part not in where:
-                held = [str(k) for k in where] if isinstance(where, h5py.Group) else []
-                raise AbsentVariable(part, [k for k in held if not k.startswith("#")])
-            where = where[part]
+        try:
+            where: Any = item_of(path, opened, name.replace(".", "/") if matlab else name)
+        except KeyError as error:
+            part, group = error.args
+            held = [str(k) for k in group] if isinstance(group, h5py.Group) else []
+            raise AbsentVariable(part, [k for k in held if not k.startswith("#")]) from None
         if not isinstance(where, h5py.Dataset):
             raise NotAnArray(name, [str(k) for k in where])
         if where.size is not None:
@@ -103,7 +105,12 @@ def parse_hdf5(path: Path, name: str, *, matlab: bool, texts: bool) -> Any:
         if texts and matlab and value.dtype.kind in "Ou":
             if value.dtype == object:  # references to arrays of characters
                 found: Any = opened
-                cells = [np.asarray(found[reference][()]) for reference in value.ravel(order="F")]
+                cells: list[Any] = []
+                for reference in value.ravel(order="F"):
+                    cell = found[reference]
+                    require_own_data(path, cell)
+                    _require_room(path, name, cell.shape)
+                    cells.append(np.asarray(cell[()]))
             else:
                 cells = list(np.atleast_2d(value.T))
             joined = ["".join(map(chr, cell.ravel(order="F"))) for cell in cells]
@@ -128,7 +135,11 @@ def parse_contents(path: Path) -> dict[str, Any]:
 
         matlab = start.startswith(b"MATLAB")
 
+        from emgface.schema.hdf5 import require_own_data
+
         def visit(name: str, item: Any) -> None:
+            if isinstance(item, h5py.Dataset):
+                require_own_data(path, item)
             for key, value in item.attrs.items():
                 if np.size(value) == 1 and np.asarray(value).dtype.kind in "iuf":
                     numbers[f"{name}/{key}"] = float(np.ravel(value)[0])

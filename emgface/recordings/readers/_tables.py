@@ -12,6 +12,7 @@ import xarray as xr
 
 from emgface.errors import DataError, listed
 from emgface.recordings.readers._arrays import read_array, read_texts
+from emgface.recordings.readers._beside import file_beside
 from emgface.recordings.readers._build import require_few
 from emgface.recordings.readers._table_models import PositionTable, Table
 from emgface.recordings.timebase import (
@@ -36,17 +37,17 @@ _MISSING = frozenset({"", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "null", "NULL
 
 
 def load_table(
-    sidecar: Path, table: Table, wanted: Mapping[str, str] | None
+    sidecar: Path, table: Table, wanted: Mapping[str, str] | None, folder: Path | None = None
 ) -> tuple[pd.DataFrame, TimeBase, dict[str, str]]:
     """Return the numbers described by a table of a sidecar.
 
-    The table has one column of float64 for each channel, and three for each marker. Returned in
-    addition are the time base, and the omitted columns with the reason: those that are not
-    `wanted` may contain text and are then omitted. Raises DataError if the file is absent or
-    damaged, contains a cell that is not a number, or does not fit the description, and UnitsError
-    if the unit of time is unknown.
+    `folder` contains the file, by default that of the sidecar. The table has one column of float64
+    for each channel, and three for each marker. Returned in addition are the time base, and the
+    omitted columns with the reason: those that are not `wanted` may contain text and are then
+    omitted. Raises DataError if the file is absent or damaged, contains a cell that is not a
+    number, or does not fit the description, and UnitsError if the unit of time is unknown.
     """
-    path = sidecar.parent / table.file
+    path = file_beside(folder or sidecar.parent, table.file, sidecar.name)
     dropped: dict[str, str] = {}
     if table.variable is None:
         frame = _table(sidecar, path, table)

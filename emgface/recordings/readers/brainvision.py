@@ -13,6 +13,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import DataError
+from emgface.recordings.readers._beside import file_beside
 from emgface.recordings.readers._build import assemble_parts, positive, unique_labels, voltages
 from emgface.recordings.readers._flags import with_bad_samples
 from emgface.recordings.timebase import of_rate
@@ -124,7 +125,8 @@ def _channel(path: Path, entries: Mapping[str, str], number: int) -> _Channel:
 def _beside(path: Path, name: str) -> Path | None:
     """File specified by the header, in its folder; ``$b`` is the name of the header."""
     name = name.replace("$b", path.stem)
-    return path.parent / Path(name.replace("\\", "/")).name if name else None
+    plain = Path(name.replace("\\", "/")).name
+    return file_beside(path.parent, plain, path.name) if plain else None
 
 
 def _bad_intervals(path: Path, common: Mapping[str, str]) -> list[tuple[int, int, int | None]]:

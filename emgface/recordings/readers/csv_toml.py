@@ -24,10 +24,11 @@ The sidecar is the file to open::
     rate = 100.0
     unit = "mm"
 
-The labels of a table without a row of labels are specified by ``columns``; ``skip_rows`` is the
-number of lines before it. Counts of a converter are converted by ``step * (count - zero)``, in the
-unit. ``delimiter``, ``decimal`` and ``encoding`` specify the format of the text. Entries listed in
-``unconfirmed`` are guesses of `emgface.recordings.describe`; such a sidecar is refused.
+Files are in the folder of the sidecar or a folder in it. The labels of a table without a row of
+labels are specified by ``columns``; ``skip_rows`` is the number of lines before it. Counts of a
+converter are converted by ``step * (count - zero)``, in the unit. ``delimiter``, ``decimal`` and
+``encoding`` specify the format of the text. Entries listed in ``unconfirmed`` are guesses of
+`emgface.recordings.describe`; such a sidecar is refused.
 """
 
 from collections.abc import Mapping
@@ -41,6 +42,7 @@ from pydantic import Field
 from emgface.choices import Parameters, configure
 from emgface.errors import DataError, EmgfaceError, listed
 from emgface.recordings.labels import LabelMap, apply_labels
+from emgface.recordings.readers._beside import file_beside
 from emgface.recordings.readers._build import (
     Part,
     assemble_parts,
@@ -78,29 +80,32 @@ def is_recording(path: Path) -> bool:
         return True  # it may be a sidecar, whose recording must not vanish
 
 
-def companions(path: Path) -> list[Path]:
-    """Return the files of tables and arrays specified by a sidecar, each once."""
+def companions(path: Path, folder: Path | None = None) -> list[Path]:
+    """Return the files of tables and arrays specified by a sidecar, each once; `folder` as in `read`."""
     sidecar = configure(Sidecar, _with_tables(read_toml(path), path), where=path.name)
     tables = [table for table in (sidecar.emg, sidecar.position) if table is not None]
-    return list(dict.fromkeys(path.parent / table.file for table in tables))
+    return list(
+        dict.fromkeys(file_beside(folder or path.parent, table.file, path.name) for table in tables)
+    )
 
 
-def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
+def read(path: Path, units: Mapping[str, str], folder: Path | None = None) -> xr.Dataset:
     """Read the tables specified by a sidecar, with its names; empty cells are NaN.
 
+    The files are in `folder` or a folder in it, by default that of the sidecar.
     Raises ConfigurationError also if the sidecar contains an unknown entry (with the nearest valid
     name) or an invalid value.
     """
     sidecar = configure(Sidecar, _with_tables(read_toml(path), path), where=path.name)
     parts: list[Part] = []
     if sidecar.emg is not None:
-        frame, time, dropped = load_table(path, sidecar.emg, sidecar.emg.channels)
+        frame, time, dropped = load_table(path, sidecar.emg, sidecar.emg.channels, folder)
         labels, names = unique_labels([str(c) for c in frame.columns], "channel")
         unit = units.get("emg", sidecar.emg.unit)
         data = emg_array(np.ascontiguousarray(frame.to_numpy().T), labels, time, unit)
         parts.append(Part(data, {"emg": sidecar.emg.unit}, dropped, names))
     if sidecar.position is not None:
-        frame, time, _ = load_table(path, sidecar.position, None)
+        frame, time, _ = load_table(path, sidecar.position, None, folder)
         values, labels, dropped = by_marker(frame, sidecar.position)
         unit = units.get("position", sidecar.position.unit)
         data = position_array(values, labels, time, unit)
