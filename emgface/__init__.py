@@ -1,7 +1,8 @@
 """sEMG-driven experiments with a finite-element face.
 
 ``import emgface as ef`` offers one function for every stage: `read` a recording or a result,
-`activate` (sEMG to muscle activation), `face`, `fit`, `reduce`, `simulate`, `score`, `study` and `show`.
+`activate` (sEMG to muscle activation), `face`, `fit`, `treat`, `reduce`, `simulate`, `score`, `study`
+and `show`.
 They take and return plain xarray, and import what they need when they are first called. Importing
 this package also gives xarray objects the accessor ``semg`` (`emgface.signals.accessor`).
 """
@@ -21,11 +22,22 @@ for _name, _value in {
     _os.environ.setdefault(_name, _value)
 
 if TYPE_CHECKING:
-    from emgface.api import activate, face, fit, read, reduce, score, show, simulate, study
+    from emgface.api import activate, face, fit, read, reduce, score, show, simulate, study, treat
 
     __version__: str
 
-__all__ = ["activate", "face", "fit", "read", "reduce", "score", "show", "simulate", "study"]
+__all__ = [
+    "activate",
+    "face",
+    "fit",
+    "read",
+    "reduce",
+    "score",
+    "show",
+    "simulate",
+    "study",
+    "treat",
+]
 
 _CALLABLE_PACKAGES = ("face", "fit", "study")
 """Functions that share their name with a subpackage, which can be called (`emgface._callable`)."""

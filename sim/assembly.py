@@ -52,12 +52,14 @@ def parts_of(
     chosen: NDArray[np.bool_] | None = None,
     *,
     prestretch: Array | None = None,
+    stress_free: Array | None = None,
     point_per_node: bool = False,
 ) -> tuple[Part, ...]:
     """Lay out the chosen elements (n_elements,) of every block, by default all.
 
     With a prestretch F0 (n_elements, 3, 3) from the stress-free state to the mesh and F = (dx/dxi) A of
     the mesh, the total deformation is F F0 = (dx/dxi) (A F0), and the stress-free volume is dV/det F0.
+    With `stress_free` (n_elements, NODES, 3), A and dV are those of the nodes at these positions.
     With `point_per_node` the single point of an element is divided among its nodes; other elements have
     a point per node.
     """
@@ -69,14 +71,21 @@ def parts_of(
             own = np.flatnonzero(chosen[first : first + len(own)])
         if len(own):
             F0 = None if prestretch is None else prestretch[own + first]
-            parts.append(_part(mesh, block, own, first, F0, point_per_node))
+            corners = None if stress_free is None else stress_free[own + first]
+            parts.append(_part(block, own, first, (mesh.X, corners, F0), point_per_node))
         first += len(block.nodes)
     return tuple(parts)
 
 
 def _part(
-    mesh: Mesh, block: Block, own: Index, first: int, F0: Array | None, point_per_node: bool
+    block: Block,
+    own: Index,
+    first: int,
+    rest: tuple[Array, Array | None, Array | None],
+    point_per_node: bool,
 ) -> Part:
+    """Lay out elements; `rest` is the mesh, or the stress-free corners in its place, and F0."""
+    X, corners, F0 = rest
     order, chunk, colour = coloured_chunks(block.nodes[own])
     own = own[order]
     dN, weights = block.kind.dN, block.kind.weights
@@ -89,7 +98,8 @@ def _part(
     lane = np.append(np.arange(points), np.zeros(LANES - points, dtype=np.int64))
     slope_at = np.zeros((3, NODES, LANES))
     slope_at[:, :k] = dN.transpose(2, 1, 0)[:, :, lane]
-    jacobian: Array = np.einsum("eai,paj->epij", mesh.X[block.nodes[own]], dN)
+    corners = X[block.nodes[own]] if corners is None else corners[order, :k]
+    jacobian: Array = np.einsum("eai,paj->epij", corners, dN)
     det = np.linalg.det(jacobian)
     inverse: Array = np.linalg.inv(jacobian).astype(np.float64)
     if F0 is not None:

@@ -9,6 +9,18 @@ from emgface.api.faces import face, reduce, simulate
 from emgface.api.fits import fit
 from emgface.api.recordings import activate, read, score
 from emgface.api.studies import study
+from emgface.api.treatments import treat
 from emgface.api.views import show
 
-__all__ = ["activate", "face", "fit", "read", "reduce", "score", "show", "simulate", "study"]
+__all__ = [
+    "activate",
+    "face",
+    "fit",
+    "read",
+    "reduce",
+    "score",
+    "show",
+    "simulate",
+    "study",
+    "treat",
+]

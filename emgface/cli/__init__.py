@@ -24,6 +24,7 @@ from emgface.cli import (
     study,
     study_state,
     tongue,
+    treat,
     trial,
     volunteers,
 )
@@ -92,6 +93,8 @@ app.command()(trial.activate)
 app.command()(simulate.simulate)
 app.command()(simulate.show)
 app.command()(live.live)
+app.command()(treat.treat)
+app.command()(treat.compare)
 app.command()(trial.score)
 app.command(name="volunteers")(volunteers.volunteers)
 app.command()(study.report)

@@ -18,6 +18,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.support import inner_support
 from emgface.face.tension_lines import skin_prestretch
 from emgface.face.tissue import material_axes
+from emgface.face.treated import check_treated, stiffened, strengthened, stress_free
 from sim.laws import BulkLaw
 from sim.scene import Term
 from sim.terms import Gravity
@@ -55,6 +56,7 @@ def element_order(face: xr.Dataset) -> ElementOrder:
 def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> sim.Scene:
     """Declare the scene of a face: tissue with muscles, gravity, damping, fixed nodes, contact."""
     p = parameters
+    check_treated(face, p)
     order = element_order(face)
     materials, region = _tissue(face, order, p)
     muscles = _element_muscles(face, order, p)
@@ -64,6 +66,7 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> sim.Sce
         region=region,
         muscles=muscles if p.muscle_form == "elements" else None,
         prestretch=_prestretch(face, order, p, materials, region),
+        stress_free=stress_free(face, order, p),
         axes=(
             material_axes(face)[order.face_index] if any(m.needs_axes for m in materials) else None
         ),
@@ -144,6 +147,8 @@ def _tissue(
         bulk = tissue.bulk if own.kappa is None else _bulk(p, own.kappa)
         region[own.chosen(face)] = len(materials)
         materials.append(own.material(bulk, p.density))
+    if "tissue_factor" in face:
+        materials, region = stiffened(materials, region, face["tissue_factor"].values)
     return tuple(materials), None if len(materials) == 1 else region[order.face_index]
 
 
@@ -166,12 +171,13 @@ def _element_muscles(face: xr.Dataset, order: ElementOrder, p: SimulationParamet
         law = sim.Blemker(sigma_max=p.sigma_max, stretch_star=p.lambda_star, P1=p.P1, P2=p.P2)
     else:
         law = sim.Generic(sigma_max=p.sigma_max, stretch_star=p.lambda_star, P1=p.P1, P2=p.P2)
+    names = tuple(map(str, face["muscle"].values))
     return sim.Muscles(
-        names=tuple(map(str, face["muscle"].values)),
+        names=names,
         element=order.scene_index[face["bundle_index"].values],
         muscle=face["bundle_muscle"].values.astype(np.int64),
         direction=face["bundle_direction"].values,
-        law=law,
+        law=strengthened(law, face["muscle_strength"].values) if "muscle_strength" in face else law,
         weight=face["bundle_weight"].values if "bundle_weight" in face else None,
     )
 

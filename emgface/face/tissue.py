@@ -176,6 +176,18 @@ class Tissue(Parameters):
         return chosen
 
 
+def scaled(material: Material, factor: float) -> Material:
+    """Material with all moduli of its law and of its volume multiplied by a factor."""
+    if factor == 1.0:
+        return material
+    law: Any = material.law
+    bulk: Any = material.bulk
+    moduli = [name for name, unit in units(law).items() if unit == "Pa"]
+    law = replace(law, **{n: _times(factor, getattr(law, n)) for n in moduli})
+    bulk = None if bulk is None else replace(bulk, kappa=factor * bulk.kappa)
+    return replace(material, law=law, bulk=bulk)
+
+
 def _times(factor: float, value: Coefficient) -> Coefficient:
     return tuple(factor * x for x in value) if isinstance(value, tuple) else factor * value
 

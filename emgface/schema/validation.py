@@ -19,7 +19,8 @@ from emgface.schema.migration import migrate
 from emgface.schema.rules import Rule, hint, index_rule, nearest, rules_of, type_rule
 
 CONVENTIONS = "CF-1.11"
-STUDY = "study"  #: name of the JSON Schema of the study file, which does not declare a dataset
+NOT_DATASETS = {"study", "treatment"}
+"""Names of the JSON Schemas of the files of a study and of a plan, which do not declare datasets."""
 
 
 def schema_folder() -> Path:
@@ -46,7 +47,7 @@ def kinds() -> tuple[str, ...]:
     True
     """
     found = {path.stem for path in schema_folder().glob("*.json")}
-    return tuple(sorted(found - {STUDY}))
+    return tuple(sorted(found - NOT_DATASETS))
 
 
 @cache

@@ -1,13 +1,13 @@
 """Deformable solid: passive tissue and muscle fibres in one element loop."""
 
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels import solid as kernel
-from sim._kernels.element import Part
+from sim._kernels.element import NODES, Part
 from sim._kernels.laws import FibreTable, LawTable
 from sim._kernels.scatter import Places
 from sim.assembly import element_pair_keys, parts_of, places_of
@@ -33,6 +33,10 @@ class Solid:
     #: (n_elements, 3, 3) deformation gradient F0 from the stress-free state to the mesh at rest, or
     #: None. The total deformation is F F0; fibre directions and density are those of the mesh
     prestretch: Array | None = None
+    #: (n_elements, NODES, 3) stress-free positions of the nodes of every element, each for itself, in
+    #: place of a prestretch, or None; slots beyond the nodes of an element are not read. They may
+    #: differ between neighbours, as on both sides of a suture [m]
+    stress_free: Array | None = None
     #: (n_elements, 3, 3) orthonormal material axes in the mesh, one per column, or None if no law
     #: requires them. A prestretch changes them only by its rotation
     axes: Array | None = None
@@ -61,7 +65,7 @@ class Solid:
     def node_mass(self, mesh: Mesh) -> Array:
         """Lumped mass: rho V of each element is distributed equally among its nodes (n_nodes,) [kg]."""
         density = np.array([m.density for m in self.materials])[self.regions(mesh)]
-        share = mesh.volumes() * density
+        share = self._volumes(mesh) * density
         mass = np.zeros(mesh.n_nodes)
         first = 0
         for block in mesh.blocks:
@@ -69,6 +73,19 @@ class Solid:
             np.add.at(mass, block.nodes, (share[first : first + n] / k)[:, None])
             first += n
         return mass
+
+    def _volumes(self, mesh: Mesh) -> Array:
+        """Volume of every element in the mesh, or in its stress-free state if that is given [m^3]."""
+        if self.stress_free is None:
+            return mesh.volumes()
+        _stretch_at_centres(self, mesh)  # refuses invalid positions
+        first, found = 0, [np.empty(0)]
+        for block in mesh.blocks:
+            n, kind = len(block.nodes), block.kind
+            corners = self.stress_free[first : first + n, : kind.n_nodes]
+            found.append(np.linalg.det(np.einsum("eai,paj->epij", corners, kind.dN)) @ kind.weights)
+            first += n
+        return np.concatenate(found)
 
     def pair_keys(self, mesh: Mesh) -> Index:
         """All pairs of nodes within an element."""
@@ -101,6 +118,8 @@ class CompiledSolid:
         self, solid: Solid, layout: Layout, region: Index, chosen: NDArray[np.bool_] | None = None
     ) -> None:
         mesh, n = layout.mesh, len(region)
+        if solid.stress_free is not None:
+            solid = replace(solid, prestretch=_stretch_at_centres(solid, mesh))
         self._prestretch = None if solid.prestretch is None else _checked(solid.prestretch, mesh)
         materials = solid.materials
         p = np.zeros((len(materials), N_ISOCHORIC))
@@ -127,13 +146,15 @@ class CompiledSolid:
         axes = _axes(solid, mesh, region, chosen)
         tensor = np.array([m.tensor_form is not None for m in materials])[region]
         remembers = np.array([m.relaxation is not None for m in materials])[region]
-        self._scalar_parts = parts_of(mesh, chosen & ~tensor, prestretch=self._prestretch)
+        free = solid.stress_free
+        F0 = self._prestretch if free is None else None
+        self._scalar_parts = parts_of(mesh, chosen & ~tensor, prestretch=F0, stress_free=free)
         self._scalar_places = [places_of(mesh, p, layout.pattern) for p in self._scalar_parts]
         laws = tensor_laws(materials, region)
         self._elastic, self._relaxing = (
             tuple(
                 TensorElements(part, places_of(mesh, part, layout.pattern), axes, laws)
-                for part in parts_of(mesh, own, prestretch=self._prestretch)
+                for part in parts_of(mesh, own, prestretch=F0, stress_free=free)
             )
             for own in (chosen & tensor & ~remembers, chosen & tensor & remembers)
         )
@@ -236,6 +257,35 @@ def _axes(solid: Solid, mesh: Mesh, region: Index, chosen: NDArray[np.bool_]) ->
         return axes
     U, _, Vt = np.linalg.svd(solid.prestretch)
     return (U @ Vt).transpose(0, 2, 1) @ axes
+
+
+def _stretch_at_centres(solid: Solid, mesh: Mesh) -> Array:
+    """F0 (n_elements, 3, 3) at the centre of every element, from its stress-free positions.
+
+    It transforms the directions of fibres and material axes, which are those of the mesh.
+    """
+    free, shape = solid.stress_free, (mesh.n_elements, NODES, 3)
+    if free is None or free.shape != shape or solid.prestretch is not None:
+        found = "no positions" if free is None else f"the shape {free.shape}"
+        besides = " and a prestretch besides" if solid.prestretch is not None else ""
+        raise SceneError(f"stress_free has {found}{besides}, expected the shape {shape} alone")
+    F0 = np.empty((mesh.n_elements, 3, 3))
+    first = 0
+    for block in mesh.blocks:
+        own = slice(first, first + len(block.nodes))
+        corners = free[own, : block.kind.n_nodes]
+        at_points = np.linalg.det(np.einsum("eai,paj->epij", corners, block.kind.dN))
+        if not (at_points > 0.0).all():  # also if a position is not finite
+            bad = first + int(np.argmin((at_points > 0.0).all(axis=1)))
+            raise SceneError(
+                f"element {bad} is inverted or flat at its stress-free positions, expected a positive "
+                "volume: check the positions"
+            )
+        dN = block.kind.dN.mean(axis=0)
+        before = np.einsum("eai,aj->eij", corners, dN)
+        F0[own] = np.einsum("eai,aj->eij", mesh.X[block.nodes], dN) @ np.linalg.inv(before)
+        first += len(block.nodes)
+    return F0
 
 
 def _checked(prestretch: Array, mesh: Mesh) -> Array:

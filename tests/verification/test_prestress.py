@@ -187,3 +187,35 @@ def test_impossible_prestress_and_stiffening_are_refused():
     with pytest.raises(sim.SceneError, match="target of held nodes has shape"):
         system = solid_system(MESH, reductions=(sim.Fixed(np.array([0])),))
         sim.displace_held(system, system.rest_state(), np.zeros((2, 3)))
+
+
+def test_stress_free_corners_are_equivalent_to_a_uniform_prestretch():
+    """x = F0 X with the corners X before: the same energy and forces, also of the fibres."""
+    F0 = np.array([[1.1, 0.05, 0.0], [0.0, 0.95, 0.02], [0.0, 0.0, 1.03]])
+    before = MESH.X @ np.linalg.inv(F0).T
+    corners = np.zeros((N, 8, 3))
+    first = 0
+    for block in MESH.blocks:
+        n, k = block.nodes.shape
+        corners[first : first + n, :k] = before[block.nodes]
+        first += n
+    muscles = crossed_muscles(MESH)
+    one = sim.Solid((TISSUE,), muscles=muscles, prestretch=np.tile(F0, (N, 1, 1)))
+    two = sim.Solid((TISSUE,), muscles=muscles, stress_free=corners)
+    systems = [sim.compile_scene(sim.Scene(MESH, (solid,))) for solid in (one, two)]
+    q = MESH.X + 0.02 * np.random.default_rng(3).standard_normal(MESH.X.shape) * np.ptp(MESH.X)
+    q = MESH.X + 0.1 * (q - MESH.X)
+    control = systems[0].control(np.full(len(systems[0].muscles), 0.4))
+    found = [system.force(q, control) for system in systems]
+    assert found[1].energy == pytest.approx(found[0].energy, rel=1e-12)
+    np.testing.assert_allclose(
+        found[1].f, found[0].f, rtol=1e-10, atol=1e-12 * np.abs(found[0].f).max()
+    )
+    masses = [solid.node_mass(MESH).sum() for solid in (one, two)]
+    assert masses[1] * np.linalg.det(F0) == pytest.approx(masses[0], rel=1e-12)
+
+
+def test_bad_stress_free_corners_are_refused():
+    for bad in (np.zeros((N, 8, 3)), np.zeros((3, 3))):
+        with pytest.raises(sim.SceneError, match="stress"):
+            sim.compile_scene(sim.Scene(MESH, (sim.Solid(stress_free=bad),)))

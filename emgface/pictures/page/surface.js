@@ -31,6 +31,8 @@ const start = new Float32Array(3 * data.nodes);
 let fibre = null;
 // All points: nodes of the skin, those between them, the dark behind the mouth, the teeth.
 let rules, triangles, own, position, colour, normal, moved;
+// Two faces on one page share their coordinates and are drawn side by side: -1 and 1 of every point.
+let beside;
 
 async function unpack() {
   rules = new Uint32Array((await bytes(data.rules)).buffer);
@@ -42,6 +44,7 @@ async function unpack() {
   normal = new Float32Array(own.length);
   colour = own.slice();
   moved = new Float32Array(own.length / 3);
+  beside = data.beside ? Float32Array.from(new Int8Array((await bytes(data.beside)).buffer)) : new Float32Array(own.length / 3);
   millimetres(teeth, 0, teeth.length, position.subarray(position.length - teeth.length));
 }
 
@@ -88,14 +91,15 @@ function span(axis) {
   return [low, high];
 }
 function camera(width, height) {
-  let half = 0;
-  for (const [yaw, pitch] of Object.values(data.views)) {
-    const [right, up] = axes(yaw, pitch).map(span);
-    half = Math.max(half, 0.53 * (up[1] - up[0]), (0.53 * (right[1] - right[0]) * height) / width);
+  let half = 0, shift = 0;
+  const seen = Object.values(data.views).map(([yaw, pitch]) => axes(yaw, pitch).map(span));
+  if (data.beside) shift = 0.53 * Math.max(...seen.map(([right]) => right[1] - right[0]));
+  for (const [right, up] of seen) {
+    half = Math.max(half, 0.53 * (up[1] - up[0]), ((0.53 * (right[1] - right[0]) + shift) * height) / width);
   }
   const frame = axes(view.yaw, view.pitch);
   const [u, v, w] = frame.map((axis) => { const [low, high] = span(axis); return (low + high) / 2; });
-  return { frame, middle: [0, 1, 2].map((k) => u * frame[0][k] + v * frame[1][k] + w * frame[2][k]), half: half / view.zoom };
+  return { frame, middle: [0, 1, 2].map((k) => u * frame[0][k] + v * frame[1][k] + w * frame[2][k]), half: half / view.zoom, shift };
 }
 const unit = (v) => { const n = Math.hypot(...v); return v.map((x) => x / n); };
 const SOURCE = unit(data.light.key_from);
@@ -126,10 +130,12 @@ function mark(pen, kind, u, v, size, line) {
 const number = (x) => x.toFixed(6);
 const vector = (v) => `vec3(${v.map(number).join()})`;
 const VERTEX = `
-  varying vec3 n; varying vec3 c;
+  attribute float beside; uniform float shift; varying vec3 n; varying vec3 c;
   void main() {
     n = normalMatrix * normal; c = color;
-    gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+    vec4 seen = modelViewMatrix * vec4(position, 1.0);
+    seen.x += beside * shift;
+    gl_Position = projectionMatrix * seen;
   }`;
 const FRAGMENT = `
   varying vec3 n; varying vec3 c;
@@ -149,8 +155,9 @@ function webgl() {
   eye.up.set(0, 0, 1);
   const geometry = new THREE.BufferGeometry();
   for (const [name, values] of Object.entries({ position, normal, color: colour })) geometry.setAttribute(name, new THREE.BufferAttribute(values, 3));
+  geometry.setAttribute("beside", new THREE.BufferAttribute(beside, 1));
   geometry.setIndex(new THREE.BufferAttribute(triangles, 1));
-  const material = new THREE.ShaderMaterial({ vertexShader: VERTEX, fragmentShader: FRAGMENT, vertexColors: true, side: THREE.DoubleSide });
+  const material = new THREE.ShaderMaterial({ uniforms: { shift: { value: 0 } }, vertexShader: VERTEX, fragmentShader: FRAGMENT, vertexColors: true, side: THREE.DoubleSide });
   const mesh = new THREE.Mesh(geometry, material);
   mesh.frustumCulled = false;
   scene.add(mesh);
@@ -177,7 +184,8 @@ function webgl() {
     const width = canvas.clientWidth, height = canvas.clientHeight;
     renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
     renderer.setSize(width, height, false);
-    const { frame, middle, half } = camera(width, height);
+    const { frame, middle, half, shift } = camera(width, height);
+    material.uniforms.shift.value = shift;
     const across = (half * width) / height;
     Object.assign(eye, { left: -across, right: across, top: half, bottom: -half });
     eye.updateProjectionMatrix();
@@ -190,7 +198,8 @@ function webgl() {
       markers[kind].forEach((one, m) => {
         const at = points[kind][m];
         one.visible = Boolean(at);
-        if (at) { one.position.set(...at); one.scale.setScalar(size); }
+        const side = data.beside ? shift * data.sides[m] : 0;
+        if (at) { one.position.set(...at.map((x, k) => x + side * frame[0][k])); one.scale.setScalar(size); }
       });
     }
     renderer.render(scene, eye);
@@ -206,14 +215,14 @@ function plain() {
     const width = canvas.clientWidth, height = canvas.clientHeight;
     canvas.width = width * ratio; canvas.height = height * ratio;
     pen.setTransform(ratio, 0, 0, ratio, (width * ratio) / 2, (height * ratio) / 2);
-    const { frame, middle, half } = camera(width, height), scale = height / 2 / half;
-    const project = (x, y, z) => {
+    const { frame, middle, half, shift } = camera(width, height), scale = height / 2 / half;
+    const project = (x, y, z, side) => {
       const at = [x - middle[0], y - middle[1], z - middle[2]];
-      return [along(frame[0], ...at) * scale, -along(frame[1], ...at) * scale, along(frame[2], ...at)];
+      return [(along(frame[0], ...at) + side * shift) * scale, -along(frame[1], ...at) * scale, along(frame[2], ...at)];
     };
     normals();
     for (let i = 0; i < flat.length; i += 3) {
-      flat.set(project(position[i], position[i + 1], position[i + 2]), i);
+      flat.set(project(position[i], position[i + 1], position[i + 2], beside[i / 3]), i);
       for (let k = 0; k < 3; k++) turned[i + k] = along(frame[k], normal[i], normal[i + 1], normal[i + 2]);
     }
     const order = Array.from({ length: triangles.length / 3 }, (_, k) => k);
@@ -231,11 +240,11 @@ function plain() {
       pen.closePath(); pen.fill(); pen.lineWidth = 0.7; pen.stroke();
     }
     for (const kind of ["simulated", "measured"]) {
-      for (const at of points[kind]) {
-        if (!at) continue;
-        const [u, v] = project(...at);
+      points[kind].forEach((at, m) => {
+        if (!at) return;
+        const [u, v] = project(...at, data.beside ? data.sides[m] : 0);
         mark(pen, kind, u, v, 5, 1.2);
-      }
+      });
     }
   };
 }

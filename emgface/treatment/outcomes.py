@@ -1,0 +1,181 @@
+"""Outcomes of a treatment that clinicians measure, from a face at rest and its motions."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from analysis.scores import amplitude_ratio, correlation_3d
+from emgface.face.lip_shape import lip_rim
+from emgface.muscles import LIP_MARKERS
+from emgface.treatment.motions import Compared
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One number of a face: its name, unit, the movement it requires ("" is rest), and its value."""
+
+    name: str
+    unit: str
+    movement: str
+    value: Callable[[xr.Dataset, xr.Dataset | None], float]
+    #: words of the plain page: what a larger and a smaller value mean
+    plain: str = ""
+
+
+def _marker(motion: xr.Dataset, name: str) -> Floats:
+    return motion["position"].sel(marker=name).transpose("time", "axis").values
+
+
+def _moved(motion: xr.Dataset, name: str) -> float:
+    """Largest displacement of a marker [m]."""
+    path = _marker(motion, name)
+    return float(np.linalg.norm(path - path[0], axis=1).max())
+
+
+def _mouth_width(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+    node = face["marker_node"].values
+    x = face["position"].values[node]
+    left, right = (LIP_MARKERS.index(name) for name in ("corner_left", "corner_right"))
+    return float(np.linalg.norm(x[left] - x[right]))
+
+
+def _margin(lip: str) -> Callable[[xr.Dataset, xr.Dataset | None], float]:
+    def length(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+        x = face["position"].values[getattr(lip_rim(face), lip)]
+        return float(np.linalg.norm(np.diff(x, axis=0), axis=1).sum())
+
+    return length
+
+
+def _height(lip: str) -> Callable[[xr.Dataset, xr.Dataset | None], float]:
+    """Height of the vermilion in the midline: from the margin to its border."""
+
+    def height(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+        from emgface.face.parts import facets_of, surface_names
+
+        name = f"{lip}_lip_vermilion"
+        if name not in surface_names(face):
+            return float("nan")
+        x = face["position"].values
+        margin = x[int(face["lip_opening_node"].values[0 if lip == "upper" else 1])]
+        nodes = np.unique(facets_of(face, name))
+        here = nodes[np.abs(x[nodes, 0] - margin[0]) < 5e-3]
+        return float(np.abs(x[here, 2] - margin[2]).max()) if len(here) else float("nan")
+
+    return height
+
+
+def _skin_asymmetry(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+    """Mean distance of the lip markers from the mirror images of their partners [m]."""
+    nodes = face["marker_node"].values
+    x = dict(zip(map(str, LIP_MARKERS), face["position"].values[nodes], strict=True))
+    pairs = [(n, n.replace("left", "right")) for n in LIP_MARKERS if n.endswith("left")]
+    mirror = np.array([-1.0, 1.0, 1.0])
+    return float(np.mean([np.linalg.norm(x[a] * mirror - x[b]) for a, b in pairs]))
+
+
+def _opened(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+    assert motion is not None
+    return float(motion["lip_opening"].max())
+
+
+def _residual_area(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+    assert motion is not None
+    return float(motion["mouth_area"].min()) if "mouth_area" in motion else float("nan")
+
+
+def _protrusion(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+    assert motion is not None
+    if "lip_protrusion" not in motion:
+        return float("nan")
+    path = motion["lip_protrusion"].values
+    return float((path - path[0]).max())
+
+
+def _narrowing(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+    assert motion is not None
+    width = np.linalg.norm(_marker(motion, "corner_left") - _marker(motion, "corner_right"), axis=1)
+    return float(width[0] - width.min())
+
+
+def _smile(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+    assert motion is not None
+    return 0.5 * (_moved(motion, "corner_left") + _moved(motion, "corner_right"))
+
+
+def smile_asymmetry(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+    """Excursion of the right corner minus that of the left, over their sum [1]."""
+    assert motion is not None
+    left, right = _moved(motion, "corner_left"), _moved(motion, "corner_right")
+    return (right - left) / max(right + left, 1e-9)
+
+
+OUTCOMES: Final = (
+    Outcome("mouth width", "mm", "", _mouth_width, "the width of the mouth"),
+    Outcome("length of the upper lip margin", "mm", "", _margin("upper")),
+    Outcome("length of the lower lip margin", "mm", "", _margin("lower")),
+    Outcome("upper vermilion height", "mm", "", _height("upper"), "the red of the upper lip"),
+    Outcome("lower vermilion height", "mm", "", _height("lower"), "the red of the lower lip"),
+    Outcome("asymmetry of the lips at rest", "mm", "", _skin_asymmetry),
+    Outcome("lip opening", "mm", "opening", _opened, "how far the lips open"),
+    Outcome(
+        "residual gap when closing", "mm2", "closing", _residual_area,
+        "the gap that remains when the lips are pressed together",
+    ),
+    Outcome("pursing, protrusion", "mm", "A", _protrusion, "how far the lips come forward"),
+    Outcome("pursing, narrowing", "mm", "A", _narrowing, "how far the corners come together"),
+    Outcome("smile, excursion of the corners", "mm", "D", _smile, "how far the corners move in a smile"),
+    Outcome("smile, asymmetry", "1", "D", smile_asymmetry),
+)  # fmt: skip
+"""All outcomes; a new one is an entry."""
+
+FACTOR: Final = {"mm": 1e3, "mm2": 1e6, "1": 1.0}
+
+
+def outcome_table(intact: xr.Dataset, treated: xr.Dataset, motions: Compared) -> pd.DataFrame:
+    """Table with ``outcome``, ``unit``, ``before``, ``after`` and ``change``; NaN where undefined.
+
+    For every movement, amplitude ratio and rho of the treated to the intact face follow, medians over
+    the lip markers.
+    """
+    rows: list[tuple[str, str, float, float]] = []
+    for outcome in OUTCOMES:
+        pair = [
+            outcome.value(face, done.get(outcome.movement)) * FACTOR[outcome.unit]
+            if not outcome.movement or outcome.movement in done
+            else float("nan")
+            for face, done in ((intact, motions.intact), (treated, motions.treated))
+        ]
+        rows.append((outcome.name, outcome.unit, pair[0], pair[1]))
+    table = pd.DataFrame(rows, columns=["outcome", "unit", "before", "after"])
+    table["change"] = table["after"] - table["before"]
+    numbers = ["before", "after", "change"]
+    table[numbers] = table[numbers].where(table[numbers].abs() > 5e-4, 0.0)  # without -0.00
+    return table
+
+
+def movement_table(motions: Compared) -> pd.DataFrame:
+    """Agreement of each movement after with before the treatment: amplitude ratio and rho.
+
+    Both are medians over the lip markers; the displacements from the start of each face are compared.
+    """
+    rows: list[tuple[str, str, float, float]] = []
+    for name, before in motions.intact.items():
+        after = motions.treated[name]
+        n = min(before.sizes["time"], after.sizes["time"])
+        moved = [
+            (m["position"] - m["position"].isel(time=0)).isel(time=slice(n)).drop_vars("time")
+            for m in (before, after)
+        ]
+        ratio = float(np.nanmedian(amplitude_ratio(moved[0], moved[1]).values))
+        rho = correlation_3d(moved[0], moved[1], smallest_motion=1e-6).values
+        median = float(np.nanmedian(rho)) if np.isfinite(rho).any() else float("nan")
+        rows.append((name, motions.words[name], ratio, median))
+    return pd.DataFrame(rows, columns=["movement", "words", "amplitude ratio", "rho"])

@@ -1,0 +1,265 @@
+"""Pages that compare a treated with the intact face: both move side by side under one time cursor."""
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from markupsafe import Markup
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from analysis.tables import Column, Table
+from emgface.face.lip_shape import lip_rim
+from emgface.face.surface import element_edges
+from emgface.pictures.body import Body, body_of, skin_of
+from emgface.pictures.encoding import (
+    body_data,
+    deltas,
+    levels,
+    middle_of,
+    muscle_names,
+    packed,
+    whole,
+)
+from emgface.pictures.page import as_json, cells, environment, policy, style, viewer_script
+from emgface.pictures.render import VIEWS
+from emgface.treatment.motions import Compared
+from emgface.treatment.outcomes import OUTCOMES
+from emgface.treatment.outline import outline_of
+from emgface.treatment.plan import CUTS, NOT_VALIDATED, Plan
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+CUT: Final = (0.62, 0.10, 0.16)  #: colour of the tissue that is removed
+STITCH: Final = ((0.98, 0.80, 0.25), (0.55, 0.05, 0.10))  #: suture, from no to the largest stress
+NEAR_SUTURE: Final = 1.3e-3  #: distance from the suture within which it is drawn [m]
+NO_SENSATION: Final = (
+    "Sensation is not modelled. The activations after the treatment are those before it, which no "
+    "person will repeat exactly. Scar, joining of fibres and their retraction have no measured values."
+)
+
+
+def side_by_side(
+    intact: xr.Dataset, treated: xr.Dataset, motions: Compared, activations: dict[str, xr.DataArray],
+    folder: Path,
+) -> dict[str, Any]:  # fmt: skip
+    """Surfaces and motions of both faces as data of the viewer."""
+    names = list(motions.intact)
+    bodies = [_drawn_plan(intact, treated, folder), _drawn_suture(treated)]
+    rest = [f["position"].values[skin_of(f).node] for f in (intact, treated)]
+    centre = middle_of(np.concatenate(rest))
+    body, beside = joined(*bodies)
+    data = body_data(body, np.concatenate(rest))
+    trials = [_trial(name, motions, activations[name], centre) for name in names]
+    markers = [f"{m} {when}" for when in ("before", "after") for m in intact["marker"].values]
+    return data | {
+        "beside": packed(beside),
+        "sides": [-1] * intact.sizes["marker"] + [1] * treated.sizes["marker"],
+        "what": "faces before (left) and after (right) a simulated treatment",
+        "instructions": {name: motions.words[name] for name in names},
+        "strategies": [""],
+        "markers": markers,
+        "muscles": muscle_names(intact["muscle"].values),
+        "trials": trials,
+    }
+
+
+def _trial(
+    name: str, motions: Compared, activation: xr.DataArray, centre: Floats
+) -> dict[str, Any]:
+    pair = motions.intact[name], motions.treated[name]
+    n = min(m.sizes["frame"] for m in pair)
+    time = pair[0]["frame_time"].values[:n]
+    order = ("frame", "surface_node", "axis")
+    skins = [m["surface_position"].transpose(*order).values[:n] for m in pair]
+    marks = [
+        m["position"].transpose("time", "marker", "axis").sel(time=time, method="nearest").values
+        for m in pair
+    ]
+    sigma = [float(m.attrs["sigma_max"]) / 1e3 for m in pair]
+    pace, start = pair[0].attrs["recorded_pace"], pair[0].attrs["recorded_start"]
+    return {
+        "instruction": name,
+        "strategy": "",
+        "label": name,
+        "about": f"Simulated, {motions.words[name]}: before on the left, after on the right, with the "
+        f"same activations and sigma_max {sigma[0]:.4g} kPa. {NOT_VALIDATED.capitalize()}.",
+        "time": [round(float(t), 4) for t in time],
+        "skin": deltas(whole(np.concatenate(skins, axis=1), centre)),
+        "simulated": deltas(whole(np.concatenate(marks, axis=1), centre)),
+        "activation": levels(activation, start + pace * time),
+    }
+
+
+def joined(one: Body, two: Body) -> tuple[Body, NDArray[np.int8]]:
+    """Body of two bodies, and the side (points,) of every point: -1 of the first, 1 of the second."""
+    sizes = [
+        (b.n, b.tissue - b.n, len(b.rules) - (b.tissue - b.n), len(b.teeth)) for b in (one, two)
+    ]
+    starts = np.cumsum([0, *(sizes[k][part] for part in range(4) for k in (0, 1))])
+    # points in the order: nodes, refined points, points behind the mouth, teeth, of both bodies
+    places: list[Indices] = []
+    for k in (0, 1):
+        parts = [starts[2 * part + k] + np.arange(sizes[k][part]) for part in range(4)]
+        places.append(np.concatenate(parts))
+    rules = [
+        np.split(places[k][b.rules].reshape(-1, 4), [sizes[k][1]]) for k, b in enumerate((one, two))
+    ]
+    colour = np.empty((int(starts[-1]), 3))
+    side = np.empty(int(starts[-1]), dtype=np.int8)
+    for k, b in enumerate((one, two)):
+        colour[places[k]] = b.colour
+        side[places[k]] = 2 * k - 1
+    body = Body(
+        one.n + two.n,
+        np.concatenate([r[part] for part in (0, 1) for r in rules]),
+        np.concatenate([one.teeth, two.teeth]),
+        np.concatenate([places[0][one.triangle], places[1][two.triangle]]),
+        colour,
+        one.tissue + two.tissue,
+    )  # fmt: skip
+    return body, side
+
+
+def _drawn_plan(intact: xr.Dataset, treated: xr.Dataset, folder: Path) -> Body:
+    """Body of the intact face with the excisions of the plan drawn on the skin."""
+    skin = skin_of(intact)
+    body = body_of(intact, skin)
+    points = body.points(intact["position"].values[skin.node])[: body.tissue]
+    rim = lip_rim(intact)
+    margins = {lip: intact["position"].values[getattr(rim, lip)] for lip in ("upper", "lower")}
+    for entry in json.loads(treated.attrs.get("treatment", "[]")):
+        for step in Plan.model_validate(entry["plan"]).step:
+            if not isinstance(step, CUTS):
+                continue
+            outline = outline_of(intact, step, folder)
+            away = {lip: KDTree(x).query(points)[0] for lip, x in margins.items()}
+            other = "upper" if step.lip == "lower" else "lower"
+            mine = outline.contains(outline.chart.flat(points)) & (away[step.lip] < away[other])
+            depth = (points - outline.chart.origin) @ outline.chart.out
+            body.colour[: body.tissue][mine & (np.abs(depth) < 15e-3)] = CUT
+    return body
+
+
+def _drawn_suture(treated: xr.Dataset) -> Body:
+    """Body of the treated face with the suture, coloured by the force on its nodes."""
+    skin = skin_of(treated)
+    body = body_of(treated, skin)
+    if "suture_node" not in treated:
+        return body
+    position = treated["position"].values
+    points = body.points(position[skin.node])[: body.tissue]
+    node = treated["suture_node"].values
+    pull = np.linalg.norm(treated["suture_traction"].values, axis=1)
+    edges, _ = element_edges(treated["connectivity"].values)
+    edges = np.unique(edges[np.isin(edges, node).all(axis=1)], axis=0)
+    if not len(edges):
+        return body
+    share = np.linspace(0.0, 1.0, 12)[:, None, None]
+    ends = position[edges]
+    line = ((1.0 - share) * ends[:, 0] + share * ends[:, 1]).reshape(-1, 3)
+    force = np.zeros(treated.sizes["node"])
+    force[node] = pull / max(float(pull.max()), 1e-12)
+    level = (
+        (1.0 - share[..., 0]) * force[edges[:, 0]] + share[..., 0] * force[edges[:, 1]]
+    ).ravel()
+    away, nearest = KDTree(line).query(points)
+    mine = away < NEAR_SUTURE
+    low, high = np.array(STITCH[0]), np.array(STITCH[1])
+    body.colour[: body.tissue][mine] = (low + level[nearest][:, None] * (high - low))[mine]
+    return body
+
+
+def _table(frame: pd.DataFrame, title: str, note: str = "") -> dict[str, Any]:
+    columns = tuple(Column(str(name), digits=2) for name in frame.columns)
+    return cells(Table(title, columns, tuple(map(tuple, frame.to_numpy().tolist())), note))
+
+
+def compare_page(
+    intact: xr.Dataset,
+    treated: xr.Dataset,
+    motions: Compared,
+    activations: dict[str, xr.DataArray],
+    tables: tuple[pd.DataFrame, pd.DataFrame],
+    *,
+    folder: Path = Path(),
+    plain: bool = False,
+) -> str:
+    """Write the page of a comparison as HTML without network requests; `plain` is that for the person.
+
+    `tables` are those of `emgface.treatment.outcomes`.
+    """
+    from emgface import __version__
+
+    data = side_by_side(intact, treated, motions, activations, folder)
+    entries = json.loads(treated.attrs.get("treatment", "[]"))
+    reports = [
+        {"step": str(k["step"]), "kind": k["kind"], "facts": _facts(k)}
+        for entry in entries
+        for k in entry["steps"]
+    ]
+    script = viewer_script()
+    outcomes, movements = tables
+    rendered = environment("emgface.treatment").get_template(
+        "person.html" if plain else "compare.html"
+    )
+    return rendered.render(
+        viewer=as_json(data),
+        labels={"simulated": "lip markers, simulated", "measured": "recording"},
+        views=VIEWS,
+        tag="simulated · before | after",
+        title="Movement of the lips before and after a simulated treatment",
+        names=(str(intact.attrs["name"]), str(treated.attrs["name"])),
+        source=motions.source,
+        steps=reports,
+        failed=motions.failed,
+        sentences=plain_sentences(outcomes, movements),
+        outcomes=_table(outcomes, "outcomes, simulated"),
+        movements=_table(movements, "movement after, relative to before, simulated"),
+        warning=NOT_VALIDATED,
+        limits=NO_SENSATION,
+        version=__version__,
+        style=style(),
+        script=Markup(script),
+        policy=policy(script),
+    )
+
+
+def _facts(step: dict[str, Any]) -> list[tuple[str, str]]:
+    """Names and values of the report of a step, as text."""
+
+    def told(value: Any) -> str:
+        if isinstance(value, float):
+            return f"{value:.4g}"
+        return ", ".join(map(str, value)) or "none" if isinstance(value, list) else str(value)
+
+    return [
+        (str(k).replace("_", " "), told(v)) for k, v in step.items() if k not in ("step", "kind")
+    ]
+
+
+def plain_sentences(outcomes: pd.DataFrame, movements: pd.DataFrame) -> list[str]:
+    """Sentences without terms of the field on what becomes larger and what smaller."""
+    words = {outcome.name: outcome.plain for outcome in OUTCOMES if outcome.plain}
+    found: list[str] = []
+    for row in outcomes.itertuples():
+        name, before, after = str(row.outcome), float(row.before), float(row.after)  # pyright: ignore
+        if name not in words or not np.isfinite([before, after]).all():
+            continue
+        if abs(after - before) < 0.05 * max(abs(before), 0.2):
+            found.append(f"In the model, {words[name]} stays about the same.")
+            continue
+        size = "more" if after > before else "less"
+        unit = "square millimetres" if row.unit == "mm2" else "millimetres"
+        found.append(
+            f"In the model, {words[name]} is {size}: {after:.1f} instead of {before:.1f} {unit}."
+        )
+    for row in movements.itertuples():
+        share = float(row[3])
+        if np.isfinite(share):
+            found.append(f"“{row.words}”: the movement is {100 * share:.0f} % of that before.")
+    return found

@@ -1,0 +1,270 @@
+"""Treatment of a face: the steps of a plan in their order, each on the result of the last."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from emgface.errors import FaceError
+from emgface.face.quality import element_centres, element_quality
+from emgface.face.recipe import compose_scene, element_order
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.surface import element_faces, face_areas
+from emgface.face.validity import check_face
+from emgface.study.digest import dataset_digest
+from emgface.treatment.changes import apply_change, apply_palsy, with_factor, with_share
+from emgface.treatment.closure import Closed, Progress, drawn_together, relaxed, ties
+from emgface.treatment.excise import Wound, excise
+from emgface.treatment.outline import MM, outline_of
+from emgface.treatment.plan import (
+    CUTS,
+    NOT_VALIDATED,
+    Change,
+    Incision,
+    Palsy,
+    Plan,
+    Tumour,
+    Wedge,
+)
+from emgface.treatment.rebuild import rebuilt
+from sim.elements import HEX8, WEDGE6
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Report = dict[str, Any]
+
+
+def treat_face(
+    face: xr.Dataset,
+    plan: Plan,
+    parameters: SimulationParameters | None = None,
+    *,
+    folder: Path = Path(),
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Apply the steps of a plan to a face, and return the treated face.
+
+    The result is a face_model, with the plan and the report of every step in the attribute
+    ``treatment`` (JSON) and the digest of the untreated face in ``parent``; a plan without effect
+    returns the face itself. `parameters` are those of the tissue that is closed (default: those of a
+    simulation); later runs with other parameters find their own equilibrium. `folder` contains the
+    surfaces of tumours. Raises FaceError, naming the step and the reason, if a step is not possible.
+    """
+    parameters = parameters or SimulationParameters()
+    treated, reports = face, list[Report]()
+    for number, step in enumerate(plan.step, 1):
+        try:
+            found, report = _APPLY[type(step)](treated, step, parameters, folder, progress)
+            treated = found if found is treated else check_face(found)
+        except FaceError as error:
+            if isinstance(step, CUTS) and "inverted at rest" in str(error):
+                error = FaceError(
+                    "the closure folds elements at the suture, expected none to be inverted: choose a "
+                    f"smaller width, another shape, or a finer face ({error})"
+                )
+            raise FaceError(f"step {number} ({step.kind}) of {plan.name!r}: {error}") from error
+        reports.append({"step": number, "kind": step.kind, **report})
+    if treated is face:
+        return face
+    earlier = json.loads(face.attrs.get("treatment", "[]"))
+    entry = {"plan": plan.model_dump(mode="json"), "steps": reports, "note": NOT_VALIDATED}
+    treated.attrs |= {
+        "treatment": json.dumps([*earlier, entry], allow_nan=False),
+        "parent": face.attrs.get("parent") or dataset_digest(face),
+        "name": f"{face.attrs['name']}, simulated treatment: {plan.name}",
+    }
+    return treated
+
+
+def _cut(
+    face: xr.Dataset,
+    step: Wedge | Tumour | Incision,
+    parameters: SimulationParameters,
+    folder: Path,
+    progress: Progress | None,
+) -> tuple[xr.Dataset, Report]:
+    """Excise, close and scar; a step of no size changes nothing."""
+    if (isinstance(step, Wedge) and 0.0 in (step.width, step.height)) or (
+        isinstance(step, Incision) and step.height == 0.0
+    ):
+        return face, {"effect": "none: the size is 0"}
+    outline = outline_of(face, step, folder)
+    wound = excise(face, outline, step.lip, step.method)
+    p = parameters.model_copy(
+        update={
+            "gravity": False,
+            "contact": parameters.contact.model_copy(update={"method": "none"}),
+        }
+    )
+    same = ties(wound.pairs, len(wound.position))
+    opened, at = rebuilt(face, wound, np.arange(len(wound.position)), wound.position)
+    met = wound.position.copy()
+    local = at >= 0
+    joined = np.full(opened.sizes["node"], -1)
+    joined[at[local]] = at[same[local]]
+    aim = wound.position.copy()
+    aim[wound.pairs] = wound.aims[:, None]
+    open_aim = opened["position"].values.copy()
+    open_aim[at[local]] = aim[local]
+    open_scene = compose_scene(opened, p)
+    try:
+        drawn = drawn_together(open_scene, joined, open_aim, progress=progress)
+    except FaceError:  # some wounds close along straight paths only
+        drawn = drawn_together(open_scene, joined, progress=progress)
+    met[local] = drawn[at[local]]
+    tied, number = rebuilt(face, wound, same, _mean(met, same))
+    suture = np.unique(number[wound.pairs[:, 0]])
+    F0 = centre_stretch(wound.stress_free, wound.position, wound.connectivity)
+    own = F0[tied["bundle_index"].values]
+    mesh_directions = tied["bundle_direction"].values[..., None]
+    before = np.asarray(np.linalg.solve(own, mesh_directions)[..., 0], dtype=np.float64)
+    side = _one_side(wound)[element_order(tied).face_index]
+
+    def at_rest(state: xr.Dataset) -> tuple[xr.Dataset, Closed]:
+        scene = compose_scene(carried(state, before), p)
+        found = relaxed(scene, state["position"].values, side, suture)
+        moved = state.assign(position=(("node", "axis"), found.position, {"units": "m"}))
+        return carried(moved, before), found
+
+    closed, closing = at_rest(tied)
+    report: Report = {"closing_force_N": closing.force}
+    scarred, told = _scarred(closed, face, step, suture, wound)
+    if scarred is not closed:
+        closed, closing = at_rest(scarred)
+    report |= told
+    closed["suture_node"] = ("suture", suture.astype(np.int32), {"units": "1"})
+    area = _wall_area(closing.position, wound, number)
+    stress = np.linalg.norm(closing.traction[suture], axis=1).sum() / area if area else 0.0
+    closed["suture_traction"] = (
+        ("suture", "axis"), closing.traction[suture], {"units": "N"},
+    )  # fmt: skip
+    quality = element_quality(face["position"].values, face["connectivity"].values)
+    return closed, {
+        "removed_volume_mm3": 1e9 * wound.removed,
+        "removed_share_of_margin": outline.share,
+        "volume_before_mm3": 1e9 * float(quality.volume.sum()),
+        "widest_gap_mm": 1e3 * _gap(wound),
+        "mean_suture_stress_Pa": float(stress),
+        "imbalance_N": closing.imbalance,
+        "smallest_J": closing.smallest_J,
+        "moved_markers": closed.attrs.pop("moved_markers", ""),
+        **report,
+    }
+
+
+def _mean(position: Floats, same: Integers) -> Floats:
+    """Positions in which all nodes that are the same have their mean."""
+    total, count = np.zeros_like(position), np.bincount(same, minlength=len(same))
+    np.add.at(total, same, position)
+    return (total / np.maximum(count, 1)[:, None])[same]
+
+
+def _gap(wound: Wound) -> float:
+    a, b = wound.position[wound.pairs.T]
+    return float(np.linalg.norm(a - b, axis=1).max(initial=0.0))
+
+
+def carried(face: xr.Dataset, before: Floats) -> xr.Dataset:
+    """Face with fibre directions that are `before` (rows, 3) in its stress-free state."""
+    free = face["stress_free_position"].values
+    position, connectivity = face["position"].values, face["connectivity"].values
+    F0 = centre_stretch(free, position, connectivity)[face["bundle_index"].values]
+    direction = np.einsum("rij,rj->ri", F0, before)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    return face.assign(bundle_direction=(("bundle_element", "axis"), direction, {"units": "1"}))
+
+
+def centre_stretch(free: Floats, position: Floats, connectivity: Integers) -> Floats:
+    """F0 (elements, 3, 3) at the centres, from the stress-free state to the face."""
+    F0 = np.tile(np.eye(3), (len(connectivity), 1, 1))
+    wedge = connectivity[:, 6] < 0
+    for kind, chosen in ((HEX8, ~wedge), (WEDGE6, wedge)):
+        dN = kind.dN.mean(axis=0)
+        rows = connectivity[chosen, : kind.n_nodes]
+        after = np.einsum("eai,aj->eij", position[rows], dN)
+        F0[chosen] = after @ np.linalg.inv(
+            np.einsum("eai,aj->eij", free[chosen, : kind.n_nodes], dN)
+        )
+    return F0
+
+
+def _one_side(wound: Wound) -> NDArray[np.bool_]:
+    """Mask of the elements at the first nodes of the pairs.
+
+    In an incision, both edges have the same nodes; the side is then that of the middle of the element.
+    """
+    left, right = wound.pairs.T
+    if (left == right).all():
+        points = wound.position[left]
+        across = np.linalg.svd(points - points.mean(axis=0))[2][2]
+        centres = element_centres(wound.position, wound.connectivity)
+        return np.asarray((centres - points.mean(axis=0)) @ across > 0.0)
+    own = np.setdiff1d(left, right)
+    touching = np.isin(wound.connectivity, own) & (wound.connectivity >= 0)
+    return np.asarray(touching.any(axis=1))
+
+
+def _wall_area(position: Floats, wound: Wound, number: Integers) -> float:
+    """Area of the sutured surface: faces between two elements with sutured nodes only [m^2]."""
+    rows = np.where(wound.connectivity < 0, -1, number[wound.connectivity])
+    faces, _ = element_faces(rows)
+    mine = faces[np.isin(faces, number[wound.pairs[:, 0]]).all(axis=1)]
+    shared, count = np.unique(np.sort(mine, axis=1), axis=0, return_counts=True)
+    twice = {tuple(row) for row in shared[count == 2].tolist()}
+    walls = {tuple(sorted(row)): row for row in mine.tolist() if tuple(sorted(row)) in twice}
+    return float(face_areas(position, np.array([*walls.values()])).sum()) if walls else 0.0
+
+
+def _scarred(
+    closed: xr.Dataset, face: xr.Dataset, step: Any, suture: Integers, wound: Wound
+) -> tuple[xr.Dataset, Report]:
+    """Stiffen the scar, and remove the muscle in it and at the ends of fibres not joined."""
+    position = closed["position"].values
+    centres = element_centres(position, closed["connectivity"].values)
+    away = np.asarray(KDTree(position[suture]).query(centres)[0])
+    scar = away <= MM * step.scar.radius if step.scar else np.zeros(len(away), dtype=bool)
+    if step.scar and scar.any():
+        closed = with_factor(closed, np.where(scar, step.scar.stiffness, 1.0))
+    names = [str(m) for m in closed["muscle"].values]
+    gone = np.setdiff1d(np.arange(face.sizes["element"]), wound.parent)
+    hit = np.isin(face["bundle_index"].values, np.union1d(gone, wound.parent[wound.changed]))
+    severed = {names[m] for m in face["bundle_muscle"].values[hit]}
+    apart = sorted(name for name in severed if not step.joins(name))
+    element, muscle = closed["bundle_index"].values, closed["bundle_muscle"].values
+    off = scar[element]
+    ends = away <= MM * step.retraction
+    off |= ends[element] & np.isin(muscle, [names.index(name) for name in apart])
+    if off.any():
+        closed = with_share(closed, np.where(off, 0.0, 1.0))
+    return closed, {
+        "severed_muscles": sorted(severed),
+        "not_joined": apart,
+        "scar_elements": int(scar.sum()),
+    }
+
+
+def _change(
+    face: xr.Dataset, step: Change, parameters: SimulationParameters, folder: Path, _: Any
+) -> tuple[xr.Dataset, Report]:
+    return apply_change(face, step)
+
+
+def _palsy(
+    face: xr.Dataset, step: Palsy, parameters: SimulationParameters, folder: Path, _: Any
+) -> tuple[xr.Dataset, Report]:
+    return apply_palsy(face, step)
+
+
+_APPLY: Final[dict[type, Callable[..., tuple[xr.Dataset, Report]]]] = {
+    Wedge: _cut,
+    Tumour: _cut,
+    Incision: _cut,
+    Change: _change,
+    Palsy: _palsy,
+}
+"""Function that applies each kind of step; a new kind is a class of the plan and an entry."""

@@ -1,0 +1,231 @@
+"""Treated faces against closed forms, untreated faces and mirror images."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+
+import emgface as ef
+from emgface.choices import configure
+from emgface.errors import ConfigurationError, FaceError
+from emgface.face.file import load_face, save_face
+from emgface.face.motion import settle_face, simulate_face
+from emgface.face.recipe import compose_scene
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.schema.validation import schema_folder
+from emgface.treatment.motions import gestures
+from emgface.treatment.plan import NOT_VALIDATED, Plan, plan_schema_text, read_plan
+from emgface.treatment.volume import sampled_volume
+
+FREE = {"contact": {"method": "none"}}
+QUICK = configure(SimulationParameters, {"accuracy": "draft", **FREE, "sigma_max": 100e3})
+
+
+def wedge(**given):
+    step = {"kind": "wedge", "width": 12.0, "height": 11.0, "place": 0.44} | given
+    return {"step": [step]}
+
+
+@pytest.fixture(scope="module")
+def operated(coarse):
+    return ef.treat(coarse, wedge())
+
+
+def report(face):
+    return json.loads(face.attrs["treatment"])[-1]["steps"][-1]
+
+
+def test_the_schema_of_a_plan_is_that_of_its_model():
+    written = (schema_folder() / "treatment.json").read_text(encoding="utf-8")
+    assert written == plan_schema_text(), "write emgface.treatment.plan.plan_schema_text() to it"
+
+
+@pytest.mark.parametrize("size", [{"width": 0.0}, {"height": 0.0}])
+def test_a_wedge_of_no_size_returns_the_face_itself(coarse, size):
+    assert ef.treat(coarse, wedge(**size)) is coarse
+    assert ef.treat(coarse, {}) is coarse
+
+
+@pytest.mark.parametrize("shape", ["V", "W", "shield"])
+def test_the_removed_volume_is_that_of_the_tissue_within_the_outline(coarse, shape):
+    plan = wedge(shape=shape, scar=False)
+    treated = ef.treat(coarse, plan)
+    assert report(treated)["removed_volume_mm3"] == pytest.approx(
+        1e9 * sampled_volume(coarse, plan["step"][0]), rel=0.02
+    )
+
+
+def test_the_closed_face_is_at_rest_and_differs_by_the_gap_alone(coarse, operated):
+    scene = compose_scene(operated, configure(SimulationParameters, {"gravity": False, **FREE}))
+    from sim import compile_scene
+
+    system = compile_scene(scene)
+    silent = system.control(np.zeros(len(system.muscles)))
+    force = system.force(system.rest_state().q, silent).f.reshape(-1)
+    assert np.abs(force[system.free]).max() < 1e-8
+    assert report(operated)["closing_force_N"] > 0.05
+    x = operated["position"].values
+    away = KDTree(coarse["position"].values).query(x)[0]
+    far = np.abs(x[:, 0]) > 0.05
+    assert far.any() and away[far].max() < 0.1 * away.max()
+
+
+def test_an_incision_without_removal_moves_like_the_intact_face(coarse):
+    treated = ef.treat(coarse, {"step": [{"kind": "incision", "place": 0.42, "scar": False}]})
+    assert treated.sizes["element"] > coarse.sizes["element"]
+    moved = [
+        simulate_face(f, gestures(f)["A"], QUICK, settled=settle_face(f, QUICK))["position"].values
+        for f in (coarse, treated)
+    ]
+    size = np.linalg.norm(moved[0] - moved[0][..., :1], axis=1).max()
+    assert size > 1e-3
+    assert np.linalg.norm(moved[0] - moved[1], axis=1).max() < 0.05 * size
+
+
+def test_a_mirrored_plan_gives_the_mirrored_face(coarse):
+    one, two = (ef.treat(coarse, wedge(place=p, shape="shield")) for p in (0.4, 0.6))
+    mirrored = one["position"].values * [-1.0, 1.0, 1.0]
+    assert KDTree(mirrored).query(two["position"].values)[0].max() < 1e-9
+
+
+def test_palsy_weakens_the_active_stress_alone(coarse):
+    palsy = {"kind": "palsy", "side": "left", "degree": 1.0}
+    weak = ef.treat(coarse, {"step": [palsy]})
+    from sim import compile_scene
+
+    p = QUICK.model_copy(update={"gravity": False})
+    before, after = (compile_scene(compose_scene(f, p)) for f in (coarse, weak))
+    rng = np.random.default_rng(0)
+    q = before.rest_state().q * (1.0 + 0.01 * rng.standard_normal((len(coarse["node"]), 1)) * 0.1)
+    q = q * [1.2, 1.0, 1.0]  # fibres are stretched, so that their passive stress acts
+    silent = before.control(np.zeros(20))
+    np.testing.assert_allclose(
+        after.force(q, silent).f, before.force(q, silent).f, rtol=1e-9, atol=1e-12
+    )
+    left = np.array([str(m).endswith("_L") for m in coarse["muscle"].values])
+    pull = before.control(left.astype(float))
+    np.testing.assert_allclose(
+        after.force(q, pull).f, after.force(q, silent).f, rtol=1e-5, atol=1e-7
+    )
+    assert np.abs(before.force(q, pull).f - before.force(q, silent).f).max() > 1e-3
+
+
+def test_a_change_of_stiffness_multiplies_the_passive_forces(coarse):
+    stiff = ef.treat(coarse, {"step": [{"kind": "change", "stiffness": 2.5}]})
+    from sim import compile_scene
+
+    p = QUICK.model_copy(update={"gravity": False, "P1": 1e-9})
+    systems = [compile_scene(compose_scene(f, p)) for f in (coarse, stiff)]
+    silent = systems[0].control(np.zeros(20))
+    q = systems[0].rest_state().q * [1.1, 1.0, 0.95]
+    force = [s.force(q, silent).f for s in systems]
+    np.testing.assert_allclose(force[1], 2.5 * force[0], rtol=1e-6, atol=1e-8)
+
+
+def test_steps_combine_in_their_order_and_a_file_holds_them(coarse, tmp_path):
+    text = """
+    name = "both lips"
+    [[step]]
+    kind = "wedge"
+    width = 9.0
+    height = 9.0
+    [[step]]
+    kind = "wedge"
+    lip = "upper"
+    place = 0.3
+    width = 8.0
+    height = 8.0
+    [[step]]
+    kind = "palsy"
+    branch = "mandibular"
+    degree = 0.5
+    """
+    (tmp_path / "plan.toml").write_text(text, encoding="utf-8")
+    treated = ef.treat(coarse, tmp_path / "plan.toml")
+    again = load_face(save_face(treated, tmp_path / "treated.nc"))
+    entry = json.loads(again.attrs["treatment"])[-1]
+    assert [s["kind"] for s in entry["steps"]] == ["wedge", "wedge", "palsy"]
+    assert entry["note"] == NOT_VALIDATED
+    assert "simulated" in again.attrs["name"]
+    np.testing.assert_array_equal(again["stress_free_position"], treated["stress_free_position"])
+    assert again["muscle_strength"].sel(muscle="DAO_L") == 0.5
+
+
+def test_a_second_excision_keeps_the_residual_stress_of_the_first(coarse):
+    """Two wedges far from each other: the suture of the first has the same pull after the second."""
+    first = wedge(place=0.32, width=8.0, height=8.0)["step"]
+    second = wedge(place=0.5, lip="upper", width=8.0, height=8.0)["step"]
+    one, both = ef.treat(coarse, {"step": first}), ef.treat(coarse, {"step": [*first, *second]})
+    volumes = [_stress_free_volume(face) for face in (coarse, one, both)]
+    removed = [
+        1e-9 * r["removed_volume_mm3"] for r in json.loads(both.attrs["treatment"])[-1]["steps"]
+    ]
+    assert volumes[0] - volumes[1] == pytest.approx(removed[0], rel=0.05)
+    assert volumes[1] - volumes[2] == pytest.approx(removed[1], rel=0.05)
+
+
+def _stress_free_volume(face):
+    scene = compose_scene(face, QUICK)
+    return float(scene.terms[0].node_mass(scene.mesh).sum()) / QUICK.density
+
+
+@pytest.mark.parametrize(
+    ("step", "reason"),
+    [
+        (wedge(place=0.05)["step"][0], "corner of the mouth"),
+        (wedge(width=42.0, place=0.5)["step"][0], "cannot be sutured"),
+        ({"kind": "tumour", "centre": [0.0, 60.0, 40.0]}, "not in the lower lip"),
+        (wedge(width=0.6, height=1.0, method="elements")["step"][0], "contains no element"),
+        ({"kind": "tumour", "surface": "../t.stl"}, "in the folder of the plan"),
+        ({"kind": "change", "stiffness": 2.0, "centre": [0, 0, 900], "radius": 1.0}, "no element"),
+    ],
+)
+def test_an_impossible_step_is_refused_with_its_reason(coarse, step, reason):
+    with pytest.raises(FaceError, match=reason) as caught:
+        ef.treat(coarse, {"name": "impossible", "step": [step]})
+    assert "step 1" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("step", "reason"),
+    [
+        ({"kind": "wedge", "width": -1.0}, "greater than or equal to 0"),
+        ({"kind": "wedge", "widht": 1.0}, "widht"),
+        ({"kind": "wedge", "rejoin": ["OOX"]}, "OOX is unknown"),
+        ({"kind": "palsy", "muscles": ["ZYG_R"], "side": "left"}, "none of the muscles"),
+        ({"kind": "tumour"}, "either centre"),
+        ({"kind": "change"}, "expected a factor"),
+        ({"kind": "incision", "method": "elements"}, "removes no element"),
+        ({"kind": "wedge", "height": float("nan")}, "finite"),
+    ],
+)
+def test_a_plan_with_a_wrong_value_is_refused(step, reason):
+    with pytest.raises(ConfigurationError, match=reason):
+        configure(Plan, {"step": [step]}, where="plan")
+
+
+def test_a_file_that_is_no_plan_is_refused(tmp_path):
+    (tmp_path / "plan.toml").write_bytes(b"\xff\xfe[[")
+    with pytest.raises(ConfigurationError, match="cannot be read as a plan"):
+        read_plan(tmp_path / "plan.toml")
+    with pytest.raises(ConfigurationError, match="cannot be read as a plan"):
+        read_plan(tmp_path / "absent.toml")
+
+
+def test_parameters_that_a_treated_face_does_not_support_are_refused(operated):
+    for given in ({"muscle_form": "lines"}, {"prestress": {"method": "stretch"}},
+                  {"incompressibility": "hard"}):  # fmt: skip
+        p = configure(SimulationParameters, given)
+        with pytest.raises(FaceError, match="not implemented for a treated face"):
+            compose_scene(operated, p)
+
+
+def test_the_reference_face_is_operated(shared):
+    from emgface.face.artisynth import import_artisynth
+
+    face = import_artisynth(shared / "artisynth_models")
+    treated = ef.treat(face, wedge(width=8.0, height=8.0, place=0.4))
+    assert report(treated)["smallest_J"] > 0.3
+    assert "lip_triangle" not in treated
+    compose_scene(treated, configure(SimulationParameters, {}))  # with contact
