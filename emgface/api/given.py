@@ -3,37 +3,45 @@
 from collections.abc import Mapping
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, Union
 
 import xarray as xr
 from pydantic import BaseModel
 
 from emgface.choices import configure
 from emgface.errors import SchemaError
-from emgface.face.accuracy import SET_BY_ACCURACY
-from emgface.face.file import load_face
-from emgface.face.simulation_parameters import SimulationParameters
 from emgface.recordings.dataset import read_recording
 from emgface.recordings.fillers import without_fillers
 from emgface.schema.netcdf import read_netcdf
-from emgface.study.configuration import StudyConfiguration
-from emgface.study.faces import study_face
-from emgface.study.file import load_study
-from emgface.study.variants import check_axes
+from emgface.signals.parameters import SignalChain
+
+# The mechanics are imported by the functions that use them: signals require none.
+if TYPE_CHECKING:
+    from emgface.face.simulation_parameters import SimulationParameters
+    from emgface.study.configuration import StudyConfiguration
 
 File = str | PathLike[str]
 Data = xr.Dataset | File
-Given = StudyConfiguration | Mapping[str, Any] | File | None
+Given = Union["StudyConfiguration", Mapping[str, Any], File, None]
 """Study: configuration, content of its file, path of its file, or None for the defaults."""
 
 ModelT = TypeVar("ModelT", bound=BaseModel)
 
 
-def study_of(given: Given) -> StudyConfiguration:
+def signals_of(given: Given) -> SignalChain:
+    """Return the signal chain of a study, as `study_of`; without a study, none is composed."""
+    return SignalChain() if given is None else study_of(given).signals
+
+
+def study_of(given: Given) -> "StudyConfiguration":
     """Return the configuration of a study file, of its content, or the default.
 
     Raises ConfigurationError if the file cannot be read, or a name or value in it is not valid.
     """
+    from emgface.study.configuration import StudyConfiguration
+    from emgface.study.file import load_study
+    from emgface.study.variants import check_axes
+
     if given is None:
         return StudyConfiguration()
     if isinstance(given, StudyConfiguration):
@@ -82,8 +90,11 @@ def recording_of(given: Data, mapping: Mapping[str, Any] | File | None) -> xr.Da
     return read_recording(path_of(given, "a recording"), mapping=named)
 
 
-def face_of(given: Data | None, study: StudyConfiguration) -> xr.Dataset:
+def face_of(given: Data | None, study: "StudyConfiguration") -> xr.Dataset:
     """Return the specified face, or that of the study; FaceError if it is not valid."""
+    from emgface.face.file import load_face
+    from emgface.study.faces import study_face
+
     if given is None:
         return study_face(study.face)
     return given if isinstance(given, xr.Dataset) else load_face(given)
@@ -103,12 +114,15 @@ def changed(model: ModelT, tables: Mapping[str, Any], where: str) -> ModelT:
 
 
 def simulation_of(
-    parameters: SimulationParameters, accuracy: str | None, choices: Mapping[str, Any]
-) -> SimulationParameters:
+    parameters: "SimulationParameters", accuracy: str | None, choices: Mapping[str, Any]
+) -> "SimulationParameters":
     """Return the simulation parameters with the specified accuracy and parameters.
 
     Raises ConfigurationError if the accuracy, a name or a value is not valid.
     """
+    from emgface.face.accuracy import SET_BY_ACCURACY
+    from emgface.face.simulation_parameters import SimulationParameters
+
     values = parameters.model_dump(exclude_unset=True)
     wanted = {} if accuracy is None else {"accuracy": accuracy}
     changes = merged(wanted, choices)

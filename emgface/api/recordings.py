@@ -123,12 +123,11 @@ def activate(
     import numpy as np
     import xarray as xr
 
-    from emgface.api.given import changed, merged, recording_of, study_of
+    from emgface.api.given import changed, merged, recording_of, signals_of
     from emgface.errors import ConfigurationError, FeatureWarning
     from emgface.recordings.quality.plausible import doubts_of
     from emgface.signals.activation import activation_of, feature_range
-    from emgface.study.configuration import TRUE_STRATEGY
-    from emgface.study.truth import true_activation_of
+    from emgface.signals.truth import TRUE_STRATEGY, true_activation_of
 
     given = recording_of(recording, mapping)
     if band is not None and (isinstance(band, str) or np.shape(band) != (2,)):
@@ -147,7 +146,7 @@ def activate(
     extent = reference if isinstance(reference, xr.Dataset) else None
     if reference is not None and extent is None:
         tables = merged(tables, {"normalisation": {"reach": "reference"}})
-    chain = changed(study_of(study).signals, tables, "signals")
+    chain = changed(signals_of(study), tables, "signals")
     if reference is not None and not isinstance(reference, xr.Dataset):
         extent = feature_range((recording_of(one, mapping) for one in reference), chain)
     if strategy == TRUE_STRATEGY:

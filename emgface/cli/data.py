@@ -149,15 +149,12 @@ def features(
 ) -> None:
     """Show the power in the pass-band and the range of the feature of every channel."""
     from analysis.tables import origin_of
+    from emgface.api.given import signals_of
     from emgface.cli.checked import containing
     from emgface.recordings.channels import channel_report
     from emgface.recordings.dataset import read_recording
-    from emgface.signals.parameters import SignalChain
-    from emgface.study.file import load_study
 
-    chain = options.chain_with(
-        SignalChain() if study is None else load_study(study).signals, band=band
-    )
+    chain = options.chain_with(signals_of(study), band=band)
     recording = read_recording(path, mapping=mapping)
     names = [str(name) for name in recording["channel"].values] if "emg" in recording else []
     chosen = containing(channels, names, path.name)

@@ -29,7 +29,6 @@ def activate(
     """Compute muscle activations from the sEMG of a recording."""
     import emgface as ef
     from emgface.cli.tables import activation_rows
-    from emgface.pictures.show import draw
     from emgface.schema.netcdf import write_netcdf
 
     activation = ef.activate(
@@ -50,6 +49,8 @@ def activate(
     if montage := activation.attrs.get("montage"):
         say(f"Montage: {montage}.")
     if plot is not None:
+        from emgface.pictures.show import draw
+
         say(f"Wrote {draw(activation, plot)}.")
     say(f"Wrote {out_path}.")
 

@@ -14,10 +14,10 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import FeatureWarning, SignalError
-from emgface.signals._kernels import running_sum, running_willison
 from emgface.signals.envelope import linear_envelope, neural_activation
 from emgface.signals.filters import TIME_EMG, check_gaps, labelled_feature, row_dim, sampling_rate
 from emgface.signals.parameters import FeatureParameters
+from emgface.signals.running import running_sum, running_willison
 
 Label = Literal["centre", "start", "end"]
 
@@ -89,7 +89,7 @@ def willison_amplitude(
     inclusive = comparison == ">="
 
     def count(row: np.ndarray, n: int, out: np.ndarray, k: int) -> None:
-        running_willison(row, n, float(limits[k]), inclusive, out)
+        out[:] = running_willison(row, n, float(limits[k]), inclusive=inclusive)
 
     feature = _slide(signal, window, label, count, name="wamp", units="1", least=2)
     feature.attrs["comparison"] = comparison
@@ -104,8 +104,7 @@ def root_mean_square(
     """Root mean square [V] of a sliding window of `window` seconds, sqrt(sum s^2 / N)."""
 
     def rms(row: np.ndarray, n: int, out: np.ndarray, k: int) -> None:
-        running_sum(np.square(row), n, out)
-        np.sqrt(out / n, out=out)
+        np.sqrt(running_sum(np.square(row), n) / n, out=out)
 
     return _slide(signal, window, label, rms, name="rms", units="V", least=1)
 
@@ -116,8 +115,7 @@ def mean_absolute_value(
     """Mean absolute value [V] of a sliding window of `window` seconds, sum |s| / N."""
 
     def mav(row: np.ndarray, n: int, out: np.ndarray, k: int) -> None:
-        running_sum(np.abs(row), n, out)
-        out /= n
+        np.divide(running_sum(np.abs(row), n), n, out=out)
 
     return _slide(signal, window, label, mav, name="mav", units="V", least=1)
 
@@ -153,13 +151,13 @@ def _slide(
     signal: xr.DataArray,
     window: float,
     label: Label,
-    kernel: Callable[[np.ndarray, int, np.ndarray, int], None],
+    one_row: Callable[[np.ndarray, int, np.ndarray, int], None],
     *,
     name: str,
     units: str,
     least: int,
 ) -> xr.DataArray:
-    """Apply a kernel to every row and label its windows."""
+    """Apply a function to every row and label its windows."""
     dim = row_dim(signal)
     check_gaps(signal)
     time = np.asarray(signal[TIME_EMG], dtype=float)
@@ -179,7 +177,7 @@ def _slide(
     values = np.ascontiguousarray(signal.transpose(dim, TIME_EMG), dtype=float)
     out = np.empty((values.shape[0], time.size - n + 1))
     for k, row in enumerate(values):
-        kernel(row, n, out[k], k)
+        one_row(row, n, out[k], k)
     first, last = time[: out.shape[1]], time[n - 1 :]
     instants = {"start": first, "end": last, "centre": 0.5 * (first + last)}[label]
     attrs = {

@@ -14,12 +14,12 @@ from emgface.face.template.volunteers import PRESETS, preset_measures
 from emgface.inverse.configuration import InverseConfiguration
 from emgface.muscles import INSTRUCTIONS
 from emgface.signals.parameters import SignalChain
+from emgface.signals.truth import TRUE_STRATEGY
 from emgface.study.axes import Axis, Design
 from emgface.study.comparison import AlignmentParameters, ScoreParameters
 from emgface.study.exclusions import Exclusion
 
 STUDY_VERSION = 1  #: version of the format of a study file
-TRUE_STRATEGY = "true"  #: strategy name in the cube of trials driven by the true activation
 StudyStrategy = Literal["act_all", "act_3", "act_rel", "act_threshold", "inverse", "assisted"]
 """Strategies of the signal chain, and those that follow the markers."""
 

@@ -4,7 +4,7 @@ from emgface.study.mechanics import MECHANICS, OF_HEADS
 from emgface.study.store import Stage
 
 _SIGNALS = (
-    "emgface.signals._kernels",
+    "emgface.signals.running",
     "emgface.signals.activation",
     "emgface.signals.envelope",
     "emgface.signals.features",
@@ -14,7 +14,7 @@ _SIGNALS = (
     "emgface.signals.resampling",
     "emgface.signals.filters",
     "emgface.signals.strategies",
-    "emgface.study.truth",
+    "emgface.signals.truth",
 )
 _ALIGNMENT = (
     "analysis.align",

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import xarray as xr
 
@@ -12,9 +13,11 @@ from emgface.errors import DataError, EmgfaceError, RecordingChanged
 from emgface.muscles import INSTRUCTIONS
 from emgface.recordings.dataset import read_recording
 from emgface.schema.validation import validate
-from emgface.study.configuration import RecordingsConfiguration
 from emgface.study.digest import dataset_digest
 from emgface.study.exclusions import Place
+
+if TYPE_CHECKING:  # signals are checked without the mechanics
+    from emgface.study.configuration import RecordingsConfiguration
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ def plan_trials(recordings: Sequence[Recording], strategies: Sequence[str]) -> l
     ]
 
 
-def load_recording(path: Path, configuration: RecordingsConfiguration) -> Recording:
+def load_recording(path: Path, configuration: "RecordingsConfiguration") -> Recording:
     """Describe one recording as `take_in` does."""
     return as_recording(
         checked(read_recording(path, mapping=configuration.mapping)), path, configuration.mapping

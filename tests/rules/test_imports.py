@@ -6,7 +6,11 @@ import subprocess
 import sys
 from functools import cache
 
+import numpy as np
 import pytest
+import xarray as xr
+
+from emgface.recordings.dataset import write_recording
 
 PLOTTING_AND_CLI = {"matplotlib", "pyvista", "vtk", "rich", "typer", "click", "jinja2"}
 DATA = {
@@ -62,3 +66,41 @@ def test_help_and_typing_errors_do_not_import_the_mechanics(given):
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     found = set(json.loads(done.stdout.splitlines()[-1]))
     assert not found & {"sim", "analysis", "numpy", "numba", "xarray", "pandas", "matplotlib"}
+
+
+WITHOUT_MECHANICS = {
+    "activate": ["activate", "trial.nc", "--out", "a.nc"],
+    "check": ["data", "check", "trial.nc"],
+    "convert": ["data", "convert", "trial.nc", "--out", "converted"],
+    "cut": ["data", "cut", "trial.nc", "--events", "events.tsv", "--out", "trials"],
+    "map": ["data", "map", "trial.nc"],
+    "inventory": ["data", "inventory", "."],
+    "features": ["data", "features", "trial.nc"],
+}
+
+
+@pytest.mark.parametrize("name", WITHOUT_MECHANICS)
+def test_commands_on_recordings_load_no_mechanics(name, tmp_path):
+    """They start in about two seconds of processor time; the mechanics would add one to three."""
+    time = np.arange(8192) / 2048
+    names = [f"{c}_{s}" for c in ("OOS", "OOI", "RIS", "ZYG", "LLSAN", "DAO", "MEN") for s in "LR"]
+    size = 5e-6 + 1e-4 * np.exp(-(((time - 2.0) / 0.5) ** 2))
+    emg = size * np.random.default_rng(0).standard_normal((len(names), len(time)))
+    recording = xr.Dataset(
+        {"emg": (("channel", "time_emg"), emg, {"units": "V"})},
+        {"channel": names, "time_emg": ("time_emg", time, {"units": "s"})},
+        {"volunteer": "S01", "instruction": "A", "repetition": 1, "origin": "simulated"},
+    )
+    write_recording(recording, tmp_path / "trial.nc")
+    (tmp_path / "events.tsv").write_text("onset\tduration\ttrial_type\n0.5\t2.0\tA\n")
+    code = (
+        "import json, sys\nfrom emgface.cli import app\n"
+        f"try:\n    app({WITHOUT_MECHANICS[name]!r})\nexcept SystemExit as end:\n    code = end.code\n"
+        "print('\\n' + json.dumps([code, sorted({m.split('.')[0] for m in sys.modules})]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    ended, found = json.loads(done.stdout.splitlines()[-1])
+    assert not ended, done.stderr
+    assert "xarray" in found and not set(found) & {"sim", "numba", "matplotlib"}

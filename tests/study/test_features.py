@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from emgface.errors import FeatureWarning, SignalError
-from emgface.signals._kernels import running_sum, running_willison
 from emgface.signals.envelope import linear_envelope, muscle_activation, neural_activation
 from emgface.signals.features import (
     baseline_rms,
@@ -19,6 +18,7 @@ from emgface.signals.features import (
     willison_amplitude,
 )
 from emgface.signals.parameters import FeatureParameters
+from emgface.signals.running import running_sum, running_willison
 
 RATE = 2048.0
 
@@ -55,8 +55,7 @@ def willison_by_definition(s, n_window, limit, inclusive=True) -> np.ndarray:
 def test_equation_7_willison_amplitude_equals_double_loop(values, data, limit, inclusive):
     s = np.asarray(values)
     n = data.draw(st.integers(2, s.size))
-    out = np.full(s.size - n + 1, np.nan)
-    running_willison(s, n, limit, inclusive, out)
+    out = running_willison(s, n, limit, inclusive=inclusive)
     np.testing.assert_array_equal(out, willison_by_definition(s, n, limit, inclusive))
 
 
@@ -106,8 +105,7 @@ def test_labels_place_the_window_at_start_centre_end():
 def test_running_sum_equals_direct_sum(values, data):
     x = np.asarray(values)
     n = data.draw(st.integers(1, x.size))
-    out = np.full(x.size - n + 1, np.nan)
-    running_sum(x, n, out)
+    out = running_sum(x, n)
     expected = [np.sum(x[t : t + n]) for t in range(out.size)]
     # Each sum has at most n additions of non-negative terms: relative error below n eps.
     np.testing.assert_allclose(out, expected, rtol=2 * n * np.finfo(float).eps, atol=0)

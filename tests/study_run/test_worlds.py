@@ -19,9 +19,9 @@ from emgface.muscles import CHANNELS, INSTRUCTIONS, MODELLED, MUSCLES, RELEVANT
 from emgface.recordings.dataset import read_recording, write_recording
 from emgface.signals.activation import activation_of
 from emgface.signals.parameters import SignalChain
+from emgface.signals.truth import true_activation_of
 from emgface.study.configuration import RecordingsConfiguration
 from emgface.study.intake import take_in
-from emgface.study.truth import true_activation_of
 from emgface.volunteers.conduction import NEAR, VELOCITY, Conduction, Source, face_conduction
 from emgface.volunteers.emg import draw_pools, synthesise_emg
 from emgface.volunteers.instructions import strongest_muscle

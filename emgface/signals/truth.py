@@ -7,6 +7,8 @@ from emgface.signals.activation import check_activation
 from emgface.signals.parameters import ResamplingParameters
 from emgface.signals.resampling import resample, simulation_times
 
+TRUE_STRATEGY = "true"  #: strategy name in the cube of trials driven by the true activation
+
 
 def true_activation_of(recording: xr.Dataset, resampling: ResamplingParameters) -> xr.Dataset:
     """Return the true activation of a simulated recording while markers are recorded.
