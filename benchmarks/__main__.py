@@ -10,6 +10,34 @@ import typer
 from emgface.cli.console import show_warnings_as_sentences
 from emgface.errors import EmgfaceError
 
+ARCHIVE = "research-2026-11"  #: tag of git with finished research, whose pages and figures are kept
+ARCHIVED = {
+    "head": ("held", "led", "led_single", "published"),
+    "intervals": (),
+    "inverse": (),
+    "inverse_checks": (),
+    "inverse_coverage": (),
+    "inverse_doubts": (),
+    "inverse_gradients": (),
+    "inverse_recorded": (),
+    "jaw": ("posterior",),
+    "pursed_lips": (),
+    "recovery": (),
+}
+"""Archived measurements; of those that continue to exist, the archived values of ``--part``."""
+
+
+def archived(words: list[str]) -> str:
+    """Advice for the words of an archived measurement, empty for all others."""
+    name = words[0].replace("-", "_")
+    parts = ARCHIVED.get(name)
+    if parts is None or (parts and not set(parts) & set(words[1:])):
+        return ""
+    return (
+        f"{name} is finished research, archived with its results: 'git checkout {ARCHIVE}' and run the "
+        "same command there"
+    )
+
 
 def measurements() -> dict[str, str]:
     """Names of the measurements and the first line of each module."""
@@ -27,6 +55,9 @@ def run(arguments: list[str]) -> None:
     """Run the measurement that the first argument names, or list them all."""
     known = measurements()
     name = arguments[0].replace("-", "_") if arguments else ""
+    if arguments and (advice := archived(arguments)):
+        print(advice, file=sys.stderr)
+        raise SystemExit(2)
     if name not in known:
         if name not in ("", "__help"):
             print(f"There is no measurement {arguments[0]!r}, expected one of:", file=sys.stderr)

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from benchmarks.acoustic_shapes import AH
 from benchmarks.acoustics_checks import CLICK, checks, folds, formant_table, nearest
 from benchmarks.report import finish
 from sim.acoustics import (
@@ -38,7 +39,6 @@ from sim.acoustics import (
     simulate_tube,
 )
 from sim.errors import AcousticsError
-from tests.acoustics.shapes import AH
 
 if TYPE_CHECKING:
     import xarray as xr

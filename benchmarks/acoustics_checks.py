@@ -9,6 +9,7 @@ import pandas as pd
 from scipy.optimize import brentq, fsolve
 from scipy.signal import welch
 
+from benchmarks.acoustic_shapes import AH, BENT, EE, STRAIGHT, TABLE, pipe, published_airway, tubes
 from sim.acoustics import (
     LOSSLESS,
     Flow,
@@ -22,7 +23,6 @@ from sim.acoustics import (
     rosenberg,
     simulate_tube,
 )
-from tests.acoustics.shapes import AH, BENT, EE, STRAIGHT, TABLE, pipe, published_airway, tubes
 
 CLICK = Flow(np.array([0.0, 1e-6, 0.0]), 44_100.0)
 U = np.repeat([1.5e-4, 9e-4, 0.8e-4, 8e-4, 0.6e-4], [4, 13, 6, 9, 2]), 0.17

@@ -4,14 +4,9 @@
     python -m benchmarks head --part stability --out DIR   # muscles at 1.0; continues its table
     python -m benchmarks head --part strong      # all muscles at 1.0 with 3 MPa
     python -m benchmarks head --part opening     # how far parts of a head let the jaw open
-    python -m benchmarks head --part held --out DIR  # what holds the jaw; keeps its rows in DIR
-    python -m benchmarks head --part led         # muscles at 1.0 on a jaw that is led to 50 mm
-    python -m benchmarks head --part led_single  # every muscle alone on that jaw
-    python -m benchmarks head --part published --models DIR --out DIR  # experiments
     python -m benchmarks head --part cost        # processor time of a step against the face alone
     python -m benchmarks head --part published_size  # the same, as large as the published head
     python -m benchmarks head --part precision --out DIR  # error and run time over scheme and step
-    python -m benchmarks head --part checks --models DIR  # checks of the specification
 
 All results are simulated. "cost" alternates the scenes, so that the load of the machine affects both.
 """
@@ -22,10 +17,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from benchmarks.head_checks import checks
 from benchmarks.head_cost import cost, precision, published_size
-from benchmarks.head_led import Rows, led, led_single, survives
-from benchmarks.head_sweeps import ALL, SWEEPS, WIDE
+from benchmarks.head_ends import ALL, WIDE, Rows, survives
 from benchmarks.report import finish, say
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import Head
@@ -128,8 +121,6 @@ PARTS = {
         actions,
         opening,
         strong,
-        led,
-        led_single,
         cost,
         published_size,
         precision,
@@ -143,17 +134,9 @@ def main(
     resolution: str = "coarse",
     out: Path | None = None,
     rows: int = 1000,
-    models: Path | None = None,
 ) -> None:
-    """Run one part and print its table; "stability" continues that of `out`, by at most `rows` rows.
-
-    `models` is the folder of the published models.
-    """
-    if part == "checks":
-        table = checks(models)
-    elif part in SWEEPS:
-        table = SWEEPS[part](preset, resolution, out, models)
-    elif part != "stability":
+    """Run one part and print its table; "stability" continues that of `out`, by at most `rows` rows."""
+    if part != "stability":
         table = pd.DataFrame(PARTS[part](preset, resolution))
     else:
         stored = None if out is None else out / "head_stability.csv"

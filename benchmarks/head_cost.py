@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 import sim
-from benchmarks.head_sweeps import ALL
+from benchmarks.head_ends import ALL
 from benchmarks.report import say
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import Head

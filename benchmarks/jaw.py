@@ -8,16 +8,13 @@
     python -m benchmarks jaw --part pull           # slow pull on the incisor, as stored; needs it, too
     python -m benchmarks jaw --part causes         # under changes of one setting; needs it, too
     python -m benchmarks jaw --part cost           # chewing: error and time over the step; needs it, too
-    python -m benchmarks jaw --part posterior --samples 1024 --out FOLDER   # needs it, too
     python -m benchmarks jaw --part steps          # the generated jaw: error and time over the step
     python -m benchmarks jaw --part stability      # the generated jaw under bad parameters
     python -m benchmarks jaw --part extremes       # and with extreme measures
     python -m benchmarks jaw --part emg            # and driven by simulated sEMG
 
 Motions are simulated. "reference" repeats every recorded motion with the recorded step and the values
-of that program; "posterior" draws parameters that publications do not state, compares the outcomes
-of the tasks with the published ones, searches for a set that meets them, and continues a table in
-the folder. Times are processor times, kernels warm.
+of that program. Times are processor times, kernels warm.
 """
 
 import json
@@ -34,7 +31,6 @@ import sim
 from benchmarks import (
     jaw_checks,
     jaw_generated,
-    jaw_posterior,
     jaw_pull,
     jaw_stored,
     jaw_variants,
@@ -125,15 +121,8 @@ def compared(jaw: xr.Dataset, case: dict[str, Any], path: Path) -> dict[str, Any
     }
 
 
-def main(part: str = "steps", samples: int = 1024, out: Path | None = None) -> None:
+def main(part: str = "steps", out: Path | None = None) -> None:
     """Measure one part, print and store."""
-    if part == "posterior":
-        if out is None:
-            raise SystemExit("posterior continues a table in a folder: give --out FOLDER")
-        out.mkdir(parents=True, exist_ok=True)
-        for name, table in jaw_posterior.posterior(samples, out).items():
-            finish(f"jaw_posterior_{name}", table, out)
-        return
     parts = {
         "reference": reference,
         **{n: getattr(jaw_stored, n) for n in ("forces", "morsel", "chewing")},

@@ -11,6 +11,12 @@ os.environ.setdefault("MKL_NUM_THREADS", "1")
 import pytest
 import xarray as xr
 
+from tests.specification import (  # hooks and fixture of this folder
+    pytest_addoption,  # noqa: F401
+    pytest_terminal_summary,  # noqa: F401
+    specified,  # noqa: F401
+)
+
 ROOT = Path(__file__).resolve().parents[1]
 MadeOnce = Callable[[str, Callable[[Path], object]], Path]
 

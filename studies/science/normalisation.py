@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 
 from analysis.figures.style import COLOURS, HATCHES, blank, save, styled
-from benchmarks.recovery.recover import LEAST_PEAK
 from benchmarks.report import markdown
 from emgface.errors import FeatureWarning, SignalError
 from emgface.study.configuration import StudyConfiguration
@@ -27,6 +26,9 @@ from studies.science.subset import (
     subset_study,
     told,
 )
+
+LEAST_PEAK = 0.06
+"""Peak of the true activation above which a muscle takes part in a trial [1]."""
 
 REACHES: Final = ("trial", "session")  #: data from which Eq. 8 takes the minimum and maximum
 WORDS: Final = {"trial": "per trial", "session": "per session"}

@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 from scipy.io import wavfile
 
+from benchmarks.acoustic_shapes import BENT, STRAIGHT, pipe, published_airway
 from emgface.anatomy.airway.area_function import (
     area_function,
     areas_of_surface,
@@ -25,7 +26,6 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from sim.acoustics import SMALLEST
 from sim.errors import AcousticsError
-from tests.acoustics.shapes import BENT, STRAIGHT, pipe, published_airway
 
 
 @pytest.mark.parametrize(("line", "flat"), [(STRAIGHT, 1.0), (BENT, 1.0), (STRAIGHT, 0.3)])

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from benchmarks.acoustic_shapes import AH, EE, TABLE, tubes
 from sim.acoustics import LOSSLESS, Branch, Medium, formants, lossless_formants, transfer
 from sim.errors import AcousticsError
-from tests.acoustics.shapes import AH, EE, TABLE, tubes
 
 
 def test_a_uniform_tube_has_odd_multiples_of_a_quarter_wave():

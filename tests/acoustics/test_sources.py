@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
+from benchmarks.acoustic_shapes import AH
 from benchmarks.acoustics_checks import WIDE, onset
 from sim.acoustics import (
     Flow,
@@ -14,7 +15,6 @@ from sim.acoustics import (
     wall_pressure,
 )
 from sim.errors import AcousticsError
-from tests.acoustics.shapes import AH
 
 UNIFORM = np.full(16, 3e-4), 0.17
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from benchmarks.acoustic_shapes import AH, EE, TABLE, tubes
 from sim.acoustics import (
     LOSSLESS,
     SILENT,
@@ -19,7 +20,6 @@ from sim.acoustics import (
     simulate_tube,
 )
 from sim.errors import AcousticsError, CourantError
-from tests.acoustics.shapes import AH, EE, TABLE, tubes
 
 CLICK = Flow(np.array([0.0, 1e-6, 0.0]), 44_100.0)
 
