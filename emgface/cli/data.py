@@ -19,7 +19,8 @@ app = typer.Typer(no_args_is_help=True, help="Examine, map and convert recording
 FORMATS = (
     "netCDF (.nc), C3D (.c3d), TRC (.trc), EDF and BDF (.edf, .bdf), Poly5 (.poly5, .s00), "
     "BrainVision (.vhdr), XDF (.xdf), BIDS motion (_motion.tsv)"
-    ", and the TOML sidecar (.toml) of a CSV, MATLAB or HDF5 file"
+    ", text exports of EMGworks, Trigno Discover, AcqKnowledge, OpenSignals and Noraxon (.csv, .txt, "
+    ".asc), and the TOML sidecar (.toml) of another table, a MATLAB or HDF5 file"
 )
 
 

@@ -23,7 +23,7 @@ from emgface.schema.netcdf import write_netcdf
 from emgface.schema.rules import hint, one_line
 from emgface.schema.validation import validate
 
-_UNNAMED = (".csv", ".txt", ".gz", ".mat", ".h5", ".hdf5")
+_UNNAMED = (".mat", ".h5", ".hdf5", ".dat")
 """Suffixes of files that require a sidecar."""
 
 

@@ -7,6 +7,7 @@ list.
 
 import os
 import re
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -14,13 +15,18 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from emgface.errors import DataError, listed
+from emgface.errors import DataError, EmgfaceError, listed
+from emgface.recordings.counters import LEAST, counter_of
+from emgface.recordings.dataset import read_recording
 from emgface.recordings.draft import Draft, toml_value
+from emgface.recordings.exports import layout_of
 from emgface.recordings.kinds import kind_of_name, signal_of
 from emgface.recordings.layout import text_layout, unit_in
 from emgface.recordings.readers._arrays import SUFFIXES as ARRAYS
+from emgface.recordings.readers._build import unique_labels
 from emgface.recordings.readers._table_models import EmgTable
 from emgface.recordings.readers._tables import load_table
+from emgface.recordings.readers.text_exports import export_of, left_out, part_of
 from emgface.schema.units import DIVISORS
 
 TEXTS: Final = (".csv", ".txt", ".tsv", ".dat", ".asc", ".gz")  #: suffixes of text tables
@@ -74,6 +80,13 @@ def describe(
             "folder of the file or above it, because it may name no other file: write it there."
         )
     draft.put("file", relative)
+    layout = None if suffix in ARRAYS or columns is not None else layout_of(path)
+    if layout is not None:
+        try:
+            _export(path, draft, layout.NAME, unit)
+            return _checked(path, draft, folder, confirmed)
+        except _NoUnit:
+            del draft.lines[2:]  # counts without a transfer function: a table of the user
     if suffix in ARRAYS:
         frame, found = array_table(path, draft, variable, columns)
         units, rate = dict.fromkeys(frame.columns, ""), rate or found
@@ -83,7 +96,68 @@ def describe(
     frame = frame.drop(columns=clock)
     _emg(draft, frame, units, rate, unit)
     _positions(draft, frame)
-    return draft.text(path.name, confirmed)
+    return _checked(path, draft, folder, confirmed)
+
+
+class _NoUnit(Exception):
+    """An export has no signal that may be EMG in a unit."""
+
+
+def _export(path: Path, draft: Draft, name: str, unit: str | None) -> None:
+    """Describe the export of a recording program, which states its rate, labels and units."""
+    columns = list(export_of(path).columns)
+    labels = unique_labels([column.label for column in columns], "channel")[0]
+    reasons = [left_out(column, "V") for column in columns]
+    used = [column for column, reason in zip(columns, reasons, strict=True) if not reason]
+    if not used:
+        raise _NoUnit
+    draft.put("layout", name, "states rate, labels and units itself")
+    lacking = [column for column in used if not column.unit.strip()]
+    if lacking and unit is None:
+        spread = float(np.median([_fast(column.values) for column in lacking]))
+        unit, why = _plausible(spread)
+        draft.put("unit", unit, f"of signals without a unit: {why}", table="emg", sure=False)
+    else:
+        draft.put("unit", unit or "V", "of signals without a unit" if lacking else "after reading")
+    part = part_of(path, export_of(path), {}, unit or "V")
+    assert part.data is not None  # signals are used
+    time = part.data["time_emg"].values
+    rate = (time.size - 1) / float(time[-1] - time[0]) if time.size > 1 else float("nan")
+    draft.put("rate", float(f"{rate:.7g}"), f"Hz; {time.size / rate:.6g} s")
+    draft.lines += ["", "[emg.channels]  # signal to channel; others are left out"]
+    for label, reason in zip(labels, reasons, strict=True):
+        reason = reason or part.dropped.get(label, "")
+        mark, note = ("# ", f"  # {reason}") if reason else ("", "")
+        draft.lines.append(f"{mark}{toml_value(label)} = {toml_value(label)}{note}")
+
+
+def _plausible(spread: float) -> tuple[str, str]:
+    """Unit in which a signal with this standard deviation from sample to sample would be EMG."""
+    fits = [u for u, d in DIVISORS["V"].items() if PLAUSIBLE[0] <= spread / d < PLAUSIBLE[1]]
+    unit = fits[0] if fits else "uV"
+    volts = 1e6 * spread / DIVISORS["V"][unit]
+    return unit, f"from sample to sample values differ by {spread:.3g}, {volts:.3g} uV in this unit"
+
+
+def _checked(path: Path, draft: Draft, folder: Path, confirmed: bool) -> str:
+    """Return the text of a sidecar, which can be read once its guesses are confirmed.
+
+    Raises DataError if it cannot, for example because the rate is not known.
+    """
+    text = draft.text(path.name, confirmed)
+    if draft.guesses and not confirmed:
+        return text
+    with tempfile.TemporaryDirectory() as place:
+        sidecar = Path(place) / "draft.toml"
+        sidecar.write_text(text, encoding="utf-8")
+        try:
+            read_recording(sidecar, folder=folder)
+        except EmgfaceError as error:
+            raise DataError(
+                f"{path.name} cannot be described completely, because {str(error).rstrip('.')}: specify "
+                "--rate, --unit or --columns, or draft the sidecar without --confirm and complete it."
+            ) from error
+    return text
 
 
 def _text_table(
@@ -102,7 +176,10 @@ def _text_table(
         draft.put("encoding", found.encoding, "the file is not UTF-8", table="emg", sure=False)
     if found.skip_rows:
         given["skip_rows"] = found.skip_rows
-        draft.put("skip_rows", found.skip_rows, "lines before the table")
+        why = "lines before the table"
+        if found.skipped:
+            why += f", {found.skipped} of which are rows of numbers: check that they are no samples"
+        draft.put("skip_rows", found.skip_rows, why, table="emg", sure=not found.skipped)
     if columns is not None and len(columns) != len(found.labels):
         raise DataError(
             f"{path.name} has {len(found.labels)} columns and {len(columns)} labels were given; "
@@ -110,11 +187,13 @@ def _text_table(
         )
     if columns is not None or not found.labelled:
         if columns is not None and found.labelled:
-            draft.lines.pop() if found.skip_rows else None
+            if found.skip_rows:
+                draft.lines.pop()
             given["skip_rows"] = found.skip_rows + 1
-            draft.put("skip_rows", found.skip_rows + 1, "lines before the numbers")
+            draft.put("skip_rows", found.skip_rows + 1, "lines before the numbers", table="emg",
+                      sure=not found.skipped)  # fmt: skip
         named = columns is not None or any(not x.startswith("column ") for x in found.labels)
-        given["columns"] = tuple(columns or found.labels)
+        given["columns"] = tuple(unique_labels(list(columns or found.labels), "column")[0])
         draft.put("columns", list(given["columns"]), "" if named else "the file contains none",
                   table="emg", sure=named)  # fmt: skip
     table = EmgTable(file=path.name, unit="V", rate=1.0, **given)
@@ -134,6 +213,11 @@ def _clock(
     counting: list[str] = []
     for name in frame.columns:
         values = frame[name].to_numpy()
+        counter = None if _TIME.fullmatch(name) else counter_of(values, LEAST)
+        if counter is not None and counter.modulus > 0:
+            counting.append(name)
+            draft.lines.append(f"# The column {toml_value(name)} is a counter and is left out.")
+            continue
         step = np.diff(values)
         if len(values) < 3 or not (step > 0).all() or np.ptp(step) > 0.2 * step.mean():
             if _TIME.fullmatch(name):
@@ -190,12 +274,11 @@ def _emg(
         draft.put("unit", unit)
     elif len(told) == 1:
         unit = told.pop()
-        draft.put("unit", unit, "as the labels say")
+        lacking = [name for name in names if units.get(name) not in DIVISORS["V"]]
+        why = "as the labels say" if not lacking else f"the label {lacking[0]!r} states none"
+        draft.put("unit", unit, why, table="emg", sure=not lacking)
     else:
-        fits = [u for u, d in DIVISORS["V"].items() if PLAUSIBLE[0] <= typical / d < PLAUSIBLE[1]]
-        unit = fits[0] if fits else "uV"
-        volts = 1e6 * typical / DIVISORS["V"][unit]
-        why = f"from sample to sample values differ by {typical:.3g}, {volts:.3g} uV in this unit"
+        unit, why = _plausible(typical)
         why = why if spread else "no column varies"
         whole = all(np.array_equal(v, np.round(v)) for v in frame[names].to_numpy().T)
         if names and whole:

@@ -37,6 +37,7 @@ class Layout:
     #: unit of each column by its label or a line of units, empty if none is specified
     units: tuple[str, ...]
     sure: bool  #: no other delimiter fits equally
+    skipped: int = 0  #: rows of numbers among the lines that are skipped
 
 
 def text_layout(path: Path) -> Layout:
@@ -64,6 +65,9 @@ def text_layout(path: Path) -> Layout:
     sure = not any(other == share and 0 < n != count for other, n, *_ in tried)
     rows = [_cells(line, delimiter) for line in lines]
     width = Counter(len(_cells(line, delimiter)) for line in tail).most_common(1)[0][0]
+    if width > 1 and all(not row[-1] for row in rows if len(row) == width):
+        rows = [row[:-1] if len(row) == width else row for row in rows]  # every line ends with one
+        width -= 1
     first = next(
         k
         for k, row in enumerate(rows)
@@ -82,8 +86,9 @@ def text_layout(path: Path) -> Layout:
     decimal: Literal[".", ","] = "," if sign == "," and _has_fractions(tail, delimiter) else "."
     if delimiter == ",":
         decimal = "."
+    skipped = sum(_share(row, sign) == 1.0 and any(row) for row in rows[:start])
     return Layout(
-        encoding, delimiter, decimal, start, labelled, tuple(labels), tuple(units), sure
+        encoding, delimiter, decimal, start, labelled, tuple(labels), tuple(units), sure, skipped
     )  # fmt: skip
 
 
@@ -135,10 +140,9 @@ def _width_of(line: str) -> int:
 
 
 def _cells(line: str, delimiter: str) -> list[str]:
-    """Cells of a line, without an empty one after a final delimiter."""
+    """Cells of a line."""
     parts = line.split() if delimiter == r"\s+" else line.split(delimiter)
-    cells = [cell.strip().strip('"').strip() for cell in parts]
-    return cells[:-1] if len(cells) > 1 and not cells[-1] else cells
+    return [cell.strip().strip('"').strip() for cell in parts]
 
 
 def _share(row: list[str], sign: str) -> float:

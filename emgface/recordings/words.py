@@ -26,7 +26,7 @@ MUSCLES: Final[Mapping[str, tuple[str, ...]]] = {
             "zygo", "zyg maj", "zyg major", "zygo maj", "zygmaj", "zygom", "z maj"),
     "LLSAN": ("llsan", "llan", "levator labii superioris alaeque nasi",
               "levator labii superioris alesque nasi", "levator labii superioris", "levator labii",
-              "lls", "levator", "lev lab sup", "lev labii", "lev lab"),
+              "lls", "lev", "levator", "lev lab sup", "lev labii", "lev lab"),
     "DAO": ("dao", "depressor anguli oris", "depressor anguli", "triangularis", "dep ang oris",
             "depr ang oris"),
     "MEN": ("men", "ment", "mentalis", "chin", "mental", "kinn", "kin"),

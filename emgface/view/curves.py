@@ -14,6 +14,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from emgface.errors import DataError
 from emgface.files import write_text
+from emgface.texts import read_text
 
 Floats = NDArray[np.float64]
 Interpolation = Literal["linear", "cubic", "step"]
@@ -174,7 +175,7 @@ def read_curves(path: Path) -> Curves:
             from emgface.schema.netcdf import read_netcdf
 
             return curves_of(read_netcdf(path, "activation"))
-        return curves_in(path.read_text(encoding="utf-8-sig"), str(path))
+        return curves_in(read_text(path), str(path))
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(f"{path} contains no curves ({error})") from error
 
@@ -225,7 +226,7 @@ def _read_probes(folder: Path) -> Curves:
     knots, last, kinds = dict[str, Any](), 0.0, set[str]()
     for path in sorted(folder.glob(f"*{PROBE}")):
         try:
-            lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
+            lines = [line.split() for line in read_text(path).splitlines()]
             head, (kind, count, spacing), *rows = [words for words in lines if words]
             if count != "1" or kind not in ("Linear", "Cubic", "Step"):
                 raise ValueError(f"interpolation {kind} of {count} values")

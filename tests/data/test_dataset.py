@@ -114,7 +114,7 @@ def test_a_folder_returns_its_recordings_and_failures(
 
 def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
-        DataError, match="No recording in .*; expected files ending in .bdf, .c3d, "
+        DataError, match="No recording in .*; expected files ending in .asc, .bdf, .c3d, "
     ):
         find_recordings(tmp_path)
     with pytest.raises(DataError, match="No folder"):

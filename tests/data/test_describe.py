@@ -103,9 +103,11 @@ def test_given_values_are_not_guesses(tmp_path: Path) -> None:
     assert float(recording["time_emg"][1]) == 0.002
     with pytest.raises(DataError, match="has 2 columns and 1 labels"):
         describe(tmp_path / "a.txt", columns=["left"])
-    # Without an instant or a rate the entry is left open, and its absence is a sentence.
-    open_draft = describe(tmp_path / "a.txt", confirmed=True)
-    assert "# rate = ...  # UNCONFIRMED" in open_draft and "unconfirmed =" not in open_draft
+    # Without an instant or a rate the entry is left open, and such a draft cannot be confirmed.
+    open_draft = describe(tmp_path / "a.txt")
+    assert "# rate = ...  # UNCONFIRMED" in open_draft and '"emg.rate"' in open_draft
+    with pytest.raises(DataError, match="cannot be described completely.*--rate"):
+        describe(tmp_path / "a.txt", confirmed=True)
 
 
 def test_markers_in_threes_become_a_table_of_positions(tmp_path: Path) -> None:

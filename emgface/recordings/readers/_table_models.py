@@ -19,6 +19,9 @@ class Table(Parameters):
     rate: float | None = Field(default=None, gt=0)
     time: str | None = None  #: column (or variable) of instants
     time_unit: str = "s"  #: unit of the instants
+    #: program whose export the file is, as `emgface data describe` names it; the file then states the
+    #: rate and most units itself, `unit` is that of signals without one
+    layout: str | None = None
     delimiter: str = ","  #: differs from `decimal`; ``;`` beside ``,`` in some countries
     decimal: Literal[".", ","] = "."
     #: ``utf-8``, ``latin-1``, ``utf-16`` or another one supported by Python; a byte order mark at

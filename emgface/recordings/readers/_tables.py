@@ -63,6 +63,7 @@ def load_table(
             else:
                 _refuse_text(path, str(name), frame[name].to_numpy(), sidecar, table)
         frame = frame.astype("float64")
+        _require_one_clock(sidecar, path, table, frame)
         instants = _column_of_time(sidecar, path, table, frame)
     else:
         frame = _array(sidecar, path, table)
@@ -197,6 +198,29 @@ def _require_different_labels(sidecar: Path, path: Path, table: Table) -> None:
             f"{path.name} has several columns {twice[0]!r}; expected different labels: rename them, "
             f"or list them as 'columns' in {sidecar.name} and skip the row of labels by 'skip_rows'."
         )
+
+
+def _require_one_clock(sidecar: Path, path: Path, table: Table, frame: pd.DataFrame) -> None:
+    """Refuse columns of times with the same label and other times: sensors of several rates.
+
+    pandas appends a number to repeated labels.
+    """
+    if table.time is None or table.time not in frame.columns:
+        return
+    again = re.compile(rf"{re.escape(table.time)}\.\d+")
+    first = frame[table.time].to_numpy()
+    for name in frame.columns:
+        if not again.fullmatch(str(name)):
+            continue
+        other = frame[name].to_numpy()
+        both = np.isfinite(first) & np.isfinite(other)
+        step = float(np.median(np.abs(np.diff(first[both])))) if both.sum() > 1 else 0.0
+        if both.any() and float(np.abs(first - other)[both].max()) > 0.5 * step:
+            raise DataError(
+                f"{path.name} has two columns of times {table.time!r} that differ, so that its signals "
+                f"have several rates; expected one: open {path.name} itself if it is the export of a "
+                f"recording program, or export signals of one rate for {sidecar.name}."
+            )
 
 
 def _column_of_time(

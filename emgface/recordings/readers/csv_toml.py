@@ -41,6 +41,7 @@ from pydantic import Field
 
 from emgface.choices import Parameters, configure
 from emgface.errors import DataError, EmgfaceError, listed
+from emgface.recordings.exports import EXPORTS, layout_of
 from emgface.recordings.labels import LabelMap, apply_labels
 from emgface.recordings.readers._beside import file_beside
 from emgface.recordings.readers._build import (
@@ -52,6 +53,8 @@ from emgface.recordings.readers._build import (
 )
 from emgface.recordings.readers._table_models import EmgTable, PositionTable
 from emgface.recordings.readers._tables import by_marker, load_table
+from emgface.recordings.readers.text_exports import export_of, part_of
+from emgface.signals.filters import sampling_rate
 from emgface.texts import read_toml
 
 SUFFIXES = (".toml",)
@@ -99,6 +102,9 @@ def read(path: Path, units: Mapping[str, str], folder: Path | None = None) -> xr
     sidecar = configure(Sidecar, _with_tables(read_toml(path), path), where=path.name)
     parts: list[Part] = []
     if sidecar.emg is not None:
+        if sidecar.emg.layout is not None:
+            parts.append(_export(path, sidecar.emg, units, folder))
+    if sidecar.emg is not None and sidecar.emg.layout is None:
         frame, time, dropped = load_table(path, sidecar.emg, sidecar.emg.channels, folder)
         labels, names = unique_labels([str(c) for c in frame.columns], "channel")
         unit = units.get("emg", sidecar.emg.unit)
@@ -119,6 +125,27 @@ def read(path: Path, units: Mapping[str, str], folder: Path | None = None) -> xr
         repetition=sidecar.repetition,
     )
     return apply_labels(recording, labels)
+
+
+def _export(path: Path, table: EmgTable, units: Mapping[str, str], folder: Path | None) -> Part:
+    """Read a file that is the export of a recording program."""
+    file = file_beside(folder or path.parent, table.file, path.name)
+    found = layout_of(file)
+    if found is None or found.NAME != table.layout:
+        told = "no known export" if found is None else f"an export of {found.NAME}"
+        raise DataError(
+            f"{path.name} specifies layout = {table.layout!r}, and {file.name} is {told}; "
+            f"expected one of {', '.join(one.NAME for one in EXPORTS)}: draft the sidecar again with "
+            "'emgface data describe'."
+        )
+    part = part_of(file, export_of(file), units, table.unit)
+    rate = sampling_rate(part.data["time_emg"]) if part.data is not None else None
+    if rate and table.rate and abs(rate / table.rate - 1.0) > 0.01:
+        raise DataError(
+            f"{path.name} specifies {table.rate:g} Hz, and {file.name} contains {rate:.6g} Hz; expected "
+            "one rate: correct 'rate'."
+        )
+    return part
 
 
 def _with_tables(content: dict[str, Any], path: Path) -> dict[str, Any]:
