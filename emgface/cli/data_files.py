@@ -130,12 +130,32 @@ def convert(
             n_bad += 1
             continue
         say(f"{file.name}: wrote {written}.")
+        if unseen := _unseen(recording):
+            say(f"Warning: {file.name}: {unseen}.")
     broken = bids_problems(out_path) if to == Target.bids and n_bad < len(given) else []
     for sentence in broken:
         say(sentence)
     say(f"{len(given) - n_bad} of {len(given)} recordings were converted.")
     if n_bad or broken:
         raise typer.Exit(BAD_INPUT)
+
+
+def _unseen(recording: "xr.Dataset") -> str:
+    """Markers whose positions are NaN in some frames, and in how many."""
+    if "position" not in recording:
+        return ""
+    from emgface.errors import listed
+
+    missing = recording["position"].isnull().any("axis").sum("time_marker")
+    n, frames = int((missing > 0).sum()), recording.sizes["time_marker"]
+    names = [
+        f"{label} ({int(count)} of {frames} frames)"
+        for label, count in zip(missing["marker"].values, missing.values, strict=True)
+        if count
+    ]
+    return (
+        f"{n} markers have no position in some frames, which are NaN: {listed(names)}" if n else ""
+    )
 
 
 def cut(

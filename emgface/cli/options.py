@@ -15,7 +15,11 @@ ReplaceOption = Annotated[
     bool, typer.Option("--force", help="Write files again that exist; default: refuse.")
 ]
 MappingOption = Annotated[
-    Path | None, typer.Option(help="TOML file that maps labels of a recording to names.")
+    Path | None,
+    typer.Option(
+        help="TOML file that maps labels of a recording to names, or a pattern of file names such as "
+        "'{volunteer}_{instruction}_{repetition}.c3d'."
+    ),
 ]
 StudyPath = Annotated[
     Path | None, typer.Option("--study", help="Study file that specifies the parameters.")

@@ -53,6 +53,12 @@ def simulate(
     ] = None,
     instruction: options.InstructionOption = None,
     mapping: options.MappingOption = None,
+    band: options.BandOption = None,
+    feature: options.FeatureOption = None,
+    missing_side: options.MissingSideOption = None,
+    missing_muscle: options.MissingMuscleOption = None,
+    reference: options.ReferenceOption = None,
+    clip: options.ClipOption = False,
     contact: options.ContactSwitch = True,
     check_contact: Annotated[
         bool,
@@ -84,7 +90,19 @@ def simulate(
 
     if movie:
         check_movie(movie)
-    drive = _activation(source, strategy, instruction, mapping, study)
+    drive = _activation(
+        source,
+        study,
+        strategy=strategy,
+        instruction=instruction,
+        mapping=mapping,
+        band=band,
+        feature=feature,
+        missing_side=missing_side,
+        missing_muscle=missing_muscle,
+        reference=reference or None,
+        normalisation={"outside": "clip"} if clip else None,
+    )
     plan = study_of(study)
     model = face_of(face, plan)
     skin = skin_of(model) if surface or page or movie else None
@@ -143,25 +161,25 @@ def show(
     say(f"Wrote {view.open() if out_path is None else view.save(out_path)}.")
 
 
-def _activation(
-    source: Path,
-    strategy: str | None,
-    instruction: str | None,
-    mapping: Path | None,
-    study: Path | None,
-) -> "xr.Dataset":
-    """Activation of a file, computed if the file is a recording."""
+def _activation(source: Path, study: Path | None, **choices: Any) -> "xr.Dataset":
+    """Activation of a file, computed if the file is a recording; `choices` as of `emgface.activate`."""
     import emgface as ef
+    from emgface.errors import ConfigurationError
     from emgface.schema.netcdf import open_netcdf, read_netcdf
+
+    given = {name: value for name, value in choices.items() if value is not None}
 
     if source.suffix.lower() == ".nc":
         with open_netcdf(source) as opened:
             is_activation = "activation" in opened.variables
         if is_activation:
+            if given:
+                raise ConfigurationError(
+                    f"{source.name} is an activation, to which {', '.join(given)} cannot be applied, "
+                    "expected a recording: simulate the recording, or omit these options"
+                )
             return read_netcdf(source, "activation")
-    return ef.activate(
-        source, strategy=strategy, instruction=instruction, mapping=mapping, study=study
-    )
+    return ef.activate(source, study=study, **given)
 
 
 def _show_motion(

@@ -72,9 +72,11 @@ def read_recording(
     header, trials of a BIDS dataset by their EMG file, or by ``*_motion.tsv`` without EMG.
     `mapping` contains the tables ``channels`` and ``markers`` from the labels of the file to names,
     ``units`` if the file does not state them, and ``volunteer``, ``instruction``, ``repetition``,
-    or it is a TOML file with the same; without it the labels are unchanged. `study` requires all
-    channels and markers of the study (`emgface.schema.validation.validate`). `folder` contains the
-    files that a sidecar specifies, by default that of the sidecar.
+    ``names``, a pattern of file names that state these three, and tables ``files`` with entries of
+    single files; or it is a TOML file with the same, or the pattern alone; without it the labels
+    are unchanged. `study` requires all channels and markers of the study
+    (`emgface.schema.validation.validate`). `folder` contains the files that a sidecar specifies, by
+    default that of the sidecar.
 
     Attributes of the result are ``source`` (file name), ``source_digest`` (SHA-256 of all files),
     ``device`` if stated in the file, and as JSON ``original_names``, ``original_units``,
@@ -88,7 +90,7 @@ def read_recording(
         raise DataError(f"No file {path}; expected a recording: check the path.")
     if reader is None:
         raise DataError(_unknown_format(path))
-    labels = read_label_map(mapping)
+    labels = read_label_map(mapping).of_file(path)
     try:
         options: dict[str, Any] = {} if folder is None else {"folder": folder}
         recording = without_fillers(reader.read(path, labels.units, **options))

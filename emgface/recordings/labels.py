@@ -7,17 +7,18 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from emgface.choices import Parameters, configure
 from emgface.errors import DataError, SchemaError, listed
 from emgface.recordings.findings import Kind, findings_in, renamed
+from emgface.recordings.trial_names import check_pattern, is_pattern, trial_in_name
 from emgface.schema.rules import hint
 from emgface.texts import read_toml
 
 
-class LabelMap(Parameters):
-    """Meaning of the labels of a recording."""
+class Labels(Parameters):
+    """Meaning of the labels of one recording, and its trial."""
 
     #: label in the file to name of the study; labels that are not listed are omitted, None keeps
     #: all
@@ -30,8 +31,39 @@ class LabelMap(Parameters):
     repetition: int | None = Field(default=None, ge=1)  #: counted from 1
 
 
+class LabelMap(Labels):
+    """Meaning of the labels of recordings, and their trials."""
+
+    #: pattern of the names of files, which then state the trial, such as
+    #: ``{volunteer}_{instruction}_{repetition}.c3d``
+    names: str | None = None
+    #: entries of single files by their names (or paths, from any folder on), which replace the others
+    files: dict[str, Labels] = Field(default_factory=dict)
+
+    @field_validator("names")
+    @classmethod
+    def _fields(cls, value: str | None) -> str | None:
+        return None if value is None else check_pattern(value)
+
+    def of_file(self, path: Path) -> "LabelMap":
+        """Return the labels of one file: its own entries, then the common ones, then its name."""
+        ends = {"/".join(path.parts[-k:]) for k in range(1, len(path.parts) + 1)}
+        own = [labels for name, labels in self.files.items() if name.replace("\\", "/") in ends]
+        given = trial_in_name(self.names, path) if self.names else {}
+        for labels in (self, *own):
+            given |= {
+                name: getattr(labels, name)
+                for name in Labels.model_fields
+                if getattr(labels, name) not in (None, {})
+            }
+        return LabelMap(**given)
+
+
 def read_label_map(mapping: Mapping[str, Any] | LabelMap | str | Path | None) -> LabelMap:
     """Return a label map from a mapping or a TOML file; None is an empty map.
+
+    A text such as ``{volunteer}_{instruction}_{repetition}.c3d`` is a map that only contains this
+    pattern of file names.
 
     Raises ConfigurationError if the file is absent or is not TOML, or contains an unknown entry
     (with the nearest valid one).
@@ -47,6 +79,8 @@ def read_label_map(mapping: Mapping[str, Any] | LabelMap | str | Path | None) ->
         return mapping
     if isinstance(mapping, Mapping):
         return configure(LabelMap, mapping, where="mapping")
+    if is_pattern(mapping):
+        return LabelMap(names=check_pattern(str(mapping)))
     return configure(LabelMap, read_toml(Path(mapping)), where=Path(mapping).name)
 
 

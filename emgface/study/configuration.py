@@ -29,7 +29,9 @@ class RecordingsConfiguration(Parameters):
 
     folder: Path = choice(Path("recordings"), "Folder of the recordings; relative to this file.")
     mapping: Path | None = choice(
-        None, "TOML file that maps the labels of other formats to names; relative to this file."
+        None,
+        "TOML file that maps the labels of other formats to names, relative to this file; or a pattern "
+        "of file names such as '{volunteer}_{instruction}_{repetition}.c3d'.",
     )
     reference_folder: Path | None = choice(
         None, "Folder of maximum-effort recordings, for normalisation over a reference."

@@ -14,6 +14,7 @@ from emgface.errors import DataError, EmgfaceError
 from emgface.muscles import INSTRUCTIONS
 from emgface.recordings.dataset import candidates, none_found, read_recordings
 from emgface.recordings.labels import read_label_map
+from emgface.recordings.trial_names import is_pattern
 from emgface.schema.validation import schema_folder
 from emgface.study.configuration import RecordingsConfiguration
 from emgface.study.digest import code_version, file_digest, text_digest
@@ -179,11 +180,17 @@ def file_of(path: Path) -> File:
     return str(path), told.st_size, told.st_mtime_ns, told.st_ctime_ns
 
 
+def _mapping_digest(mapping: Path | None) -> str:
+    if mapping is None:
+        return ""
+    return text_digest(str(mapping)) if is_pattern(mapping) else file_digest(mapping)
+
+
 def reader_digest(mapping: Path | None) -> str:
     """Digest of what determines the description of a recording besides its file."""
     code = code_version(("emgface.recordings", "emgface.schema", "emgface.study.table"))
     declared = file_digest(schema_folder() / "recording.json")
-    return text_digest(f"{code} {declared} {'' if mapping is None else file_digest(mapping)}")
+    return text_digest(f"{code} {declared} {_mapping_digest(mapping)}")
 
 
 def _lasting(file: File, given: Recording | EmgfaceError | None, listed: float) -> bool:

@@ -1,0 +1,96 @@
+"""A folder of foreign files is studied without a loop: names by a pattern, tables per file."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from emgface.errors import ConfigurationError
+from emgface.recordings.dataset import read_recording, read_recordings
+from emgface.recordings.labels import read_label_map
+from emgface.recordings.trial_names import trial_in_name
+from emgface.study.configuration import RecordingsConfiguration
+from emgface.study.file import load_study
+from emgface.study.intake import take_in
+from tests.data.conftest import recording
+from tests.data.test_c3d import make_c3d
+
+PATTERN = "{volunteer}_{instruction}_{repetition}.c3d"
+
+
+@pytest.mark.parametrize(
+    ("pattern", "path", "found"),
+    [
+        (PATTERN, "x/V1_A_3.c3d", ("V1", "A", 3)),
+        (PATTERN, "V1_A_03.C3D", ("V1", "A", 3)),
+        (PATTERN, "with_underscore_A_3.c3d", ("with_underscore", "A", 3)),
+        (PATTERN, "V1_A.c3d", None),
+        (PATTERN, "V1_A_x.c3d", None),
+        ("{volunteer}/{instruction}{repetition}.c3d", "data/V 1/A12.c3d", ("V 1", "A", 12)),
+        ("/study/{volunteer}/trial {repetition} ({instruction}).c3d", "q/V1/trial 2 (B).c3d",
+         ("V1", "B", 2)),
+        ("{volunteer}.{instruction}.{repetition}.c3d", "V1xAx3.c3d", None),
+    ],
+)  # fmt: skip
+def test_a_pattern_states_the_trial(pattern, path, found) -> None:
+    names = ("volunteer", "instruction", "repetition")
+    wanted = {} if found is None else dict(zip(names, found, strict=True))
+    assert trial_in_name(pattern, Path(path)) == wanted
+
+
+@pytest.mark.parametrize(
+    "pattern", ["{person}_{volunteer}.c3d", "{volunteer}_{volunteer}", "{volunteer"]
+)
+def test_a_wrong_pattern_is_refused(pattern: str, tmp_path: Path) -> None:
+    path = tmp_path / "m.toml"
+    path.write_text(f'names = "{pattern}"\n')
+    with pytest.raises(ConfigurationError, match="expected each of"):
+        read_label_map(path)
+
+
+def folder_of(tmp_path: Path) -> Path:
+    folder = tmp_path / "data"
+    folder.mkdir()
+    make_c3d(folder / "V1_A_1.c3d")
+    shutil.copy(folder / "V1_A_1.c3d", folder / "V1_B_2.C3D")
+    return folder
+
+
+def test_a_folder_of_c3d_is_named_by_a_pattern(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path)
+    for mapping in (PATTERN, Path(PATTERN), {"names": PATTERN}):
+        found = [each for _, each in read_recordings(folder, mapping=mapping)]
+        assert [(r.attrs["volunteer"], r.attrs["instruction"], r.attrs["repetition"])
+                for r in found] == [("V1", "A", 1), ("V1", "B", 2)]  # fmt: skip
+
+
+def test_one_mapping_has_tables_per_file(tmp_path: Path) -> None:
+    folder = folder_of(tmp_path)
+    labels = [str(c) for c in read_recording(folder / "V1_A_1.c3d")["channel"].values]
+    (tmp_path / "m.toml").write_text(
+        f'names = "{PATTERN}"\ninstruction = "C"\n[channels]\n"{labels[0]}" = "ZYG_L"\n'
+        f'[files."V1_B_2.C3D"]\nvolunteer = "V9"\n[files."V1_B_2.C3D".channels]\n'
+        f'"{labels[0]}" = "ZYG_R"\n'
+    )
+    first, second = (
+        read_recording(path, mapping=tmp_path / "m.toml") for path in sorted(folder.iterdir())
+    )
+    assert list(first["channel"].values) == ["ZYG_L"] and first.attrs["volunteer"] == "V1"
+    assert list(second["channel"].values) == ["ZYG_R"] and second.attrs["volunteer"] == "V9"
+    # A common entry counts more than the name of a file, and an entry of the file more than both.
+    assert first.attrs["instruction"] == "C" and second.attrs["repetition"] == 2
+
+
+def test_a_study_takes_the_pattern(tmp_path: Path) -> None:
+    """Also with a pattern in the study file, relative to its folder."""
+    folder = tmp_path / "data"
+    folder.mkdir()
+    for name in ("V1_A_1", "V1_A_2"):
+        whole = recording().drop_attrs(deep=False).assign_attrs(origin="measured")
+        whole.to_netcdf(folder / f"{name}.nc")
+    pattern = PATTERN.replace(".c3d", ".nc")
+    (tmp_path / "study.toml").write_text(f'[recordings]\nfolder = "data"\nmapping = "{pattern}"\n')
+    study = load_study(tmp_path / "study.toml")
+    assert isinstance(study.recordings, RecordingsConfiguration)
+    found = take_in(study.recordings)
+    assert sorted(one.place for one in found.recordings) == [("V1", "A", 1), ("V1", "A", 2)]
