@@ -1,7 +1,7 @@
 """Interfaces of linear solvers for symmetric matrices."""
 
 from collections.abc import Callable
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -48,8 +48,10 @@ class LinearSolver(Protocol):
 class Factor(LinearSolver, Protocol):
     """A direct solver, whose factor may also precondition an iteration."""
 
-    #: approximate number of solutions that take as long as one factorisation
-    solutions_per_factorisation: ClassVar[int]
+    @property
+    def solutions_per_factorisation(self) -> int:
+        """Approximate number of solutions that take as long as one factorisation."""
+        ...
 
     def approximate(self, rhs: Array) -> Array:
         """Solve with the latest factor in its own precision, without refinement."""

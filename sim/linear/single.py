@@ -1,7 +1,5 @@
 """Factor in single precision, with refinement to double."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from sim.linear.contract import NotPositiveDefinite, symmetric_product
@@ -28,7 +26,6 @@ class SinglePardiso:
     """
 
     name = "pardiso_single"
-    solutions_per_factorisation: ClassVar[int] = 8
 
     def __init__(self) -> None:
         self._factor = self._single = Pardiso(np.float32)
@@ -39,6 +36,11 @@ class SinglePardiso:
         """Order the unknowns and find the structure of the factor."""
         self._pattern = pattern
         self._factor.analyse(pattern)
+
+    @property
+    def solutions_per_factorisation(self) -> int:
+        """That of the present precision."""
+        return self._factor.solutions_per_factorisation
 
     @property
     def factor_bytes(self) -> int:

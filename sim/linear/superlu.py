@@ -1,7 +1,5 @@
 """SciPy's SuperLU: available everywhere, unsymmetric, new ordering at every factorisation."""
 
-from typing import ClassVar
-
 import numpy as np
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
@@ -16,9 +14,13 @@ class SuperLU:
     """Direct solver of `scipy.sparse.linalg.splu` on the full symmetric matrix."""
 
     name = "superlu"
-    solutions_per_factorisation: ClassVar[int] = 40
     _pivot_threshold = 0.0
     _symmetric = True
+
+    @property
+    def solutions_per_factorisation(self) -> int:
+        """Also that of the analysis, which SuperLU repeats."""
+        return 40
 
     def analyse(self, pattern: Sparsity) -> None:
         """Lay out the full matrix and the positions of the values in it."""
