@@ -28,10 +28,10 @@ ROUNDS: Final = 2  #: rounds of relaxation
 BELOW, STIFFENING = 0.3, 10.0
 """Scaled Jacobian below which an element is relaxed, and factor on its stiffness."""
 NOISE: Final = 0.8e-3  #: standard deviation of a landmark [m]
-LANDMARK: Final = 5.0
+LANDMARK: Final = 50.0
 """Stiffness of a landmark with this noise [N/m].
 
-With less than 5 N/m, landmarks of the neck are left behind by 7 mm.
+With 5 N/m, landmarks near the rim are left behind by 7 mm.
 """
 
 
@@ -77,11 +77,13 @@ def deform(
     tissue = Tissue.at_rest(corners, start)
     q = stages["mechanics"] = tissue.settle(guide)
     iterations = tissue.iterations
-    at_landmarks = landmarks.rows(LANDMARK * (NOISE / noise) ** 2)
+    stiffness = LANDMARK * (NOISE / noise) ** 2
+    has_skin = any(target.only is None and target.name == "skin" for target in targets)
 
     def pulled(q: Floats, pull: Pull) -> Rows:
         rows = pulling(q, targets, pull) if targets else guide
-        return rows.joined(at_landmarks, *([held(q)] if held else []))
+        marks = landmarks.rows(stiffness, q if has_skin else None)
+        return rows.joined(marks, *([held(q)] if held else []))
 
     if targets:
         tissue = Tissue.at_rest(corners, q)

@@ -7,13 +7,14 @@ from typing import Final
 
 import numpy as np
 import xarray as xr
+from scipy.spatial.distance import cdist
 
 from emgface.errors import FitError, listed
 from emgface.face.landmarks import MIDLINE
 from emgface.face.parts import OUTER
 from emgface.fit.readers.landmarks import Landmarks, plain
 from emgface.fit.readers.surfaces import Scan
-from emgface.fit.similarity import Similarity, misfit, similarity, thin_plate
+from emgface.fit.similarity import GROWTH, Similarity, misfit, similarity, thin_plate
 from emgface.fit.targets import LandmarkPoints, Sheet
 from emgface.fit.triangulated import Floats, Surface
 
@@ -22,7 +23,13 @@ FLAT: Final = 0.05  #: smallest extent of the landmarks across a plane, relative
 MIRRORED: Final = 0.6  #: ratio of the misfits of improper and proper map of a mirrored input [1]
 SCALE: Final = (0.6, 1.6)  #: ratio of sizes of two people
 OFF: Final = 0.012  #: distance of a landmark from the skin that is refused [m]
-STRAY: Final = 0.025  #: distance of a landmark from the place expected from the others [m]
+STRAY: Final = 5.0
+"""Number of standard deviations by which a landmark may miss the place expected from the others.
+
+The variance is 2 `GROWTH` d for the distance d to the nearest other landmark, plus `CLICK` squared.
+"""
+CLICK: Final = 1.5e-3  #: standard deviation of a landmark for this test [m]
+COINCIDE: Final = 2e-4  #: distance at which two landmarks are at one place [m]
 DISAGREE: Final = 0.5  #: mean cosine of normals below which a surface is refused [1]
 
 
@@ -141,15 +148,24 @@ def _check_order(names: Sequence[str], mapped: Floats, target: Floats, source: s
 
 
 def _check_strays(names: Sequence[str], source: Floats, target: Floats, given: str) -> None:
-    """Refuse a landmark that lies far from the place that a spline of the others predicts."""
+    """Refuse landmarks at one place, and one far from the place that the others predict."""
+    apart, before = cdist(target, target), cdist(source, source)
+    for i, j in combinations(range(len(names)), 2):
+        if apart[i, j] < COINCIDE < 5.0 * COINCIDE < before[i, j]:
+            raise FitError(
+                f"{given}: {names[i]} and {names[j]} are at one place, on the face "
+                f"{1e3 * before[i, j]:.3g} mm apart: correct one of them"
+            )
     if len(names) <= LEAST + 1:
         return
+    np.fill_diagonal(before, np.inf)
     miss = left_out(source, target, 2e-3)
-    k = int(np.argmax(miss))
-    if miss[k] > STRAY and miss[k] > 3.0 * float(np.median(miss)):
+    limit = STRAY * np.sqrt(2.0 * GROWTH * before.min(axis=1) + CLICK**2)
+    k = int(np.argmax(miss / limit))
+    if miss[k] > limit[k]:
         raise FitError(
             f"{given}: landmark {names[k]} lies {1e3 * miss[k]:.3g} mm from the place expected from the "
-            "others: check its side and position, or omit it"
+            f"others, expected at most {1e3 * limit[k]:.3g} mm: check its side and position, or omit it"
         )
 
 

@@ -94,10 +94,17 @@ class LandmarkPoints:
         """Points (n, 3) of the skin at positions q [m]."""
         return np.einsum("nk,nki->ni", self.weights, q[self.nodes])
 
-    def rows(self, stiffness: float) -> Rows:
-        """Springs of a stiffness [N/m] at the landmarks on the skin."""
+    def rows(self, stiffness: float, along: Floats | None = None) -> Rows:
+        """Springs of a stiffness [N/m] at the landmarks on the skin.
+
+        If the skin has a target of its own, they act only along it: `along` are positions of the nodes
+        from which its normals are computed. Noise of landmarks then makes no dents.
+        """
         own = self.on_skin
         W = np.tile(stiffness * np.eye(3), (int(own.sum()), 1, 1))
+        if along is not None:
+            n = Surface(along, self.nodes[own]).normals
+            W = W - stiffness * n[:, :, None] * n[:, None, :]
         return Rows(self.nodes[own], self.weights[own], self.target[own], W)
 
 

@@ -113,6 +113,7 @@ REFUSED = {
     "mirrored": (_mirrored, "is mirrored"),
     "exchanged": (_exchanged, "pronasale and pogonion seem to be exchanged|exchanged"),
     "far": (_far, "pogonion lies"),
+    "coincident": (lambda m: m | {"corner_left": m["corner_right"]}, "at one place"),
     "few": (_few, "3 of 3 landmarks have a counterpart"),
     "flat": (_flat, "in one plane"),
     "large": (lambda m: {k: 2.0 * v for k, v in m.items()}, "as far apart|check the unit"),
