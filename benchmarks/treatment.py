@@ -295,6 +295,55 @@ def palsy() -> list[Row]:
     ]  # fmt: skip
 
 
+def jaw() -> list[Row]:
+    """Rest and opening of a jaw after resection of one side, with its variants."""
+    from emgface.anatomy.jaw.outcomes import outcome
+    from emgface.anatomy.jaw.run import run_task
+    from emgface.anatomy.jaw.tasks import task_of
+    from emgface.anatomy.jaw.template import template_jaw
+    from emgface.treatment.plan import Resection
+    from emgface.treatment.resection import resect
+
+    whole = template_jaw()
+
+    def deviation(**given: Any) -> float:
+        treated, _ = resect(whole, Resection(**given))
+        return outcome(run_task(treated, task_of("open")))["right"]
+
+    left, right = deviation(), deviation(side="right")
+    sweep = [deviation(scar_stiffness=k) for k in (0.0, 100.0, 800.0, 3000.0)]
+    graft, plate = deviation(reconstruction="graft"), deviation(reconstruction="plate")
+    return [
+        ("opening, left resection: incisor to the right", f"{left:.2f} mm", "to the left", left < 0.0),
+        ("right resection", f"{right:.2f} mm", "mirrored to 0.05 mm", abs(left + right) < 0.05),
+        ("scar of 0, 100, 800, 3000 N/m", ", ".join(f"{v:.2f}" for v in sweep),
+         "larger with 800 than 0", abs(sweep[2]) > abs(sweep[0])),
+        ("plate, graft", f"{plate:.2f}, {graft:.2f} mm", "graft less than none",
+         abs(graft) < abs(left)),
+    ]  # fmt: skip
+
+
+def compensation() -> list[Row]:
+    """Activations of the operated face for the intact motion."""
+    from emgface.face.template.gestures import gesture_activation
+    from emgface.treatment.compensation import compensated
+
+    face = template_face(resolution="coarse")
+    treated = ef.treat(face, wedge(place=0.4))
+    rows: list[Row] = []
+    for name in ("A", "D"):
+        found = compensated(face, treated, gesture_activation(name), parameters(sigma_max=100e3))
+        a = found["activation"].values
+        last = found.isel(time=-1)
+        before, left = (1e3 * float(last[k]) for k in ("uncompensated", "residual"))
+        rows.append((f"{name}: rms distance of a marker, same and found activations",
+                     f"{before:.3f}, {left:.3f} mm of {1e3 * float(last['motion']):.2f}",
+                     "less", left < before))  # fmt: skip
+        rows.append(("   activations", f"{a.min():.3f} to {a.max():.3f}", "0 to 1",
+                     bool(a.min() >= 0.0 and a.max() <= 1.0)))  # fmt: skip
+    return rows
+
+
 def random(plans: int = 20, seed: int = 0) -> list[Row]:
     """Random plans over generated faces: how they end, and the longest time."""
     rng = np.random.default_rng(seed)
@@ -345,6 +394,7 @@ REASONS = {
     "leaves the lip": ("divides the lip", "does not begin and end", "does not face"),
     "degenerate elements": ("degenerate", "inverted at rest"),
     "nothing left": ("has no element",),
+    "at an earlier suture": ("not layered",),
     "lips overlap": ("below that of the lower lip",),
 }
 
@@ -392,6 +442,8 @@ CHECKS: dict[str, Callable[..., list[Row]]] = {
     "trends": trends,
     "joining": joining,
     "palsy": palsy,
+    "jaw": jaw,
+    "compensation": compensation,
     "random": random,
 }
 

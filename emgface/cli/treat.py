@@ -13,24 +13,31 @@ from emgface.cli.machine import announce_compilation
 
 def treat(
     plan: Annotated[Path, typer.Argument(help="Plan of the treatment (TOML).")],
-    face: Annotated[Path, typer.Argument(help="Face model (netCDF).")],
-    out_path: Annotated[Path, typer.Option("--out", help="Treated face to write (netCDF).")],
+    model: Annotated[Path, typer.Argument(help="Face model, or jaw model (netCDF).")],
+    out_path: Annotated[Path, typer.Option("--out", help="Treated model to write (netCDF).")],
     sigma_max: Annotated[
         float | None, typer.Option(help="Largest muscle stress of the tissue that is closed [Pa].")
     ] = None,
 ) -> None:
-    """Excise, close, stiffen or weaken a face by a plan. Not for treatment decisions."""
+    """Treat a face or a jaw by a plan: excise, close, weaken, resect. Not for treatment decisions."""
     from emgface.api.given import simulation_of, study_of
     from emgface.face.file import load_face, save_face
+    from emgface.schema.netcdf import kind_of, read_netcdf, write_netcdf
     from emgface.treatment.plan import NOT_VALIDATED, read_plan
-    from emgface.treatment.treat import treat_face
+    from emgface.treatment.treat import treat_face, treat_jaw
 
+    if model.is_file() and kind_of(model) == "jaw_model":
+        write_netcdf(
+            treat_jaw(read_netcdf(model, "jaw_model"), read_plan(plan)), out_path, "jaw_model"
+        )
+        say(f"Wrote {out_path}, simulated. {NOT_VALIDATED.capitalize()}.")
+        return
     chosen: dict[str, Any] = {} if sigma_max is None else {"sigma_max": sigma_max}
     parameters = simulation_of(study_of(None).simulation, None, chosen)
     announce_compilation()
     with progress("closing") as bar:
         treated = treat_face(
-            load_face(face), read_plan(plan), parameters, folder=plan.parent, progress=bar.show
+            load_face(model), read_plan(plan), parameters, folder=plan.parent, progress=bar.show
         )
     save_face(treated, out_path)
     for step in json.loads(treated.attrs.get("treatment", "[]"))[-1:]:
@@ -57,6 +64,9 @@ def compare(
     plain: Annotated[
         Path | None, typer.Option(help="Page without terms of the field to write (html).")
     ] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Picture of the treated face from three sides (png, pdf).")
+    ] = None,
     table: Annotated[
         Path | None, typer.Option(help="Table of the outcomes to write (csv).")
     ] = None,
@@ -71,9 +81,10 @@ def compare(
     from emgface.api.given import simulation_of, study_of
     from emgface.face.file import load_face
     from emgface.files import write_text
+    from emgface.pictures.stills import write_figure
     from emgface.treatment.motions import TASKS, compared, gestures, recorded
     from emgface.treatment.outcomes import movement_table, outcome_table
-    from emgface.treatment.pages import compare_page
+    from emgface.treatment.pages import compare_page, states_of
 
     chosen: dict[str, Any] = {} if sigma_max is None else {"sigma_max": sigma_max}
     if not contact:
@@ -96,6 +107,8 @@ def compare(
                 intact, treated, motions, activations, tables, folder=after.parent, plain=simple
             )
             write_text(path, page)
+    if picture is not None:
+        write_figure(states_of(treated, motions, ("A", "D", *TASKS)), picture)
     if table is not None:
         write_text(table, "# simulated\n" + tables[0].to_csv(index=False, float_format="%.6g"))
     show_table(frame(tables[0].round(3)), "outcomes, simulated")

@@ -157,7 +157,7 @@ def outcome_table(intact: xr.Dataset, treated: xr.Dataset, motions: Compared) ->
     table = pd.DataFrame(rows, columns=["outcome", "unit", "before", "after"])
     table["change"] = table["after"] - table["before"]
     numbers = ["before", "after", "change"]
-    table[numbers] = table[numbers].where(table[numbers].abs() > 5e-4, 0.0)  # without -0.00
+    table[numbers] = table[numbers].mask(table[numbers].abs() < 5e-4, 0.0)  # without -0.00
     return table
 
 

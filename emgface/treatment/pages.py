@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from markupsafe import Markup
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
@@ -26,6 +27,7 @@ from emgface.pictures.encoding import (
 )
 from emgface.pictures.page import as_json, cells, environment, policy, style, viewer_script
 from emgface.pictures.render import VIEWS
+from emgface.pictures.stills import body_figure
 from emgface.treatment.motions import Compared
 from emgface.treatment.outcomes import OUTCOMES
 from emgface.treatment.outline import outline_of
@@ -172,6 +174,23 @@ def _drawn_suture(treated: xr.Dataset) -> Body:
     low, high = np.array(STITCH[0]), np.array(STITCH[1])
     body.colour[: body.tissue][mine] = (low + level[nearest][:, None] * (high - low))[mine]
     return body
+
+
+def states_of(treated: xr.Dataset, motions: Compared, names: tuple[str, ...]) -> Figure:
+    """Draw the treated face from three sides, at rest and at the largest displacement of movements."""
+    body, skin = _drawn_suture(treated), skin_of(treated)
+    shown: dict[str, NDArray[np.floating]] = {"closed wound": treated["position"].values[skin.node]}
+    for name in names:
+        if name not in motions.treated:
+            continue
+        order = ("frame", "surface_node", "axis")
+        frames = motions.treated[name]["surface_position"].transpose(*order).values
+        far = int(np.argmax(((frames - frames[0]) ** 2).sum(axis=(1, 2))))
+        shown[motions.words[name]] = frames[far]
+    markers = treated["position"].values[treated["marker_node"].values]
+    return body_figure(
+        body, shown, title=f"{treated.attrs['name']}; {NOT_VALIDATED}", around=markers
+    )
 
 
 def _table(frame: pd.DataFrame, title: str, note: str = "") -> dict[str, Any]:

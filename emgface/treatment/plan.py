@@ -213,7 +213,29 @@ class Palsy(Parameters):
         return self
 
 
-Step = Annotated[Wedge | Tumour | Incision | Change | Palsy, Discriminator("kind")]
+class Resection(Parameters):
+    """Loss of one side of the mandible, of a jaw model instead of a face."""
+
+    kind: Literal["resection"] = "resection"
+    side: Literal["left", "right"] = choice("left", "Side of the subject.")
+    reconstruction: Literal["none", "plate", "graft"] = choice(
+        "none",
+        "'none' leaves the joint of that side out; 'plate' restores it, 'graft' also masseter and "
+        "temporalis.",
+        source="resection models of the published collection",
+    )
+    scar_stiffness: float = parameter(
+        800.0,
+        "Stiffness of each of three scars between jaw and skull; 0 is none.",
+        unit="N/m",
+        source="default of a published demonstration, without measured origin",
+        note="vary it",
+        ge=0,
+        le=1e5,
+    )
+
+
+Step = Annotated[Wedge | Tumour | Incision | Change | Palsy | Resection, Discriminator("kind")]
 CUTS: Final = (Wedge, Tumour, Incision)
 
 

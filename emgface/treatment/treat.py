@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from emgface.errors import FaceError
+from emgface.errors import FaceError, JawError
 from emgface.face.quality import element_centres, element_quality
 from emgface.face.recipe import compose_scene, element_order
 from emgface.face.simulation_parameters import SimulationParameters
@@ -28,10 +28,12 @@ from emgface.treatment.plan import (
     Incision,
     Palsy,
     Plan,
+    Resection,
     Tumour,
     Wedge,
 )
 from emgface.treatment.rebuild import rebuilt
+from emgface.treatment.resection import resect
 from sim.elements import HEX8, WEDGE6
 
 Floats = NDArray[np.float64]
@@ -78,6 +80,24 @@ def treat_face(
         "parent": face.attrs.get("parent") or dataset_digest(face),
         "name": f"{face.attrs['name']}, simulated treatment: {plan.name}",
     }
+    return treated
+
+
+def treat_jaw(jaw: xr.Dataset, plan: Plan) -> xr.Dataset:
+    """Apply a plan of resections to a jaw model; JawError if a step is of another kind."""
+    treated, reports = jaw, list[Report]()
+    for number, step in enumerate(plan.step, 1):
+        if not isinstance(step, Resection):
+            raise JawError(
+                f"step {number} ({step.kind}) of {plan.name!r} applies to a face, and the model is a "
+                "jaw: expected steps of the kind 'resection'"
+            )
+        treated, report = resect(treated, step)
+        reports.append({"step": number, "kind": step.kind, **report})
+    if treated is jaw:
+        return jaw
+    entry = {"plan": plan.model_dump(mode="json"), "steps": reports, "note": NOT_VALIDATED}
+    treated.attrs |= {"treatment": json.dumps([entry]), "parent": dataset_digest(jaw)}
     return treated
 
 
@@ -260,11 +280,21 @@ def _palsy(
     return apply_palsy(face, step)
 
 
+def _resection(
+    face: xr.Dataset, step: Resection, parameters: SimulationParameters, folder: Path, _: Any
+) -> tuple[xr.Dataset, Report]:
+    raise FaceError(
+        "a resection applies to a jaw model, and the model is a face: expected the file of a jaw "
+        "(emgface jaw build)"
+    )
+
+
 _APPLY: Final[dict[type, Callable[..., tuple[xr.Dataset, Report]]]] = {
     Wedge: _cut,
     Tumour: _cut,
     Incision: _cut,
     Change: _change,
     Palsy: _palsy,
+    Resection: _resection,
 }
 """Function that applies each kind of step; a new kind is a class of the plan and an entry."""

@@ -229,3 +229,43 @@ def test_the_reference_face_is_operated(shared):
     assert report(treated)["smallest_J"] > 0.3
     assert "lip_triangle" not in treated
     compose_scene(treated, configure(SimulationParameters, {}))  # with contact
+
+
+def test_a_resection_of_the_jaw_is_mirrored_and_loses_muscles_and_joint(tmp_path):
+    from emgface.anatomy.jaw.template import template_jaw
+    from emgface.errors import JawError
+    from emgface.schema.netcdf import read_netcdf, write_netcdf
+    from emgface.schema.validation import validate
+    from emgface.treatment.treat import treat_jaw
+
+    jaw = template_jaw()
+    left, right = (
+        treat_jaw(jaw, configure(Plan, {"step": [{"kind": "resection", "side": side}]}))
+        for side in ("left", "right")
+    )
+    names = {str(m) for m in left["muscle"].values}
+    assert "mt_L" not in names and {"mt_R", "ad_L"} <= names
+    assert "tmj_L" not in left["joint"].values and "tmj_R" in left["joint"].values
+    scars = [np.char.startswith(j["spring"].values.astype(str), "scar") for j in (left, right)]
+    ends = [j["spring_position"].values[s][:, 0] for j, s in zip((left, right), scars, strict=True)]
+    assert (ends[0][:, 0] < 0.0).all()  # the left of the subject is -x
+    np.testing.assert_allclose(ends[0] * [-1.0, 1.0, 1.0], ends[1], atol=1e-9)
+    stored = read_netcdf(write_netcdf(left, tmp_path / "jaw.nc", "jaw_model"), "jaw_model")
+    assert NOT_VALIDATED in stored.attrs["treatment"]
+    validate(left, "jaw_model")
+    with pytest.raises(JawError, match="applies to a face"):
+        treat_jaw(jaw, configure(Plan, {"step": [{"kind": "palsy"}]}))
+
+
+def test_a_resection_is_refused_for_a_face(coarse):
+    with pytest.raises(FaceError, match="applies to a jaw model"):
+        ef.treat(coarse, {"step": [{"kind": "resection"}]})
+
+
+def test_found_activations_come_closer_to_the_intact_motion(coarse, operated):
+    from emgface.treatment.compensation import compensated
+
+    found = compensated(coarse, operated, {"OOP_L": 0.3, "OOP_R": 0.3}, QUICK)
+    assert (found["activation"] >= 0.0).all() and (found["activation"] <= 1.0).all()
+    assert (found["residual"] < found["uncompensated"]).all()
+    assert float(found["residual"][-1]) < float(found["motion"][-1])

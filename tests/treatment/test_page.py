@@ -1,0 +1,115 @@
+"""Page of a comparison in a browser: both faces, one time cursor, keyboard, and no network access."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import emgface as ef
+from emgface.choices import configure
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.treatment.motions import compared, gestures
+from emgface.treatment.outcomes import movement_table, outcome_table
+from emgface.treatment.pages import compare_page, states_of
+from emgface.treatment.plan import NOT_VALIDATED
+from tests.browser import needs_browser, started, until
+
+QUICK = configure(
+    SimulationParameters,
+    {"accuracy": "draft", "contact": {"method": "none"}, "sigma_max": 100e3},
+)
+
+
+@pytest.fixture(scope="module")
+def made(coarse):
+    step = {"kind": "wedge", "place": 0.42, "width": 12.0, "height": 11.0}
+    treated = ef.treat(coarse, {"name": "<b>V</b>", "step": [step]})
+    drives = gestures(coarse, ("A",))
+    motions = compared(coarse, treated, drives, QUICK, source="Gestures.")
+    tables = outcome_table(coarse, treated, motions), movement_table(motions)
+    return coarse, treated, motions, drives, tables
+
+
+@pytest.fixture(scope="module")
+def pages(made):
+    coarse, treated, motions, drives, tables = made
+    return [
+        compare_page(coarse, treated, motions, drives, tables, plain=plain)
+        for plain in (False, True)
+    ]
+
+
+def test_every_page_states_that_it_is_simulated_and_not_validated(pages):
+    for page in pages:
+        assert NOT_VALIDATED in page and "simulated" in page
+        assert "<b>V</b>" not in page
+        assert "http://" not in page.replace("http://www.w3.org", "")
+
+
+def test_outcomes_are_those_of_the_faces(made):
+    coarse, treated, motions, _, (outcomes, movements) = made
+    row = outcomes.set_index("outcome").loc["length of the lower lip margin"]
+    assert 1.0 < row["before"] - row["after"] < 12.0
+    assert np.isnan(outcomes.set_index("outcome").loc["lip opening", "after"])
+    assert 0.5 < movements.iloc[0]["rho"] <= 1.0
+    own = compared(coarse, coarse, gestures(coarse, ("A",)), QUICK, source="")
+    same = movement_table(own).iloc[0]
+    assert same["rho"] == pytest.approx(1.0) and same["amplitude ratio"] == pytest.approx(1.0)
+
+
+def test_the_picture_shows_the_treated_face(made, tmp_path):
+    from emgface.pictures.stills import write_figure
+
+    _, treated, motions, _, _ = made
+    path = write_figure(states_of(treated, motions, ("A",)), tmp_path / "states.png")
+    pixels = np.asarray(Image.open(path).convert("RGB"), dtype=int)
+    yellow = (pixels[..., 0] > 180) & (pixels[..., 1] > 110) & (pixels[..., 2] < 90)
+    assert yellow.sum() > 50  # the suture
+
+
+@needs_browser
+@pytest.mark.parametrize("query", ["", "?plain"])
+def test_both_faces_move_under_one_cursor_and_turn_by_keys(
+    pages, tmp_path, tmp_path_factory, query
+):
+    from selenium.webdriver.common.keys import Keys
+
+    path = tmp_path / "page.html"
+    path.write_text(pages[0], encoding="utf-8")
+    stage = "document.getElementById('stage')"
+
+    def halves(browser):
+        png = browser.find_element("id", "stage").screenshot_as_png
+        pixels = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"), dtype=int)
+        return pixels[:, : pixels.shape[1] // 2], pixels[:, pixels.shape[1] // 2 :]
+
+    def settled(browser):
+        before = halves(browser)
+        for _ in range(100):
+            now = halves(browser)
+            if all(np.array_equal(a, b) for a, b in zip(before, now, strict=True)):
+                return now
+            before = now
+        raise AssertionError("the picture does not come to rest")
+
+    def changed(one, two):
+        return [
+            float((np.abs(a - b).max(axis=2) > 20).mean()) for a, b in zip(one, two, strict=True)
+        ]
+
+    for browser in started(tmp_path_factory.mktemp("profile")):
+        browser.get(path.as_uri() + query)
+        until(browser, f"return {stage}.dataset.ready === 'yes'")
+        rest = settled(browser)
+        slider = browser.find_element("id", "time")
+        slider.send_keys(Keys.END)
+        until(browser, f"return Number({stage}.dataset.frame) > 5")
+        assert min(changed(rest, settled(browser))) > 0.003
+        slider.send_keys(Keys.HOME)
+        until(browser, f"return Number({stage}.dataset.frame) === 0")
+        assert max(changed(rest, settled(browser))) < 0.001
+        browser.find_element("id", "stage").send_keys(Keys.ARROW_LEFT * 4)
+        assert min(changed(rest, settled(browser))) > 0.01
+        severe = [e for e in browser.get_log("browser") if e["level"] == "SEVERE"]
+        assert not severe, severe
