@@ -113,27 +113,42 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         size = path.stat().st_size
         text = read_text(path) if size <= LONGEST_TOML else ""
-        content = tomllib.loads(text)
     except OSError as error:
         raise ConfigurationError(
             f"Cannot read {path}: {error.strerror}; expected a TOML file: check its path."
         ) from error
-    # ValueError includes TOMLDecodeError, UnicodeDecodeError, and integers of thousands of digits.
-    except (ValueError, RecursionError) as error:
-        told = " ".join(str(error).split())[:200]
-        raise ConfigurationError(
-            f"{path.name} is not valid TOML ({type(error).__name__}: {told}); expected lines such as "
-            "name = 'value' in UTF-8: repair it."
-        ) from error
+    except UnicodeDecodeError as error:
+        raise _not_toml(path.name, error) from error
     if size > LONGEST_TOML:
         raise ConfigurationError(
             f"{path.name} has {size / 2**20:.0f} MiB; expected a TOML file of at most "
             f"{LONGEST_TOML >> 20} MiB: it is another file."
         )
-    return _shallow(content, path)
+    return toml_in(text, path.name)
 
 
-def _shallow(content: dict[str, Any], path: Path) -> dict[str, Any]:
+def toml_in(text: str, name: str) -> dict[str, Any]:
+    """Return the tables of a text in TOML; `name` is used in messages.
+
+    Raises ConfigurationError if it is not TOML or deeper than `DEEPEST`.
+    """
+    try:
+        content = tomllib.loads(text)
+    # ValueError includes TOMLDecodeError and integers of thousands of digits.
+    except (ValueError, RecursionError) as error:
+        raise _not_toml(name, error) from error
+    return _shallow(content, name)
+
+
+def _not_toml(name: str, error: Exception) -> ConfigurationError:
+    told = " ".join(str(error).split())[:200]
+    return ConfigurationError(
+        f"{name} is not valid TOML ({type(error).__name__}: {told}); expected lines such as "
+        "name = 'value' in UTF-8: repair it."
+    )
+
+
+def _shallow(content: dict[str, Any], name: str) -> dict[str, Any]:
     """Refuse nesting that later code, which is recursive, would not survive."""
     left: list[tuple[Any, int]] = [(content, 1)]
     while left:
@@ -142,7 +157,7 @@ def _shallow(content: dict[str, Any], path: Path) -> dict[str, Any]:
             continue
         if depth > DEEPEST:
             raise ConfigurationError(
-                f"{path.name} nests tables and arrays more than {DEEPEST} deep; expected the entries "
+                f"{name} nests tables and arrays more than {DEEPEST} deep; expected the entries "
                 "of the documentation: repair it."
             )
         inner = value.values() if isinstance(value, dict) else value

@@ -210,6 +210,29 @@ def score(
     >>> import emgface as ef
     >>> ef.score("V1_A_1.nc", trajectory, face=face).rho.median()  # doctest: +SKIP
     """
+    _, found = aligned_and_scored(
+        recording,
+        trajectory,
+        face=face,
+        study=study,
+        mapping=mapping,
+        alignment=alignment,
+        score=score,
+    )
+    return found
+
+
+def aligned_and_scored(
+    recording: "Data",
+    trajectory: "Data",
+    *,
+    face: "Data | None" = None,
+    study: "Given" = None,
+    mapping: "Mapping[str, Any] | File | None" = None,
+    alignment: "Mapping[str, Any] | None" = None,
+    score: "Mapping[str, Any] | None" = None,
+) -> "tuple[xr.Dataset, xr.Dataset]":
+    """Aligned measured motion and scores of a trial, with the arguments of `score`."""
     from analysis.align import align
     from analysis.scores import score as score_trial
     from emgface.api.given import changed, dataset_of, face_of, recording_of, study_of
@@ -228,4 +251,4 @@ def score(
         smallest_snr=score_choices.smallest_snr,
         **alignment_choices.arguments(),
     )
-    return score_trial(aligned, motion, **score_choices.model_dump())
+    return aligned, score_trial(aligned, motion, **score_choices.model_dump())

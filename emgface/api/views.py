@@ -25,6 +25,8 @@ def show(
     out: "File | None" = None,
     *,
     activation: "xr.Dataset | None" = None,
+    recording: "Data | None" = None,
+    compare: "Data | None" = None,
     mapping: "Mapping[str, Any] | File | None" = None,
 ) -> "View":
     """Show a recording, activation, motion, scores, cube, model or sound.
@@ -39,8 +41,12 @@ def show(
         movie (``*.gif``, ``*.mp4``).
     activation : Dataset, optional
         Activation (muscle, time) [1] that caused a trajectory, shown beside the face.
+    recording : Dataset or path-like, optional
+        Recording of a trajectory, whose lip markers are aligned with it, shown and scored.
+    compare : Dataset or path-like, optional
+        Second trajectory of the same face, whose markers are shown with those of the first.
     mapping : mapping or path-like, optional
-        As for `read`, if `shown` is a recording.
+        As for `read`, if `shown` is a recording, or for `recording`.
 
     Returns
     -------
@@ -67,10 +73,30 @@ def show(
         path_of(shown, "something to show")
     named = os.fspath(mapping) if isinstance(mapping, os.PathLike) else mapping
     data, parts = opened(shown, named)
-    view = View(data, kind(data), activation, parts)
+    further = _further(data, recording, compare, mapping) if kind(data) == "trajectory" else {}
+    view = View(data, kind(data), activation, parts, further)
     if out is not None:
         view.save(out)
     return view
+
+
+def _further(
+    motion: "xr.Dataset",
+    recording: "Data | None",
+    compare: "Data | None",
+    mapping: "Mapping[str, Any] | File | None",
+) -> dict[str, Any]:
+    """Measured markers, scores and the second motion of a page (`emgface.pictures.page`)."""
+    from emgface.api.given import dataset_of
+
+    found: dict[str, Any] = {}
+    if recording is not None:
+        from emgface.api.recordings import aligned_and_scored
+
+        found["aligned"], found["scores"] = aligned_and_scored(recording, motion, mapping=mapping)
+    if compare is not None:
+        found["compared"] = dataset_of(compare, "trajectory", "position")
+    return found
 
 
 class View:
@@ -85,13 +111,19 @@ class View:
         kind: str,
         activation: "xr.Dataset | None",
         parts: "Mapping[str, xr.Dataset]",
+        further: "Mapping[str, Any] | None" = None,
     ) -> None:
         self._data, self._kind, self._activation, self._parts = data, kind, activation, parts
+        self._further = dict(further or {})
 
     @property
     def moving(self) -> bool:
-        """Return True if the view is a face, which can be rotated or moves."""
-        return self._kind == "face_model" or "surface_position" in self._data
+        """Return True if the view is an interactive page: a face, or a recording to browse."""
+        return (
+            self._kind == "recording"
+            or self._kind == "face_model"
+            or "surface_position" in self._data
+        )
 
     @cached_property
     def page(self) -> str:
@@ -100,7 +132,7 @@ class View:
         from emgface.pictures.show import page
 
         if self._kind == "trajectory" and self.moving:
-            return motion_page(self._data, self._activation)
+            return motion_page(self._data, self._activation, **self._further)
         return page(self._data, self._parts)
 
     @cached_property

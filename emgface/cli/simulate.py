@@ -153,12 +153,73 @@ def show(
         ),
     ] = None,
     mapping: options.MappingOption = None,
+    activation: Annotated[
+        Path | None, typer.Option(help="Activation of a motion, shown with it.")
+    ] = None,
+    recording: Annotated[
+        Path | None,
+        typer.Option(
+            help="Recording of a motion, whose lip markers are aligned, shown and scored."
+        ),
+    ] = None,
+    compare: Annotated[
+        Path | None, typer.Option(help="Second motion of the same face, shown with the first.")
+    ] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option(
+            help="Mapping file to which the page of a recording saves names and unusable channels and "
+            "spans; the page then also shows every sample. Ctrl-C ends the program."
+        ),
+    ] = None,
 ) -> None:
     """Draw the contents of a file, in the browser or to a file."""
     import emgface as ef
 
-    view = ef.show(path, mapping=mapping)
+    if save is not None:
+        _browse(path, mapping, save)
+        return
+    view = ef.show(
+        path,
+        mapping=mapping,
+        activation=None if activation is None else ef.read(activation),
+        recording=recording,
+        compare=compare,
+    )
     say(f"Wrote {view.open() if out_path is None else view.save(out_path)}.")
+
+
+def _browse(path: Path, mapping: Path | None, save: Path) -> None:
+    """Serve the page of a recording until Ctrl-C."""
+    import time
+    import webbrowser
+
+    from emgface.files import refuse_existing
+    from emgface.recordings.dataset import read_recording
+    from emgface.recordings.labels import read_label_map
+    from emgface.view.recording import RecordingPage, findings_of
+    from emgface.view.server import LocalServer
+
+    refuse_existing(save)
+    given = read_label_map(mapping).of_file(path)
+    data = read_recording(path, mapping=given)
+    page = RecordingPage(data, path.name, findings_of(data), save, given)
+    server = LocalServer(
+        page.html(served=True), get={"span": page.span}, post={"mapping": page.save}
+    )
+    server.start()
+    opened = webbrowser.open(server.redirect().as_uri())
+    say(
+        f"The page is {server.url}" + ("" if opened else "; open it in a browser of this computer.")
+    )
+    say("Ctrl-C ends the program.")
+    try:
+        while True:
+            time.sleep(1.0)
+    except KeyboardInterrupt:
+        say(f"Wrote {save}." if save.exists() else "Ended; nothing was saved.")
+    finally:
+        server.stop()
 
 
 def _activation(source: Path, study: Path | None, **choices: Any) -> "xr.Dataset":

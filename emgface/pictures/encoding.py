@@ -69,6 +69,25 @@ def levels(activation: xr.DataArray, at: NDArray[np.floating]) -> str:
     return packed(np.round(255.0 * chosen).astype(np.uint8))
 
 
+def measured_frames(aligned: xr.Dataset, moved: xr.Dataset) -> NDArray[np.float64]:
+    """Aligned measured markers at the frames (frame, marker, axis) [m], NaN if there are none.
+
+    They are shifted by one vector, so that their mean in the first complete frame is that of the
+    simulated markers, because the position of the lips in the head differs between a person and the
+    face model.
+    """
+    position = aligned["position"].transpose("time", "marker", "axis")
+    order = [str(name) for name in moved["marker"].values]
+    wanted = np.searchsorted(position["time"].values, moved["time"].values - 1e-9)
+    found = position.sel(marker=order).values[np.minimum(wanted, position.sizes["time"] - 1)]
+    complete = np.isfinite(found).all(axis=(1, 2))
+    if not complete.any():
+        return found
+    first = int(np.argmax(complete))
+    own = moved["position"].transpose("time", "marker", "axis").values[first]
+    return found + (own - found[first]).mean(axis=0)
+
+
 def whole(position: NDArray[Any], centre: NDArray[np.float64]) -> NDArray[np.int16]:
     """Round positions [m] to multiples of `QUANTUM` about a centre; NaN becomes `ABSENT`."""
     steps = np.round((np.asarray(position, dtype=np.float64) - centre) / QUANTUM)

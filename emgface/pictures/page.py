@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 
 from analysis.figures.style import WRITTEN, settings
 from analysis.tables import Table
+from emgface.errors import DataError
 from emgface.muscles import INSTRUCTIONS
 from emgface.pictures.body import body_of, skin_of
 from emgface.pictures.encoding import (
     body_data,
     deltas,
     levels,
+    measured_frames,
     middle_of,
     muscle_names,
     scaling,
@@ -51,33 +53,96 @@ def face_page(face: xr.Dataset) -> str:
                    simulated=False)  # fmt: skip
 
 
-def motion_page(motion: xr.Dataset, activation: xr.Dataset | None = None) -> str:
+def motion_page(
+    motion: xr.Dataset,
+    activation: xr.Dataset | None = None,
+    *,
+    aligned: xr.Dataset | None = None,
+    scores: xr.Dataset | None = None,
+    compared: xr.Dataset | None = None,
+) -> str:
     """Write the page of one simulated motion as HTML without network requests.
 
-    `motion` is a trajectory with surface, without which DataError is raised, and `activation`
-    (muscle, time) is shown beside it.
+    `motion` is a trajectory with surface, without which DataError is raised. `activation` (muscle,
+    time), the measured markers `aligned` with it (`analysis.align.align`), their `scores`, and the
+    markers of a `compared` trajectory are shown under the same time cursor.
     """
     body, _, frames = drawn_surface(motion)
-    time, centre = motion["frame_time"].values, middle_of(frames[0])
-    markers = motion["position"].transpose("time", "marker", "axis")
-    markers = whole(markers.sel(time=time, method="nearest").values, centre)
-    sigma_max = float(motion.attrs["sigma_max"]) / 1e3
-    named = motion.attrs.get("face") or "unnamed"
-    about = f"Face model: {named}, sigma_max {sigma_max:.4g} kPa."
-    trial = _trial(frames, markers, time, centre, about)
+    centre = middle_of(frames[0])
+    trial = _motion_trial(motion, frames, centre)
     data = body_data(body, frames[0]) | _single(trial, motion["marker"].values)
     origin = ""
     if activation is not None:
         pace, start = motion.attrs["recorded_pace"], motion.attrs["recorded_start"]
-        trial["activation"] = levels(activation["activation"], start + pace * time)
+        trial["activation"] = levels(
+            activation["activation"], start + pace * motion["frame_time"].values
+        )
         data["muscles"] = muscle_names(activation["muscle"].values)
         data["scaling"] = scaling(activation)
         origin = str(activation.attrs.get("origin", ""))
+    if aligned is not None:
+        origin = str(aligned.attrs.get("origin", origin))
+        trial["measured"] = deltas(whole(_measured(aligned, motion), centre))
+    if scores is not None:
+        trial["about"] += f" {_scored(scores)}"
+    if compared is not None:
+        _, _, others = drawn_surface(compared)
+        same = set(compared["marker"].values) == set(motion["marker"].values)
+        if others.shape[1:] != frames.shape[1:] or not same:
+            raise DataError(
+                "the compared motion is of another face, expected two motions of one face: simulate "
+                "both with the same face and --surface"
+            )
+        second = _motion_trial(compared.sel(marker=motion["marker"].values), others, centre)
+        names = _two_names(trial_name(motion), trial_name(compared))
+        trial["strategy"], second["strategy"] = names
+        data["trials"].append(second)
+        data["strategies"] = list(names)
     title = trial_name(motion)
     words = "The motion of the face is simulated by a finite-element model"
     words += f" from the sEMG of a {origin} recording." if origin else "."
     badge = "simulated motion" + (f", {origin} recording" if origin else "")
     return page_of(data, title=title, badge=badge, words=words, simulated=True)
+
+
+def _motion_trial(
+    motion: xr.Dataset, frames: NDArray[np.floating], centre: NDArray[np.float64]
+) -> dict[str, Any]:
+    """Encode the surface and markers of a trajectory."""
+    time = motion["frame_time"].values
+    markers = motion["position"].transpose("time", "marker", "axis")
+    markers = whole(markers.sel(time=time, method="nearest").values, centre)
+    sigma_max = float(motion.attrs["sigma_max"]) / 1e3
+    named = motion.attrs.get("face") or "unnamed"
+    about = f"Face model: {named}, sigma_max {sigma_max:.4g} kPa."
+    return _trial(frames, markers, time, centre, about)
+
+
+def _measured(aligned: xr.Dataset, motion: xr.Dataset) -> NDArray[np.float64]:
+    """Aligned measured markers at the frames of a motion, NaN for markers that were not measured."""
+    sampled = motion.sel(time=motion["frame_time"].values, method="nearest")
+    names, seen = list(map(str, motion["marker"].values)), set(map(str, aligned["marker"].values))
+    known = [name for name in names if name in seen]
+    found = np.full((sampled.sizes["time"], len(names), 3), np.nan)
+    found[:, [names.index(name) for name in known]] = measured_frames(
+        aligned, sampled.sel(marker=known)
+    )
+    return found
+
+
+def _scored(scores: xr.Dataset) -> str:
+    """Sentence on rho of each marker."""
+    rho = scores["rho"]
+    if not np.isfinite(rho.values).any():
+        return "rho is undefined for all markers."
+    named = zip((str(m).replace("_", " ") for m in rho["marker"].values), rho.values, strict=True)
+    each = (f"{name} {v:.2f}" if np.isfinite(v) else f"{name} undefined" for name, v in named)
+    return f"Median rho {np.nanmedian(rho.values):.2f}: {', '.join(each)}."
+
+
+def _two_names(first: str, second: str) -> tuple[str, str]:
+    """Different names of two motions."""
+    return (first, second) if first != second else (f"{first}, first", f"{second}, second")
 
 
 def trial_name(motion: xr.Dataset) -> str:
@@ -247,9 +312,9 @@ def viewer_script(page: str | None = None) -> str:
     return text
 
 
-def resource(name: str) -> str:
-    """Text of a file of this package."""
-    return files("emgface.pictures").joinpath(name).read_text(encoding="utf-8")
+def resource(name: str, package: str = "emgface.pictures") -> str:
+    """Text of a file of a package."""
+    return files(package).joinpath(name).read_text(encoding="utf-8")
 
 
 def as_json(value: Any) -> Markup:

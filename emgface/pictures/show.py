@@ -210,7 +210,9 @@ def cube_figure(data: xr.Dataset) -> "Figure":
 
 
 DRAWINGS: Final[Mapping[str, Drawing]] = {
-    "recording": Drawing("emgface.recordings.quality.figure:overview_figure"),
+    "recording": Drawing(
+        "emgface.recordings.quality.figure:overview_figure", "emgface.view.recording:recording_page"
+    ),
     "activation": Drawing("analysis.figures:activation_heat_map"),
     "trajectory": Drawing(f"{__name__}:motion_figure", "emgface.pictures.page:motion_page"),
     "scores": Drawing(f"{__name__}:score_figure"),

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import xarray as xr
@@ -11,10 +11,29 @@ from pydantic import Field, field_validator
 
 from emgface.choices import Parameters, configure
 from emgface.errors import DataError, SchemaError, listed
-from emgface.recordings.findings import Kind, findings_in, renamed
+from emgface.recordings.findings import Finding, Kind, findings_in, renamed, with_findings
 from emgface.recordings.trial_names import check_pattern, is_pattern, trial_in_name
 from emgface.schema.rules import hint
 from emgface.texts import read_toml
+
+BY_MAPPING: Final = "the mapping"  #: where a person marked something as unusable
+
+
+class UnusableSpan(Parameters):
+    """Time in which signals must not be used."""
+
+    start: float  #: s, in the time of the recording
+    stop: float  #: s
+    channels: list[str] = Field(default_factory=list)  #: labels in the file
+    markers: list[str] = Field(default_factory=list)  #: likewise; without both lists, all signals
+
+
+class Unusable(Parameters):
+    """What a person found unusable in a recording."""
+
+    channels: list[str] = Field(default_factory=list)  #: labels in the file; treated as missing
+    markers: list[str] = Field(default_factory=list)  #: labels in the file; never visible
+    spans: list[UnusableSpan] = Field(default_factory=list)  #: treated as gaps
 
 
 class Labels(Parameters):
@@ -26,6 +45,8 @@ class Labels(Parameters):
     markers: dict[str, str] | None = None  #: likewise
     #: unit of ``emg`` or ``position`` if that of the file is missing or wrong
     units: dict[str, str] = Field(default_factory=dict)
+    #: channels, markers and spans that must not be used (``emgface show RECORDING --save`` writes them)
+    unusable: Unusable = Field(default_factory=Unusable)
     volunteer: str | None = None  #: trial, if the file does not specify it
     instruction: str | None = None
     repetition: int | None = Field(default=None, ge=1)  #: counted from 1
@@ -54,7 +75,7 @@ class LabelMap(Labels):
             given |= {
                 name: getattr(labels, name)
                 for name in Labels.model_fields
-                if getattr(labels, name) not in (None, {})
+                if getattr(labels, name) not in (None, {}, Unusable())
             }
         return LabelMap(**given)
 
@@ -91,6 +112,7 @@ def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
     Raises SchemaError if a mapped label is not in the file (with the nearest one), or two labels
     have one name.
     """
+    recording = without_unusable(recording, labels.unusable)
     names = note(recording, "original_names")
     dropped = note(recording, "dropped")
     maps: tuple[tuple[Kind, dict[str, str] | None], ...]
@@ -123,6 +145,79 @@ def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
         original_names=json.dumps(names, ensure_ascii=False),
         dropped=json.dumps(dropped, ensure_ascii=False),
     )
+
+
+def without_unusable(recording: xr.Dataset, unusable: Unusable) -> xr.Dataset:
+    """Leave out unusable channels, and replace unusable markers and spans by NaN, with findings.
+
+    Raises SchemaError if a label is not in the file (with the nearest one), or a span does not lie in
+    the recording.
+    """
+    told = list[Finding]()
+    held: dict[Kind, list[str]] = {
+        dim: [str(v) for v in recording[dim].values] if dim in recording.coords else []
+        for dim in ("channel", "marker")
+    }
+    given: dict[Kind, list[str]] = {
+        "channel": [*unusable.channels, *(c for s in unusable.spans for c in s.channels)],
+        "marker": [*unusable.markers, *(m for s in unusable.spans for m in s.markers)],
+    }
+    for dim, names in given.items():
+        for label in names:
+            if label not in held[dim]:
+                raise SchemaError(
+                    f"The file has no {dim} {label!r}{hint(label, held[dim])}; found "
+                    f"{listed(held[dim]) or 'none'}: repair the table 'unusable' of the mapping."
+                )
+    whole: dict[Kind, list[str]] = {"channel": unusable.channels, "marker": unusable.markers}
+    for dim, names in whole.items():
+        told += [Finding("bad", dim, name, {"by": BY_MAPPING, "why": ""}) for name in names]
+    for span in unusable.spans:
+        recording, found = _with_gap(recording, span, held)
+        told += found
+    dropped = note(recording, "dropped")
+    if unusable.channels:
+        dropped |= {name: f"marked as bad in {BY_MAPPING}" for name in unusable.channels}
+        keep = [name for name in held["channel"] if name not in unusable.channels]
+        recording = recording.sel(channel=keep)
+        if not keep:
+            recording = recording.drop_vars("emg").drop_dims(["channel", "time_emg"])
+        recording = recording.assign_attrs(dropped=json.dumps(dropped, ensure_ascii=False))
+    if unusable.markers:
+        hidden = recording["marker"].isin(unusable.markers)
+        position = recording["position"]
+        recording["position"] = position.where(~hidden).assign_attrs(position.attrs)
+    return with_findings(recording, told) if told else recording
+
+
+def _with_gap(
+    recording: xr.Dataset, span: UnusableSpan, held: Mapping[Kind, list[str]]
+) -> tuple[xr.Dataset, list[Finding]]:
+    """Replace the samples of a span by NaN."""
+    every, touched, told = not (span.channels or span.markers), False, list[Finding]()
+    recording = recording.copy()
+    kinds: tuple[tuple[Kind, str, str, list[str], str], ...] = (
+        ("channel", "emg", "time_emg", span.channels, "bad_interval"),
+        ("marker", "position", "time_marker", span.markers, "bad_frames"),
+    )
+    for dim, variable, time, names, code in kinds:
+        chosen = held[dim] if every else names
+        if variable not in recording or not chosen:
+            continue
+        inside = (recording[time] >= span.start) & (recording[time] <= span.stop)
+        touched = touched or bool(inside.any())
+        where = recording[dim].isin(chosen) & inside
+        array = recording[variable]
+        recording[variable] = array.where(~where).assign_attrs(array.attrs)
+        values = {"by": BY_MAPPING, "seconds": span.stop - span.start, "at": span.start}
+        told += [Finding(code, dim, name, values) for name in ([""] if every else chosen)]
+    if not touched:
+        raise SchemaError(
+            f"The unusable span from {span.start:g} to {span.stop:g} s contains no sample of the "
+            "recording; expected times in s in which it was recorded, the smaller one first: repair "
+            "the table 'unusable' of the mapping."
+        )
+    return recording, told
 
 
 def _demand(dim: str, chosen: dict[str, str], found: list[str], dropped: dict[str, str]) -> None:

@@ -13,6 +13,7 @@ from emgface.pictures.encoding import (
     body_data,
     deltas,
     levels,
+    measured_frames,
     middle_of,
     muscle_names,
     scaling,
@@ -91,7 +92,7 @@ def _farthest(
         frame = int(np.argmax(((own - own[0]) ** 2).sum(axis=(1, 2))))
         position[at] = moved["surface_position"].values[frame]
         marks["simulated"][at] = own[frame]
-        marks["measured"][at] = _measured(trial, moved)[frame]
+        marks["measured"][at] = measured_frames(trial.aligned, moved)[frame]
     dims = ("instruction", "strategy")
     metres = {"units": "m"}
     return xr.Dataset(
@@ -106,25 +107,6 @@ def _farthest(
             if key in ("origin", "world")
         },
     )
-
-
-def _measured(trial: Trial, moved: xr.Dataset) -> NDArray[np.float64]:
-    """Aligned measured markers at the frames (frame, marker, axis), NaN if there are none.
-
-    They are shifted by one vector, so that their mean in the first complete frame is that of the
-    simulated markers, because the position of the lips in the head differs between a person and the
-    face model.
-    """
-    aligned = trial.aligned["position"].transpose("time", "marker", "axis")
-    order = [str(name) for name in moved["marker"].values]
-    wanted = np.searchsorted(aligned["time"].values, moved["time"].values - 1e-9)
-    found = aligned.sel(marker=order).values[np.minimum(wanted, aligned.sizes["time"] - 1)]
-    complete = np.isfinite(found).all(axis=(1, 2))
-    if not complete.any():
-        return found
-    first = int(np.argmax(complete))
-    own = moved["position"].transpose("time", "marker", "axis").values[first]
-    return found + (own - found[first]).mean(axis=0)
 
 
 def _encoded(
@@ -168,7 +150,7 @@ def _with_frames(
                 "time": [round(float(t), 4) for t in time],
                 "skin": deltas(whole(frames["surface_position"].values, centre)),
                 "simulated": deltas(whole(simulated, centre)),
-                "measured": deltas(whole(_measured(trial, moved)[::every], centre)),
+                "measured": deltas(whole(measured_frames(trial.aligned, moved)[::every], centre)),
                 "activation": levels(trial.activation["activation"], recorded),
             }
         )

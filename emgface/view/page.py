@@ -11,6 +11,7 @@ from emgface.muscles import INSTRUCTIONS, MUSCLE_NAMES, RELEVANT
 from emgface.pictures.body import Skin, body_of
 from emgface.pictures.encoding import body_data, deltas, middle_of, whole
 from emgface.pictures.page import as_json, environment, policy, style, viewer_script
+from emgface.pictures.page import resource as packaged
 from emgface.pictures.render import VIEWS
 from emgface.view.curves import Curves
 from emgface.view.live import HEAD
@@ -97,6 +98,4 @@ def stem_of(muscle: str) -> str:
 
 def resource(name: str) -> str:
     """Text of a file of this package's pages."""
-    from importlib.resources import files
-
-    return files("emgface.view").joinpath("page", name).read_text(encoding="utf-8")
+    return packaged(f"page/{name}", "emgface.view")

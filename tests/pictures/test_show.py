@@ -57,8 +57,9 @@ def test_every_kind_has_its_figure(face: xr.Dataset, motion: xr.Dataset) -> None
         assert kind(data) == name
         title = figure(data).get_suptitle()
         assert said in title, name
-        if name in ("recording", "cube"):
+        if name == "cube":
             assert f"<title>{title[:20]}" in page(data), "a page with the figure"
+    assert "<title>a test" in page(recording), "a page with all channels"
     assert kind(face) == "face_model" and kind(markers[["position"]].drop_attrs()) == "recording"
     with pytest.raises(
         DataError, match="the dataset contains height, expected a recording, activation"

@@ -21,6 +21,7 @@ async function frames(text, count) {
   return values;
 }
 const MM = data.quantum * 1000;
+const KINDS = ["simulated", "compared", "measured"];
 function millimetres(values, from, size, into) {
   for (let i = 0; i < size; i++) into[i] = values[from + i] * MM;
 }
@@ -112,13 +113,19 @@ function lit(c, nx, ny, nz, out) {
   for (let k = 0; k < 3; k++) out[k] = Math.min(1, Math.max(0, c[k] * (1 + shadow[k] * (1 - direct)) * bright + shine));
 }
 
-// Two shapes, so that the markers differ without colour as well.
+// Three shapes, so that the markers differ without colour as well.
 function mark(pen, kind, u, v, size, line) {
   pen.beginPath();
   if (kind === "simulated") {
     pen.arc(u, v, 0.8 * size, 0, 7);
     pen.fillStyle = "#0072b2"; pen.strokeStyle = "#ffffff"; pen.lineWidth = line;
     pen.fill(); pen.stroke();
+    return;
+  }
+  if (kind === "compared") {
+    pen.beginPath(); pen.rect(u - 0.6 * size, v - 0.6 * size, 1.2 * size, 1.2 * size);
+    pen.strokeStyle = "#ffffff"; pen.lineWidth = 2.2 * line; pen.stroke();
+    pen.strokeStyle = "#00734f"; pen.lineWidth = 1.5 * line; pen.stroke();
     return;
   }
   pen.moveTo(u, v - size); pen.lineTo(u + size, v); pen.lineTo(u, v + size); pen.lineTo(u - size, v);
@@ -162,12 +169,12 @@ function webgl() {
   mesh.frustumCulled = false;
   scene.add(mesh);
   const markers = {};
-  for (const kind of ["simulated", "measured"]) {
+  for (const kind of KINDS) {
     const paint = new THREE.SpriteMaterial({ map: symbol(kind), depthTest: false, toneMapped: false });
     markers[kind] = data.markers.map(() => {
       // Markers lie on the skin: as bodies, half of each would drown in it.
       const one = new THREE.Sprite(paint);
-      one.renderOrder = kind === "measured" ? 3 : 2;
+      one.renderOrder = 2 + KINDS.indexOf(kind);
       scene.add(one);
       return one;
     });
@@ -196,7 +203,7 @@ function webgl() {
     const size = (15 * half) / (height / 2);  // pixels
     for (const kind of Object.keys(markers)) {
       markers[kind].forEach((one, m) => {
-        const at = points[kind][m];
+        const at = points[kind]?.[m];
         one.visible = Boolean(at);
         const side = data.beside ? shift * data.sides[m] : 0;
         if (at) { one.position.set(...at.map((x, k) => x + side * frame[0][k])); one.scale.setScalar(size); }
@@ -239,8 +246,8 @@ function plain() {
       pen.moveTo(flat[i], flat[i + 1]); pen.lineTo(flat[j], flat[j + 1]); pen.lineTo(flat[l], flat[l + 1]);
       pen.closePath(); pen.fill(); pen.lineWidth = 0.7; pen.stroke();
     }
-    for (const kind of ["simulated", "measured"]) {
-      points[kind].forEach((at, m) => {
+    for (const kind of KINDS) {
+      (points[kind] ?? []).forEach((at, m) => {
         if (!at) return;
         const [u, v] = project(...at, data.beside ? data.sides[m] : 0);
         mark(pen, kind, u, v, 5, 1.2);

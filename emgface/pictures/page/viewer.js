@@ -1,5 +1,5 @@
 // The page of stored motions: trials, strategies, time, and activations at an instant.
-const state = { trial: null, frame: 0, playing: false };
+const state = { trial: null, other: null, frame: 0, playing: false };
 const displacement = $("displacement");
 const decoded = new Map();
 async function decode(trial) {
@@ -51,15 +51,10 @@ function show() {
     }
   }
   const points = {};
-  for (const kind of ["simulated", "measured"]) {
-    const shown = $(kind).checked && motion[kind], n = data.markers.length;
-    points[kind] = data.markers.map((_, m) => {
-      const at = 3 * (frame * n + m);
-      if (!shown || motion[kind][at] === data.absent) return null;
-      return [0, 1, 2].map((c) => motion[kind][at + c] * MM);
-    });
-  }
+  for (const kind of ["simulated", "measured"]) points[kind] = $(kind).checked && motion[kind] ? markersAt(motion[kind], frame) : null;
+  if (state.other && $("simulated").checked) points.compared = markersAt(state.other.motion.simulated, nearest(state.other.trial.time, trial.time[frame]));
   draw(points);
+  tracks();
   canvas.dataset.frame = frame;
   $("clock").textContent = `${trial.time[frame].toFixed(2)} s`;
   $("time").value = frame;
@@ -68,6 +63,83 @@ function show() {
     const width = `${(motion.activation[frame * data.muscles.length + k] / 2.55).toFixed(1)}%`;
     bars[k].forEach((bar) => { bar.style.width = width; });
   });
+}
+
+function markersAt(values, frame) {
+  return data.markers.map((_, m) => {
+    const at = 3 * (frame * data.markers.length + m);
+    return values[at] === data.absent ? null : [0, 1, 2].map((c) => values[at + c] * MM);
+  });
+}
+function nearest(time, t) {
+  const after = time.findIndex((x) => x >= t - 1e-9);
+  return after < 0 ? time.length - 1 : after;
+}
+
+// Activations and the displacement of a marker from the start over the time of the trial [mm].
+const plot = $("tracks");
+function moves(values, count, m) {
+  const n = data.markers.length, start = 3 * m, found = new Float32Array(count);
+  for (let f = 0; f < count; f++) {
+    const at = 3 * (f * n + m);
+    found[f] = values[at] === data.absent || values[start] === data.absent ? NaN : Math.hypot(...[0, 1, 2].map((c) => values[at + c] - values[start + c])) * MM;
+  }
+  return found;
+}
+function tracks() {
+  const { trial, motion, frame } = state, count = trial.time.length;
+  if (count < 2) return;
+  const ratio = Math.min(window.devicePixelRatio || 1, 2), w = plot.clientWidth, h = plot.clientHeight;
+  if (!w) return;
+  plot.width = w * ratio; plot.height = h * ratio;
+  const pen = plot.getContext("2d"), left = 38, end = trial.time[count - 1] - trial.time[0];
+  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  pen.font = "11px system-ui, sans-serif";
+  const x = (t) => left + ((t - trial.time[0]) / end) * (w - left - 8);
+  const top = motion.activation ? h * 0.48 : 4;
+  const line = (time, values, from, most, y0, y1, colour, dash, width) => {
+    pen.strokeStyle = colour; pen.lineWidth = width; pen.setLineDash(dash); pen.beginPath();
+    let open = false;
+    for (let f = 0; f < time.length; f++) { const v = values(f); if (!(v === v)) { open = false; continue; } const y = y1 - ((v - from) / most) * (y1 - y0); if (open) pen.lineTo(x(time[f]), y); else pen.moveTo(x(time[f]), y); open = true; }
+    pen.stroke(); pen.setLineDash([]);
+  };
+  pen.fillStyle = "#55636f";
+  if (motion.activation) {
+    const n = data.muscles.length;
+    data.muscles.forEach((m, k) => line(trial.time, (f) => motion.activation[f * n + k] / 255, 0, 1, 6, top - 8, m.id === state.muscle ? "#0072b2" : "#b9c3cc", m.id.endsWith("_R") ? [3, 2] : [], m.id === state.muscle ? 2.2 : 1));
+    pen.fillText("1", 28, 12); pen.fillText("0", 28, top - 6);
+    const named = data.muscles.find((m) => m.id === state.muscle);
+    pen.fillText(named ? `${named.name}, ${named.id}` : "activations, right dashed", left + 4, 12);
+  }
+  const m = Math.max($("track").selectedIndex, 0);
+  const own = moves(motion.simulated, count, m), measured = motion.measured ? moves(motion.measured, count, m) : null;
+  const other = state.other ? moves(state.other.motion.simulated, state.other.trial.time.length, m) : null;
+  let most = 0.1;
+  for (const all of [own, measured, other]) if (all) for (const v of all) if (v > most) most = v;
+  line(trial.time, (f) => own[f], 0, most, top + 4, h - 16, "#0072b2", [], 2);
+  if (measured) line(trial.time, (f) => measured[f], 0, most, top + 4, h - 16, "#b84a00", [5, 3], 1.6);
+  if (other) line(state.other.trial.time, (f) => other[f], 0, most, top + 4, h - 16, "#00734f", [2, 2], 1.6);
+  pen.fillText(`${most.toFixed(1)}`, 4, top + 12); pen.fillText("mm", 4, top + 24); pen.fillText("0", 28, h - 15);
+  for (let k = 0; k <= 4; k++) { const t = trial.time[0] + (k / 4) * end; pen.fillText(`${t.toFixed(2)} s`, Math.min(x(t), w - 40), h - 3); }
+  pen.strokeStyle = "#1c2733"; pen.lineWidth = 1; pen.beginPath(); pen.moveTo(x(trial.time[frame]), 0); pen.lineTo(x(trial.time[frame]), h - 14); pen.stroke();
+  plot.setAttribute("aria-valuemax", trial.time[count - 1].toFixed(2));
+  plot.setAttribute("aria-valuenow", trial.time[frame].toFixed(2));
+}
+
+// Another trial of the same instruction, or any other of a page with one instruction.
+async function compare() {
+  const value = $("compare").value;
+  const trial = value === "" ? null : data.trials[Number(value)];
+  state.other = trial ? { trial, motion: await decode(trial) } : null;
+  canvas.dataset.compared = trial ? `${trial.label} ${trial.strategy}` : "";
+  refresh();
+}
+function offerComparison() {
+  const others = data.trials.map((t, k) => [t, k]).filter(([t]) => t !== state.trial && t.instruction === state.trial.instruction);
+  $("compare").replaceChildren(new Option("nothing", ""), ...others.map(([t, k]) => new Option(t.strategy || t.label, k)));
+  $("compared").hidden = !others.length;
+  state.other = null;
+  canvas.dataset.compared = "";
 }
 
 async function choose() {
@@ -88,6 +160,7 @@ async function choose() {
   $("shown").textContent = trial.about;
   canvas.setAttribute("aria-label", `Simulated ${data.what || "face"}. ${trial.about}`);
   canvas.dataset.trial = `${trial.label} ${trial.strategy}`;
+  offerComparison();
   refresh();
 }
 
@@ -123,8 +196,10 @@ function muscles() {
       if (at >= 0) bars[at].push(bar.appendChild(document.createElement("i")));
     };
     make("R");
-    const name = put("b", "", stem);
-    name.title = data.muscles.find((m) => m.id.startsWith(stem)).name;
+    const one = data.muscles.find((m) => m.id === stem || m.id.startsWith(`${stem}_`));
+    const name = put("b", "", one.name);
+    name.title = stem;
+    name.addEventListener("click", () => { state.muscle = state.muscle === one.id ? null : one.id; refresh(); });
     make("L");
   }
 }
@@ -139,23 +214,42 @@ function listen() {
     play.textContent = playing ? "Pause" : "Play";
   };
   let began = 0, from = 0;
+  const speed = () => Number($("speed").value);
   const advance = (now) => {
     if (!state.playing || !state.trial) return;
     const time = state.trial.time, last = time[time.length - 1];
-    const at = from + (now - began) / 1000;
+    const at = from + (speed() * (now - began)) / 1000;
+    if (at > last && !$("loop").checked) { state.frame = time.length - 1; set(false); show(); return; }
     if (at > last) { from = 0; began = now; state.frame = 0; }
     else state.frame = Math.max(0, time.findIndex((t) => t >= at));
     show();
     requestAnimationFrame(advance);
   };
-  play.addEventListener("click", () => {
+  const toggle = () => {
     set(!state.playing);
     if (state.playing) {
+      const time = state.trial ? state.trial.time : [0];
       began = performance.now();
-      from = state.trial ? state.trial.time[state.frame] : 0;
+      from = state.frame === time.length - 1 ? 0 : time[state.frame];
       requestAnimationFrame(advance);
     }
+  };
+  play.addEventListener("click", toggle);
+  $("speed").addEventListener("change", () => { began = performance.now(); from = state.trial ? state.trial.time[state.frame] : 0; });
+  const goto = (frame) => { if (state.trial) { set(false); state.frame = Math.min(Math.max(frame, 0), state.trial.time.length - 1); refresh(); } };
+  const pointed = (event) => {
+    const time = state.trial.time, part = (event.offsetX - 38) / (plot.clientWidth - 46);
+    goto(nearest(time, time[0] + part * (time[time.length - 1] - time[0])));
+  };
+  plot.addEventListener("pointerdown", (event) => { plot.setPointerCapture?.(event.pointerId); pointed(event); });
+  plot.addEventListener("pointermove", (event) => { if (event.buttons) pointed(event); });
+  const keys = { " ": toggle, ",": () => goto(state.frame - 1), ".": () => goto(state.frame + 1), Home: () => goto(0), End: () => goto(Infinity) };
+  for (const one of [canvas, plot]) one.addEventListener("keydown", (event) => {
+    const own = one === plot ? { ...keys, ArrowLeft: keys[","], ArrowRight: keys["."] } : keys;
+    if (own[event.key]) { event.preventDefault(); own[event.key](); }
   });
+  $("compare").addEventListener("change", compare);
+  $("track").addEventListener("change", refresh);
 }
 
 async function begin() {
@@ -169,9 +263,11 @@ async function begin() {
   millimetres(first.skin, 0, start.length, start);
   prepare();
   listen();
+  $("track").replaceChildren(...data.markers.map((name) => new Option(name.replaceAll("_", " "), name)));
   // What a page does not hold is not offered.
   document.querySelector(".activation").hidden = !data.muscles.length;
-  document.querySelector(".time").hidden = data.trials[0].time.length < 2;
+  const still = data.trials[0].time.length < 2;
+  for (const one of [document.querySelector(".time"), plot, $("tracked")]) one.hidden = still;
   displacement.parentElement.hidden = data.trials[0].time.length < 2;
   $("measured").parentElement.hidden = !data.trials.some((t) => t.measured);
   // The first strategy of the first instruction may have failed.
