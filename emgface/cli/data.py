@@ -68,6 +68,7 @@ def check(
     from emgface.errors import EmgfaceError
     from emgface.files import refuse_existing, write_text
     from emgface.recordings.dataset import find_recordings, read_recordings
+    from emgface.recordings.folder import told
     from emgface.signals.parameters import SignalChain
     from emgface.study.exclusions import Exclusion, exclusions_text
 
@@ -99,6 +100,9 @@ def check(
     if done and not out.is_terminal:
         tables = pd.concat([found.labelled() for found in done], ignore_index=True)
         typer.echo(tables.to_csv(index=False), nl=False)
+    for folder in (path for path in paths if path.is_dir()):
+        if sentence := told(folder):
+            say(sentence)
     for sentence in gains(done):
         say(f"Warning: {sentence}")
     n_good = sum(not found.bad for found in done)

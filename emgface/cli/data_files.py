@@ -88,6 +88,7 @@ def convert(
     from emgface.recordings.bids.rules import bids_problems
     from emgface.recordings.bids.write import bids_entities
     from emgface.recordings.dataset import find_recordings, read_recording, write_recording
+    from emgface.recordings.folder import told
     from emgface.recordings.quality import remove_hum
 
     given = [
@@ -135,6 +136,9 @@ def convert(
     broken = bids_problems(out_path) if to == Target.bids and n_bad < len(given) else []
     for sentence in broken:
         say(sentence)
+    for folder in (path for path in paths if path.is_dir()):
+        if sentence := told(folder):
+            say(sentence)
     say(f"{len(given) - n_bad} of {len(given)} recordings were converted.")
     if n_bad or broken:
         raise typer.Exit(BAD_INPUT)

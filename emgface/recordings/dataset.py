@@ -87,7 +87,7 @@ def read_recording(
     path = Path(path)
     reader = readers().get(path.suffix.lower())
     if not path.is_file():
-        raise DataError(f"No file {path}; expected a recording: check the path.")
+        raise DataError(absent(path))
     if reader is None:
         raise DataError(_unknown_format(path))
     labels = read_label_map(mapping).of_file(path)
@@ -153,8 +153,10 @@ def candidates(folder: str | Path) -> list[Path]:
                 for entry in entries:
                     if entry.is_dir(follow_symlinks=False):
                         left.append(Path(entry.path))
-                    elif os.path.splitext(entry.name)[1].lower() in known and entry.is_file():
-                        found.append(Path(entry.path))
+                    elif os.path.splitext(entry.name)[1].lower() in known:
+                        # A link to an absent file is listed, so that its recording is missed.
+                        if entry.is_file() or (entry.is_symlink() and not os.path.exists(entry)):
+                            found.append(Path(entry.path))
     except OSError as error:
         raise DataError(
             f"{error.filename} cannot be read ({error.strerror}); expected a folder of recordings: "
@@ -163,6 +165,16 @@ def candidates(folder: str | Path) -> list[Path]:
     return sorted(
         (path for path in found if not path.name.startswith(".")), key=lambda path: path.parts
     )
+
+
+def absent(path: Path) -> str:
+    """Return the message for a file that is not there."""
+    if path.is_symlink():
+        return (
+            f"{path} is a link to {os.readlink(path)}, which is not there; expected a recording: copy "
+            "the file to its place, or delete the link."
+        )
+    return f"No file {path}; expected a recording: check the path."
 
 
 def none_found(folder: str | Path) -> NoReturn:
@@ -175,6 +187,8 @@ def none_found(folder: str | Path) -> NoReturn:
 
 def may_be_recording(path: Path) -> bool:
     """Return False for a file that declares another kind; one that cannot be opened may be one."""
+    if not path.exists():
+        return True
     try:
         test = getattr(readers()[path.suffix.lower()], "is_recording", None)
         return test is None or test(path)

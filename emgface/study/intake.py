@@ -12,7 +12,7 @@ import xarray as xr
 
 from emgface.errors import DataError, EmgfaceError
 from emgface.muscles import INSTRUCTIONS
-from emgface.recordings.dataset import candidates, none_found, read_recordings
+from emgface.recordings.dataset import absent, candidates, none_found, read_recordings
 from emgface.recordings.labels import read_label_map
 from emgface.recordings.trial_names import is_pattern
 from emgface.schema.validation import schema_folder
@@ -89,7 +89,8 @@ def take_in(
     """
     read_label_map(configuration.mapping)
     listed = time.time()
-    files = [file_of(path) for path in candidates(configuration.folder)]
+    listed_files = candidates(configuration.folder)
+    files = [file_of(path) for path in listed_files if path.exists()]
     reader = reader_digest(configuration.mapping)
     known = {} if study is None else _known(study, reader, configuration.mapping)
     results: dict[File, Recording | EmgfaceError | None] = {
@@ -99,8 +100,11 @@ def take_in(
     new = _read(unread, configuration.mapping, workers, observer or Silent(), stopping)
     results.update(new)
     found: dict[Place, Recording] = {}
-    unreadable: dict[Path, EmgfaceError] = {}
-    n_files = 0
+    # Links to absent files.
+    unreadable: dict[Path, EmgfaceError] = {
+        path: DataError(absent(path)) for path in listed_files if not path.exists()
+    }
+    n_files = len(unreadable)
     for file in files:
         path, given = Path(file[0]), results[file]
         if given is None:

@@ -44,8 +44,12 @@ def is_recording(path: Path) -> bool:
     """Return True for an export of a known layout that no sidecar in its folder describes."""
     if layout_of(path) is None:
         return False
-    folder = path.parent
-    return path.resolve() not in _described(folder, folder.stat().st_mtime_ns)
+    return path.resolve() not in described_files(path.parent)
+
+
+def described_files(folder: Path) -> frozenset[Path]:
+    """Return the files that the sidecars of a folder describe, as absolute paths without links."""
+    return _described(folder.resolve(), folder.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=64)
