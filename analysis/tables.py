@@ -19,6 +19,31 @@ from analysis.descriptives import descriptives
 from analysis.listing import trials
 
 ABSENT: Final = "-"
+_FORMULA: Final = re.compile(r"[=+\-@\t].")
+
+
+def no_formula(value: Any) -> Any:
+    """Return a cell of a table for spreadsheets, which would compute a text that begins with ``=``.
+
+    Such a text from a file of somebody else is preceded by an apostrophe, and line ends in it become
+    blanks; numbers are unchanged.
+
+    Examples
+    --------
+    >>> no_formula("=1+2"), no_formula(-1.5), no_formula("-1.5"), no_formula("-")
+    ("'=1+2", -1.5, '-1.5', '-')
+    """
+    if not isinstance(value, str):
+        return value
+    if "\n" in value or "\r" in value:
+        value = " ".join(value.splitlines())
+    if not _FORMULA.match(value):
+        return value
+    try:
+        float(value)
+    except ValueError:
+        return f"'{value}"
+    return value
 
 
 @dataclass(frozen=True)
@@ -129,7 +154,9 @@ class Table:
         writer.writerow(["origin", *(column.head(si=True) for column in self.columns)])
         for row in self.rows:
             empty = [isinstance(value, float) and not math.isfinite(value) for value in row]
-            cells = ["" if gone else value for gone, value in zip(empty, row, strict=True)]
+            cells = [
+                "" if gone else no_formula(value) for gone, value in zip(empty, row, strict=True)
+            ]
             writer.writerow([self.origin, *cells])
         return buffer.getvalue()
 

@@ -55,6 +55,7 @@ def baseline_plot(cube: xr.Dataset) -> "Figure":
     panels[0].axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
     panels[1].set_ylabel("1 - rho (better is up)")
     panels[1].set_yscale("log")
+    panels[1].yaxis.set_major_formatter("{x:g}")  # powers would be formulas
     panels[1].invert_yaxis()
     panels[1].set_xlabel("instruction")
     handles: list[Any] = [

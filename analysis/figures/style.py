@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, ParamSpec, cast
+from typing import TYPE_CHECKING, Any, Final, ParamSpec, TypeVar, cast
 
 import numpy as np
 import xarray as xr
@@ -30,7 +30,10 @@ SECOND: Final = {"color": COLOURS[5], "linestyle": "--"}
 """Line style of a recording or a reference."""
 SHADES: Final = "cividis"  #: colour map of ordered values, suitable for colour vision deficiency
 
+LITERAL: Final[dict[str, Any]] = {"text.parse_math": False}
+"""Dollar signs in names of files, channels and volunteers are characters, not formulas."""
 STYLE: Final[dict[str, Any]] = {
+    **LITERAL,
     "font.size": 9.0,
     "axes.titlesize": 9.0,
     "axes.labelsize": 9.0,
@@ -52,6 +55,7 @@ WRITTEN: Final[dict[str, Any]] = {
 }
 
 P = ParamSpec("P")
+T = TypeVar("T")
 
 
 def styled(draw: "Callable[P, Figure]") -> "Callable[P, Figure]":
@@ -65,6 +69,17 @@ def styled(draw: "Callable[P, Figure]") -> "Callable[P, Figure]":
             matplotlib.rcdefaults()
             with settings(STYLE):
                 return draw(*args, **kwargs)
+
+    return inside
+
+
+def literal(draw: "Callable[P, T]") -> "Callable[P, T]":
+    """Draw texts as they are, in the settings of the user, as `styled` does in its own."""
+
+    @wraps(draw)
+    def inside(*args: P.args, **kwargs: P.kwargs) -> "T":
+        with settings(LITERAL):
+            return draw(*args, **kwargs)
 
     return inside
 

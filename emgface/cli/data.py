@@ -63,6 +63,7 @@ def check(
     """
     import pandas as pd
 
+    from analysis.tables import no_formula
     from emgface.cli.checked import Checked, checked, gains
     from emgface.cli.pages import overview_pages
     from emgface.errors import EmgfaceError
@@ -99,7 +100,7 @@ def check(
                 excluded += _exclusion(recording, found.bad, file.name)
     if done and not out.is_terminal:
         tables = pd.concat([found.labelled() for found in done], ignore_index=True)
-        typer.echo(tables.to_csv(index=False), nl=False)
+        typer.echo(tables.map(no_formula).to_csv(index=False), nl=False)
     for folder in (path for path in paths if path.is_dir()):
         if sentence := told(folder):
             say(sentence)

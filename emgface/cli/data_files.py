@@ -26,6 +26,7 @@ def inventory(
     ] = None,
 ) -> None:
     """List every file: channels, rates, units, duration and findings, or the reason of refusal."""
+    from analysis.tables import no_formula
     from emgface.errors import DataError
     from emgface.files import write_text
     from emgface.recordings.inventory import inventory_table, markdown
@@ -41,7 +42,8 @@ def inventory(
         say(f"Refused {row['file']}: {row['refusal']}")
     say(f"{len(read)} of {len(table)} files were read.")
     if out_path is not None:
-        text = table.to_csv(index=False) if out_path.suffix.lower() == ".csv" else markdown(table)
+        csv = out_path.suffix.lower() == ".csv"
+        text = table.map(no_formula).to_csv(index=False) if csv else markdown(table)
         write_text(out_path, text)
         say(f"Wrote {out_path}.")
 

@@ -106,9 +106,11 @@ def live(
     except KeyboardInterrupt:
         say("Ended.")
     finally:
-        if server is not None:
-            server.stop()
-        _conclude(session, log, source or "sliders")
+        try:
+            if server is not None:
+                server.stop()
+        finally:
+            _conclude(session, log, source or "sliders")
 
 
 def _show(server: Any, open_page: bool) -> None:

@@ -10,6 +10,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from analysis.figures.style import literal
 from emgface.face.landmarks import MIDLINE
 from emgface.face.parts import arches_of
 from emgface.face.surface import boundary_edges, element_faces
@@ -42,6 +43,7 @@ def cut(points: Floats, triangles: NDArray[np.integer]) -> Floats:
     return at[crossed][:, 1:].reshape(-1, 2, 2)
 
 
+@literal
 def draw_sections(
     face: xr.Dataset, shown: Mapping[str, Floats], path: Path, *, title: str, dpi: int = 110
 ) -> Path:

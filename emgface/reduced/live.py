@@ -20,6 +20,7 @@ from sim.reduced.fused import OMITTED
 
 BAND: Final = (20.0, 450.0)
 """Pass-band [Hz] of the causal filter, a Butterworth filter of second order."""
+LARGEST: Final = 10.0  #: largest voltage of an amplifier [V]; others are faults of a transmission
 WINDOW: Final = 0.1
 """Window of the root mean square [s], which ends at the present."""
 
@@ -50,7 +51,11 @@ class CausalFeature:
         self._squares = np.zeros((len(self.weights), round(WINDOW * self.rate)))
 
     def __call__(self, samples: Floats) -> Floats:
-        """Feature (n_muscles,) [V] after some more samples (n_channels, k) [V]."""
+        """Feature (n_muscles,) [V] after some more samples (n_channels, k) [V].
+
+        Values that are not finite or beyond `LARGEST` count as 0 V: the filter would keep them for ever.
+        """
+        samples = np.where(np.abs(samples) <= LARGEST, samples, 0.0)  # False for NaN
         filtered, self._memory = sosfilt(self._filter, samples, axis=1, zi=self._memory)
         squares = (self.weights @ filtered) ** 2
         self._squares = np.concatenate([self._squares, squares], axis=1)[:, squares.shape[1] :]

@@ -64,6 +64,12 @@ def _known(names: Any, what: str) -> tuple[str, ...]:
     """Channels of the montage among names; SignalError if there are none."""
     names, montage = list(names), set(map(str, mapping_matrix()["channel"].values))
     known = tuple(name for name in names if name in montage)
+    twice = [name for name in known if known.count(name) > 1]
+    if twice:
+        raise SignalError(
+            f"{what} has {known.count(twice[0])} channels {twice[0]}, expected one for each place: "
+            "rename the others"
+        )
     if not known:
         raise SignalError(
             f"{what} has the channels {', '.join(names) or 'without names'}, expected some of "
@@ -132,6 +138,7 @@ class Streamed:
             raise SignalError(f"stream {name!r} has no sampling rate, expected a regular one")
         labels, units = _described(described)
         self.channels = _known(labels, f"stream {name!r}")
+        self._count = len(labels)
         self._columns = [labels.index(c) for c in self.channels]
         self._factor = np.array([_volts(name, c, units[labels.index(c)]) for c in self.channels])
         self._step, self._before, self._taken = step, np.nan, 0
@@ -157,7 +164,13 @@ class Streamed:
                     f"stream {self._name!r} has sent no samples for {SILENT:g} s, expected "
                     f"{self.rate:g} a second: check the sender; the log contains the frames before"
                 )
-            rows += [list(one) for one in more or []]
+            new = [list(one) for one in more or []]
+            if other := {len(one) for one in new} - {self._count}:
+                raise SignalError(
+                    f"stream {self._name!r} has sent samples of {min(other)} channels, expected "
+                    f"{self._count} as described: its channels have changed, start again"
+                )
+            rows += new
             times += at
         expected = 0.0 if np.isnan(self._before) else (times[-1] - self._before) * self.rate
         self._before, self._taken = times[-1], end

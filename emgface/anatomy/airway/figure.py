@@ -50,7 +50,7 @@ def _areas(panel: Any, data: xr.Dataset) -> None:
         panel.stairs(1e4 * areas[k], edges, color=colour, label=label)
     if n > 1:
         panel.legend(fontsize="small", ncols=2)
-    panel.set(ylabel="area [cm$^2$]", xlabel="distance from the glottis [cm]", ylim=(0.0, None))
+    panel.set(ylabel="area [cm\u00b2]", xlabel="distance from the glottis [cm]", ylim=(0.0, None))
 
 
 def _shade(share: float) -> Any:

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from analysis.figures.style import literal
 from analysis.tables import origin_of
 from emgface.recordings.check import check_recording
 from emgface.recordings.quality.emg import MUSCLE, can_be_judged
@@ -24,6 +25,7 @@ _WEAKEST, _STRONGEST = 0.25, 1.25
 """Range of amplitudes, relative to the typical row, that are drawn at the same scale."""
 
 
+@literal
 def overview_figure(recording: xr.Dataset, table: pd.DataFrame | None = None) -> Figure:
     """Draw the overview page of a recording, of 8.3 by 11.7 inches.
 
