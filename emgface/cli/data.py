@@ -201,6 +201,8 @@ def propose(
     Proposals are based on the labels (names and abbreviations of muscles, words for sides), on
     target muscles if the file states them, and on the positions of markers.
     """
+    import json
+
     from emgface.errors import DataError
     from emgface.files import refuse_existing, write_text
     from emgface.recordings.dataset import read_recording
@@ -230,7 +232,7 @@ def propose(
     text = mapping_text(tables.get("channel"), tables.get("marker"))
     if given:
         text += "\n".join(
-            ["", "[units]", *(f'{name} = "{unit}"' for name, unit in given.items()), ""]
+            ["", "[units]", *(f'{json.dumps(n)} = "{unit}"' for n, unit in given.items()), ""]
         )
     write_text(out_path, text)
     say(
@@ -244,12 +246,14 @@ def _unit(setting: str) -> tuple[str, str]:
     from emgface.schema.units import DIVISORS, spelling
 
     si = {"emg": "V", "position": "m"}
-    name, _, unit = (part.strip() for part in setting.partition("="))
-    if name not in si:
+    name, _, unit = (part.strip() for part in setting.rpartition("="))
+    if not name:
         raise UnitsError(
-            f"the unit {setting!r} refers to neither emg nor position, expected for example emg=uV"
+            f"the unit {setting!r} refers to neither emg, position nor a channel, expected for example "
+            "emg=uV"
         )
-    if spelling(unit) not in DIVISORS[si[name]]:
-        known = ", ".join(DIVISORS[si[name]])
+    quantity = si.get(name, "V")  # other names are labels of channels
+    if spelling(unit) not in DIVISORS[quantity]:
+        known = ", ".join(DIVISORS[quantity])
         raise UnitsError(f"the unit of {name} is {unit!r}, expected one of {known}")
     return name, unit

@@ -43,7 +43,8 @@ class Labels(Parameters):
     #: all
     channels: dict[str, str] | None = None
     markers: dict[str, str] | None = None  #: likewise
-    #: unit of ``emg`` or ``position`` if that of the file is missing or wrong
+    #: unit of ``emg`` (all channels), of a channel by its label, or of ``position``, if that of the
+    #: file is missing or wrong
     units: dict[str, str] = Field(default_factory=dict)
     #: channels, markers and spans that must not be used (``emgface show RECORDING --save`` writes them)
     unusable: Unusable = Field(default_factory=Unusable)
@@ -115,6 +116,7 @@ def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
     recording = without_unusable(recording, labels.unusable)
     names = note(recording, "original_names")
     dropped = note(recording, "dropped")
+    held = [str(v) for v in recording.coords["channel"].values] if "emg" in recording else []
     maps: tuple[tuple[Kind, dict[str, str] | None], ...]
     maps = (("channel", labels.channels), ("marker", labels.markers))
     for dim, chosen in maps:
@@ -135,6 +137,13 @@ def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
         recording = recording.sel({dim: list(chosen)}).assign_coords({dim: list(chosen.values())})
         for label, name in chosen.items():
             names[name] = names.pop(label, label)
+    every = {*names.values(), *names, *dropped, *held}
+    for label in labels.units:
+        if label not in ("emg", "position") and label not in every:
+            raise SchemaError(
+                f"The table 'units' names {label!r}{hint(label, every)}; expected emg, position or the "
+                "label of a channel: repair the mapping."
+            )
     given = {
         name: value
         for name in ("volunteer", "instruction", "repetition")
@@ -228,7 +237,8 @@ def _demand(dim: str, chosen: dict[str, str], found: list[str], dropped: dict[st
         if label in dropped:
             raise SchemaError(
                 f"The {dim} {label!r} was omitted ({dropped[label]}); expected a usable one: "
-                "specify its unit in the table 'units' of the mapping, or map another."
+                f"if it is EMG, specify its unit by an entry {label!r} in the table 'units' of the "
+                "mapping (emg there replaces the units of all channels), or map another."
             )
         raise SchemaError(
             f"The file has no {dim} {label!r}{hint(label, found)}; found {listed(found)}: "

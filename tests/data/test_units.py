@@ -1,5 +1,7 @@
 """Spellings and conversions of units."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -71,3 +73,22 @@ def test_integers_are_converted_too() -> None:
 
 def test_unknown_units_are_not_changed() -> None:
     assert spelling(" Nm ") == "Nm"
+
+
+def test_a_single_channel_has_a_unit_of_its_own(tmp_path: Path) -> None:
+    """The others keep theirs; a wrong label is refused, and the advice names the label."""
+    from emgface.errors import SchemaError
+    from emgface.recordings.dataset import read_recording
+    from tests.data.test_brainvision import make
+
+    header = make(tmp_path)
+    whole = read_recording(header)
+    text = header.read_text(encoding="utf-8")
+    assert "Ch2=DAO,,0.001,mV" in text
+    header.write_text(text.replace("Ch2=DAO,,0.001,mV", "Ch2=DAO,,0.001,C"), encoding="utf-8")
+    with pytest.raises(SchemaError, match="by an entry 'DAO' in the table 'units'"):
+        read_recording(header, mapping={"channels": {"DAO": "ZYG_L"}})
+    again = read_recording(header, mapping={"units": {"DAO": "mV"}})
+    np.testing.assert_array_equal(again["emg"].values, whole["emg"].values)
+    with pytest.raises(SchemaError, match="units' names 'nothing'"):
+        read_recording(header, mapping={"units": {"nothing": "uV"}})

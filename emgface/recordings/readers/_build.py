@@ -68,19 +68,23 @@ def voltages(
     labels: Sequence[str],
     found: Sequence[str],
     time: TimeBase,
-    unit: str | None,
+    units: Mapping[str, str],
     names: Mapping[str, str],
 ) -> Part:
     """Return the channels that are voltages, each converted from its own unit.
 
-    `found` is the unit of each channel in the file (possibly empty), and `unit` replaces all of
-    them. `names` are the labels that were changed (`unique_labels`). Channels of another quantity
-    are listed in ``dropped``. Raises UnitsError if no channel has a unit and none is specified.
+    `found` is the unit of each channel in the file (possibly empty). In `units`, ``emg`` replaces
+    all of them, and the label of a channel that of this channel. `names` are the labels that were
+    changed (`unique_labels`). Channels of another quantity are listed in ``dropped``. Raises
+    UnitsError if no channel has a unit and none is specified.
     """
     dropped: dict[str, str] = {}
     keep: list[int] = []
+    used: list[str] = []
     for i, (label, own) in enumerate(zip(labels, found, strict=True)):
-        if unit is not None or quantity_of(own) == "voltage":
+        own = units.get(label, units.get("emg", own))
+        used.append(own)
+        if quantity_of(own) == "voltage" or label in units or "emg" in units:
             keep.append(i)
         else:
             dropped[label] = f"in {own!r}, not a voltage" if own.strip() else "has no unit"
@@ -93,7 +97,7 @@ def voltages(
         return Part(None, {}, dropped, names)
     by_unit: dict[str, list[int]] = {}
     for i in keep:
-        by_unit.setdefault(spelling(found[i] if unit is None else unit), []).append(i)
+        by_unit.setdefault(spelling(used[i]), []).append(i)
     parts = [
         emg_array(np.stack([values[i] for i in rows]), [labels[i] for i in rows], time, one)
         for one, rows in by_unit.items()
@@ -123,7 +127,13 @@ def assemble_parts(
         reasons = "; ".join(f"{name}: {why}" for name, why in list(notes["dropped"].items())[:3])
         raise DataError(
             f"The file contains neither EMG nor markers{f' ({reasons})' if reasons else ''}; "
-            "expected at least one of them: check whether it is the right file."
+            "expected at least one of them: check whether it is the right file"
+            + (
+                ", or specify the unit of these channels as emg, or by their labels, in the table "
+                "'units' of the mapping."
+                if any("not a voltage" in why for why in notes["dropped"].values())
+                else "."
+            )
         )
     told = [finding for data in found for finding in findings_in(data)]
     told += [finding for part in parts for finding in part.findings]

@@ -57,7 +57,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     witnesses = dict(zip(labels, values, strict=True))
     base = of_rate(path.name, samples.shape[1], rate, by="SamplingInterval", witnesses=witnesses)
     found = [channel.unit for channel in channels]
-    part = voltages(values, labels, found, base, units.get("emg"), names)
+    part = voltages(values, labels, found, base, units, names)
     for start, stop, channel in bad:
         inside = np.zeros(base.stored, dtype=bool)
         inside[start:stop] = True

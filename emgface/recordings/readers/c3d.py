@@ -193,4 +193,4 @@ def _analogs(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
         },
         witnesses=dict(zip(labels, values, strict=True)),
     )
-    return voltages(values, labels, found, base, units.get("emg"), changed)
+    return voltages(values, labels, found, base, units, changed)

@@ -70,7 +70,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
             [labels[i] for i in keep],
             [found[i] for i in keep],
             base,
-            units.get("emg"),
+            units,
             {label: names[label] for label in labels if label in names},
         )
         emg = _without_flagged(emg, content, base)

@@ -71,9 +71,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
         by="its header",
         witnesses=dict(zip(labels, samples, strict=True)),
     )
-    part = voltages(
-        samples, labels, [channel.unit for channel in channels], base, units.get("emg"), names
-    )
+    part = voltages(samples, labels, [channel.unit for channel in channels], base, units, names)
     for label, values in zip(labels, samples, strict=True):
         if label.strip().lower() == "status":
             filled = (np.nan_to_num(values).astype(np.int64) & _FILLED) != 0

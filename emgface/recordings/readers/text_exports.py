@@ -120,6 +120,8 @@ def part_of(path: Path, export: Export, units: Mapping[str, str], lacking: str =
     dropped: dict[str, str] = {}
     signals: list[_Signal] = []
     for label, column in zip(labels, columns, strict=True):
+        if label in units:
+            column = replace(column, unit=units[label])
         if reason := left_out(column, units.get("emg")):
             dropped[label] = reason
             continue
@@ -214,7 +216,7 @@ def _together(
         [signal.label for signal in signals],
         [signal.unit for signal in signals],
         base,
-        units.get("emg"),
+        units,
         names,
     )
     return part._replace(dropped={**dropped, **part.dropped}, findings=_findings(signals))

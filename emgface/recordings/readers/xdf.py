@@ -65,7 +65,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
         if stream not in used
     }
     clocks = [base.moved(-start) for base in bases]
-    parts = [_emg(stream, clocks[0], units.get("emg")) for stream in emg]
+    parts = [_emg(stream, clocks[0], units) for stream in emg]
     parts += [_markers(path, stream, clocks[-1], units.get("position")) for stream in markers]
     return assemble_parts([*parts, Part(None, {}, dropped, {})])
 
@@ -134,13 +134,13 @@ def _emg_channels(stream: Mapping[str, Any]) -> list[int]:
     return [i for i, kind in enumerate(kinds[:count]) if kind == "emg"]
 
 
-def _emg(stream: Mapping[str, Any], base: TimeBase, unit: str | None) -> Part:
+def _emg(stream: Mapping[str, Any], base: TimeBase, units: Mapping[str, str]) -> Part:
     """Channels of EMG, each converted from its own unit."""
     chosen = _emg_channels(stream)
     labels, names = unique_labels([_text(stream, i, "label") for i in chosen], "channel")
     values = [stream["values"][:, i] for i in chosen]
     found = [_text(stream, i, "unit") for i in chosen]
-    return voltages(values, labels, found, base, unit, names)
+    return voltages(values, labels, found, base, units, names)
 
 
 def _markers(path: Path, stream: Mapping[str, Any], base: TimeBase, unit: str | None) -> Part:
