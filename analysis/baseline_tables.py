@@ -5,7 +5,7 @@ from typing import Any, Final
 import numpy as np
 import xarray as xr
 
-from analysis.baselines import NO_ROOM, has_baselines, unexplained
+from analysis.baselines import NO_ROOM, has_baselines, unexplained, unlimited_template
 from analysis.descriptives import mean_defined
 from analysis.statistics.finding import persons
 from analysis.statistics.scope import too_few_volunteers
@@ -162,11 +162,20 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
                 "score of the template is at least as high."
             )
         else:
-            told.append(
-                f"A rho of {rho:.2f} exceeds the score of the template by "
-                f"{rho - template:.2f}; this difference is specific to the person or the "
-                "trial."
+            limit = float(unlimited_template(template, others))
+            more = (
+                f"The mean of infinitely many volunteers would score about {limit:.2f}, because the "
+                "template contains the individual parts of its few members; a prediction without EMG "
+                f"can therefore exceed the template by {limit - template:.2f}. "
             )
+            if limit >= rho:
+                more += f"A rho of {rho:.2f} thus does not show that the EMG contributed."
+            else:
+                more += (
+                    f"Of a rho of {rho:.2f}, {rho - limit:.2f} cannot be reached by any motion that is "
+                    "common to all persons."
+                )
+            told.append(more)
         if others < 3:
             told.append(
                 "A template of one or two volunteers is unreliable. The mean of more volunteers "

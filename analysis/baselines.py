@@ -57,6 +57,32 @@ LEAST_ROOM: Final = 1e-3
 
 Noise of 0.1 mm lowers the rho of a marker that moves by 3 mm (root mean square) by 1.7e-3.
 """
+
+
+def unlimited_template(rho: Array | float, volunteers: float) -> Array:
+    """Expected rho [1] of a template of infinitely many volunteers, from that of a finite one.
+
+    A measured motion is the sum of a common part of variance c, which all persons share, and an
+    individual part of variance i; the mean of K other persons has the variance c + i / K. With
+    v = i / c its correlation with the motion of a further person is
+
+        rho_K = 1 / sqrt((1 + v) (1 + v / K)),
+
+    whose positive root v results in rho_inf = 1 / sqrt(1 + v); this is `ceiling_of` the likeness q =
+    1 / (1 + v) with which `template_correlation` is rho_K. A finite template is noisy, so that
+    any prediction without EMG but also without this noise exceeds it by rho_inf - rho_K. Values that
+    are not positive have no common part and are returned unchanged, as are undefined ones.
+    """
+    r, k = np.asarray(rho, dtype=np.float64), float(volunteers)
+    if not k > 0.0:
+        return np.full(r.shape, np.nan)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        # v^2 / K + (1 + 1 / K) v + 1 - 1 / rho^2 = 0
+        b, c = 1.0 + 1.0 / k, 1.0 - 1.0 / np.minimum(r, 1.0) ** 2
+        v = 2.0 * -c / (b + np.sqrt(b * b - 4.0 * c / k))
+        return np.where(r > 0.0, 1.0 / np.sqrt(1.0 + v), r)
+
+
 NO_ROOM: Final = "ceiling not above the template"
 SKILL_REASONS: Final = (
     "", "rho is undefined", "no other volunteer", "no other repetition", NO_ROOM,

@@ -107,7 +107,7 @@ def test_a_cube_without_baselines_is_refused() -> None:
 
 @pytest.mark.parametrize(
     ("template", "said"),
-    [(0.97, "not that the EMG contributed"), (0.6, "of the template by 0.30")],
+    [(0.97, "not that the EMG contributed"), (0.6, "0.23 cannot be reached by any motion")],
 )
 def test_what_a_rho_of_090_means_depends_on_the_template(template: float, said: str) -> None:
     told, _ = comparison(study(template_rho=template, ceiling=0.99), draws=200)
