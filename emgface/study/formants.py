@@ -25,6 +25,7 @@ SOUND: Final = Stage(
         "analysis.formants",
         "analysis.typed",
         "emgface.anatomy.airway.area_function",
+        "emgface.texts",
         "emgface.anatomy.airway.parameters",
         "emgface.anatomy.airway.sound",
         "emgface.study.formants",

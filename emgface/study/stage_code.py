@@ -71,7 +71,11 @@ INVERSE = Stage(
                 "emgface.inverse.signals",
                 "emgface.inverse.strategy",
                 "emgface.inverse.variants",
+                "emgface.recordings.finding_codes",
+                "emgface.recordings.findings",
                 "emgface.recordings.labels",
+                "emgface.recordings.trial_names",
+                "emgface.texts",
                 "emgface.recordings.quality",
                 "emgface.recordings.verdicts",
             )

@@ -10,7 +10,8 @@ from sim.contact.bodies import body_surfaces
 from sim.contact.rows import no_rows
 from sim.integrators.linear_rows import LinearRows
 from sim.joints import Spherical, Weld
-from sim.step_matrices import LinearStep, damping_matrix, implicit_matrix
+from sim.state import Line
+from sim.step_matrices import LinearStep, Missed, damping_matrix, implicit_matrix
 from tests.bodies import grid, solid_system
 from tests.kinematics.scenes import dense, mixed_system, random_pose, swing
 from tests.kinematics.test_motion import run
@@ -49,7 +50,9 @@ def rows_and_saddle(hard=()):
     A = implicit_matrix(system, pose, here, K, D, h, h * h)
     rhs = np.random.default_rng(0).normal(size=system.pattern.n) * 1e-6
     state = system.kinematics.state(pose, np.zeros(system.pattern.n), {})
-    state, equation = replace(state, t=pose.t - h), LinearStep(A, rhs, 1.0)
+    silent = np.zeros(len(system.muscles))
+    missed = Missed(Line(silent, silent, 0.0, h), D, here, estimated=False)
+    state, equation = replace(state, t=pose.t - h), LinearStep(A, rhs, 1.0, missed)
     step = LinearRows(system, state, equation, h, 1e-12, sim.Workspace(system))
     _, w, f = step.under(no_rows())
     now, m, n = rows.evaluate(pose), len(rows.names), system.pattern.n
