@@ -20,11 +20,24 @@ from emgface.errors import DataError, EmgfaceError
 from emgface.recordings.fillers import without_fillers
 from emgface.recordings.labels import LabelMap, apply_labels, constant_value, read_label_map
 from emgface.schema.netcdf import write_netcdf
-from emgface.schema.rules import hint, one_line
+from emgface.schema.rules import nearest, one_line
 from emgface.schema.validation import validate
 
 _UNNAMED = (".mat", ".h5", ".hdf5", ".dat")
 """Suffixes of files that require a sidecar."""
+
+_OTHERS = {
+    ".sto": "a storage file of OpenSim, which contains no recording; expected markers as .trc: "
+    "export them, or describe a column as a table by a sidecar",
+    ".mot": "a motion file of OpenSim, which contains no markers; expected markers as .trc: export them",
+    ".acq": "in the own format of AcqKnowledge; expected a text export: save the graph as text (.txt)",
+    ".hpf": "in the own format of EMGworks; expected a text export: convert it with the File Utility "
+    "(.csv)",
+    ".xlsx": "a workbook; expected a text table: save the sheet as CSV",
+    ".xls": "a workbook; expected a text table: save the sheet as CSV",
+    ".zip": "an archive; expected the recording in it: unpack it",
+}  # fmt: skip
+"""Files of programs of the field that are not read, and what to do."""
 
 
 class Reader(Protocol):
@@ -251,8 +264,12 @@ def _unknown_format(path: Path) -> str:
             f"{path.name} does not specify its contents, rate and units; expected a TOML "
             f"sidecar that does: {named if beside.is_file() else 'write one'} instead."
         )
+    if own := _OTHERS.get(path.suffix.lower()):
+        return f"{path.name} is {own}."
     formats = ", ".join(f"{suffix} ({known[suffix].FORMAT})" for suffix in sorted(known))
+    near = nearest(path.suffix, known, cutoff=0.75)
+    meant = f" (did you mean {near!r}?)" if near else ""
     return (
-        f"{path.name} has the unknown suffix {path.suffix!r}{hint(path.suffix, known)}; expected "
-        f"{formats}: convert the file."
+        f"{path.name} has the unknown suffix {path.suffix!r}{meant}; expected {formats}: convert the "
+        "file."
     )

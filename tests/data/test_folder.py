@@ -103,3 +103,17 @@ def test_files_that_are_left_out_are_named(tmp_path: Path) -> None:
         said = " ".join(CliRunner().invoke(app, ["data", *command]).output.split())
         assert "Not read in" in said and "notes.csv (no sidecar describes it)" in said
     assert told(tmp_path / "more") == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [("a.sto", "OpenSim.*expected markers as .trc"), ("a.ACQ", "AcqKnowledge.*text export"),
+     ("a.hpf", "EMGworks"), ("a.xlsx", "save the sheet as CSV"), ("a.c3", "did you mean '.c3d'")],
+)  # fmt: skip
+def test_files_of_other_programs_are_named_with_the_way_out(
+    name: str, said: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(b"nSamples=3\n")
+    with pytest.raises(EmgfaceError, match=said) as refused:
+        read_recording(tmp_path / name)
+    assert ".toml'?" not in str(refused.value)
