@@ -4,6 +4,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
 
 from emgface.errors import FaceError
 from emgface.treatment.outline import Outline
@@ -26,6 +28,8 @@ def chains(surface: Surface, inside: NDArray[np.bool_], outline: Outline) -> lis
             for v, p in enumerate(surface.flat)
             if on_segment(p, (start, tip))
         ]
+        if len(on) < 2:  # the surface was not divided
+            return [_nearest_edges(surface, start, tip)]
         return [[v for _, v in sorted(on)]]  # from the tip
     gone: set[tuple[int, int]] = set()
     for cell, out in zip(surface.cells, inside.tolist(), strict=True):
@@ -51,6 +55,36 @@ def chains(surface: Surface, inside: NDArray[np.bool_], outline: Outline) -> lis
             "expected a wound with two edges from the margin inwards: choose another place or size"
         )
     return chains
+
+
+def _nearest_edges(surface: Surface, start: Floats, tip: Floats) -> list[int]:
+    """Vertices from the tip of a slit to the margin, along the edges of cells nearest to it."""
+    counted = surface.edges()
+    x = np.array(surface.flat)
+    down = (tip - start) / np.linalg.norm(tip - start)
+    length = float((tip - start) @ down)
+    along, across = (x - start) @ down, np.abs((x - start) @ np.array([-down[1], down[0]]))
+    rows, columns = np.array(sorted(counted)).T
+    # edges away from the line are longer
+    cost = np.linalg.norm(x[rows] - x[columns], axis=1) * (
+        1.0 + 1e3 * (across[rows] + across[columns])
+    )
+    graph = coo_matrix((cost, (rows, columns)), shape=(len(x), len(x)))
+    margin = np.array(sorted({v for edge, n in counted.items() if n == 1 for v in edge}))
+    last = int(np.argmin(np.linalg.norm(x - tip, axis=1)))
+    first = int(margin[np.argmin(across[margin] + 10.0 * (along[margin] > 0.5 * length))])
+    before = dijkstra(graph, directed=False, indices=np.array([first]), return_predecessors=True)[
+        1
+    ][0]
+    path = [last]
+    while path[-1] != first and before[path[-1]] >= 0:
+        path.append(int(before[path[-1]]))
+    if len(path) < 2 or path[-1] != first:
+        raise FaceError(
+            "no edges of the mesh follow the incision, expected some: use method = 'conforming', or a "
+            "longer incision"
+        )
+    return path
 
 
 def paired(

@@ -61,7 +61,8 @@ class Sutured(Parameters):
     )
     method: Literal["conforming", "elements"] = choice(
         "conforming",
-        "'conforming' divides elements along the cut; 'elements' removes those whose centre is inside.",
+        "'conforming' divides elements along the cut; 'elements' removes those whose centre is inside, "
+        "and an incision then follows the nearest edges.",
     )
     rejoin: Muscles | Literal["all", "none"] = choice(
         "all",
@@ -98,14 +99,6 @@ class Incision(Sutured):
 
     kind: Literal["incision"] = "incision"
     height: float = parameter(8.0, "Length of the cut.", unit="mm", ge=0, le=40)
-
-    @model_validator(mode="after")
-    def _follows_a_line(self) -> "Incision":
-        if self.method != "conforming":
-            raise ValueError(
-                f"method = '{self.method}': an incision removes no element, expected 'conforming'"
-            )
-        return self
 
 
 Shape = Literal["V", "W", "shield", "rectangle"]
