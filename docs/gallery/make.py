@@ -18,6 +18,7 @@ ORDER = (
     "what_rho_means",
     "jaw_from_emg",
     "one_head",
+    "face_of_a_person",
     "voice_of_a_face",
     "reduced_face",
     "published_tables",

@@ -5,7 +5,6 @@ from typing import Final
 
 import numpy as np
 import xarray as xr
-from scipy.spatial.distance import cdist
 
 from emgface.face.parts import CENTRE, INNER, OUTER
 from emgface.face.surface import element_edges
@@ -30,9 +29,6 @@ SPREAD: Final = float(
 The root mean square of the coefficients of variation of the thicknesses in
 `emgface.face.template.norms` (Stephan and Simpson 2008; Arnett et al. 1999).
 """
-REACH: Final = 0.03
-"""Distance within which deviations of thickness are alike [m]; regions of the norms are this large."""
-COMMON: Final = 0.25  #: share of the variance that the whole face has in common [1]
 SOFTNESS: Final = 1e5  #: stiffness of the springs of the prior, per area [Pa/m]
 INTERVAL: Final = 1.645  #: half width of an interval of 90 % in standard deviations
 
@@ -77,7 +73,7 @@ class Columns:
 
 @dataclass(frozen=True, eq=False)
 class ThicknessPrior:
-    """Log-normal thickness of the columns, with a spatial correlation exp(-(d/`REACH`)^2 / 2)."""
+    """Log-normal thickness of the columns, with the deviation `SPREAD` of its logarithm."""
 
     columns: Columns
     mean: Floats  #: (n,) median thickness [m]
@@ -96,23 +92,11 @@ class ThicknessPrior:
         width = np.exp(INTERVAL * SPREAD)
         return self.mean / width, self.mean * width
 
-    def draw(self, source: Floats, seed: int) -> Floats:
-        """Draw the thickness (n,) of one person, correlated over the skin [m]."""
-        rng = np.random.default_rng(seed)
-        place = source[self.columns.skin]
-        # a field of Gaussian bumps has a Gaussian correlation of sqrt(2) times their width
-        sites = place[rng.choice(len(place), min(400, len(place)), replace=False)]
-        bumps = np.exp(-cdist(place, sites, "sqeuclidean") / REACH**2)
-        own = bumps @ rng.standard_normal(len(sites)) / np.linalg.norm(bumps, axis=1)
-        field = np.sqrt(COMMON) * rng.standard_normal() + np.sqrt(1.0 - COMMON) * own
-        return self.mean * np.exp(SPREAD * field)
-
-    def rows(self, q: Floats, thickness: Floats | None = None, area: Floats | None = None) -> Rows:
-        """Springs that pull the inner nodes to this thickness along their columns at positions q."""
-        wanted = (self.mean if thickness is None else thickness)[self.free]
+    def rows(self, q: Floats, area: Floats) -> Rows:
+        """Springs that pull inner nodes to their thickness at q; `area` (n_nodes,) of the skin."""
+        wanted = self.mean[self.free]
         skin, inner = self.columns.skin[self.free], self.columns.inner[self.free]
         along = q[inner] - q[skin]
         along /= np.linalg.norm(along, axis=1, keepdims=True)
-        size = np.full(len(inner), 1e-5) if area is None else area[skin]
-        W = (SOFTNESS * size)[:, None, None] * along[:, :, None] * along[:, None, :]
+        W = (SOFTNESS * area[skin])[:, None, None] * along[:, :, None] * along[:, None, :]
         return at_nodes(inner, q[skin] + wanted[:, None] * along, W)

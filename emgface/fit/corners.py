@@ -6,7 +6,6 @@ element from inverting, where J at the quadrature points of the elements does no
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -66,8 +65,3 @@ class Corners:
         W = (U @ Vt) @ ideal * lengths[:, None, :]
         ratio = np.linalg.det(A) / np.linalg.det(W)
         return W * np.clip(ratio, 1e-3, None)[:, None, None] ** (1.0 / 3.0)
-
-    @cached_property
-    def count(self) -> int:
-        """Number of corners."""
-        return len(self.nodes)

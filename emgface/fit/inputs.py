@@ -1,6 +1,6 @@
 """Landmarks and surfaces of a person compared with a face: pairs, sides, order, frame of the face."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Final
@@ -234,8 +234,3 @@ def facing(
     return Surface(surface.points, surface.triangles[:, ::-1].copy()), (
         f"the triangles of {name} were turned, because their normals pointed inward"
     )
-
-
-def digests(files: Mapping[str, tuple[str, str]]) -> dict[str, str]:
-    """Name and digest of every input by its purpose, for the attributes of the face."""
-    return {purpose: f"{name} {digest}".strip() for purpose, (name, digest) in files.items()}

@@ -20,7 +20,6 @@ from emgface.fit.deform import NOISE, Deformed, Progress, deform
 from emgface.fit.inputs import (
     Paired,
     check_landmarks_on,
-    digests,
     facing,
     in_face_frame,
     left_out,
@@ -28,7 +27,8 @@ from emgface.fit.inputs import (
 )
 from emgface.fit.measures import distances, quality_rows
 from emgface.fit.readers.landmarks import Landmarks, landmarks_of
-from emgface.fit.readers.surfaces import Scan, read_surface
+from emgface.fit.readers.surfaces import Scan, read_surface, surface_of
+from emgface.fit.similarity import similarity
 from emgface.fit.targets import Target, sheets
 from emgface.fit.triangulated import Floats
 
@@ -94,14 +94,14 @@ def fit_face(
     known = [t.sheet.nodes if t.only is None else t.only for t in targets if t.name != "skin"]
     prior = None
     if not any(t.name == "inner" for t in targets):
-        scale = _scale(paired, source)
+        scale = similarity(paired.points.source, paired.points.target).scale
         determined = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *known]))
         prior = ThicknessPrior.scaled(columns, source, scale, determined)
     area = sheets(face)["skin"].at(source).point_areas
 
     def thick(q: Floats) -> Any:
         assert prior is not None
-        return prior.rows(q, area=area)
+        return prior.rows(q, area)
 
     result = deform(
         source, corners, paired.points, targets, noise=noise, progress=progress,
@@ -111,8 +111,7 @@ def fit_face(
     inputs = {"landmarks": (marks.source, marks.digest)}
     inputs |= {kind: (scan.source, scan.digest) for kind, scan in scans.items()}
     found = carried.face.assign_attrs(_attributes(face, name, inputs, paired, simulated))
-    for stale in ("muscle_radius",):
-        found.attrs.pop(stale, None)
+    found.attrs.pop("muscle_radius", None)
     _check_corners(corners, result.position)
     found = check_face(found)
     distance = _distances(face, targets, result)
@@ -129,24 +128,14 @@ def _scan(given: Given, unit: str | None) -> Scan:
         return given
     if isinstance(given, str | os.PathLike):
         return read_surface(given, unit=unit)
-    from emgface.fit.readers.surfaces import surface_of
-
     points, triangles = given
     return surface_of(points, triangles, unit=unit or "m")
-
-
-def _scale(paired: Paired, source: Floats) -> float:
-    from emgface.fit.similarity import similarity
-
-    return similarity(paired.points.source, paired.points.target).scale
 
 
 def _targets(
     face: xr.Dataset, scans: Mapping[str, Scan], paired: Paired, notes: list[str]
 ) -> list[Target]:
     """Surfaces in the frame of the face, with outward normals."""
-    from emgface.fit.similarity import similarity
-
     source = face["position"].values
     start = similarity(paired.points.source, paired.points.target)(source)
     own = sheets(face)
@@ -178,7 +167,9 @@ def _attributes(
         "name": name,
         "origin": ORIGIN,
         "source": f"{face.attrs['name']} ({face.attrs['source']}), fitted to a {kind}",
-        "fit_inputs": json.dumps(digests(inputs)),
+        "fit_inputs": json.dumps(
+            {purpose: f"{name} {digest}".strip() for purpose, (name, digest) in inputs.items()}
+        ),
         "fit_of": "simulated" if simulated else "measured",
         "fit_frame": json.dumps([float(v) for v in motion]),
     }

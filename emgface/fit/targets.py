@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 import xarray as xr
@@ -57,11 +56,6 @@ class Target:
     only: Integers | None = None
     #: -1 if its outward normals oppose those of the tissue, as on a bone
     side: float = 1.0
-
-    @cached_property
-    def both_ways(self) -> bool:
-        """Test if the target also attracts the mesh to its own points."""
-        return self.only is None
 
     def pairs(self, q: Floats) -> list[LoopPair]:
         """Contours of the sheet with a counterpart on the target."""
@@ -126,7 +120,7 @@ def _of_target(q: Floats, target: Target, pull: Pull) -> list[Rows]:
             0.5 * LOOP_BAND * (step + np.roll(step, 1)), tangent, pull.stiffness, pull.along_curve
         )
         found.append(at_nodes(pair.mine, foot, W))
-    if target.both_ways and pull.back > 0.0:
+    if target.only is None and pull.back > 0.0:
         found.append(_from_surface(moving, target, pull))
     return found
 
