@@ -211,6 +211,8 @@ def simulate(
     from emgface.face.motion import settle_face, simulate_face
     from emgface.pictures.body import skin_of
     from emgface.pictures.surface import SurfaceProbe, with_surface
+    from emgface.recordings.findings import ATTRIBUTE, findings_in
+    from emgface.recordings.repeated import warn_of
     from emgface.study.policy import lower_sigma_max
 
     plan = study_of(study)
@@ -220,6 +222,7 @@ def simulate(
     else:
         given = dataset_of(activation, "activation", "activation")
         drive, told = given["activation"], given.attrs
+        warn_of(findings_in(given))
     stress = float(told.get("sigma_max", parameters.sigma_max))
     if abs(stress / parameters.sigma_max - 1.0) > 1e-6:
         warnings.warn(
@@ -247,6 +250,6 @@ def simulate(
         trajectory = lower_sigma_max(once, parameters, report=line.message)
     if skin:
         trajectory = with_surface(trajectory, model, skin)
-    keep = ("volunteer", "instruction", "repetition", "strategy", "montage")
+    keep = ("volunteer", "instruction", "repetition", "strategy", "montage", ATTRIBUTE)
     trajectory.attrs |= {name: told[name] for name in keep if name in told}
     return trajectory

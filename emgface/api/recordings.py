@@ -104,7 +104,8 @@ def activate(
     Warns
     -----
     FeatureWarning
-        The spectrum contradicts the sampling rate, or the gains of both sides differ.
+        The check of the recording (`emgface data check`) found something about its channels; the
+        attribute ``findings`` of the result contains it as data.
 
     Raises
     ------
@@ -118,14 +119,12 @@ def activate(
     >>> import emgface as ef
     >>> activation = ef.activate("V1_A_1.nc", strategy="act_rel", band=(20, 400))  # doctest: +SKIP
     """
-    import warnings
-
     import numpy as np
     import xarray as xr
 
     from emgface.api.given import changed, merged, recording_of, signals_of
-    from emgface.errors import ConfigurationError, FeatureWarning
-    from emgface.recordings.quality.plausible import doubts_of
+    from emgface.errors import ConfigurationError
+    from emgface.recordings.repeated import for_activation, stored_with, warn_of
     from emgface.signals.activation import activation_of, feature_range
     from emgface.signals.truth import TRUE_STRATEGY, true_activation_of
 
@@ -151,9 +150,9 @@ def activate(
         extent = feature_range((recording_of(one, mapping) for one in reference), chain)
     if strategy == TRUE_STRATEGY:
         return true_activation_of(given, chain.resampling)
-    for doubt in doubts_of(given):
-        warnings.warn(doubt, FeatureWarning, stacklevel=2)
-    return activation_of(
+    found = for_activation(given)
+    warn_of(found)
+    activation = activation_of(
         given,
         chain,
         strategy=strategy,
@@ -161,6 +160,7 @@ def activate(
         session=session,
         reference=extent,
     )
+    return stored_with(activation, found)
 
 
 def score(
@@ -195,6 +195,12 @@ def score(
     Dataset
         ``rho`` (marker) [1], the 3D correlation; ``amplitude_ratio`` [1], ``rmse`` [m], ``reason``
         of an undefined rho, and the results of the alignment (``shift`` [s], ...).
+
+    Warns
+    -----
+    FeatureWarning
+        The check of the recording found something about its face and lip markers, or about the
+        channels from which the motion was computed; the attribute ``findings`` contains it as data.
 
     Raises
     ------
@@ -236,6 +242,8 @@ def aligned_and_scored(
     from analysis.align import align
     from analysis.scores import score as score_trial
     from emgface.api.given import changed, dataset_of, face_of, recording_of, study_of
+    from emgface.recordings.findings import findings_in
+    from emgface.recordings.repeated import for_scores, stored_with, warn_of
     from emgface.study.measured import measured_during
 
     plan = study_of(study)
@@ -243,6 +251,8 @@ def aligned_and_scored(
     score_choices = changed(plan.score, score or {}, "score")
     motion = dataset_of(trajectory, "trajectory", "position")
     given = recording_of(recording, mapping)
+    found = for_scores(given)
+    warn_of([*findings_in(motion), *found])
     measured = measured_during(given, motion, face_of(face, plan), plan.signals.head_frame)
     aligned = align(
         measured,
@@ -251,4 +261,5 @@ def aligned_and_scored(
         smallest_snr=score_choices.smallest_snr,
         **alignment_choices.arguments(),
     )
-    return aligned, score_trial(aligned, motion, **score_choices.model_dump())
+    scores = score_trial(aligned, motion, **score_choices.model_dump())
+    return aligned, stored_with(scores, found, motion)

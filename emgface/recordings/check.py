@@ -1,19 +1,15 @@
 """Table of the channels and markers of a recording, with a verdict on each."""
 
-import re
-
 import numpy as np
 import pandas as pd
 import xarray as xr
 
 from emgface.muscles import CHANNELS
-from emgface.recordings.findings import findings_in
+from emgface.recordings.finding_codes import Verdict
+from emgface.recordings.findings import Finding, findings_in
 from emgface.recordings.kinds import Signal, kind_of_name, kind_of_unit, signal_of
-from emgface.recordings.labels import note
 from emgface.recordings.quality.findings import findings
 from emgface.recordings.verdicts import (
-    Finding,
-    Verdict,
     channel_findings,
     clock_of,
     judged,
@@ -53,7 +49,44 @@ def check_recording(
     verdict.
     """
     limit = HeadFrameParameters().max_gap if max_gap is None else max_gap
+    examined, found = _examined(recording, limit)
+    first = {
+        kind: next((r["name"] for r in examined if _judgeable(r, kind)), None) for kind in KINDS
+    }
     rows: list[dict[str, object]] = []
+    for row in examined:
+        own = [f for f in found if f.kind == row["kind"] and f.name == row["name"]]
+        # A finding on the whole recording is stated with its first channel or marker.
+        if row["name"] == first[str(row["kind"])]:
+            own += [f for f in found if not f.name and f.kind in (row["kind"], "recording")]
+        if "verdict" in row:  # a channel without EMG
+            told = "; ".join([str(row["reason"]), *(f.clause for f in own)])
+            rows.append({**row, "reason": told})
+        else:
+            rows.append(judged(row, own))
+    rows += _lost(rows, found)
+    if study:
+        rows += _absent(rows)
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    last = ["verdict", "reason"]
+    columns = [name for name in columns if name not in last] or ["name", "kind", "signal"]
+    return pd.DataFrame(rows, columns=columns + last)
+
+
+def findings_of(recording: xr.Dataset, *, max_gap: float | None = None) -> list[Finding]:
+    """Return all findings on a recording: those stored with it, and those of the check."""
+    limit = HeadFrameParameters().max_gap if max_gap is None else max_gap
+    return _examined(recording, limit)[1]
+
+
+KINDS = ("channel", "marker")
+
+
+def _examined(recording: xr.Dataset, limit: float) -> tuple[list[dict[str, object]], list[Finding]]:
+    """Measure every channel and marker; return the rows without verdict and all findings."""
+    rows: list[dict[str, object]] = []
+    stored = findings_in(recording)
+    found = [finding for finding in stored if finding.code != "left_out"]
     if "emg" in recording:
         emg = recording["emg"]
         clock = clock_of(emg["time_emg"].values)
@@ -63,22 +96,38 @@ def check_recording(
             if signal.kind != "EMG" and str(label) not in CHANNELS:
                 rows.append(_other(row, signal))
                 continue
-            rows.append(judged(row | {"signal": "EMG"}, channel_findings(values, row, clock)))
-    rows += _left_out(recording)
+            rows.append(row | {"signal": "EMG"})
+            found += channel_findings(values, row, clock)
+    rows += _left_out(stored)
     if "position" in recording:
         position = recording["position"]
         clock = clock_of(position["time_marker"].values)
         for label, values in zip(position["marker"].values, position.values, strict=True):
-            row = row_of(str(label), "marker", "m", values, clock)
-            row["signal"] = "position"
-            rows.append(judged(row, marker_findings(values, row, clock, limit)))
-    rows = _with_quality(rows, recording)
-    if study:
-        rows += _absent(rows)
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    last = ["verdict", "reason"]
-    columns = [name for name in columns if name not in last] or ["name", "kind", "signal"]
-    return pd.DataFrame(rows, columns=columns + last)
+            row = row_of(str(label), "marker", "m", values, clock) | {"signal": "position"}
+            rows.append(row)
+            found += marker_findings(values, row, clock, limit)
+    named = [row["name"] for row in rows if row["signal"] == "EMG"]
+    if "emg" in recording:
+        recording = recording.sel(channel=named) if named else recording.drop_vars("emg")
+    measures, further = findings(recording)
+    rows = [{**row, **measures.get((str(row["kind"]), str(row["name"])), {})} for row in rows]
+    return rows, found + further
+
+
+def _judgeable(row: dict[str, object], kind: str) -> bool:
+    return row["kind"] == kind and "verdict" not in row
+
+
+def _lost(rows: list[dict[str, object]], found: list[Finding]) -> list[dict[str, object]]:
+    """Rows of the channels that the file marks as bad, which are no longer in the recording."""
+    held = {(row["kind"], row["name"]) for row in rows}
+    bad = [f for f in found if f.code == "bad" and (f.kind, f.name) not in held]
+    return [
+        judged(
+            _nothing(f.name, f.kind, "V" if f.kind == "channel" else "m") | {"signal": "EMG"}, [f]
+        )
+        for f in bad
+    ]
 
 
 def problems(table: pd.DataFrame, verdict: Verdict = "error") -> list[str]:
@@ -91,51 +140,21 @@ def problems(table: pd.DataFrame, verdict: Verdict = "error") -> list[str]:
     ]
 
 
-def _with_quality(rows: list[dict[str, object]], recording: xr.Dataset) -> list[dict[str, object]]:
-    """Add measures to the rows, and findings to their reasons."""
-    emg = [row["name"] for row in rows if row["signal"] == "EMG"]
-    if "emg" in recording:
-        recording = recording.sel(channel=emg) if emg else recording.drop_vars("emg")
-    stored = findings_in(recording)
-    measures, found = findings(recording)
-    result: list[dict[str, object]] = []
-    # A finding on the whole recording is stated with its first channel or marker.
-    judgeable = [row for row in rows if row["signal"] in ("EMG", "position")]
-    for row in rows:
-        key = (str(row["kind"]), str(row["name"]))
-        told = [finding.clause for finding in stored if (finding.kind, finding.name) == key]
-        told += [text for kind, name, text in found if (kind, name) == key]
-        if row is next((r for r in judgeable if r["kind"] == key[0]), None):
-            told = [
-                f.clause for f in stored if f.kind in (key[0], "recording") and not f.name
-            ] + told
-            told += [text for kind, name, text in found if (kind, name) == (key[0], "")]
-        verdict, reason = str(row["verdict"]), str(row["reason"])
-        if told:
-            verdict = "warning" if verdict == "ok" else verdict
-            reason = "; ".join([*([reason] if reason else []), *told])
-        result.append({**row, **measures.get(key, {}), "verdict": verdict, "reason": reason})
-    return result
-
-
 def _other(row: dict[str, object], signal: Signal) -> dict[str, object]:
     """Row of a channel that does not contain EMG."""
     return {**row, "signal": signal.kind, "verdict": "not EMG", "reason": signal.reason}
 
 
-def _left_out(recording: xr.Dataset) -> list[dict[str, object]]:
+def _left_out(found: list[Finding]) -> list[dict[str, object]]:
     """Rows for analog channels that the reader omitted because they are not voltages."""
     rows: list[dict[str, object]] = []
-    for label, reason in note(recording, "dropped").items():
-        found = re.fullmatch(
-            r"(in '(.*)', not a voltage|of type (.*), not EMG|has no unit)", reason
-        )
-        if found is None:
+    for finding in found:
+        if finding.code != "left_out":
             continue
-        unit, kind = found.group(2) or "", found.group(3)
-        kind = kind or kind_of_unit(unit) or kind_of_name(label) or "other signal"
-        told = f"left out in reading: {reason}"
-        rows.append(_other(_nothing(label, "channel", unit), Signal(kind, told)))
+        unit, label = str(finding.values["unit"]), finding.name
+        kind = str(finding.values["type"]) or kind_of_unit(unit) or kind_of_name(label)
+        signal = Signal(kind or "other signal", f"left out in reading: {finding.clause}")
+        rows.append(_other(_nothing(label, "channel", unit), signal))
     return rows
 
 
@@ -160,6 +179,8 @@ def _absent(rows: list[dict[str, object]]) -> list[dict[str, object]]:
             advice = f"it may be {near!r}" if near else "map a label of the file to it"
             row = _nothing(name, kind, "V" if kind == "channel" else "m")
             row["signal"] = "EMG" if kind == "channel" else "position"
-            finding = Finding("error", f"missing from the recording: {advice}")
+            finding = Finding(
+                "missing", "marker" if kind == "marker" else "channel", name, {"advice": advice}
+            )
             result.append(judged(row, [finding]))
     return result

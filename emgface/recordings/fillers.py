@@ -20,6 +20,7 @@ FINE: Final = 3.0
 """Usual step over the resolution above which repeated values are not due to the resolution."""
 FAR: Final = 5.0  #: distance of a constant from all other values, over their range
 FAR_MARKER: Final = 0.5  #: distance of a constant from all other positions [m]
+SLOWEST: Final = 5e-3  #: sampling interval [s] above which a signal is no surface EMG
 SHORTEST: Final = 0.005  #: time at one value [s] below which EMG is not changed
 
 
@@ -80,6 +81,8 @@ def emg_fillers(values: np.ndarray, period: float) -> Iterator[Filler]:
         finite &= ~far.mask
     if not finite.any() or np.ptp(values[finite]) == 0.0:
         return
+    if not _rough(values, period):
+        return  # a slow signal, which may rest at a value
     edges = values[finite].min(), values[finite].max()
     shortest = SHORTEST / period if period > 0 else np.inf
     for start, stop in _runs(values[None], finite):
@@ -88,6 +91,18 @@ def emg_fillers(values: np.ndarray, period: float) -> Iterator[Filler]:
         if stop - start < shortest or value in edges:
             continue
         yield _held(values.size, start, stop, value == 0.0)
+
+
+def _rough(values: np.ndarray, period: float) -> bool:
+    """Return True if a signal varies within 5 ms as surface EMG does, not as a straight line."""
+    if not 0 < period <= SLOWEST:
+        return False
+    lag = max(8, round(5e-3 / period))
+    near, far = (np.abs(values[k:] - values[:-k]) for k in (1, lag) if k < values.size)
+    moving = near[near > 0], far[far > 0]
+    if not all(part.size for part in moving):
+        return False
+    return float(np.median(moving[0])) > 1.3 / lag * float(np.median(moving[1]))
 
 
 def marker_fillers(values: np.ndarray, elsewhere: float) -> Iterator[Filler]:
@@ -204,6 +219,17 @@ def _usable(recording: xr.Dataset, name: str, dims: tuple[str, ...]) -> bool:
         and recording[name].dtype.kind in "fiu"
         and recording[dims[-1]].dtype.kind in "fiu"
     )
+
+
+def usable_parts(recording: xr.Dataset) -> xr.Dataset:
+    """Return a recording without the variables whose dims or types are not those of a recording."""
+    parts = (("emg", ("channel", "time_emg")), ("position", ("marker", "axis", "time_marker")))
+    keep = [name for name, dims in parts if _usable(recording, name, dims)]
+    result = recording[keep]
+    for name, dims in parts:
+        if name in keep:
+            result = result.assign({name: result[name].transpose(*dims)})
+    return result
 
 
 def _period(time: np.ndarray) -> float:

@@ -78,6 +78,7 @@ _FLAGS: Final = {
         "warning",
         "{share:.0%} of the frames ({frames:.0f}) were interpolated or computed, not measured, by {by}",
     ),
+    "left_out": Meaning("not EMG", "{why}"),
     "missing": Meaning("error", "missing from the recording: {advice}"),
 }
 _FILLERS: Final = {
@@ -167,6 +168,11 @@ _MARKERS: Final = {
         "warning", "is at the position expected for {other} (misfit {ratio:.0%} when exchanged)"
     ),
     "exchanged": Meaning("warning", "is exchanged with {other} at {at:.4g} s"),
+    "scale": Meaning(
+        "warning",
+        "the markers are {found:.3g} m (rms) from their centre, expected {low:g} to {high:g} m: check "
+        "the unit of the positions in the recording or its sidecar",
+    ),
     "size": Meaning(
         "error",
         "the face markers are {found:.3g} m (rms) from their centre, those of a face {expected:.3g} m: "

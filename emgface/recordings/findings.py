@@ -103,9 +103,40 @@ def renamed(dataset: xr.Dataset, kind: Kind, names: Mapping[str, str]) -> xr.Dat
     """Rename channels or markers in the findings; those that `names` lacks are removed."""
 
     def keep(finding: Finding) -> Finding | None:
-        if finding.kind != kind or not finding.name:
+        if finding.kind != kind or not finding.name or finding.code == "left_out":
             return finding
         return replace(finding, name=names[finding.name]) if finding.name in names else None
+
+    return only_findings(dataset, keep)
+
+
+def shifted(
+    dataset: xr.Dataset,
+    shift: float,
+    *,
+    kinds: Collection[Kind] = ("recording", "channel", "marker"),
+) -> xr.Dataset:
+    """Move the instants of the findings of some kinds by `shift` [s], as those of their samples."""
+
+    def keep(finding: Finding) -> Finding:
+        if "at" not in finding.values or finding.kind not in kinds:
+            return finding
+        return replace(
+            finding, values={**finding.values, "at": float(finding.values["at"]) + shift}
+        )
+
+    return only_findings(dataset, keep)
+
+
+def within(dataset: xr.Dataset, start: float, stop: float) -> xr.Dataset:
+    """Keep the findings without an instant, and those that extend into an interval [s]."""
+
+    def keep(finding: Finding) -> Finding | None:
+        if "at" not in finding.values or finding.code == "gaps":
+            return finding
+        first = float(finding.values["at"])
+        last = first + float(finding.values.get("seconds", 0.0))
+        return finding if first < stop and last >= start else None
 
     return only_findings(dataset, keep)
 

@@ -4,6 +4,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import SignalError
+from emgface.recordings.findings import shifted, within
 from emgface.signals.filters import sampling_rate
 
 
@@ -24,6 +25,7 @@ def synchronise(recording: xr.Dataset, offset: float) -> xr.Dataset:
             f"{moved[-1]:.4g} s and the EMG from {emg[0]:.4g} to {emg[-1]:.4g} s, expected an "
             "overlap: check the sign of the offset, t_emg = offset + t_marker"
         )
+    recording = shifted(recording, offset, kinds=("marker",))
     attrs = {**time.attrs, "clock_relation": f"t_emg = {offset:.9g} s + t_marker"}
     return recording.assign_coords(time_marker=("time_marker", moved, attrs))
 
@@ -36,6 +38,7 @@ def cut(recording: xr.Dataset, start: float, stop: float) -> xr.Dataset:
     of a part.
     """
     zero: float | None = None
+    recording = within(recording, start, stop)
     for name in ("time_emg", "time_marker", "time_true"):
         if name not in recording.coords:
             continue
@@ -53,4 +56,4 @@ def cut(recording: xr.Dataset, start: float, stop: float) -> xr.Dataset:
         zero = float(kept.values[0]) if zero is None else zero
         moved = (name, kept.values - zero, kept.attrs)
         recording = recording.assign_coords({name: moved})
-    return recording
+    return shifted(recording, -(zero or 0.0))

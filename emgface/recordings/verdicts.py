@@ -1,10 +1,13 @@
-"""Faults of one channel or marker, each with a verdict and a reason."""
+"""Faults of one channel or marker, as findings, and the verdict that follows from them."""
 
-from typing import Literal, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from emgface.errors import SignalError
+from emgface.recordings.finding_codes import Verdict
+from emgface.recordings.findings import Finding, Kind
 from emgface.recordings.labels import constant_value
 from emgface.signals.filters import LARGEST_VARIATION, pass_band
 from emgface.signals.parameters import FilterParameters
@@ -17,15 +20,6 @@ LEAST_RATE = 800.0
 """Sampling rate [Hz] below which surface EMG, to 400-500 Hz (van Boxtel 2001), is lost or folded."""
 JITTER = 0.1
 """Part of the sampling interval by which intervals may differ before the clock is suspect."""
-
-Verdict = Literal["ok", "warning", "error", "not EMG"]
-
-
-class Finding(NamedTuple):
-    """One fault."""
-
-    verdict: Verdict
-    reason: str
 
 
 class Clock(NamedTuple):
@@ -74,71 +68,58 @@ def _longest_run(mask: np.ndarray) -> int:
     return int((edges[1::2] - edges[::2]).max()) if edges.size else 0
 
 
-def _common(row: dict[str, object], clock: Clock) -> list[Finding]:
+def _common(row: dict[str, object], clock: Clock, kind: Kind) -> list[Finding]:
     """Find the properties that make a signal unusable."""
+    name = str(row["name"])
     if clock.samples < 2:
-        return [Finding("error", f"has {clock.samples} samples, expected at least two")]
+        return [Finding("too_few", kind, name, {"samples": clock.samples})]
     if row["finite"] == 0.0:
-        return [Finding("error", "is never visible: every sample is NaN")]
+        return [Finding("invisible", kind, name)]
     if not clock.uniform:
-        return [Finding("error", f"intervals differ by over {JITTER:.0%}: resample the recording")]
+        return [Finding("uneven", kind, name, {"allowed": JITTER})]
     return []
 
 
 def channel_findings(values: np.ndarray, row: dict[str, object], clock: Clock) -> list[Finding]:
     """Find faults of a channel, shape (samples,) [V], whose row is that of `row_of`."""
-    found = _common(row, clock)
+    found = _common(row, clock, "channel")
     if found:
         return found
-    if np.isnan(values).any():
-        found.append(
-            Finding(
-                "error",
-                f"{int(np.isnan(values).sum())} of {values.size} samples are NaN, the longest gap "
-                f"{row['longest_gap']:.4g} s: cut the trial or omit the channel",
-            )
-        )
+
+    def note(code: str, **numbers: float) -> None:
+        found.append(Finding(code, "channel", str(row["name"]), numbers))
+
+    missing = int(np.isnan(values).sum())
+    if missing:
+        longest = float(str(row["longest_gap"]))
+        note("absent_samples", missing=missing, samples=values.size, seconds=longest)
     if row["constant"]:
-        found.append(
-            Finding("error", f"constant at {row['largest']:g} V: check electrode and cable")
-        )
+        note("constant", volts=float(str(row["largest"])))
         return found
-    found += _band(clock.rate)
+    found += _band(str(row["name"]), clock.rate)
     variation = float(np.nanstd(values))  # an offset is removed by the band-pass
     if variation > LARGEST_VARIATION:
-        found.append(
-            Finding("warning", f"varies by {variation:.3g} V, far above EMG: check gain and unit")
-        )
+        note("large", volts=variation)
     elif variation < SMALLEST_VARIATION:
-        found.append(
-            Finding("warning", f"varies by {variation:.3g} V only: check electrode, gain and unit")
-        )
+        note("small", volts=variation)
     share = max(float((values == edge).mean()) for edge in (np.nanmin(values), np.nanmax(values)))
     if share > CLIPPED:
-        found.append(Finding("warning", f"{share:.1%} of samples at one extreme: clipped"))
+        note("clipped", share=share)
     return found
 
 
-def _band(rate: float) -> list[Finding]:
+def _band(name: str, rate: float) -> list[Finding]:
     """Compare the sampling rate with the band of surface EMG and with the study's pass-band."""
     wanted = FilterParameters()
     try:
         _, high = pass_band(wanted, rate)
     except SignalError as error:
-        return [Finding("error", str(error))]
+        return [Finding("no_band", "channel", name, {"problem": str(error)})]
     if rate < LEAST_RATE:
-        return [
-            Finding(
-                "warning",
-                f"sampled at {rate:.4g} Hz, which contains nothing above {rate / 2:.4g} Hz "
-                "of the 15 to 500 Hz of EMG: record faster",
-            )
-        ]
+        return [Finding("slow", "channel", name, {"rate": rate, "half": rate / 2})]
     if high < wanted.high:
-        told = (
-            f"sampled at {rate:.4g} Hz: the pass-band ends at {high:.4g} Hz, not {wanted.high:g} Hz"
-        )
-        return [Finding("warning", told)]
+        numbers = {"rate": rate, "high": high, "wanted": wanted.high}
+        return [Finding("narrow", "channel", name, numbers)]
     return []
 
 
@@ -146,39 +127,30 @@ def marker_findings(
     values: np.ndarray, row: dict[str, object], clock: Clock, limit: float
 ) -> list[Finding]:
     """Find faults of a marker (axes, frames) [m]; gaps up to `limit` [s] are interpolated."""
-    found = _common(row, clock)
+    found = _common(row, clock, "marker")
     if found:
         return found
+    name = str(row["name"])
     seen: np.ndarray = np.all(np.isfinite(values), axis=0)
     first, last = int(np.argmax(seen)), seen.size - int(np.argmax(seen[::-1]))
     gap, ends = _longest_run(~seen[first:last]) / clock.rate, (first + seen.size - last)
     # Half a frame of tolerance accepts a gap of exactly the limit in spite of rounding.
     if gap > limit + 0.5 / clock.rate:
-        found.append(
-            Finding(
-                "error", f"lost for {gap:.4g} s, longer than the {limit:g} s that are interpolated"
-            )
-        )
+        found.append(Finding("lost", "marker", name, {"seconds": gap, "limit": limit}))
     elif gap > 0:
-        found.append(Finding("warning", f"lost for up to {gap:.4g} s, to be interpolated"))
+        found.append(Finding("lost_briefly", "marker", name, {"seconds": gap}))
     if ends:
-        found.append(
-            Finding(
-                "warning",
-                f"not visible for {ends / clock.rate:.4g} s at the ends: the remaining part "
-                "of the trial is scored",
-            )
-        )
+        found.append(Finding("ends", "marker", name, {"seconds": ends / clock.rate}))
     if row["constant"]:
-        found.append(Finding("error", "does not move: check whether it is a copied frame"))
+        found.append(Finding("still", "marker", name))
     return found
 
 
-def judged(row: dict[str, object], findings: list[Finding]) -> dict[str, object]:
+def judged(row: dict[str, object], findings: Sequence[Finding]) -> dict[str, object]:
     """Complete a row with the worst verdict and all reasons."""
     order: tuple[Verdict, ...] = ("error", "warning")
     found = {finding.verdict for finding in findings}
     verdict = next((one for one in order if one in found), "ok")
     # Reasons for the verdict are listed first.
     ranked = sorted(findings, key=lambda finding: finding.verdict != verdict)
-    return {**row, "verdict": verdict, "reason": "; ".join(f.reason for f in ranked)}
+    return {**row, "verdict": verdict, "reason": "; ".join(f.clause for f in ranked)}

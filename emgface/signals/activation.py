@@ -30,7 +30,14 @@ from emgface.errors import (
 from emgface.muscles import MUSCLES
 from emgface.signals.envelope import muscle_activation
 from emgface.signals.features import feature_of
-from emgface.signals.filters import bandpass, constant_rows, too_large_for_semg
+from emgface.signals.filters import (
+    TIME_EMG,
+    bandpass,
+    constant_rows,
+    pass_band,
+    sampling_rate,
+    too_large_for_semg,
+)
 from emgface.signals.mapping import map_channels
 from emgface.signals.montage import montage_of, with_mirrored
 from emgface.signals.normalisation import normalise
@@ -103,6 +110,7 @@ def activation_of(
     return activation.rename("activation").to_dataset().assign_attrs(attrs)
 
 
+RATES_AGREE = 2e-3  #: relative difference of sampling rates below which features can be compared
 IDENTITY = (
     "volunteer", "instruction", "repetition", "origin", "world", "source", "source_digest",
 )  # fmt: skip
@@ -177,15 +185,18 @@ def feature_range(recordings: Iterable[xr.Dataset], chain: SignalChain) -> xr.Da
     `recordings` are all trials of a volunteer (reach "session") or maximum-effort recordings, which
     should include some rest (reach "reference"); they are read one at a time. The result contains
     ``minimum`` and ``maximum`` over muscle (over channel if mapping_stage is "activation"), in the
-    unit of the feature, with the attributes volunteer, recordings (their number) and parameters
-    (JSON of the stages that determine the feature). Raises SignalError, SchemaError or UnitsError
-    if there is no recording or one cannot be processed, and ConfigurationError if they are of
-    different volunteers.
+    unit of the feature, with the attributes volunteer, recordings (their number), sampling_rate [Hz]
+    and parameters (JSON of the stages that determine the feature). Raises SignalError, SchemaError or
+    UnitsError if there is no recording, one cannot be processed, or their sampling rates give
+    different features, and ConfigurationError if they are of different volunteers.
     """
     low: xr.DataArray | None = None
     high: xr.DataArray | None = None
     volunteers: list[str] = []
+    rates: list[float] = []
     for recording in recordings:
+        rates.append(sampling_rate(emg_of(recording)[TIME_EMG]))
+        _require_one_rate(rates[0], rates[-1], chain, "recordings of the range")
         feature, _ = feature_before_normalisation(recording, chain)
         lowest, highest = feature.min("time", keep_attrs=True), feature.max("time", keep_attrs=True)
         low = lowest if low is None else _joined(np.fmin, low, lowest)
@@ -207,6 +218,7 @@ def feature_range(recordings: Iterable[xr.Dataset], chain: SignalChain) -> xr.Da
         attrs={
             "volunteer": volunteers[0],
             "recordings": len(volunteers),
+            "sampling_rate": rates[0],
             "parameters": feature_parameters(chain),
         },
     )
@@ -261,6 +273,10 @@ def _extent_for(
             f"range of the {reach} contains no {dim} {', '.join(lacking)}, expected all of the trial's: "
             f"record the {reach} with the same channels"
         )
+    if "sampling_rate" in extent.attrs:  # absent in ranges of earlier versions
+        rate = sampling_rate(emg_of(recording)[TIME_EMG])
+        of_range = float(extent.attrs["sampling_rate"])
+        _require_one_rate(of_range, rate, chain, f"range of the {reach} and the recording")
     volunteer = str(recording.attrs.get("volunteer", ""))
     if extent.attrs.get("volunteer", "") != volunteer:
         raise ConfigurationError(
@@ -268,6 +284,23 @@ def _extent_for(
             f"recording of '{volunteer}': pass the range of the same volunteer"
         )
     return extent
+
+
+def _require_one_rate(one: float, other: float, chain: SignalChain, what: str) -> None:
+    """Refuse sampling rates [Hz] whose features cannot be compared.
+
+    The Willison amplitude counts steps from sample to sample, and therefore depends on the rate; the
+    other features depend on it if it narrows the pass-band.
+    """
+    if abs(other / one - 1.0) <= RATES_AGREE:
+        return
+    bands = {pass_band(chain.filter, rate) for rate in (one, other)}
+    if chain.feature.kind != "wamp" and len(bands) == 1:
+        return
+    raise SignalError(
+        f"the {what} are sampled at {one:g} and {other:g} Hz, at which the {chain.feature.kind} "
+        "feature differs; expected one rate: resample the faster one, or normalise over the trial"
+    )
 
 
 def feature_parameters(chain: SignalChain) -> str:

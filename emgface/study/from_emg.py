@@ -8,6 +8,7 @@ import xarray as xr
 
 from emgface.anatomy.head.recorded import activation_of_head, has_jaw
 from emgface.errors import FeatureWarning
+from emgface.recordings.repeated import for_activation, stored_with
 from emgface.signals.activation import activation_of
 from emgface.signals.truth import TRUE_STRATEGY, true_activation_of
 from emgface.study.digest import dataset_digest
@@ -46,8 +47,11 @@ def activation_from_emg(
         inputs,
         {"trial_strategy": strategy, **parameters},
         lambda: _noting_warnings(
-            lambda: activation_of(
-                recording.dataset, chain, strategy=strategy, session=over, reference=over
+            lambda: stored_with(
+                activation_of(
+                    recording.dataset, chain, strategy=strategy, session=over, reference=over
+                ),
+                for_activation(recording.dataset),
             )
         ),
         label=label,

@@ -10,6 +10,8 @@ from analysis.trial import Origin, Trial
 from emgface.errors import EmgfaceError, ExecutionError, StoreError
 from emgface.face.numerical_error import largest_motion
 from emgface.face.stability import stability_warning
+from emgface.recordings.findings import findings_in
+from emgface.recordings.repeated import headline
 from emgface.study.stages import Laboratory, StoredFailure
 from emgface.study.store import Result
 from emgface.study.table import PlannedTrial
@@ -69,7 +71,11 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
         raise  # a failure of the machine, which the other trials would share
     except EXPECTED as error:
         return Trial.failed(*labels, error, origin=origin, **known, **_provenance(stages))
-    remarks = stability_warning(motion.dataset), scores.dataset.attrs.get("incisor_reason", "")
+    remarks = (
+        stability_warning(motion.dataset),
+        scores.dataset.attrs.get("incisor_reason", ""),
+        headline([*findings_in(activation.dataset), *findings_in(scores.dataset)]),
+    )
     known["reason"] = "; ".join(filter(None, remarks))
     return Trial(*labels, scores=scores.dataset, origin=origin, **known, **_provenance(stages))
 

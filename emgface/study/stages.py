@@ -14,6 +14,7 @@ from emgface.anatomy.head.model import Head
 from emgface.face.motion import NOT_OF_REST, settle_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.configuration import VARIANT
+from emgface.recordings.repeated import for_scores, stored_with
 from emgface.signals.activation import feature_range
 from emgface.study.by_markers import ByMarkers
 from emgface.study.configuration import StudyConfiguration
@@ -282,6 +283,7 @@ class Laboratory:
 
         def scored() -> xr.Dataset:
             found = score(aligned.dataset, motion.dataset, **choices())
+            found = stored_with(found, for_scores(recording.dataset))
             if not of_head:
                 return found
             return with_incisor(found, recording.dataset, motion.dataset, self.face, frame)

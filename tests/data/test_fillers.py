@@ -73,8 +73,9 @@ def clipped(x: np.ndarray) -> np.ndarray:
         np.zeros(T.size),
         np.where(T > 1.5, np.nan, RAW),
         np.r_[RAW[:-1], 1.0],
+        1e-3 * np.clip(np.sin(9.0 * T), -0.5, 0.3) + np.where(T > 0.3, 1e-4 * T**2, 0.0),
     ],
-    ids="raw clipped rectified 1uV 20uV quiet constant ended spike".split(),
+    ids="raw clipped rectified 1uV 20uV quiet constant ended spike resting".split(),
 )
 def test_measured_emg_has_no_filler(values: np.ndarray) -> None:
     assert list(emg_fillers(values, 5e-4)) == []

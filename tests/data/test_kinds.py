@@ -1,14 +1,14 @@
 """Distinction of EMG from other recorded signals."""
 
-import json
-
 import numpy as np
 import pytest
 import xarray as xr
 from scipy.signal import butter, sosfilt
 
 from emgface.recordings.check import check_recording, problems
+from emgface.recordings.findings import with_findings
 from emgface.recordings.kinds import kind_of_name, kind_of_unit, signal_of
+from emgface.recordings.readers._build import left_out
 
 RATE = 2000.0
 TIME = np.arange(8000) / RATE
@@ -63,15 +63,16 @@ def test_the_kind_follows_from_names_and_units() -> None:
 
 def test_other_signals_are_listed_and_not_judged(trial: xr.Dataset) -> None:
     values = np.stack([EMG, 0.09 * SLOW + 2e-3 * NOISE, 0 * EMG, np.zeros(TIME.size)])
-    left_out = {"Knee": "in 'deg', not a voltage", "x": "of type TRIG, not EMG"}
+    omitted = [left_out("Knee", unit="deg"), left_out("x", kind="TRIG")]
     recording = xr.Dataset(
         {"emg": (("channel", "time_emg"), values, {"units": "V"})},
         {
             "channel": ["shoulder EMG", "Voltage.1", "Sensor 9", "MEN_L"],
             "time_emg": ("time_emg", TIME, {"units": "s"}),
         },
-        {"origin": "measured", "dropped": json.dumps(left_out)},
+        {"origin": "measured"},
     )
+    recording = with_findings(recording, omitted)
     table = check_recording(recording).set_index("name")
     assert table["signal"].to_dict() == {
         "shoulder EMG": "EMG", "Voltage.1": "slow signal", "Sensor 9": "unused", "MEN_L": "EMG",

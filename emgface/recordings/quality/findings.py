@@ -1,4 +1,4 @@
-"""Findings in the quality measures, as sentences."""
+"""Findings in the quality measures."""
 
 from collections.abc import Mapping
 
@@ -7,10 +7,12 @@ import pandas as pd
 import xarray as xr
 
 from emgface.errors import SignalError
+from emgface.recordings.findings import Finding
 from emgface.recordings.quality.cross_talk import cross_talk
 from emgface.recordings.quality.emg import emg_quality
 from emgface.recordings.quality.markers import LAYOUT, marker_quality, swapped_markers
-from emgface.recordings.quality.plausible import doubtful_rate, doubtful_sides
+from emgface.recordings.quality.plausible import doubtful_rate, doubtful_sides, wrong_size
+from emgface.recordings.quality.processed import processing
 from emgface.recordings.quality.sides import swapped_sides
 from emgface.signals.filters import TIME_EMG, sampling_rate
 from emgface.signals.resampling import little_in_common
@@ -29,8 +31,6 @@ MUCH_NOISE = 1e-3  #: noise of a marker [m]
 TOO_FAST = 1.5  #: speed [m/s] above which a face marker is suspect
 TOO_FAST_ELSEWHERE = 15.0  #: speed [m/s] above which any other marker on the body is suspect
 
-Finding = tuple[str, str, str]  #: kind (channel or marker), name, sentence
-
 
 def findings(
     recording: xr.Dataset,
@@ -39,44 +39,60 @@ def findings(
 
     Returned are, by (kind, name), the measures of `emg_quality` and `marker_quality`, with
     ``common`` and ``cross_talk``, the largest value of `cross_talk` between a channel and a
-    neighbour; and kind, name and one clause for each finding, without a name if it applies to all
-    channels or markers.
+    neighbour; and the findings, without a name if they apply to all channels or markers.
     """
     measures: dict[tuple[str, str], dict[str, float]] = {}
     found: list[Finding] = []
     try:
         if "emg" in recording:
-            table = emg_quality(recording["emg"])
-            for name, row in _rows(table):
-                measures["channel", name] = {**row, "common": np.nan, "cross_talk": np.nan}
-                found += [("channel", name, text) for text in _channel(row)]
-            if told := doubtful_rate(table, sampling_rate(recording["emg"][TIME_EMG])):
-                found.append(("channel", "", told))
-            found += [("channel", name, text) for name, text in doubtful_sides(table).items()]
-            pairs = cross_talk(recording["emg"])
-            for a, b, r, _, common, share in pairs.itertuples(index=False):
-                for name in (a, b):
-                    row = measures["channel", name]
-                    row["common"] = float(np.fmax(common, row["common"]))
-                    row["cross_talk"] = float(np.fmax(share, row["cross_talk"]))
-                if share > MUCH_CROSS_TALK:
-                    text = f"shares {common:.0%} of its power with {b} (r = {r:.2f}, "
-                    text += f"cross-talk {share:.0%}): check the distance of the electrodes"
-                    found.append(("channel", a, text))
+            found += _of_channels(recording["emg"], measures)
         if "position" in recording:
             for name, row in _rows(marker_quality(recording["position"])):
                 measures["marker", name] = row
-                found += [("marker", name, text) for text in _marker(name, row)]
+                found += _marker(name, row)
             found += _exchanged(swapped_markers(recording["position"]))
+            found += wrong_size(recording["position"])
         if said := little_in_common(recording):
-            found.append(("marker", "", said))
+            found.append(Finding("little_in_common", "marker", "", {"said": said}))
         for left, right, r, swapped in swapped_sides(recording).itertuples(index=False):
             if swapped:
-                text = f"correlates with the mouth corner of the other side (r = {r:.2f} with {right}): "
-                found.append(("channel", left, text + "check whether left and right are exchanged"))
+                numbers = {"r": r, "other": str(right)}
+                found.append(Finding("sides_exchanged", "channel", str(left), numbers))
     except SignalError:
         pass  # a non-uniform clock, which the check of clocks reports for every row
     return measures, found
+
+
+def _of_channels(
+    emg: xr.DataArray, measures: dict[tuple[str, str], dict[str, float]]
+) -> list[Finding]:
+    """Measure the channels, and return the findings on them."""
+    found: list[Finding] = []
+    rate = sampling_rate(emg[TIME_EMG])
+    table = emg_quality(emg)
+    processed: set[str] = set()
+    for name, row in _rows(table):
+        measures["channel", name] = {**row, "common": np.nan, "cross_talk": np.nan}
+        treated = processing(name, emg.sel(channel=name).values, rate)
+        if treated is None:
+            found += _channel(name, row)
+        else:  # hum, artefact and drift are properties of the raw signal
+            processed.add(name)
+            found.append(treated)
+    raw = table.drop(index=list(processed))
+    if numbers := doubtful_rate(raw, rate):
+        found.append(Finding("median_frequency", "channel", "", numbers))
+    for name, numbers in doubtful_sides(raw).items():
+        found.append(Finding("sides_differ", "channel", name, numbers))
+    for a, b, r, _, common, share in cross_talk(emg).itertuples(index=False):
+        for name in (a, b):
+            row = measures["channel", name]
+            row["common"] = float(np.fmax(common, row["common"]))
+            row["cross_talk"] = float(np.fmax(share, row["cross_talk"]))
+        if share > MUCH_CROSS_TALK:
+            numbers = {"common": common, "other": str(b), "r": r, "share": share}
+            found.append(Finding("cross_talk", "channel", str(a), numbers))
+    return found
 
 
 def _rows(table: pd.DataFrame) -> list[tuple[str, dict[str, float]]]:
@@ -86,42 +102,36 @@ def _rows(table: pd.DataFrame) -> list[tuple[str, dict[str, float]]]:
     ]
 
 
-def _channel(row: Mapping[str, float]) -> list[str]:
-    """Clauses on one channel; a comparison with NaN is false."""
-    found: list[str] = []
+def _channel(name: str, row: Mapping[str, float]) -> list[Finding]:
+    """Findings on one channel; a comparison with NaN is false."""
+    found: list[Finding] = []
+
+    def note(code: str, **numbers: float) -> None:
+        found.append(Finding(code, "channel", name, numbers))
+
     sure = row["hum_chance"] < UNLIKELY
     if row["hum"] > MUCH_HUM and row["hum_rms"] > LOUD_HUM and sure:
-        found.append(
-            f"{row['hum']:.0%} of its power is mains hum of {row['hum_frequency']:g} Hz, "
-            f"{row['hum_rms'] * 1e6:.3g} uV: check ground and leads, or use a notch"
-        )
+        frequency, level = row["hum_frequency"], 1e6 * row["hum_rms"]
+        note("hum", share=row["hum"], frequency=frequency, microvolts=level)
     if row["artefact"] > MUCH_ARTEFACT:
-        found.append(f"{row['artefact']:.0%} of its power lies below 15 Hz: movement artefact")
+        note("artefact", share=row["artefact"])
     if row["drift"] > MUCH_DRIFT:
-        found.append(f"drifts by {row['drift'] * 1e3:.3g} mV: check skin and electrode")
+        note("drift", millivolts=1e3 * row["drift"])
     if row["stuck"] > LONG_STUCK:
-        found.append(f"stays at one value for {row['stuck']:.3g} s: dropout")
+        note("stuck", seconds=row["stuck"])
     if row["saturated"] > MUCH_SATURATION:
-        found.append(
-            f"{row['saturated']:.1%} of samples at the limits of the amplifier: saturated, lower "
-            "the gain"
-        )
+        note("saturated", share=row["saturated"])
     if row["baseline"] > LOUD_BASELINE:
-        found.append(
-            f"baseline {row['baseline'] * 1e6:.3g} uV: high noise, a muscle that is never at rest, or "
-            "a wrong gain"
-        )
+        note("baseline", microvolts=1e6 * row["baseline"])
     return found
 
 
-def _marker(name: str, row: Mapping[str, float]) -> list[str]:
-    found: list[str] = []
+def _marker(name: str, row: Mapping[str, float]) -> list[Finding]:
+    found: list[Finding] = []
     if row["noise"] > MUCH_NOISE:
-        found.append(f"noise of {row['noise'] * 1e3:.3g} mm: check calibration and light")
+        found.append(Finding("noise", "marker", name, {"millimetres": 1e3 * row["noise"]}))
     if row["largest_speed"] > (TOO_FAST if name in LAYOUT else TOO_FAST_ELSEWHERE):
-        found.append(
-            f"moves at up to {row['largest_speed']:.3g} m/s: jumps, or a mismatch between cameras"
-        )
+        found.append(Finding("jumps", "marker", name, {"speed": row["largest_speed"]}))
     return found
 
 
@@ -129,11 +139,11 @@ def _exchanged(table: pd.DataFrame) -> list[Finding]:
     found: list[Finding] = []
     for first, second, time, ratio in table.itertuples(index=False):
         if first == "left":
-            text = "left and right of all markers are exchanged, or the axes are mirrored"
-            found.append(("marker", "", text))
+            found.append(Finding("mirrored", "marker"))
         elif np.isnan(time):
-            text = f"is at the position expected for {second} (misfit {ratio:.0%} when exchanged)"
-            found.append(("marker", first, text))
+            numbers = {"other": str(second), "ratio": float(ratio)}
+            found.append(Finding("misplaced", "marker", str(first), numbers))
         else:
-            found.append(("marker", first, f"is exchanged with {second} at {time:.4g} s"))
+            numbers = {"other": str(second), "at": float(time)}
+            found.append(Finding("exchanged", "marker", str(first), numbers))
     return found

@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from emgface.errors import SignalError
-from emgface.muscles import SIDES
-from emgface.recordings.quality.emg import emg_quality
-from emgface.signals.filters import TIME_EMG, sampling_rate
+from emgface.muscles import FACE_MARKERS, SIDES
+from emgface.recordings.findings import Finding
+from emgface.recordings.head import LARGEST_RATIO
+from emgface.recordings.quality.markers import LAYOUT
 
 MEDIAN_FREQUENCY: Final = (50.0, 180.0)
 """Median frequencies [Hz], from 15 to 500 Hz, of plausible surface EMG, median over channels.
@@ -19,6 +19,10 @@ Recordings of known rate of biceps and shoulder: 65 to 81 Hz; the spectrum of Sh
 96 Hz; simulated motor units of the face: 127 to 137 Hz. A wrong factor of 2 is therefore found for
 a part of the recordings only.
 """
+HALF_MOUTH: Final = 0.025  #: unit of `LAYOUT` [m]
+FEWEST: Final = 3  #: markers from which a size can be judged
+SIZES: Final = (0.005, 5.0)
+"""Spread [m] of the markers of a part of a body, from the lips to a person in a laboratory."""
 ACTIVE: Final = 12.0
 """Signal-to-noise ratio [dB] above which the spectrum is that of the muscle, not of the amplifier."""
 LEAST_RATE: Final = 800.0
@@ -31,41 +35,36 @@ band of muscles, and a poor electrode the noise but not the activity; only a gai
 """
 
 
-def doubtful_rate(measures: pd.DataFrame, rate: float) -> str:
-    """Return a clause if the median frequency contradicts the sampling rate [Hz], otherwise "".
+def doubtful_rate(measures: pd.DataFrame, rate: float) -> dict[str, float | str]:
+    """Return the values of a finding if the median frequency contradicts the sampling rate [Hz].
 
     `measures` has the columns of `emgface.recordings.quality.emg_quality`, one row per channel. The
     median over the active channels is compared with `MEDIAN_FREQUENCY`.
     """
     active = measures.loc[measures["snr"] > ACTIVE, "median_frequency"].dropna()
     if rate < LEAST_RATE or active.empty:
-        return ""
+        return {}
     found, (low, high) = float(active.median()), MEDIAN_FREQUENCY
     if low <= found <= high:
-        return ""
+        return {}
     error = "low" if found < low else "high"
-    return (
-        f"median frequency {found:.0f} Hz over {len(active)} active "
-        f"channel{'s' if len(active) > 1 else ''} at a sampling rate of {rate:g} Hz, expected "
-        f"{low:g} to {high:g} Hz for surface EMG: check whether the rate is too {error}"
-    )
+    limits = {"low": low, "high": high, "error": error}
+    return {"found": found, "channels": len(active), "rate": rate, **limits}
 
 
-def doubtful_sides(measures: pd.DataFrame) -> dict[str, str]:
-    """Return a clause by channel whose amplifier noise and activity both exceed those of the other side.
+def doubtful_sides(measures: pd.DataFrame) -> dict[str, dict[str, float | str]]:
+    """Return values by channel whose amplifier noise and activity both exceed those of the other side.
 
     `measures` is as for `doubtful_rate`, with the names of the study, ``ZYG_L`` and ``ZYG_R``.
     """
     levels = _levels(measures)
-    found: dict[str, str] = {}
+    found: dict[str, dict[str, float | str]] = {}
     for name in levels.index:
         muscle, _, side = str(name).rpartition("_")
         other = f"{muscle}_{SIDES[1 - SIDES.index(side)]}" if side in SIDES else ""
-        if other in levels.index and (told := _exceeds(levels, levels, str(name), other)):
-            found[str(name)] = (
-                f"{told} that of {other}, expected at most {GAIN_RATIO:g} times: check gain and unit "
-                "of both sides"
-            )
+        if other in levels.index and (ratios := _exceeds(levels, levels, str(name), other)):
+            numbers = {"noise": ratios[0], "activity": ratios[1]}
+            found[str(name)] = {**numbers, "other": other, "allowed": GAIN_RATIO}
     return found
 
 
@@ -96,25 +95,33 @@ def doubtful_gains(recordings: Mapping[str, pd.DataFrame]) -> dict[str, str]:
     return found
 
 
-def doubts_of(recording: xr.Dataset) -> list[str]:
-    """Return a sentence without full stop for each doubt about rate and gains of a recording.
+def wrong_size(position: xr.DataArray) -> list[Finding]:
+    """Return the finding that the face markers are not those of a face of the size of a person.
 
-    The raw signal is ``emg`` (channel, time_emg) [V]. Without real numbers of these dims, or if its
-    clock is not uniform, the list is empty, because later steps refuse such a recording.
+    `position` (marker, axis, time_marker) [m]. The root mean square distance of the face markers from
+    their centre is compared with that of `LAYOUT`, by the ratio that `in_head_frame` accepts. Markers
+    of other names are compared with the size of any body.
     """
-    if "emg" not in recording or "channel" not in recording["emg"].coords:
+    places = position.median("time_marker").transpose("marker", "axis")
+    names = [str(name) for name in places["marker"].values]
+    seen = np.asarray(np.isfinite(places.values).all(axis=1))
+    face = [k for k, name in enumerate(names) if name in FACE_MARKERS and seen[k]]
+    if len(face) >= FEWEST:
+        layout = HALF_MOUTH * np.array([LAYOUT[names[k]] for k in face])
+        found, expected = (_spread(x) for x in (places.values[face], layout))
+        if not expected / LARGEST_RATIO <= found <= expected * LARGEST_RATIO:
+            return [Finding("size", "marker", "", {"found": found, "expected": expected})]
         return []
-    emg = recording["emg"]
-    if {*emg.dims} != {"channel", TIME_EMG} or emg.dtype.kind not in "fiu":
-        return []
-    try:
-        rate = sampling_rate(emg[TIME_EMG])
-        measures = emg_quality(emg)
-    except SignalError:
-        return []
-    told = doubtful_rate(measures, rate)
-    found = [told] if told else []
-    return found + [f"channel {name}: {text}" for name, text in doubtful_sides(measures).items()]
+    found = _spread(places.values[seen])
+    low, high = SIZES
+    if seen.sum() >= FEWEST and not low <= found <= high:
+        return [Finding("scale", "marker", "", {"found": found, "low": low, "high": high})]
+    return []
+
+
+def _spread(points: np.ndarray) -> float:
+    """Root mean square distance of points (points, axes) from their centre."""
+    return float(np.linalg.norm(np.std(points, axis=0))) if len(points) else float("nan")
 
 
 def _levels(measures: pd.DataFrame) -> pd.DataFrame:
@@ -125,10 +132,12 @@ def _levels(measures: pd.DataFrame) -> pd.DataFrame:
     return levels[levels.min(axis=1) > 0]
 
 
-def _exceeds(one: pd.DataFrame, two: pd.DataFrame, first: str, second: str) -> str:
-    """Ratios of two channels as a clause if both are above `GAIN_RATIO`, otherwise ""."""
+def _exceeds(
+    one: pd.DataFrame, two: pd.DataFrame, first: str, second: str
+) -> tuple[float, float] | None:
+    """Ratios of noise and activity of two channels if both are above `GAIN_RATIO`, otherwise None."""
     held, other = one.loc[first].to_numpy(dtype=float), two.loc[second].to_numpy(dtype=float)
     noise, activity = (held / other).tolist()
     if min(noise, activity) <= GAIN_RATIO:
-        return ""
-    return f"amplifier noise is {noise:.2g} times and activity {activity:.2g} times"
+        return None
+    return noise, activity

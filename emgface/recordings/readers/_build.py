@@ -8,9 +8,10 @@ from typing import Final, NamedTuple
 import numpy as np
 import xarray as xr
 
-from emgface.errors import DataError, UnitsError
+from emgface.errors import DataError, UnitsError, listed
 from emgface.muscles import AXES
 from emgface.recordings.findings import Finding, findings_in, with_findings
+from emgface.recordings.kinds import kind_of_unit
 from emgface.recordings.timebase import TimeBase
 from emgface.schema.units import quantity_of, spelling, to_si
 
@@ -79,6 +80,7 @@ def voltages(
     UnitsError if no channel has a unit and none is specified.
     """
     dropped: dict[str, str] = {}
+    left: list[Finding] = []
     keep: list[int] = []
     used: list[str] = []
     for i, (label, own) in enumerate(zip(labels, found, strict=True)):
@@ -86,15 +88,24 @@ def voltages(
         used.append(own)
         if quantity_of(own) == "voltage" or label in units or "emg" in units:
             keep.append(i)
-        else:
-            dropped[label] = f"in {own!r}, not a voltage" if own.strip() else "has no unit"
+            continue
+        left.append(left_out(label, unit=own.strip()))
+        dropped[label] = left[-1].clause
     if not keep:
         if not any(own.strip() for own in found):
             raise UnitsError(
                 f"None of the {len(labels)} analog channels has a unit; expected V, mV or uV: "
                 "specify it as emg in the table 'units' of the mapping."
             )
-        return Part(None, {}, dropped, names)
+        unknown = [i for i, own in enumerate(found) if _unknown(own)]
+        if unknown:
+            raise UnitsError(
+                f"{listed([labels[i] for i in unknown])} {'is' if len(unknown) == 1 else 'are'} in "
+                f"{listed(dict.fromkeys(repr(found[i]) for i in unknown))}, an unknown unit; expected "
+                "V, mV, uV or nV: specify the unit of the values as emg in the table 'units' of the "
+                "mapping, and if they are a root mean square or rectified, export the raw signal."
+            )
+        return Part(None, {}, dropped, names, left)
     by_unit: dict[str, list[int]] = {}
     for i in keep:
         by_unit.setdefault(spelling(used[i]), []).append(i)
@@ -106,7 +117,26 @@ def voltages(
         channel=[labels[i] for i in keep]
     )
     original = ", ".join(dict.fromkeys(found[i] for i in keep))
-    return Part(data, {"emg": original}, dropped, names)
+    return Part(data, {"emg": original}, dropped, names, left)
+
+
+def left_out(label: str, *, unit: str = "", kind: str = "") -> Finding:
+    """Return the finding on an analog channel that is left out by its unit or its type in the file."""
+    if kind:
+        why = f"of type {kind}, not EMG"
+    elif not unit:
+        why = "has no unit"
+    elif _unknown(unit):
+        why = f"in {unit!r}, an unknown unit"
+    else:
+        why = f"in {unit!r}, not a voltage"
+    return Finding("left_out", "channel", label, {"unit": unit, "type": kind, "why": why})
+
+
+def _unknown(unit: str) -> bool:
+    """Return True for a unit that looks like one of voltage (.V, muV, uVrms) and is not known."""
+    known = quantity_of(unit) is not None or kind_of_unit(unit) is not None
+    return "v" in unit.lower() and not known
 
 
 def assemble_parts(

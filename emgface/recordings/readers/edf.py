@@ -17,7 +17,14 @@ import xarray as xr
 from emgface.errors import DataError
 from emgface.recordings.bids.electrodes import read_electrodes
 from emgface.recordings.bids.sidecars import EmgSidecars, emg_sidecars
-from emgface.recordings.readers._build import Part, assemble_parts, unique_labels, voltages
+from emgface.recordings.findings import Finding
+from emgface.recordings.readers._build import (
+    Part,
+    assemble_parts,
+    left_out,
+    unique_labels,
+    voltages,
+)
 from emgface.recordings.readers._edf_records import Records, out_of_range, records_of
 from emgface.recordings.readers._flags import bad_rows, with_bad_samples, without_bad
 from emgface.recordings.readers.bids_motion import motion_of_trial
@@ -60,7 +67,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     if sidecars is not None and "emg" not in units:
         found = sidecars.units(given, content.units)
     names |= {label: own for label, own in zip(labels, content.labels, strict=True) if label != own}
-    keep, dropped = _of_one_rate(content, labels, found, sidecars, "emg" in units)
+    keep, dropped, left = _of_one_rate(content, labels, found, sidecars, "emg" in units)
     emg = Part()
     if keep:
         base = _time_base(path, content, keep, sidecars, given)
@@ -74,7 +81,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
             {label: names[label] for label in labels if label in names},
         )
         emg = _without_flagged(emg, content, base)
-    emg = emg._replace(dropped={**dropped, **emg.dropped})
+    emg = emg._replace(dropped={**dropped, **emg.dropped}, findings=[*left, *emg.findings])
     if sidecars is not None:
         emg = without_bad(emg, "channel", bad_rows(sidecars.channels, labels), "channels.tsv")
     if sidecars is None:
@@ -141,28 +148,34 @@ def _of_one_rate(
     units: Sequence[str],
     sidecars: EmgSidecars | None,
     forced: bool,
-) -> tuple[list[int], dict[str, str]]:
+) -> tuple[list[int], dict[str, str], list[Finding]]:
     """Choose the voltage channels with the most frequent rate; state reasons for omissions."""
     dropped: dict[str, str] = {}
+    left: list[Finding] = []
+
+    def leave(finding: Finding) -> None:
+        left.append(finding)
+        dropped[finding.name] = finding.clause
+
     kept: list[int] = []
     for i, label in enumerate(labels):
         kind = "EMG" if sidecars is None else sidecars.type_of(label)
         if kind != "EMG":
-            dropped[label] = f"of type {kind}, not EMG"
+            leave(left_out(label, kind=kind))
         else:
             kept.append(i)
     # Only voltages determine the rate, unless one unit is specified for all channels.
     voters = [i for i in kept if forced or quantity_of(units[i]) == "voltage"] or kept
     rates = [content.rates[i] for i in voters]
     if not rates:
-        return [], dropped
+        return [], dropped, left
     common = max(dict.fromkeys(rates), key=lambda rate: (rates.count(rate), rate))
     for i in kept:
         if content.rates[i] != common and i in voters:
             dropped[labels[i]] = f"sampled at {content.rates[i]:g} Hz, the others at {common:g} Hz"
         elif content.rates[i] != common:
-            dropped[labels[i]] = f"in {units[i]!r}, not a voltage"
-    return [i for i in kept if content.rates[i] == common], dropped
+            leave(left_out(labels[i], unit=units[i].strip()))
+    return [i for i in kept if content.rates[i] == common], dropped, left
 
 
 def _load(path: Path) -> _Content:
