@@ -113,7 +113,9 @@ def marker_fillers(values: np.ndarray, elsewhere: float) -> Iterator[Filler]:
     yield from _infinite(values)
     finite = np.asarray(np.isfinite(values).all(axis=0))
     zero = finite & np.asarray((values == 0.0).all(axis=0))
-    if zero.any() and (not zero[finite].all() or elsewhere > FAR_MARKER):
+    others = np.unique(values[:, finite & ~zero], axis=1).shape[1]
+    # A marker that is a few positions alone, of which the origin is one, was not measured.
+    if zero.any() and (others >= 3 or elsewhere > FAR_MARKER):
         yield Filler(zero, "zeros")
         finite &= ~zero
     if values.shape[1] < LEAST or not finite.any():

@@ -89,10 +89,11 @@ def test_measured_emg_has_no_filler(values: np.ndarray) -> None:
         np.round(MARKER, 4),
         np.tile(MARKER[:, :1], 300),
         np.zeros((3, 300)),
+        np.where(FRAMES > 150, np.array([[0.0], [0.01], [0.0]]), 0.0),
         np.where(FRAMES > 250, np.nan, MARKER),
         np.round(np.where(FRAMES < 200, MARKER[:, :1], MARKER), 4),
     ],
-    ids="noise 1mm 0.1mm still origin lost resting".split(),
+    ids="noise 1mm 0.1mm still origin step lost resting".split(),
 )
 def test_measured_markers_have_no_filler(values: np.ndarray) -> None:
     assert list(marker_fillers(values, 0.2)) == []
