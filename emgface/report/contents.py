@@ -179,13 +179,14 @@ def varied(cube: xr.Dataset, notes: list[str]) -> xr.Dataset | None:
 
 
 def exclusions(results: Results) -> Table:
-    """List the trials without a score, by status and reason, and omitted files."""
+    """List the trials without a score or with a remark, by status and reason, and omitted files."""
     cube = results.base
     rows: list[tuple[Any, ...]] = []
     if not is_empty(cube):
         listed = trials(cube)
-        bad = listed[listed["status"] != "ok"]
-        for (status, reason), group in bad.groupby(["status", "reason"], sort=False):
+        told = listed[(listed["status"] != "ok") | (listed["reason"] != "")]
+        for (status, reason), group in told.groupby(["status", "reason"], sort=False):
+            status = "scored, with a remark" if status == "ok" else status
             labels = group[list(TRIAL_DIMS)].astype(str).agg(" ".join, axis=1).tolist()
             more = f" and {len(labels) - 6} more" if len(labels) > 6 else ""
             rows.append((str(status), len(group), ", ".join(labels[:6]) + more, str(reason)))
@@ -199,7 +200,10 @@ def exclusions(results: Results) -> Table:
     origin = origin_of(cube)
     columns = (Column("status"), Column("trials"), Column("which"), Column("reason"))
     return Table(
-        f"trials and files without scores, {recordings(origin)}", columns, tuple(rows), origin
+        f"trials and files without scores or with remarks, {recordings(origin)}",
+        columns,
+        tuple(rows),
+        origin,
     )
 
 
