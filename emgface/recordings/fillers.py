@@ -20,6 +20,9 @@ FINE: Final = 3.0
 """Usual step over the resolution above which repeated values are not due to the resolution."""
 FAR: Final = 5.0  #: distance of a constant from all other values, over their range
 FAR_MARKER: Final = 0.5  #: distance of a constant from all other positions [m]
+JUMP: Final = 5.0  #: distance of a marker from the origin beside zeros, in usual large steps
+NOISE: Final = 0.02
+"""Third differences of a marker over its steps above which it has the noise of a measurement."""
 SLOWEST: Final = 5e-3  #: sampling interval [s] above which a signal is no surface EMG
 SHORTEST: Final = 0.005  #: time at one value [s] below which EMG is not changed
 
@@ -115,7 +118,7 @@ def marker_fillers(values: np.ndarray, elsewhere: float) -> Iterator[Filler]:
     zero = finite & np.asarray((values == 0.0).all(axis=0))
     others = np.unique(values[:, finite & ~zero], axis=1).shape[1]
     # A marker that is a few positions alone, of which the origin is one, was not measured.
-    if zero.any() and (others >= 3 or elsewhere > FAR_MARKER):
+    if zero.any() and (elsewhere > FAR_MARKER or (others >= 3 and _apart(values, zero, finite))):
         yield Filler(zero, "zeros")
         finite &= ~zero
     if values.shape[1] < LEAST or not finite.any():
@@ -125,8 +128,38 @@ def marker_fillers(values: np.ndarray, elsewhere: float) -> Iterator[Filler]:
     if far is not None:
         yield far
         finite &= ~far.mask
+    noisy = _noisy(kept)
+    steps = np.linalg.norm(np.diff(kept, axis=1), axis=0)
+    usual = float(np.nanpercentile(steps, 90)) if np.isfinite(steps).any() else np.inf
     for start, stop in _runs(kept, finite):
-        yield _held(values.shape[1], start, stop, False)
+        # A marker without noise, as of a simulation, may rest; it does not jump afterwards.
+        if noisy or (stop <= steps.size and steps[stop - 1] > JUMP * usual):
+            yield _held(values.shape[1], start, stop, False)
+
+
+def _noisy(values: np.ndarray) -> bool:
+    """Return True for positions (axes, frames) with the noise of a measurement.
+
+    Third differences of a smooth motion are far smaller than its steps.
+    """
+    first, third = (np.linalg.norm(np.diff(values, k, axis=1), axis=0) for k in (1, 3))
+    moving, rough = first[first > 0], third[third > 0]
+    if not moving.size or not rough.size:
+        return False
+    return float(np.median(rough)) > NOISE * float(np.median(moving))
+
+
+def _apart(values: np.ndarray, zero: np.ndarray, finite: np.ndarray) -> bool:
+    """Return True if positions (axes, frames) jump to zero: a displacement may begin there."""
+    distance = np.linalg.norm(values, axis=0)
+    edges = np.flatnonzero(np.diff(zero.astype(np.int8)))
+    beside = np.where(zero[edges], edges + 1, edges)
+    beside = distance[beside[finite[beside]]]
+    moving = finite & ~zero
+    steps = np.linalg.norm(np.diff(values, axis=1), axis=0)[moving[1:] & moving[:-1]]
+    if not beside.size or not steps.size:
+        return True
+    return float(np.median(beside)) > JUMP * float(np.percentile(steps, 90))
 
 
 def _held(size: int, start: int, stop: int, zero: bool) -> Filler:

@@ -91,9 +91,10 @@ def test_measured_emg_has_no_filler(values: np.ndarray) -> None:
         np.zeros((3, 300)),
         np.where(FRAMES > 150, np.array([[0.0], [0.01], [0.0]]), 0.0),
         np.where(FRAMES > 250, np.nan, MARKER),
+        1e-3 * np.maximum(np.sin(0.05 * FRAMES), 0.0) * np.array([[1.0], [0.3], [-2.0]]),
         np.round(np.where(FRAMES < 200, MARKER[:, :1], MARKER), 4),
     ],
-    ids="noise 1mm 0.1mm still origin step lost resting".split(),
+    ids="noise 1mm 0.1mm still origin step lost displacement resting".split(),
 )
 def test_measured_markers_have_no_filler(values: np.ndarray) -> None:
     assert list(marker_fillers(values, 0.2)) == []

@@ -168,9 +168,42 @@ def _number(content: Mapping[str, Any], group: str, name: str) -> float | None:
     return float(value[0]) if value.size and value.dtype.kind in "iuf" else None
 
 
+def _unsigned(content: Mapping[str, Any]) -> np.ndarray:
+    """Analog values, with counts that ANALOG:FORMAT declares unsigned read as such.
+
+    The parser reads 16-bit counts as signed, value = (count - OFFSET) SCALE GEN_SCALE, and an OFFSET
+    above 32767 as either; the sum with OFFSET is therefore exact modulo 2^16.
+    Numbers stored as floats (a negative POINT:SCALE) have no such format.
+    """
+    values = content["analogs"][0]
+    group = content["parameters"]["ANALOG"]
+    told = (_strings(group, "FORMAT") or [""])[0].strip().upper()
+    stored = _number(content, "POINT", "SCALE")
+    if told != "UNSIGNED" or stored is None or stored <= 0 or not values.size:
+        return values
+    count = len(values)
+    scale = _numbers(group, "SCALE")[:count] * (_number(content, "ANALOG", "GEN_SCALE") or 1.0)
+    offset = _numbers(group, "OFFSET")[:count]
+    if scale.size != count or offset.size != count or (scale == 0).any():
+        return values
+    counts = np.mod(np.rint(values / scale[:, None] + offset[:, None]), 65536)
+    zero = np.mod(offset, 65536)
+    return (counts - zero[:, None]) * scale[:, None]
+
+
+def _numbers(group: Any, name: str) -> np.ndarray:
+    """Numbers of a parameter and of its continuations NAME2, NAME3 ... beyond 255."""
+    found = [np.atleast_1d(group.get(name, [])).astype(float)]
+    number = 2
+    while f"{name}{number}" in group:
+        found.append(np.atleast_1d(group[f"{name}{number}"]).astype(float))
+        number += 1
+    return np.concatenate(found)
+
+
 def _analogs(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
     """Analog channels that are voltages, each converted from its own unit."""
-    values = content["analogs"][0]
+    values = _unsigned(content)
     group = content["parameters"]["ANALOG"]
     count, samples = values.shape
     if count == 0 or samples == 0:
