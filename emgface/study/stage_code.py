@@ -30,16 +30,39 @@ _ALIGNMENT = (
     "emgface.study.measured",
 )
 
+_FINDINGS = (
+    "emgface.recordings.check",
+    "emgface.recordings.counters",
+    "emgface.recordings.fillers",
+    "emgface.recordings.finding_codes",
+    "emgface.recordings.findings",
+    "emgface.recordings.head",
+    "emgface.recordings.kinds",
+    "emgface.recordings.labels",
+    "emgface.recordings.quality",
+    "emgface.recordings.repeated",
+    "emgface.recordings.trial_names",
+    "emgface.recordings.verdicts",
+    "emgface.schema",
+    "emgface.texts",
+)
+"""Modules of the findings that results repeat."""
+
 RANGE = Stage("range", _SIGNALS)
-ACTIVATION = Stage("activation", _SIGNALS)
+ACTIVATION = Stage("activation", tuple(dict.fromkeys((*_SIGNALS, *_FINDINGS))))
 REST = Stage("rest", MECHANICS)
 MOTION = Stage("motion", (*MECHANICS, "emgface.study.policy"))
 MOTION_OF_HEAD = Stage("motion", (*OF_HEADS, "emgface.study.policy"))
-ACTIVATION_OF_HEAD = Stage("activation", (*_SIGNALS, "emgface.anatomy"))
+ACTIVATION_OF_HEAD = Stage("activation", (*ACTIVATION.modules, "emgface.anatomy"))
 ALIGNED = Stage("aligned", _ALIGNMENT)
 SCORES = Stage(
     "scores",
-    tuple(f"analysis.{name}" for name in ("flags", "noise", "scores", "trajectory", "typed")),
+    (
+        *(f"analysis.{name}" for name in ("flags", "noise", "scores", "trajectory", "typed")),
+        *_FINDINGS,
+        "emgface.signals.filters",
+        "emgface.signals.resampling",
+    ),
 )
 SCORES_OF_HEAD = Stage(
     "scores",
@@ -56,6 +79,7 @@ INVERSE = Stage(
             (
                 *MECHANICS,
                 *_SIGNALS,
+                *_FINDINGS,
                 *_ALIGNMENT,
                 "emgface.inverse.assumptions",
                 "emgface.inverse.calibration",
@@ -71,13 +95,6 @@ INVERSE = Stage(
                 "emgface.inverse.signals",
                 "emgface.inverse.strategy",
                 "emgface.inverse.variants",
-                "emgface.recordings.finding_codes",
-                "emgface.recordings.findings",
-                "emgface.recordings.labels",
-                "emgface.recordings.trial_names",
-                "emgface.texts",
-                "emgface.recordings.quality",
-                "emgface.recordings.verdicts",
             )
         )
     ),

@@ -158,8 +158,12 @@ OF_EMG: dict[str, Write] = {
 OF_MARKERS: dict[str, Write] = {"trc": trc, "bids_motion": bids_motion}
 
 
+ELSEWHERE = {"text_exports"}
+"""Readers whose files of many layouts are made, and examined in the same ways, in their own tests."""
+
+
 def test_every_reader_is_examined() -> None:
-    held = {name.partition(",")[0] for name in (*OF_EMG, *OF_MARKERS)}
+    held = {name.partition(",")[0] for name in (*OF_EMG, *OF_MARKERS)} | ELSEWHERE
     registered = {reader.__name__.rpartition(".")[2] for reader in readers().values()}  # type: ignore[attr-defined]
     assert registered - held == set(), "add a writer of this format to OF_EMG or OF_MARKERS"
 

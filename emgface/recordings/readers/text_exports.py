@@ -118,12 +118,16 @@ def part_of(path: Path, export: Export, units: Mapping[str, str], lacking: str =
     columns = list(export.columns)
     labels, names = unique_labels([column.label for column in columns], "channel")
     dropped: dict[str, str] = {}
+    left: list[Finding] = []
     signals: list[_Signal] = []
     for label, column in zip(labels, columns, strict=True):
         if label in units:
             column = replace(column, unit=units[label])
         if reason := left_out(column, units.get("emg")):
             dropped[label] = reason
+            kind = kind_of_name(column.label) or ""
+            values = {"unit": column.unit.strip(), "type": kind, "why": reason}
+            left.append(Finding("left_out", "channel", label, values))
             continue
         base = _base(path, label, column)
         signals.append(_Signal(label, column.unit, column.values, base))
@@ -133,7 +137,7 @@ def part_of(path: Path, export: Export, units: Mapping[str, str], lacking: str =
                 f"None of the {len(columns)} signals of {path.name} has a unit; expected V, mV or uV: "
                 "specify it as emg in the table 'units' of the mapping."
             )
-        return Part(None, {}, dropped, names)
+        return Part(None, {}, dropped, names, left)
     rates = [signal.base.rate for signal in signals]
     chosen = max(rates, key=lambda rate: (sum(_same(rate, other) for other in rates), rate))
     used = [signal for signal in signals if _same(signal.base.rate, chosen)]
@@ -145,7 +149,8 @@ def part_of(path: Path, export: Export, units: Mapping[str, str], lacking: str =
             )
     kept = {signal.label for signal in used}
     names = {label: old for label, old in names.items() if label in kept or label in dropped}
-    return _together(path, used, units, dropped, names)
+    part = _together(path, used, units, dropped, names)
+    return part._replace(findings=[*left, *part.findings])
 
 
 def left_out(column: Column, unit: str | None = None) -> str:
@@ -172,10 +177,10 @@ def _base(path: Path, label: str, column: Column) -> TimeBase:
     """Time base of a signal by its column of times and the rate that the file states."""
     where = f"{path.name}, {label}"
     if column.time is None:
-        return of_rate(where, column.values.size, column.rate or float("nan"), by="the file states")
+        return of_rate(where, column.values.size, column.rate or float("nan"), by="the file")
     return of_stamps(
-        where, column.time, nominal=column.rate, by="the column of times gives",
-        nominal_by="the file states",
+        where, column.time, nominal=column.rate, by="the column of times",
+        nominal_by="the file",
     )  # fmt: skip
 
 
