@@ -3,13 +3,15 @@
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Final
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from emgface.errors import DataError
@@ -115,10 +117,18 @@ def _write_mp4(pictures: Iterator[Image.Image], path: Path, program: str, rate: 
         "-s", f"{first.width}x{first.height}", "-r", f"{rate:.6g}", "-i", "-", "-an",
         "-pix_fmt", "yuv420p", "-metadata", "comment=simulated by emgface", "-f", "mp4", str(path),
     ]  # fmt: skip
-    data: list[NDArray[np.uint8]] = [np.asarray(one) for one in (first, *pictures)]
-    done = subprocess.run(command, input=b"".join(d.tobytes() for d in data), capture_output=True)
-    if done.returncode != 0:
-        said = done.stderr.decode(errors="replace").strip().splitlines()
+    # Messages go to a file: a pipe that nobody reads would stop a program that writes many.
+    with TemporaryFile() as messages:
+        with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=messages) as running:
+            assert running.stdin is not None  # opened as a pipe
+            with suppress(BrokenPipeError):  # the exit code tells why
+                for picture in chain([first], pictures):
+                    running.stdin.write(picture.tobytes())
+                running.stdin.close()
+            code = running.wait()
+        messages.seek(0)
+        said = messages.read().decode(errors="replace").strip().splitlines()
+    if code != 0:
         raise DataError(
             f"{program} could not write the movie ({said[-1] if said else 'without a message'}): "
             "update it, or write a .gif"

@@ -127,7 +127,9 @@ class Laboratory:
         """Return the same laboratory with another initial sigma_max [Pa]."""
         simulation = self.study.simulation.model_copy(update={"sigma_max": sigma_max})
         study = self.study.model_copy(update={"simulation": simulation})
-        return Laboratory(self.store, self.face, study, self.report)
+        lowered = Laboratory(self.store, self.face, study, self.report)
+        lowered.muted = self.muted
+        return lowered
 
     def extent(
         self, digests: Iterable[str], read: Callable[[], Iterable[xr.Dataset]], label: str
