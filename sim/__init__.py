@@ -26,6 +26,7 @@ from sim.errors import (
     SceneError,
     SimulationError,
     SingularSystem,
+    SlowStepsWarning,
     ToleranceMissed,
 )
 from sim.grids import grid_cells, grid_mesh
@@ -174,6 +175,7 @@ __all__ = [
     "Sdirk2",
     "SimulationError",
     "SingularSystem",
+    "SlowStepsWarning",
     "SmallestJ",
     "Solid",
     "State",

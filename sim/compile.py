@@ -15,6 +15,7 @@ from sim.scene import (
     HasApart,
     HasMass,
     HasMuscles,
+    HasProduct,
     HasSparse,
     Layout,
     Scene,
@@ -65,7 +66,11 @@ def compile_scene(scene: Scene) -> System:
     if scene.constraints:
         parts = [c.compile(layout) for c in scene.constraints]
         conditions = unite(parts, kinematics, _rest(kinematics, mesh))
-    sparse = _sparse(scene, terms)
+    sparse, apart = _sparse(scene, terms), None
+    with_rows = any(isinstance(term, HasApart) for term in declared)
+    if with_rows and not scene.constraints and not any(isinstance(t, HasProduct) for t in terms):
+        alone = (t.apart() if isinstance(t, HasApart) else t for t in scene.terms)
+        apart = compile_scene(replace(scene, terms=tuple(alone)))
     system = System(
         scene,
         mesh,
@@ -77,7 +82,7 @@ def compile_scene(scene: Scene) -> System:
         conditions,
         _rows(scene, kinematics, mesh),
         sparse,
-        recompiled=compile_scene,
+        apart,
     )
     if scene.damping is None:
         return system

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.checks import require
+from sim.errors import SceneError
 from sim.scene import CompiledDamping, Layout, Stiffness
 from sim.state import Array, Control
 
@@ -37,6 +38,7 @@ class _Coefficients:
         node = pattern.free // 3
         beta = self.beta
         if isinstance(beta, np.ndarray):
+            _require_equal_in_elements(self, beta, layout)
             beta = np.repeat(_of_nodes(beta, n)[node], np.diff(pattern.indptr))
         alpha = self.alpha
         if isinstance(alpha, np.ndarray):
@@ -49,6 +51,25 @@ class _Coefficients:
     def largest_beta(self) -> float:
         """Coefficient of the stiffness, the largest of all nodes."""
         return float(np.max(self.beta))
+
+
+def _require_equal_in_elements(law: object, beta: Array, layout: Layout) -> None:
+    """Refuse coefficients that differ between nodes that the stiffness couples.
+
+    Rows of K with different factors are a damping matrix that is neither symmetric nor dissipative.
+    """
+    first = 0
+    for block in layout.mesh.blocks:
+        own = beta[block.nodes]
+        uneven = np.flatnonzero(own.min(axis=1) != own.max(axis=1))
+        if len(uneven):
+            k = int(uneven[0])
+            raise SceneError(
+                f"{type(law).__name__}: beta of the nodes of element {first + k} is between "
+                f"{own[k].min():g} and {own[k].max():g} s, expected one value in tissues that are "
+                "coupled: give all nodes of a tissue the same beta"
+            )
+        first += len(block.nodes)
 
 
 def _of_nodes(values: Array, n: int) -> Array:

@@ -84,6 +84,10 @@ class ToleranceMissed(SimulationError):
         )
 
 
+class SlowStepsWarning(UserWarning):
+    """Steps of a scene of bodies use the general method, which takes about a hundred times as long."""
+
+
 class SingularSystem(SimulationError):
     """A matrix could not be factorised or solved."""
 

@@ -23,7 +23,7 @@ from sim.kinematics.articulated import Articulated
 from sim.pattern import Index
 from sim.state import Array, Pose
 
-MOST = 240  #: largest number of velocities that are solved for with a dense matrix
+MOST_DENSE = 240  #: largest number of velocities that are solved for with a dense matrix
 
 
 @dataclass(frozen=True)
@@ -100,21 +100,23 @@ def lay_out_multibody(
     terms: Sequence[object],
     rows: Rows | None,
     names: Sequence[str],
-) -> Multibody | None:
+) -> tuple[Multibody | None, str]:
     """Tables of a scene whose velocities are those of bodies and whose terms act on points.
 
-    X (n_points, 3) are positions at rest [m], and `names` those of the memory of every term. It is None
-    for any other scene.
+    X (n_points, 3) are positions at rest [m], and `names` those of the memory of every term. They are
+    None for any other scene; if its velocities are those of bodies all the same, the text states what
+    prevents the fused step.
     """
     if not isinstance(kinematics, Articulated) or not kinematics.bodies_alone:
-        return None
-    if kinematics.pattern.n > MOST:
-        return None
+        return None, ""
+    n = kinematics.pattern.n
+    if n > MOST_DENSE:
+        return None, f"{n} velocities, more than {MOST_DENSE}"
     forces = PointForces(np.zeros_like(X))
     eaten = list[str]()
     for name, term in zip(names, terms, strict=True):
         if not isinstance(term, ActsOnPoints):
-            return None
+            return None, f"{name} has no table of forces on points (`sim.multibody.ActsOnPoints`)"
         before = len(forces.morsels)
         term.add_to(forces)
         eaten += [name] * (len(forces.morsels) - before)
@@ -145,14 +147,15 @@ def lay_out_multibody(
         np.array([plane for _, plane in forces.morsels], dtype=np.float64).reshape(-1, 9),
     )
     kept = _row_table(rows, body, arm)
-    return Multibody(
+    tables = Multibody(
         table,
         _joined([table for table, _ in forces.lines]),
         *kept,
         kinematics.paths.led,
         tuple(eaten),
-        kinematics.pattern.n,
+        n,
     )
+    return tables, ""
 
 
 def _joined(tables: Sequence[LineTable]) -> LineTable:

@@ -1,13 +1,14 @@
 """Time loop: labelled trajectory of a compiled scene for an activation."""
 
 import time
+import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import xarray as xr
 
 from sim.activation import Activation, Driven
-from sim.errors import SceneError
+from sim.errors import SceneError, SlowStepsWarning
 from sim.integrators import ConvergedEuler, Integrator, Workspace
 from sim.integrators.contract import RunsSteps
 from sim.linear.threads import NOTE
@@ -105,7 +106,15 @@ def simulate(
     control, log = Driven(system, activation), Log(system, probes)
     motion = Motion(integrator, system, control, work)
     through = steps if isinstance(steps, StepsThrough) else None
-    fused = isinstance(integrator, RunsSteps) and integrator.fuses(work)
+    runs = isinstance(integrator, RunsSteps)
+    if runs and system.not_fused:
+        warnings.warn(
+            f"steps of this scene of bodies are not fused and take about 100 times as long: "
+            f"{system.not_fused}",
+            SlowStepsWarning,
+            stacklevel=3,
+        )
+    fused = runs and integrator.fuses(work)
     if not fused or longest > 1.5 * every:
         through = None  # or outputs are inside steps
     groups, plan = ([], intervals(*times)) if through is None else (steps_to_outputs(*times), [])

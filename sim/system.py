@@ -1,6 +1,6 @@
 """Compiled scene: sums of forces and tangents of all terms, and their states over a step."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,7 +22,6 @@ from sim.scene import (
     Contribution,
     Damps,
     Deforms,
-    HasApart,
     HasProduct,
     Index,
     RateDependent,
@@ -51,7 +50,9 @@ class System(Described):
     #: the same mechanics with a part of the tangents as products, if a term supports them
     sparse: "System | None" = None
     damping_law: CompiledDamping | None = None
-    recompiled: "Callable[[Scene], System] | None" = None  #: compiles a scene with other terms
+    #: the same mechanics without entries for contact rows, if they can be solved separately: not with
+    #: constraints or products
+    apart: "System | None" = None
     _in_step: bool = False
 
     @property
@@ -76,14 +77,27 @@ class System(Described):
             "mass": f"{1e3 * float(self.node_mass.sum()):.4g} g",
             "muscles": str(len(self.muscles)),
             "unknowns": f"{len(self.free)}, matrix of {len(self.pattern.indices)} entries",
+            **({"steps not fused": self.not_fused} if self.not_fused else {}),
         }
 
-    @cached_property
+    @property
     def multibody(self) -> Multibody | None:
         """Tables for the fused steps of a scene of rigid bodies without tissue, otherwise None."""
+        return self._fused[0]
+
+    @property
+    def not_fused(self) -> str:
+        """Reason for which the steps of a scene of bodies without tissue are not fused, or no text."""
+        return self._fused[1]
+
+    @cached_property
+    def _fused(self) -> tuple[Multibody | None, str]:
         scene = self.scene
         if scene.constraints or self.damping_law is not None:
-            return None
+            return (
+                None,
+                "" if scene.mesh.n_nodes else "the scene has damping of tissue, but no tissue",
+            )
         names = self._memory_names()
         return lay_out_multibody(
             self.kinematics, self.mesh.X, scene.bodies, self.terms, self.rows, names
@@ -125,20 +139,6 @@ class System(Described):
         """Contact by constraints, enforced by integrators."""
         return next((term for term in self.terms if isinstance(term, CompiledContact)), None)
 
-    @cached_property
-    def apart(self) -> "System | None":
-        """Same system without entries for contact rows, if they can be solved separately.
-
-        Not with constraints or products.
-        """
-        contact, recompiled = self.contact, self.recompiled
-        if contact is None or recompiled is None or self.scene.constraints or self.has_products:
-            return None
-        if not contact.in_matrix:
-            return self
-        alone = (t.apart() if isinstance(t, HasApart) else t for t in self.scene.terms)
-        return recompiled(replace(self.scene, terms=tuple(alone)))
-
     @property
     def holds_at_ends(self) -> bool:
         """True if contact or constraints hold only at the ends of steps."""
@@ -173,7 +173,9 @@ class System(Described):
         return tuple((name, term) for name, term in rows if isinstance(term, Remembering))
 
     def _memory_names(self) -> list[str]:
-        return [f"{type(term).__name__}[{i}]" for i, term in enumerate(self.scene.terms)]
+        """Names of the memories of terms: their labels, numbered where several terms have the same."""
+        labels = [getattr(term, "label", type(term).__name__) for term in self.scene.terms]
+        return [f"{label}[{labels[:i].count(label)}]" for i, label in enumerate(labels)]
 
     def force(self, q: Array, control: Control) -> Evaluation:
         """Forces and energy at positions q (n_nodes, 3) [m]."""

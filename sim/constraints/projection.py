@@ -6,6 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array, triu
 
 from sim.constraints.union import Constraints
+from sim.errors import SingularSystem
 from sim.linear import linear_solver
 from sim.linear.conjugate_gradients import conjugate_gradients
 from sim.linear.contract import Operator
@@ -16,7 +17,7 @@ SHARE = 1e-10  #: largest relative change of the multipliers in the last iterati
 PATIENCE = 9
 """Number of iterations with a factor after which it is renewed for the next projection."""
 
-LIMIT = 60  #: largest number of iterations
+SOLUTIONS = 60  #: largest number of iterations
 SOFT = 1e-12  #: relative regularisation of the factor
 
 
@@ -52,7 +53,8 @@ class Projection:
 
         `inverse` is the map p -> M^-1 p of a mass that is not diagonal, or of motions that joints allow.
 
-        Raises SingularSystem if the constraints are linearly dependent.
+        Raises SingularSystem if the constraints are linearly dependent, or the iteration does not
+        converge.
         """
         self.factorisations = 0
         if self._made_of is None or self._due:
@@ -72,7 +74,16 @@ class Projection:
             solutions += 1
             return self._solver.solve(r)
 
-        y = conjugate_gradients(product, precondition, c, SHARE, LIMIT)
+        y, done = conjugate_gradients(product, precondition, c, SHARE, SOLUTIONS)
+        if not done and not self.factorisations:  # the factor is of an earlier step
+            self._factorise(G)
+            self.factorisations = 1
+            y, done = conjugate_gradients(product, precondition, c, SHARE, SOLUTIONS)
+        if not done:
+            raise SingularSystem(
+                f"positions were not projected to the constraints in {SOLUTIONS} solutions, expected "
+                "linearly independent constraints: try a smaller step, or leave out repeated ones"
+            )
         self.iterations, self._due = solutions, solutions > PATIENCE
         return -pushed(y)
 

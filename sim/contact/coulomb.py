@@ -8,6 +8,7 @@ from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
 from sim._kernels.coulomb import sweep
 from sim.contact.pushes import pushes
+from sim.dense import reported, solved
 from sim.pattern import Flags
 from sim.scene import Index
 from sim.state import Array
@@ -61,7 +62,9 @@ def forces(S: Array, r: Array, blocks: Blocks, before: Array, error: float) -> t
     Seu = S[e[:, None], u]
     found = np.zeros((len(e), len(u) + 1))
     if len(e):
-        found = np.linalg.solve(S[e[:, None], e], np.column_stack([Seu, r[e]]))
+        found = solved(
+            S[e[:, None], e], np.column_stack([Seu, r[e]]), "the matrix of equations of joints"
+        )
     if len(u):
         among, b, x = S, r[u] - Seu.T @ found[:, -1], before[u].copy()
         if len(e):
@@ -134,7 +137,8 @@ def _solution(A: Array, b: Array) -> Array:
     lu, pivots, info = dgetrf(A)
     if info == 0 and dgecon(lu, float(np.abs(A).sum(axis=0).max()))[0] > SINGULAR:
         return np.asarray(dgetrs(lu, pivots, b)[0])
-    return np.asarray(lstsq(A, b, cond=SINGULAR, check_finite=False)[0])
+    with reported("the matrix of active contacts"):
+        return np.asarray(lstsq(A, b, cond=SINGULAR, check_finite=False)[0])
 
 
 def _frictionless(W: Array, b: Array, first: Index, friction: Array, x: Array) -> Array | None:

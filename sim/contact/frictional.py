@@ -1,11 +1,12 @@
 """Forces of contacts with Coulomb friction that share a positive definite Delassus matrix."""
 
 import numpy as np
-from numpy.linalg import LinAlgError
 from numpy.typing import NDArray
 
 from sim._kernels.coulomb import sweep
 from sim.contact.pushes import pushes
+from sim.dense import reported
+from sim.errors import SingularSystem
 from sim.scene import Index
 from sim.state import Array
 
@@ -15,8 +16,10 @@ SHARE = 1e-5  #: largest violation that remains, relative to that by the initial
 ROUNDING = 1e-14  #: smallest such violation, relative to the gaps and slips without forces
 
 
-def frictional(G: Array, c: Array, first: Index, friction: Array, before: Array) -> Array:
-    """Forces (m,) that obey Coulomb's law for the gaps and slips u = G f + c.
+def frictional(
+    G: Array, c: Array, first: Index, friction: Array, before: Array
+) -> tuple[Array, float]:
+    """Forces (m,) that obey Coulomb's law for gaps and slips u = G f + c, and their violation [m].
 
     With components n and t along the normal and across it, the forces of each contact satisfy
 
@@ -24,7 +27,8 @@ def frictional(G: Array, c: Array, first: Index, friction: Array, before: Array)
 
     where P projects onto the disc of radius mu f_n. Newton's method solves these equations until their
     violation is `SHARE` of that by the initial forces; where it cycles, sweeps over the contacts provide
-    another start. The most accurate forces are returned. All obey the bounds of Coulomb's law exactly.
+    another start. Of forces that do not converge, the most accurate are returned, with the violation by
+    which callers recognise them; it is 0 for others. All obey the bounds of Coulomb's law exactly.
 
     Parameters
     ----------
@@ -40,7 +44,7 @@ def frictional(G: Array, c: Array, first: Index, friction: Array, before: Array)
     contact problems with Coulomb friction, SIAM J. Sci. Comput. 30, 572-596.
     """
     if not (friction > 0.0).any():
-        return pushes(G, c, before > 0.0)
+        return pushes(G, c, before > 0.0), 0.0
     trial = best = _Trial(G, c, first, friction, before)
     error = max(SHARE * trial.missed, ROUNDING * float(np.abs(c).max()))
     single = G.astype(np.float32)
@@ -52,13 +56,13 @@ def frictional(G: Array, c: Array, first: Index, friction: Array, before: Array)
         for _ in range(CHANGES):
             try:
                 f = trial.next(G, c, single)
-            except LinAlgError:
+            except SingularSystem:
                 break
             trial = _Trial(G, c, first, friction, f)
             best = min(best, trial, key=lambda one: one.missed)
             if best.missed <= error:
-                return best.bounded(first, friction)
-    return best.bounded(first, friction)
+                return best.bounded(first, friction), 0.0
+    return best.bounded(first, friction), best.missed
 
 
 class _Trial:
@@ -112,7 +116,8 @@ class _Trial:
         u = G @ f + c
         missed = np.r_[u[held], np.einsum("ki,ki->k", turned, u[across]) + self._turning * s]
         x = np.empty_like(missed)
-        x[:] = np.linalg.solve(self._matrix(single), -missed.astype(np.float32))
+        with reported("the matrix of frictional contacts"):
+            x[:] = np.linalg.solve(self._matrix(single), -missed.astype(np.float32))
         f[held] += x[: len(held)]
         f[across] = f[slides, None] * along + (s + x[len(held) :])[:, None] * turned
         return f

@@ -5,6 +5,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve, cholesky, solve_tri
 from scipy.optimize import nnls
 
 from sim.contact.rows import Flags
+from sim.dense import reported
 from sim.state import Array
 
 CHANGES = 20  #: largest number of active-set updates before the robust method is used
@@ -24,9 +25,10 @@ def pushes(G: Array, c: Array, pushing: Flags) -> Array:
     try:
         return _pushes(G, c, pushing)
     except LinAlgError:
-        values = np.linalg.eigvalsh(G)
-        more = SOFTENED * np.abs(values).max() - values[0]
-        return _pushes(G + more * np.eye(len(G)), c, pushing)
+        with reported("the matrix of contacts"):
+            values = np.linalg.eigvalsh(G)
+            more = SOFTENED * np.abs(values).max() - values[0]
+            return _pushes(G + more * np.eye(len(G)), c, pushing)
 
 
 def _pushes(G: Array, c: Array, pushing: Flags) -> Array:

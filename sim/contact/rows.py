@@ -153,7 +153,7 @@ class RowPlaces:
         values += np.bincount(self._target[stored], parts[stored], self._nnz)
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class Multipliers:
     """Multipliers and penalties of rows, and contact forces at given displacements."""
 
@@ -161,10 +161,12 @@ class Multipliers:
     rho: Array  #: (k,) penalties [N/m]
     normal: Array  #: (k,) multipliers along the normals [N]
     tangent: Array  #: (k, 3) tangential multipliers [N]
+    bound: Array  #: (k,) bounds of friction [N]
 
-    def __post_init__(self) -> None:
-        """Fix the bounds of friction at the present multipliers."""
-        self.bound = self.rows.friction * self.normal
+    @classmethod
+    def of(cls, rows: Rows, rho: Array, normal: Array, tangent: Array) -> "Multipliers":
+        """Multipliers with the bounds of friction by the normal ones."""
+        return cls(rows, rho, normal, tangent, rows.friction * normal)
 
     def at(self, u: Array) -> "Acting":
         """Contact forces at nodal displacements u (n_nodes, 3) since the start of the step."""
@@ -209,14 +211,9 @@ class Multipliers:
         """Slots of the active rows."""
         return self.rows.slot[acting.force > 0.0]
 
-    def update(self, acting: "Acting") -> None:
-        """Set the multipliers to the present forces."""
-        self.set_to(acting.force, acting.friction)
-
-    def set_to(self, normal: Array, tangent: Array) -> None:
-        """Set the multipliers [N], and the bounds of friction accordingly."""
-        self.normal, self.tangent = normal, tangent
-        self.bound = self.rows.friction * self.normal
+    def forces(self, normal: Array, tangent: Array) -> "Multipliers":
+        """The rows with other multipliers [N]."""
+        return Multipliers.of(self.rows, self.rho, normal, tangent)
 
 
 @dataclass(frozen=True, eq=False)

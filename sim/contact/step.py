@@ -242,7 +242,7 @@ def _shared(rows: Rows, rho: Array, push: Array, friction: Array) -> Multipliers
     tangent = np.zeros((len(rows), 3))
     tangent[first] = friction[rows.slot[first]] / number[rows.slot[first], None]
     tangent -= np.einsum("ki,ki->k", tangent, n)[:, None] * n
-    return Multipliers(rows, rho, normal, tangent)
+    return Multipliers.of(rows, rho, normal, tangent)
 
 
 def pressed(

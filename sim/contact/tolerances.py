@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-MOST = 0.2  #: largest tolerance relative to the approach distance
+LARGEST_SHARE = 0.2  #: largest tolerance relative to the approach distance
 
 
 @dataclass(frozen=True)
@@ -13,7 +13,7 @@ class ContactTolerances:
     share: float = 2e-3  #: gap, penetration or slip that an iteration leaves, relative to `length`
 
     def _residuals(self, number: float) -> float:
-        return min(number * self.share, MOST) * self.length
+        return min(number * self.share, LARGEST_SHARE) * self.length
 
     @property
     def residual(self) -> float:

@@ -11,7 +11,7 @@ from sim.pattern import Sparsity
 from sim.state import Array, State
 from sim.system import System
 
-MOST = 1000
+MOST_APART = 1000
 """Largest number of active rows for the Schur complement, whose compliance takes 0.2 GB.
 
 With friction, a vertex has three.
@@ -63,7 +63,7 @@ class AnalysedSolver:
         contact = form.contact
         if state is None or contact is None:
             return form
-        few = len(contact.pushing(state)) * (3 if contact.rubs else 1) <= MOST
+        few = len(contact.pushing(state)) * (3 if contact.rubs else 1) <= MOST_APART
         return form.apart if few and form.apart is not None else form
 
     def _with_products(self, system: System) -> System:

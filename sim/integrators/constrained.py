@@ -4,13 +4,14 @@ import numpy as np
 
 from sim.errors import NotConverged
 from sim.integrators.newton import (
-    ARMIJO,
-    MAX_HALVINGS,
     Iteration,
     Point,
     Potential,
     Tolerances,
+    Trial,
     error_left,
+    line_search,
+    rounding_of,
 )
 from sim.integrators.workspace import Workspace
 from sim.state import Array
@@ -117,14 +118,11 @@ def _search(
     assert conditions is not None
     broken = rho * float(np.abs(c).sum())
     slope = dot(start.g, step) - broken
-    rounding = 1e-8 * (abs(start.phi) + abs(start.here.energy) + broken)
-    length = potential.largest_step(start.d, step)
-    for _ in range(MAX_HALVINGS):
-        trial = potential.point(start.d + length * step)
-        if trial.here.smallest_J > 0.0:
-            now = conditions.evaluate(potential.pose(trial.d))[0]
-            change = trial.phi - start.phi + rho * float(np.abs(now).sum()) - broken
-            if change <= ARMIJO * length * min(slope, 0.0) or abs(change) <= rounding:
-                return length, trial
-        length *= 0.5
-    return None
+
+    def trial(length: float) -> Trial[Point]:
+        end = potential.point(start.d + length * step)
+        now = rho * float(np.abs(conditions.evaluate(potential.pose(end.d))[0]).sum())
+        return Trial(end, end.here.smallest_J, end.phi - start.phi + now - broken, None)
+
+    rounding = rounding_of(start.phi, start.here.energy, broken)
+    return line_search(trial, slope, rounding, potential.largest_step(start.d, step))

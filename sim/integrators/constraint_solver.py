@@ -7,7 +7,7 @@ import numpy as np
 
 from sim.constraints.projection import Projection
 from sim.constraints.union import Constraints
-from sim.errors import SceneError
+from sim.errors import NotConverged, SceneError
 from sim.integrators.kept import named, part_of
 from sim.integrators.step_solver import Solution
 from sim.linear import Factor, ReusedFactor
@@ -16,6 +16,9 @@ from sim.linear.saddle import Saddle
 from sim.matrix import Matrix
 from sim.state import Array, Pose
 from sim.system import System
+
+CLOSES, ROUNDING = 0.5, 1e-12
+"""Largest share of the violations that a projection may leave, and rounding of positions [m]."""
 
 
 class ConstraintSolver:
@@ -73,7 +76,8 @@ class ConstraintSolver:
     def projected(self, start: Pose, pose: Pose) -> Pose:
         """Pose projected to the constraints along their derivative at the start of a step.
 
-        The displacement has the smallest norm of the mass among those that joints allow.
+        The displacement has the smallest norm of the mass among those that joints allow. Raises
+        NotConverged if the constraints are not satisfied better afterwards.
         """
         conditions, kinematics, joints = (
             self._constraints,
@@ -89,7 +93,16 @@ class ConstraintSolver:
             inverse = partial(kinematics.solve_mass, pose=pose)
         with self._timed("solution"):
             back = self.projection.displacement(G, c, inverse)
-        return kinematics.advance(pose, back, pose.t)
+        closed = kinematics.advance(pose, back, pose.t)
+        left, _ = conditions.evaluate(closed)
+        rounding = ROUNDING * np.asarray(abs(conditions.matrix(G)).sum(axis=1)).ravel()
+        if not (np.abs(left) <= CLOSES * float(np.abs(c).max(initial=0.0)) + rounding).all():
+            raise NotConverged(
+                (),
+                pose.t,
+                f"the projection leaves constraints violated by {np.abs(left).max():.2g}",
+            )
+        return closed
 
     @property
     def _constraints(self) -> Constraints:

@@ -123,9 +123,9 @@ def minimise_in_contact(
     rows = step.at_start(way)
     multipliers = step.multipliers(rows, penalties(pattern, diagonal, rows, penalty))
     if start_closed:
-        multipliers.normal = np.maximum(
-            multipliers.normal, multipliers.rho * (step.tolerances.residual - rows.gap)
-        )
+        closed = multipliers.rho * (step.tolerances.residual - rows.gap)
+        normal = np.maximum(multipliers.normal, closed)
+        multipliers = multipliers.forces(normal, multipliers.tangent)
     touching = touched(multipliers)
     first, begun = rows, multipliers.normal[:, None] * rows.normal + multipliers.tangent
     contested = np.empty(0, dtype=np.int64)
@@ -139,17 +139,18 @@ def minimise_in_contact(
         went = more if went is None else went.joined(more)
         u = potential.positions(end.d) - step.q0
         acting, point = touching.settled(end.d), end.alone
-        miss, bound = acting.miss(), multipliers.bound
-        multipliers.update(acting)
+        miss, bound = acting.miss(), touching.multipliers.bound
+        multipliers = touching.multipliers.forces(acting.force, acting.friction)
         change = float(np.abs(multipliers.bound - bound).max(initial=0.0))
         # forces are accurate to the remaining residual of the iteration only
         known = 2.0 * float(multipliers.rows.friction.max(initial=0.0)) * more.residual
         if miss > settled or change > FRICTION_SETTLED * multipliers.bound.max(initial=0.0) + known:
             left = np.where(acting.force > 0.0, np.abs(acting.gap), 0.0)
-            multipliers.rho[(left > settled) & (left > SLOW * before)] *= STIFFER
-            before = left
+            slow = (left > settled) & (left > SLOW * before)
+            rho = np.where(slow, STIFFER, 1.0) * multipliers.rho
+            before, touching.multipliers = left, replace(multipliers, rho=rho)
             continue
-        q = potential.positions(end.d)
+        touching.multipliers, q = multipliers, potential.positions(end.d)
         near = step.at(q)
         passed = step.passed(q, near)
         pushing = multipliers.pushing(acting)

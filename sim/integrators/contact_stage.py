@@ -14,16 +14,25 @@ from scipy.sparse import csr_array
 
 from sim.contact.rows import Rows
 from sim.contact.step import ContactStep
+from sim.dense import inverse
 from sim.errors import NotConverged
 from sim.integrators.incremental import IncrementalPotential
 from sim.integrators.joint_equations import conditions
 from sim.integrators.linear_rows import ROUNDS
-from sim.integrators.newton import ARMIJO, MAX_HALVINGS, Iteration, Point, Tolerances, error_left
+from sim.integrators.newton import (
+    Iteration,
+    Point,
+    Tolerances,
+    Trial,
+    error_left,
+    line_search,
+    rounding_of,
+)
 from sim.integrators.newton_factor import Key
 from sim.integrators.rows_of_step import STILL, JointRows, RowsAt, RowsOfStep, dense
 from sim.integrators.workspace import Workspace
 from sim.linear import NotPositiveDefinite
-from sim.multibody import MOST
+from sim.multibody import MOST_DENSE
 from sim.scene import Index
 from sim.state import Array, Pose
 from sim.vectors import dot
@@ -145,8 +154,8 @@ class StageWithRows:
     def _solve_densely(self) -> None:
         """In small scenes use the inverse in double precision: rows may repeat each other."""
         values, pattern = self._work.newton.matrix, self._system.pattern
-        if values is not None and pattern.n <= MOST:
-            self._inverse = np.asarray(np.linalg.inv(dense(pattern, values)), dtype=np.float64)
+        if values is not None and pattern.n <= MOST_DENSE:
+            self._inverse = inverse(dense(pattern, values), "the matrix of the stage")
 
     def _solved(self, rhs: Array) -> Array:
         """Solution (n,) by the factor at hand."""
@@ -220,16 +229,15 @@ class StageWithRows:
         Gx, soft = at.G @ move, at.compliance > 0.0
         slope, borne = dot(start.g, move) - dot(f, Gx), dot(f, Gx)
         stored = 0.5 * float((Gx[soft] ** 2 / at.compliance[soft]).sum())
-        rounding = 1e-8 * (abs(start.phi) + abs(start.here.energy) + abs(borne))
-        length = self._phi.largest_step(start.d, move)
-        for _ in range(MAX_HALVINGS):
-            trial = self._phi.point(start.d + length * move)
-            if trial.here.smallest_J > 0.0:
-                change = trial.phi - start.phi - length * borne + length**2 * stored
-                if change <= ARMIJO * length * min(slope, 0.0) or abs(change) <= rounding:
-                    return length, trial
-            length *= 0.5
-        return None
+
+        def trial(length: float) -> Trial[Point]:
+            end = self._phi.point(start.d + length * move)
+            change = end.phi - start.phi - length * borne + length**2 * stored
+            there = dot(end.g, move) - borne + 2.0 * length * stored
+            return Trial(end, end.here.smallest_J, change, there)
+
+        rounding = rounding_of(start.phi, start.here.energy, borne)
+        return line_search(trial, slope, rounding, self._phi.largest_step(start.d, move))
 
 
 def _at_end(rows: Rows, lift: Array, near: Rows) -> Rows:

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from sim.joints.compiled import Rows
+from sim.dense import solved
+from sim.joints.compiled import ROWS, Rows
 from sim.joints.contract import REACTIONS
 from sim.state import Array, Control, State
 from sim.step_matrices import damping_matrix
@@ -34,7 +35,7 @@ def held_acceleration(system: System, rows: Rows, a: Array, state: State) -> tup
     G, X = rows.evaluate(pose).G, rows.inverse_mass(pose)
     turning = (rate(BESIDE) - rate(-BESIDE)) / (2.0 * BESIDE)
     f, held = np.zeros(len(G)), G[on]
-    f[on] = np.linalg.solve(held @ X[columns] @ held.T, -(held @ a[columns] + turning[on]))
+    f[on] = solved(held @ X[columns] @ held.T, -(held @ a[columns] + turning[on]), ROWS)
     return a + X @ (G.T @ f), f
 
 

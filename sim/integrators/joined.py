@@ -15,7 +15,15 @@ from sim.integrators.joint_equations import (
     factorise,
     reduced,
 )
-from sim.integrators.newton import ARMIJO, MAX_HALVINGS, Iteration, Point, Tolerances, error_left
+from sim.integrators.newton import (
+    Iteration,
+    Point,
+    Tolerances,
+    Trial,
+    error_left,
+    line_search,
+    rounding_of,
+)
 from sim.integrators.newton_factor import Key
 from sim.integrators.workspace import Workspace
 from sim.linear import NotPositiveDefinite
@@ -127,23 +135,27 @@ def _search(
     """
     columns, soft = now.rows.columns, now.compliance > 0.0
 
-    def borne(d: Array) -> float:
-        along = now.G @ (d - start.d)[columns]
-        return 0.5 * float((along[soft] ** 2 / now.compliance[soft]).sum()) - float(f @ along)
+    def borne(d: Array) -> tuple[float, float]:
+        along, way = now.G @ (d - start.d)[columns], now.G @ move[columns]
+        yielding = along[soft] / now.compliance[soft]
+        energy = 0.5 * float(yielding @ along[soft]) - float(f @ along)
+        return energy, float(yielding @ way[soft]) - float(f @ way)
 
     slope = dot(now.lagrangian(start.g, f), move)
     force = float(np.abs(f[~soft]).max(initial=0.0))
-    rounding = 1e-8 * (abs(start.phi) + abs(start.here.energy)) + force * float(now.broken.sum())
-    farthest = float(np.abs(move[columns]).max())
-    length = min(potential.largest_step(start.d, move), FARTHEST / max(farthest, FARTHEST))
-    for _ in range(MAX_HALVINGS):
+    rounding = rounding_of(start.phi, start.here.energy)
+
+    def trial(length: float) -> Trial[tuple[Point, Conditions]]:
         d = start.d + length * move
-        trial = potential.point(d + solver.restored(conditions(potential, d)))
-        if trial.here.smallest_J > 0.0:
-            change = trial.phi - start.phi + borne(trial.d)
-            there = conditions(potential, trial.d)
-            enough = ARMIJO * length * min(slope, 0.0)
-            if change <= enough or abs(change) <= rounding + force * float(there.broken.sum()):
-                return length, trial, there
-        length *= 0.5
-    return None
+        end = potential.point(d + solver.restored(conditions(potential, d)))
+        there, (energy, pull) = conditions(potential, end.d), borne(end.d)
+        # rows that are still open change the Lagrangian by their forces times the openings
+        closing = force * float(there.broken.sum() + now.broken.sum())
+        change = end.phi - start.phi + energy
+        change -= min(max(change, 0.0), closing)
+        return Trial((end, there), end.here.smallest_J, change, dot(end.g, move) + pull)
+
+    farthest = float(np.abs(move[columns]).max())
+    longest = min(potential.largest_step(start.d, move), FARTHEST / max(farthest, FARTHEST))
+    found = line_search(trial, slope, rounding, longest)
+    return None if found is None else (found[0], *found[1])

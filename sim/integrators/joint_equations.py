@@ -7,11 +7,13 @@ from typing import cast
 import numpy as np
 
 from sim.contact.rows import Flags
+from sim.dense import inverse as inverted
+from sim.dense import least, reported, solved
 from sim.integrators.incremental import PotentialOfMoves
 from sim.integrators.newton import Point
 from sim.integrators.newton_factor import Key
 from sim.integrators.workspace import Workspace
-from sim.joints.compiled import REDUNDANT, Rows
+from sim.joints.compiled import REDUNDANT, ROWS, Rows
 from sim.scene import Index
 from sim.state import Array
 
@@ -94,7 +96,7 @@ class Reduced:
     def _pushed(self, G: Array, motion: Array) -> Array:
         """Forces of rows G that cause their motion, the least ones if rows repeat each other."""
         S = G @ self.X[:, self.columns] @ G.T
-        return np.asarray(np.linalg.lstsq(S, motion, rcond=NOTHING)[0], np.float64)
+        return least(S, motion, ROWS, NOTHING)
 
     def step(self, now: Conditions, g: Array, before: Array) -> tuple[Array, Array]:
         """Motion (n,) and forces of rows (m,) of one iteration.
@@ -105,7 +107,7 @@ class Reduced:
             self.work.newton.secants.direction(g, lambda r: self.work.newton.solve(self.scale * r)),
             now.rows,
         )
-        pull = np.asarray(np.linalg.solve(self.X[:, self.columns], free[self.columns]), np.float64)
+        pull = solved(self.X[:, self.columns], free[self.columns], ROWS)
         on = ~rows.unilateral | (now.r < 0.0)
         f, x = before, free[self.columns]
         for _ in range(CHANGES):
@@ -147,16 +149,19 @@ class Reduced:
         )
         hard, free = G[now.compliance[on] == 0.0] / unit, np.eye(k)
         if len(hard):
-            _, size, V = np.linalg.svd(hard)
+            with reported(ROWS):
+                _, size, V = np.linalg.svd(hard)
             free = V[int((size > 1e-10 * size[0]).sum()) :].T
         if free.shape[1]:
-            least = float(np.linalg.eigvalsh(free.T @ (stiffness / np.outer(unit, unit)) @ free)[0])
-            if least < CONVEX:  # a descent direction needs a convex model along free motions
-                stiffness = stiffness + (abs(least) + CONVEX) * np.diag(unit**2)
+            with reported(ROWS):
+                bent = free.T @ (stiffness / np.outer(unit, unit)) @ free
+                lowest = float(np.linalg.eigvalsh(bent)[0])
+            if lowest < CONVEX:  # a descent direction needs a convex model along free motions
+                stiffness = stiffness + (abs(lowest) + CONVEX) * np.diag(unit**2)
         saddle = np.block([[stiffness, -G.T], [G, np.diag(now.compliance[on] / self.scale)]])
         released = self.scale * now.G[~on].T @ before[~on]
         wanted = np.concatenate([pull - released, -(now.r + now.compliance * before)[on]])
-        found = np.asarray(np.linalg.lstsq(saddle, wanted, rcond=NOTHING)[0], np.float64)
+        found = least(saddle, wanted, ROWS, NOTHING)
         f = np.zeros(len(on))
         f[on] = before[on] + found[k : k + m] / self.scale
         return found[:k], f
@@ -169,7 +174,7 @@ def curvature(potential: PotentialOfMoves, d: Array, now: Conditions, g: Array) 
     """
     columns, on = now.rows.columns, ~now.rows.unilateral | (now.r < ON)
     f = np.zeros(len(on))
-    f[on] = np.linalg.lstsq(now.G[on].T, g, rcond=REDUNDANT)[0]
+    f[on] = least(now.G[on].T, g, ROWS, REDUNDANT)
     out, way = np.empty((len(columns), len(columns))), np.zeros(len(d))
     for k, column in enumerate(columns):
         way[column] = BESIDE
@@ -204,7 +209,7 @@ def reduced(potential: PotentialOfMoves, columns: Index, work: Workspace) -> Red
     unit = np.zeros((len(columns), potential.system.pattern.n))
     unit[np.arange(len(columns)), columns] = 1.0
     X = np.array([work.newton.solve(e) for e in unit])
-    inverse = np.linalg.inv(X[:, columns])
+    inverse = inverted(X[:, columns], ROWS)
     K = 0.5 * (inverse + inverse.T) - potential.sigma * np.eye(len(columns))
     made = Reduced(columns, potential.scale, potential.sigma, X, K, work)
     work.newton.on_rows = work.newton.number, made

@@ -19,14 +19,14 @@ from sim.state import Array, Pose, State
 from sim.step_matrices import LinearStep
 from sim.system import System
 
-FASTER = 1.5  #: factor on the initial velocity for the search range of vertices
+AHEAD_OF_STEP = 1.5  #: factor on the initial velocity for the search range of vertices
 ROUNDS = 6  #: largest number of additions of violated rows
-LIMIT, STALE = 40, 6
+PASSES, STALE = 40, 6
 """Largest number of passes of a solution under rows, and that after which the compliance is computed
 again."""
 SHARE = 0.1  #: motion of rows that remains, relative to the tolerance of solution or contact
 LARGE = 0.01  #: change, relative to the largest one in a solution, from which an update is made
-KNOWN = 0.01  #: relative error of the Delassus matrix below which it is not updated
+EXACT = 0.01  #: relative error of the Delassus matrix below which it is not updated
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class LinearRows:
         r, Sf = at.G @ w, at.S @ f
         fr, fSf = float(f @ r), float(f @ Sf)
         missed, size = (float(np.abs(x).max(initial=0.0)) for x in (r - Sf, r))
-        useful = missed > KNOWN * size and size > LARGE * largest and fr > 0.0 and fSf > 0.0
+        useful = missed > EXACT * size and size > LARGE * largest and fr > 0.0 and fSf > 0.0
         if self._inverse is None and useful:
             at.S += np.outer(r / fr, r) - np.outer(Sf / fSf, Sf)
             self._compliance().learn(at.G.T @ f, self._h**2 * w)
@@ -192,7 +192,7 @@ class LinearRows:
         if step is not None:
             way = np.linalg.norm(state.v, axis=1) * h
             way += np.linalg.norm(self._start.q - state.q, axis=1)
-            rows = step.entering(step.at_start(FASTER * way))
+            rows = step.entering(step.at_start(AHEAD_OF_STEP * way))
         for _ in range(ROUNDS):
             used, at, w, f = self._under_some(rows)
             way = h * ((1.0 - moves) * self._w0 + moves * w)
@@ -276,7 +276,7 @@ class LinearRows:
         before, most, largest = at.before, 100.0 * STILL, 0.0
         if self._inverse is None:
             before, most = f, max(SHARE * self._settled, most)
-        for k in range(LIMIT):
+        for k in range(PASSES):
             if k == STALE and self._inverse is None:
                 self._work.contact.discard()
                 at.S = self._delassus(at.G)

@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -16,6 +17,8 @@ from sim.vectors import dot
 
 ARMIJO = 1e-4
 MAX_HALVINGS = 40
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,38 +137,51 @@ class Iteration:
         )
 
 
-def search(
-    evaluate: Callable[[Array], Point],
-    start: Point,
-    direction: Array,
+@dataclass(frozen=True, eq=False)
+class Trial(Generic[T]):
+    """A point at a length of a direction, compared with the start of a line search."""
+
+    end: T
+    smallest_J: float
+    change: float  #: of the merit function [J]
+    slope: float | None  #: of the merit function along the direction [J]; None if it has none
+    halves: bool = False  #: True if the residual has fallen to half
+
+
+def line_search(
+    trial: Callable[[float], Trial[T]],
+    slope: float,
+    rounding: float,
     longest: float = 1.0,
     negligible: float = 0.0,
-) -> tuple[float, Point] | None:
-    """Longest tried step (length, point) with det F > 0 everywhere and sufficient decrease, or None.
+) -> tuple[float, T] | None:
+    """Longest tried length with det F > 0 everywhere and sufficient decrease, and its end, or None.
 
-    If a change of less than `negligible` [J] is expected, which rounding of the potential may hide,
-    half the residual is sufficient.
+    The merit function has the `slope` [J] along the direction at the start, and its changes are known
+    to `rounding` [J]. Where a change may be rounding, the slope decides: it must have fallen (the
+    approximate Wolfe condition, Hager and Zhang 2005, SIAM J. Optim. 16, 170-192); a merit function
+    without slopes may then change by rounding only if no more is expected. A direction of ascent has
+    no length. If a change of less than `negligible` is expected, half the residual is sufficient.
     """
-    slope = dot(start.g, direction)
-    if not slope < 0.0:
-        return None
-    # phi is a difference of large sums. Where its change may be rounding, the slope along the
-    # direction decides: it must have fallen (the approximate Wolfe condition of Hager and Zhang
-    # 2005)
-    rounding = 1e-8 * (abs(start.phi) + abs(start.here.energy))
     length = longest
-    for _ in range(MAX_HALVINGS):
-        trial = evaluate(start.d + length * direction)
-        if trial.here.smallest_J > 0.0:
-            change = trial.phi - start.phi
-            if change <= ARMIJO * length * slope:
-                return length, trial
-            if change <= rounding and abs(dot(trial.g, direction)) <= 0.9 * abs(slope):
-                return length, trial
-            if -slope <= negligible and trial.residual <= 0.5 * start.residual:
-                return length, trial
+    for _ in range(0 if slope > rounding else MAX_HALVINGS):
+        now = trial(length)
+        if now.smallest_J > 0.0:
+            if slope < 0.0 and now.change <= ARMIJO * length * slope:
+                return length, now.end
+            flat = abs(slope) <= rounding
+            falls = flat if now.slope is None else abs(now.slope) <= 0.9 * abs(slope)
+            if now.change <= rounding and falls:
+                return length, now.end
+            if -slope <= negligible and now.halves:
+                return length, now.end
         length *= 0.5
     return None
+
+
+def rounding_of(*sums: float) -> float:
+    """Rounding [J] of a difference of such sums."""
+    return 1e-8 * sum(abs(part) for part in sums)
 
 
 def minimise(
@@ -209,7 +225,15 @@ def minimise(
         start, direction = ahead or potential.direction(point, work)
         ahead, size = None, float(np.abs(direction).max())
         longest = potential.largest_step(point.d, direction)
-        found = search(potential.point, start, direction, longest, negligible)
+
+        def trial(length: float, start: Point = start, way: Array = direction) -> Trial[Point]:
+            end = potential.point(start.d + length * way)
+            halves = end.residual <= 0.5 * start.residual
+            change, slope = end.phi - start.phi, dot(end.g, way)
+            return Trial(end, end.here.smallest_J, change, slope, halves)
+
+        slope, rounding = dot(start.g, direction), rounding_of(start.phi, start.here.energy)
+        found = line_search(trial, slope, rounding, longest, negligible)
         contraction, age = np.inf, age + 1
         if found is None:
             if potential.refused(work):

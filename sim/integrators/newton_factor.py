@@ -91,7 +91,7 @@ class NewtonFactor:
             times = self._beside.times
             return conjugate_gradients(
                 times, factor.approximate, rhs, DIRECTION_SHARE, DIRECTION_SOLUTIONS
-            )
+            )[0]
 
     def solve_many(self, rhs: Array) -> Array:
         """Solutions (k, n) without products for many right-hand sides (k, n)."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from scipy.sparse import csr_array
 
+from sim.dense import inverse
 from sim.state import Array
 from sim.vectors import dot, norm
 
@@ -106,7 +107,7 @@ class InverseSecants:
             return
         S, Y, Z = (np.stack(part) for part in zip(*self._pairs, strict=True))
         SY, YZ = S @ Y.T, Y @ Z.T
-        R = np.linalg.inv(np.triu(SY))
+        R = inverse(np.triu(SY), "the matrix of quasi-Newton updates")
         middle = R.T @ (np.diag(np.diag(SY)) + 0.5 * (YZ + YZ.T)) @ R
         self._sides = np.concatenate([S, Z])
         self._middle = np.block([[middle, -R.T], [-R, np.zeros((m, m))]])

@@ -13,11 +13,12 @@ from scipy.sparse import csr_array
 from sim.contact.coulomb import Blocks, forces
 from sim.contact.rows import Acting, Multipliers, Rows
 from sim.contact.step import CORRECTIONS, ContactStep
-from sim.errors import NotConverged, SingularSystem
+from sim.dense import least, reported
+from sim.errors import NotConverged
 from sim.integrators.step_solver import Solution
 from sim.joints.compiled import REDUNDANT
 from sim.matrix import Matrix
-from sim.multibody import MOST
+from sim.multibody import MOST_DENSE
 from sim.pattern import Flags, Sparsity
 from sim.scene import Index
 from sim.state import Array, Pose
@@ -47,14 +48,12 @@ def dense(p: Sparsity, values: Array) -> Array:
 
 def inverted(A: Matrix, rhs: Array) -> tuple[Array, Solution] | None:
     """Inverse (n, n) of the matrix of a small scene with the solution by it; None for others."""
-    if len(rhs) > MOST or A.products:
+    if len(rhs) > MOST_DENSE or A.products:
         return None
     whole = dense(A.pattern, A.values)
-    try:
+    with reported("the matrix of the step"):
         values = np.linalg.eigvalsh(whole)
         inverse = np.asarray(np.linalg.inv(whole), dtype=np.float64)
-    except np.linalg.LinAlgError as error:
-        raise SingularSystem("the matrix of the step is singular") from error
 
     def alone(r: Array) -> Array:
         return np.asarray(r @ inverse)
@@ -147,7 +146,7 @@ class RowsAt:
             opening = G @ x + soft * f[on]
             if float(np.abs(opening).max()) <= most:
                 break
-            more = np.linalg.lstsq(S, -opening, rcond=REDUNDANT)[0]
+            more = least(S, -opening, "the matrix of active rows", REDUNDANT)
             x, f[on] = x + solve(G.T @ more), f[on] + more
         return x, f
 
@@ -191,7 +190,7 @@ class RowsOfStep:
         first = j + np.cumsum(size) - size
         m = j + int(size.sum())
         value, compliance, before = np.zeros(m), np.zeros(m), np.zeros(m)
-        remembered = Multipliers(rows, np.ones(k), np.zeros(k), np.zeros((k, 3)))
+        remembered = Multipliers.of(rows, np.ones(k), np.zeros(k), np.zeros((k, 3)))
         tangents, slid = _across(rows.normal[rub]), np.zeros((len(rub), 3))
         if k:
             u, remembered = pose.q - self._step.q0, self._step.multipliers(rows, np.ones(k))

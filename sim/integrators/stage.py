@@ -27,7 +27,7 @@ from sim.state import Array, Evaluation, Line, Pose, State, StepReport
 from sim.step_matrices import damping_matrix
 from sim.system import System
 
-FASTER = 2.5
+AHEAD_OF_STAGE = 2.5
 """Factor on the displacements of a stage in the search for rows: the base of the next stage is ahead."""
 
 
@@ -118,7 +118,7 @@ class Converged(Iterative):
         if varies or system.rows is not None:
             way = np.linalg.norm(phi.positions(phi.inertial_guess()) - state.q, axis=1)
             rows = StageWithRows(phi, contact, work, key, self, stage.t)
-            done = rows.solve(start, FASTER * way)
+            done = rows.solve(start, AHEAD_OF_STAGE * way)
             here = moved_upright(phi, done.point, done.pose.q, stage.t)
             w = phi.velocities(done.point.d)
             return Solved(done.pose, w, here, done.went, done, done.reaction)

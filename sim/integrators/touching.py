@@ -108,7 +108,9 @@ class TouchingInMatrix(Touching):
     def freed(self, d: Array, rhs: Array, work: Workspace) -> Array:
         """Solution (n,) without the rows, which the factor contains and by which it is too small."""
         times = super().matrix(d).times
-        return conjugate_gradients(times, lambda r: self.answer(r, work), rhs, FREED, FREED_LIMIT)
+        return conjugate_gradients(times, lambda r: self.answer(r, work), rhs, FREED, FREED_LIMIT)[
+            0
+        ]
 
     def settled(self, d: Array) -> Acting:
         """Contact forces at the end of the iteration."""

@@ -9,6 +9,7 @@ from sim.contact.frictional import frictional
 from sim.contact.pushes import pushes
 from sim.contact.rows import Acting, Multipliers, Rows
 from sim.contact.unit_vectors import UnitVectors
+from sim.dense import solved
 from sim.integrators.newton import Point, Potential
 from sim.integrators.touching import InContact, Touching
 from sim.integrators.workspace import Workspace
@@ -56,6 +57,8 @@ class TouchingApart(Touching):
         self._tried: tuple[Array, Array, Array, Array] | None = None
         self._moved: tuple[Point, Array, int] | None = None
         self._left = ROUGH
+        #: violation of Coulomb's law by the latest forces, 0 if they converged [m]
+        self.missed = 0.0
         assert self.system.contact is not None  # it has the rows
         self._tolerances = self.system.contact.tolerances
 
@@ -80,7 +83,8 @@ class TouchingApart(Touching):
         gap = self._unit.components(acting.gap, acting.across) + self._directions @ free
         new, answer, pushed = self._pushed(gap, forces, self._rows(work), work)
         self._tried = forces, new, by_factor, answer
-        self.multipliers.bound = self.multipliers.rows.friction * new[self._unit.first]
+        bound = self.multipliers.rows.friction * new[self._unit.first]
+        self.multipliers = replace(self.multipliers, bound=bound)
         return self.with_contact(alone), free + pushed
 
     def _rows(self, work: Workspace) -> RowCompliance:
@@ -114,7 +118,7 @@ class TouchingApart(Touching):
             start, new = new, np.zeros_like(forces)
             first, rubs = np.searchsorted(rows, unit.first[contacts]), unit.friction[contacts]
             free = gap[rows] - G @ forces[rows]
-            new[rows] = frictional(G, free, first, rubs, start[rows])
+            new[rows], self.missed = frictional(G, free, first, rubs, start[rows])
             change = D.T @ (new - forces)
             answer = work.newton.solve(self.scale * change)
             pushed = answer + secants.added(change)
@@ -133,7 +137,7 @@ class TouchingApart(Touching):
         assert self._tried is not None  # set by `direction`
         (before, new, by_factor, answer), self._tried = self._tried, None
         forces = before + length * (new - before)
-        self.multipliers.set_to(*self._unit.vectors(forces))
+        self.multipliers = self.multipliers.forces(*self._unit.vectors(forces))
         self._moved = start.alone, by_factor + length * answer, work.newton.number
         return replace(end, g=end.alone.g - self._directions.T @ forces)
 
@@ -150,7 +154,7 @@ class TouchingApart(Touching):
         """
         acting, own = self.acting(d), self.multipliers
         turned = np.linalg.norm(acting.friction - own.tangent, axis=1) / own.rho
-        slip = max(acting.slip, float(turned.max(initial=0.0)))
+        slip = max(acting.slip, float(turned.max(initial=0.0)), self.missed)
         return replace(acting, force=own.normal, friction=own.tangent, slip=slip)
 
     def held(self, rhs: Array, work: Workspace) -> Array:
@@ -171,7 +175,9 @@ class TouchingApart(Touching):
         opening: Array = D @ x
         most = HELD_SHARE * float(np.abs(opening).max())
         for _ in range(HELD):
-            x = x - work.newton.solve(self.scale * (D.T @ np.linalg.solve(G, opening)))
+            x = x - work.newton.solve(
+                self.scale * (D.T @ solved(G, opening, "the matrix of active contacts"))
+            )
             opening = D @ x
             if float(np.abs(opening).max()) <= most:
                 break

@@ -8,12 +8,13 @@ import numpy as np
 
 from sim.contact.rows import Rows
 from sim.contact.step import ContactStep
+from sim.dense import least
 from sim.errors import SceneError
 from sim.integrators.contract import require_fixed_contact, require_no_barrier, require_no_friction
 from sim.integrators.linear_rows import LinearRows
 from sim.integrators.workspace import Workspace
 from sim.inverse.active_forces import NEAR, ActiveForces, require_affine
-from sim.joints.compiled import REDUNDANT
+from sim.joints.compiled import REDUNDANT, ROWS
 from sim.joints.compiled import Rows as JointRows
 from sim.state import Array, Control, ControlAt, Line, Pose, State, StepReport
 from sim.step_matrices import LinearStep, stiffness_matrix
@@ -161,8 +162,9 @@ def step_response(
         return Response(activation, w, H, state.pose, w0, h, equation.moves, *about)
     if system.constraints is not None:
         saddle, still = work.constraints.saddle, np.zeros(system.constraints.n)
+        drift = system.constraints.drift(pose, pose.t)
         saddle.factorise(equation.A.values, system.constraints.evaluate(pose)[1])
-        w, _ = saddle.solve(equation.rhs, still)
+        w, _ = saddle.solve(equation.rhs, -drift)
         columns = np.array([saddle.solve(load, still)[0] for load in loads(w)]).T
         return Response(activation, w, columns, state.pose, w0, h, equation.moves, len(still))
     solve = work.steps.many(equation.A)
@@ -203,7 +205,7 @@ def _force_slope(rows: JointRows, pose: Pose, f: Array, left: Array) -> Array:
     out = np.zeros((len(f), left.shape[1]))
     on = ~rows.unilateral | (f > 0.0)
     G = rows.evaluate(pose).G[on]
-    out[on] = np.linalg.lstsq(G.T, left, rcond=REDUNDANT)[0]
+    out[on] = least(G.T, left, ROWS, REDUNDANT)
     return out
 
 
@@ -244,5 +246,5 @@ def _held(X: Array, Y: Array, N: Array) -> tuple[Array, Array]:
     if not len(N):
         return X, np.zeros((0, len(X)))
     W = N @ Y.T
-    impulse = -np.linalg.lstsq(W, N @ X.T, rcond=1e-12)[0]
-    return np.asarray(X + impulse.T @ Y, dtype=np.float64), np.asarray(impulse, dtype=np.float64)
+    impulse = -least(W, N @ X.T, "the matrix of active contacts", 1e-12)
+    return X + impulse.T @ Y, impulse

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from sim.dense import least
 from sim.errors import SceneError
 from sim.integrators import LinearlyImplicitEuler, Workspace
 from sim.integrators.contract import (
@@ -174,7 +175,7 @@ def _held(solve: Callable[[Array], Array], rhs: Array, N: Array, rate: Array) ->
         return solve(rhs)
     both = solve(np.concatenate([rhs, N]))
     X, Y = both[: len(rhs)], both[len(rhs) :]
-    f = np.linalg.lstsq(N @ Y.T, rate - N @ X.T, rcond=1e-12)[0]
+    f = least(N @ Y.T, rate - N @ X.T, "the matrix of active contacts", 1e-12)
     return np.asarray(X + f.T @ Y, dtype=np.float64)
 
 

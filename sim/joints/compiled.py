@@ -7,6 +7,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sim._kernels.joints import ALIGNED, ANGLE, TURN, RowTable, rows_at
+from sim.dense import least, solved
 from sim.errors import SceneError
 from sim.joints.contract import Joint, Row, number_of
 from sim.kinematics import Kinematics
@@ -15,6 +16,8 @@ from sim.pattern import Flags, Index
 from sim.state import Array, Pose
 
 REDUNDANT = 1e-9  #: fraction of its mobility 1/m that a row must retain under the preceding rows
+
+ROWS = "the matrix of the rows of joints"
 
 PROJECTIONS, DRIFT = 5, 1e-13
 """Largest number of projections of positions after a step, and their tolerance [m, rad]."""
@@ -153,7 +156,7 @@ class Rows:
 
         def inverse(p: Array) -> Array:
             x = self._kinematics.solve_mass(p, pose)
-            return x - X @ (G.T @ np.linalg.solve(S, G @ x[self.columns])) if len(G) else x
+            return x - X @ (G.T @ solved(S, G @ x[self.columns], ROWS)) if len(G) else x
 
         return inverse
 
@@ -182,7 +185,7 @@ class Rows:
         G, rate = now.G[self.rigid], (now.G @ w[self.columns] + now.drift)[self.rigid]
         impulse = np.zeros(len(self.names))
         if len(G):
-            impulse[self.rigid] = np.linalg.solve(G @ inverse[self.columns] @ G.T, -rate)
+            impulse[self.rigid] = solved(G @ inverse[self.columns] @ G.T, -rate, ROWS)
         return pose, w + inverse @ (now.G.T @ impulse), impulse
 
     def _require_independent(self, rest: Pose) -> None:
@@ -194,7 +197,7 @@ class Rows:
             own = S[k, k]
             if left and own > 0.0:
                 others = S[np.ix_(left, left)]
-                own -= S[k, left] @ np.linalg.solve(others, S[left, k])
+                own -= S[k, left] @ solved(others, S[left, k], ROWS)
             if not own > REDUNDANT * S[k, k]:
                 why = (
                     "acts on nothing that moves" if not S[k, k] > 0.0 else "repeats rows before it"
@@ -209,7 +212,7 @@ def _least(G: Array, X: Array, wanted: Array) -> Array:
     """Impulses G'f (k,) for given changes of the rows, the smallest ones if rows are redundant."""
     if not len(G):
         return np.zeros(len(X))
-    return np.asarray(G.T @ np.linalg.lstsq(G @ X @ G.T, wanted, rcond=REDUNDANT)[0])
+    return G.T @ least(G @ X @ G.T, wanted, ROWS, REDUNDANT)
 
 
 def row_table(rows: Sequence[Row], bodies: Mapping[str, int], rest: Pose) -> RowTable:

@@ -14,6 +14,7 @@ from scipy.sparse import csr_array, hstack
 
 from sim._kernels import matrix as kernel
 from sim.bodies import Body
+from sim.dense import solved
 from sim.kinematics import rotations
 from sim.kinematics.chains import Chains
 from sim.kinematics.congruence import Congruence, lay_out
@@ -365,7 +366,7 @@ class Articulated(Kinematics):
             start = len(own) - 6 * len(self.free_bodies)
             angular = start + 6 * np.arange(len(self.free_bodies))[:, None] + np.arange(3, 6)
             M[angular[:, :, None], angular[:, None, :]] += self._inertias(pose)
-            w[own] = np.linalg.solve(M, p[own])
+            w[own] = solved(M, p[own], "the mass of bodies and attached nodes")
         return w
 
     def kinetic_energy(self, state: State) -> float:

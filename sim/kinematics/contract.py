@@ -35,6 +35,9 @@ class Kinematics:
     def __init__(self, points: SymmetricPattern, node_mass: Array) -> None:
         self.pattern, self._free, self._n = points, points.free, points.n_nodes
         self.mass, self.rest_frames = node_mass[points.free // 3], np.zeros((0, 7))
+        n = len(self._free)
+        entries = np.ones(n), (self._free, np.arange(n))
+        self._selection = csr_array(entries, shape=(3 * self._n, n))
 
     def carriers(self) -> Index:
         """Body (n_points,) that carries each point rigidly; -1 for others."""
@@ -125,8 +128,7 @@ class Kinematics:
 
     def matrix(self, pose: Pose) -> csr_array:
         """R (3 n_points, n) at a pose."""
-        n = len(self._free)
-        return csr_array((np.ones(n), (self._free, np.arange(n))), shape=(3 * self._n, n))
+        return self._selection
 
     def body_columns(self, n_bodies: int) -> Index:
         """First velocity of every body, -1 where it is not free, and a last -1 for space."""

@@ -9,8 +9,8 @@ from sim.vectors import dot
 
 def conjugate_gradients(
     product: Operator, precondition: Operator, rhs: Array, share: float, limit: int
-) -> Array:
-    """Approximate solution x of A x = b from x = 0.
+) -> tuple[Array, bool]:
+    """Approximate solution x of A x = b from x = 0, and True if it has converged.
 
     After any number of iterations b'x > 0, so that x is a descent direction if b is the negative
     gradient. The preconditioner P must be symmetric positive definite; the iteration ends at a
@@ -22,6 +22,8 @@ def conjugate_gradients(
     Source: Steihaug 1983, SIAM J. Numer. Anal. 20, p. 626.
     """
     x, r = np.zeros(len(rhs)), rhs
+    if not rhs.any():
+        return x, True
     p, before = np.zeros(len(rhs)), 1.0
     for k in range(limit):
         z = precondition(r)
@@ -30,11 +32,11 @@ def conjugate_gradients(
         Ap = product(p)
         bent = dot(p, Ap)
         if not bent > 0.0:
-            return p if k == 0 else x
+            return (p if k == 0 else x), False
         length = now / bent
         x = x + length * p
         if length * float(np.abs(p).max()) <= share * float(np.abs(x).max()):
-            break
+            return x, True
         r = r - length * Ap
         before = now
-    return x
+    return x, False

@@ -4,8 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.dense import least, solved
 from sim.pattern import Index
 from sim.state import Array
+
+ROWS = "the matrix of the equations of joints"
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +47,7 @@ class Equations:
         """
         out, G = r.copy(), self.G
         own = out[..., self.columns]
-        out[..., self.columns] = own - np.linalg.solve(G @ G.T, G @ own.T).T @ G
+        out[..., self.columns] = own - solved(G @ G.T, G @ own.T, ROWS).T @ G
         return out
 
     def kept(self, z: Array, X: Array) -> Array:
@@ -56,9 +59,8 @@ class Equations:
     def _forces(self, X: Array, change: Array) -> Array:
         """G'mu, (k,) or (j, k), by which X changes G x by (m,) or (j, m)."""
         S = self.G @ X[:, self.columns].T @ self.G.T  # not symmetric in single precision
-        return np.asarray(np.linalg.solve(S, change.T).T @ self.G)
+        return solved(S, change.T, ROWS).T @ self.G
 
     def multipliers(self, left: Array) -> Array:
         """Forces mu (m,) with G'mu = A x - r, of the residual (n,) of a solution."""
-        found = np.linalg.lstsq(self.G.T, left[self.columns], rcond=None)[0]
-        return np.asarray(found, dtype=np.float64)
+        return least(self.G.T, left[self.columns], ROWS)

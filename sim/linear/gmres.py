@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.dense import least, reported
 from sim.linear.contract import Operator
 from sim.state import Array
 from sim.vectors import norm
@@ -87,7 +88,7 @@ def _cycle(
         if not exhausted:
             basis[k + 1] = w / H[k + 1, k]
         part = H[: k + 2, : k + 1]
-        weights = np.linalg.lstsq(part, target[: k + 2], rcond=None)[0]
+        weights = least(part, target[: k + 2], "the Krylov space of a solution")
         missed = target[: k + 2] - part @ weights
         used = k + 1 if exhausted else k + 2
         residual = np.einsum("i,ij->j", missed[:used], basis[:used])
@@ -98,5 +99,6 @@ def _cycle(
     # The preconditioned residual is the remaining error up to the difference of the two matrices.
     square = H[:spent, :spent]
     finite = spent > 0 and bool(np.isfinite(square).all())
-    smallest = float(np.linalg.eigvals(square).real.min()) if finite else math.inf
+    with reported("the Krylov space of a solution"):
+        smallest = float(np.linalg.eigvals(square).real.min()) if finite else math.inf
     return change + residual, float(np.abs(residual).max()), spent, smallest

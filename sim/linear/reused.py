@@ -21,7 +21,7 @@ from sim.pattern import Index, Sparsity
 from sim.state import Array
 
 PATIENCE = 8  # Additional solutions, compared with a new factor, before an iteration renews it.
-LIMIT = 60  # Solutions with a new factor before the matrix itself is factorised.
+MOST_SOLUTIONS = 60  # Solutions with a new factor before the matrix itself is factorised.
 RELATIVE = 1e-12  # Default accuracy.
 SINGULAR = 0.1  # Ritz value below which a matrix is nearly singular and is factorised.
 SENSITIVE = 1e-3  # Factor on the requested error if the matrix is not positive definite.
@@ -154,7 +154,7 @@ class ReusedFactor:
                 return found.x
             self._renew()
             x = found.x if np.isfinite(found.x).all() else x
-        found = self._iterate(rhs, x, error, LIMIT, under)
+        found = self._iterate(rhs, x, error, MOST_SOLUTIONS, under)
         self._fresh = found.iterations
         # The matrix may be indefinite although its approximation is not.
         self.definite = self.definite and found.smallest > 0.0

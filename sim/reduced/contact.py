@@ -24,7 +24,9 @@ from sim.state import Array
 ALLOWED, IMPULSES = "allowed depths", "contact impulses"
 """Memory of a state: depth that each point may have [m], and its impulse of the last step [N s]."""
 
-FASTER = 1.5  #: factor on the displacement by the velocities for the search radius of a point
+AHEAD_OF_STEP = (
+    1.5  #: factor on the displacement by the velocities for the search radius of a point
+)
 SOFTNESS = 1e-4
 """Compliance of a row [m/N]. It makes redundant rows solvable, and lets points overlap by some tenths of
 a millimetre, because few modes cannot meet hundreds of rows: with 1e-5 some motions are locked."""
@@ -131,7 +133,7 @@ class ReducedContact:
             other = speed[faces.nodes].max() if isinstance(faces, NodeSurface) else 0.0
             way[first : first + len(side.own)] = own + other
             first += len(side.own)
-        radius = self._approach + allowed + FASTER * h * way
+        radius = self._approach + allowed + AHEAD_OF_STEP * h * way
         N, gap, at = self._rows(q, radius)
         return N, gap + allowed[at], at
 

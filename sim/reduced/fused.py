@@ -18,7 +18,7 @@ from sim.snapping import ROUNDING
 from sim.state import Array, Control, ControlAt, Outputs, State, StepReport, united
 from sim.system import System
 
-MOST = 40  #: largest number of products in a solution
+PRODUCTS = 40  #: largest number of products in a solution
 AT_ONCE = 1000  #: number of steps that are computed without a check for interruption
 ROUNDS, CHANGED = 4, 1e-4
 """Largest number of solutions with contact in a step; change of a rate at which they end [m/s]."""
@@ -206,7 +206,7 @@ class _Motion:
     def _advance(self, stages: int, own: slice) -> tuple[int, int]:
         term, h = self.term, self.h[own]
         inverses = term.inverses(float(h[0]))
-        solved = self.rate, MOST, self.y, self.v, self.right
+        solved = self.rate, PRODUCTS, self.y, self.v, self.right
         moved = self._omitted[0], self._omitted[1], self.impulse, term.scratch
         passed = _some(self._passed, own)
         about = stages, term.elements, term.linear, *inverses, h, self.activation[own]

@@ -49,6 +49,11 @@ class Crushable:
         if not abs(float(np.linalg.norm(self.normal)) - 1.0) < 1e-6:
             raise SceneError(f"Crushable: normal {self.normal!r} has no unit length: normalise it")
 
+    @property
+    def label(self) -> str:
+        """Name in the memory of states, which does not depend on the order of terms."""
+        return f"Crushable at {self.node}"
+
     def pair_keys(self, mesh: Mesh) -> Index:
         """No pairs, because every pattern contains the diagonal."""
         return np.empty(0, dtype=np.int64)

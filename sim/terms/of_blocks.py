@@ -26,6 +26,12 @@ class OfBlocks:
     first: int
     last: int
 
+    @property
+    def label(self) -> str:
+        """Name in the memory of states, which does not depend on the order of terms."""
+        own = getattr(self.term, "label", type(self.term).__name__)
+        return f"{own} of blocks {self.first}-{self.last - 1}"
+
     def node_mass(self, mesh: Mesh) -> Array:
         """Mass of the term, if it has any."""
         if isinstance(self.term, HasMass):

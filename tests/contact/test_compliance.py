@@ -255,8 +255,8 @@ def test_schur_complement_and_assembled_rows_give_the_same_motion(
     contact = sim.ConstraintContact((sim.Pairing(*surfaces), floor), friction=friction)
     system = system_of(mesh, contact, sim.Gravity((1.5, 0.0, -9.81)))
     ends = []
-    for most in (analysed.MOST, -1):
-        monkeypatch.setattr(analysed, "MOST", most)
+    for most in (analysed.MOST_APART, -1):
+        monkeypatch.setattr(analysed, "MOST_APART", most)
         ends.append(moved(system, integrator(), 12, h=0.005)[-1].q)
     assert np.abs(ends[0] - mesh.X).max() > 5e-4
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-5)
@@ -297,7 +297,7 @@ def test_a_step_may_change_between_both_forms_of_contact(monkeypatch, linear, fr
     work, state = sim.Workspace(system, linear), system.rest_state()
     control = system.control(np.zeros(0))
     for most, apart in ((800, True), (-1, False), (800, True)):
-        monkeypatch.setattr(analysed, "MOST", most)
+        monkeypatch.setattr(analysed, "MOST_APART", most)
         assert (work.form(system, state) is system.apart) is apart
         state, report = sim.ConvergedEuler().step(system, state, control, 0.01, work)
         assert report.factorisations >= 1

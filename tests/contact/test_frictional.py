@@ -37,10 +37,10 @@ def require_coulomb(G, c, first, friction, f, error):
 @pytest.mark.parametrize("seed", range(40))
 def test_forces_obey_coulombs_law(seed):
     G, c, first, friction = problem(seed)
-    f = frictional(G, c, first, friction, np.zeros(len(c)))
+    f, _ = frictional(G, c, first, friction, np.zeros(len(c)))
     require_coulomb(G, c, first, friction, f, 1e-4)
     # the second solution starts from the first
-    f = frictional(G, c, first, friction, f)
+    f, _ = frictional(G, c, first, friction, f)
     require_coulomb(G, c, first, friction, f, 1e-8)
 
 
@@ -52,8 +52,8 @@ def test_forces_equal_those_of_sweeps(seed):
         G, c, Blocks(np.empty(0, np.int64), first, friction), np.zeros(len(c)), 1e-12
     )
     assert left <= 1e-12
-    f = frictional(G, c, first, friction, np.zeros(len(c)))
-    f = frictional(G, c, first, friction, f)
+    f, _ = frictional(G, c, first, friction, np.zeros(len(c)))
+    f, _ = frictional(G, c, first, friction, f)
     np.testing.assert_allclose(f, swept, atol=1e-6 * np.abs(swept).max())
 
 
@@ -62,7 +62,9 @@ def test_without_convergence_the_bounds_are_obeyed(monkeypatch):
     monkeypatch.setattr(module, "CHANGES", 1)
     monkeypatch.setattr(module, "SWEEPS", 1)
     G, c, first, friction = problem(3)
-    f = frictional(G, c, first, friction, np.zeros(len(c)))
+    f, missed = frictional(G, c, first, friction, np.zeros(len(c)))
+    u = G @ f + c
+    assert missed > 0.01 * np.abs(u).max()  # reported to the caller
     assert f[first].min() >= 0.0
     for at, mu in zip(first[friction > 0.0], friction[friction > 0.0], strict=True):
         assert np.linalg.norm(f[at + 1 : at + 3]) <= mu * f[at] * (1.0 + 1e-12)
@@ -70,7 +72,7 @@ def test_without_convergence_the_bounds_are_obeyed(monkeypatch):
 
 def test_a_force_is_bounded_if_the_matrix_is_indefinite():
     G, c, first, friction = problem(5)
-    f = frictional(G - 0.3 * np.eye(len(c)), c, first, friction, np.zeros(len(c)))
+    f, _ = frictional(G - 0.3 * np.eye(len(c)), c, first, friction, np.zeros(len(c)))
     assert np.isfinite(f).all()
 
 
@@ -80,8 +82,8 @@ def test_redundant_rows_with_friction_share_the_force():
     G = np.block([[one, one], [one, one]]) + 1e-3 * np.eye(6)
     c = np.array([-1.0, 0.05, 0.0, -1.0, 0.05, 0.0])
     first, friction = np.array([0, 3]), np.array([0.3, 0.3])
-    f = frictional(G, c, first, friction, np.zeros(6))
-    f = frictional(G, c, first, friction, f)
+    f, _ = frictional(G, c, first, friction, np.zeros(6))
+    f, _ = frictional(G, c, first, friction, f)
     require_coulomb(G, c, first, friction, f, 1e-8)
     np.testing.assert_allclose(f[:3], f[3:], atol=1e-8)
     assert f[0] + f[3] == pytest.approx(1.0, rel=1e-2)

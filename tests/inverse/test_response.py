@@ -114,6 +114,26 @@ def test_the_response_is_the_derivative_of_the_step(name):
     assert np.abs(found.w - w).max() <= 1e-9 * np.abs(w).max()
 
 
+def test_hard_volumes_follow_prescribed_nodes():
+    mesh = grid()
+    bottom, top = (np.flatnonzero(mesh.X[:, 2] == z) for z in (0.0, 0.02))
+
+    def path(t):
+        return mesh.X[top] + np.array([0.02 * t, 0.0, -0.03 * t])
+
+    solid = sim.Solid(
+        (sim.Material(sim.MooneyRivlin(), sim.QuadraticBulk(25e3)),), muscles=crossed_muscles(mesh)
+    )
+    members = sim.Fixed(bottom), sim.PrescribedNodes(top, path)
+    damping, volumes = sim.RestRayleigh(19.0, 0.055), (sim.HardElementVolume(),)
+    system = sim.compile_scene(sim.Scene(mesh, (solid,), members, damping, volumes))
+    work, state = sim.Workspace(system), system.rest_state()
+    found = step_response(system, EULER, state, A0, 0.01, work, ActiveForces(system))
+    end, _ = EULER.step(system, state, sim.Control(A0, state.t + 0.01), 0.01, work)
+    w = system.kinematics.velocities(end)
+    assert np.abs(found.w - w).max() <= 1e-9 * np.abs(w).max()
+
+
 def test_muscles_that_are_slack_at_rest_respond_where_they_are_stretched():
     tension = LinearTension(("left", "right"), 1.0, 0.0, 0.0101, 0.02, 0.0)
     system, last = particle(np.array([[-0.01, 0.0, 0.0], [0.01, 0.0, 0.0]]), tension)

@@ -1,5 +1,7 @@
 """Fused steps of scenes of bodies alone: equal to the general path, and chosen by the scene."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -196,6 +198,32 @@ def test_fused_steps_are_chosen_by_the_scene():
     system = mixed_system()
     assert system.multibody is None
     assert sim.Workspace(system).bodies is None
+
+
+class Unknown(sim.Gravity):
+    """A term whose compiled form has no table for the fused step."""
+
+    def compile(self, layout):
+        """Without `add_to`."""
+        made = super().compile(layout)
+
+        class Term:
+            add = staticmethod(made.add)
+
+        return Term()
+
+
+def test_a_term_that_prevents_fused_steps_is_named():
+    whole = scene()
+    system = sim.compile_scene(replace(whole, terms=(*whole.terms, Unknown())))
+    assert system.multibody is None
+    assert "Unknown[0] has no table" in system.not_fused
+    assert "Unknown[0]" in system.facts()["steps not fused"]
+    with pytest.warns(sim.SlowStepsWarning, match=r"100 times as long: Unknown\[0\]"):
+        sim.simulate(
+            system, drive(0.002), duration=0.002, integrator=STEPPED[0], steps=sim.FixedStep(1e-3)
+        )
+    assert sim.compile_scene(whole).not_fused == "" == mixed_system().not_fused
 
 
 def test_an_indefinite_step_equals_that_of_the_general_path():
