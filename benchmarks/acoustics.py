@@ -27,7 +27,7 @@ import pandas as pd
 from benchmarks.acoustic_shapes import AH
 from benchmarks.acoustics_checks import CLICK, checks, folds, formant_table, nearest
 from benchmarks.report import finish
-from sim.acoustics import (
+from emgface.acoustics import (
     SILENT,
     Folds,
     Medium,
@@ -38,7 +38,7 @@ from sim.acoustics import (
     resonances,
     simulate_tube,
 )
-from sim.errors import AcousticsError
+from emgface.acoustics.errors import AcousticsError
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,7 +10,7 @@ from scipy.optimize import brentq, fsolve
 from scipy.signal import welch
 
 from benchmarks.acoustic_shapes import AH, BENT, EE, STRAIGHT, TABLE, pipe, published_airway, tubes
-from sim.acoustics import (
+from emgface.acoustics import (
     LOSSLESS,
     Flow,
     Folds,

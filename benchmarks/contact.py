@@ -1,8 +1,8 @@
 """Contact of the lips on a face: depths, oscillations and cost, compared with the face without contact.
 
 All scenes advance alternately, a few steps each, so that changes of the machine's speed affect all
-of them. Cases are "closing", "protrusion" and the instructions A to F; methods are none, constraint
-and barrier; surfaces are lips and teeth.
+of them. Cases are "closing", "protrusion" and the instructions A to F; methods are none and
+constraint; surfaces are lips and teeth.
 """
 
 import time

@@ -2,7 +2,7 @@
 
 All settings advance alternately, a few steps each, so that changes of the machine's speed affect all of
 them. Errors are those of the markers against constraints with a tenth of the default tolerance, in the
-same steps; a barrier also differs by the gap that it keeps.
+same steps.
 """
 
 from collections.abc import Sequence
@@ -51,8 +51,6 @@ class Setting:
         for i, term in enumerate(terms):
             if isinstance(term, sim.ConstraintContact):
                 terms[i] = replace(term, approach=self.thickness, tolerance=self.tolerance)
-            elif isinstance(term, sim.BarrierContact):
-                terms[i] = replace(term, distance=self.thickness)
         return replace(made, terms=tuple(terms))
 
 
@@ -60,7 +58,6 @@ REFERENCE: Final = Setting("constraint", 5e-4, 2e-4)
 SETTINGS: Final = (
     Setting("none"),
     *(Setting("constraint", 5e-4, tolerance) for tolerance in (2e-3, 1e-2, 5e-2, 1e-1)),
-    *(Setting("barrier", thickness) for thickness in (1e-4, 2e-4, 5e-4)),
 )
 CASES: Final = {"purse": "A", "smile": "D"}  #: instruction whose gesture each case is
 LEVEL: Final = 0.5  #: factor on the activation of the gestures

@@ -127,7 +127,7 @@ class Compared:
     def __init__(self, folder: Path, symmetric: bool) -> None:
         model = json.loads((folder / "refmodel_model.json").read_text())
         face = import_artisynth(folder.parent / "artisynth_models")
-        pairings = contact_pairings(face, "constraint")
+        pairings = contact_pairings(face)
         if symmetric:
             nodes = face["position"].values
             found = symmetric_model(model)

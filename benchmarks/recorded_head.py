@@ -293,7 +293,7 @@ def _touching(
         inside = lining(face)
         inside = inside[~np.isin(inside, np.flatnonzero(face["fixed"].values)).any(axis=1)]
         soft = NodeSurface(inside, "lining of the mouth")
-        found += [*contact_pairings(face, "constraint", ("lips",)), Pairing(soft, tongue)]
+        found += [*contact_pairings(face, ("lips",)), Pairing(soft, tongue)]
         found += [Pairing(soft, bone) for bone in bones]
     return found, points, members
 

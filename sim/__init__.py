@@ -7,7 +7,6 @@ from sim.body_probes import Frames, Reactions
 from sim.compile import compile_scene
 from sim.constraints import HardElementVolume
 from sim.contact import (
-    BarrierContact,
     ConstraintContact,
     NodeSurface,
     Pairing,
@@ -100,7 +99,6 @@ from sim.terms import (
 __all__ = [
     "Activation",
     "AxialSprings",
-    "BarrierContact",
     "Body",
     "Blemker",
     "CoRotational",

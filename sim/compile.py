@@ -11,7 +11,6 @@ from sim.kinematics import Kinematics, lay_out_kinematics
 from sim.mesh import Mesh
 from sim.multibody import ActsOnPoints
 from sim.scene import (
-    CompiledTerm,
     HasApart,
     HasMass,
     HasMuscles,
@@ -19,7 +18,6 @@ from sim.scene import (
     HasSparse,
     Layout,
     Scene,
-    StopsMoves,
 )
 from sim.state import Array, Control, Pose
 from sim.system import System
@@ -56,17 +54,11 @@ def compile_scene(scene: Scene) -> System:
     pattern, kinematics = lay_out_kinematics(mesh, mass, keys, scene.bodies, scene.reductions)
     layout = Layout(mesh, mass, pattern, tuple(names), kinematics.carriers())
     terms = tuple(term.compile(layout) for term in declared)
-    stops = any(isinstance(term, StopsMoves) for term in terms)
-    if (kinematics.matrix_varies or scene.joints) and stops:
-        raise SceneError(
-            "barriers are not implemented for scenes with bodies, joints or attachments: use "
-            "ConstraintContact, or leave one of the two out"
-        )
     conditions = None
     if scene.constraints:
         parts = [c.compile(layout) for c in scene.constraints]
         conditions = unite(parts, kinematics, _rest(kinematics, mesh))
-    sparse, apart = _sparse(scene, terms), None
+    sparse, apart = _sparse(scene), None
     with_rows = any(isinstance(term, HasApart) for term in declared)
     if with_rows and not scene.constraints and not any(isinstance(t, HasProduct) for t in terms):
         alone = (t.apart() if isinstance(t, HasApart) else t for t in scene.terms)
@@ -82,18 +74,17 @@ def compile_scene(scene: Scene) -> System:
         conditions,
         _rows(scene, kinematics, mesh),
         sparse,
-        apart,
+        apart=apart,
     )
     if scene.damping is None:
         return system
-    # a barrier is stiff only in contact; damping proportional to it would hold surfaces together.
-    # Lines and bodies have a damping of their own.
+    # lines and bodies have a damping of their own
     lines = tuple(
         t
         for own, t in zip(declared, terms, strict=True)
         if isinstance(t, ActsOnPoints) and own.pair_keys(mesh).size
     )
-    of_tissue = (t for t in terms if not isinstance(t, StopsMoves | ActsOnPoints))
+    of_tissue = (t for t in terms if not isinstance(t, ActsOnPoints))
     tissue, along = replace(system, terms=tuple(of_tissue)), replace(system, terms=lines)
 
     def stiffness(q: Array, control: Control, K: Array | None = None) -> Array:
@@ -120,14 +111,12 @@ def _rows(scene: Scene, kinematics: Kinematics, mesh: Mesh) -> Rows | None:
     return Rows(scene.joints, numbers, kinematics, rest)
 
 
-def _sparse(scene: Scene, compiled: tuple[CompiledTerm, ...]) -> System | None:
+def _sparse(scene: Scene) -> System | None:
     """Compile the scene with matrix-free products where possible.
 
-    Not with a barrier, which must not be searched twice, nor with constraints, which require the
-    assembled matrix.
+    Not with constraints, which require the assembled matrix.
     """
-    alone = scene.constraints or any(isinstance(term, StopsMoves) for term in compiled)
-    if alone or not any(isinstance(term, HasSparse) for term in scene.terms):
+    if scene.constraints or not any(isinstance(term, HasSparse) for term in scene.terms):
         return None
     terms = tuple(t.sparse() if isinstance(t, HasSparse) else t for t in scene.terms)
     return compile_scene(replace(scene, terms=terms))

@@ -181,28 +181,6 @@ class Remembering(CompiledTerm, Protocol):
 
 
 @runtime_checkable
-class StopsMoves(CompiledTerm, Protocol):
-    """Compiled term that also bounds the line-search step (continuous collision detection)."""
-
-    def starting(self, state: State, h: float) -> CompiledTerm:
-        """Term over a step of length h [s] from a state, with the friction at its start."""
-        ...
-
-    def largest_step(self, q0: Array, q1: Array, control: Control) -> float:
-        """Largest fraction in (0, 1] of the displacement from q0 to q1 without intersection."""
-        ...
-
-    def carried(self, q: Array, t: float, control: Control) -> Array:
-        """Positions q, feasible at time t [s], advected by the shells to the time of the control.
-
-        Free nodes in the path of a rigid surface move with it.
-
-        Raises NotConverged if the displacement is too large.
-        """
-        ...
-
-
-@runtime_checkable
 class HasApart(Protocol):
     """Term whose rows may be solved apart, without entries in the matrix of points."""
 

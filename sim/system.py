@@ -28,7 +28,6 @@ from sim.scene import (
     Remembering,
     Remembers,
     Scene,
-    StopsMoves,
 )
 from sim.state import Array, Control, Evaluation, Pose, State
 
@@ -127,12 +126,7 @@ class System(Described):
     @cached_property
     def _history(self) -> bool:
         """True if any term depends on the start of a step."""
-        return any(isinstance(term, Remembers | StopsMoves) for term in self.terms)
-
-    @cached_property
-    def stops(self) -> tuple[StopsMoves, ...]:
-        """Terms that limit steps."""
-        return tuple(term for term in self.terms if isinstance(term, StopsMoves))
+        return any(isinstance(term, Remembers) for term in self.terms)
 
     @cached_property
     def contact(self) -> CompiledContact | None:
@@ -142,26 +136,7 @@ class System(Described):
     @property
     def holds_at_ends(self) -> bool:
         """True if contact or constraints hold only at the ends of steps."""
-        return bool(self.stops) or self.contact is not None or self.constraints is not None
-
-    def largest_step(self, q0: Array, q1: Array, control: Control) -> float:
-        """Largest fraction in (0, 1] of the displacement from q0 to q1 allowed by all terms."""
-        return min((term.largest_step(q0, q1, control) for term in self.stops), default=1.0)
-
-    def carried(self, state: State, control: Control) -> Array:
-        """Feasible start positions of a step for the control at its end.
-
-        Those of the state, unless a rigid surface moves into them.
-
-        Raises
-        ------
-        NotConverged
-            The surface moves too far within the step.
-        """
-        q = state.q
-        for term in self.stops:
-            q = term.carried(q, state.t, control)
-        return q
+        return self.contact is not None or self.constraints is not None
 
     def remember(self, q: Array) -> Mapping[str, Array]:
         """Memory of all terms after a step that ends at positions q; of a system `during` a step."""
@@ -274,7 +249,7 @@ def _over(term: CompiledTerm, name: str, state: State, h: float) -> CompiledTerm
     """A term over a step of length h from a state."""
     if isinstance(term, Remembers):
         return term.during(state.q, state.memory.get(name), h)
-    return term.starting(state, h) if isinstance(term, StopsMoves) else term
+    return term
 
 
 def _nan_is_worst(item: tuple[float, int]) -> float:

@@ -8,12 +8,12 @@ import xarray as xr
 from scipy.signal import butter, sosfiltfilt
 
 import emgface as ef
+from emgface.acoustics import Folds
 from emgface.anatomy.airway.area_function import ideal_vowel, lips_of_trial, with_lips
 from emgface.anatomy.airway.figure import write_figure
 from emgface.anatomy.airway.sound import synthesise, with_formants, write_wave
 from emgface.muscles import MUSCLES
 from emgface.schema.netcdf import read_netcdf, write_netcdf
-from sim.acoustics import Folds
 
 CLOSING = {"OOM": 0.7, "MEN": 0.4}
 """Muscles that close the lips, and their largest activation."""

@@ -5,10 +5,10 @@ import xarray as xr
 
 from emgface.face.contact_parameters import ContactParameters
 from emgface.face.lip_shape import has_mouth
-from emgface.face.lips import exposed, lining, lip_surface
+from emgface.face.lips import lining, lip_surface
 from emgface.face.parts import LIPS, MANDIBLE, arches_of
 from emgface.face.simulation_parameters import SimulationParameters
-from sim.contact import BarrierContact, ConstraintContact, NodeSurface, Pairing, RigidShell
+from sim.contact import ConstraintContact, NodeSurface, Pairing, RigidShell
 from sim.scene import Term
 
 EDGE_POINTS = 3
@@ -32,21 +32,18 @@ def touching(face: xr.Dataset, parameters: SimulationParameters) -> tuple[str, .
 
 
 def contact_pairings(
-    face: xr.Dataset, method: str, between: tuple[str, ...] = ("lips", "teeth")
+    face: xr.Dataset, between: tuple[str, ...] = ("lips", "teeth")
 ) -> tuple[Pairing, ...]:
     """Pair the surfaces of a face that may touch.
 
-    The pairings are upper on lower lip, and the lining of the mouth on each bone. For the method
-    "constraint", which distinguishes inside and outside, the lips are closed surfaces; for
-    "barrier" they are without the parts within the tissue. Raises FaceError as
+    The pairings are upper on lower lip, and the lining of the mouth on each bone. The lips are closed
+    surfaces, because constraints distinguish inside and outside. Raises FaceError as
     `emgface.face.lips.lip_surface` and `emgface.face.lips.lining`, and ContactFailure if a surface
     is not valid (`sim.contact`).
     """
     pairings: list[Pairing] = []
     if "lips" in between:
         lips = [lip_surface(face, lip) for lip in LIPS]
-        if method == "barrier":
-            lips = [lip[exposed(face, lip)] for lip in lips]
         upper, lower = (
             NodeSurface(lip, f"{name} lip") for name, lip in zip(LIPS, lips, strict=True)
         )
@@ -66,11 +63,11 @@ def contact_terms(face: xr.Dataset, parameters: SimulationParameters) -> tuple[T
     contact, between = parameters.contact, touching(face, parameters)
     if not between:
         return ()
-    pairings = contact_pairings(face, contact.method, between)
-    return (METHODS[contact.method](pairings, contact),)
+    return (declared_contact(contact_pairings(face, between), contact),)
 
 
-def _constraint(pairings: tuple[Pairing, ...], contact: ContactParameters) -> Term:
+def declared_contact(pairings: tuple[Pairing, ...], contact: ContactParameters) -> Term:
+    """Contact of some pairings with the chosen parameters."""
     return ConstraintContact(
         pairings,
         friction=contact.friction,
@@ -78,11 +75,3 @@ def _constraint(pairings: tuple[Pairing, ...], contact: ContactParameters) -> Te
         removal_speed=contact.removal_speed,
         edge_points=EDGE_POINTS,
     )
-
-
-def _barrier(pairings: tuple[Pairing, ...], contact: ContactParameters) -> Term:
-    return BarrierContact(pairings, friction=contact.friction)
-
-
-METHODS = {"constraint": _constraint, "barrier": _barrier}
-"""Part of the scene by the name of the method."""

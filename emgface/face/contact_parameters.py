@@ -4,20 +4,18 @@ from typing import Final, Literal
 
 from pydantic import model_validator
 
-from emgface.choices import ESKES, OWN, STAVNESS, Parameters, choice, parameter
+from emgface.choices import ESKES, STAVNESS, Parameters, choice, parameter
 
 
 class ContactParameters(Parameters):
     """Contact of the lips with each other, and of lips and cheeks with teeth and bone."""
 
-    method: Literal["none", "constraint", "barrier"] = choice(
+    method: Literal["none", "constraint"] = choice(
         "constraint",
         "'constraint': compressive forces prevent nodes from passing the opposite surface; "
-        "'barrier': a repulsive force grows without bound as the gap closes and prevents "
-        "any penetration; 'none': surfaces pass through each other.",
-        source=f"{STAVNESS}, Contact handling (constraint); {OWN} (barrier)",
-        note="'constraint' takes about five times as long as 'none'; "
-        "'barrier' requires an iterative solver and the package ipctk",
+        "'none': surfaces pass through each other.",
+        source=f"{STAVNESS}, Contact handling",
+        note="'constraint' takes about five times as long as 'none'",
     )
     between: tuple[Literal["lips", "teeth"], ...] | None = choice(
         None,
@@ -38,8 +36,6 @@ class ContactParameters(Parameters):
         "kept",
         "Treatment of nodes that start inside bone: 'kept': they may keep their depth or "
         "move outwards; 'removed': they are moved out at removal_speed.",
-        note="'removed' requires method 'constraint'; 'barrier' offsets the surface of the bone "
-        "where tissue starts inside",
     )
     removal_speed: float = parameter(
         0.01,
@@ -49,16 +45,6 @@ class ContactParameters(Parameters):
         gt=0,
         le=1,
     )
-
-    @model_validator(mode="after")
-    def _only_constraints_remove(self) -> "ContactParameters":
-        if self.method == "barrier" and self.initial_penetration == "removed":
-            raise ValueError(
-                "initial_penetration = 'removed' with method = 'barrier': expected method = "
-                "'constraint', or 'kept', with which the barrier offsets the surface of the "
-                "bone"
-            )
-        return self
 
     @model_validator(mode="after")
     def _something_touches(self) -> "ContactParameters":
@@ -82,7 +68,6 @@ class ContactParameters(Parameters):
         how = {
             "none": "none",
             "constraint": "node-to-face constraints",
-            "barrier": "incremental potential contact",
         }
         if self.method == "constraint" and self.initial_penetration == "removed":
             how["constraint"] += f", initial overlap removed at {1e3 * self.removal_speed:g} mm/s"

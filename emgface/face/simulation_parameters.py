@@ -84,17 +84,11 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
                 "a viscoelastic tissue cannot stiffen with activation: set stiffening = 1 "
                 "or use an elastic tissue"
             )
-        if self.contact.method == "barrier" and self.solver.startswith("linearly_implicit"):
-            raise ValueError(
-                f"solver = '{self.solver}' cannot be combined with contact.method = "
-                "'barrier', which requires an iteration: choose 'converged', 'trapezoidal' "
-                "or 'sdirk2', or method = 'constraint'"
-            )
         if self.contact.method == "constraint" and self.solver == "trapezoidal":
             raise ValueError(
                 f"solver = '{self.solver}' cannot be combined with contact.method = "
                 "'constraint', the default: choose 'sdirk2', 'converged' or a linearly implicit "
-                "solver, or method = 'barrier' or 'none'"
+                "solver, or method = 'none'"
             )
         against = self.contact.between if self.contact.method != "none" else None
         if self.support > 0.0 and "teeth" in (against or ()):

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.inverse import PointTarget, Quadratic, Splines, ends_of_steps, prior
+from sim.inverse import PointTarget, Quadratic, Splines, ends_of_steps
 from sim.state import Array
 
 FIRST_ERROR = 0.2
@@ -108,3 +108,42 @@ def emg_precision(assumed: Assumptions, error: Array, trust: Array, h: float) ->
     fixed = np.isinf(trust)
     weight = np.where(fixed, 0.0, trust) / (error**2 * max(assumed.emg_memory / h, 1.0))
     return np.where(fixed, PRESCRIBED**-2.0, weight)
+
+
+def prior(
+    splines: Splines,
+    t: Array,
+    size: float,
+    mean: float,
+    change: float,
+    measured: Array,
+    precision: Array,
+    mixing: Array | None = None,
+) -> Quadratic:
+    """Negative logarithm of a density of the activations before the motion is known.
+
+    The density is proportional to exp(-a/mean - (a/size)^2/2) for every spline, so that few muscles
+    are active, times a random walk of changes and a normal density about the sEMG.
+
+    Parameters
+    ----------
+    splines : Splines
+    t : (n_steps,) [s].
+    size, mean : float
+        Constants of the density [1].
+    change : float
+        Standard deviation of the change of an activation over 1 s, of a random walk [1].
+    measured : (n_steps, n_signals) activation from sEMG.
+    precision : (n_signals,) inverse variance of its error over the number of steps within which the
+        error is correlated; 0 for a signal that is not measured.
+    mixing : (n_signals, n_muscles), optional
+        Share of the activation of every muscle in every signal (cross-talk), by default the identity.
+    """
+    B = splines.basis(t)
+    rise = np.diff(np.eye(splines.n), axis=0)
+    step = splines.knots[1] - splines.knots[0]
+    one = np.eye(splines.n) / size**2 + rise.T @ rise / (change**2 * step)
+    X = np.eye(len(precision)) if mixing is None else mixing
+    of_size = np.asarray(np.kron(one, np.eye(X.shape[1])), dtype=np.float64)
+    Q = of_size + np.asarray(np.kron(B.T @ B, X.T @ (precision[:, None] * X)), dtype=np.float64)
+    return Quadratic(Q, (B.T @ (measured * precision) @ X).ravel() - 1.0 / mean)

@@ -6,16 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from emgface.inverse.assumptions import Assumptions, Density, marker_precision
+from emgface.inverse.posterior import Posterior, in_words
 from sim import State, System, Workspace
 from sim.inverse import (
     Fit,
     Linearised,
     PointTarget,
-    Posterior,
     Quadratic,
     Splines,
     fit,
-    in_words,
 )
 from sim.state import Array
 

@@ -21,7 +21,7 @@ from emgface.study.table import PlannedTrial
 SOUND: Final = Stage(
     "formants",
     (
-        "sim.acoustics",
+        "emgface.acoustics",
         "analysis.formants",
         "analysis.typed",
         "emgface.anatomy.airway.area_function",

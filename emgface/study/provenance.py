@@ -16,7 +16,7 @@ from emgface.study.digest import canonical_json, code_version
 
 PACKAGES: Final = (
     "numpy", "scipy", "numba", "llvmlite", "xarray", "netCDF4", "pandas", "statsmodels",
-    "pypardiso", "mkl", "ipctk",
+    "pypardiso", "mkl",
 )  # fmt: skip
 """Packages whose versions may change a result, in addition to this package."""
 SETTINGS: Final = (

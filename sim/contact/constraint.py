@@ -46,7 +46,7 @@ class ConstraintContact:
 
     As published, only vertices are tested against faces, and points on edges if requested. Two sharp
     edges that cross between these pass each other by up to a fraction of a cell, and so do initially
-    overlapping bodies with coplanar sides; `BarrierContact` also tests edges.
+    overlapping bodies with coplanar sides.
 
     Source: contact of the published model (Stavness et al., 11.3.3: vertices against opposing
     faces, direction of the nearest face, released when they would separate). The rows here are

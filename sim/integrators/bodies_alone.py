@@ -1,19 +1,18 @@
 """Fused steps of scenes of rigid bodies without tissue."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from sim._kernels.body_tables import Flags, Led, Scratch
-from sim._kernels.free_bodies import run_free_bodies
 from sim._kernels.multibody import advance_bodies, change_of_bodies, place_bodies
 from sim.joints.compiled import DRIFT, PROJECTIONS
 from sim.joints.contract import REACTIONS
 from sim.multibody import Multibody
 from sim.pattern import Index
-from sim.state import Array, ControlAt, Outputs, Pose, State, StepReport
+from sim.state import Array, ControlAt, Outputs, State, StepReport
 from sim.system import System
 from sim.terms.crushable import GONE
 
@@ -85,20 +84,6 @@ class BodiesAlone:
         tables, (d, change) = self.tables, np.empty((2, len(activation), self.tables.n))
         change_of_bodies(tables.table, tables.lines, self.scratch, frames, activation, d, change)
         return d, change
-
-    @property
-    def are_free(self) -> bool:
-        """True if nothing but constant forces on points and damping acts on the bodies."""
-        tables = self.tables
-        return not (len(tables.led) or len(tables.rows.kind) or len(tables.lines.rest))
-
-    def run_free(self, state: State, ends: Sequence[float]) -> State:
-        """State after steps of the classical Runge-Kutta method that end at the given times [s]."""
-        frames, twists, maps = state.frames.copy(), state.twists.copy(), self.system.kinematics
-        run_free_bodies(self.tables.table, np.diff([state.t, *ends]), frames, twists)
-        t, still = float(ends[-1]), np.zeros(self.tables.n)
-        q = maps.advance(Pose(state.q, frames, t), still, t).q
-        return maps.state(Pose(q, frames, t), maps.velocities(replace(state, twists=twists)), {})
 
     def _led(self, times: Sequence[float]) -> Led:
         """Motion of prescribed bodies at some times."""

@@ -125,4 +125,4 @@ def _search(
         return Trial(end, end.here.smallest_J, end.phi - start.phi + now - broken, None)
 
     rounding = rounding_of(start.phi, start.here.energy, broken)
-    return line_search(trial, slope, rounding, potential.largest_step(start.d, step))
+    return line_search(trial, slope, rounding)

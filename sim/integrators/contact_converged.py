@@ -139,8 +139,9 @@ def minimise_in_contact(
         went = more if went is None else went.joined(more)
         u = potential.positions(end.d) - step.q0
         acting, point = touching.settled(end.d), end.alone
-        miss, bound = acting.miss(), touching.multipliers.bound
-        multipliers = touching.multipliers.forces(acting.force, acting.friction)
+        now: Multipliers = touching.multipliers
+        miss, bound = acting.miss(), now.bound
+        multipliers = now.forces(acting.force, acting.friction)
         change = float(np.abs(multipliers.bound - bound).max(initial=0.0))
         # forces are accurate to the remaining residual of the iteration only
         known = 2.0 * float(multipliers.rows.friction.max(initial=0.0)) * more.residual

@@ -237,7 +237,7 @@ class StageWithRows:
             return Trial(end, end.here.smallest_J, change, there)
 
         rounding = rounding_of(start.phi, start.here.energy, borne)
-        return line_search(trial, slope, rounding, self._phi.largest_step(start.d, move))
+        return line_search(trial, slope, rounding)
 
 
 def _at_end(rows: Rows, lift: Array, near: Rows) -> Rows:

@@ -62,15 +62,6 @@ def require_upright(element: int, smallest_J: float, t: float) -> None:
         raise InvertedElement(element, smallest_J, t)
 
 
-def require_no_barrier(system: System, integrator: str) -> None:
-    """Raise SceneError if a term limits steps."""
-    if system.stops:
-        raise SceneError(
-            f"{integrator} has no line search, which the barrier of the scene requires: "
-            "use an iterative integrator (ConvergedEuler), or ConstraintContact"
-        )
-
-
 def require_no_contact(system: System, integrator: str) -> None:
     """Raise SceneError for contact by constraints."""
     if system.contact is not None:

@@ -1,17 +1,13 @@
 """Explicit methods for scenes that are not stiff, with a bounded step."""
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-
 from sim.errors import SceneError
-from sim.integrators.bodies_alone import AT_ONCE
-from sim.integrators.contract import require_no_barrier, require_no_contact, require_upright
+from sim.integrators.contract import require_no_contact, require_upright
 from sim.integrators.held import free_acceleration, held_acceleration
 from sim.integrators.workspace import Workspace
-from sim.state import Array, Control, ControlAt, Outputs, Pose, State, StepReport, united
+from sim.state import Array, Control, ControlAt, Pose, State, StepReport
 from sim.system import System
 
 
@@ -22,7 +18,6 @@ def _acceleration(system: System, state: State, control: Control, work: Workspac
             "an explicit integrator does not support constraints: use an implicit integrator or "
             "a soft term"
         )
-    require_no_barrier(system, "an explicit integrator")
     require_no_contact(system, "an explicit integrator")
     if system.rows is not None and not system.rows.rigid.all():
         raise SceneError(
@@ -99,9 +94,6 @@ class RungeKutta4:
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
         """Advance by h; errors as `SymplecticEuler.step`."""
-        if work.bodies is not None and work.bodies.are_free:
-            outputs = next(self.run(system, state, control, ((state.t + h,),), work))
-            return outputs.state(0), outputs.reports[0]
         kinematics, pose = system.kinematics, state.pose
         at_start = system.during(state, 0.0)
         line = control.moments(state.t, h, (0.0, 0.5, 1.0))
@@ -118,30 +110,3 @@ class RungeKutta4:
             sum_rate, sum_a = sum_rate + weight * rate, sum_a + weight * a
         end = kinematics.advance(pose, h / 6.0 * sum_rate, state.t + h)
         return _finish(system, end, w0 + h / 6.0 * sum_a, state, h)
-
-    def fuses(self, work: Workspace) -> bool:
-        """Test if the scene is one of bodies alone."""
-        return work.bodies is not None
-
-    def run(
-        self,
-        system: System,
-        state: State,
-        control: ControlAt,
-        groups: Sequence[Sequence[float]],
-        work: Workspace,
-    ) -> Iterator[Outputs]:
-        """States after each group of steps that end at the given times [s]; errors as of `step`."""
-        for ends in groups:
-            reports = list[StepReport]()
-            if work.bodies is not None and work.bodies.are_free:
-                for first in range(0, len(ends), AT_ONCE):
-                    part = ends[first : first + AT_ONCE]
-                    h = float(np.diff([state.t, *part]).min())
-                    state = work.bodies.run_free(state, part)
-                    reports.append(StepReport(h, float("inf"), len(part), 0, 0, 0))
-            else:
-                for end in ends:
-                    state, report = self.step(system, state, control, end - state.t, work)
-                    reports.append(report)
-            yield Outputs.of(state, united(reports, 0))

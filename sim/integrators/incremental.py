@@ -42,13 +42,6 @@ class PotentialOfMoves(Potential):
         """Return the point itself, whose potential is exact."""
         return point
 
-    def largest_step(self, d: Array, direction: Array) -> float:
-        """Largest feasible fraction in (0, 1] of a displacement by `direction` from d."""
-        if not self.system.stops:
-            return 1.0
-        ends = self.positions(d), self.positions(d + direction)
-        return self.system.largest_step(*ends, self._control)
-
     def _evaluate(self, pose: Pose) -> Evaluation:
         """Forces and energy at a pose."""
         with self._work.timed("force"):
@@ -113,9 +106,6 @@ class IncrementalPotential(PotentialOfMoves):
         """Inertial guess if it is feasible and its potential is lower, otherwise the state."""
         here = self.point(self.coordinates(state), at_state)
         guess = self.inertial_guess()
-        share = self.largest_step(here.d, guess - here.d)
-        if share < 1.0:
-            guess = here.d + share * (guess - here.d)
         if np.array_equal(guess, here.d):
             return here
         moved = self.point(guess)

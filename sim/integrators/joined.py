@@ -156,6 +156,5 @@ def _search(
         return Trial((end, there), end.here.smallest_J, change, dot(end.g, move) + pull)
 
     farthest = float(np.abs(move[columns]).max())
-    longest = min(potential.largest_step(start.d, move), FARTHEST / max(farthest, FARTHEST))
-    found = line_search(trial, slope, rounding, longest)
+    found = line_search(trial, slope, rounding, FARTHEST / max(farthest, FARTHEST))
     return None if found is None else (found[0], *found[1])

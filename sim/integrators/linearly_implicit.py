@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim.errors import InvertedElement
-from sim.integrators.contract import require_no_barrier, require_upright
+from sim.integrators.contract import require_upright
 from sim.integrators.estimate import relaxed
 from sim.integrators.linear_rows import LinearRows
 from sim.integrators.step_solver import Solution
@@ -68,9 +68,8 @@ def linear_step(
     rows of joints. Rows of joints and contact add their forces (`sim.integrators.linear_rows`).
 
     Raises InvertedElement if det F <= 0 at the end; NotConverged if the active set of contacts did not
-    converge; SingularSystem if a matrix could not be factorised; SceneError if the scene has a barrier.
+    converge; SingularSystem if a matrix could not be factorised.
     """
-    require_no_barrier(system, "a linearly implicit step")
 
     def f_at_end() -> Array:
         return (at_end or system.force(pose.q, missed.line.at(1.0))).f

@@ -58,10 +58,6 @@ class Potential(ABC):
         """Evaluate potential and gradient, which are undefined if det F <= 0 somewhere."""
 
     @abstractmethod
-    def largest_step(self, d: Array, direction: Array) -> float:
-        """Largest feasible fraction in (0, 1] of a displacement by `direction` from d."""
-
-    @abstractmethod
     def matrix(self, d: Array) -> Matrix:
         """Scale times the second derivative at d, or the part of it that is factorised."""
 
@@ -224,7 +220,6 @@ def minimise(
     for iteration in range(1, tolerances.max_iterations + 1):
         start, direction = ahead or potential.direction(point, work)
         ahead, size = None, float(np.abs(direction).max())
-        longest = potential.largest_step(point.d, direction)
 
         def trial(length: float, start: Point = start, way: Array = direction) -> Trial[Point]:
             end = potential.point(start.d + length * way)
@@ -233,7 +228,7 @@ def minimise(
             return Trial(end, end.here.smallest_J, change, slope, halves)
 
         slope, rounding = dot(start.g, direction), rounding_of(start.phi, start.here.energy)
-        found = line_search(trial, slope, rounding, longest, negligible)
+        found = line_search(trial, slope, rounding, negligible=negligible)
         contraction, age = np.inf, age + 1
         if found is None:
             if potential.refused(work):

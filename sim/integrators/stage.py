@@ -105,9 +105,7 @@ class Converged(Iterative):
         varies = system.kinematics.matrix_varies
         phi = (VaryingInertia if varies else IncrementalPotential)(system, stage, work)
         settle = self._minimiser(system, work, stage.s, stage.t)
-        q0 = system.carried(state, stage.control)
-        known = here if q0 is state.q and not varies else None
-        start = phi.start(replace(state.pose, q=q0), known)
+        start = phi.start(state.pose, None if varies else here)
 
         if system.contact is None:
             end, went = settle(phi, start)

@@ -34,6 +34,7 @@ class Touching(Potential):
     """Potential with the augmentation of rows for their multipliers, from q0 (n_nodes, 3) [m]."""
 
     penalty: float
+    multipliers: Multipliers
 
     def __init__(self, potential: Potential, multipliers: Multipliers, q0: Array) -> None:
         self._potential, self.multipliers, self._q0 = potential, multipliers, q0
@@ -62,10 +63,6 @@ class Touching(Potential):
         f = rows.spread(acting.on_vertices(rows), len(self._q0))
         g = point.g - self.generalised(f)
         return InContact(point.d, g, point.phi + acting.energy, point.here, point)
-
-    def largest_step(self, d: Array, direction: Array) -> float:
-        """Delegates to the wrapped potential."""
-        return self._potential.largest_step(d, direction)
 
     def matrix(self, d: Array) -> Matrix:
         """Scale times the second derivative of the potential."""

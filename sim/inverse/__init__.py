@@ -2,9 +2,8 @@
 
 from sim.inverse.active_forces import ActiveForces, require_affine
 from sim.inverse.force_targets import ContactForceTarget, ForceTarget, RowForceTarget
-from sim.inverse.linear_targets import Linearised, LinearTargets, Quadratic, prior
+from sim.inverse.linear_targets import Linearised, LinearTargets, Quadratic
 from sim.inverse.objective import MeasuredActivation, Weights
-from sim.inverse.posterior import Posterior, in_words, laplace
 from sim.inverse.quadratic import Minimum, minimise_in_box
 from sim.inverse.quasi_static import equilibria
 from sim.inverse.response import Response, equilibrium_response, step_response
@@ -26,7 +25,6 @@ __all__ = [
     "MeasuredActivation",
     "Minimum",
     "PointTarget",
-    "Posterior",
     "Quadratic",
     "Response",
     "RowForceTarget",
@@ -39,11 +37,8 @@ __all__ = [
     "equilibria",
     "equilibrium_response",
     "fit",
-    "in_words",
-    "laplace",
     "linearise",
     "minimise_in_box",
-    "prior",
     "require_affine",
     "step_response",
     "track",

@@ -10,7 +10,7 @@ from sim.contact.rows import Rows
 from sim.contact.step import ContactStep
 from sim.dense import least
 from sim.errors import SceneError
-from sim.integrators.contract import require_fixed_contact, require_no_barrier, require_no_friction
+from sim.integrators.contract import require_fixed_contact, require_no_friction
 from sim.integrators.linear_rows import LinearRows
 from sim.integrators.workspace import Workspace
 from sim.inverse.active_forces import NEAR, ActiveForces, require_affine
@@ -108,11 +108,10 @@ def step_response(
     Raises
     ------
     SceneError
-        The scene has a barrier or friction, or its form "affine" does not exist.
+        The scene has friction, or its form "affine" does not exist.
     InvertedElement, NotConverged, SingularSystem
         As of the step.
     """
-    require_no_barrier(system, "inverse tracking")
     require_fixed_contact(system, "inverse tracking", "leave one of the two out")
     require_no_friction(system, "inverse tracking")
     if form == "affine":
@@ -178,9 +177,8 @@ def equilibrium_response(
     """Derivatives (n, n_muscles) of the coordinates of an equilibrium, K^-1 F [m].
 
     Active contacts of the state hold, as in `step_response`. Raises SingularSystem if the stiffness
-    cannot be factorised, and SceneError for hard volumes, barriers and friction.
+    cannot be factorised, and SceneError for hard volumes and friction.
     """
-    require_no_barrier(system, "the response of an equilibrium")
     if system.constraints is not None:
         raise SceneError("the response of an equilibrium under hard volumes is not implemented")
     require_fixed_contact(system, "inverse tracking", "leave one of the two out")

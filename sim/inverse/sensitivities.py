@@ -12,7 +12,6 @@ from sim.errors import SceneError
 from sim.integrators import LinearlyImplicitEuler, Workspace
 from sim.integrators.contract import (
     require_fixed_contact,
-    require_no_barrier,
     require_no_friction,
     require_upright,
 )
@@ -62,7 +61,7 @@ def linearise(
     Raises
     ------
     SceneError
-        Steps have joints, a barrier, friction, constraints, memory, matrix-free products, rotating
+        Steps have joints, friction, constraints, memory, matrix-free products, rotating
         coordinates, or a damping matrix that depends on the activation.
     InvertedElement, SingularSystem
         A step failed.
@@ -180,11 +179,9 @@ def _held(solve: Callable[[Array], Array], rhs: Array, N: Array, rate: Array) ->
 
 
 def _require_smooth(system: System, forces: ActiveForces, state: State, h: float) -> None:
-    require_no_barrier(system, "inverse tracking")
     require_fixed_contact(system, "inverse tracking", "leave one of the two out")
     require_no_friction(system, "inverse tracking")
     parts = {
-        "stops": bool(system.stops),
         "joints": system.rows is not None,
         "constraints": system.constraints is not None,
         "history-dependent tissue": system.during(state, h) is not system,

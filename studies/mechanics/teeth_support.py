@@ -26,15 +26,14 @@ def protrude_lips(
     face: xr.Dataset,
     *,
     backing: Mapping[str, tuple[str, ...]] = BACKING,
-    method: str = "constraint",
     stiffening: Sequence[float] = (1.0,),
     progress: Callable[[str], None] | None = None,
 ) -> tuple[pd.DataFrame, dict[tuple[str, float], xr.Dataset]]:
     """Activate the peripheral orbicularis oris in steps, with several contact surfaces.
 
     `face` has `lip_opening_node` and arches. `backing` maps a name to contact surfaces, "lips" or
-    "teeth" or both; none for no contact. `method` is that of contact, "constraint" or "barrier";
-    `stiffening` are factors on the passive moduli of the muscle's elements at full activation.
+    "teeth" or both; none for no contact. `stiffening` are factors on the passive moduli of the
+    muscle's elements at full activation.
     sigma_max is 100 kPa, without gravity. `progress` receives a sentence per run.
 
     The table has one row per backing, stiffening and activation with the measures of `lip_shape` in
@@ -48,7 +47,7 @@ def protrude_lips(
     rows: list[dict[str, object]] = []
     motion: dict[tuple[str, float], xr.Dataset] = {}
     for name, between in backing.items():
-        values = {"method": method, "between": between} if between else {"method": "none"}
+        values = {"between": between} if between else {"method": "none"}
         contact = ContactParameters.model_validate(values)
         for factor in stiffening:
             if progress is not None:

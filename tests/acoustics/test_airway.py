@@ -6,6 +6,8 @@ import xarray as xr
 from scipy.io import wavfile
 
 from benchmarks.acoustic_shapes import BENT, STRAIGHT, pipe, published_airway
+from emgface.acoustics import SMALLEST
+from emgface.acoustics.errors import AcousticsError
 from emgface.anatomy.airway.area_function import (
     area_function,
     areas_of_surface,
@@ -24,8 +26,6 @@ from emgface.face.lip_shape import lip_rim, lip_shape
 from emgface.face.mouth import Mouth
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.schema.netcdf import read_netcdf, write_netcdf
-from sim.acoustics import SMALLEST
-from sim.errors import AcousticsError
 
 
 @pytest.mark.parametrize(("line", "flat"), [(STRAIGHT, 1.0), (BENT, 1.0), (STRAIGHT, 0.3)])

@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import brentq
 
 from benchmarks.acoustic_shapes import AH, EE, TABLE, tubes
-from sim.acoustics import LOSSLESS, Branch, Medium, formants, lossless_formants, transfer
-from sim.errors import AcousticsError
+from emgface.acoustics import LOSSLESS, Branch, Medium, formants, lossless_formants, transfer
+from emgface.acoustics.errors import AcousticsError
 
 
 def test_a_uniform_tube_has_odd_multiples_of_a_quarter_wave():

@@ -6,7 +6,7 @@ from scipy.signal import welch
 
 from benchmarks.acoustic_shapes import AH
 from benchmarks.acoustics_checks import WIDE, onset
-from sim.acoustics import (
+from emgface.acoustics import (
     Flow,
     Folds,
     Turbulence,
@@ -14,7 +14,7 @@ from sim.acoustics import (
     simulate_tube,
     wall_pressure,
 )
-from sim.errors import AcousticsError
+from emgface.acoustics.errors import AcousticsError
 
 UNIFORM = np.full(16, 3e-4), 0.17
 

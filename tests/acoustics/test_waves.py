@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.acoustic_shapes import AH, EE, TABLE, tubes
-from sim.acoustics import (
+from emgface.acoustics import (
     LOSSLESS,
     SILENT,
     Branch,
@@ -19,7 +19,7 @@ from sim.acoustics import (
     rosenberg,
     simulate_tube,
 )
-from sim.errors import AcousticsError, CourantError
+from emgface.acoustics.errors import AcousticsError, CourantError
 
 CLICK = Flow(np.array([0.0, 1e-6, 0.0]), 44_100.0)
 

@@ -1,51 +1,29 @@
-"""Scenes of contact for every registered method."""
-
-from dataclasses import fields
+"""Scenes of contact."""
 
 import numpy as np
 import pytest
 
 import sim
 from sim._kernels import triangles as kernel
-from sim.contact import CONTACTS
 from sim.contact.search import Candidates, entered_faces
 from tests.bodies import grid
 
-DISTANCE = 2e-5
-"""Distance of barriers, the largest gap under load [m]."""
-
-ALSO_HELD_BY = {
-    sim.ConstraintContact: (
+CASES = [
+    pytest.param(sim.ConstraintContact, integrator, id=integrator.__name__)
+    for integrator in (
+        sim.ConvergedEuler,
         sim.Sdirk2,
         sim.LinearlyImplicitEuler,
         sim.LinearlyImplicitTrapezoidal,
-    ),
-    sim.BarrierContact: (sim.Sdirk2,),
-}
-"""Integrators that support a method, in addition to `ConvergedEuler`, which supports all."""
-
-CASES = [
-    pytest.param(method, integrator, id=f"{method.__name__}-{integrator.__name__}")
-    for method in CONTACTS
-    for integrator in (sim.ConvergedEuler, *ALSO_HELD_BY.get(method, ()))
+    )
 ]
+"""Contact with the integrators that support it."""
+
 DAMPING = sim.RestRayleigh(alpha=0.0, beta=0.01)
 
 
-def keeps_gap(method) -> bool:
-    return any(field.name == "distance" for field in fields(method))
-
-
 def contact_of(method, pairings, friction=0.0):
-    if method is sim.BarrierContact:
-        pytest.importorskip("ipctk")
-    more = {"distance": DISTANCE} if keeps_gap(method) else {}
-    return method(pairings, friction=friction, **more)
-
-
-def clearance_of(method) -> float:
-    """Initial gap of bodies, which a barrier requires to be positive [m]."""
-    return DISTANCE if keeps_gap(method) else 0.0
+    return method(pairings, friction=friction)
 
 
 def box(low, high, name="floor", motion=None) -> sim.RigidShell:

@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 import sim
-from emgface.face.contact_parameters import ContactParameters
 from tests.bodies import grid
 from tests.contact.scenes import box, moved, system_of
 
@@ -97,5 +95,3 @@ def test_impossible_values_are_refused():
         inside(initial_penetration="gone")
     with pytest.raises(sim.SceneError, match="removal_speed"):
         inside(initial_penetration="removed", removal_speed=0.0)
-    with pytest.raises(ValidationError, match="constraint"):
-        ContactParameters(method="barrier", initial_penetration="removed")

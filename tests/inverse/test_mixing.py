@@ -5,9 +5,10 @@ import pytest
 
 import sim
 from emgface.errors import DataError
+from emgface.inverse.assumptions import prior
 from emgface.inverse.mixing import estimated_row, in_order_of, read_mixing
 from emgface.muscles import MUSCLES
-from sim.inverse import MeasuredActivation, Splines, Weights, ends_of_steps, prior, track
+from sim.inverse import MeasuredActivation, Splines, Weights, ends_of_steps, track
 from tests.inverse.points import constant_muscles, particle
 from tests.inverse.test_track import ENDS, lissajous
 

@@ -13,12 +13,12 @@ import sim
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
+from emgface.inverse.posterior import Posterior
 from emgface.volunteers.instructions import PHASES, true_activation
 from sim.inverse import (
     ActiveForces,
     PointTarget,
     Weights,
-    laplace,
     minimise_in_box,
     require_affine,
     step_response,
@@ -106,7 +106,8 @@ def null_directions() -> Result:
     found = step_response(system, euler, system.rest_state(), silent, H, work, active)
     J = 1e6 * H * found.H  # the position in micrometres
     rest, precision = np.full(16, 0.4), np.full(16, 1e-4)
-    posterior = laplace(J, J @ true, silent, rest, precision)
+    covariance = np.linalg.inv(J.T @ J + np.diag(precision))
+    posterior = Posterior(covariance @ (J.T @ (J @ true) + precision * rest), covariance)
     free = posterior.unresolved(np.full(16, 1e2))
     error = posterior.mean - true
     inside = np.linalg.lstsq(free.T, error, rcond=None)[0] @ free

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import sim
-from sim.inverse import PointTarget, Splines, fit, linearise, prior
+from emgface.inverse.assumptions import prior
+from sim.inverse import PointTarget, Splines, fit, linearise
 from tests.bodies import crossed_muscles, grid
 from tests.contact.scenes import square
 from tests.inverse.test_response import block, stiffening

@@ -39,7 +39,7 @@ def brought_by(what: str) -> tuple[set[str], list[str]]:
 def test_mechanics_import_no_plotting_command_line_or_data_library():
     found, _ = brought_by("sim")
     assert {"sim", "numba", "numpy", "scipy", "xarray"} <= found
-    assert not found & (PLOTTING_AND_CLI | DATA | {"emgface", "analysis", "ipctk"})
+    assert not found & (PLOTTING_AND_CLI | DATA | {"emgface", "analysis"})
 
 
 def test_a_face_is_simulated_without_plotting_and_command_line():

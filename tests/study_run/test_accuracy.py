@@ -7,7 +7,6 @@ import xarray as xr
 from emgface.choices import configure
 from emgface.errors import ConfigurationError
 from emgface.face.accuracy import PRESETS
-from emgface.face.contact_parameters import ContactParameters
 from emgface.face.integration import INTEGRATORS, integrator_of
 from emgface.face.motion import simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
@@ -63,7 +62,7 @@ def test_accuracy_is_that_of_a_study_by_default():
     assert integrator_of(published) == INTEGRATORS["linearly_implicit"]
 
 
-@pytest.mark.parametrize("method", ["none", "constraint", "barrier"])
+@pytest.mark.parametrize("method", ["none", "constraint"])
 def test_contact_changes_neither_solver_nor_step(method):
     given = configure(SimulationParameters, {"contact": {"method": method}})
     assert (given.solver, given.step, given.error_tolerance) == ("sdirk2", 0.01, 1e-4)
@@ -209,13 +208,10 @@ def test_a_burst_between_two_steps_moves_the_face(face, at):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("method", ["constraint", "barrier"])
 @pytest.mark.parametrize("name", ["jump", "burst"])
-def test_contact_lowers_neither_accuracy_nor_strength(face, name, method):
+def test_contact_lowers_neither_accuracy_nor_strength(face, name):
     """All muscles from the start, or one burst of 5 ms, with contact of lips and teeth."""
-    if method == "barrier":
-        pytest.importorskip("ipctk")
-    parameters = SimulationParameters(contact=ContactParameters(method=method))
+    parameters = SimulationParameters()
     group, values = {"jump": ("", [0.3] * 7), "burst": ("OOP", [0.0, 0, 1, 0, 0, 0, 0])}[name]
     drive = drive_of(face, 0.005 * np.arange(7.0), np.array(values), group)
 
@@ -229,12 +225,10 @@ def test_contact_lowers_neither_accuracy_nor_strength(face, name, method):
     assert distance(found, fine) < 1.2e-4
     of_contact = found.attrs.get("event_error", 0.0)
     assert found.attrs["numerical_error"] - of_contact < 1.2e-4
-    if (
-        method == "constraint"
-    ):  # both sides alike, although the length of the step varies a thousandfold
-        position = found["position"].transpose("time", "marker", "axis").values
-        rest = position[0] * [-1.0, 1.0, 1.0]
-        mirror = np.linalg.norm(rest[:, None] - position[0], axis=2).argmin(axis=1)
-        np.testing.assert_allclose(rest, position[0][mirror], rtol=0, atol=1e-9)
-        image = position[:, mirror] * [-1.0, 1.0, 1.0]
-        np.testing.assert_allclose(image, position, rtol=0, atol=1e-8)
+    # both sides alike, although the length of the step varies a thousandfold
+    position = found["position"].transpose("time", "marker", "axis").values
+    rest = position[0] * [-1.0, 1.0, 1.0]
+    mirror = np.linalg.norm(rest[:, None] - position[0], axis=2).argmin(axis=1)
+    np.testing.assert_allclose(rest, position[0][mirror], rtol=0, atol=1e-9)
+    image = position[:, mirror] * [-1.0, 1.0, 1.0]
+    np.testing.assert_allclose(image, position, rtol=0, atol=1e-8)

@@ -324,10 +324,8 @@ def test_methods_state_every_choice_of_the_mechanics() -> None:
     assert "chosen by error control with a tolerance of 0.1 mm" in controlled
     assert "lips and cheeks with the teeth, where the face has them" in chosen(), "the default"
     assert "support of 5 N/m" in chosen(support=5.0)
-    held = chosen(contact={"method": "barrier", "between": ["lips"], "friction": 0.2})
-    assert (
-        "contact of the lips with each other (incremental potential contact, friction 0.2)" in held
-    )
+    held = chosen(contact={"between": ["lips"], "friction": 0.2})
+    assert "contact of the lips with each other (node-to-face constraints, friction 0.2)" in held
     assert "contact" not in chosen(contact={"method": "none"})
     assert "the estimated error includes 0.5 mm" in chosen()
     assert "contact was repeated with other time steps" in chosen(check_contact=True)

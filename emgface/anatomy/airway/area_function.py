@@ -10,13 +10,13 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from emgface.acoustics import SMALLEST
 from emgface.anatomy.airway.parameters import LIPS, TractParameters
 from emgface.anatomy.airway.sections import centre_line, sections
 from emgface.errors import DataError, listed
 from emgface.face.artisynth_contact import read_obj
 from emgface.schema.netcdf import read_netcdf
 from emgface.texts import open_text
-from sim.acoustics import SMALLEST
 
 Floats = NDArray[np.float64]
 

@@ -9,9 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.io import wavfile
 
-from emgface.errors import ConfigurationError, DataError, listed
-from emgface.files import replace_file
-from sim.acoustics import (
+from emgface.acoustics import (
     Flow,
     Folds,
     Medium,
@@ -21,6 +19,8 @@ from sim.acoustics import (
     rosenberg,
     simulate_tube,
 )
+from emgface.errors import ConfigurationError, DataError, listed
+from emgface.files import replace_file
 
 Progress = Callable[[int, int], None]
 PEAK: Final = 0.9
@@ -32,7 +32,7 @@ SOURCES: Final = ("folds", "rosenberg")
 
 
 def with_formants(tract: xr.Dataset, *, count: int = 4, medium: Medium | None = None) -> xr.Dataset:
-    """Add the formants of every instant, from the matrix method (`sim.acoustics.formants`).
+    """Add the formants of every instant, from the matrix method (`emgface.acoustics.formants`).
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def synthesise(
 
     Raises
     ------
-    ConfigurationError, DataError, sim.errors.AcousticsError
+    ConfigurationError, DataError, emgface.acoustics.errors.AcousticsError
         The source, the area function or the sampling is not valid.
     """
     time = tract["time"].values

@@ -14,7 +14,7 @@ from emgface.anatomy.jaw.scene import JawScene, jaw_scene
 from emgface.anatomy.tongue.parameters import TongueParameters
 from emgface.anatomy.tongue.scene import TonguePart, tongue_part
 from emgface.errors import HeadError
-from emgface.face.contact import METHODS, contact_pairings
+from emgface.face.contact import contact_pairings, declared_contact
 from emgface.face.lips import lining
 from emgface.face.parts import MANDIBLE, Floats, Integers, facets_of
 from emgface.face.recipe import DAMPING, GRAVITY, compose_scene
@@ -111,7 +111,7 @@ def head_scene(
     terms: list[Term] = list(whole.terms)
     pairings = _pairings(head, first, surfaces)
     if pairings and p.contact.method != "none":
-        terms.append(METHODS[p.contact.method](pairings, p.contact))
+        terms.append(declared_contact(pairings, p.contact))
     if jaw is not None:
         terms += jaw.scene.terms if gravity else jaw.scene.terms[1:]
         members += jaw.scene.reductions
@@ -215,7 +215,7 @@ def _pairings(
     contacts = [str(pair) for pair in head.lists["contact"].values]
     found = list[Pairing]()
     if "lip-lip" in contacts:
-        found += contact_pairings(head.parts["face"], "constraint", ("lips",))
+        found += contact_pairings(head.parts["face"], ("lips",))
     if "lips-teeth" in contacts:
         soft = NodeSurface(lining(head.parts["face"]), "lining of the mouth")
         found += [Pairing(soft, rigid[name]) for name in ("maxilla", "mandible")]

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
-from sim.acoustics.medium import LOSSLESS, Branch, Complex, Floats, Medium, shapes
-from sim.errors import AcousticsError
+from emgface.acoustics.errors import AcousticsError
+from emgface.acoustics.medium import LOSSLESS, Branch, Complex, Floats, Medium, shapes
 
 LOWEST: Final = 40.0  #: lowest frequency at which formants are sought [Hz]
 DEGREE: Final = 100
@@ -97,7 +97,7 @@ def transfer(
     Raises
     ------
     AcousticsError
-        As `sim.acoustics.medium.shapes`; a frequency is not above 0.
+        As `emgface.acoustics.medium.shapes`; a frequency is not above 0.
     """
     f = np.atleast_1d(np.asarray(frequencies, np.float64))
     if not (np.isfinite(f).all() and (f > 0.0).all()):

@@ -256,7 +256,7 @@ def advance(
         narrowest area and its loss factor.
     load : mass times the root of the area and resistance times the area of an opening; 0: pressure 0.
     ends, branch : nodes of the openings, -1: none; node of the branch, or -1.
-    folds : (0,) or parameters of the folds, see `sim.acoustics.sources.Folds`.
+    folds : (0,) or parameters of the folds, see `emgface.acoustics.sources.Folds`.
     turbulence : gain [Pa], critical Reynolds number, rate of the filter of the flow [1/s].
     given : (3, n) flow into the tube [m^3/s] where there are no folds; lung pressure [Pa]; area of the
         glottis at rest [m^2].

@@ -5,8 +5,8 @@ from numpy.typing import ArrayLike
 from scipy.linalg import hankel, svd
 from scipy.signal import firwin, upfirdn
 
-from sim.acoustics.medium import Floats
-from sim.errors import AcousticsError
+from emgface.acoustics.errors import AcousticsError
+from emgface.acoustics.medium import Floats
 
 
 def resonances(

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.acoustics.medium import Floats, shapes
+from emgface.acoustics.medium import Floats, shapes
 
 
 def wall_pressure(
@@ -42,7 +42,7 @@ def wall_pressure(
     Raises
     ------
     AcousticsError
-        As `sim.acoustics.medium.shapes`.
+        As `emgface.acoustics.medium.shapes`.
     """
     S = shapes(areas, 0.17).areas[0]
     if lung < outside:

@@ -1,4 +1,4 @@
-"""Laplace approximation of the activations given the motion: intervals and unresolved directions."""
+"""Normal density of the activations within 0-1: intervals and unresolved directions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -100,29 +100,6 @@ def _truncated(centre: Array, sd: float, u: Array) -> Array:
     above = np.asarray(ndtr(b), dtype=np.float64)
     z = np.asarray(ndtri(np.clip(below + (above - below) * u, 1e-300, 1.0 - 1e-16)))
     return np.clip(centre + sd * np.where(turned, -z, z), 0.0, 1.0)
-
-
-def laplace(
-    J: Array, residual: Array, activation: Array, prior: Array, prior_precision: Array
-) -> Posterior:
-    """Posterior of the activations about a linearisation x(a) = x + J (a - activation).
-
-    The precision is J'J + diag(prior_precision), and the mean that of linear regression.
-
-    Parameters
-    ----------
-    J : (m, n) derivatives of the targets over their standard deviations.
-    residual : (m,) wanted minus reached targets over their standard deviations; NaN is left out.
-    activation : (n,) of the linearisation.
-    prior : (n,) activation from sEMG, or any other prior mean.
-    prior_precision : (n,) inverse variances of the prior, positive.
-    """
-    seen = np.isfinite(residual)
-    J, residual = J[seen], residual[seen]  # pyright: ignore[reportConstantRedefinition]
-    precision = J.T @ J + np.diag(prior_precision)
-    right = J.T @ (residual + J @ activation) + prior_precision * prior
-    covariance = np.asarray(np.linalg.inv(precision), dtype=np.float64)
-    return Posterior(covariance @ right, covariance)
 
 
 def in_words(directions: Array, muscles: Sequence[str], least: float = 0.3) -> list[str]:

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import butter, sosfilt
 
-from sim.acoustics.medium import Floats
-from sim.errors import AcousticsError
+from emgface.acoustics.errors import AcousticsError
+from emgface.acoustics.medium import Floats
 
 
 class Source(Protocol):

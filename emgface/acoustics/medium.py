@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.errors import AcousticsError
+from emgface.acoustics.errors import AcousticsError
 
 Floats = NDArray[np.float64]
 Complex = NDArray[np.complex128]

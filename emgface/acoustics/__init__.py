@@ -4,12 +4,12 @@ Arguments and results are arrays in SI units, independent of any face model. Wav
 which is valid up to 4 to 5 kHz; side branches other than the nasal tract are absent.
 """
 
-from sim.acoustics.matrix import formants, lossless_formants, transfer
-from sim.acoustics.medium import LOSSLESS, SMALLEST, Branch, Medium
-from sim.acoustics.resonances import resonances
-from sim.acoustics.sources import SILENT, Flow, Folds, Source, Turbulence, rosenberg
-from sim.acoustics.wall_pressure import wall_pressure
-from sim.acoustics.waves import TubeSound, kelly_lochbaum, simulate_tube
+from emgface.acoustics.matrix import formants, lossless_formants, transfer
+from emgface.acoustics.medium import LOSSLESS, SMALLEST, Branch, Medium
+from emgface.acoustics.resonances import resonances
+from emgface.acoustics.sources import SILENT, Flow, Folds, Source, Turbulence, rosenberg
+from emgface.acoustics.wall_pressure import wall_pressure
+from emgface.acoustics.waves import TubeSound, kelly_lochbaum, simulate_tube
 
 __all__ = [
     "LOSSLESS",

@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike
 from scipy.optimize import nnls
 from scipy.signal import resample_poly
 
-from sim._kernels import tube
-from sim.acoustics.medium import SMALLEST, Branch, Floats, Medium, Shapes, shapes
-from sim.acoustics.sources import SILENT, Source, Turbulence
-from sim.errors import AcousticsError, CourantError
+from emgface.acoustics._kernels import tube
+from emgface.acoustics.errors import AcousticsError, CourantError
+from emgface.acoustics.medium import SMALLEST, Branch, Floats, Medium, Shapes, shapes
+from emgface.acoustics.sources import SILENT, Source, Turbulence
 
 kernels: Any = tube
 
