@@ -182,7 +182,7 @@ def simulate(
         and the last digits differ between processes, as the attribute ``note`` then states.
     **choices : Any
         Parameters of the table ``[simulation]`` of a study file, such as ``sigma_max=100e3`` [Pa] or
-        ``contact={"method": "barrier"}``.
+        ``contact={"method": "none"}``.
 
     Returns
     -------
