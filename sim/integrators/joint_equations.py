@@ -9,6 +9,7 @@ import numpy as np
 from sim.contact.rows import Flags
 from sim.dense import inverse as inverted
 from sim.dense import least, reported, solved
+from sim.held import held
 from sim.integrators.incremental import PotentialOfMoves
 from sim.integrators.newton import Point
 from sim.integrators.newton_factor import Key
@@ -132,8 +133,10 @@ class Reduced:
         x, on = self.work.newton.solve(rhs), now.rows.rigid | (now.rows.unilateral & (f > 0.0))
         if not on.any():
             return x
-        G = now.G[on]
-        return x - (G.T @ self._pushed(G, G @ x[self.columns])) @ self.X
+        G = np.zeros((int(on.sum()), len(x)))
+        G[:, self.columns] = now.G[on]
+        Y = now.G[on] @ self.X
+        return held(x, G, Y @ G.T, lambda f: f @ Y, ROWS, cutoff=NOTHING)[0]
 
     def _held(self, now: Conditions, pull: Array, before: Array, on: Flags) -> tuple[Array, Array]:
         """Motion x (k,) and forces f of these rows: K x - s G'(f - f0) = p, G x + r + C f = 0.

@@ -13,8 +13,9 @@ from scipy.sparse import csr_array
 from sim.contact.coulomb import Blocks, forces
 from sim.contact.rows import Acting, Multipliers, Rows
 from sim.contact.step import CORRECTIONS, ContactStep
-from sim.dense import least, reported
+from sim.dense import reported
 from sim.errors import NotConverged
+from sim.held import held
 from sim.integrators.step_solver import Solution
 from sim.joints.compiled import REDUNDANT
 from sim.matrix import Matrix
@@ -139,15 +140,18 @@ class RowsAt:
         x, f = solve(rhs), np.zeros(len(on))
         if not on.any():
             return x, f
-        G, soft = self.G[np.flatnonzero(on)], self.compliance[on] / self.scale
-        S = self.S[np.ix_(on, on)] + np.diag(soft)
-        most = (CLOSED if exactly else ROUGHLY) * float((abs(G) @ np.abs(x)).max())
-        for _ in range(REPEATS if exactly else 1):
-            opening = G @ x + soft * f[on]
-            if float(np.abs(opening).max()) <= most:
-                break
-            more = least(S, -opening, "the matrix of active rows", REDUNDANT)
-            x, f[on] = x + solve(G.T @ more), f[on] + more
+        G = self.G[np.flatnonzero(on)]
+        x, f[on] = held(
+            x,
+            G,
+            self.S[np.ix_(on, on)],
+            lambda more: solve(G.T @ more),
+            "the matrix of active rows",
+            soft=self.compliance[on] / self.scale,
+            cutoff=REDUNDANT,
+            repeats=REPEATS if exactly else 1,
+            most=(CLOSED if exactly else ROUGHLY) * float((abs(G) @ np.abs(x)).max()),
+        )
         return x, f
 
 

@@ -9,7 +9,7 @@ from sim.contact.frictional import frictional
 from sim.contact.pushes import pushes
 from sim.contact.rows import Acting, Multipliers, Rows
 from sim.contact.unit_vectors import UnitVectors
-from sim.dense import solved
+from sim.held import held
 from sim.integrators.newton import Point, Potential
 from sim.integrators.touching import InContact, Touching
 from sim.integrators.workspace import Workspace
@@ -172,16 +172,13 @@ class TouchingApart(Touching):
             return x
         D, G = self._directions[on], self._rows(work).among(on)
         G[np.diag_indices_from(G)] += 1.0 / multipliers.rho[self._unit.contact[on]]
-        opening: Array = D @ x
-        most = HELD_SHARE * float(np.abs(opening).max())
-        for _ in range(HELD):
-            x = x - work.newton.solve(
-                self.scale * (D.T @ solved(G, opening, "the matrix of active contacts"))
-            )
-            opening = D @ x
-            if float(np.abs(opening).max()) <= most:
-                break
-        return x
+        most = HELD_SHARE * float(np.abs(D @ x).max())
+
+        def push(f: Array) -> Array:
+            return work.newton.solve(self.scale * (D.T @ f))
+
+        what = "the matrix of active contacts"
+        return held(x, D, G, push, what, repeats=HELD, most=most)[0]
 
     def opened(
         self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace

@@ -10,6 +10,7 @@ from sim.contact.rows import Rows
 from sim.contact.step import ContactStep
 from sim.dense import least
 from sim.errors import SceneError
+from sim.held import held
 from sim.integrators.contract import require_fixed_contact, require_no_friction
 from sim.integrators.linear_rows import LinearRows
 from sim.integrators.workspace import Workspace
@@ -22,6 +23,8 @@ from sim.system import System
 
 Form = Literal["exact", "affine"]
 """Derivative of the step itself, or with the matrix of the step held constant."""
+
+CONTACTS = "the matrix of active contacts"
 
 SOLVED = 1e-10  #: error of the positions of a step that an iterative solution may leave [m]
 
@@ -145,8 +148,8 @@ def step_response(
         under = LinearRows(whole, state, equation, h, SOLVED, work).solve()
         w, f = under.solution.x, under.reaction
         given = loads(w)
-        held = [under.held(load) for load in given]
-        H, slope = np.array([x for x, _ in held]).T, np.zeros((0, 0))
+        under_rows = [under.held(load) for load in given]
+        H, slope = np.array([x for x, _ in under_rows]).T, np.zeros((0, 0))
         if row_forces and system.rows is not None and f is not None:
             left = np.array([equation.A.times(x) for x in H.T]) - given
             slope = _force_slope(system.rows, pose, f, left[:, system.rows.columns].T / h)
@@ -155,7 +158,7 @@ def step_response(
         if system.contact is not None:
             of, every = under.near.pairing, np.arange(len(system.contact.names))
             pressed = system.contact.pressed(under.memory)
-            rises = np.array([rise for _, rise in held], dtype=np.float64)
+            rises = np.array([rise for _, rise in under_rows], dtype=np.float64)
             pressed_slope = np.asarray((every[:, None] == of) @ rises.T / h, dtype=np.float64)
         about = count, np.zeros(0) if f is None else f, slope, pressed, pressed_slope
         return Response(activation, w, H, state.pose, w0, h, equation.moves, *about)
@@ -195,7 +198,7 @@ def equilibrium_response(
     pushing = np.isin(near.slot, system.contact.pushing(state))
     N = generalised_normals(system, near.take(np.flatnonzero(pushing)), pose)
     X = work.steps.many(A)(np.concatenate([F, N]))
-    return _held(X[: len(F)], X[len(F) :], N)[0].T
+    return under_normals(X[: len(F)], X[len(F) :], N, 0.0).T
 
 
 def _force_slope(rows: JointRows, pose: Pose, f: Array, left: Array) -> Array:
@@ -239,10 +242,6 @@ def generalised_normals(system: System, rows: Rows, pose: Pose) -> Array:
     return out
 
 
-def _held(X: Array, Y: Array, N: Array) -> tuple[Array, Array]:
-    """Solutions X (k, n) under rows N (m, n) that stay closed, and impulses (m, k); Y = A^-1 N'."""
-    if not len(N):
-        return X, np.zeros((0, len(X)))
-    W = N @ Y.T
-    impulse = -least(W, N @ X.T, "the matrix of active contacts", 1e-12)
-    return X + impulse.T @ Y, impulse
+def under_normals(X: Array, Y: Array, N: Array, rate: Array | float) -> Array:
+    """Solutions X (k, n) with forces along normals N (m, n), so that N X' = rate; Y = A^-1 N'."""
+    return held(X, N, N @ Y.T, lambda f: f @ Y, CONTACTS, wanted=rate, cutoff=1e-12)[0]

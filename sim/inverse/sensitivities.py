@@ -1,13 +1,12 @@
 """Simulation of a trial with the derivatives of its targets by all coefficients of the activations."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from sim.dense import least
 from sim.errors import SceneError
 from sim.integrators import LinearlyImplicitEuler, Workspace
 from sim.integrators.contract import (
@@ -18,7 +17,7 @@ from sim.integrators.contract import (
 from sim.integrators.linear_rows import LinearRows
 from sim.inverse.active_forces import NEAR, ActiveForces
 from sim.inverse.linear_targets import Linearised
-from sim.inverse.response import SOLVED, generalised_normals
+from sim.inverse.response import SOLVED, generalised_normals, under_normals
 from sim.inverse.splines import DEGREE, Splines, ends_of_steps
 from sim.inverse.targets import Target, Together
 from sim.pattern import Sparsity
@@ -110,7 +109,9 @@ def linearise(
             both = np.concatenate([x, past.x], axis=1)
             rhs = (M @ both[1].T - h * (K @ both[0].T)).T
             rhs[: len(alive)] += basis[k][alive // n, None] * load[alive % n]
-            both[1] = _held(solve, rhs, normals, -(normals @ both[0].T) / h)
+            X, Y = np.split(solve(np.concatenate([rhs, normals])), [len(rhs)])
+            rate = -(both[0] @ normals.T) / h
+            both[1] = under_normals(X, Y, normals, rate)
             both[0] += h * both[1]
             x, past = both[:, : len(alive)], replace(past, x=both[:, len(alive) :])
         if touched is None:
@@ -166,16 +167,6 @@ class _Past:
             np.einsum("ij,kil->kjl", ways, both, optimize=True), ways.T @ shares,
             np.concatenate([self.columns, columns]),
         )  # fmt: skip
-
-
-def _held(solve: Callable[[Array], Array], rhs: Array, N: Array, rate: Array) -> Array:
-    """Solutions X (k, n) of A X' = rhs' + N' f for forces f with which N X' = rate (m, k)."""
-    if not len(N):
-        return solve(rhs)
-    both = solve(np.concatenate([rhs, N]))
-    X, Y = both[: len(rhs)], both[len(rhs) :]
-    f = least(N @ Y.T, rate - N @ X.T, "the matrix of active contacts", 1e-12)
-    return np.asarray(X + f.T @ Y, dtype=np.float64)
 
 
 def _require_smooth(system: System, forces: ActiveForces, state: State, h: float) -> None:

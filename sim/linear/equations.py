@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from sim.dense import least, solved
+from sim.held import held
 from sim.pattern import Index
 from sim.state import Array
 
@@ -38,7 +40,7 @@ class Equations:
 
     def solved(self, x: Array, X: Array) -> Array:
         """Nearest x (n,) in the norm of P that satisfies the equations, with X = P^-1 E (k, n)."""
-        return x + self._forces(X, self.b - self.G @ x[self.columns]) @ X
+        return self._closed(x, X, self.b, 1)
 
     def without_forces(self, r: Array) -> Array:
         """A right-hand side (n,) or (j, n) without its part G'mu, which does not change solutions.
@@ -52,14 +54,20 @@ class Equations:
 
     def kept(self, z: Array, X: Array) -> Array:
         """Part of z, (n,) or (j, n), with G z = 0."""
-        for _ in range(2):  # without rows a body may move by much more than with them
-            z = z - self._forces(X, z[..., self.columns] @ self.G.T) @ X
-        return z
+        return self._closed(
+            z, X, 0.0, 2
+        )  # without rows a body may move by much more than with them
 
-    def _forces(self, X: Array, change: Array) -> Array:
-        """G'mu, (k,) or (j, k), by which X changes G x by (m,) or (j, m)."""
+    def _closed(self, x: Array, X: Array, wanted: Array | float, repeats: int) -> Array:
+        m, k = self.G.shape
+        own = self.G.ravel(), np.tile(self.columns, m), k * np.arange(m + 1)
+        rows = csr_array(own, shape=(m, x.shape[-1]))
         S = self.G @ X[:, self.columns].T @ self.G.T  # not symmetric in single precision
-        return solved(S, change.T, ROWS).T @ self.G
+
+        def push(f: Array) -> Array:
+            return (f @ self.G) @ X
+
+        return held(x, rows, S, push, ROWS, wanted=wanted, repeats=repeats, most=-1.0)[0]
 
     def multipliers(self, left: Array) -> Array:
         """Forces mu (m,) with G'mu = A x - r, of the residual (n,) of a solution."""
