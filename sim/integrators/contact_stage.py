@@ -4,6 +4,11 @@ Newton's method on the stage's equation g(d) = G'f for the motion d from its bas
 solves A dx = s^2 (G'f - g) with the forces f of all rows, r + G dx + C f = 0 or >= 0 with Coulomb's law,
 from their Delassus matrix s^2 G A^-1 G' (`rows_of_step`). The motion is shortened until
 the Lagrangian phi - f . G d decreases, which has the exact gradient.
+
+In large scenes A is factorised and serves many iterations, with compact quasi-Newton updates
+H = s^2 A^-1 + E'ME (`quasi_newton`), and the Delassus matrix is that of the compliance of an earlier
+factor (`sim.contact.compliance`) with E'ME. Every solution for a change of the forces updates it, until no row
+moves otherwise than expected.
 """
 
 from collections.abc import Mapping
@@ -38,6 +43,11 @@ from sim.state import Array, Pose
 from sim.vectors import dot
 
 MAX_SHIFTS = 24  #: shifts of indefinite matrices that end a stage; an ordinary one has none
+PASSES, SHARE = 8, 0.02
+"""Largest number of solutions for the forces of rows in one iteration, and the error of the motion of
+rows that ends them, relative to the largest motion."""
+CLOSED = 0.1  #: the same, relative to the residual of contact
+RATE = 1e-9  #: error of the rates of rows that are corrected by further solutions [m]
 PLACES, PLACED = 3, 1e-6
 """Largest number of renewals of the normals and closest points of rows, and change that needs none."""
 
@@ -95,6 +105,8 @@ class StageWithRows:
         self._rows = RowsOfStep(phi.system, step, self._solved, self._delassus, phi.scale)
         self._iterations = self._factorisations = self._shifts = 0
         self._residuals, self._left, self._shortest = list[float](), np.inf, 1.0
+        # of the last iteration: start, displacement by the factor without rows, number of the factor
+        self._moved: tuple[Point, Array, int] | None = None
 
     def solve(self, point: Point, way: Array) -> StageInContact:
         """Motion from a start, with nodal displacements (n_points,) of at most `way` [m].
@@ -165,9 +177,61 @@ class StageWithRows:
         """G A^-1 G' (m, m)."""
         if not G.shape[0]:
             return np.zeros((0, 0))
-        rows, many = np.asarray(G.toarray()), self._work.newton.solve_many
-        product = np.asarray(G @ (many(rows) if self._inverse is None else rows @ self._inverse).T)
+        if self._inverse is None:
+            scale = self._phi.scale
+            product = self._work.contact.compliance(scale).between(G, G) / scale
+        else:
+            product = np.asarray(G @ (G @ self._inverse).T)
         return 0.5 * (product + product.T)
+
+    def _free(self, start: Point) -> Array:
+        """Motion (n,) without rows, by the factor and its updates."""
+        by_factor = -self._phi.scale * self._solved(start.g)
+        if self._inverse is not None:
+            return by_factor
+        newton, secants = self._work.newton, self._work.newton.inverse_secants
+        if self._moved is not None and self._moved[2] == newton.number:
+            before, moved, _ = self._moved
+            secants.learn(start.d - before.d, start.g - before.g, moved - by_factor)
+        self._moved = start, by_factor, newton.number
+        return by_factor + secants.added(-start.g)
+
+    def _pushed(self, at: RowsAt, free: Array, before: Array) -> tuple[Array, Array]:
+        """Forces (m,) of rows and the motion (n,) that they cause, from initial forces (m,)."""
+        at.S = self._delassus(at.G)
+        if self._inverse is not None or not at.G.shape[0]:
+            f = at.forces(at.value + at.G @ free, before, STILL, self._until)
+            return f, at.scale * self._solved(at.G.T @ f)
+        secants, compliance = (
+            self._work.newton.inverse_secants,
+            self._work.contact.compliance(at.scale),
+        )
+        by_factor = at.S
+        of_updates = secants.between(secants.seen_by(at.G)) / at.scale
+        at.S = by_factor + of_updates
+        most = max(
+            CLOSED * self._step.tolerances.residual, SHARE * float(np.abs(free).max(initial=0.0))
+        )
+        push = at.G.T @ before
+        f, u = before, at.scale * self._solved(push) + secants.added(push)
+        for _ in range(PASSES):
+            gap = at.value + at.G @ (free + u) - at.scale * (at.S @ f)
+            new = at.forces(gap, f, RATE, self._until)
+            change, push = new - f, at.G.T @ (new - f)
+            answer = at.scale * self._solved(push)
+            moved, seen = at.G @ answer, at.scale * (by_factor @ change)
+            f, u = new, u + answer + secants.added(push)
+            missed = float(np.abs(moved - seen).max(initial=0.0))
+            fr, fs = float(change @ moved), float(change @ seen)
+            if missed > SHARE * float(np.abs(moved).max(initial=0.0)) and fr > 0.0 and fs > 0.0:
+                by_factor = (
+                    by_factor + (np.outer(moved / fr, moved) - np.outer(seen / fs, seen)) / at.scale
+                )
+                at.S = by_factor + of_updates
+                compliance.learn(push, answer)
+            if missed <= most:
+                break
+        return f, u
 
     def _at(self, rows: Rows, d: Array) -> RowsAt:
         """Rows at a motion, with their derivatives by it."""
@@ -186,13 +250,14 @@ class StageWithRows:
         at, last = self._at(rows, point.d), np.inf
         for _ in range(tolerances.max_iterations):
             start, self._iterations = phi.at(point), self._iterations + 1
-            at.S = self._delassus(at.G)
-            free = -at.scale * self._solved(start.g)
-            before = at.before if f is None else f
-            f = at.forces(at.value + at.G @ free, before, STILL, self._until)
-            move = free + at.scale * self._solved(at.G.T @ f)
+            free = self._free(start)
+            f, pushed = self._pushed(at, free, at.before if f is None else f)
+            move = free + pushed
             found = self._search(start, at, f, move)
             if found is None:
+                stale = self._inverse is None and self._work.contact.forget_compliance()
+                if made_here and stale:
+                    continue  # with the compliance of this factor
                 if made_here:
                     size = float(np.abs(move).max(initial=0.0))
                     left = float(np.abs(start.g - at.G.T @ f).max(initial=0.0))

@@ -149,7 +149,7 @@ class RowsAt:
             "the matrix of active rows",
             soft=self.compliance[on] / self.scale,
             cutoff=REDUNDANT,
-            repeats=REPEATS if exactly else 1,
+            repeats=REPEATS if exactly else 2,
             most=(CLOSED if exactly else ROUGHLY) * float((abs(G) @ np.abs(x)).max()),
         )
         return x, f
