@@ -7,8 +7,8 @@ the Lagrangian phi - f . G d decreases, which has the exact gradient.
 
 In large scenes A is factorised and serves many iterations, with compact quasi-Newton updates
 H = s^2 A^-1 + E'ME (`quasi_newton`), and the Delassus matrix is that of the compliance of an earlier
-factor (`sim.contact.compliance`) with E'ME. Every solution for a change of the forces updates it, until no row
-moves otherwise than expected.
+factor (`sim.contact.compliance`) with E'ME. Every solution for a change of the forces updates it, until
+no row moves otherwise than expected.
 """
 
 from collections.abc import Mapping
