@@ -42,7 +42,7 @@ def of_blocks() -> dict[str, str]:
     for friction, integrator in ((0.0, CONVERGED), (0.3, replace(CONVERGED, tolerance=1e-6))):
         system, name = falling(friction), f"contact of blocks with friction {friction:g}"
         none = sim.Activation(np.zeros(1), np.zeros((1, 0)))
-        options = {"integrator": integrator, "probes": ()}
+        options = {"integrator": integrator, "probes": (), "checkpoint": 8}
         _, end = sim.simulate(system, none, duration=0.16, **options)
         _, middle = sim.simulate(system, none, duration=0.08, **options)
         with tempfile.TemporaryDirectory() as folder:

@@ -4,7 +4,7 @@ A pressure that acts on many nodes couples all of them. Its stiffness k g g', wi
 of a volume, has few numbers as a product and many as entries of a matrix.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,28 +58,6 @@ class Matrix:
         for part in self.products:
             y += part.times(x)
         return y
-
-    def arrays(self) -> dict[str, Array]:
-        """Values and products, without the preconditioner values."""
-        kept = {"values": self.values}
-        for i, part in enumerate(self.products):
-            own = {"data": part.G.data, "indices": part.G.indices, "indptr": part.G.indptr}
-            own |= {"k": part.k}
-            kept |= {f"{i}.{name}": a.astype(np.float64) for name, a in own.items()}
-        return kept
-
-    @staticmethod
-    def of_arrays(pattern: Sparsity, kept: Mapping[str, Array]) -> "Matrix":
-        """The matrix of `arrays`."""
-        products: list[Product] = []
-        while f"{len(products)}.k" in kept:
-            data, indices, indptr, k = (
-                kept[f"{len(products)}.{name}"] for name in ("data", "indices", "indptr", "k")
-            )
-            places = indices.astype(np.int32), indptr.astype(np.int32)
-            G = csr_array((data, *places), shape=(len(k), pattern.n))
-            products.append(Product(G, k))
-        return Matrix(pattern, kept["values"], tuple(products))
 
     def to_factorise(self) -> Array:
         """Values of the matrix that is factorised as its preconditioner."""

@@ -77,41 +77,33 @@ class Interval:
     ends_output: bool  #: True if the end is an output
 
 
-def intervals(
-    start: float, duration: float, h: float, every: float, origin: float | None = None
-) -> list[Interval]:
+def intervals(start: float, duration: float, h: float, every: float) -> list[Interval]:
     """Divide a duration into steps of at most h [s] and outputs every `every` [s].
 
-    The last step may be shorter. If the start is at origin + i h with whole i, so are the ends of
-    steps, and a simulation that continues from a state has the same steps as an uninterrupted one.
-    Otherwise they are at start + i h.
+    The last step may be shorter.
 
     Raises ControlError if neither h nor `every` is a whole multiple of the other, or the duration is no
     whole number of outputs.
     """
     if _per_output(duration, h, every) > 1:
-        groups = steps_to_outputs(start, duration, h, every, origin)
+        groups = steps_to_outputs(start, duration, h, every)
         return [Interval(end, (), end == group[-1]) for group in groups for end in group]
     outputs, per_step = round(duration / every), max(round(h / every), 1)
     unit = every if per_step > 1 else h
-    start, before = _counted(start, unit, origin)
     found: list[Interval] = []
     for first in range(0, outputs, per_step):
         last = min(first + per_step, outputs)
-        inside = tuple(start + (before + k) * every for k in range(first + 1, last))
+        inside = tuple(start + k * every for k in range(first + 1, last))
         # If every step is an output, both times are the same product and round equally.
-        end = start + (before + last) * unit
+        end = start + last * unit
         found.append(Interval(end, inside, True))
     return found
 
 
-def steps_to_outputs(
-    start: float, duration: float, h: float, every: float, origin: float | None = None
-) -> list[list[float]]:
+def steps_to_outputs(start: float, duration: float, h: float, every: float) -> list[list[float]]:
     """Ends [s] of the steps to each output, as of `intervals`, if no output is inside a step."""
     outputs, per_output = round(duration / every), _per_output(duration, h, every)
-    start, before = _counted(start, h, origin)
-    count = before + np.arange(1, outputs * per_output + 1)
+    count = np.arange(1, outputs * per_output + 1)
     return (start + count * h).reshape(outputs, per_output).tolist()
 
 
@@ -130,14 +122,6 @@ def _per_output(duration: float, h: float, every: float) -> int:
             "the other"
         )
     return per_output
-
-
-def _counted(start: float, unit: float, origin: float | None) -> tuple[float, int]:
-    """Time from which units [s] are counted, and the number of those before the start."""
-    before = 0 if origin is None else round((start - origin) / unit)
-    if origin is not None and before >= 0 and abs(origin + before * unit - start) <= 1e-9 * unit:
-        return origin, before
-    return start, 0
 
 
 @dataclass

@@ -1,12 +1,5 @@
-"""States with solver memory for restarts, and their files.
+"""Files of the states of simulations."""
 
-An implicit step is solved to a tolerance, with a factor, quasi-Newton updates and initial guesses
-from earlier steps. The final state of `sim.simulate` contains them as arrays in its memory; a
-simulation that continues from it, in any process, is bitwise equal to one without interruption.
-"""
-
-from collections.abc import Mapping
-from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -14,31 +7,9 @@ import numpy as np
 import xarray as xr
 
 from sim.errors import SceneError
-from sim.integrators.workspace import Workspace
-from sim.state import Array, State
+from sim.state import State
 
-SOLVER = "solver."
-"""Prefix of the names of solver memory in `State.memory`; other names belong to terms."""
-_ORIGIN = SOLVER + "origin"
 _KIND = "state of a simulation"
-
-
-def with_solver_memory(state: State, work: Workspace, origin: float) -> State:
-    """State with the solver memory, and the time [s] from which steps are counted."""
-    kept = {SOLVER + name: array for name, array in work.arrays().items()}
-    own = {name: array for name, array in state.memory.items() if not name.startswith(SOLVER)}
-    return replace(state, memory={**own, **kept, _ORIGIN: np.array([origin])})
-
-
-def solver_memory(state: State) -> tuple[Mapping[str, Array], float | None]:
-    """Solver memory of a state, and the time [s] from which its steps are counted."""
-    carried = {
-        name.removeprefix(SOLVER): array
-        for name, array in state.memory.items()
-        if name.startswith(SOLVER)
-    }
-    origin = carried.pop("origin", None)
-    return carried, None if origin is None else float(origin[0])
 
 
 def save_state(state: State, path: str | PathLike[str]) -> None:

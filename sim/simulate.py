@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from sim.activation import Activation, Driven
-from sim.errors import SceneError, SlowStepsWarning
+from sim.errors import ControlError, SceneError, SlowStepsWarning
 from sim.integrators import ConvergedEuler, Integrator, Workspace
 from sim.integrators.contract import RunsSteps
 from sim.linear.threads import NOTE
@@ -16,7 +16,6 @@ from sim.linear.threads import solver_threads as threads_of
 from sim.outputs import Interval, intervals, outputs_of, steps_to_outputs
 from sim.probes import Probe, ReadsErrors, SmallestJ
 from sim.record import Log
-from sim.restart import solver_memory, with_solver_memory
 from sim.snapping import snapped, snapped_bodies
 from sim.state import Array, Control, State, StepReport, united
 from sim.steps import FixedStep, Motion, StepControl, StepsThrough, Watch
@@ -39,6 +38,7 @@ def simulate(
     initial: State | None = None,
     work: Workspace | None = None,
     progress: Progress | None = None,
+    checkpoint: int | None = None,
     solver_threads: int = 1,
 ) -> tuple[xr.Dataset, State]:
     """Simulate and record.
@@ -61,13 +61,15 @@ def simulate(
         or constraints, which are satisfied only at the ends of steps, steps end at every output.
     probes : sequence of Probe
     initial : State, optional
-        Rest by default. The final state of another simulation continues that simulation
-        (`save_state`, `read_state`), bitwise identical to an uninterrupted one if steps, outputs
-        and solver are the same.
+        Rest by default, or the final state of another simulation (`save_state`, `read_state`).
     work : Workspace, optional
         Analysed solver for several simulations of one system; it does not influence the result.
     progress : callable, optional
         Called as ``progress(done, total)`` after every step.
+    checkpoint : int, optional
+        Number of outputs between checkpoints, none by default. At a checkpoint the solver forgets
+        earlier steps, and instants are counted anew. A simulation that starts from the state at a
+        checkpoint is therefore bitwise identical to one without interruption.
     solver_threads : int
         Threads of PARDISO. With more than one, a large scene takes less time on idle cores, and the
         last digits differ between processes, which the attribute ``note`` of the trajectory states.
@@ -84,8 +86,8 @@ def simulate(
     Raises
     ------
     ControlError
-        The activation leaves 0-1, is not finite or does not fit the muscles; steps, outputs and
-        duration do not fit each other.
+        The activation leaves 0-1, is not finite or does not fit the muscles; steps, outputs,
+        checkpoints and duration do not fit each other.
     SceneError
         The initial state is not finite; the linear solver has no threads.
     InvertedElement, NotConverged, SingularSystem
@@ -96,13 +98,9 @@ def simulate(
     state = initial or system.rest_state()
     _require_finite(state)
     work = work or Workspace(system)
-    carried, origin = solver_memory(state)
-    with threads_of(solver_threads, work.linear.name):
-        work.restore(carried)
     every = steps.h if every is None else every
     longest = min(steps.h, every) if system.holds_at_ends else steps.h
-    origin = state.t if origin is None else origin
-    times = state.t, duration, longest, every, origin
+    parts = _parts(duration, every, checkpoint)
     control, log = Driven(system, activation), Log(system, probes)
     motion = Motion(integrator, system, control, work)
     through = steps if isinstance(steps, StepsThrough) else None
@@ -117,17 +115,25 @@ def simulate(
     fused = runs and integrator.fuses(work)
     if not fused or longest > 1.5 * every:
         through = None  # or outputs are inside steps
-    groups, plan = ([], intervals(*times)) if through is None else (steps_to_outputs(*times), [])
+    intervals(state.t, duration, longest, every)  # errors before the first step
     inside = ((activation.values >= 0.0) & (activation.values <= 1.0)).all(axis=1)
     system.control(activation.values[int(np.argmin(inside))])  # errors before the first step
     began = time.perf_counter()
     log.add(state, control(state.t), None)
     estimating = work.estimating(any(isinstance(part, ReadsErrors) for part in (steps, *probes)))
+    told = _Told(progress)
     with threads_of(solver_threads, work.linear.name), estimating:
-        if through is not None:
-            state = _together(motion, through, state, groups, activation, log, progress)
-        else:
-            state = _one_by_one(motion, control, steps, state, plan, log, progress)
+        for part in parts:
+            work.forget()
+            times = state.t, part, longest, every
+            if through is not None:
+                groups = steps_to_outputs(*times)
+                told.begin(len(groups), len(parts))
+                state = _together(motion, through, state, groups, activation, log, told)
+            else:
+                plan = intervals(*times)
+                told.begin(len(plan), len(parts))
+                state = _one_by_one(motion, control, steps, state, plan, log, told)
     attrs = {
         "integrator": type(integrator).__name__,
         "step_control": type(steps).__name__,
@@ -142,7 +148,36 @@ def simulate(
         attrs["note"] = NOTE.format(solver_threads)
     if log.unstable:
         attrs |= {"unstable_from_s": log.unstable[0], "unstable_until_s": log.unstable[-1]}
-    return log.dataset(attrs), with_solver_memory(state, work, origin)
+    return log.dataset(attrs), state
+
+
+def _parts(duration: float, every: float, checkpoint: int | None) -> list[float]:
+    """Durations [s] between the start, the checkpoints and the end."""
+    if checkpoint is None:
+        return [duration]
+    if checkpoint < 1:
+        raise ControlError(
+            f"checkpoint = {checkpoint}, expected a number of outputs of at least 1, or None"
+        )
+    outputs = round(duration / every)
+    whole, rest = divmod(outputs, checkpoint)
+    return [checkpoint * every] * whole + ([rest * every] if rest else [])
+
+
+class _Told:
+    """Progress over the parts between checkpoints."""
+
+    def __init__(self, progress: Progress | None) -> None:
+        self.progress, self._before, self._total, self._own = progress, 0, 0, 0
+
+    def begin(self, own: int, parts: int) -> None:
+        """Begin a part of some steps; the first has the most."""
+        self._before += self._own
+        self._total, self._own = max(self._total, own * parts), own
+
+    def __call__(self, done: int) -> None:
+        if self.progress is not None:
+            self.progress(self._before + done, self._total)
 
 
 def _together(
@@ -152,7 +187,7 @@ def _together(
     groups: Sequence[Sequence[float]],
     activation: Activation,
     log: Log,
-    progress: Progress | None,
+    told: _Told,
 ) -> State:
     """Record a simulation after each group of steps, several at once; the last state."""
     bodies, outputs, done = motion.work.bodies, None, 0
@@ -169,9 +204,8 @@ def _together(
         log.unstable += [float(x) for k in np.flatnonzero(lost) for x in t[k : k + 2]]
         log.add_all(outputs, driven)
         before, done, t, frames = done, done + len(outputs.t), t[-1:], frames[-1:]
-        for k in range(before if progress else done, done):
-            assert progress is not None
-            progress(k + 1, len(groups))
+        for k in range(before if told.progress else done, done):
+            told(k + 1)
     return state if outputs is None else outputs.state(-1)
 
 
@@ -182,7 +216,7 @@ def _one_by_one(
     state: State,
     plan: Sequence[Interval],
     log: Log,
-    progress: Progress | None,
+    told: _Told,
 ) -> State:
     """Record the outputs of a plan; the last state."""
     system, reports = motion.system, list[StepReport]()
@@ -213,8 +247,7 @@ def _one_by_one(
             if report is not None:
                 whole, reports = united(reports, 0), []
             log.add(at, here if at is state else control(at.t), whole)
-        if progress is not None:
-            progress(i + 1, len(plan))
+        told(i + 1)
     return state
 
 

@@ -1,7 +1,5 @@
 """Projection of positions to c = 0, by the displacement with the smallest norm of the mass."""
 
-from collections.abc import Mapping
-
 import numpy as np
 from scipy.sparse import csr_array, triu
 
@@ -32,21 +30,12 @@ class Projection:
     def __init__(self, constraints: Constraints, mass: Array) -> None:
         self._constraints, self._mass = constraints, mass
         self._solver = linear_solver()
-        self._analysed = self._due = False
-        self._made_of: Array | None = None
+        self._analysed = self._due = self._made = False
         self.iterations = self.factorisations = 0
 
-    def arrays(self) -> dict[str, Array]:
-        """Arrays that affect the next projection."""
-        due = np.array([float(self._due)])
-        return {} if self._made_of is None else {"made_of": self._made_of, "due": due}
-
-    def restore(self, kept: Mapping[str, Array]) -> None:
-        """Restore the state from `arrays`, or the initial state from an empty mapping."""
-        self._made_of = None
-        if kept:
-            self._factorise(kept["made_of"])
-            self._due = bool(kept["due"][0])
+    def start_over(self) -> None:
+        """Discard the factor."""
+        self._made = self._due = False
 
     def displacement(self, G: Array, c: Array, inverse: Operator | None = None) -> Array:
         """Displacement (n_free,) that closes c (n,), with the entries of G.
@@ -57,7 +46,7 @@ class Projection:
         converge.
         """
         self.factorisations = 0
-        if self._made_of is None or self._due:
+        if not self._made or self._due:
             self._factorise(G)
             self.factorisations = 1
         rows, solutions = self._constraints.matrix(G), 0
@@ -100,4 +89,4 @@ class Projection:
         values = np.asarray(upper.data, dtype=np.float64)
         values[start[:-1]] *= 1.0 + SOFT
         self._solver.factorise(values)
-        self._made_of, self._due = G, False
+        self._made, self._due = True, False

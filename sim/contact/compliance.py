@@ -15,7 +15,7 @@ Wright, Numerical Optimization, equation 6.19 with C as the Hessian), which rema
 definite.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 from scipy.sparse import csr_array, vstack
@@ -60,26 +60,6 @@ class Compliance:
         # Later updates are a sum of dyads, C = found + more' more - less' less.
         self._n_learnt = 0
         self._dyads = np.zeros((2, LEARNT, 0))
-
-    def arrays(self) -> dict[str, Array]:
-        """Computed columns and later updates, as arrays."""
-        more, less = self._learnt
-        return {
-            "known": self._known.astype(np.float64),
-            "found": self._found,
-            "more": more,
-            "less": less,
-        }
-
-    def restore(self, kept: Mapping[str, Array]) -> None:
-        """Restore the state from `arrays`."""
-        self._known = kept["known"].astype(np.int64)
-        self._place[:] = -1
-        self._place[self._known] = np.arange(len(self._known))
-        self._found = kept["found"].copy()
-        self._n_learnt = len(kept["more"])
-        self._dyads = np.zeros((2, LEARNT, len(self._known)))
-        self._learnt[:] = kept["more"], kept["less"]
 
     def between(self, D: csr_array, other: csr_array) -> Array:
         """D C other' (m, k)."""

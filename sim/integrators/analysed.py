@@ -1,14 +1,9 @@
 """Linear solver of a simulation, analysed for the sparsity of one form of its system."""
 
-from collections.abc import Mapping
-
-import numpy as np
-
-from sim.integrators.kept import codes, named, part_of
 from sim.linear import Factor, ReusedFactor, solver_of_steps
 from sim.linear.reused import Timed
 from sim.pattern import Sparsity
-from sim.state import Array, State
+from sim.state import State
 from sim.system import System
 
 MOST_APART = 1000
@@ -70,47 +65,12 @@ class AnalysedSolver:
         reuses = isinstance(self.linear, ReusedFactor)
         return system.sparse if reuses and system.sparse is not None else system
 
-    def _forms(self) -> list[System]:
-        """Forms of the system for which the solver may have been analysed."""
-        forms = [self._form]
-        if self._form is not self.system:
-            forms.append(self.system)
-        if self._form.contact is not None and self._form.apart is not None:
-            forms.append(self._form.apart)
-        return forms
-
-    def arrays(self) -> dict[str, Array]:
-        """Name, form and precision of the solver, and its older factor."""
-        forms = [form.pattern is self.analysed for form in self._forms()]
-        own = {
-            "name": codes(self.linear.name),
-            "of": self._size(),
-            "form": np.array([float(forms.index(True)) if any(forms) else -1.0]),
-            "double": np.array([float(getattr(self.factor, "in_double", False))]),
-        }
-        reused = self.linear.arrays() if isinstance(self.linear, ReusedFactor) else {}
-        return named("solver", own) | named("reused", reused)
-
-    def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Restore the memory from `arrays`; empty ones are those of a new solver."""
-        own = part_of(arrays, "solver")
-        form = int(own["form"][0]) if own else -1
-        if form >= 0:
-            self.analyse(self._forms()[form].pattern)
+    def forget(self) -> None:
+        """Discard an older factor and a choice of its precision."""
         if self.analysed is None:
             return
         start_over = getattr(self.factor, "start_over", None)
         if start_over is not None:
-            start_over(bool(own["double"][0]) if own else False)
+            start_over()
         if isinstance(self.linear, ReusedFactor):
-            self.linear.restore(part_of(arrays, "reused"))
-
-    def fits(self, arrays: Mapping[str, Array]) -> bool:
-        """Test if arrays are those of this solver and of a system of this size."""
-        own = part_of(arrays, "solver")
-        same = own and np.array_equal(own["name"], codes(self.linear.name))
-        return bool(same) and np.array_equal(own["of"], self._size())
-
-    def _size(self) -> Array:
-        """Numbers of unknowns and entries."""
-        return np.array([self.pattern.n, self.pattern.nnz], dtype=np.float64)
+            self.linear.start_over()

@@ -1,6 +1,5 @@
 """Solutions under the constraints of a scene, and their multipliers."""
 
-from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
@@ -8,7 +7,6 @@ import numpy as np
 from sim.constraints.projection import Projection
 from sim.constraints.union import Constraints
 from sim.errors import NotConverged, SceneError
-from sim.integrators.kept import named, part_of
 from sim.integrators.step_solver import Solution
 from sim.linear import Factor, ReusedFactor
 from sim.linear.reused import Timed
@@ -110,22 +108,10 @@ class ConstraintSolver:
             raise SceneError("the scene has no constraints, expected at least one")
         return self._system.constraints
 
-    def arrays(self) -> dict[str, Array]:
-        """Multipliers of the latest step, and the memory of both solvers."""
-        found: dict[str, Array] = {}
-        if self.multipliers is not None:
-            found |= named("step", {"multipliers": self.multipliers})
+    def forget(self) -> None:
+        """Discard the multipliers and older factors."""
+        self.multipliers = None
         if self._saddle is not None:
-            found |= named("saddle", self._saddle.arrays())
+            self._saddle.start_over()
         if self._projection is not None:
-            found |= named("projection", self._projection.arrays())
-        return found
-
-    def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Restore the memory from `arrays`."""
-        self.multipliers = part_of(arrays, "step").get("multipliers")
-        # unused parts are in their initial state
-        if (saddle := part_of(arrays, "saddle")) or self._saddle is not None:
-            self.saddle.restore(saddle)
-        if (projection := part_of(arrays, "projection")) or self._projection is not None:
-            self.projection.restore(projection)
+            self._projection.start_over()

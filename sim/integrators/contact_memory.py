@@ -1,12 +1,9 @@
 """Compliance and stiffness of the tissue that contact forces use over many steps."""
 
 import math
-from collections.abc import Callable, Mapping
-
-import numpy as np
+from collections.abc import Callable
 
 from sim.contact.compliance import Compliance
-from sim.integrators.kept import codes, named, part_of, text
 from sim.integrators.newton_factor import Key, NewtonFactor
 from sim.state import Array
 
@@ -56,28 +53,7 @@ class ContactMemory:
         self.discard()
         return True
 
-    def arrays(self) -> dict[str, Array]:
-        """Compliance and stiffness."""
-        arrays: dict[str, Array] = {}
-        if self._compliance is not None:
-            of_factor = np.array([float(self._made_by == self._newton.number)])
-            own = {"of_factor": of_factor, "scale": np.array([self._scale])}
-            arrays |= named("compliance", self._compliance.arrays() | own)
-        if self.stiffness is not None:
-            (by, h), diagonal = self.stiffness
-            own = {"by": codes(by), "h": np.array([h]), "diagonal": diagonal}
-            arrays |= named("stiffness", own)
-        return arrays
-
-    def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Restore the memory from `arrays`, for a factor that has been restored."""
-        self._compliance, self._made_by, self.stiffness = None, None, None
-        if compliance := part_of(arrays, "compliance"):
-            self._compliance = Compliance(self._n, self._newton.solve_many)
-            self._compliance.restore(compliance)
-            self._scale = float(compliance["scale"][0])
-            if compliance["of_factor"][0]:
-                self._made_by = self._newton.number
-        if stiffness := part_of(arrays, "stiffness"):
-            key = text(stiffness["by"]), float(stiffness["h"][0])
-            self.stiffness = key, stiffness["diagonal"]
+    def forget(self) -> None:
+        """Discard compliance and stiffness."""
+        self.discard()
+        self.stiffness = None

@@ -1,13 +1,9 @@
 """Latest factor of Newton's method, and the quasi-Newton updates that belong to it."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 
-import numpy as np
-
 from sim.integrators.analysed import AnalysedSolver
-from sim.integrators.kept import codes, named, part_of, text
 from sim.integrators.quasi_newton import InverseSecants, SecantMemory
 from sim.linear import NotPositiveDefinite, ReusedFactor
 from sim.linear.conjugate_gradients import conjugate_gradients
@@ -104,40 +100,13 @@ class NewtonFactor:
         self.number += 1
         self.secants.clear()
         self.inverse_secants.clear()
-        self._beside = None
+        self._beside = self._made_of = None
 
     def forget(self) -> None:
         """Discard the factor, also that of an iterative solver."""
         self.superseded()
         if isinstance(self._solver.linear, ReusedFactor):
             self._solver.linear.forget()
-
-    def arrays(self) -> dict[str, Array]:
-        """Matrix of the factor, which the same solver factorises again, and the updates."""
-        if self.key is None or self._made_of is None:
-            return {}
-        by, h = self.key
-        own = {"by": codes(by), "h": np.array([h]), "values": self._made_of}
-        return (
-            named("factor", own)
-            | named("secants", self.secants.arrays())
-            | named("inverse_secants", self.inverse_secants.arrays())
-            | named("beside", self._beside.arrays() if self._beside is not None else {})
-        )
-
-    def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Restore the memory from `arrays`, for a solver that has been restored."""
-        self._made_of = None
-        factor, beside = part_of(arrays, "factor"), part_of(arrays, "beside")
-        if factor:
-            self._made_of = factor["values"]
-            self._solver.factor.factorise(self._made_of)
-            self.key = text(factor["by"]), float(factor["h"][0])
-            if beside:
-                assert self._solver.analysed is not None  # a factor was computed for it
-                self._beside = Matrix.of_arrays(self._solver.analysed, beside)
-        self.secants.restore(part_of(arrays, "secants"))
-        self.inverse_secants.restore(part_of(arrays, "inverse_secants"))
 
 
 def alike(made: Key | None, key: Key) -> bool:

@@ -1,7 +1,7 @@
 """Quasi-Newton updates of the latest factor, from the steps since."""
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -34,20 +34,6 @@ class SecantMemory:
         sy = dot(s, y)
         if sy > 1e-10 * norm(s) * norm(y):
             self._pairs.append((s, y, 1.0 / sy))
-
-    def arrays(self) -> dict[str, Array]:
-        """Steps s and gradient changes y (k, n) of all pairs; empty without pairs."""
-        if not self._pairs:
-            return {}
-        s, y, _ = zip(*self._pairs, strict=True)
-        return {"s": np.stack(s), "y": np.stack(y)}
-
-    def restore(self, kept: Mapping[str, Array]) -> None:
-        """Restore the pairs from `arrays`."""
-        self.clear()
-        if kept:
-            rows = zip(kept["s"], kept["y"], strict=True)
-            self._pairs.extend((s, y, 1.0 / dot(s, y)) for s, y in rows)
 
     def direction(self, g: Array, solve: Solve) -> Array:
         """-H g, with `solve` the inverse of the factorised Hessian."""
@@ -85,20 +71,6 @@ class InverseSecants:
         if dot(s, y) > 1e-10 * norm(s) * norm(y):
             self._pairs.append((s, y, z))
             self._lay_out()
-
-    def arrays(self) -> dict[str, Array]:
-        """Steps s, gradient changes y and z = H0 y (k, n) of all pairs; empty without pairs."""
-        if not self._pairs:
-            return {}
-        parts = zip(*self._pairs, strict=True)
-        return {name: np.stack(part) for name, part in zip("syz", parts, strict=True)}
-
-    def restore(self, kept: Mapping[str, Array]) -> None:
-        """Restore the pairs from `arrays`."""
-        self._pairs.clear()
-        if kept:
-            self._pairs.extend(zip(kept["s"], kept["y"], kept["z"], strict=True))
-        self._lay_out()
 
     def _lay_out(self) -> None:
         m = len(self._pairs)

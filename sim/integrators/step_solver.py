@@ -1,7 +1,7 @@
 """Solutions with the matrices of linearly implicit steps, and their initial guesses."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import cast
@@ -10,7 +10,6 @@ import numpy as np
 
 from sim.errors import SingularSystem
 from sim.integrators.analysed import AnalysedSolver
-from sim.integrators.kept import named, part_of
 from sim.integrators.newton_factor import NewtonFactor
 from sim.linear import (
     SINGLE,
@@ -211,16 +210,6 @@ class StepSolver:
             return v
         return v + h / (before[1] - before[0]) * (v - before[2])
 
-    def arrays(self) -> dict[str, Array]:
-        """Start and end of the latest step, and the velocities at its start."""
-        if self._before is None:
-            return {}
-        t0, t1, v = self._before
-        return named("step", {"velocity_times": np.array([t0, t1]), "velocities": v})
-
-    def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Restore the memory from `arrays`."""
-        step, self._before = part_of(arrays, "step"), None
-        if "velocities" in step:
-            t0, t1 = step["velocity_times"].tolist()
-            self._before = t0, t1, step["velocities"]
+    def forget(self) -> None:
+        """Discard the velocities of the latest step."""
+        self._before = None

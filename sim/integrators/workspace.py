@@ -1,7 +1,7 @@
 """Solver memory of a simulation, kept between steps and divided by its owners."""
 
 import time
-from collections.abc import Generator, Mapping
+from collections.abc import Generator
 from contextlib import contextmanager
 
 from sim.integrators.analysed import AnalysedSolver
@@ -43,8 +43,7 @@ class Workspace:
     """Solver memory of one simulation.
 
     An older factor, quasi-Newton updates and initial guesses change results within the tolerance of an
-    iteration. A simulation therefore starts with those stored in its initial state (`arrays`,
-    `restore`), and never with those of another simulation.
+    iteration. A simulation therefore starts without them, and discards them at its checkpoints.
 
     Parameters
     ----------
@@ -128,17 +127,7 @@ class Workspace:
             self._solver.analyse(form.pattern)
         return form
 
-    def arrays(self) -> dict[str, Array]:
-        """Arrays that affect later results, for a bitwise identical restart by `restore`.
-
-        Matrices are stored instead of their factors, which the same solver computes from them again.
-        """
-        owners = self._solver, self.newton, self.contact, self.constraints, self.steps
-        return {name: array for owner in owners for name, array in owner.arrays().items()}
-
-    def restore(self, arrays: Mapping[str, Array]) -> None:
-        """Restore the state from `arrays`; those of another solver or pattern are ignored."""
-        arrays = arrays if self._solver.fits(arrays) else {}
-        self.newton.forget()
+    def forget(self) -> None:
+        """Discard all memory, as at the start of a simulation and at its checkpoints."""
         for owner in (self._solver, self.newton, self.contact, self.constraints, self.steps):
-            owner.restore(arrays)
+            owner.forget()

@@ -1,6 +1,6 @@
 """Iterative solution with the current matrix, preconditioned by the factor of an older one."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 
@@ -86,23 +86,10 @@ class ReusedFactor:
         """Discard the factor."""
         self._active = self._inverse = None
 
-    def arrays(self) -> dict[str, Array]:
-        """Arrays that affect the next solution: the factorised matrix, and the counts."""
-        fresh = -1 if self._fresh is None else self._fresh
-        other = self._active is self._indefinite
-        counts = np.array([fresh, self._excess, self.definite, other], dtype=np.float64)
-        return {"counts": counts} | ({} if self._active is None else {"factored": self._factored})
-
-    def restore(self, kept: Mapping[str, Array]) -> None:
-        """Restore the state from `arrays`, or the initial state from an empty mapping."""
-        fresh, excess, definite, other = kept["counts"].tolist() if kept else (-1, 0, 1, 0)
-        self._fresh = None if fresh < 0 else int(fresh)
-        self._excess, self.definite = int(excess), bool(definite)
+    def start_over(self) -> None:
+        """Discard the factor and what was learnt from its solutions."""
+        self._fresh, self._excess, self.definite = None, 0, True
         self.forget()
-        if "factored" in kept:
-            active = self._for_indefinite() if other else self.factor
-            active.factorise(kept["factored"])
-            self._active, self._factored = active, kept["factored"]
 
     def _for_indefinite(self) -> Factor:
         """Solver for indefinite matrices, analysed on its first use."""
@@ -204,7 +191,7 @@ class ReusedFactor:
     def _renew(self) -> None:
         """Factorise the current matrix, or its approximation."""
         values = self._values if self._to_factorise is None else self._to_factorise()
-        self._fresh, self._excess, self._factored = None, 0, values
+        self._fresh, self._excess = None, 0
         self.forget()
         with self.timed("factorisation"):
             self.factorisations += 1

@@ -4,7 +4,7 @@ Small systems are factorised as they are. For large ones the factor is that of A
 sparsity of A and serves many steps as the preconditioner of an iteration with the saddle matrix itself.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import cast
 
 import numpy as np
@@ -219,18 +219,11 @@ class Saddle:
             return None if self._solver.definite else False
         return None if self._solver.negative_pivots is None else self._solver.negative_pivots == 0
 
-    def arrays(self) -> dict[str, Array]:
-        """Arrays that affect the next solution."""
-        if not isinstance(self._solver, ReusedFactor) or self._scale is None:
-            return {}
-        return self._solver.arrays() | {"scale": np.array([self._scale]), "y": self._y}
-
-    def restore(self, kept: Mapping[str, Array]) -> None:
-        """Restore the state from `arrays`, or the initial state from an empty mapping."""
-        self._scale = float(kept["scale"][0]) if kept else None
-        self._y = kept["y"] if kept else np.zeros(self._constraints.n)
+    def start_over(self) -> None:
+        """Discard a factor, its scale and the latest multipliers."""
+        self._scale, self._y = None, np.zeros(self._constraints.n)
         if isinstance(self._solver, ReusedFactor):
-            self._solver.restore(kept)
+            self._solver.start_over()
 
     def forget(self) -> None:
         """Discard a reused factor, so that the next matrix is factorised."""

@@ -82,13 +82,9 @@ class SinglePardiso:
         """True if single precision was insufficient, so that factors are in double precision."""
         return not self._is_single
 
-    def start_over(self, in_double: bool = False) -> None:
-        """Reset the precision, or set double precision."""
-        if in_double and self._double is None:
-            self._double = Pardiso()
-            self._double.analyse(self._pattern)
-        self._is_single = not in_double
-        self._factor = self._double if in_double and self._double is not None else self._single
+    def start_over(self) -> None:
+        """Reset the precision."""
+        self._is_single, self._factor = True, self._single
 
     def approximate(self, rhs: Array) -> Array:
         """Solve without refinement, to about six digits over the condition number."""

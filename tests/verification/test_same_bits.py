@@ -56,7 +56,7 @@ def block(volume: str = "") -> sim.System:
     )
 
 
-def falling(method: str, friction: float = 0.0) -> sim.System:
+def falling(friction: float = 0.0) -> sim.System:
     """A block that falls onto a fixed one and is compressed by its weight."""
     low = grid((3, 3, 1), (0.02, 0.02, 0.006))
     high = grid((2, 2, 1), (0.012, 0.012, 0.006))
@@ -83,7 +83,7 @@ def drive(system: sim.System, until: float) -> sim.Activation:
 def require_a_restart_to_change_nothing(
     made, path: Path, *, integrator, steps=None, linear="auto", n=12, every=None
 ) -> None:
-    """One run compared with two halves, the second from a file with another system."""
+    """A run with a checkpoint compared with two halves, the second from a file with another system."""
     steps = steps or sim.FixedStep(H)
     until = n * steps.h
 
@@ -96,6 +96,7 @@ def require_a_restart_to_change_nothing(
             integrator=integrator,
             steps=steps,
             every=every,
+            checkpoint=round(0.5 * until / (every or steps.h)),
             probes=(sim.Positions(), sim.Energies()),
             initial=initial,
             work=work or sim.Workspace(system, linear),
@@ -195,15 +196,32 @@ def test_earlier_use_of_a_workspace_has_no_influence(integrator):
     np.testing.assert_array_equal(run(used, 1.0).q, first.q)
 
 
-def test_solver_memory_of_another_scene_or_solver_is_ignored():
-    system, other = block(), block("nodal")
-    _, state = sim.simulate(system, drive(system, 0.05), duration=0.02, integrator=CONVERGED)
-    bare = sim.State(state.t, state.q, state.v)
-    ends = [
-        sim.simulate(other, drive(other, 0.05), duration=0.02, integrator=CONVERGED, initial=s)[1].q
-        for s in (state, bare)
-    ]
-    np.testing.assert_array_equal(*ends)
+def test_checkpoints_change_a_motion_by_the_tolerance_and_keep_its_outputs():
+    system, told = block(), list[tuple[int, int]]()
+
+    def run(checkpoint, progress=None):
+        return sim.simulate(
+            system,
+            drive(system, 0.1),
+            duration=0.1,
+            integrator=CONVERGED,
+            probes=(sim.Positions(),),
+            checkpoint=checkpoint,
+            progress=progress,
+        )
+
+    (whole, end), (other, again) = run(None), run(4, lambda done, total: told.append((done, total)))
+    np.testing.assert_allclose(other.time, whole.time, rtol=1e-12)
+    np.testing.assert_allclose(again.q, end.q, rtol=0, atol=1e-5)
+    assert not np.array_equal(again.q, end.q)  # solved with another factor
+    assert [done for done, _ in told] == list(range(1, 11)) and told[-1][1] >= 10
+    assert not any(name.startswith("solver") for name in end.memory)
+
+
+def test_a_checkpoint_after_no_output_is_refused():
+    system = block()
+    with pytest.raises(sim.ControlError, match="checkpoint = 0, expected a number of outputs"):
+        sim.simulate(system, drive(system, 0.05), duration=0.01, checkpoint=0)
 
 
 def test_a_file_that_is_not_a_state_is_refused(tmp_path):
