@@ -60,7 +60,8 @@ class Equations:
 
     def _closed(self, x: Array, X: Array, wanted: Array | float, repeats: int) -> Array:
         m, k = self.G.shape
-        own = self.G.ravel(), np.tile(self.columns, m), k * np.arange(m + 1)
+        ends: Index = k * np.arange(m + 1)
+        own = self.G.ravel(), np.tile(self.columns, m), ends
         rows = csr_array(own, shape=(m, x.shape[-1]))
         S = self.G @ X[:, self.columns].T @ self.G.T  # not symmetric in single precision
 
