@@ -59,7 +59,7 @@ class Equations:
         )  # without rows a body may move by much more than with them
 
     def _closed(self, x: Array, X: Array, wanted: Array | float, repeats: int) -> Array:
-        m, k = self.G.shape
+        m, k = len(self.G), len(self.columns)
         ends: Index = k * np.arange(m + 1)
         own = self.G.ravel(), np.tile(self.columns, m), ends
         rows = csr_array(own, shape=(m, x.shape[-1]))
