@@ -3,15 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import lsq_linear
 
-from sim.pattern import Flags
+from sim.dense import least, reported
+from sim.pattern import Flags, Index
 from sim.state import Array
 
-EXACT = (
-    1e-14  #: multiplier of a bound that counts as 0, over the terms of its entry of the gradient
+TOLERANCE = (
+    1e-14  #: relative change of the objective and of its gradient at which the iteration ends
 )
-REFINED = 3  #: largest number of corrections of the solution on the final free set
 
 
 @dataclass(frozen=True)
@@ -28,15 +28,14 @@ class Minimum:
 def minimise_in_box(
     Q: Array, c: Array, low: Array, high: Array, start: Array | None = None
 ) -> Minimum:
-    """Minimiser of x'Qx/2 - c'x for low <= x <= high, by a primal active-set method.
+    """Minimiser of x'Qx/2 - c'x for low <= x <= high, by bounded-variable least squares.
 
     Parameters
     ----------
-    Q : (n, n) symmetric, positive definite on the free variables; made so by any positive weight on
-        the size or on the change.
+    Q : (n, n) symmetric, positive semi-definite.
     c, low, high : (n,)
     start : (n,) or None
-        First guess, which determines the first active set.
+        First guess. The change from it is the smallest one if the minimiser is not unique.
 
     Returns
     -------
@@ -44,66 +43,35 @@ def minimise_in_box(
 
     Notes
     -----
-    Each iteration solves for the free variables exactly and moves to the first bound on the way, or
-    releases the bound with the largest multiplier of the wrong sign. The objective decreases, so that
-    no active set recurs. A multiplier counts as 0 if it is below the rounding error of its own terms,
-    because those of other variables may be larger by many orders. The solution on the final set is
-    corrected by solutions of its residual while this decreases (iterative refinement). A quadratic that
-    is singular on the free variables has the solution of smallest norm of its change (pseudo-inverse).
-    Source: Nocedal and Wright 2006, Numerical Optimization, section 16.5.
+    With Q = A'A and A'b = c the quadratic is |A x - b|^2/2, in units in which the diagonal of Q is 1.
+    Source: Stark and Parker 1995, Bounded-variable least-squares: an algorithm and applications,
+    Computational Statistics 10, 129-141, in `scipy.optimize.lsq_linear`.
     """
-    n = len(c)
-    x = np.clip(np.zeros(n) if start is None else start, low, high)
-    fixed = low >= high
-    at_low, at_high = (x <= low) | fixed, (x >= high) & ~fixed
-    size = np.abs(Q)
-    for _ in range(20 * n + 20):
-        free = ~(at_low | at_high)
-        move = np.zeros(n)
-        if free.any():
-            move[free] = _solved(Q[np.ix_(free, free)], (c - Q @ x)[free])
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            room = np.where(move > 0.0, (high - x) / move, (low - x) / move)
-        room = np.where(move == 0.0, np.inf, room)
-        first = int(np.argmin(room)) if n else 0
-        if n and room[first] < 1.0:
-            x = np.clip(x + max(float(room[first]), 0.0) * move, low, high)
-            (at_high if move[first] > 0.0 else at_low)[first] = True
-            x[first] = high[first] if move[first] > 0.0 else low[first]
-            continue
-        x = np.clip(x + move, low, high)
-        gradient = Q @ x - c
-        wrong = np.where(at_low & ~fixed, -gradient, np.where(at_high, gradient, 0.0))
-        wrong = np.where(wrong > EXACT * (size @ np.abs(x) + np.abs(c)), wrong, 0.0)
-        worst = int(np.argmax(wrong)) if n else 0
-        if not n or wrong[worst] == 0.0:
-            break
-        at_low[worst] = at_high[worst] = False
-    x = _refined(Q, c, low, high, x, ~(at_low | at_high))
+    x = np.clip(np.zeros(len(c)) if start is None else start, low, high)
+    free: Index = np.flatnonzero(low < high)
+    at_low, at_high = low >= high, np.zeros(len(c), dtype=np.bool_)
+    if len(free):
+        size = np.sqrt(np.diag(Q)[free])
+        unit = 1.0 / np.where(size > 0.0, size, 1.0)
+        A = _root(unit[:, None] * Q[np.ix_(free, free)] * unit)
+        b = least(A.T, unit * (c - Q @ x)[free], "the quadratic of the activations")
+        bounds = (low - x)[free] / unit, (high - x)[free] / unit
+        most = 20 * len(c) + 20
+        found = lsq_linear(A, b, bounds, method="bvls", tol=TOLERANCE, max_iter=most)
+        at_low[free], at_high[free] = found.active_mask < 0, found.active_mask > 0
+        x[free] = np.clip(x[free] + unit * found.x, low[free], high[free])
+        x = np.where(at_low, low, np.where(at_high, high, x))
     return Minimum(x, at_low, at_high, violation(Q, c, low, high, x))
 
 
-def _refined(Q: Array, c: Array, low: Array, high: Array, x: Array, free: Flags) -> Array:
-    """Solution x with a smaller residual on the free variables, if corrections decrease it."""
-    if not free.any():
-        return x
-    left, inner = (c - Q @ x)[free], Q[np.ix_(free, free)]
-    for _ in range(REFINED):
-        other = x.copy()
-        other[free] += _solved(inner, left)
-        other = np.clip(other, low, high)
-        remaining = (c - Q @ other)[free]
-        if not np.abs(remaining).max() < np.abs(left).max():
-            break
-        x, left = other, remaining
-    return x
-
-
-def _solved(Q: Array, c: Array) -> Array:
+def _root(Q: Array) -> Array:
+    """A with Q = A'A, also of a singular matrix."""
     try:
-        return np.asarray(cho_solve(cho_factor(Q), c), dtype=np.float64)
+        return np.asarray(np.linalg.cholesky(Q).T, dtype=np.float64)
     except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.lstsq(Q, c, rcond=None)[0], dtype=np.float64)
+        with reported("the quadratic of the activations"):
+            values, vectors = np.linalg.eigh(Q)
+        return np.sqrt(values.clip(0.0))[:, None] * vectors.T
 
 
 def violation(Q: Array, c: Array, low: Array, high: Array, x: Array) -> float:
