@@ -83,7 +83,9 @@ def _checked(
     names: list[str], points: Floats, unit: str | None, source: str, digest: str, stated: str | None
 ) -> Landmarks:
     if not 0 < len(points) <= MOST:
-        raise FitError(f"{source} has {len(points)} landmarks, expected 1 to {MOST}")
+        raise FitError(
+            f"{source} has {len(points)} landmarks, expected 1 to {MOST}: export them again"
+        )
     own = [plain(n) for n in names]
     for k, name in enumerate(own):
         if not name or name in own[:k]:
