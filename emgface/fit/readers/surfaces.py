@@ -60,7 +60,7 @@ def surface_of(
     if x.ndim != 2 or x.shape[1] != 3 or t.ndim != 2 or t.shape[1] != 3 or len(t) < LEAST_TRIANGLES:
         raise FitError(
             f"{name} has points of shape {x.shape} and triangles of shape {t.shape}, expected at least "
-            f"{LEAST_TRIANGLES} triangles of a surface"
+            f"{LEAST_TRIANGLES} triangles: export the surface again"
         )
     if len(t) > MOST_TRIANGLES:
         raise FitError(
