@@ -11,6 +11,8 @@ from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from sim.contact.search import Candidates
 from sim.contact.signed_distance import SignedFaces
+from sim.contact.tolerances import ContactTolerances
+from sim.integrators.linear_rows import SHARE
 from tests.bodies import grid
 from tests.contact.scenes import CASES, contact_of, moved, system_of, two_bodies
 
@@ -113,7 +115,11 @@ def test_a_symmetric_face_purses_symmetrically(coarse, method, integrator):
         steps=sim.FixedStep(0.01),
     )
     assert np.abs(end.q - X).max() > 3e-3
-    assert np.abs(end.q[mirror] * MIRROR - end.q).max() < 1e-9
+    # Contact forces of a linearly implicit step end when they move rows by less than this, and its
+    # factor is of single precision: left and right then agree to the same length.
+    linear = integrator in (sim.LinearlyImplicitEuler, sim.LinearlyImplicitTrapezoidal)
+    left = SHARE * ContactTolerances().residual if linear else 1e-9
+    assert np.abs(end.q[mirror] * MIRROR - end.q).max() < left
 
 
 def test_common_features_of_faces_give_one_row_and_equally_close_faces_one_each():
