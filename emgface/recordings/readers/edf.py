@@ -55,9 +55,9 @@ def is_recording(path: Path) -> bool:
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     """Read the voltage channels with the most frequent sampling rate.
 
-    Pauses between records are gaps, and intervals annotated as bad (BAD, BAD_..., or a status of
-    BioSemi that is out of range) are NaN. Raises DataError also if the recording contradicts its
-    tables.
+    Pauses between records are gaps, and intervals annotated as bad (``BAD`` and names that begin so,
+    or a status of BioSemi that is out of range) are NaN. Raises DataError also if the recording
+    contradicts its tables.
     """
     content = _load(path)
     sidecars = emg_sidecars(path)
