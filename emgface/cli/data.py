@@ -20,7 +20,7 @@ FORMATS = (
     "netCDF (.nc), C3D (.c3d), TRC (.trc), EDF and BDF (.edf, .bdf), Poly5 (.poly5, .s00), "
     "BrainVision (.vhdr), XDF (.xdf), BIDS motion (_motion.tsv)"
     ", text exports of EMGworks, Trigno Discover, AcqKnowledge, OpenSignals and Noraxon (.csv, .txt, "
-    ".asc), and the TOML sidecar (.toml) of another table, a MATLAB or HDF5 file"
+    ".asc, also .csv.gz), and the TOML sidecar (.toml) of another table, a MATLAB or HDF5 file"
 )
 
 

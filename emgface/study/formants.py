@@ -22,6 +22,8 @@ SOUND: Final = Stage(
     "formants",
     (
         "emgface.acoustics",
+        "sim._kernels.options",
+        "sim.errors",
         "analysis.formants",
         "analysis.typed",
         "emgface.anatomy.airway.area_function",

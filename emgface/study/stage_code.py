@@ -89,6 +89,7 @@ INVERSE = Stage(
                 "emgface.inverse.markers",
                 "emgface.inverse.mixing",
                 "emgface.inverse.parameters",
+                "emgface.inverse.posterior",
                 "emgface.inverse.problem",
                 "emgface.inverse.refine",
                 "emgface.inverse.run",

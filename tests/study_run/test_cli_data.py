@@ -122,7 +122,12 @@ def test_a_wrong_unit_of_a_file_is_replaced_and_written(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("setting", "said"), [("emg=mm", "'mm'.*uV"), ("force=N", "'force=N'.*emg"), ("emg", "''.*uV")]
+    ("setting", "said"),
+    [
+        ("emg=mm", "'mm'.*uV"),
+        ("force=N", "force is 'N', expected one of V"),  # a channel of that label
+        ("emg", "'emg' refers to neither emg, position nor a channel"),
+    ],
 )
 def test_an_unknown_unit_is_named(foreign: Path, setting: str, said: str) -> None:
     one_sentence(run("data", "map", foreign, "--unit", setting), "UnitsError", said)
