@@ -155,9 +155,9 @@ def line_search(
 
     The merit function has the `slope` [J] along the direction at the start, and its changes are known
     to `rounding` [J]. Where a change may be rounding, the slope decides: it must have fallen (the
-    approximate Wolfe condition, Hager and Zhang 2005, SIAM J. Optim. 16, 170-192); a merit function
-    without slopes may then change by rounding only if no more is expected. A direction of ascent has
-    no length. If a change of less than `negligible` is expected, half the residual is sufficient.
+    approximate Wolfe condition, Hager and Zhang 2005, SIAM J. Optim. 16, 170-192), unless the slope
+    itself, the expected change, is below rounding. A direction of ascent beyond it has no length.
+    If a change of less than `negligible` is expected, half the residual is sufficient.
     """
     length = longest
     for _ in range(0 if slope > rounding else MAX_HALVINGS):
@@ -165,9 +165,8 @@ def line_search(
         if now.smallest_J > 0.0:
             if slope < 0.0 and now.change <= ARMIJO * length * slope:
                 return length, now.end
-            flat = abs(slope) <= rounding
-            falls = flat if now.slope is None else abs(now.slope) <= 0.9 * abs(slope)
-            if now.change <= rounding and falls:
+            falls = now.slope is not None and abs(now.slope) <= 0.9 * abs(slope)
+            if now.change <= rounding and (falls or abs(slope) <= rounding):
                 return length, now.end
             if -slope <= negligible and now.halves:
                 return length, now.end
