@@ -2,9 +2,6 @@
 
 import math
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 from sim.errors import SceneError
 
 
@@ -25,11 +22,3 @@ def require(
     raise SceneError(
         f"{type(part).__name__}: {name} = {value!r}, expected a finite number {wanted}".rstrip()
     )
-
-
-def require_index(part: str, of: str, index: ArrayLike, n: int) -> None:
-    """Raise SceneError unless all indices of nodes, elements or others are in 0..n - 1."""
-    found = np.asarray(index)
-    if found.size and not (found.min() >= 0 and found.max() < n):
-        bad = found.max() if found.max() >= n else found.min()
-        raise SceneError(f"{part} refers to {of} {bad}, expected 0..{n - 1}")

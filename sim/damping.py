@@ -15,6 +15,7 @@ import numpy as np
 
 from sim.checks import require
 from sim.errors import SceneError
+from sim.mesh import Mesh
 from sim.scene import CompiledDamping, Layout, Stiffness
 from sim.state import Array, Control
 
@@ -29,20 +30,37 @@ class _Coefficients:
     )
 
     def __post_init__(self) -> None:
-        for name, values in (("alpha", self.alpha), ("beta", self.beta)):
-            require(self, name, float(np.min(values)), least=0.0)
+        for name, given in (("alpha", self.alpha), ("beta", self.beta)):
+            values = np.asarray(given, dtype=np.float64)
+            if values.ndim == 0:
+                require(self, name, float(values), least=0.0)
+                continue
+            if values.ndim != 1 or not values.size or not np.isfinite(values).all():
+                raise SceneError(
+                    f"{type(self).__name__}: {name} has shape {values.shape} or contains NaN, expected "
+                    "a number or finite (n_nodes,)"
+                )
+            require(self, name, float(values.min()), least=0.0)
+            object.__setattr__(self, name, values)
+
+    def require_nodes(self, mesh: Mesh) -> None:
+        """Refuse coefficients of another number of nodes."""
+        for name in ("alpha", "beta"):
+            if isinstance(values := getattr(self, name), np.ndarray):
+                _of_nodes(name, values, mesh)
 
     def combine(self, layout: Layout, K: Array) -> Array:
         """Values of alpha M + beta K on the pattern."""
-        pattern, n = layout.pattern, layout.mesh.n_nodes
+        pattern, mesh = layout.pattern, layout.mesh
         node = pattern.free // 3
         beta = self.beta
         if isinstance(beta, np.ndarray):
+            beta = _of_nodes("beta", beta, mesh)
             _require_equal_in_elements(self, beta, layout)
-            beta = np.repeat(_of_nodes(beta, n)[node], np.diff(pattern.indptr))
+            beta = np.repeat(beta[node], np.diff(pattern.indptr))
         alpha = self.alpha
         if isinstance(alpha, np.ndarray):
-            alpha = _of_nodes(alpha, n)[node]
+            alpha = _of_nodes("alpha", alpha, mesh)[node]
         D = beta * K
         D[pattern.diagonal] += alpha * layout.node_mass[node]
         return D
@@ -72,8 +90,13 @@ def _require_equal_in_elements(law: object, beta: Array, layout: Layout) -> None
         first += len(block.nodes)
 
 
-def _of_nodes(values: Array, n: int) -> Array:
+def _of_nodes(name: str, values: Array, mesh: Mesh) -> Array:
     """Values of the nodes of the mesh, with zeros for points without tissue."""
+    n, tissue = mesh.n_nodes, mesh.n_nodes - mesh.n_points
+    if len(values) not in (tissue, n):
+        raise SceneError(
+            f"damping: {name} has {len(values)} values, expected {tissue}, one per node of the mesh"
+        )
     return np.concatenate([values, np.zeros(n - len(values))])
 
 
@@ -95,6 +118,7 @@ class Rayleigh(_Coefficients):
 
     def compile(self, layout: Layout, stiffness: Stiffness) -> CompiledDamping:
         """Compile with the current tangent."""
+        self.require_nodes(layout.mesh)
 
         def matrix(q: Array, control: Control, K: Array | None = None) -> Array:
             return self.combine(layout, stiffness(q, control, K))
@@ -108,6 +132,7 @@ class PassiveRayleigh(_Coefficients):
 
     def compile(self, layout: Layout, stiffness: Stiffness) -> CompiledDamping:
         """Compile with the passive tangent."""
+        self.require_nodes(layout.mesh)
         at_rest = Control(np.zeros(len(layout.muscles)))
 
         def matrix(q: Array, control: Control, K: Array | None = None) -> Array:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from sim.described import Described
 from sim.elements import ELEMENT_TYPES, ElementType
 from sim.errors import MeshError
+from sim.indices import index, index_rows
 from sim.pattern import Array, Index
 
 
@@ -66,6 +67,12 @@ class Mesh(Described):
         used[n - self.n_points :] = True
         first = 0
         for block in self.blocks:
+            width = block.kind.n_nodes
+            if block.nodes.dtype.kind not in "iu" or block.nodes.shape[1:] != (width,):
+                raise MeshError(
+                    f"elements {block.kind.name} have nodes of shape {block.nodes.shape} and type "
+                    f"{block.nodes.dtype}, expected whole numbers (m, {width})"
+                )
             if block.nodes.size and (block.nodes.min() < 0 or block.nodes.max() >= n):
                 bad = int(np.argmax((block.nodes < 0) | (block.nodes >= n)) // block.nodes.shape[1])
                 raise MeshError(
@@ -112,9 +119,22 @@ class Mesh(Described):
         return np.concatenate([*volumes, np.empty(0)])
 
     def of_blocks(self, first: int, last: int | None) -> "Mesh":
-        """Mesh with some of the blocks; the other nodes remain, without elements."""
+        """Mesh with some of the blocks; the other nodes remain, without elements.
+
+        Raises MeshError for blocks that do not exist, and if there would be none.
+        """
+        k = len(self.blocks)
+        start = index("a part of the mesh", "block", first, k, error=MeshError)
+        end = (
+            k if last is None else index("a part of the mesh", "block", last, None, error=MeshError)
+        )
+        if not start < end <= k:
+            raise MeshError(
+                f"a part of the mesh refers to blocks {start}..{end - 1}, expected at least one of 0.."
+                f"{k - 1}"
+            )
         found = copy(self)  # a checked mesh, whose check would refuse nodes without elements
-        object.__setattr__(found, "blocks", self.blocks[first:last])
+        object.__setattr__(found, "blocks", self.blocks[start:end])
         return found
 
     def with_points(self, points: Array) -> "Mesh":
@@ -136,6 +156,7 @@ def mesh_from_arrays(X: ArrayLike, **connectivity: Iterable[Iterable[int]]) -> M
         if name not in ELEMENT_TYPES:
             raise MeshError(f"unknown element type {name!r}, expected one of {[*ELEMENT_TYPES]}")
         kind = ELEMENT_TYPES[name]
-        array = np.asarray(nodes, dtype=np.int64).reshape(-1, kind.n_nodes)
+        given = np.asarray(nodes if hasattr(nodes, "__array__") else [*nodes])
+        array = index_rows(f"an element {name}", "node", given, None, kind.n_nodes, error=MeshError)
         blocks.append(Block(kind, array))
     return Mesh(np.ascontiguousarray(X, dtype=np.float64), tuple(blocks))

@@ -8,6 +8,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 
 from sim.errors import SceneError
+from sim.indices import count_of, index, indices, kept_until_known
 from sim.scene import Index, MeasuresContact
 from sim.state import Array, Control, Outputs, State, StepReport
 from sim.system import System
@@ -76,11 +77,27 @@ def _over_markers(name: str, markers: tuple[str, ...]) -> tuple[Variable, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class Markers:
-    """Positions of named nodes, (marker, axis) [m]."""
+class _Named:
+    """Named nodes."""
 
-    nodes: Index  #: (n_markers,) node indices
+    nodes: Index  #: (n_markers,) node indices, or a mask (n_nodes,)
     names: tuple[str, ...]  #: marker names
+
+    def __post_init__(self) -> None:
+        place = type(self).__name__
+        object.__setattr__(self, "nodes", kept_until_known(place, "node", self.nodes))
+        if count_of(self.nodes) != len(self.names):
+            raise SceneError(
+                f"{place}: {count_of(self.nodes)} nodes for {len(self.names)} names, expected one each"
+            )
+
+    def _of(self, n: int) -> Index:
+        return indices(type(self).__name__, "node", self.nodes, n)
+
+
+@dataclass(frozen=True, eq=False)
+class Markers(_Named):
+    """Positions of named nodes, (marker, axis) [m]."""
 
     def variables(self) -> tuple[Variable, ...]:
         """One variable ``position``."""
@@ -88,11 +105,11 @@ class Markers:
 
     def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Copy the marker positions."""
-        return (state.q[self.nodes],)
+        return (state.q[self._of(len(state.q))],)
 
     def record_all(self, system: System, outputs: Outputs, activation: Array) -> tuple[Array, ...]:
         """Copy the marker positions."""
-        return (outputs.q[:, self.nodes],)
+        return (outputs.q[:, self._of(outputs.q.shape[1])],)
 
 
 @dataclass(frozen=True)
@@ -112,6 +129,8 @@ class Opening:
     name: str = "lip_opening"  #: name of the variable
 
     def __post_init__(self) -> None:
+        for name in ("upper", "lower"):
+            index("Opening", f"{name} node", getattr(self, name), None)
         if len(self.direction) != 3 or not 0.0 < math.hypot(*self.direction) < math.inf:
             raise SceneError(
                 f"Opening: direction = {self.direction!r}, expected three numbers that are not all zero"
@@ -123,7 +142,9 @@ class Opening:
 
     def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Signed distance along the direction."""
-        apart = state.q[self.upper] - state.q[self.lower]
+        n = len(state.q)
+        upper, lower = (index("Opening", "node", k, n) for k in (self.upper, self.lower))
+        apart = state.q[upper] - state.q[lower]
         return (float(np.array(self.direction) @ apart) / math.hypot(*self.direction),)
 
 
@@ -141,15 +162,13 @@ class SmallestJ:
 
 
 @dataclass(frozen=True, eq=False)
-class StepErrors:
+class StepErrors(_Named):
     """Estimated error of each step at named nodes, (marker, axis) [m], and iteration tolerance [m].
 
     The error is NaN if the integrator has no estimate; the tolerance is 0 if it does not iterate.
     """
 
     reads_errors: ClassVar[bool] = True
-    nodes: Index  #: (n_markers,) node indices
-    names: tuple[str, ...]  #: marker names
 
     def variables(self) -> tuple[Variable, ...]:
         """Variables ``step_error`` and ``iteration_error``."""
@@ -157,12 +176,13 @@ class StepErrors:
 
     def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Return the estimate at the nodes; zero at the start."""
+        nodes = self._of(len(state.q))
         if report is None:
-            return np.zeros((len(self.nodes), 3)), 0.0
+            return np.zeros((len(nodes), 3)), 0.0
         left = float(np.nan_to_num(report.increment))
         if report.local_error is None:
-            return np.full((len(self.nodes), 3), np.nan), left
-        return report.local_error[self.nodes], left
+            return np.full((len(nodes), 3), np.nan), left
+        return report.local_error[nodes], left
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from scipy.linalg import cho_solve
 from scipy.optimize import OptimizeResult, minimize
 from scipy.sparse import csc_array, csr_array
 
+from analysis.errors import StatisticsError
 from analysis.statistics.paired import Array
 
 LARGEST: Final = 1e3
@@ -57,6 +58,12 @@ def fit_crossed(y: Array, X: Array, factors: Mapping[str, NDArray[np.int64]]) ->
     Journal of Statistical Software 67(1), sections 3.4 and 3.5.
     """
     names = list(factors)
+    for name, levels in factors.items():
+        if np.shape(levels) != np.shape(y):
+            raise StatisticsError(
+                f"factor {name} has levels of shape {np.shape(levels)}, expected {np.shape(y)}, one per "
+                "observation"
+            )
     equations = _Equations(y, X, list(factors.values()))
     theta, converged = _optimum(equations, len(names)) if names else (np.zeros(0), True)
     beta, covariance, residual, residuals = equations.solution(theta)

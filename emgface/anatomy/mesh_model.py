@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from emgface.errors import DataError
 from emgface.face.parts import Bundle, Fibre, Floats, Integers
 from emgface.face.quality import element_quality
+from sim.indices import indices, whole_numbers
 
 Variable = tuple[str | tuple[str, ...], NDArray[Any]]
 """Dims and values of a variable."""
@@ -22,18 +23,31 @@ def muscle_variables(
     fibres: Sequence[Fibre],
     bundles: Sequence[Bundle],
     muscles: Sequence[str],
+    n_elements: int,
     error: type[DataError],
 ) -> dict[str, Variable]:
     """Fibres, and elements with directions, in the order of the muscles.
 
-    Raises the `error` if a muscle is unknown, or some bundles have weights and others have none.
+    Raises the `error` if a muscle is unknown, some bundles have weights and others have none, or
+    elements are neither indices nor a mask, or directions are not one per element.
     """
     order = {muscle: k for k, muscle in enumerate(muscles)}
     for muscle in [*(f.muscle for f in fibres), *(b.muscle for b in bundles)]:
         if muscle not in order:
             raise error(f"unknown muscle {muscle!r}: expected one of {', '.join(muscles)}")
     bundles = sorted(bundles, key=lambda bundle: order[bundle.muscle])
-    points, elements = [len(f.position) for f in fibres], [len(b.element) for b in bundles]
+    own = [
+        indices(f"the bundle of {b.muscle}", "element", b.element, n_elements, error=error)
+        for b in bundles
+    ]
+    for bundle, rows in zip(bundles, own, strict=True):
+        for what, values in (("directions", bundle.direction), ("weights", bundle.weight)):
+            if values is not None and len(values) != len(rows):
+                raise error(
+                    f"the bundle of {bundle.muscle} has {len(rows)} elements and {len(values)} {what}, "
+                    "expected one for each element"
+                )
+    points, elements = [len(f.position) for f in fibres], [len(rows) for rows in own]
     of_element = [order[bundle.muscle] for bundle in bundles]
     found: dict[str, Variable] = {
         "fibre_position": (("fibre_point", "axis"), stacked([f.position for f in fibres])),
@@ -42,7 +56,7 @@ def muscle_variables(
         "bundle_muscle": ("bundle_element", integers(np.repeat(of_element, elements))),
         "bundle_index": (
             "bundle_element",
-            integers(np.concatenate([np.asarray(b.element) for b in bundles] or [[]])),
+            integers(np.concatenate([np.empty(0, dtype=np.int64), *own])),
         ),
         "bundle_direction": (("bundle_element", "axis"), stacked([b.direction for b in bundles])),
     }
@@ -63,8 +77,9 @@ def facet_variables(facets: Mapping[str, Integers] | None) -> dict[str, Variable
     if not facets:
         return {}
     sizes = [len(nodes) for nodes in facets.values()]
+    nodes = np.concatenate([integers(rows) for rows in facets.values()])
     return {
-        "facet_node": (("facet", "facet_corner"), integers(np.concatenate(list(facets.values())))),
+        "facet_node": (("facet", "facet_corner"), nodes),
         "facet_surface": ("facet", integers(np.repeat(np.arange(len(facets)), sizes))),
     }
 
@@ -80,8 +95,19 @@ def floats(values: Floats) -> Floats:
 
 
 def integers(values: object) -> NDArray[np.int32]:
-    """Contiguous integers of 32 bits."""
-    return np.ascontiguousarray(values, dtype=np.int32)
+    """Contiguous integers of 32 bits; raises DataError for masks and numbers that are not whole."""
+    found = whole_numbers("a model", "number", np.asarray(values), error=DataError)
+    if found.size and np.abs(found).max() > np.iinfo(np.int32).max:
+        raise DataError(f"a model refers to number {found.max()}, expected at most {2**31 - 1}")
+    return np.ascontiguousarray(found, dtype=np.int32)
+
+
+def codes(values: object) -> NDArray[np.int8]:
+    """Contiguous codes of 8 bits; raises DataError as `integers`, and for other numbers."""
+    found = integers(values)
+    if found.size and not (found.min() >= -128 and found.max() <= 127):
+        raise DataError(f"a model contains the code {found.max()}, expected a small whole number")
+    return found.astype(np.int8)
 
 
 def check_references(

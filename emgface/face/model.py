@@ -11,6 +11,7 @@ import xarray as xr
 
 from emgface.anatomy.mesh_model import (
     Variable,
+    codes,
     facet_variables,
     floats,
     integers,
@@ -67,9 +68,9 @@ def build_face(
             "node_id": ("node", integers(node_id)),
             "connectivity": (("element", "element_node"), integers(connectivity)),
             "element_id": ("element", integers(element_id)),
-            "layer": ("element", np.asarray(layer, dtype=np.int8)),
-            "fixed": ("node", np.asarray(fixed, dtype=np.int8)),
-            **muscle_variables(fibres, bundles, MUSCLES, FaceError),
+            "layer": ("element", codes(layer)),
+            "fixed": ("node", codes(fixed)),
+            **muscle_variables(fibres, bundles, MUSCLES, len(connectivity), FaceError),
             "marker_node": ("marker", integers(marker_node)),
             "face_marker_position": (("face_marker", "axis"), floats(face_marker_position)),
             "lip_opening_node": ("lip", integers(lip_opening_node)),
@@ -107,7 +108,7 @@ def _rigid(arches: Sequence[Arch]) -> dict[str, Variable]:
     if not arches:
         return {}
     shift = np.cumsum([0, *(len(arch.points) for arch in arches[:-1])])
-    rows = [arch.triangles + k for arch, k in zip(arches, shift, strict=True)]
+    rows = [integers(arch.triangles) + k for arch, k in zip(arches, shift, strict=True)]
     bones = np.repeat([arch.bone for arch in arches], [len(r) for r in rows])
     return {
         "arch_position": (("arch_point", "axis"), stacked([arch.points for arch in arches])),
@@ -121,7 +122,7 @@ def _lips(lips: Mapping[str, Integers] | None) -> dict[str, Variable]:
     if not lips:
         return {}
     sizes = [len(lips[lip]) for lip in LIPS]
-    triangles = integers(np.concatenate([lips[lip] for lip in LIPS]))
+    triangles = np.concatenate([integers(lips[lip]) for lip in LIPS])
     return {
         "lip_triangle": (("lip_facet", "lip_corner"), triangles),
         "lip_of_triangle": ("lip_facet", integers(np.repeat(np.arange(len(LIPS)), sizes))),

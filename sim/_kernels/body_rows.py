@@ -228,6 +228,41 @@ def _hold(table, kinds, twists, h, step, rows):
 
 
 @bare
+def restrict(table, kinds, bodies, q, known, step, rows):
+    """Remove from velocities g what rigid rows at the frames `step.ahead` do not allow.
+
+    g -= M^-1 G'(G M^-1 G')^-1 G g, with the inverse inertia `step.inverse`. Returns False if rows are
+    redundant there.
+    """
+    g, near, n = step.g, rows.near, len(step.g)
+    if not known:
+        _evaluate(
+            bodies.column, table, step.ahead, q, rows.c, rows.G, rows.JA, rows.JB, rows.JP
+        )  # fmt: skip
+    m = _choose(kinds.rigid, near)
+    if m == 0:
+        return True
+    for i in range(m):
+        rows.on[i] = True
+    _mobility(
+        bodies.column, bodies.mass, step.inverse, table.body_a, table.body_b, near, m, rows.G, rows.Y,
+        rows.S,
+    )  # fmt: skip
+    k = _factor(rows.on, m, rows.place, rows.S, rows.T, rows.positive, 0.0)
+    if k < 0:
+        return False
+    for i in range(m):
+        rows.violated[i] = 0.0
+        for j in range(n):
+            rows.violated[i] += rows.G[near[i], j] * g[j]
+    _solve(rows.T, rows.place, k, rows.violated, m, rows.target, rows.f)
+    for i in range(m):
+        for j in range(n):
+            g[j] += rows.f[i] * rows.Y[i, j]
+    return True
+
+
+@bare
 def move_on_rows(table, kinds, bodies, twists, q, h, theta, known, most, drift, step, rows):
     """Move bodies by w1 with the forces of rows, and project frames and velocities to the rows.
 

@@ -22,11 +22,12 @@ from sim._kernels.body_forces import (
     measure_segments,
     morsel_gap,
 )
-from sim._kernels.body_rows import move_on_rows
+from sim._kernels.body_rows import move_on_rows, restrict
 from sim._kernels.body_tables import BodyTable, Flags, Index, Led, RowKinds, Scratch
 from sim._kernels.dense import copy, factorise, solve_lower, solve_upper
 from sim._kernels.frames import (
     add,
+    coasted,
     cross,
     move,
     placed,
@@ -99,15 +100,47 @@ def _start(column, mass, inertia, frames, twists, step):
 
 
 @bare
-def _add_mass(column, mass, inertia, h, step):
-    """A += M at the pose predicted by the initial velocities; `step.ahead` are the initial frames."""
+def _coast(bodies, table, kinds, known, h, theta, points, step, rows):
+    """Move the initial frames `step.ahead` to the pose of the mass, after a motion without forces.
+
+    The motion is that of `sim.integrators.linearly_implicit.predicted_pose`. Rigid rows, which are
+    evaluated at the initial frames unless `known`, restrict the change of the velocities. Returns False
+    if a body turns too far.
+    """
+    column, g, turns = bodies.column, step.g, False
     for b in range(len(column)):
         c = column[b]
         if c < 0:
             continue
-        for d in range(6):
-            step.g[c + d] = h * step.w0[c + d]
-        move(step.ahead, b, step.g, c)
+        turned_tensor(step.ahead, b, bodies.inertia[b], step.I)
+        w0 = (step.w0[c + 3], step.w0[c + 4], step.w0[c + 5])
+        w, found = coasted(step.I, w0, h, theta)
+        if not found:
+            return False
+        g[c], g[c + 1], g[c + 2] = 0.0, 0.0, 0.0
+        g[c + 3], g[c + 4], g[c + 5] = w[0] - w0[0], w[1] - w0[1], w[2] - w0[2]
+        turns = turns or g[c + 3] != 0.0 or g[c + 4] != 0.0 or g[c + 5] != 0.0
+        turned_tensor(step.ahead, b, bodies.inverse[b], step.inverse[b])
+    if turns and len(rows.c) > 0:
+        if not known:
+            _place_points(bodies.body, bodies.arm, step.ahead, points.q, points.arm)
+        if not restrict(table, kinds, bodies, points.q, known, step, rows):
+            return False
+    for j in range(len(g)):
+        g[j] = h * (step.w0[j] + theta * g[j])
+    for b in range(len(column)):
+        if column[b] >= 0:
+            move(step.ahead, b, g, column[b])
+    return True
+
+
+@bare
+def _add_mass(column, mass, inertia, step):
+    """A += M at the pose `step.ahead`."""
+    for b in range(len(column)):
+        c = column[b]
+        if c < 0:
+            continue
         turned_tensor(step.ahead, b, inertia[b], step.I)
         for i in range(3):
             step.A[c + i, c + i] += mass[b]
@@ -148,7 +181,7 @@ def _equation(table, lines, activation, whole, h, theta, points, step):
             for j in range(i):
                 w1[i] -= left * A[i, j] * w0[j]
                 w1[j] -= left * A[i, j] * w0[i]
-    _add_mass(column, table.mass, table.inertia, h, step)
+    _add_mass(column, table.mass, table.inertia, step)
     negative = factorise(A, step.sign, n)
     if negative >= 0:
         solve_lower(A, w1, n)
@@ -253,14 +286,16 @@ def advance_bodies(
             for d in range(6):
                 still[led.body[k], d] = led.twists[i, k, d]
         _start(column, table.mass, table.inertia, step.ahead, twists[i], step)
+        # without prescribed bodies the rows were evaluated at these frames last
+        known = i > 0 and len(led.body) == 0
+        if not _coast(table, rows, kinds, known, h[i], theta, points, step, held):
+            return i
         _place_points(table.body, table.arm, step.frames, q, points.arm)
         if len(led.body) > 0:
             _carry(table.body, points.arm, led.body, led.twists[i], points.carried)
         negative[i] = _equation(table, lines, activation[i], whole[i], h[i], theta, points, step)
         if negative[i] < 0:
             return i
-        # without prescribed bodies the rows were evaluated at these frames last
-        known = i > 0 and len(led.body) == 0
         if not move_on_rows(
             rows, kinds, table, still, q, h[i], theta, known, most, drift, step, held
         ):

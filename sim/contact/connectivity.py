@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.errors import ContactFailure
+from sim.errors import ContactFailure, SceneError
+from sim.indices import index_rows
 from sim.scene import Index
 from sim.state import Array
 
@@ -22,15 +23,17 @@ def checked_triangles(triangles: ArrayLike, name: str) -> Index:
     Raises ContactFailure if the array has another shape or type, a triangle contains a node twice, two
     triangles have the same nodes, or two have a common edge in the same direction.
     """
-    array = np.asarray(triangles)
-    whole = array.dtype.kind in "iu" and array.ndim == 2 and array.shape[1:] == (3,)
-    if not whole or len(array) == 0:
+    try:
+        array = index_rows(f"surface {name!r}", "node", triangles, None, 3, error=SceneError)
+    except SceneError as wrong:
         raise ContactFailure(
-            f"triangles of surface {name!r} have shape {array.shape} and type {array.dtype}, expected "
-            "whole numbers (m, 3), m > 0",
-            surface=name,
+            f"{wrong}; the triangles are whole numbers (m, 3), m > 0", surface=name
+        ) from None
+    if len(array) == 0:
+        raise ContactFailure(
+            f"surface {name!r} has no triangles, expected whole numbers (m, 3), m > 0", surface=name
         )
-    array = np.ascontiguousarray(array, dtype=np.int64)
+    array = np.ascontiguousarray(array)
     ordered = np.sort(array, axis=1)
     twice = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
     if twice.any():

@@ -19,12 +19,20 @@ from sim.step_matrices import LinearStep, Missed
 from sim.system import System
 
 
-def predicted_pose(system: System, state: State, h: float) -> Pose:
-    """Pose of the mass of a step: that predicted by the current velocities, if R varies."""
+def predicted_pose(system: System, state: State, h: float, theta: float) -> Pose:
+    """Pose of the mass of a step, if R varies: that after a motion without forces by the same rule.
+
+    Without moments the step then solves its equation exactly, gyroscopic terms included. Rigid joints
+    restrict the change of the velocities by these terms.
+    """
     kinematics = system.kinematics
     if not kinematics.matrix_varies:
         return state.pose
-    return kinematics.advance(state.pose, h * kinematics.velocities(state), state.t + h)
+    w0 = kinematics.velocities(state)
+    change = kinematics.coasted(w0, state.pose, h, theta) - w0
+    if system.rows is not None and change.any():
+        change = system.rows.restricted(change, state.pose)
+    return kinematics.advance(state.pose, h * (w0 + theta * change), state.t + h)
 
 
 def momentum_at(system: System, state: State, predicted: Pose) -> Array:

@@ -100,7 +100,7 @@ class _Linearised:
             pose = kinematics.at(state.pose, at_end.t)
             here, K = system.tangent(pose.q, at_end)
             D = damping_matrix(system, pose, state.v, at_end, K)
-            predicted = predicted_pose(system, state, h)
+            predicted = predicted_pose(system, state, h, theta)
             by_damping, by_stiffness = theta * h, (theta * h) * (theta * h)
             A = implicit_matrix(system, pose, here, K, D, by_damping, by_stiffness, predicted)
         require_upright(here.element, here.smallest_J, state.t)

@@ -6,6 +6,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sim.errors import SceneError
+from sim.indices import indices
 from sim.inverse.targets import check_target, interpolated
 from sim.scene import Index
 from sim.state import Array
@@ -28,6 +29,9 @@ class SeparationTarget:
 
     def __post_init__(self) -> None:
         check_target("SeparationTarget", self.time, self.separation, self.size)
+        for name in ("upper", "lower"):
+            found = indices("SeparationTarget", "node", getattr(self, name), None)
+            object.__setattr__(self, name, found)
         _check_direction("SeparationTarget", self.direction)
         if not len(self.upper) or not len(self.lower):
             raise SceneError(
@@ -36,7 +40,10 @@ class SeparationTarget:
 
     def value(self, q: Array) -> Array:
         """Separation (1,)."""
-        gap = q[self.upper].mean(axis=0) - q[self.lower].mean(axis=0)
+        upper, lower = (
+            indices("SeparationTarget", "node", group, len(q)) for group in (self.upper, self.lower)
+        )
+        gap = q[upper].mean(axis=0) - q[lower].mean(axis=0)
         return np.array([gap @ np.array(self.direction)])
 
     def slope(self, q: Array) -> csr_array:
@@ -67,13 +74,15 @@ class AreaTarget:
 
     def __post_init__(self) -> None:
         check_target("AreaTarget", self.time, self.area, self.size)
+        object.__setattr__(self, "nodes", indices("AreaTarget", "node", self.nodes, None))
         _check_direction("AreaTarget", self.direction)
         if len(self.nodes) < 3:
             raise SceneError(f"AreaTarget: {len(self.nodes)} points, expected at least 3")
 
     def value(self, q: Array) -> Array:
         """Area (1,)."""
-        x = q[self.nodes] - q[self.nodes].mean(axis=0)
+        x = q[indices("AreaTarget", "node", self.nodes, len(q))]
+        x = x - x.mean(axis=0)
         twice = np.cross(x, np.roll(x, -1, axis=0)).sum(axis=0)
         return np.array([0.5 * twice @ np.array(self.direction)])
 

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from sim.errors import SceneError
+from sim.indices import indices
 from sim.scene import Index
 from sim.state import Array
 
@@ -71,6 +72,7 @@ class PointTarget:
 
     def __post_init__(self) -> None:
         check_target("PointTarget", self.time, self.position, self.size)
+        object.__setattr__(self, "nodes", indices("PointTarget", "node", self.nodes, None))
         if self.position.shape[1:] != (len(self.nodes), 3):
             raise SceneError(
                 f"PointTarget: positions of shape {self.position.shape}, expected (time, "
@@ -79,7 +81,7 @@ class PointTarget:
 
     def value(self, q: Array) -> Array:
         """Coordinates (3 k,) of the points."""
-        return q[self.nodes].ravel()
+        return q[indices("PointTarget", "node", self.nodes, len(q))].ravel()
 
     def slope(self, q: Array) -> csr_array:
         """Unit vectors of the coordinates."""

@@ -160,6 +160,14 @@ class Rows:
 
         return inverse
 
+    def restricted(self, w: Array, pose: Pose) -> Array:
+        """Velocities (n,) less what rigid rows do not allow, w - M^-1 G'(G M^-1 G')^-1 G w."""
+        if not self.rigid.any():
+            return w
+        X, G = self.inverse_mass(pose), self.evaluate(pose).G[self.rigid]
+        f = np.linalg.lstsq(G @ X[self.columns] @ G.T, G @ w[self.columns], rcond=REDUNDANT)[0]
+        return w - X @ (G.T @ f)
+
     def projected(
         self, pose: Pose, w: Array, *, momentum: bool = False
     ) -> tuple[Pose, Array, Array]:
@@ -221,7 +229,9 @@ def row_table(rows: Sequence[Row], bodies: Mapping[str, int], rest: Pose) -> Row
     b = [number_of(row.body_b, bodies, row.name) for row in rows]
     for row in rows:
         if row.point >= len(rest.q):
-            raise SceneError(f"joint row {row.name} refers to point {row.point} of {len(rest.q)}")
+            raise SceneError(
+                f"joint row {row.name} refers to point {row.point}, expected 0..{len(rest.q) - 1}"
+            )
 
     def origins(of: list[int]) -> Array:
         centres = np.vstack([rest.frames[:, :3], np.zeros(3)])

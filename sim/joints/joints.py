@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sim._kernels.joints import ALIGNED, ANGLE, CURVE, TRAVEL, TURN
 from sim.errors import SceneError
+from sim.indices import index
 from sim.joints.contract import Array, Joint, Row, unit_axes
 
 _AXES = "xyz"
@@ -206,6 +207,10 @@ class PointOnPlane:
     compliance: float = 0.0
     damping_time: float = 0.0
 
+    def __post_init__(self) -> None:
+        point = index(f"joint {self.name}", "point", self.point, None)
+        object.__setattr__(self, "point", point)
+
     def rows(self) -> tuple[Row, ...]:
         """One row."""
         return (
@@ -245,6 +250,10 @@ class PointOnCurve:
     coefficients: NDArray[np.float64]  #: (4,) of f = sum_k coefficients_k x^k [m^(1 - k)]
     reach: tuple[float, float]  #: (2,) first and last x of the polynomial [m]; f is linear beyond
     unilateral: bool = False  #: True if the point may leave the surface to the side of z
+
+    def __post_init__(self) -> None:
+        point = index(f"joint {self.name}", "point", self.point, None)
+        object.__setattr__(self, "point", point)
 
     def rows(self) -> tuple[Row, ...]:
         """One row."""

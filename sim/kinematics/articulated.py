@@ -13,8 +13,10 @@ import numpy as np
 from scipy.sparse import csr_array, hstack
 
 from sim._kernels import matrix as kernel
+from sim._kernels.frames import coast_all
 from sim.bodies import Body
 from sim.dense import solved
+from sim.errors import NotConverged
 from sim.kinematics import rotations
 from sim.kinematics.chains import Chains
 from sim.kinematics.congruence import Congruence, lay_out
@@ -408,6 +410,28 @@ class Articulated(Kinematics):
         a[chains.dependent] = chains.weights @ a
         _add(a, chains.point, parts)
         return a
+
+    def gyration(self, state: State) -> Array:
+        """Rates of the angular velocities by the gyroscopic moments of the bodies' own inertia."""
+        out, inertia = np.zeros(self.pattern.n), self._inertias(state.pose)
+        omega = state.twists[self.free_bodies, 3:]
+        moment = np.cross(omega, np.einsum("bij,bj->bi", inertia, omega))
+        rate = np.linalg.solve(inertia, moment[..., None])[..., 0]
+        out[self.first :].reshape(-1, 6)[:, 3:] = rate
+        return out
+
+    def coasted(self, w: Array, pose: Pose, h: float, theta: float) -> Array:
+        """Solve I1 w1 = I0 w0 for every body by Newton's method."""
+        out, own = w.copy(), self.free_bodies
+        omega = np.ascontiguousarray(w[self.first :].reshape(-1, 6)[:, 3:])
+        after = np.empty_like(omega)
+        missing = coast_all(self._inertias(pose), omega, h, theta, after)
+        if missing >= 0:
+            turn = h * float(np.linalg.norm(omega[missing]))
+            reason = f"body {int(own[missing])} turns by {turn:.3g} rad, too much for one step"
+            raise NotConverged((), pose.t + h, reason)
+        out[self.first :].reshape(-1, 6)[:, 3:] = after
+        return out
 
     def kicked(self, u: Array, impulse: Array, s: float, state: State) -> Array:
         """Inertial velocities plus s times their rate under the mean force impulse/s."""

@@ -145,6 +145,18 @@ class Kinematics:
         """Inertial forces b (n,) of M dw/dt = R'f - b: gyroscopic moments and centripetal forces."""
         return np.zeros(self.pattern.n)
 
+    def gyration(self, state: State) -> Array:
+        """Rates (n,) I^-1 (w x I w) of the angular velocities of bodies, zero for other velocities."""
+        return np.zeros(self.pattern.n)
+
+    def coasted(self, w: Array, pose: Pose, h: float, theta: float) -> Array:
+        """Velocities (n,) after a time h without forces, by implicit Euler or a symmetric rule.
+
+        Bodies keep their angular momentum, I1 w1 = I0 w0, with the inertia I1 after the rotation
+        h ((1 - theta) w0 + theta w1). Raises NotConverged if the rotation is too large for the rule.
+        """
+        return w
+
     def kicked(self, u: Array, impulse: Array, s: float, state: State) -> Array:
         """Inertial velocities u after the time s under a generalised impulse (n,), from a state."""
         return u + impulse / self.mass

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sim.bodies import Motion
-from sim.checks import require_index
 from sim.embedding import Embedding, embed
 from sim.errors import SceneError
+from sim.indices import index_rows, indices, node_indices
 from sim.mesh import Mesh
 from sim.pattern import Array, Index
 
@@ -52,9 +52,7 @@ class Member(Protocol):
 
 
 def _checked(member: object, nodes: ArrayLike, mesh: Mesh) -> Index:
-    found = np.asarray(nodes, dtype=np.int64)
-    require_index(type(member).__name__, "node", found, mesh.n_nodes)
-    return found
+    return node_indices(type(member).__name__, nodes, mesh.n_nodes, mesh.n_points)
 
 
 def _number(name: str, bodies: Mapping[str, int]) -> int:
@@ -67,28 +65,30 @@ def _number(name: str, bodies: Mapping[str, int]) -> int:
 class Fixed:
     """Nodes that keep their position, in all or some directions (0 = x, 1 = y, 2 = z)."""
 
-    nodes: Index
+    nodes: Index  #: (k,) numbers, or a mask (n_nodes,)
     axes: tuple[int, ...] = (0, 1, 2)
 
     def attach(self, mesh: Mesh, bodies: Mapping[str, int]) -> Attachment:
         """Nodes held in space."""
-        return Attachment("Fixed", _checked(self, self.nodes, mesh), axes=self.axes)
+        axes = tuple(int(axis) for axis in indices("Fixed", "axis", self.axes, 3))
+        return Attachment("Fixed", _checked(self, self.nodes, mesh), axes=axes)
 
 
 @dataclass(frozen=True, eq=False)
 class OnBody:
-    """Nodes (k,) that are rigidly attached to a body at their rest positions, or at other `places`.
+    """Nodes that are rigidly attached to a body at their rest positions, or at other `places`.
 
     Tissue between nodes whose places differ from those at rest is deformed from the start.
     """
 
     body: str
-    nodes: Index
+    nodes: Index  #: (k,) numbers, or a mask (n_nodes,)
     places: Array | None = None  #: (k, 3) positions at the start [m]
 
     def attach(self, mesh: Mesh, bodies: Mapping[str, int]) -> Attachment:
         """Nodes rigid on a body."""
         nodes, places = _checked(self, self.nodes, mesh), self.places
+        places = None if places is None else np.asarray(places, dtype=np.float64)
         if places is not None and places.shape != (len(nodes), 3):
             raise SceneError(
                 f"OnBody: places have shape {places.shape}, expected ({len(nodes)}, 3), one per node"
@@ -107,7 +107,7 @@ class InElement:
         A node lies in no element (on compiling).
     """
 
-    nodes: Index  #: (k,) array of int
+    nodes: Index  #: (k,) numbers, or a mask (n_nodes,)
     #: elements of the nodes; by default those that contain the rest positions
     embedding: Embedding | None = None
     tolerance: float = 1e-6  #: as `sim.embed`
@@ -116,21 +116,38 @@ class InElement:
         """Nodes interpolated from those of an element."""
         nodes = _checked(self, self.nodes, mesh)
         found = self.embedding or embed(mesh, mesh.X[nodes], tolerance=self.tolerance)
-        return Attachment("InElement", nodes, holders=found.nodes, weights=found.weights)
+        holders = index_rows("InElement", "holding node", found.nodes, mesh.n_nodes, None)
+        weights = np.asarray(found.weights, dtype=np.float64)
+        if holders.shape != weights.shape or holders.shape[:1] != nodes.shape:
+            raise SceneError(
+                f"InElement: an embedding with nodes {holders.shape} and weights {weights.shape} for "
+                f"{len(nodes)} nodes, expected one row of both for each"
+            )
+        return Attachment("InElement", nodes, holders=holders, weights=weights)
 
 
 @dataclass(frozen=True, eq=False)
 class PrescribedNodes:
     """Nodes with positions prescribed as a function of time."""
 
-    nodes: Index  #: (k,) array of int
+    nodes: Index  #: (k,) numbers, or a mask (n_nodes,)
     #: positions (k, 3) [m] at a time [s], smooth; velocities are its differences over 0.1 ms
     path: NodeMotion
 
     def attach(self, mesh: Mesh, bodies: Mapping[str, int]) -> Attachment:
         """Nodes on a path."""
-        nodes = _checked(self, self.nodes, mesh)
-        return Attachment("PrescribedNodes", nodes, path=self.path)
+        nodes, path = _checked(self, self.nodes, mesh), self.path
+
+        def checked(t: float) -> Array:
+            x = np.asarray(path(t), dtype=np.float64)
+            if x.shape != (len(nodes), 3):
+                raise SceneError(
+                    f"PrescribedNodes: the path returns positions of shape {x.shape} at t = {t:.4g} s, "
+                    f"expected ({len(nodes)}, 3), one for each node"
+                )
+            return x
+
+        return Attachment("PrescribedNodes", nodes, path=checked)
 
 
 @dataclass(frozen=True, eq=False)

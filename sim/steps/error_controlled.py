@@ -6,6 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from sim.errors import InvertedElement, SceneError, ToleranceMissed
+from sim.indices import indices, kept_until_known
 from sim.integrators.contract import TimeIntegrator
 from sim.scene import Index
 from sim.state import Array, State, StepReport, united
@@ -45,12 +46,16 @@ class ErrorControlledStep:
     reads_errors: ClassVar[bool] = True
     tolerance: float = 1e-4  #: largest error at the watched nodes [m]
     h: float = 0.01  #: largest step [s]
-    nodes: Index | None = None  #: (k,) watched nodes, such as the lip markers; all if None
+    #: (k,) watched nodes, or a mask (n_nodes,), such as the lip markers; all if None
+    nodes: Index | None = None
     horizon: float = 0.03  #: time over which errors accumulate [s]
     #: the smallest step is h/2^max_halvings; its failure ends the simulation
     max_halvings: int = 10
 
     def __post_init__(self) -> None:
+        if self.nodes is not None:
+            nodes = kept_until_known("ErrorControlledStep", "node", self.nodes)
+            object.__setattr__(self, "nodes", nodes)
         require_positive(self.h)
         for name in ("tolerance", "horizon"):
             if not getattr(self, name) > 0.0:
@@ -162,5 +167,7 @@ class ErrorControlledStep:
         return better, report, self._largest(error)
 
     def _largest(self, error: Array) -> float:
-        watched = error if self.nodes is None else error[self.nodes]
+        watched = error
+        if self.nodes is not None:
+            watched = error[indices("ErrorControlledStep", "node", self.nodes, len(error))]
         return float(np.linalg.norm(watched, axis=1).max())

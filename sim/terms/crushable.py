@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.checks import require, require_index
+from sim.checks import require
 from sim.errors import SceneError
+from sim.indices import index
 from sim.mesh import Mesh
 from sim.multibody import PointForces
 from sim.scene import Contribution, Index, Layout
@@ -43,6 +44,7 @@ class Crushable:
     damping: float = 10.0  #: [N s/m]
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "node", index("Crushable", "node", self.node, None))
         require(self, "diameter", self.diameter, above=GONE)
         require(self, "force_max", self.force_max, least=0.0)
         require(self, "damping", self.damping, least=0.0)
@@ -61,8 +63,7 @@ class Crushable:
     def compile(self, layout: Layout) -> "CompiledCrushable":
         """Find the place in the matrix."""
         n = layout.mesh.n_nodes
-        require_index("Crushable", "node", self.node, n)
-        key = np.array([self.node * (n + 1)])
+        key = np.array([index("Crushable", "node", self.node, n) * (n + 1)])
         target = np.asarray(layout.pattern.target[layout.pattern.pair_index(key)]).ravel()
         return CompiledCrushable(self, target.astype(np.int64))
 

@@ -50,13 +50,13 @@ class LineMuscles:
 
     def __post_init__(self) -> None:
         found = {fibre.muscle for fibre in self.fibres}
-        for k, name in enumerate(self.names):
-            if k not in found:
-                raise SceneError(f"line muscle {name} has no fibre")
         if found - set(range(len(self.names))):
             raise SceneError(
                 f"a line fibre refers to muscle {max(found)}, expected 0..{len(self.names) - 1}"
             )
+        for k, name in enumerate(self.names):
+            if k not in found:
+                raise SceneError(f"line muscle {name} has no fibre")
         for what, given in (("line laws", self.law), ("relations", self.relation)):
             if isinstance(given, Sequence) and len(given) != len(self.names):
                 raise SceneError(f"{len(given)} {what} for {len(self.names)} muscles")

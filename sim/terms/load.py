@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.checks import require_index
 from sim.errors import SceneError
+from sim.indices import count_of, kept_until_known, node_indices
 from sim.mesh import Mesh
 from sim.multibody import PointForces
 from sim.scene import Contribution, Index, Layout
@@ -30,21 +30,26 @@ class Gravity:
 
     def compile(self, layout: Layout) -> "ConstantForces":
         """Weigh the nodes once."""
-        return ConstantForces(layout.node_mass[:, None] * np.asarray(self.g), layout.mesh.X)
+        g = np.asarray(self.g, dtype=np.float64)
+        if g.shape != (3,) or not np.isfinite(g).all():
+            raise SceneError(f"Gravity: g = {self.g!r}, expected three finite numbers [m/s^2]")
+        return ConstantForces(layout.node_mass[:, None] * g, layout.mesh.X)
 
 
 @dataclass(frozen=True, eq=False)
 class NodeLoad:
     """Constant forces on nodes, potential -f . (q - X)."""
 
-    nodes: Index  #: (k,) node indices; the forces of repeated ones are added
+    nodes: Index  #: (k,) node indices, or a mask (n_nodes,); the forces of repeated ones are added
     force: Array  #: (k, 3) force on each [N]
 
     def __post_init__(self) -> None:
-        if self.force.shape != (len(self.nodes), 3) or not np.isfinite(self.force).all():
+        object.__setattr__(self, "nodes", kept_until_known("NodeLoad", "node", self.nodes))
+        object.__setattr__(self, "force", np.asarray(self.force, dtype=np.float64))
+        k = count_of(self.nodes)
+        if self.force.shape != (k, 3) or not np.isfinite(self.force).all():
             raise SceneError(
-                f"NodeLoad: force has shape {self.force.shape} or contains NaN, expected finite "
-                f"({len(self.nodes)}, 3)"
+                f"NodeLoad: force has shape {self.force.shape} or contains NaN, expected finite ({k}, 3)"
             )
 
     def pair_keys(self, mesh: Mesh) -> Index:
@@ -53,10 +58,9 @@ class NodeLoad:
 
     def compile(self, layout: Layout) -> "ConstantForces":
         """Sum the forces of each node."""
-        nodes, n = np.asarray(self.nodes, dtype=np.int64), layout.mesh.n_nodes
-        require_index("NodeLoad", "node", nodes, n)
+        n = layout.mesh.n_nodes
         total = np.zeros((n, 3))
-        np.add.at(total, nodes, self.force)
+        np.add.at(total, node_indices("NodeLoad", self.nodes, n, layout.mesh.n_points), self.force)
         return ConstantForces(total, layout.mesh.X)
 
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from sim._kernels.laws import FibreTable
 from sim.assembly import grouped
-from sim.checks import require_index
 from sim.errors import SceneError
+from sim.indices import count_of, indices, kept_until_known
 from sim.laws import Blemker, FibreLaw
 from sim.laws.fibre import N_FIBRE
 from sim.scene import Index
@@ -20,7 +20,7 @@ class Muscles:
     """Fibres in elements: one row per element of a muscle; an element may have several."""
 
     names: tuple[str, ...]
-    element: Index  #: (k,) element index of the row
+    element: Index  #: (k,) element index of the row, or a mask (n_elements,) of a single row each
     muscle: Index  #: (k,) index into names; every muscle has an element
     direction: Array  #: (k, 3) rest direction a0; normalised on compiling
     #: FibreLaw, or one per name
@@ -29,7 +29,12 @@ class Muscles:
     weight: Array | None = None
 
     def __post_init__(self) -> None:
-        k = len(self.element)
+        place = "a row of muscles"
+        object.__setattr__(self, "element", kept_until_known(place, "element", self.element))
+        muscle = indices(place, "muscle", self.muscle, len(self.names))
+        object.__setattr__(self, "muscle", muscle)
+        object.__setattr__(self, "direction", np.asarray(self.direction, dtype=np.float64))
+        k = count_of(self.element)
         if self.muscle.shape != (k,) or self.direction.shape != (k, 3):
             raise SceneError(
                 f"the sizes of the muscle arrays differ: {k} elements, {self.muscle.shape} muscles, "
@@ -38,7 +43,6 @@ class Muscles:
         empty = np.setdiff1d(np.arange(len(self.names)), self.muscle)
         if empty.size:
             raise SceneError(f"muscle {self.names[empty[0]]} has no element")
-        require_index("a row of muscles", "muscle", self.muscle, len(self.names))
         norm = np.linalg.norm(self.direction, axis=1)
         if not (norm > 0.0).all():
             row = int(np.argmin(norm > 0.0))
@@ -83,12 +87,12 @@ def fibre_table(
     3), if given.
     """
     n = n_elements
-    require_index("a muscle", "element", muscles.element, n)
-    order, start = grouped(np.asarray(muscles.element, dtype=np.int64), n)
+    element = indices("a muscle", "element", muscles.element, n)
+    order, start = grouped(element, n)
     scene_index = np.array([scene_muscles.index(name) for name in muscles.names])
     direction = muscles.direction[order]
     if F0 is not None:
-        own = F0[muscles.element[order]]
+        own = F0[element[order]]
         direction = np.linalg.solve(own, direction[..., None])[..., 0]
     direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
     weight = np.ones(len(order)) if muscles.weight is None else muscles.weight[order]

@@ -12,6 +12,7 @@ from sim._kernels.laws import FibreTable, LawTable
 from sim._kernels.scatter import Places
 from sim.assembly import element_pair_keys, parts_of, places_of
 from sim.errors import SceneError
+from sim.indices import index_rows
 from sim.laws.isochoric import N_ISOCHORIC
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
@@ -51,16 +52,12 @@ class Solid:
             if len(self.materials) != 1:
                 raise SceneError(f"{len(self.materials)} materials but no region per element")
             return np.zeros(mesh.n_elements, dtype=np.int64)
-        region = np.asarray(self.region, dtype=np.int64)
-        if (
-            region.shape != (mesh.n_elements,)
-            or not ((region >= 0) & (region < len(self.materials))).all()
-        ):
+        region = index_rows("the region of an element", "material", self.region, None, None)
+        if region.shape != (mesh.n_elements,):
             raise SceneError(
-                f"region has shape {region.shape} and range {region.min()}..{region.max()}, expected "
-                f"({mesh.n_elements},) and 0..{len(self.materials) - 1}"
+                f"region has shape {region.shape}, expected ({mesh.n_elements},), a material per element"
             )
-        return region
+        return index_rows("the region of an element", "material", region, len(self.materials), None)
 
     def node_mass(self, mesh: Mesh) -> Array:
         """Lumped mass: rho V of each element is distributed equally among its nodes (n_nodes,) [kg]."""

@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.assembly import element_pair_keys
-from sim.checks import require, require_index
+from sim.checks import require
 from sim.errors import SceneError
+from sim.indices import count_of, indices, kept_until_known
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
@@ -30,7 +31,7 @@ class Stiffening:
     """
 
     names: tuple[str, ...]  #: muscles of the scene that stiffen
-    element: Index  #: (k,) element index of each row
+    element: Index  #: (k,) element index of each row, or a mask (n_elements,)
     muscle: Index  #: (k,) index into names
     tissue: Solid  #: materials and regions of the solid that is stiffened; its muscles are ignored
     factor: float = 10.0  #: of the moduli at full activation [1], at least 1
@@ -40,14 +41,17 @@ class Stiffening:
     kappa: float | Array | None = None
 
     def __post_init__(self) -> None:
-        k = len(self.element)
+        place = "stiffening"
+        object.__setattr__(self, "element", kept_until_known(place, "element", self.element))
+        muscle = indices(place, "muscle", self.muscle, len(self.names))
+        object.__setattr__(self, "muscle", muscle)
+        k = count_of(self.element)
         for what, rows in (("muscles", self.muscle), ("weights", self.weight)):
             if rows is not None and rows.shape != (k,):
                 raise SceneError(
                     f"the sizes of the stiffening arrays differ: {k} elements, {rows.shape} "
                     f"{what}, expected ({k},)"
                 )
-        require_index("stiffening", "muscle", self.muscle, len(self.names))
         require(self, "factor", self.factor, least=1.0)
 
     def pair_keys(self, mesh: Mesh) -> Index:
@@ -64,7 +68,6 @@ class CompiledStiffening:
 
     def __init__(self, term: Stiffening, layout: Layout) -> None:
         mesh = layout.mesh
-        require_index("stiffening", "element", term.element, mesh.n_elements)
         unknown = [name for name in term.names if name not in layout.muscles]
         if unknown:
             raise SceneError(
@@ -72,7 +75,8 @@ class CompiledStiffening:
                 f"some of {', '.join(layout.muscles)}"
             )
         scene_index = np.array([layout.muscles.index(name) for name in term.names], dtype=np.int64)
-        self._element, self._n = np.asarray(term.element, dtype=np.int64), mesh.n_elements
+        self._element = indices("stiffening", "element", term.element, mesh.n_elements)
+        self._n = mesh.n_elements
         self._muscle = scene_index[term.muscle]
         chosen = np.zeros(mesh.n_elements, dtype=bool)
         chosen[self._element] = True

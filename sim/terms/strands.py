@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from sim.checks import require, require_index
+from sim.checks import require
 from sim.embedding import embed
 from sim.errors import SceneError
+from sim.indices import index, indices
 from sim.mesh import Mesh
 from sim.scene import Index
 from sim.state import Array
@@ -28,12 +29,16 @@ class LineFibre:
     share: float = 1.0
 
     def __post_init__(self) -> None:
-        nodes = self.points.ndim == 1 and np.issubdtype(self.points.dtype, np.integer)
-        if not (nodes or (self.points.ndim == 2 and self.points.shape[1] == 3)):
+        object.__setattr__(self, "muscle", index("a line fibre", "muscle", self.muscle, None))
+        points = np.asarray(self.points)
+        if points.ndim == 1 and points.dtype != bool:  # nodes in an order, which a mask has not
+            points = indices("a line fibre", "node", points, None)
+        elif points.ndim != 2 or points.shape[1] != 3 or points.dtype == bool:
             raise SceneError(
-                f"line fibre has points of shape {self.points.shape} and type {self.points.dtype}, "
+                f"line fibre has points of shape {points.shape} and type {points.dtype}, "
                 "expected node indices (k,) or positions (k, 3)"
             )
+        object.__setattr__(self, "points", points)
         if len(self.points) < 2:
             raise SceneError(f"line fibre has {len(self.points)} point, expected at least two")
         require(self, "share", self.share, least=0.0)
@@ -124,8 +129,7 @@ def _placed(fibre: LineFibre, mesh: Mesh, tolerance: float) -> tuple[Index, Arra
     if fibre.points.ndim == 2:
         found = embed(mesh, fibre.points, tolerance=tolerance)
         return found.nodes, found.weights
-    nodes = fibre.points.astype(np.int64)
-    require_index("a line fibre", "node", nodes, mesh.n_nodes)
+    nodes = indices("a line fibre", "node", fibre.points, mesh.n_nodes)
     return nodes[:, None], np.ones((len(nodes), 1))
 
 

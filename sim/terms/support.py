@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.checks import require, require_index
+from sim.checks import require
 from sim.errors import SceneError
+from sim.indices import count_of, kept_until_known, node_indices
 from sim.mesh import Mesh
 from sim.scene import Contribution, Index, Layout
 from sim.state import Array, Control
@@ -25,16 +26,19 @@ class Support:
     and at rest; it represents a bone on which tissue slides.
     """
 
-    nodes: Index  #: (k,) node indices
+    nodes: Index  #: (k,) node indices, or a mask (n_nodes,)
     normal: Array  #: (k, 3) unit vectors away from the wall
     stiffness: float = 1000.0  #: of each wall [N/m]
     gap: float = 0.0  #: distance at rest [m]
 
     def __post_init__(self) -> None:
-        if self.normal.shape != (len(self.nodes), 3):
+        object.__setattr__(self, "nodes", kept_until_known("a support", "node", self.nodes))
+        object.__setattr__(self, "normal", np.asarray(self.normal, dtype=np.float64))
+        k = count_of(self.nodes)
+        if self.normal.shape != (k, 3):
             raise SceneError(
-                f"the sizes of the support arrays differ: {len(self.nodes)} nodes, normals "
-                f"{self.normal.shape}, expected ({len(self.nodes)}, 3)"
+                f"the sizes of the support arrays differ: {k} nodes, normals {self.normal.shape}, "
+                f"expected ({k}, 3)"
             )
         if not np.allclose(np.linalg.norm(self.normal, axis=1), 1.0, rtol=0, atol=1e-9):
             raise SceneError("a normal of a support has no unit length: normalise it")
@@ -54,9 +58,8 @@ class CompiledSupport:
     """Compiled walls."""
 
     def __init__(self, term: Support, layout: Layout) -> None:
-        nodes = np.asarray(term.nodes, dtype=np.int64)
         n = layout.mesh.n_nodes
-        require_index("a support", "node", nodes, n)
+        nodes = node_indices("a support", term.nodes, n, layout.mesh.n_points)
         self._nodes, self._normal = nodes, term.normal
         self._stiffness, self._gap = term.stiffness, term.gap
         self._X = layout.mesh.X[nodes]

@@ -20,6 +20,7 @@ from emgface.errors import HeadError
 from emgface.face.parts import Arch, Integers
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.schema.validation import validate
+from sim.indices import indices
 
 PARTS: Final = ("face", "jaw", "tongue", "hyoid")
 """Parts by which a head is named; jaw and hyoid are bodies of one jaw_model."""
@@ -151,6 +152,16 @@ def build_lists(
         groups = FLOOR_GROUPS
     exciters = exciters_of(muscles, groups)
     gain = np.array([[own.get(m, 0.0) for m in muscles] for own in exciters.values()])
+    attachments = {
+        pair: indices(
+            f"the attachment {pair}",
+            "node",
+            nodes,
+            parts[pair.partition("-")[0]].sizes["node"],
+            error=HeadError,
+        )
+        for pair, nodes in attachments.items()
+    }
     sizes = [len(nodes) for nodes in attachments.values()]
     first = np.cumsum([0, *(len(s.points) for s in shells.values())])
     triangles = [s.triangles + k for s, k in zip(shells.values(), first, strict=False)]

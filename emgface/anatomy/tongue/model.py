@@ -25,6 +25,7 @@ from emgface.anatomy.mesh_model import (
 from emgface.errors import TongueError
 from emgface.face.parts import Bundle, Fibre, Floats, Integers
 from emgface.schema.validation import validate
+from sim.indices import indices
 
 MARKERS = ("tip", "back", "base")
 """Named nodes of every tongue: tip, highest part of the dorsum, and lowest part of the root."""
@@ -80,6 +81,10 @@ def build_tongue(
     gain = np.array([[own.get(m, 0.0) for m in muscles] for own in exciters.values()])
     node_id = np.arange(1, len(position) + 1) if node_id is None else node_id
     element_id = np.arange(1, len(connectivity) + 1) if element_id is None else element_id
+    attachments = {
+        body: indices(f"the attachment to {body}", "node", nodes, len(position), error=TongueError)
+        for body, nodes in attachments.items()
+    }
     held = [len(nodes) for nodes in attachments.values()]
     variables: dict[str, Variable] = {
         "position": (("node", "axis"), floats(position)),
@@ -88,7 +93,7 @@ def build_tongue(
         "element_id": ("element", integers(element_id)),
         "attachment_node": ("attachment", integers(np.concatenate(list(attachments.values())))),
         "attachment_body": ("attachment", integers(np.repeat(np.arange(len(held)), held))),
-        **muscle_variables(fibres, bundles, muscles, TongueError),
+        **muscle_variables(fibres, bundles, muscles, len(connectivity), TongueError),
         **_places(fibres, bodies),
         "muscle_force_max": ("muscle", floats(np.array(list(force_max.values())))),
         "exciter_gain": (("exciter", "muscle"), floats(gain)),

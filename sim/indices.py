@@ -1,0 +1,139 @@
+"""Indices of nodes, elements and others: numbers or a mask, checked at one place."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.errors import SceneError
+from sim.pattern import Index
+
+Refused = type[Exception]
+
+
+def indices(
+    place: str, of: str, given: ArrayLike, n: int | None, *, error: Refused = SceneError
+) -> Index:
+    """Indices (k,) from whole numbers in 0..n - 1, or from a mask (n,) of those that are meant.
+
+    `place` and `of` name the part and what it counts in messages. Without n the numbers are checked for
+    all but their range; a mask then raises, because its length cannot be checked.
+
+    Raises the given error for other shapes and types, numbers that are not whole, negative or too large,
+    and masks of another length.
+    """
+    found = np.asarray(given)
+    if found.dtype == bool and n is not None:
+        if found.shape != (n,):
+            raise error(
+                f"{place}: the mask of {of}s has shape {found.shape}, expected ({n},), one per {of}"
+            )
+        return np.flatnonzero(found)
+    if found.ndim != 1:
+        raise error(
+            f"{place}: the {of}s have shape {found.shape}, expected a list of numbers (k,) or a mask"
+        )
+    return _whole(place, of, found, n, error)
+
+
+def node_indices(place: str, given: ArrayLike, n: int, n_points: int) -> Index:
+    """As `indices` for n nodes, of which the last n_points are points outside the mesh.
+
+    A mask may also be one of the other nodes, those of the mesh.
+    """
+    found = np.asarray(given)
+    if n_points and found.dtype == bool and found.shape == (n - n_points,):
+        return np.flatnonzero(found)
+    return indices(place, "node", given, n)
+
+
+def index_rows(
+    place: str,
+    of: str,
+    given: ArrayLike,
+    n: int | None,
+    width: int | None,
+    *,
+    error: Refused = SceneError,
+) -> Index:
+    """Rows (m, width) of indices, such as the nodes of elements; a mask is refused.
+
+    With the width None the shape is free. Raises as `indices`.
+    """
+    found = np.asarray(given)
+    if width is not None and found.size == 0:
+        found = found.reshape(-1, width)
+    if width is not None and (found.ndim != 2 or found.shape[1] != width):
+        raise error(
+            f"{place}: the {of}s have shape {found.shape}, expected (m, {width}), {width} in a row"
+        )
+    return _whole(place, of, found, n, error)
+
+
+def index(place: str, of: str, given: object, n: int | None, *, error: Refused = SceneError) -> int:
+    """One index in 0..n - 1; raises as `indices`."""
+    found = np.asarray(given)
+    if found.ndim:
+        raise error(f"{place}: the {of} has shape {found.shape}, expected one number")
+    return int(_whole(place, of, found.reshape(1), n, error)[0])
+
+
+def kept_until_known(
+    place: str, of: str, given: ArrayLike
+) -> NDArray[np.int64] | NDArray[np.bool_]:
+    """Numbers (k,) checked without their range, or a mask, which `indices` checks when n is known."""
+    found = np.asarray(given)
+    if found.dtype == bool and found.ndim == 1:
+        return found
+    return indices(place, of, given, None)
+
+
+def whole_numbers(place: str, of: str, given: ArrayLike, *, error: Refused = SceneError) -> Index:
+    """Whole numbers of any shape and sign, such as codes; raises as `indices` for other values."""
+    return _whole(place, of, np.asarray(given), None, error, least=None)
+
+
+def count_of(given: ArrayLike) -> int:
+    """Number of indices that numbers or a mask mean."""
+    found = np.asarray(given)
+    return int(np.count_nonzero(found)) if found.dtype == bool else len(found)
+
+
+def _whole(
+    place: str,
+    of: str,
+    found: NDArray[np.generic],
+    n: int | None,
+    error: Refused,
+    least: int | None = 0,
+) -> Index:
+    """Checked numbers as int64."""
+    if found.dtype.kind not in "iuf":
+        if found.size == 0 and found.dtype.kind != "b":
+            return np.empty(found.shape, dtype=np.int64)
+        what = (
+            "true and false values" if found.dtype.kind == "b" else f"values of type {found.dtype}"
+        )
+        raise error(f"{place}: the {of}s are {what}, expected whole numbers")
+    if found.dtype.kind == "f":
+        values = found.astype(np.float64)
+        good = np.isfinite(values) & (values == np.round(values)) & (np.abs(values) < 2.0**53)
+        if not good.all():
+            at = tuple(int(i) for i in np.argwhere(~good)[0])
+            raise error(
+                f"{place}: {of} {float(values[at])!r} at place {_shown(at)} is no whole number, "
+                "expected indices from 0 or a mask"
+            )
+    whole = found.astype(np.int64)
+    outside = np.zeros(whole.shape, dtype=bool) if least is None else whole < least
+    if found.dtype.kind == "u":
+        outside |= found > np.iinfo(np.int64).max
+    if n is not None:
+        outside |= whole >= n
+    if outside.any():
+        at = tuple(int(i) for i in np.argwhere(outside)[0])
+        allowed = "a number from 0" if n is None else f"0..{n - 1}"
+        raise error(f"{place} refers to {of} {found[at]} at place {_shown(at)}, expected {allowed}")
+    return whole
+
+
+def _shown(at: tuple[int, ...]) -> str:
+    return str(at[0]) if len(at) == 1 else str(at)
