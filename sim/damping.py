@@ -46,7 +46,8 @@ class _Coefficients:
     def require_nodes(self, mesh: Mesh) -> None:
         """Refuse coefficients of another number of nodes."""
         for name in ("alpha", "beta"):
-            if isinstance(values := getattr(self, name), np.ndarray):
+            values: float | Array = getattr(self, name)
+            if not isinstance(values, float | int):
                 _of_nodes(name, values, mesh)
 
     def combine(self, layout: Layout, K: Array) -> Array:

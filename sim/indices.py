@@ -123,11 +123,11 @@ def _whole(
                 "expected indices from 0 or a mask"
             )
     whole = found.astype(np.int64)
-    outside = np.zeros(whole.shape, dtype=bool) if least is None else whole < least
-    if found.dtype.kind == "u":
-        outside |= found > np.iinfo(np.int64).max
+    # unsigned numbers above the largest int64 become negative
+    low = np.iinfo(np.int64).min if least is None else least
+    outside: NDArray[np.bool_] = whole < low
     if n is not None:
-        outside |= whole >= n
+        outside = outside | (whole >= n)
     if outside.any():
         at = tuple(int(i) for i in np.argwhere(outside)[0])
         allowed = "a number from 0" if n is None else f"0..{n - 1}"

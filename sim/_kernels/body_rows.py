@@ -19,6 +19,9 @@ REPEATED, SOFTENED = 1e-9, 1e-8
 SLACK = 1e-7
 """Relative error of the forces of softened rows by rounding."""
 
+UNMET = 1e-6
+"""Violation after all projections above which rows contradict others [m, rad]."""
+
 KEPT = 1e-9
 """Violation of rows up to which an earlier factor corrects them [m, rad]."""
 
@@ -289,6 +292,8 @@ def move_on_rows(table, kinds, bodies, twists, q, h, theta, known, most, drift, 
                 if kinds.rigid[i] or (kinds.unilateral[i] and c[i] < -drift):
                     worst = max(worst, abs(c[i]))
                     more = more or not rows.chosen[i]
+            if last and worst > UNMET:
+                return False
             last = last or not worst > drift
             if last:
                 _drift(table.body_a, table.body_b, rows.JA, rows.JB, twists, rows.drift)

@@ -37,7 +37,8 @@ class RowTable(NamedTuple):
     point : number of a point, -1 without.
     i, j : axes.
     sign, offset : the value is sign (raw - offset).
-    curve : (m, 6) first and last x of f, then its coefficients of x^0 to x^3; straight beyond.
+    curve : (m, 6) first and last x of f, then its coefficients of x^0 to x^3; straight beyond. Of an
+        ANGLE, the first is the middle of the turn within which it is measured [rad].
     """
 
     kind: NDArray[np.int64]
@@ -88,6 +89,8 @@ def _between_axes(table, frames, k):
     u, n = _axis(frames, a, table.axes_a, k, 0), _axis(frames, a, table.axes_a, k, 1)
     v = _axis(frames, b, table.axes_b, k, 0)
     angle = math.atan2(inner_product(v, n), inner_product(v, u))
+    turn = 2.0 * math.pi
+    angle += turn * math.floor((table.curve[k, 0] - angle) / turn + 0.5)
     return angle, _axis(frames, a, table.axes_a, k, 2)
 
 

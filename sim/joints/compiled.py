@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim._kernels.joints import ALIGNED, ANGLE, TURN, RowTable, rows_at
+from sim._kernels.joints import ALIGNED, ANGLE, TRAVEL, TURN, RowTable, rows_at
 from sim.dense import least, solved
-from sim.errors import SceneError
+from sim.errors import NotConverged, SceneError
 from sim.joints.contract import Joint, Row, number_of
 from sim.kinematics import Kinematics
 from sim.kinematics.rotations import vector_gradient
@@ -21,6 +21,10 @@ ROWS = "the matrix of the rows of joints"
 
 PROJECTIONS, DRIFT = 5, 1e-13
 """Largest number of projections of positions after a step, and their tolerance [m, rad]."""
+
+
+UNMET = 1e-6
+"""Violation of a row after all projections above which its joints contradict others [m, rad]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +74,7 @@ class Rows:
         self._turning: Index = np.unique(own[touched[own]])
         self._lay_out_points(kinematics.matrix(rest))
         self._require_independent(rest)
+        _require_compatible(rows)
 
     def _lay_out_points(self, R: csr_array) -> None:
         """Places of the entries of R, whose sparsity is fixed, in the rows of points."""
@@ -185,6 +190,8 @@ class Rows:
                 break
             back = inverse @ _least(now.G[on], inverse[self.columns], -now.c[on])
             pose = kinematics.advance(pose, back, pose.t)
+        else:
+            self._require_met(pose)
         if momentum and pose is not before:
             u = kinematics.inertial(w, before) - kinematics.inertial(np.zeros_like(w), pose)
             w = kinematics.solve_mass(kinematics.momentum(u, pose), pose)
@@ -195,6 +202,17 @@ class Rows:
         if len(G):
             impulse[self.rigid] = solved(G @ inverse[self.columns] @ G.T, -rate, ROWS)
         return pose, w + inverse @ (now.G.T @ impulse), impulse
+
+    def _require_met(self, pose: Pose) -> None:
+        """Raise NotConverged if rigid rows or inequalities remain violated after projections."""
+        c = self.evaluate(pose).c
+        left = np.where(self.rigid, np.abs(c), np.where(self.unilateral, -c, 0.0))
+        if left.max(initial=0.0) > UNMET:
+            name, most = self.names[int(left.argmax())], float(left.max())
+            reason = (
+                f"the rows of joints contradict each other: {name!r} is off by {most:.3g} m or rad"
+            )
+            raise NotConverged((), pose.t, reason)
 
     def _require_independent(self, rest: Pose) -> None:
         if not self.names:
@@ -214,6 +232,23 @@ class Rows:
                     f"joint row {self.names[k]!r} {why}: leave it out or give the joint a compliance"
                 )
             left.append(k)
+
+
+def _require_compatible(rows: Sequence[Row]) -> None:
+    """Raise SceneError for two bounds of one motion of which the lower is above the upper."""
+    bounds = dict[tuple[object, ...], dict[float, Row]]()
+    for row in (row for row in rows if row.unilateral and row.kind in (TRAVEL, ANGLE)):
+        place = row.origin.tobytes(), row.axes.tobytes(), row.i, row.point
+        own = bounds.setdefault((row.kind, row.body_a, row.body_b, *place), {})
+        other = own.get(row.sign)
+        if other is None or row.sign * (row.offset - other.offset) > 0.0:
+            own[row.sign] = row
+    for own in bounds.values():
+        if len(own) == 2 and own[1.0].offset > own[-1.0].offset:
+            raise SceneError(
+                f"joint rows {own[1.0].name!r} and {own[-1.0].name!r} contradict each other: at least "
+                f"{own[1.0].offset:.4g} and at most {own[-1.0].offset:.4g}, expected a range in common"
+            )
 
 
 def _least(G: Array, X: Array, wanted: Array) -> Array:

@@ -163,10 +163,16 @@ class Limit(_Located):
     Raises
     ------
     SceneError
-        lower is not below upper.
+        lower is not below upper; angles differ by a turn or more; a single angle is pi or more away from
+        rest, so that it could be passed from both sides.
+
+    Notes
+    -----
+    An angle is measured within half a turn of the middle of both bounds, or of rest with one bound. A
+    body that passes beyond both ends is pushed back to the nearer one.
     """
 
-    #: of the motion of b relative to a since rest [rad or m]; angles within pi
+    #: of the motion of b relative to a since rest [rad or m]
     lower: float = -np.inf
     upper: float = np.inf
     travel: bool = False  #: True if the translation is limited, otherwise the angle
@@ -174,10 +180,24 @@ class Limit(_Located):
     def __post_init__(self) -> None:
         if not self.lower < self.upper:
             raise SceneError(f"limit {self.name}: {self.lower!r} is not below {self.upper!r}")
+        finite = [x for x in (self.lower, self.upper) if np.isfinite(x)]
+        if not self.travel and len(finite) == 1 and not abs(finite[0]) < np.pi:
+            raise SceneError(
+                f"limit {self.name}: the angle {finite[0]!r} rad is half a turn or more from rest, "
+                "expected less for a single bound: give both bounds"
+            )
+        if not self.travel and len(finite) == 2 and not finite[1] - finite[0] < 2.0 * np.pi:
+            raise SceneError(
+                f"limit {self.name}: {self.lower!r} to {self.upper!r} rad are a turn or more, expected "
+                "less, since orientations do not count turns"
+            )
 
     def rows(self) -> tuple[Row, ...]:
         """One inequality per finite bound."""
         kind, bounds = TRAVEL if self.travel else ANGLE, ((self.lower, 1.0), (self.upper, -1.0))
+        middle, about = 0.5 * (self.lower + self.upper), np.zeros(6)
+        if not self.travel and np.isfinite(middle):
+            about[0] = middle
         return tuple(
             self._row(
                 "lower" if sign > 0.0 else "upper",
@@ -185,6 +205,7 @@ class Limit(_Located):
                 i=2,
                 sign=sign,
                 offset=bound,
+                curve=about,
                 unilateral=True,
             )
             for bound, sign in bounds
