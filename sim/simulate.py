@@ -1,5 +1,6 @@
 """Time loop: labelled trajectory of a compiled scene for an activation."""
 
+import math
 import time
 import warnings
 from collections.abc import Callable, Sequence
@@ -93,6 +94,9 @@ def simulate(
     InvertedElement, NotConverged, SingularSystem
         A step failed and the step control could not help.
     """
+    for name, seconds in (("duration", duration), ("every", every)):
+        if seconds is not None and not 0.0 <= seconds < math.inf:
+            raise ControlError(f"{name} = {seconds!r} s, expected a finite number of seconds >= 0")
     integrator = ConvergedEuler() if integrator is None else integrator
     steps = FixedStep() if steps is None else steps
     state = initial or system.rest_state()

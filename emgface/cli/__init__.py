@@ -30,6 +30,7 @@ from emgface.cli import (
 )
 from emgface.cli.console import Commands, out, show_warnings_as_sentences
 from emgface.cli.machine import collect_seldom, use_one_blas_thread
+from emgface.cli.numbers import guard
 
 app = typer.Typer(
     cls=Commands,
@@ -98,6 +99,7 @@ app.command()(treat.compare)
 app.command()(trial.score)
 app.command(name="volunteers")(volunteers.volunteers)
 app.command()(study.report)
+guard(app)
 
 
 def main() -> None:

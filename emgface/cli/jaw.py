@@ -120,6 +120,10 @@ def run(
     ] = None,
     excitation: ExcitationOption = None,
     series: SeriesOption = None,
+    morsel: Annotated[
+        str | None,
+        typer.Option(help="Side of the morsel: L, R or none; by default that of the --series."),
+    ] = None,
     duration: Annotated[float | None, typer.Option(help="Simulated time in s.")] = None,
     law: Annotated[
         str, typer.Option(help="Muscle law: peck, hill, pennate, spring or constant.")
@@ -144,14 +148,14 @@ def run(
     options: dict[str, object] = {"law": law, "step": step, "tolerance": tolerance}
     options |= {} if duration is None else {"duration": duration}
     if excitation is not None:
-        if task is not None or series is not None:
+        if task is not None or series is not None or morsel is not None:
             raise typer.BadParameter(
-                "--excitation replaces the excitations of a --task and --series"
+                "--excitation replaces the excitations of a --task and --series, and has no --morsel"
             )
         name, simulated = excitation.stem, partial(run_excitation, jaw, read_excitation(excitation))
     else:
         name = task or "rest"
-        chosen, own = with_series(name, series)
+        chosen, own = with_series(name, series, morsel=morsel)
         if series is not None and not own:
             raise typer.BadParameter(
                 f"--series cannot be used with the task {name!r}: specify --task chew"
@@ -168,6 +172,8 @@ def run(
     write_netcdf(motion, out_path, "jaw_motion")
     if absent := motion.attrs.get("absent_exciters"):
         say(f"The model has no exciter {absent}; the task is simulated without it.")
+    if side := motion.attrs.get("morsel"):
+        say(f"The morsel is on the {'left' if side == 'L' else 'right'} side.")
     _tell_unrest(motion)
     _tell_error(motion, tolerance)
     tell_motion(motion, out_path, jaw.attrs["name"])

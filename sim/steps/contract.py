@@ -1,5 +1,6 @@
 """Interface of step controls, and shared functions."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
@@ -62,5 +63,5 @@ class StepsThrough(StepControl, Protocol):
 
 def require_positive(h: float) -> None:
     """Refuse a step that is not a positive number."""
-    if not h > 0.0:
-        raise SceneError(f"step h = {h!r} s, expected a number > 0")
+    if not 0.0 < h < math.inf:
+        raise SceneError(f"step h = {h!r} s, expected a finite number > 0")

@@ -1,5 +1,6 @@
 """Area functions of the vocal tract: tables, idealised vowels, and the lips of a moving face."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -57,6 +58,10 @@ def area_function(
     )
 
 
+_AREA = re.compile(r"A(0|[1-9][0-9]*)_cm2")
+"""Name of a column of areas."""
+
+
 def ideal_vowel(name: str) -> xr.Dataset:
     """Area function of an idealised vowel of `IDEAL`.
 
@@ -85,7 +90,14 @@ def read_areas(path: Path, row: str | None = None, *, from_lips: bool = False) -
         table = pd.read_csv(open_text(path), dtype={"label": str, "index": str})
     except (OSError, ValueError) as error:
         raise DataError(f"{path} cannot be read as a CSV table: {error}") from error
-    names = [f"A{k}_cm2" for k in range(table.shape[1]) if f"A{k}_cm2" in table]
+    numbers = sorted(int(m[1]) for c in table.columns if (m := _AREA.fullmatch(str(c))))
+    if numbers != list(range(len(numbers))):
+        absent = sorted(set(range(numbers[-1])) - set(numbers))
+        raise DataError(
+            f"{path.name} has no column A{(absent or numbers)[0]}_cm2, expected A0_cm2 to "
+            f"A{numbers[-1]}_cm2 once each, without gaps"
+        )
+    names = [f"A{k}_cm2" for k in numbers]
     if not names or "length_m" not in table:
         raise DataError(
             f"{path.name} has the columns {listed(table.columns)}; expected A0_cm2, A1_cm2, ... and "
@@ -106,7 +118,11 @@ def read_areas(path: Path, row: str | None = None, *, from_lips: bool = False) -
     length = table["length_m"].to_numpy(dtype=float)
     if not (np.isfinite(values).all() and (values >= 0.0).all() and np.isfinite(length).all()):
         raise DataError(f"{path.name} contains areas or lengths that are negative or not finite")
+    if not (length > 0.0).all():
+        raise DataError(f"{path.name} contains the length {length.min():g} m, expected lengths > 0")
     time = table["time_s"].to_numpy(dtype=float) if "time_s" in table else np.zeros(1)
+    if not (np.isfinite(time).all() and (np.diff(time) > 0.0).all()):
+        raise DataError(f"{path.name} contains times that are absent or do not ascend in time_s")
     return area_function(1e-4 * values, length, time, assumptions=f"areas of {path.name}")
 
 

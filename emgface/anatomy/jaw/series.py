@@ -2,7 +2,7 @@
 
 import os
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -14,7 +14,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from emgface.anatomy.jaw.exciters import muscle_activation
 from emgface.anatomy.jaw.model import Floats
-from emgface.errors import FeatureWarning, JawError
+from emgface.errors import DataError, FeatureWarning, JawError
 from emgface.schema.rules import one_line
 from emgface.schema.units import to_si
 from emgface.texts import open_text, read_text
@@ -68,6 +68,36 @@ def ramps(corners: Mapping[str, list[tuple[float, float]]]) -> Excitation:
     return Excitation(time.astype(np.float64), values)
 
 
+def started(
+    path: Path, head: Sequence[str], offset: Floats, error: type[DataError] = JawError
+) -> Floats:
+    """Times (n,) [s] of a published series from the words of its first line: start, stop and scale.
+
+    The time of a row is start + scale offset. Whole numbers of start and stop are nanoseconds, and
+    numbers with a point seconds. Raises the `error` if the numbers are not finite, the scale is not
+    positive, the rows do not ascend, or begin after the stop.
+    """
+    try:
+        start, stop = (float(w) if "." in w else int(w) / NANOSECONDS for w in head[:2])
+        time = start + float(head[2]) * offset
+    except (IndexError, ValueError) as wrong:
+        raise error(
+            f"{path} begins with {' '.join(head)!r}, expected start, stop and scale of its times"
+        ) from wrong
+    good = np.isfinite([start, stop]).all() and np.isfinite(time).all()
+    if not (good and len(time) and (np.diff(time) > 0.0).all() and start <= stop):
+        raise error(
+            f"{path}: its times, from {start:g} s to {stop:g} s with the scale {head[2]}, do not "
+            "ascend, expected whole nanoseconds or seconds with a point, in order"
+        )
+    if time[0] > stop + 1e-6:
+        raise error(
+            f"{path}: its first value is at {time[0]:g} s, after its stop at {stop:g} s, expected both "
+            "in the same unit: whole nanoseconds, or seconds with a point"
+        )
+    return time
+
+
 def read_probe(path: str | os.PathLike[str], time: Floats) -> Floats:
     """Values (n,) of a published input series at times [s].
 
@@ -81,7 +111,6 @@ def read_probe(path: str | os.PathLike[str], time: Floats) -> Floats:
     try:
         lines = [line.split() for line in read_text(path).splitlines()]
         lines = [words for words in lines if words]
-        start, scale = lines[0][0], float(lines[0][2])
         order, n_values, spacing = lines[1]
         rows = np.array(lines[2:], dtype=np.float64)
         if int(n_values) != 1 or order not in ("Linear", "Cubic"):
@@ -93,8 +122,7 @@ def read_probe(path: str | os.PathLike[str], time: Floats) -> Floats:
             f"{path} is not an excitation series ({one_line(error)}): expected a line with start, stop "
             "and scale, one with Linear or Cubic, 1, explicit, then time and value"
         ) from error
-    begin = float(start) if "." in start else int(start) / NANOSECONDS
-    t, y = begin + scale * rows[:, 0], rows[:, 1]
+    t, y = started(path, lines[0], rows[:, 0]), rows[:, 1]
     at = np.clip(time, t[0], t[-1])
     if order == "Linear" or len(t) < 3:
         found = np.interp(at, t, y)
@@ -129,6 +157,27 @@ def read_probes(folder: str | os.PathLike[str], *, duration: float = 1.0) -> Exc
     if not values:
         raise JawError(f"{folder} contains no excitation series such as lsm.txt")
     return Excitation(time, values)
+
+
+def morsel_side(folder: str | os.PathLike[str]) -> str | None:
+    """Side of the morsel in a folder of published series, "L" or "R"; None if it does not state one.
+
+    The series ``lbitecant.txt`` and ``rbitecant.txt`` incline the bite plane on the side of the morsel
+    and are zero on the other side. Raises JawError if one cannot be read, or both are not zero.
+    """
+    time = (np.arange(round(1.0 / INTERVAL) + 1) * INTERVAL).astype(np.float64)
+    inclined = [
+        side
+        for side, letter in (("L", "l"), ("R", "r"))
+        if (path := Path(folder) / f"{letter}bitecant.txt").is_file()
+        and np.any(read_probe(path, time))
+    ]
+    if len(inclined) > 1:
+        raise JawError(
+            f"{folder} inclines the bite plane on both sides, expected that of the morsel alone: "
+            "specify the side, 'L' or 'R'"
+        )
+    return inclined[0] if inclined else None
 
 
 def read_excitation(path: str | os.PathLike[str]) -> Excitation:

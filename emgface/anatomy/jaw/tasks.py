@@ -2,12 +2,12 @@
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from emgface.anatomy.jaw.model import Floats
-from emgface.anatomy.jaw.series import Excitation, ramps, read_probes
+from emgface.anatomy.jaw.series import Excitation, morsel_side, ramps, read_probes
 from emgface.errors import JawError
 
 RISE = 0.2
@@ -147,11 +147,39 @@ def task_of(name: str) -> Task:
     return TASKS[name]
 
 
-def with_series(name: str, series: str | os.PathLike[str] | None) -> tuple[Task, dict[str, object]]:
-    """Task of a name, and its excitations as an option of `run_task` if they are read from a folder."""
+SIDES = ("L", "R", "none")
+"""Sides of a morsel."""
+
+
+def with_series(
+    name: str, series: str | os.PathLike[str] | None, *, morsel: str | None = None
+) -> tuple[Task, dict[str, object]]:
+    """Task of a name, and its excitations as an option of `run_task` if they are read from a folder.
+
+    `morsel` is one of `SIDES`. By default the side is that of the series, or of the task without series.
+    Raises JawError if the series do not state the side, the side is unknown, or the task has no morsel.
+    """
     task = task_of(name)
+    if morsel is not None and morsel not in SIDES:
+        raise JawError(f"morsel = {morsel!r}, expected one of {', '.join(SIDES)}")
+    if morsel is not None and task.morsel is None:
+        raise JawError(f"the task {name!r} has no morsel, expected none or the task 'chew'")
     if not task.series or series is None:
+        if morsel not in (None, task.morsel):
+            raise JawError(
+                f"the excitations of the task {name!r} are those of a morsel on the side "
+                f"{task.morsel!r}, expected no other side without --series"
+            )
         return task, {}
+    side = morsel or morsel_side(series)
+    if side is None:
+        raise JawError(
+            f"{series} does not state the side of the morsel, as lbitecant.txt or rbitecant.txt do: "
+            "specify --morsel L, R or none"
+        )
+    where = {"L": " on the left", "R": " on the right", "none": ", without a morsel"}[side]
+    title = f"chewing{'' if side == 'none' else ' a morsel'}{where}"
+    task = replace(task, title=title, morsel=None if side == "none" else side)
     return task, {"excitation": read_probes(series, duration=task.duration)}
 
 

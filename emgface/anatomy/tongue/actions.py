@@ -10,6 +10,7 @@ import sim
 from emgface.anatomy.jaw.series import Excitation, ramps
 from emgface.anatomy.tongue.parameters import TongueParameters
 from emgface.anatomy.tongue.run import STEP, simulate_tongue
+from emgface.errors import TongueError
 from emgface.face.parts import Floats
 
 LEVEL, DURATION = 0.3, 1.0
@@ -26,6 +27,9 @@ def muscle_exciters(tongue: xr.Dataset) -> list[str]:
 
 def raised(*exciters: str, level: float = LEVEL, duration: float = DURATION) -> Excitation:
     """Excitations that rise linearly from 0 to a level and fall back within a duration [s]."""
+    twice = sorted({name for name in exciters if exciters.count(name) > 1})
+    if twice:
+        raise TongueError(f"exciter {twice[0]} is given twice, expected every exciter once")
     corners = [(0.0, 0.0), (0.5 * duration, level), (duration, 0.0)]
     return ramps(dict.fromkeys(exciters, corners))
 

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from emgface.anatomy.jaw.series import Excitation
+from emgface.anatomy.jaw.series import Excitation, started
 from emgface.anatomy.tongue.model import build_tongue
 from emgface.errors import TongueError
 from emgface.face.ansys import read_elements, read_nodes, solid_nodes
@@ -171,7 +171,8 @@ GESTURE: Final = ("GGP", "GGM", "GGA", "STY", "GH", "MH", "HG", "VERT", "TRANS",
 def read_gesture(path: str | os.PathLike[str]) -> Excitation:
     """Excitations of a published gesture of the tongue, such as ``excitations.txt``.
 
-    The first line holds start, stop and scale of the times, the second ``Linear 11 explicit``; rows
+    The first line holds start, stop and scale of the times
+    (`emgface.anatomy.jaw.series.started`), the second ``Linear 11 explicit``; rows
     are a time and the excitations of `GESTURE`, as named in the file ``0probes.art`` beside it.
     Values outside 0-1 by rounding are clipped. Raises TongueError if the file is absent or has
     another form, or a value is outside 0-1.
@@ -179,7 +180,6 @@ def read_gesture(path: str | os.PathLike[str]) -> Excitation:
     place = Path(path)
     lines = _lines(place)
     try:
-        start, _, scale = map(float, lines[0].split())
         if lines[1].split() != ["Linear", str(len(GESTURE)), "explicit"]:
             raise ValueError(f"its second line is {lines[1]!r}")
         rows = np.array([[float(x) for x in line.split()] for line in lines[2:]])
@@ -191,16 +191,15 @@ def read_gesture(path: str | os.PathLike[str]) -> Excitation:
             "'Linear 11 explicit', and rows of a time and 11 excitations"
         ) from error
     values = rows[:, 1:]
-    if values.min() < -ROUNDING or values.max() > 1.0 + ROUNDING:
+    time = started(place, lines[0].split(), rows[:, 0], TongueError)
+    if not np.isfinite(values).all() or values.min() < -ROUNDING or values.max() > 1.0 + ROUNDING:
         raise TongueError(
             f"{place} contains excitations from {values.min():.3g} to {values.max():.3g}, "
             "expected 0 to 1"
         )
     names = [name if name == "SL" else f"bi_{name}" for name in GESTURE]
     clipped = np.clip(values, 0.0, 1.0)
-    return Excitation(
-        start + scale * rows[:, 0], {name: clipped[:, k] for k, name in enumerate(names)}
-    )
+    return Excitation(time, {name: clipped[:, k] for k, name in enumerate(names)})
 
 
 def _table(path: Path, columns: list[str]) -> pd.DataFrame:

@@ -1,0 +1,79 @@
+"""Numbers and repeated names given to commands, checked at one place before a command runs."""
+
+import inspect
+import math
+from collections.abc import Callable, Mapping
+from functools import wraps
+from typing import Any
+
+import typer
+
+HUGE = float(2**63 - 1)
+_TIME, _FRACTION, _COUNT, _SEED = (0.0, 1e5), (0.0, 1.0), (0, 1_000_000), (0, HUGE)
+
+LIMITS: Mapping[str, tuple[float, float]] = {
+    "activation": _FRACTION, "after": (-1e5, 1e5), "band": (0.0, 1e6), "before": (-1e5, 1e5),
+    "calibration": _COUNT, "count": _COUNT, "cross_talk": _FRACTION, "delay": (-10.0, 10.0),
+    "duration": (1e-9, 1e5), "electrode_failure": _FRACTION, "elements": _COUNT,
+    "emg_weight": (0.0, 1e6), "end": (-1e6, 1e6), "gain": (1e-9, 1e9), "level": _FRACTION,
+    "lung": (0.0, 1e5), "marker_ring_offset": (-100, 100), "modes": _COUNT, "n": _COUNT,
+    "noise": (0.0, 1e3), "notch": (0.0, 1e6), "notch_width": (0.0, 1e6), "offset": (-1e7, 1e7),
+    "person": _SEED, "pitch": (1e-3, 1e5), "port": (0, 65_535), "radius": (1e-9, 1.0),
+    "rate": (1e-3, 1e7), "repetition": _COUNT, "repetitions": _COUNT, "run": _COUNT,
+    "seconds": _TIME, "sections": (1, 100_000), "seed": _SEED, "sequences": _COUNT,
+    "sigma_max": (0.0, 1e9), "solver_threads": (1, 4096), "start": (-1e6, 1e6),
+    "step": (1e-9, 10.0), "tension": (1e-3, 1e3), "workers": (0, 100_000),
+}  # fmt: skip
+"""Smallest and largest value of every option and argument that is a number, in its own unit.
+
+They exclude what no physical quantity or count can be; commands refuse more, with their own messages.
+"""
+
+
+ONCE = ("contact", "muscle", "ring", "settings", "unit", "without")
+"""Repeatable options in which every name may occur once; values may follow an equals sign."""
+
+
+def guard(app: typer.Typer) -> None:
+    """Check the values of all commands of an application, including those of its groups."""
+    for command in app.registered_commands:
+        if command.callback is not None:
+            command.callback = checked(command.callback)
+    for group in app.registered_groups:
+        if group.typer_instance is not None:
+            guard(group.typer_instance)
+
+
+def checked(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command that refuses numbers outside `LIMITS` and names that occur twice."""
+    if getattr(command, "checks_numbers", False):
+        return command
+
+    @wraps(command)
+    def run(*args: Any, **values: Any) -> Any:
+        for name, value in inspect.signature(command).bind(*args, **values).arguments.items():
+            refuse(name, value)
+        return command(*args, **values)
+
+    run.checks_numbers = True  # pyright: ignore[reportFunctionMemberAccess]  # once for each command
+    return run
+
+
+def refuse(name: str, value: object) -> None:
+    """Raise BadParameter for a number outside its limits, or for a repeated name of a list."""
+    option = f"--{name.replace('_', '-')}"
+    for one in value if isinstance(value, list | tuple) else (value,):
+        if isinstance(one, bool) or not isinstance(one, int | float):
+            continue
+        least, most = LIMITS.get(name, (-math.inf, math.inf))
+        if not (math.isfinite(one) and least <= one <= most):
+            raise typer.BadParameter(
+                f"{option} {one:g}: expected a number from {least:g} to {most:g}"
+            )
+    if name in ONCE and isinstance(value, list):
+        names = [str(one).partition("=")[0].strip() for one in value]
+        twice = sorted({one for one in names if names.count(one) > 1})
+        if twice:
+            raise typer.BadParameter(
+                f"{option} {twice[0]} is given twice, expected every name once"
+            )
