@@ -1,5 +1,6 @@
 """Files of the states of simulations."""
 
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 
@@ -7,9 +8,44 @@ import numpy as np
 import xarray as xr
 
 from sim.errors import SceneError
-from sim.state import State
+from sim.state import Array, State
+from sim.system import System
 
 _KIND = "state of a simulation"
+_SCENE = "scene"
+"""Name of the digest of the scene in `State.memory`; other names belong to terms, rows and contact."""
+
+
+def with_scene(state: State, system: System) -> State:
+    """State with the digest of its scene."""
+    return replace(state, memory={**state.memory, _SCENE: _numbers(system.digest)})
+
+
+def _numbers(digest: bytes) -> Array:
+    """Bytes as an array, which every format stores exactly."""
+    return np.frombuffer(digest, dtype=np.uint8).astype(np.float64)
+
+
+def require_own(state: State, system: System) -> None:
+    """Raise SceneError for a state of another scene, or of other numbers of points and bodies.
+
+    A state without memory, of positions and velocities alone, fits every scene of its size.
+    """
+    n, bodies = system.mesh.n_nodes, len(system.kinematics.rest_frames)
+    shapes = {"q": (n, 3), "v": (n, 3), "frames": (bodies, 7), "twists": (bodies, 6)}
+    for name, wanted in shapes.items():
+        found = getattr(state, name).shape
+        if found != wanted:
+            raise SceneError(
+                f"the initial state has {name} of shape {found}, expected {wanted} for this scene"
+            )
+    own = _numbers(system.digest)
+    if _SCENE in state.memory and not np.array_equal(state.memory[_SCENE], own):
+        raise SceneError(
+            "the initial state belongs to another scene, whose parts or parameters differ, and contains "
+            "its forces and history: expected a state of this scene; sim.State(t, q, v, frames=..., "
+            "twists=...) takes its positions and velocities alone"
+        )
 
 
 def save_state(state: State, path: str | PathLike[str]) -> None:

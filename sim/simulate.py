@@ -17,6 +17,7 @@ from sim.linear.threads import solver_threads as threads_of
 from sim.outputs import Interval, intervals, outputs_of, steps_to_outputs
 from sim.probes import Probe, ReadsErrors, SmallestJ
 from sim.record import Log
+from sim.restart import require_own, with_scene
 from sim.snapping import snapped, snapped_bodies
 from sim.state import Array, Control, State, StepReport, united
 from sim.steps import FixedStep, Motion, StepControl, StepsThrough, Watch
@@ -90,7 +91,7 @@ def simulate(
         The activation leaves 0-1, is not finite or does not fit the muscles; steps, outputs,
         checkpoints and duration do not fit each other.
     SceneError
-        The initial state is not finite; the linear solver has no threads.
+        The initial state is not finite or belongs to another scene; the linear solver has no threads.
     InvertedElement, NotConverged, SingularSystem
         A step failed and the step control could not help.
     """
@@ -100,6 +101,7 @@ def simulate(
     integrator = ConvergedEuler() if integrator is None else integrator
     steps = FixedStep() if steps is None else steps
     state = initial or system.rest_state()
+    require_own(state, system)
     _require_finite(state)
     work = work or Workspace(system)
     every = steps.h if every is None else every
@@ -152,7 +154,7 @@ def simulate(
         attrs["note"] = NOTE.format(solver_threads)
     if log.unstable:
         attrs |= {"unstable_from_s": log.unstable[0], "unstable_until_s": log.unstable[-1]}
-    return log.dataset(attrs), state
+    return log.dataset(attrs), with_scene(state, system)
 
 
 def _parts(duration: float, every: float, checkpoint: int | None) -> list[float]:

@@ -16,6 +16,7 @@ from sim.matrix import Product
 from sim.mesh import Mesh
 from sim.multibody import Multibody, lay_out_multibody
 from sim.pattern import Sparsity, SymmetricPattern
+from sim.recipe import digest_of, names_of
 from sim.scene import (
     CompiledDamping,
     CompiledTerm,
@@ -97,7 +98,7 @@ class System(Described):
                 None,
                 "" if scene.mesh.n_nodes else "the scene has damping of tissue, but no tissue",
             )
-        names = self._memory_names()
+        names = self._memory_names
         return lay_out_multibody(
             self.kinematics, self.mesh.X, scene.bodies, self.terms, self.rows, names
         )
@@ -117,7 +118,7 @@ class System(Described):
         """
         if not self._history:
             return self
-        names = self._memory_names()
+        names = self._memory_names
         terms = tuple(_over(*row, state, h) for row in zip(self.terms, names, strict=True))
         return replace(self, terms=terms, sparse=None, _in_step=True)
 
@@ -144,13 +145,18 @@ class System(Described):
 
     @cached_property
     def _remembering(self) -> tuple[tuple[str, Remembering], ...]:
-        rows = zip(self._memory_names(), self.terms, strict=True)
+        rows = zip(self._memory_names, self.terms, strict=True)
         return tuple((name, term) for name, term in rows if isinstance(term, Remembering))
 
+    @cached_property
     def _memory_names(self) -> list[str]:
-        """Names of the memories of terms: their labels, numbered where several terms have the same."""
-        labels = [getattr(term, "label", type(term).__name__) for term in self.scene.terms]
-        return [f"{label}[{labels[:i].count(label)}]" for i, label in enumerate(labels)]
+        """Names of the memories of terms, which do not depend on their order."""
+        return names_of(self.scene.terms)
+
+    @cached_property
+    def digest(self) -> bytes:
+        """Digest of the recipe, to which states belong (`sim.recipe.digest_of`)."""
+        return digest_of(self.scene)
 
     def force(self, q: Array, control: Control) -> Evaluation:
         """Forces and energy at positions q (n_nodes, 3) [m]."""
