@@ -49,7 +49,8 @@ def _add(to: Any, value: Any, depth: int) -> None:
         data = repr(value).encode()
         to.update(b"t%d:" % len(data) + data)
     elif isinstance(value, bool | int | float | np.number | np.bool_):
-        to.update(b"n" + float(value).hex().encode() + b";")
+        number = float(cast("float", value))
+        to.update(b"n" + number.hex().encode() + b";")
     elif isinstance(value, np.ndarray):
         _add_array(to, cast("np.ndarray[Any, Any]", value))
     elif depth > DEEPEST:

@@ -34,6 +34,10 @@ ONCE = ("contact", "muscle", "ring", "settings", "unit", "without")
 """Repeatable options in which every name may occur once; values may follow an equals sign."""
 
 
+MARK = "checks_numbers"
+"""Attribute of commands that are checked."""
+
+
 def guard(app: typer.Typer) -> None:
     """Check the values of all commands of an application, including those of its groups."""
     for command in app.registered_commands:
@@ -46,7 +50,7 @@ def guard(app: typer.Typer) -> None:
 
 def checked(command: Callable[..., Any]) -> Callable[..., Any]:
     """Return a command that refuses numbers outside `LIMITS` and names that occur twice."""
-    if getattr(command, "checks_numbers", False):
+    if getattr(command, MARK, False):
         return command
 
     @wraps(command)
@@ -55,7 +59,7 @@ def checked(command: Callable[..., Any]) -> Callable[..., Any]:
             refuse(name, value)
         return command(*args, **values)
 
-    run.checks_numbers = True  # pyright: ignore[reportFunctionMemberAccess]  # once for each command
+    setattr(run, MARK, True)  # noqa: B010  # functions declare no attributes
     return run
 
 

@@ -122,7 +122,7 @@ def read_probe(path: str | os.PathLike[str], time: Floats) -> Floats:
             f"{path} is not an excitation series ({one_line(error)}): expected a line with start, stop "
             "and scale, one with Linear or Cubic, 1, explicit, then time and value"
         ) from error
-    t, y = started(path, lines[0], rows[:, 0]), rows[:, 1]
+    t, y = started(path, lines[0], rows[:, 0].astype(np.float64)), rows[:, 1]
     at = np.clip(time, t[0], t[-1])
     if order == "Linear" or len(t) < 3:
         found = np.interp(at, t, y)
