@@ -131,7 +131,9 @@ def _whole(
     if outside.any():
         at = tuple(int(i) for i in np.argwhere(outside)[0])
         allowed = "a number from 0" if n is None else f"0..{n - 1}"
-        raise error(f"{place} refers to {of} {found[at]} at place {_shown(at)}, expected {allowed}")
+        raise error(
+            f"{place} refers to {of} {found[at]}, expected {allowed} (at place {_shown(at)})"
+        )
     return whole
 
 

@@ -31,7 +31,9 @@ def checked_triangles(triangles: ArrayLike, name: str) -> Index:
         ) from None
     if len(array) == 0:
         raise ContactFailure(
-            f"surface {name!r} has no triangles, expected whole numbers (m, 3), m > 0", surface=name
+            f"triangles of surface {name!r} have shape {array.shape}, expected whole numbers (m, 3), "
+            "m > 0",
+            surface=name,
         )
     array = np.ascontiguousarray(array)
     ordered = np.sort(array, axis=1)

@@ -46,7 +46,7 @@ BAD = {
     "contains a node twice": np.vstack([TETRAHEDRON, [1, 1, 2]]),
     "has the nodes of triangle 1": np.vstack([TETRAHEDRON, [3, 0, 1]]),
     "in the same direction": np.vstack([TETRAHEDRON[:3], [0, 2, 3]]),
-    "expected whole numbers": TETRAHEDRON.astype(float),
+    "expected whole numbers": TETRAHEDRON + 0.5,
     "have shape": TETRAHEDRON[:0],
     "refers to node 4, expected 0..3": np.vstack([TETRAHEDRON[:3], [2, 0, 4]]),
     "inside out": TETRAHEDRON[:, ::-1],

@@ -362,7 +362,7 @@ def test_one_function_checks():
     assert index_rows("a", "node", [], 3, 4).shape == (0, 4)
     with pytest.raises(sim.SceneError, match="place 1 is no whole number"):
         indices("a", "node", [0.0, 1.5], 3)
-    with pytest.raises(sim.SceneError, match="a refers to node 7 at place 2, expected 0..2"):
+    with pytest.raises(sim.SceneError, match="a refers to node 7, expected 0..2 .at place 2"):
         indices("a", "node", [0, 1, 7], 3)
     with pytest.raises(sim.SceneError, match="one per node"):
         indices("a", "node", [True, False], 3)
