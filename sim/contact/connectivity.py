@@ -27,7 +27,7 @@ def checked_triangles(triangles: ArrayLike, name: str) -> Index:
         array = index_rows(f"surface {name!r}", "node", triangles, None, 3, error=SceneError)
     except SceneError as wrong:
         raise ContactFailure(
-            f"{wrong}; the triangles are whole numbers (m, 3), m > 0", surface=name
+            f"{wrong}; triangles: expected whole numbers (m, 3), m > 0", surface=name
         ) from None
     if len(array) == 0:
         raise ContactFailure(
