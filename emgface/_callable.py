@@ -6,6 +6,7 @@ would replace a function of the same name. The package itself is therefore calla
 
 import sys
 from collections.abc import Callable
+from inspect import cleandoc
 from types import ModuleType
 from typing import Any
 
@@ -25,4 +26,8 @@ def make_callable(package: str, function: Callable[..., Any]) -> None:
 
     Callables.__call__.__doc__ = function.__doc__
     Callables.__module__ = function.__module__
+    module = sys.modules[package]
+    # help of the name that users call; the first line of the package stays at its end
+    own, of_package = cleandoc(function.__doc__ or ""), cleandoc(module.__doc__ or "")
+    module.__doc__ = f"{own}\n\n{package}: {of_package}"
     sys.modules[package].__class__ = Callables

@@ -5,7 +5,7 @@ import xarray as xr
 
 from analysis.noise import marker_noise, unit_noise
 from analysis.trajectory import measured_span
-from emgface.errors import MarkerError
+from emgface.errors import MarkerError, listed
 from emgface.muscles import LIP_MARKERS
 from emgface.recordings.head import in_head_frame
 from emgface.signals.parameters import HeadFrameParameters
@@ -27,6 +27,18 @@ def measured_during(
     interpolated positions. Raises MarkerError or SignalError if markers are missing, lost too long,
     mirrored, or not recorded during the simulation.
     """
+    absent = [m for m in LIP_MARKERS if "position" not in recording or m not in recording["marker"]]
+    if absent:
+        raise MarkerError(
+            f"the recording has no lip marker {listed(absent)}, expected all of them for a score: "
+            "choose a recording with the positions of the lips, or name its markers with a mapping"
+        )
+    pace = [name for name in ("recorded_start", "recorded_pace") if name not in motion.attrs]
+    if pace:
+        raise MarkerError(
+            f"the motion does not state {listed(pace)}, expected a trajectory of 'simulate', which was "
+            "computed from the sEMG of a recording"
+        )
     head = in_head_frame(recording["position"], head_frame, face["face_marker_position"])
     lips = head.sel(marker=list(LIP_MARKERS))
     check_lips(lips)
