@@ -128,6 +128,12 @@ class LinearlyImplicitEuler(_Linearised):
     -----
     Strongly active muscles may make the matrix indefinite. The equation is solved nevertheless, and
     the report counts such steps as ``indefinite``.
+
+    Stiff tissue that turns loses its swing: a rotation by theta within a step stretches it by
+    theta^2/2, and the stress of this stretch resists the motion of the next step like a string. The
+    loss of velocity per step is about h^2 E theta^2/(2 density L^2), and the estimate contains the
+    stretch, but not the loss. A pinned bar of 0.1 m with E = 1e9 Pa in steps of 5 ms turns by 0.15
+    instead of 0.68 rad within 0.1 s (1e7 Pa: 0.51; 1e6 Pa: 0.66); `Sdirk2` has no such error.
     """
 
     order: ClassVar[int] = 1
