@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from emgface.anatomy.tongue.model import attached_nodes
-from emgface.errors import DataError, SchemaError, TongueError
+from emgface.errors import DataError, TongueError
 from emgface.face.parts import Bundle
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from tests.tongue.small import small_tongue
@@ -39,7 +39,10 @@ def test_what_cannot_be_simulated_is_refused():
         small_tongue(markers={"tip": 99, "back": 1, "base": 0})
     with pytest.raises(TongueError, match="unknown muscle 'STY_R'"):
         small_tongue(force_max={"GGP_L": 1.0})
-    with pytest.raises(SchemaError, match="bundle_index"):
+    with pytest.raises(TongueError, match="STY_R refers to element 9, expected 0..2"):
         small_tongue(bundles=bundles)
+    mask = Bundle("STY_R", np.array([False, True]), forward)
+    with pytest.raises(TongueError, match="the mask of elements has shape"):
+        small_tongue(bundles=[bundles[0], mask])
     with pytest.raises(DataError, match="attachment_node"):
         small_tongue(attachments={"jaw": np.array([0, 0])})

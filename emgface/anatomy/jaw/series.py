@@ -159,6 +159,10 @@ def read_probes(folder: str | os.PathLike[str], *, duration: float = 1.0) -> Exc
     return Excitation(time, values)
 
 
+INCLINATIONS: Final = (("L", "lbitecant.txt"), ("R", "rbitecant.txt"))
+"""Side and file of the inclinations of the bite plane."""
+
+
 def morsel_side(folder: str | os.PathLike[str]) -> str | None:
     """Side of the morsel in a folder of published series, "L" or "R"; None if it does not state one.
 
@@ -168,9 +172,8 @@ def morsel_side(folder: str | os.PathLike[str]) -> str | None:
     time = (np.arange(round(1.0 / INTERVAL) + 1) * INTERVAL).astype(np.float64)
     inclined = [
         side
-        for side, letter in (("L", "l"), ("R", "r"))
-        if (path := Path(folder) / f"{letter}bitecant.txt").is_file()
-        and np.any(read_probe(path, time))
+        for side, name in INCLINATIONS
+        if (path := Path(folder) / name).is_file() and np.any(read_probe(path, time))
     ]
     if len(inclined) > 1:
         raise JawError(
