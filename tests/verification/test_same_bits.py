@@ -224,6 +224,17 @@ def test_a_checkpoint_after_no_output_is_refused():
         sim.simulate(system, drive(system, 0.05), duration=0.01, checkpoint=0)
 
 
+def test_a_state_of_another_scene_is_refused():
+    """The memory of its terms would be ignored or mistaken."""
+    system, other = block(), block("nodal")
+    _, state = sim.simulate(system, drive(system, 0.05), duration=0.02, integrator=CONVERGED)
+    given = {"duration": 0.02, "integrator": CONVERGED}
+    with pytest.raises(sim.SceneError, match="belongs to another scene"):
+        sim.simulate(other, drive(other, 0.05), initial=state, **given)
+    bare = sim.State(state.t, state.q, state.v)
+    assert np.isfinite(sim.simulate(other, drive(other, 0.05), initial=bare, **given)[1].q).all()
+
+
 def test_a_file_that_is_not_a_state_is_refused(tmp_path):
     with pytest.raises(sim.SceneError, match=r"none\.nc is not a file"):
         sim.read_state(tmp_path / "none.nc")
