@@ -28,7 +28,9 @@ def digest_of(scene: Scene) -> bytes:
 def names_of(parts: Sequence[object]) -> list[str]:
     """Names such as ``Solid[0]`` of some parts: labels, or types, numbered in the order of digests."""
     labels = [getattr(part, "label", type(part).__name__) for part in parts]
-    own = [(label, digest(part), i) for i, (label, part) in enumerate(zip(labels, parts, strict=True))]
+    own = [
+        (label, digest(part), i) for i, (label, part) in enumerate(zip(labels, parts, strict=True))
+    ]
     place, count = dict[int, str](), dict[str, int]()
     for kind, _, i in sorted(own):
         place[i] = f"{kind}[{count.get(kind, 0)}]"
