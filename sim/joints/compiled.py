@@ -170,7 +170,7 @@ class Rows:
         if not self.rigid.any():
             return w
         X, G = self.inverse_mass(pose), self.evaluate(pose).G[self.rigid]
-        f = np.linalg.lstsq(G @ X[self.columns] @ G.T, G @ w[self.columns], rcond=REDUNDANT)[0]
+        f = least(G @ X[self.columns] @ G.T, G @ w[self.columns], ROWS, REDUNDANT)
         return w - X @ (G.T @ f)
 
     def projected(
