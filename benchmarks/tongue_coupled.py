@@ -27,6 +27,7 @@ from emgface.anatomy.tongue.scene import LINE
 from emgface.errors import HeadError
 from sim.integrators import Integrator
 from sim.linear import linear_solver
+from sim.restart import SCENE
 
 INTEGRATORS = {
     "Trapezoidal": sim.LinearlyImplicitTrapezoidal(tolerance=1e-9),
@@ -155,6 +156,9 @@ def _motion(
         now = head.strips(state.q)
         if now != strips:
             strips, system = now, head.system(now)
+            # the scenes differ in the planes of the condyles alone: the memory of contact is kept
+            own = {name: array for name, array in state.memory.items() if name != SCENE}
+            state = replace(state, memory=own)
             work = sim.Workspace(system, linear_solver().name)
         try:
             _, state = sim.simulate(

@@ -12,13 +12,13 @@ from sim.state import Array, State
 from sim.system import System
 
 _KIND = "state of a simulation"
-_SCENE = "scene"
+SCENE = "scene"
 """Name of the digest of the scene in `State.memory`; other names belong to terms, rows and contact."""
 
 
 def with_scene(state: State, system: System) -> State:
     """State with the digest of its scene."""
-    return replace(state, memory={**state.memory, _SCENE: _numbers(system.digest)})
+    return replace(state, memory={**state.memory, SCENE: _numbers(system.digest)})
 
 
 def _numbers(digest: bytes) -> Array:
@@ -40,7 +40,7 @@ def require_own(state: State, system: System) -> None:
                 f"the initial state has {name} of shape {found}, expected {wanted} for this scene"
             )
     own = _numbers(system.digest)
-    if _SCENE in state.memory and not np.array_equal(state.memory[_SCENE], own):
+    if SCENE in state.memory and not np.array_equal(state.memory[SCENE], own):
         raise SceneError(
             "the initial state belongs to another scene, whose parts or parameters differ, and contains "
             "its forces and history: expected a state of this scene; sim.State(t, q, v, frames=..., "
