@@ -9,6 +9,7 @@ import pytest
 
 import sim
 from sim.recipe import digest, digest_of, names_of
+from sim.terms.of_blocks import OfBlocks
 from tests.bodies import crossed_muscles, grid
 from tests.kinematics.scenes import INERTIA, swing
 
@@ -128,3 +129,14 @@ def test_terms_are_named_by_type_and_content():
     turned = names_of((solid, two, one))
     assert turned == [names[id(solid)], names[id(two)], names[id(one)]]
     assert names[id(solid)] == "Solid[0]"
+
+
+def test_terms_with_labels_are_named_by_them():
+    """In a mesh of several parts, terms of one type are told apart by their blocks."""
+    parts = [OfBlocks(sim.ElementVolume(), k, k + 1) for k in (1, 0)]
+    assert names_of((*parts, sim.ElementVolume(), parts[0])) == [
+        "ElementVolume of blocks 1-1[0]",
+        "ElementVolume of blocks 0-0[0]",
+        "ElementVolume[0]",
+        "ElementVolume of blocks 1-1[1]",
+    ]
