@@ -94,10 +94,8 @@ class System(Described):
     def _fused(self) -> tuple[Multibody | None, str]:
         scene = self.scene
         if scene.constraints or self.damping_law is not None:
-            return (
-                None,
-                "" if scene.mesh.n_nodes else "the scene has damping of tissue, but no tissue",
-            )
+            only_bodies = scene.bodies and not scene.mesh.n_nodes  # reduced tissue has none
+            return None, "the scene has damping of tissue, but no tissue" if only_bodies else ""
         names = self._memory_names
         return lay_out_multibody(
             self.kinematics, self.mesh.X, scene.bodies, self.terms, self.rows, names

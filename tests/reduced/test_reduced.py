@@ -117,12 +117,12 @@ def one_by_one(system, activation, n):
 
 @pytest.mark.parametrize("every", [1, 3])
 def test_steps_in_one_call_are_those_one_by_one(every):
-    """Bit for bit, also after a restart; reports of an output are those of all its steps."""
+    """Bit for bit, also from a checkpoint; reports of an output are those of all its steps."""
     _, _, _, model, _ = sampled_model()
     system, activation, n = model.system, drive(0.9, 0.4), 30
     single = list(one_by_one(system, activation, n))[every - 1 :: every]
 
-    def moved(duration, initial=None):
+    def moved(duration, initial=None, checkpoint=None):
         return sim.simulate(
             system,
             activation,
@@ -132,6 +132,7 @@ def test_steps_in_one_call_are_those_one_by_one(every):
             every=every * STEP,
             probes=(sim.Positions(), ReductionError(np.eye(6)), sim.Iterations()),
             initial=initial,
+            checkpoint=checkpoint,
         )
 
     whole, end = moved(n * STEP)
@@ -139,8 +140,9 @@ def test_steps_in_one_call_are_those_one_by_one(every):
     np.testing.assert_array_equal(q[1:], [state.q for state in single])
     np.testing.assert_array_equal(end.memory[OMITTED], single[-1].memory[OMITTED])
     assert (whole.steps.values[1:] == every).all() and (whole.iterations.values[1:] >= every).all()
+    whole, end = moved(n * STEP, checkpoint=12 // every)
     first, middle = moved(0.4 * n * STEP)
-    second, again = moved(0.6 * n * STEP, middle)
+    second, again = moved(0.6 * n * STEP, middle, 12 // every)
     np.testing.assert_array_equal(again.q, end.q)
     for name in ("reduction_estimate", "smallest_J", "iterations"):
         both = np.concatenate([first[name].values, second[name].values[1:]])
