@@ -127,7 +127,7 @@ def test_fused_steps_equal_the_general_path(integrator, joints):
         assert np.abs(loose.q - a.q).max() > 1e-5
 
 
-def test_steps_continue_bit_for_bit_and_single_steps_are_the_same():
+def test_steps_continue_bit_for_bit_from_a_checkpoint_and_single_steps_are_the_same():
     system = sim.compile_scene(scene(*HELD))
     whole = ended(system, STEPPED[0], False)[1]
     work, state = sim.Workspace(system), system.rest_state()
@@ -135,23 +135,20 @@ def test_steps_continue_bit_for_bit_and_single_steps_are_the_same():
     for k in range(60):
         state, _ = STEPPED[0].step(system, state, control, (k + 1) * 1e-3 - state.t, work)
     np.testing.assert_allclose(state.q, whole.q, atol=1e-12)
-    half = sim.simulate(
-        system,
-        drive(0.06),
-        duration=0.03,
-        steps=sim.FixedStep(1e-3),
-        every=0.01,
-        integrator=STEPPED[0],
-    )[1]
-    end = sim.simulate(
-        system,
-        drive(0.06),
-        duration=0.03,
-        steps=sim.FixedStep(1e-3),
-        every=0.01,
-        integrator=STEPPED[0],
-        initial=half,
-    )[1]
+
+    def run(duration, initial=None, checkpoint=None):
+        return sim.simulate(
+            system,
+            drive(0.06),
+            duration=duration,
+            steps=sim.FixedStep(1e-3),
+            every=0.01,
+            integrator=STEPPED[0],
+            initial=initial,
+            checkpoint=checkpoint,
+        )[1]
+
+    whole, end = run(0.06, checkpoint=3), run(0.03, run(0.03))
     np.testing.assert_array_equal(end.frames, whole.frames)
     np.testing.assert_array_equal(end.twists, whole.twists)
 
