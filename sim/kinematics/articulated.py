@@ -416,7 +416,7 @@ class Articulated(Kinematics):
         out, inertia = np.zeros(self.pattern.n), self._inertias(state.pose)
         omega = state.twists[self.free_bodies, 3:]
         moment = np.cross(omega, np.einsum("bij,bj->bi", inertia, omega))
-        rate = np.linalg.solve(inertia, moment[..., None])[..., 0]
+        rate = solved(inertia, moment[..., None], "the inertia of a body")[..., 0]
         out[self.first :].reshape(-1, 6)[:, 3:] = rate
         return out
 
