@@ -1,16 +1,14 @@
 """Plan of a treatment: its steps, their parameters, and the reader of its file."""
 
 import json
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import Discriminator, Field, field_validator, model_validator
 
 from emgface.choices import Parameters, choice, configure, parameter
-from emgface.errors import ConfigurationError
 from emgface.muscles import MODELLED, MUSCLES
-from emgface.schema.rules import one_line
+from emgface.texts import read_toml
 
 PLAN_VERSION: Final = 1
 CLINICAL: Final = "Mosebo et al., plastsurgeon.com: primary closure up to about 30 % of a lip"
@@ -249,14 +247,7 @@ class Plan(Parameters):
 
 def read_plan(path: Path) -> Plan:
     """Read a plan from TOML; ConfigurationError if it is not valid."""
-    try:
-        values = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ConfigurationError(
-            f"{path} cannot be read as a plan ({one_line(error)}), expected a TOML file with tables "
-            "[[step]]"
-        ) from error
-    return configure(Plan, values, where=str(path))
+    return configure(Plan, read_toml(path), where=str(path))
 
 
 def plan_schema_text() -> str:

@@ -300,7 +300,7 @@ class LiveSession:
         self.drive.start()
         k, began = 0, self.drive.now()
         try:
-            while seconds is None or k * self.face.step < seconds - 1e-9:
+            while not self.ended and (seconds is None or k * self.face.step < seconds - 1e-9):
                 if self._asked:
                     self._answer()
                     self._still, began = True, self._continue(k)

@@ -177,9 +177,18 @@ def test_pages_receive_the_newest_frame_after_they_have_drawn(coarse, skin):
     page.receive = receive
     thread = threading.Thread(target=session.talk, args=(page,), daemon=True)
     thread.start()
-    session.run(0.3)
+    runner = threading.Thread(target=session.run, args=(30.0,), daemon=True)
+    runner.start()
+    limit = time.monotonic() + 20.0
+    while not page.received and time.monotonic() < limit:
+        time.sleep(0.02)
+    steps = len(session.log.rows)
+    while len(session.log.rows) < steps + 20 and time.monotonic() < limit:
+        time.sleep(0.02)
+    session.ended = True
     wait.set()
-    thread.join(5.0)
+    for one in (thread, runner):
+        one.join(5.0)
     assert len(page.received) == 1  # the page never said that it had drawn
     (frame,) = page.received
     size = 4 * (len(HEAD) + 20) + 6 * (len(skin.node) + coarse.sizes["marker"])
