@@ -171,7 +171,7 @@ def test_file_keeps_lists_and_parts_and_page_holds_all(head: Head, tmp_path: Pat
     ).stdout
     # both are written by the script of the page, after it has decoded the motion
     assert f'aria-live="polite">{motion.attrs["head"]}' in shown
-    assert all(f'title="{muscle}"' in shown for muscle in ("GGP_L", "OOP_L", "ad_L"))
+    assert all(f">{muscle}</b>" in shown for muscle in ("GGP_L", "OOP_L", "ad_L"))
 
 
 def test_what_is_not_named_costs_nothing() -> None:
