@@ -87,9 +87,8 @@ def test_the_other_files_lack_markers_or_sEMG(
     folder = shared / "recordings"
     if not (folder / name).is_file():
         pytest.skip("the recording is not there")
-    text = sidecar_of(root, name).replace('file = "', f'file = "{folder.as_posix()}/')
-    (tmp_path / "trial.toml").write_text(text, encoding="utf-8")
-    recording = read_recording(tmp_path / "trial.toml")
+    (tmp_path / "trial.toml").write_text(sidecar_of(root, name), encoding="utf-8")
+    recording = read_recording(tmp_path / "trial.toml", folder=folder)
     assert lacks not in recording
     refused = (MarkerError, ConfigurationError, SchemaError)
     with pytest.raises(refused, match="marker|no sEMG|expected at least one of OOS_L"):
