@@ -276,7 +276,7 @@ class LiveSession:
         sent, last = 0, 0.0
         ready.set()
         while connection.open and not self.ended:
-            if not ready.wait(WAITING):
+            if not ready.wait(WAITING) or not connection.open:
                 continue
             with self._new:
                 if self._number <= sent and not self._new.wait(WAITING):
