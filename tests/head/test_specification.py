@@ -230,6 +230,7 @@ PAIRINGS: Final = ("maxilla", "mandible", "palate")
 
 
 KNOWN = (
+    "4 shape jaw_open, elements, no gravity: median",  # 1.1 mm
     "4 shape *: tip", "4 shape *: signs of the tip", "5 *: volume of every muscle", "7 generated: *",
     "7 published face, at rest", "7 published face, OOP 0.3",
     "8 GGP at 1.0 and SL at 1.0: force at the end",
