@@ -415,7 +415,7 @@ class Articulated(Kinematics):
         """Rates of the angular velocities by the gyroscopic moments of the bodies' own inertia."""
         out, inertia = np.zeros(self.pattern.n), self._inertias(state.pose)
         omega = state.twists[self.free_bodies, 3:]
-        moment = np.cross(omega, np.einsum("bij,bj->bi", inertia, omega))
+        moment: Array = np.cross(omega, np.einsum("bij,bj->bi", inertia, omega)).astype(np.float64)
         rate = solved(inertia, moment[..., None], "the inertia of a body")[..., 0]
         out[self.first :].reshape(-1, 6)[:, 3:] = rate
         return out
