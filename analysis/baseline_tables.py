@@ -5,7 +5,7 @@ from typing import Any, Final
 import numpy as np
 import xarray as xr
 
-from analysis.baselines import NO_ROOM, has_baselines, unexplained, unlimited_template
+from analysis.baselines import NO_ROOM, complete, has_baselines, unexplained
 from analysis.descriptives import mean_defined
 from analysis.statistics.finding import persons
 from analysis.statistics.scope import too_few_volunteers
@@ -14,13 +14,16 @@ from analysis.tables import Column, Table, origin_of, recordings
 from analysis.typed import selected, texts
 
 HEADS: Final = (
-    "rho", "template", "repeat", "ceiling", "shuffled EMG", "wrong instruction", "best wrong",
+    "rho", "template", "all persons", "repeat", "ceiling", "EMG of others", "shuffled EMG",
+    "wrong instruction", "best wrong",
 )  # fmt: skip
 """Column heads of `LEVELS`."""
 NOTE: Final = (
     "Means over markers and trials. template: mean motion of the other volunteers, without "
-    "EMG; repeat: another repetition of the person; ceiling: the best motion that is the "
-    "same in every repetition; shuffled EMG: motion driven by the EMG of another "
+    "EMG; all persons: the template, extrapolated to infinitely many volunteers; repeat: another "
+    "repetition of the person; ceiling: the best motion that is the "
+    "same in every repetition; EMG of others: mean motion driven by the EMG of the other volunteers, "
+    "which contains no EMG of the person; shuffled EMG: motion driven by the EMG of another "
     "repetition; wrong instruction: motion driven by the EMG of the person's other "
     "instructions, mean and maximum. All are aligned and scored in the same way. "
 )
@@ -34,8 +37,10 @@ NOTHING: Final = (
 
 def baseline_table(found: xr.Dataset) -> Table:
     """Tabulate rho, baselines, gains and skill of every strategy, from `against_baselines`."""
-    shown = {"gain_template": "gain over template", "gain_shuffled": "gain by own EMG"}
-    shown["skill"] = "skill"
+    shown = {
+        "gain_template": "gain over all persons", "gain_others": "gain over EMG of others",
+        "gain_shuffled": "gain by own EMG", "skill": "skill", "skill_others": "skill without own EMG",
+    }  # fmt: skip
     columns = [Column("strategy"), *(Column(head) for head in HEADS)]
     for name in shown.values():
         columns += [Column(name), Column(f"{name}, lower"), Column(f"{name}, upper")]
@@ -63,6 +68,7 @@ def baseline_instruction_table(cube: xr.Dataset) -> Table:
         Column("instruction"), Column("strategy"), *(Column(head) for head in HEADS),
         Column("median skill"), Column("trials with skill"), Column("no room"),
     )  # fmt: skip
+    cube = complete(cube)
     rows: list[tuple[Any, ...]] = []
     for instruction in cube["instruction"].values:
         for strategy in cube["strategy"].values:
@@ -162,7 +168,7 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
                 "score of the template is at least as high."
             )
         else:
-            limit = float(unlimited_template(template, others))
+            limit = levels["template_limit"]
             more = (
                 f"The mean of infinitely many volunteers would score about {limit:.2f}, because the "
                 "template contains the individual parts of its few members; a prediction without EMG "
@@ -178,8 +184,8 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
             told.append(more)
         if others < 3:
             told.append(
-                "A template of one or two volunteers is unreliable. The mean of more volunteers "
-                "would score higher; gain and skill are therefore overestimated."
+                "A template of one or two volunteers is unreliable, and so are its extrapolation to "
+                "all persons, gain and skill."
             )
     else:
         told.append("There is no other volunteer and therefore no template for comparison.")
@@ -219,9 +225,14 @@ def _of_strategy(found: xr.Dataset, strategy: str) -> str:
         return f"{strategy}: no trial is scored."
     text = f"{strategy}: mean rho {rho:.2f}"
     if np.isfinite(gain):
-        text += f", difference from the template {gain:+.3f}{_interval(one, 'gain_template', 3)}"
+        text += f", difference from the template of all persons {gain:+.3f}"
+        text += _interval(one, "gain_template", 3)
     if np.isfinite(skill):
         text += f", skill {skill:.2f}{_interval(one, 'skill', 2)}"
+        free = float(one["skill_others"])
+        if np.isfinite(free):
+            text += f"; with the EMG of the other volunteers instead, rho {float(one['others_rho']):.2f}"
+            text += f" and skill {free:.2f}{_interval(one, 'skill_others', 2)}"
     own = float(one["gain_shuffled"])
     if np.isfinite(own):
         text += "; relative to the EMG of another repetition, the EMG of the trial changes rho by "

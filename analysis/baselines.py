@@ -1,9 +1,10 @@
 """Baselines of a correlation: template, other trials, repeat ceiling, and skill.
 
-Besides the simulated motion of a trial, four motions are compared with the measured one: the mean
-motion of other people at the same instruction (template), the simulated motion of the same person
-at another instruction (wrong instruction) or in another repetition (shuffled EMG), and another
-repetition of the person (repeat). All are aligned and scored like the simulated motion.
+Besides the simulated motion of a trial, five motions are compared with the measured one: the mean
+motion of other people at the same instruction (template), their mean simulated motion (EMG of
+others), the simulated motion of the same person at another instruction (wrong instruction) or in
+another repetition (shuffled EMG), and another repetition of the person (repeat). All are aligned
+and scored like the simulated motion.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,6 +36,8 @@ VARIABLES: Final[dict[str, tuple[tuple[str, ...], str, str]]] = {
     "repeat_rho": ((*RECORDED, "marker"), "1", "mean rho of the person's other repetitions"),
     "ceiling": (
         (*RECORDED, "marker"), "1", "rho of the person's mean over infinitely many repetitions"),
+    "others_rho": (
+        (*TRIAL, "marker"), "1", "rho of the mean motion driven by the EMG of the other volunteers"),
     "wrong_rho": ((*TRIAL, "marker"), "1", "mean rho of the person's other instructions"),
     "wrong_rho_max": ((*TRIAL, "marker"), "1", "rho of the best of the other instructions"),
     "shuffled_rho": (
@@ -48,7 +51,8 @@ VARIABLES: Final[dict[str, tuple[tuple[str, ...], str, str]]] = {
     "asymmetry_measured": (RECORDED, "1", "(left - right) / (left + right), measured motion"),
     "asymmetry_simulated": (TRIAL, "1", "(left - right) / (left + right), simulated motion"),
     "template_asymmetry": (PERSON, "1", "(left - right) / (left + right), template"),
-    "skill": (TRIAL, "1", "(rho - template) / (ceiling - template)"),
+    "skill": (
+        TRIAL, "1", "(rho - template) / (ceiling - template), with a template of all persons"),
 }  # fmt: skip
 """Dims, unit and meaning of the baselines in a cube."""
 
@@ -82,6 +86,45 @@ def unlimited_template(rho: Array | float, volunteers: float) -> Array:
         v = 2.0 * -c / (b + np.sqrt(b * b - 4.0 * c / k))
         return np.where(r > 0.0, 1.0 / np.sqrt(1.0 + v), r)
 
+
+def template_limit(rho: xr.DataArray, volunteers: xr.DataArray) -> xr.DataArray:
+    """Rho [1] of a template of infinitely many volunteers, of every recorded trial and marker.
+
+    The template of K others of person p scores rho_p = r_p / sqrt(1 + v / K), where r_p is the score
+    of the template of all persons and v the mean of v_p = 1 / r_p^2 - 1 over persons. All scores are
+    therefore multiplied by one factor, sqrt(1 + v / K), in which v solves `unlimited_template` for
+    the mean of 1 / rho_p^2; rho_p is the mean over instructions, repetitions and markers. The result
+    is linear in the score of a trial, so that noise of single scores does not bias its mean.
+
+    Parameters
+    ----------
+    rho : xarray.DataArray
+        ``template_rho`` with the dims (volunteer, instruction, repetition, marker) in any order.
+    volunteers : xarray.DataArray
+        ``template_volunteers``, numbers K; their median is used.
+    """
+    k = volunteers.values[~np.isnan(volunteers.values)]
+    own = rho.mean([dim for dim in rho.dims if dim != "volunteer"], skipna=True).values
+    own = np.maximum(own[np.isfinite(own)], LEAST_LIKENESS)
+    if not len(k) or not len(own):
+        return rho * np.nan
+    mean = float(np.mean(own**-2.0)) ** -0.5
+    return rho * float(unlimited_template(mean, float(np.median(k))) / mean)
+
+
+def complete(cube: xr.Dataset) -> xr.Dataset:
+    """Cube with ``template_limit``, and undefined values of baselines that older cubes lack."""
+    added = {"template_limit": template_limit(cube["template_rho"], cube["template_volunteers"])}
+    if "others_rho" not in cube:
+        added["others_rho"] = cube["rho"] * np.nan
+    return cube.assign(added)
+
+
+LEAST_LIKENESS: Final = 0.2
+"""Least score of the template of a person in the mean of `template_limit` [1].
+
+A person whose motions resemble no other would otherwise determine the mean alone.
+"""
 
 NO_ROOM: Final = "ceiling not above the template"
 SKILL_REASONS: Final = (
@@ -202,7 +245,7 @@ def with_baselines(cube: xr.Dataset, found: Mapping[str, xr.DataArray]) -> xr.Da
     `found` contains the variables of `VARIABLES` except ``skill``; trials that they lack become
     NaN. The result has all of `VARIABLES`, and text ``skill_reason`` (volunteer, instruction,
     repetition, strategy). ``skill`` is computed from the means over the markers at which rho,
-    template and ceiling are defined. Raises CubeError if a variable is unknown, or lacks a dim.
+    `template_limit` and ceiling are defined. Raises CubeError if a variable is unknown, or lacks a dim.
     """
     unknown = [name for name in found if name not in VARIABLES or name == "skill"]
     if unknown:
@@ -218,7 +261,8 @@ def with_baselines(cube: xr.Dataset, found: Mapping[str, xr.DataArray]) -> xr.Da
                 raise CubeError(f"{name} has dims {found[name].dims}, expected {dims}")
             data = found[name].transpose(*dims).reindex_like(data)
         added[name] = data.assign_attrs(units=units, long_name=meaning)
-    skill, reason = _skill(cube["rho"], added["template_rho"], added["ceiling"])
+    limit = template_limit(added["template_rho"], added["template_volunteers"])
+    skill, reason = _skill(cube["rho"], limit, added["ceiling"])
     added["skill"] = skill.assign_attrs(added["skill"].attrs)
     result = cube.assign(added)
     result["skill_reason"] = reason.assign_attrs(long_name="reason for which skill is undefined")

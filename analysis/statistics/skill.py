@@ -5,7 +5,7 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
-from analysis.baselines import LEAST_ROOM, TRIAL, has_baselines
+from analysis.baselines import LEAST_ROOM, TRIAL, complete, has_baselines
 from analysis.errors import StatisticsError
 from analysis.statistics.bootstrap import replicates, tails
 from analysis.statistics.finding import check_level
@@ -15,16 +15,19 @@ from analysis.tables import origin_of
 from analysis.typed import texts
 
 LEVELS: Final = (
-    "rho", "template_rho", "repeat_rho", "ceiling", "shuffled_rho", "wrong_rho", "wrong_rho_max",
+    "rho", "template_rho", "template_limit", "repeat_rho", "ceiling", "others_rho", "shuffled_rho",
+    "wrong_rho", "wrong_rho_max",
 )  # fmt: skip
 """Correlations that are compared."""
 
 GAINS: Final = {
-    "gain_template": "rho minus that of the template",
+    "gain_template": "rho minus that of the template of all persons",
+    "gain_others": "rho minus that with the EMG of the other volunteers",
     "gain_shuffled": "rho minus that with the EMG of other repetitions",
     "gain_wrong": "rho minus that of the other instructions",
     "within": "correlation of deviations from the person's mean",
-    "skill": "(rho - template) / (ceiling - template)",
+    "skill": "(rho - template) / (ceiling - template), with a template of all persons",
+    "skill_others": "skill of the motion driven by the EMG of the other volunteers",
 }
 
 
@@ -39,9 +42,12 @@ def against_baselines(
     The result has the dims strategy, bound: means over the trials of a strategy of each of `LEVELS`
     [1]; of each of `GAINS` [1] the estimate and, as ``<name>_interval``, its bounds: markers are
     averaged first, volunteers and repetitions drawn as in `analysis.statistics.bootstrap`,
-    quantiles expanded. ``skill`` is the mean of rho - template over the mean of ceiling - template,
-    not the mean of the trials' skills, which trials with similar template and ceiling would
-    dominate. ``volunteers`` and ``trials`` for which rho minus template is defined,
+    quantiles expanded. Gain and skill refer to the template of infinitely many volunteers
+    (`analysis.baselines.template_limit`), because any prediction that is free of the noise of the
+    finite template exceeds it, also without EMG. ``skill`` is the mean of rho - template over the
+    mean of ceiling - template, not the mean of the trials' skills, which trials with similar
+    template and ceiling would dominate. ``skill_others`` is that of a prediction without the EMG
+    of the person. ``volunteers`` and ``trials`` for which rho minus template is defined,
     ``template_volunteers`` (median), ``instructions``. Templates of different volunteers share
     members, so that volunteers are not wholly independent.
 
@@ -53,7 +59,7 @@ def against_baselines(
         raise StatisticsError(
             "the cube contains no baselines: it was written by an older version, run the study again"
         )
-    dims = (*TRIAL, "marker")
+    cube, dims = complete(cube), (*TRIAL, "marker")
     extra = set(cube["rho"].dims) - set(dims)
     if extra:
         raise StatisticsError(f"the cube has further axes ({', '.join(map(str, extra))})")
@@ -68,18 +74,24 @@ def against_baselines(
         mean = values[name].where(shared).mean("marker").mean([*TRIAL[:3]])
         result[name] = ("strategy", mean.values, {"units": "1"})
     rho = values["rho"]
-    room = values["ceiling"] - values["template_rho"]
+    room = values["ceiling"] - values["template_limit"]
     parts = {
-        "gain_template": rho - values["template_rho"],
+        "gain_template": rho - values["template_limit"],
+        "gain_others": rho - values["others_rho"],
         "gain_shuffled": rho - values["shuffled_rho"],
         "gain_wrong": rho - values["wrong_rho"],
         "within": cube["within_rho"].expand_dims("repetition"),
-        "skill": (rho - values["template_rho"]).where(np.isfinite(room)),
+        "skill": (rho - values["template_limit"]).where(np.isfinite(room)),
+        "skill_others": (values["others_rho"] - values["template_limit"]).where(np.isfinite(room)),
+    }
+    rooms = {
+        "skill": room.where(np.isfinite(rho)),
+        "skill_others": room.where(np.isfinite(values["others_rho"])),
     }
     for name, top in parts.items():
-        bottom = room.where(np.isfinite(rho)) if name == "skill" else None
+        bottom = rooms.get(name)
         found = [
-            _ratio(
+            ratio_interval(
                 _cells(top, k), None if bottom is None else _cells(bottom, k), level, draws, seed
             )
             for k in range(len(strategies))
@@ -104,10 +116,13 @@ def _cells(data: xr.DataArray, strategy: int) -> Array:
     return means.transpose("volunteer", "instruction", "repetition").values[..., None]
 
 
-def _ratio(
+def ratio_interval(
     top: Array, bottom: Array | None, level: float, draws: int, seed: int
 ) -> tuple[float, float, float]:
-    """Mean of cells, or the ratio of two means over the same cells, with its interval."""
+    """Mean of cells, or the ratio of two means over the same cells, with its interval.
+
+    Cells have the shape (volunteers, instructions, repetitions, 1), NaN where there is no score.
+    """
     nothing = (np.nan, np.nan, np.nan)
     kept = np.isfinite(top).any(axis=(1, 2, 3))
     top = top[kept]

@@ -63,9 +63,14 @@ def compared(
     person: Person,
     of: Mapping[int, Recorded],
     others: Sequence[xr.Dataset],
+    driven: Mapping[str, Sequence[xr.Dataset]],
     elsewhere: Mapping[str, Mapping[int, Recorded]],
 ) -> xr.Dataset:
-    """Score every trial of one volunteer and instruction against its baselines."""
+    """Score every trial of one volunteer and instruction against its baselines.
+
+    `others` are the typical measured motions of the other volunteers, and `driven` their typical
+    simulated motions by strategy.
+    """
     alignment, form = laboratory.alignment, laboratory.study.score.form
     least, count = laboratory.study.score.smallest_motion, len(LIP_MARKERS)
     result = _empty(person, list(of), list(laboratory.study.strategy_names))
@@ -76,6 +81,11 @@ def compared(
         template = template.sel(marker=list(LIP_MARKERS))
         result["template_volunteers"][...] = template.attrs["contributors"]
         result["template_asymmetry"][...] = asymmetry(template, smallest_motion=least)
+
+    without_own: dict[str, xr.DataArray] = {}
+    for strategy, typical in driven.items():
+        with suppress(AnalysisError):
+            without_own[strategy] = mean_motion([t["position"] for t in typical], alignment)
 
     def against(one: Recorded, predicted: xr.Dataset | xr.DataArray) -> np.ndarray:
         return scored(one.measured, predicted.sel(marker=list(LIP_MARKERS)), alignment, form)[0]
@@ -110,6 +120,8 @@ def compared(
                 for trials in elsewhere.values()
                 if repetition in trials and strategy in trials[repetition].motions
             ]
+            if strategy in without_own:
+                result["others_rho"].loc[here] = against(one, without_own[strategy])
             result["shuffled_rho"].loc[here] = mean_of(shuffled, count)
             result["wrong_rho"].loc[here] = mean_of(wrong, count)
             result["wrong_rho_max"].loc[here] = best_of(wrong, count)

@@ -1,7 +1,8 @@
 """Baselines, ceilings and individual measures of a study, from stored motions.
 
-There are two stages: the typical motion of each volunteer at each instruction, and the comparison
-of every trial with its baselines. Neither simulates motions.
+There are two stages: the typical motions of each volunteer at each instruction, measured and
+simulated with each strategy, and the comparison of every trial with its baselines. Neither
+simulates motions.
 """
 
 from bisect import bisect_right
@@ -19,6 +20,7 @@ from analysis.baselines import TRIAL, VARIABLES, mean_of, with_baselines
 from analysis.errors import AnalysisError
 from analysis.individual import instants
 from analysis.registration import mean_motion
+from emgface.muscles import LIP_MARKERS
 from emgface.study.against_baselines import Person, Recorded, compared
 from emgface.study.digest import text_digest
 from emgface.study.journal import Entry
@@ -54,7 +56,7 @@ class _Volunteer:
     trials: Sequence[PlannedTrial]
     entries: Mapping[tuple[str, str, int, str], Entry]
     extent: Result | None
-    #: digests of the typical motions of others, by volunteer and instruction
+    #: digests of the typical motions of others, by volunteer and `_kind`
     typical: Mapping[str, Mapping[str, str]] = field(default_factory=dict[str, Mapping[str, str]])
 
     def recorded(self, laboratory: Laboratory) -> dict[Person, dict[int, Recorded]]:
@@ -135,14 +137,25 @@ def with_stored_baselines(
 
 
 def typical_motions(laboratory: Laboratory, of: _Volunteer) -> dict[str, str]:
-    """Store the typical motions of one volunteer; return their digests by instruction."""
+    """Store the typical motions of one volunteer; return their digests by `_kind`."""
     found: dict[str, str] = {}
     for person, trials in of.recorded(laboratory).items():
-        try:
-            found[person[1]] = _typical(laboratory, person, trials).digest
-        except AnalysisError as error:
-            laboratory.report(f"No typical motion of {' '.join(person)}: {error}")
+        for strategy in ("", *laboratory.study.strategy_names):
+            if strategy and not any(strategy in one.motions for one in trials.values()):
+                continue
+            try:
+                result = _typical(laboratory, person, trials, strategy)
+            except AnalysisError as error:
+                of_what = " ".join((*person, strategy)).strip()
+                laboratory.report(f"No typical motion of {of_what}: {error}")
+                continue
+            found[_kind(person[1], strategy)] = result.digest
     return found
+
+
+def _kind(instruction: str, strategy: str = "") -> str:
+    """Name of a typical motion of a volunteer: measured, or simulated with a strategy."""
+    return f"{instruction}/{strategy}"
 
 
 def baselines(laboratory: Laboratory, of: _Volunteer) -> list[str]:
@@ -151,9 +164,11 @@ def baselines(laboratory: Laboratory, of: _Volunteer) -> list[str]:
     found: list[str] = []
     for person, trials in persons.items():
         others = {
-            (name, person[1]): by_instruction[person[1]]
-            for name, by_instruction in of.typical.items()
-            if person[1] in by_instruction
+            strategy: {
+                name: digests[kind] for name, digests in of.typical.items() if kind in digests
+            }
+            for strategy in ("", *laboratory.study.strategy_names)
+            for kind in [_kind(person[1], strategy)]
         }
         elsewhere = {p[1]: r for p, r in persons.items() if p != person}
         found.append(_baselines(laboratory, person, trials, others, elsewhere).digest)
@@ -168,13 +183,24 @@ def _parameters(laboratory: Laboratory) -> dict[str, Any]:
     }
 
 
-def _typical(laboratory: Laboratory, person: Person, of: Mapping[int, Recorded]) -> Result:
-    """Mean measured motion of a volunteer over repetitions, and its mean instants."""
+def _typical(
+    laboratory: Laboratory, person: Person, of: Mapping[int, Recorded], strategy: str = ""
+) -> Result:
+    """Mean motion of a volunteer over repetitions, and the mean instants of a measured one.
+
+    It is the measured motion if `strategy` is empty, otherwise the motion simulated with it.
+    """
     inputs = {"face": laboratory.face_digest}
     for repetition, one in of.items():
         inputs |= one.digests(str(repetition))
 
-    def compute() -> xr.Dataset:
+    def driven() -> xr.Dataset:
+        motions = [one.motions[strategy].dataset for one in of.values() if strategy in one.motions]
+        lips = [motion["position"].sel(marker=list(LIP_MARKERS)) for motion in motions]
+        mean = mean_motion(lips, laboratory.alignment)
+        return xr.Dataset({"position": mean}, attrs={"repetitions": mean.attrs["contributors"]})
+
+    def measured() -> xr.Dataset:
         least = laboratory.study.score.smallest_motion
         mean = mean_motion([one.measured for one in of.values()], laboratory.alignment)
         clock = np.array(
@@ -194,7 +220,11 @@ def _typical(laboratory: Laboratory, person: Person, of: Mapping[int, Recorded])
         )
 
     return laboratory.store.get_or_compute(
-        TYPICAL, inputs, _parameters(laboratory), compute, label=" ".join(person)
+        TYPICAL,
+        inputs,
+        {**_parameters(laboratory), "strategy": strategy},
+        driven if strategy else measured,
+        label=" ".join((*person, strategy)).strip(),
     )
 
 
@@ -202,15 +232,30 @@ def _baselines(
     laboratory: Laboratory,
     person: Person,
     of: Mapping[int, Recorded],
-    others: Mapping[Person, str],
+    others: Mapping[str, Mapping[str, str]],
     elsewhere: Mapping[str, Mapping[int, Recorded]],
 ) -> Result:
-    """Baselines of the trials of one volunteer and instruction."""
+    """Baselines of the trials of one volunteer and instruction.
+
+    `others` contains the digests of the typical motions of other volunteers, by strategy ("" for
+    the measured motions) and volunteer.
+    """
     inputs = {"face": laboratory.face_digest}
-    inputs |= {f"typical {' '.join(other)}": digest for other, digest in others.items()}
+    for strategy, digests in others.items():
+        kind = _kind(person[1], strategy)
+        inputs |= {f"typical {other} {kind}": digest for other, digest in digests.items()}
     for instruction, trials in {person[1]: of, **elsewhere}.items():
         for repetition, one in trials.items():
             inputs |= one.digests(f"{instruction} {repetition}")
+
+    def compute() -> xr.Dataset:
+        typical = {
+            strategy: [stored(laboratory, TYPICAL, digest) for digest in digests.values()]
+            for strategy, digests in others.items()
+        }
+        measured = typical.pop("")
+        return compared(laboratory, person, of, measured, typical, elsewhere)
+
     return laboratory.store.get_or_compute(
         BASELINES,
         inputs,
@@ -219,13 +264,7 @@ def _baselines(
             "form": laboratory.study.score.form,
             "instruction": person[1],  # baselines of an instruction depend on all instructions
         },
-        lambda: compared(
-            laboratory,
-            person,
-            of,
-            [stored(laboratory, TYPICAL, d) for d in others.values()],
-            elsewhere,
-        ),
+        compute,
         label=" ".join(person),
     )
 

@@ -137,7 +137,7 @@ def filled(data: xr.Dataset, **values: float) -> dict[str, xr.DataArray]:
 
 def test_a_cube_with_baselines_keeps_its_scores_and_gives_the_reason_of_missing_skill() -> None:
     data = cube()
-    added = filled(data, template_rho=0.5, ceiling=0.9)
+    added = filled(data, template_rho=0.5, ceiling=0.9, template_volunteers=np.inf)
     added["template_rho"][0, 0, 0] = np.nan
     added["ceiling"][0, 0, 1] = np.nan
     added["ceiling"][0, 1, 0] = 0.4
@@ -160,7 +160,7 @@ def test_a_cube_with_baselines_keeps_its_scores_and_gives_the_reason_of_missing_
 def test_skill_compares_the_same_markers() -> None:
     """A marker without rho is also omitted from template and ceiling."""
     data = cube()
-    added = filled(data, template_rho=0.5, ceiling=0.9)
+    added = filled(data, template_rho=0.5, ceiling=0.9, template_volunteers=np.inf)
     added["template_rho"][..., 1] = -1.0
     found = with_baselines(data, added)["skill"].values[0, 0, 0, 0]  # its marker 1 has no rho
     rho = data["rho"].values[0, 0, 0, 0, [0, 2]].mean()

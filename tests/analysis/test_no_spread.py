@@ -73,6 +73,7 @@ def test_the_table_counts_the_trials_without_room_for_skill() -> None:
         )
         for name, (dims, _, _) in VARIABLES.items() if name in ("template_rho", "ceiling")
     }  # fmt: skip
+    made["template_volunteers"] = made["ceiling"].isel(repetition=0, marker=0, drop=True) * 0 + 5
     found = with_baselines(cube, made)
     table = baseline_instruction_table(found)
     counted = sum(int(row[-1]) for row in table.rows)

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from analysis.baseline_tables import baseline_instruction_table, comparison, individual_table
-from analysis.baselines import VARIABLES, with_baselines
+from analysis.baselines import VARIABLES, unlimited_template, with_baselines
 from analysis.errors import FigureError, StatisticsError
 from analysis.figures import baseline_plot
 from analysis.statistics.scope import LEAST_VOLUNTEERS
@@ -13,7 +13,7 @@ from analysis.statistics.simulated import simulated_scores
 from analysis.statistics.skill import against_baselines
 
 LEVELS = {
-    "template_rho": 0.80, "repeat_rho": 0.81, "ceiling": 0.90, "shuffled_rho": 0.85,
+    "template_rho": 0.80, "repeat_rho": 0.81, "ceiling": 0.90, "others_rho": 0.82, "shuffled_rho": 0.85,
     "wrong_rho": 0.30, "wrong_rho_max": 0.50, "within_rho": 0.25,
 }  # fmt: skip
 
@@ -28,7 +28,7 @@ def study(
     rho = base["rho"].copy(data=np.full(base["rho"].shape, 0.86))
     base["rho"] = rho + xr.DataArray(own, dims="volunteer")
     base["reason"] = xr.full_like(base["status"], "")
-    values = LEVELS | {"template_volunteers": volunteers - 1.0} | levels
+    values = LEVELS | {"template_volunteers": max(volunteers - 1.0, 1.0)} | levels
     made = {
         name: xr.DataArray(
             np.full([base.sizes[dim] for dim in VARIABLES[name][0]], value),
@@ -42,18 +42,21 @@ def study(
 def test_gains_and_skill_are_those_of_the_means() -> None:
     cube = study()
     found = against_baselines(cube, draws=200)
-    mean = float(cube["rho"].mean())
-    np.testing.assert_allclose(found["gain_template"], mean - 0.80)
+    mean, limit = float(cube["rho"].mean()), float(unlimited_template(0.80, 5))
+    np.testing.assert_allclose(found["template_limit"], limit)
+    np.testing.assert_allclose(found["gain_template"], mean - limit)
+    np.testing.assert_allclose(found["gain_others"], mean - 0.82)
     np.testing.assert_allclose(found["gain_shuffled"], mean - 0.85)
     np.testing.assert_allclose(found["gain_wrong"], mean - 0.30)
-    np.testing.assert_allclose(found["skill"], (mean - 0.80) / 0.10)
+    np.testing.assert_allclose(found["skill"], (mean - limit) / (0.90 - limit))
+    np.testing.assert_allclose(found["skill_others"], (0.82 - limit) / (0.90 - limit))
     np.testing.assert_allclose(found["within"], 0.25)
     assert (found["volunteers"] == 6).all() and (found["trials"] == 24).all()
     for name in ("gain_template", "skill"):
         low, high = found[f"{name}_interval"].transpose("bound", ...).values
         assert ((low < found[name]) & (found[name] < high)).all()
     np.testing.assert_allclose(
-        found["skill_interval"], found["gain_template_interval"] / 0.10, rtol=1e-9
+        found["skill_interval"], found["gain_template_interval"] / (0.90 - limit), rtol=1e-9
     )
 
 
@@ -67,11 +70,11 @@ def test_few_volunteers_have_no_interval(n: int) -> None:
 @pytest.mark.slow
 def test_interval_covers_the_true_gain() -> None:
     """Coverage 0.95 in 100 studies of six volunteers (0.87 is 3.7 standard errors below)."""
-    inside = 0
+    inside, true = 0, 0.86 - float(unlimited_template(0.80, 5))
     for seed in range(100):
         cube = study(6, spread=0.03, seed=seed).isel(strategy=[0])
         low, high = against_baselines(cube, draws=200)["gain_template_interval"].values[0]
-        inside += low < 0.06 < high
+        inside += low < true < high
     assert 87 <= inside <= 100
 
 

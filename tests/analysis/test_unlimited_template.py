@@ -74,6 +74,7 @@ def test_the_sentence_states_what_no_common_motion_reaches():
 
     values = dict.fromkeys(LEVELS, 0.5) | {
         "template_rho": 0.76,
+        "template_limit": float(unlimited_template(0.76, 5)),
         "ceiling": 0.99,
         "repeat_rho": 0.98,
     }

@@ -82,7 +82,7 @@ def test_baselines_require_no_simulation_and_are_stored(three) -> None:
     motions = [event for event in result.computed() if event.stage == "motion"]
     assert len(motions) <= 7  # one for each trial at most
     stages = [event.stage for event in result.computed()]
-    assert stages.count("typical") == stages.count("baselines") == 6
+    assert stages.count("typical") == 2 * stages.count("baselines") == 12
     again = run_study(study, out)
     assert again.computed() == []
     xr.testing.assert_identical(again.cube, result.cube)
@@ -119,6 +119,12 @@ def test_templates_and_nulls_are_those_of_the_analysis(three) -> None:
     rho, ratio = scored(own, mean_motion([first, third], options), options)
     np.testing.assert_allclose(found["template_rho"], rho, atol=1e-9)
     np.testing.assert_allclose(found["template_amplitude_ratio"], ratio, atol=1e-9)
+    driven = [
+        mean_motion([results.trial(p, "act_rel").motion["position"] for p in places], options)
+        for places in ([("S01", "B", 1), ("S01", "B", 2)], [("S03", "B", 1)])
+    ]
+    lips = mean_motion(driven, options).sel(marker=found["marker"].values)
+    np.testing.assert_allclose(found["others_rho"], scored(own, lips, options)[0], atol=1e-9)
     with_own = mean_motion([first, third, mean_motion([own], options)], options)
     assert np.nanmax(np.abs(scored(own, with_own, options)[0] - rho)) > 1e-4
     assert (result.cube["template_volunteers"] == 2).all()
