@@ -19,6 +19,7 @@ from scipy.spatial import KDTree
 
 import emgface as ef
 import sim
+from benchmarks.treatment_volume import sampled_volume
 from emgface.api.given import simulation_of, study_of
 from emgface.errors import EmgfaceError
 from emgface.face.motion import settle_face, simulate_face
@@ -27,7 +28,6 @@ from emgface.face.template.build import volunteer_face
 from emgface.treatment.closure import drawn_together, relaxed, ties
 from emgface.treatment.motions import compared, gestures
 from emgface.treatment.outcomes import outcome_table, smile_asymmetry
-from emgface.treatment.volume import sampled_volume
 from sim.grids import grid_mesh
 
 Row = tuple[str, str, str, bool]  #: what, measured, required, met
@@ -384,10 +384,9 @@ def random(plans: int = 20, seed: int = 0) -> list[Row]:
 REASONS = {
     "too wide": ("too wide", "cannot be sutured"),
     "at the commissure": ("corner of the mouth",),
-    "tumour outside": ("tumour",),
+    "tumour outside": ("the centre of the tumour", "the tumour with its margin"),
     "attached to bone": ("attached to bone",),
     "too small for the mesh": (
-        "too few",
         "no element",
         "no node",
         "nodes, expected at least one node",
@@ -396,7 +395,6 @@ REASONS = {
     "degenerate elements": ("degenerate", "inverted at rest"),
     "nothing left": ("has no element",),
     "at an earlier suture": ("not layered",),
-    "lips overlap": ("below that of the lower lip",),
 }
 
 

@@ -14,13 +14,21 @@ from emgface.face.parts import FREE
 from emgface.face.quality import element_quality
 from emgface.treatment.columns import Chart, Columns, columns_of
 from emgface.treatment.outline import Outline
-from emgface.treatment.pairing import chains, flat_tips, paired
-from emgface.treatment.plane import Degenerate, Surface, cut, inverse_bilinear, triangulated
+from emgface.treatment.pairing import chains, flat_tips, nearest_edges, paired
+from emgface.treatment.plane import (
+    Degenerate,
+    Surface,
+    containing,
+    cut,
+    inverse_bilinear,
+    triangulated,
+)
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 AROUND: Final = 25e-3  #: distance from the outline within which cells may be divided [m]
+ALONG: Final = 201  #: points of a cut that removes nothing
 SNAPS: Final = (0.25, 0.12, 0.04, 0.0)  #: fractions of an edge tried for moving nodes to the cut
 LARGEST_SHARE: Final = 0.75  #: removed fraction of the margin beyond which nothing can be sutured
 
@@ -44,11 +52,22 @@ class Wound:
     aims: Floats  #: (n, 3) positions at which the pairs first meet [m]
     node_parents: dict[int, frozenset[int]]
     removed: float  #: volume [m^3]
+    line: Floats | None = None  #: (n, 3) points of a cut that removes nothing [m]
 
 
-def excise(face: xr.Dataset, outline: Outline, lip: str, method: str) -> Wound:
+def excise(
+    face: xr.Dataset,
+    outline: Outline,
+    lip: str,
+    method: str,
+    fans: frozenset[int] = frozenset(),
+    *,
+    keep_markers: bool = True,
+) -> Wound:
     """Remove the part of a face within an outline, by whole elements or by a conforming cut.
 
+    Elements with one of the nodes `fans` of an earlier wound of the same outline are divided there.
+    With `keep_markers`, nodes of markers are moved to the cut only if no other way is found.
     Raises FaceError if the wound has no two edges, contains fixed nodes, leaves the skin of the lip,
     or if its elements would be degenerate.
     """
@@ -60,23 +79,74 @@ def excise(face: xr.Dataset, outline: Outline, lip: str, method: str) -> Wound:
     rim = lip_rim(face)
     near = near_nodes(face, outline, lip)
     columns = columns_of(face, near)
+    if not outline.polygon:
+        return _slit(face, outline, columns, method)
     reasons: list[str] = []
     named = {int(n) for name in ("marker_node", "lip_opening_node") for n in face[name].values}
     still = frozenset(k for k, n in enumerate(sorted(columns.stack)) if n in named)
-    # nodes of markers are moved only if the elements would otherwise be degenerate
-    ways = [(snap, kept) for kept in (still, frozenset[int]()) for snap in SNAPS]
+    choices = (still, frozenset[int]()) if keep_markers else (frozenset[int](),)
+    ways = [(snap, kept) for kept in choices for snap in SNAPS]
     for snap, kept in ways if method == "conforming" else ((None, still),):
         try:
             surface = _surface(face, outline.chart, columns)
             if snap is not None:
                 lines = list(outline.corners), list(outline.sides)
                 cut(surface, *lines, snap=snap, still=kept)
-            return _opened(face, outline, columns, surface, np.union1d(rim.upper, rim.lower))
+            margin = np.union1d(rim.upper, rim.lower)
+            return _opened(face, outline, columns, surface, margin, fans)
         except Degenerate as error:
             reasons.append(str(error))
     raise FaceError(
         f"the elements at the cut would be degenerate ({reasons[-1]}), expected valid ones: move the "
         "excision by a millimetre, use method = 'elements', or a finer face"
+    )
+
+
+def _slit(face: xr.Dataset, outline: Outline, columns: Columns, method: str) -> Wound:
+    """Cut that removes nothing, whose edges meet where they were.
+
+    The tied edges have no gap, so that the displacement is continuous across the cut, and the elements
+    that it crosses keep their shape functions: in the terms of an enriched element, the jump is zero.
+    Divided elements would interpolate another field, and move a node by up to 0.35 mm in a coarse mesh.
+    The nodes of the suture are those of the edges nearest to the cut, which `method` = 'elements'
+    follows; a conforming cut crosses the elements, whose fibres it cuts.
+    """
+    surface = _surface(face, outline.chart, columns)
+    start, tip = map(np.array, outline.sides[0])
+    nodes = sorted(columns.stack)
+    chain = nearest_edges(surface, start, tip)
+    stacks = np.array([columns.stack[nodes[v]] for v in chain])
+    rows = np.repeat(stacks.reshape(-1, 1), 2, axis=1)
+    position = face["position"].values.copy()
+    connectivity = face["connectivity"].values.astype(np.int64)
+    changed, line = np.zeros(len(connectivity), dtype=bool), position[stacks].reshape(-1, 3)
+    if method == "conforming":
+        along = start + np.linspace(0.0, 1.0, ALONG)[:, None] * (tip - start)
+        found: list[Floats] = []
+        for at in along:
+            here = containing(surface, at)
+            if here is None:
+                continue  # beyond the margin
+            cell = surface.cells[here]
+            weights = inverse_bilinear(np.array([surface.flat[v] for v in cell]), at)
+            found.append(np.einsum("v,vsx->sx", weights, [surface.stack[v] for v in cell]))
+            if weights.min() > 1e-6:  # inside, and not along an edge
+                changed[columns.element[surface.owner[here]]] = True
+        if not found:
+            raise FaceError("the incision is outside the skin of the lip: choose another place")
+        line = np.concatenate(found)
+    free = face["stress_free_position"].values if "stress_free_position" in face else None
+    if free is None:
+        free = np.where(connectivity[..., None] < 0, 0.0, position[np.maximum(connectivity, 0)])
+    held = face["fixed"].values[rows[:, 0]] != FREE
+    if 2 * held.sum() > len(rows):
+        raise FaceError(
+            f"{int(held.sum())} of {len(rows)} nodes at the incision are attached to bone: choose a "
+            "smaller height"
+        )
+    own = np.arange(len(connectivity))
+    return Wound(
+        position, connectivity, free, own, changed, rows, position[rows[:, 0]], {}, 0.0, line
     )
 
 
@@ -114,7 +184,12 @@ def _surface(face: xr.Dataset, chart: Chart, columns: Columns) -> Surface:
 
 
 def _opened(
-    face: xr.Dataset, outline: Outline, columns: Columns, surface: Surface, margin: Integers
+    face: xr.Dataset,
+    outline: Outline,
+    columns: Columns,
+    surface: Surface,
+    margin: Integers,
+    folded: frozenset[int],
 ) -> Wound:
     """Remove the pieces inside, pair the edges of the wound, and rebuild the elements."""
     nodes = sorted(columns.stack)
@@ -122,17 +197,18 @@ def _opened(
     # Whole cells are removed by the middle of their corners, as pieces are
     middle = np.array([np.mean([surface.flat[v] for v in cell], axis=0) for cell in surface.cells])
     inside = outline.contains(middle)
-    if outline.polygon and not inside.any():
+    if not inside.any():
         raise FaceError(
             "the excision contains no element, expected at least one: use method = 'conforming', a "
             "finer face, or a larger excision"
         )
-    edges = chains(surface, inside, outline)
+    edges = chains(surface, inside)
     at_margin = set(np.flatnonzero(np.isin(nodes, margin)).tolist())
     pairs, aims = paired(surface, inside, edges, outline, at_margin)
-    fans = flat_tips(surface, inside, pairs)
     depth = columns.layers if outline.layers is None else min(outline.layers, columns.layers)
     made = _Elements(face, columns, surface, nodes, outline.chart)
+    fans = flat_tips(surface, inside, pairs)
+    fans |= {v for v, stack in made.stack.items() if not folded.isdisjoint(stack)}
     removed = 0.0
     for cell, own, gone in zip(surface.cells, surface.owner, inside.tolist(), strict=True):
         unchanged = whole.get(frozenset(nodes[v] if v < len(nodes) else -1 for v in cell)) == own

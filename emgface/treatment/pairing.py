@@ -9,28 +9,15 @@ from scipy.sparse.csgraph import dijkstra
 
 from emgface.errors import FaceError
 from emgface.treatment.outline import Outline
-from emgface.treatment.plane import Degenerate, Surface, on_segment
+from emgface.treatment.plane import Degenerate, Surface
 
 Floats = NDArray[np.float64]
 
 MATCH: Final = 0.4  #: fraction of a segment within which nodes of both edges are paired as they are
 
 
-def chains(surface: Surface, inside: NDArray[np.bool_], outline: Outline) -> list[list[int]]:
-    """Edges of the wound as chains of vertices, with the tissue on their left.
-
-    A slit has one chain down to its tip, in place of two.
-    """
-    if not outline.polygon:
-        start, tip = map(np.array, outline.sides[0])
-        on = [
-            (float(np.linalg.norm(p - tip)), v)
-            for v, p in enumerate(surface.flat)
-            if on_segment(p, (start, tip))
-        ]
-        if len(on) < 2:  # the surface was not divided
-            return [_nearest_edges(surface, start, tip)]
-        return [[v for _, v in sorted(on)]]  # from the tip
+def chains(surface: Surface, inside: NDArray[np.bool_]) -> list[list[int]]:
+    """Edges of the wound as chains of vertices, with the tissue on their left."""
     gone: set[tuple[int, int]] = set()
     for cell, out in zip(surface.cells, inside.tolist(), strict=True):
         if out:
@@ -57,7 +44,7 @@ def chains(surface: Surface, inside: NDArray[np.bool_], outline: Outline) -> lis
     return chains
 
 
-def _nearest_edges(surface: Surface, start: Floats, tip: Floats) -> list[int]:
+def nearest_edges(surface: Surface, start: Floats, tip: Floats) -> list[int]:
     """Vertices from the tip of a slit to the margin, along the edges of cells nearest to it."""
     counted = surface.edges()
     x = np.array(surface.flat)
@@ -71,8 +58,10 @@ def _nearest_edges(surface: Surface, start: Floats, tip: Floats) -> list[int]:
     )
     graph = coo_matrix((cost, (rows, columns)), shape=(len(x), len(x)))
     margin = np.array(sorted({v for edge, n in counted.items() if n == 1 for v in edge}))
-    last = int(np.argmin(np.linalg.norm(x - tip, axis=1)))
     first = int(margin[np.argmin(across[margin] + 10.0 * (along[margin] > 0.5 * length))])
+    away = np.linalg.norm(x - tip, axis=1)
+    away[first] = np.inf
+    last = int(np.argmin(away))
     before = dijkstra(graph, directed=False, indices=np.array([first]), return_predecessors=True)[
         1
     ][0]
@@ -81,8 +70,8 @@ def _nearest_edges(surface: Surface, start: Floats, tip: Floats) -> list[int]:
         path.append(int(before[path[-1]]))
     if len(path) < 2 or path[-1] != first:
         raise FaceError(
-            "no edges of the mesh follow the incision, expected some: use method = 'conforming', or a "
-            "longer incision"
+            "no edges of the mesh follow the incision, expected some: choose a longer incision or a "
+            "finer face"
         )
     return path
 
@@ -95,8 +84,6 @@ def paired(
     margin: set[int],
 ) -> tuple[list[tuple[int, int]], list[Floats]]:
     """Vertices that meet in the suture, and where; vertices are added where the edges do not match."""
-    if not outline.polygon:
-        return [(v, v) for v in chains[0]], [surface.stack[v] for v in chains[0]]
     chain = chains[0]
     ends = [surface.parents.get(v, frozenset((v,))) for v in (chain[0], chain[-1])]
     if not all(end <= margin for end in ends):
@@ -235,8 +222,6 @@ def flat_tips(
     tip is then flat there, and is divided.
     """
     tips = {a for a, b in pairs if a == b}
-    if len(tips) == len(pairs):
-        return frozenset()
     found: set[int] = set()
     wound = {v for pair in pairs for v in pair}
     gone: set[frozenset[int]] = set()

@@ -95,7 +95,7 @@ def cut(
 
 def _snap_corner(surface: Surface, at: Floats, rim: set[int], locked: set[int]) -> None:
     """Move the nearest vertex of the cell that contains a corner onto it."""
-    here = _containing(surface, at)
+    here = containing(surface, at)
     if here is None:
         return
     around = _around(surface)
@@ -148,7 +148,8 @@ def _convex(surface: Surface, cell: list[int]) -> bool:
     return bool((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > -1e-12).all())
 
 
-def _containing(surface: Surface, at: Floats) -> int | None:
+def containing(surface: Surface, at: Floats) -> int | None:
+    """Return the first cell that contains a point of the chart (2,), or None."""
     for k, cell in enumerate(surface.cells):
         x = np.array([surface.flat[v] for v in cell])
         side = np.roll(x, -1, axis=0) - x

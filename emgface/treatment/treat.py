@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from emgface.errors import FaceError, JawError
+from emgface.face.contact_parameters import NO_CONTACT, ContactParameters
+from emgface.face.lip_shape import lip_opening
 from emgface.face.quality import element_centres, element_quality
 from emgface.face.recipe import compose_scene, element_order
 from emgface.face.simulation_parameters import SimulationParameters
@@ -20,7 +22,7 @@ from emgface.study.digest import dataset_digest
 from emgface.treatment.changes import apply_change, apply_palsy, with_factor, with_share
 from emgface.treatment.closure import Closed, Progress, drawn_together, relaxed, ties
 from emgface.treatment.excise import Wound, excise
-from emgface.treatment.outline import MM, outline_of
+from emgface.treatment.outline import MM, Outline, outline_of
 from emgface.treatment.plan import (
     CUTS,
     NOT_VALIDATED,
@@ -114,13 +116,68 @@ def _cut(
     ):
         return face, {"effect": "none: the size is 0"}
     outline = outline_of(face, step, folder)
-    wound = excise(face, outline, step.lip, step.method)
-    p = parameters.model_copy(
+    try:
+        closed, report = _unfolded(face, step, outline, parameters, progress, keep_markers=True)
+    except FaceError as first:
+        if step.method == "elements" or isinstance(step, Incision):
+            raise
+        try:
+            closed, report = _unfolded(
+                face, step, outline, parameters, progress, keep_markers=False
+            )
+        except FaceError:
+            raise first from None
+    return closed, {"removed_share_of_margin": outline.share, **report}
+
+
+def _unfolded(
+    face: xr.Dataset,
+    step: Wedge | Tumour | Incision,
+    outline: Outline,
+    parameters: SimulationParameters,
+    progress: Progress | None,
+    *,
+    keep_markers: bool,
+) -> tuple[xr.Dataset, Report]:
+    """Close a wound, and again with the elements divided whose corners the closure has folded."""
+    fans: frozenset[int] = frozenset()
+    while True:
+        wound = excise(face, outline, step.lip, step.method, fans, keep_markers=keep_markers)
+        closed, report = _sutured(face, step, wound, parameters, progress)
+        folded = _folded(closed["position"].values, closed["connectivity"].values, wound)
+        if folded <= fans:
+            check_face(closed)  # folds that no division removes are refused
+            return closed, report
+        fans |= folded
+
+
+def _folded(position: Floats, connectivity: Integers, wound: Wound) -> frozenset[int]:
+    """Nodes of a wound at which an element of the closed face has an inverted corner."""
+    found: set[int] = set()
+    for kind, chosen in ((HEX8, connectivity[:, 6] >= 0), (WEDGE6, connectivity[:, 6] < 0)):
+        own = np.flatnonzero(chosen)
+        corners = position[connectivity[own, : kind.n_nodes]]
+        det = np.linalg.det(np.einsum("eni,pnj->epij", corners, kind.dN_corners))
+        element, corner = np.nonzero(det <= 0.0)
+        found.update(wound.connectivity[own[element], corner].tolist())
+    return frozenset(found)
+
+
+def _sutured(
+    face: xr.Dataset,
+    step: Wedge | Tumour | Incision,
+    wound: Wound,
+    parameters: SimulationParameters,
+    progress: Progress | None,
+) -> tuple[xr.Dataset, Report]:
+    """Face whose wound is closed, at rest, with its scar."""
+    touching = parameters.model_copy(
         update={
             "gravity": False,
-            "contact": parameters.contact.model_copy(update={"method": "none"}),
+            "contact": ContactParameters(between=("lips",)),  # where the lips meet at rest
         }
     )
+    p = touching.model_copy(update={"contact": NO_CONTACT})
     same = ties(wound.pairs, len(wound.position))
     opened, at = rebuilt(face, wound, np.arange(len(wound.position)), wound.position)
     met = wound.position.copy()
@@ -146,8 +203,10 @@ def _cut(
     side = _one_side(wound)[element_order(tied).face_index]
 
     def at_rest(state: xr.Dataset) -> tuple[xr.Dataset, Closed]:
-        scene = compose_scene(carried(state, before), p)
-        found = relaxed(scene, state["position"].values, side, suture)
+        here, start = carried(state, before), state["position"].values
+        found = relaxed(compose_scene(here, p), start, side, suture)
+        if "lip_opening_node" in state and lip_opening(state, found.position) < 0.0:
+            found = relaxed(compose_scene(here, touching), start, side, suture)
         moved = state.assign(position=(("node", "axis"), found.position, {"units": "m"}))
         return carried(moved, before), found
 
@@ -166,7 +225,6 @@ def _cut(
     quality = element_quality(face["position"].values, face["connectivity"].values)
     return closed, {
         "removed_volume_mm3": 1e9 * wound.removed,
-        "removed_share_of_margin": outline.share,
         "volume_before_mm3": 1e9 * float(quality.volume.sum()),
         "widest_gap_mm": 1e3 * _gap(wound),
         "mean_suture_stress_Pa": float(stress),
@@ -246,7 +304,8 @@ def _scarred(
     """Stiffen the scar, and remove the muscle in it and at the ends of fibres not joined."""
     position = closed["position"].values
     centres = element_centres(position, closed["connectivity"].values)
-    away = np.asarray(KDTree(position[suture]).query(centres)[0])
+    points = position[suture] if wound.line is None else wound.line
+    away = np.asarray(KDTree(points).query(centres)[0])
     scar = away <= MM * step.scar.radius if step.scar else np.zeros(len(away), dtype=bool)
     if step.scar and scar.any():
         closed = with_factor(closed, np.where(scar, step.scar.stiffness, 1.0))

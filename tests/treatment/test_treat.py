@@ -7,16 +7,17 @@ import pytest
 from scipy.spatial import KDTree
 
 import emgface as ef
+from benchmarks.treatment_volume import sampled_volume
 from emgface.choices import configure
 from emgface.errors import ConfigurationError, FaceError
 from emgface.face.file import load_face, save_face
 from emgface.face.motion import settle_face, simulate_face
+from emgface.face.quality import element_quality
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.schema.validation import schema_folder
 from emgface.treatment.motions import gestures
 from emgface.treatment.plan import NOT_VALIDATED, Plan, plan_schema_text, read_plan
-from emgface.treatment.volume import sampled_volume
 
 FREE = {"contact": {"method": "none"}}
 QUICK = configure(SimulationParameters, {"accuracy": "draft", **FREE, "sigma_max": 100e3})
@@ -71,16 +72,43 @@ def test_the_closed_face_is_at_rest_and_differs_by_the_gap_alone(coarse, operate
     assert far.any() and away[far].max() < 0.1 * away.max()
 
 
-def test_an_incision_without_removal_moves_like_the_intact_face(coarse):
-    treated = ef.treat(coarse, {"step": [{"kind": "incision", "place": 0.42, "scar": False}]})
-    assert treated.sizes["element"] > coarse.sizes["element"]
+@pytest.mark.parametrize("place", [0.5, 0.42])
+def test_an_incision_without_removal_moves_like_the_intact_face(coarse, place):
+    step = {"kind": "incision", "place": place, "scar": False, "rejoin": "all"}
+    treated = ef.treat(coarse, {"step": [step]})
     moved = [
         simulate_face(f, gestures(f)["A"], QUICK, settled=settle_face(f, QUICK))["position"].values
         for f in (coarse, treated)
     ]
-    size = np.linalg.norm(moved[0] - moved[0][..., :1], axis=1).max()
-    assert size > 1e-3
-    assert np.linalg.norm(moved[0] - moved[1], axis=1).max() < 0.05 * size
+    assert np.linalg.norm(moved[0] - moved[0][..., :1], axis=1).max() > 1e-3
+    assert np.linalg.norm(moved[0] - moved[1], axis=1).max() < 5e-5
+
+
+def test_a_conforming_incision_cuts_the_fibres_that_it_crosses(coarse):
+    """Between two lines of nodes, only a conforming cut divides elements; apart, OOM loses its ring."""
+    step = {"kind": "incision", "place": 0.42, "rejoin": "none"}
+    treated = ef.treat(coarse, {"step": [step]})
+    found = report(treated)
+    assert "OOM_L" in found["not_joined"] and "OOM_R" not in found["not_joined"]
+    along = ef.treat(coarse, {"step": [{**step, "method": "elements"}]})
+    assert report(along)["severed_muscles"] == []
+    weights = treated["bundle_weight"].values
+    assert 0 < (weights == 0.0).sum() < 0.2 * len(weights)
+
+
+@pytest.mark.parametrize(
+    "size",
+    [
+        {"shape": "rectangle", "width": 14.0, "height": 11.0, "place": 0.46},
+        {"width": 26.4, "height": 14.0, "place": 0.5},
+    ],
+)
+def test_elements_that_a_closure_would_fold_are_divided(coarse, size):
+    """Half of the lower lip, and a rectangle whose corners are laid on a line."""
+    treated = ef.treat(coarse, wedge(scar=False, **size))
+    quality = element_quality(treated["position"].values, treated["connectivity"].values)
+    assert quality.smallest_det.min() > 0.0
+    assert report(treated)["smallest_J"] > 0.1
 
 
 def test_an_incision_along_edges_leaves_the_motion_as_it_was(coarse):
