@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 HEIGHT: Final = 620  #: height of a moving face in a notebook [CSS pixels]
 COLOURS: Final = 256
 """Colours of a still picture, chosen by k-means: a third of the bytes in a stored notebook."""
-DPI: Final = 72
 
 
 def show(
@@ -207,8 +206,10 @@ class View:
 
         from PIL import Image
 
+        from emgface.pictures.stills import NOTEBOOK_DPI
+
         drawn, small = BytesIO(), BytesIO()
-        self.figure.savefig(drawn, format="png", dpi=DPI)
+        self.figure.savefig(drawn, format="png", dpi=NOTEBOOK_DPI)
         picture = Image.open(drawn).convert("RGB").quantize(COLOURS, kmeans=3)
         picture.save(small, format="png", optimize=True)
         return b64encode(small.getvalue()).decode("ascii")

@@ -59,6 +59,21 @@ class Fitted:
     notes: tuple[str, ...]
     deformed: Deformed
 
+    def __repr__(self) -> str:
+        """Name of the face instead of all tables."""
+        return f"<{type(self).__name__} {self.face.attrs['name']!r}>"
+
+    def _repr_png_(self) -> bytes:
+        """Figure of the fit, which a notebook shows in place of the text."""
+        from io import BytesIO
+
+        from emgface.fit.picture import fit_figure
+        from emgface.pictures.stills import NOTEBOOK_DPI
+
+        drawn = BytesIO()
+        fit_figure(self).savefig(drawn, format="png", dpi=NOTEBOOK_DPI)
+        return drawn.getvalue()
+
 
 def fit_face(
     face: xr.Dataset,

@@ -40,6 +40,7 @@ MARKS: Final[Mapping[str, Mapping[str, Any]]] = {
     },
 }  # fmt: skip
 """Symbols of the markers of the model and of the recording, in figures and in the page."""
+NOTEBOOK_DPI: Final = 72  #: resolution of a picture in a notebook
 MARGIN: Final = 0.028  #: margin of skin shown around the lips in pictures of the lips [m]
 
 

@@ -38,6 +38,11 @@ def test_surfaces_are_reached_and_no_corner_inverts(fitted):
     check_face(fitted.face)
 
 
+def test_a_notebook_shows_the_figure(fitted):
+    assert fitted._repr_png_().startswith(b"\x89PNG")
+    assert fitted.face.attrs["name"] in repr(fitted)
+
+
 def test_sets_are_kept_and_points_follow(fitted, generic):
     for name in ("connectivity", "fixed", "bundle_index", "bundle_muscle", "marker_node", "layer"):
         np.testing.assert_array_equal(fitted.face[name].values, generic[name].values)
