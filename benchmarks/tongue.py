@@ -30,6 +30,7 @@ from emgface.anatomy.tongue.published import TURN, import_tongue
 from emgface.anatomy.tongue.run import simulate_tongue
 from emgface.anatomy.tongue.scene import activation_of, tongue_scene
 from emgface.errors import TongueError
+from sim.linear import linear_solver
 
 SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
 RECORDED = {"line": "lines", "element": "elements", "stable": "stable"}
@@ -133,6 +134,7 @@ def repeated(
         every=case["output_interval_s"],
         integrator=EULER,
         probes=(sim.Positions(),),
+        work=sim.Workspace(system, linear_solver().name),  # a factor of every matrix, as there
     )
     return motion
 

@@ -74,38 +74,15 @@ def test_free_top_keeps_energy_and_angular_momentum():
     assert left[1] < 1e-7 and left[0] / left[1] > 14.0
 
 
-def test_free_top_keeps_energy_and_angular_momentum_over_a_thousand_turns():
-    """600 steps of Runge-Kutta's method per turn, all in one kernel."""
-    system, turns = top(), 1000
+def test_free_top_keeps_energy_and_angular_momentum_over_many_turns():
+    """600 steps of Runge-Kutta's method per turn; linearly implicit steps have a test of their own."""
+    system, turns = top(), 10
     start = moving(system, 0.1, 0.0, 0.0, 0.2, 10.0, 0.1)
     end = run(system, start, turns * 0.2 * np.pi, turns * 600, sim.RungeKutta4())
     L0, L1 = angular_momentum(start), angular_momentum(end)
-    assert np.abs(L1 - L0).max() < 1e-8 * np.linalg.norm(L0)
+    assert np.abs(L1 - L0).max() < 1e-10 * np.linalg.norm(L0)
     energy = [s.twists[0, 3:] @ L for s, L in ((start, L0), (end, L1))]
-    assert abs(energy[1] / energy[0] - 1.0) < 1e-8
-
-
-def test_fused_explicit_steps_equal_the_general_path():
-    """A damped, loaded body: the kernel, and the path of scenes with other parts."""
-    body = sim.Body("b", 0.2, MOMENTS, (0.1, 0.2, 0.3), (0.1, 1e-4))
-    points, on = np.array([[0.12, 0.2, 0.3]]), sim.OnBody("b", np.array([0]))
-    push = sim.NodeLoad(np.array([0]), np.array([[0.1, 0.3, -0.2]]))
-    system = sim.compile_scene(
-        sim.Scene(sim.NO_TISSUE, (sim.Gravity(), push), (on,), bodies=(body,), points=points)
-    )
-    state, control = moving(system, 0.1, 0, 0, 1.0, 5.0, 2.0), system.control(np.zeros(0))
-    ends = []
-    for fused in (True, False):
-        work, now = sim.Workspace(system), state
-        assert work.bodies is not None
-        if not fused:
-            work.bodies = None
-        for _ in range(20):
-            now, _ = sim.RungeKutta4().step(system, now, control, 0.01, work)
-        ends.append(now)
-    for name in ("q", "v", "frames", "twists"):
-        a, b = (getattr(end, name) for end in ends)
-        np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-13)
+    assert abs(energy[1] / energy[0] - 1.0) < 1e-10
 
 
 def test_symmetric_top_precesses_as_in_closed_form():
