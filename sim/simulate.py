@@ -41,6 +41,7 @@ def simulate(
     work: Workspace | None = None,
     progress: Progress | None = None,
     checkpoint: int | None = None,
+    at_checkpoint: Callable[[State], None] | None = None,
     solver_threads: int = 1,
 ) -> tuple[xr.Dataset, State]:
     """Simulate and record.
@@ -72,6 +73,8 @@ def simulate(
         Number of outputs between checkpoints, none by default. At a checkpoint the solver forgets
         earlier steps, and instants are counted anew. A simulation that starts from the state at a
         checkpoint is therefore bitwise identical to one without interruption.
+    at_checkpoint : callable, optional
+        Called with the state at every checkpoint, for `save_state` or as `initial` of a branch.
     solver_threads : int
         Threads of PARDISO. With more than one, a large scene takes less time on idle cores, and the
         last digits differ between processes, which the attribute ``note`` of the trajectory states.
@@ -129,7 +132,9 @@ def simulate(
     estimating = work.estimating(any(isinstance(part, ReadsErrors) for part in (steps, *probes)))
     told = _Told(progress)
     with threads_of(solver_threads, work.linear.name), estimating:
-        for part in parts:
+        for number, part in enumerate(parts):
+            if number and at_checkpoint is not None:
+                at_checkpoint(with_scene(state, system))
             work.forget()
             times = state.t, part, longest, every
             if through is not None:

@@ -150,6 +150,8 @@ def simulate(
     probes: "tuple[Probe, ...]" = (),
     progress: "Show | bool | None" = None,
     solver_threads: int = 1,
+    waypoints: "tuple[File, float] | None" = None,
+    branch: "tuple[File, float] | None" = None,
     **choices: Any,
 ) -> "xr.Dataset":
     """Simulate the motion of a face for an activation.
@@ -180,6 +182,11 @@ def simulate(
     solver_threads : int
         Threads of the linear solver. With more than one, a large face takes less time on idle cores,
         and the last digits differ between processes, as the attribute ``note`` then states.
+    waypoints : (path-like, float), optional
+        New folder for states of the motion, and the time between them [s].
+    branch : (path-like, float), optional
+        Folder of way points, and the time [s] of the one at which the motion begins. With the
+        activation of the motion that wrote them, it repeats its rest bit for bit.
     **choices : Any
         Parameters of the table ``[simulation]`` of a study file, such as ``sigma_max=100e3`` [Pa] or
         ``contact={"method": "none"}``.
@@ -209,6 +216,7 @@ def simulate(
     from emgface.api.given import dataset_of, face_of, simulation_of, study_of
     from emgface.api.progress import shown
     from emgface.face.motion import settle_face, simulate_face
+    from emgface.face.waypoints import Branch, WayPoints
     from emgface.pictures.body import skin_of
     from emgface.pictures.surface import SurfaceProbe, with_surface
     from emgface.recordings.findings import ATTRIBUTE, findings_in
@@ -233,18 +241,23 @@ def simulate(
     model = face_of(face, plan)
     skin = skin_of(model) if surface else None
     further = (*probes, SurfaceProbe(skin.node)) if skin else probes
+    kept = None if waypoints is None else WayPoints(Path(waypoints[0]), waypoints[1])
+    begun = None if branch is None else Branch.of(Path(branch[0]), branch[1])
     with shown(progress, "simulating") as line:
 
         def once(chosen: Any) -> "xr.Dataset":
             same = settled is not None and chosen.sigma_max == parameters.sigma_max
+            rest = settled if same or begun else settle_face(model, chosen)
             return simulate_face(
                 model,
                 drive,
                 chosen,
-                settled=settled if same else settle_face(model, chosen),
+                settled=rest,
                 further=further,
                 progress=line.show,
                 solver_threads=solver_threads,
+                waypoints=kept,
+                branch=begun,
             )
 
         trajectory = lower_sigma_max(once, parameters, report=line.message)

@@ -249,7 +249,7 @@ def _conclude(session: "LiveSession", log: Path | None, source: str) -> None:
     from emgface.schema.netcdf import write_netcdf
     from emgface.view.live import HEAD
 
-    if not session.log.rows:
+    if not len(session.log.rows):
         return
     table = pd.DataFrame(session.log.rows, columns=list(HEAD))
     step = session.face.step

@@ -74,6 +74,15 @@ def simulate(
             help="Threads of the linear solver; with several, the last digits differ between processes.",
         ),
     ] = 1,
+    waypoints: Annotated[
+        Path | None,
+        typer.Option(help="New folder for states of the motion, from which others branch."),
+    ] = None,
+    waypoint_every: Annotated[float, typer.Option(help="Time between these states [s].")] = 0.1,
+    branch: Annotated[
+        Path | None, typer.Option(help="Folder of such states, at one of which the motion begins.")
+    ] = None,
+    branch_at: Annotated[float, typer.Option(help="Time of this state [s].")] = 0.1,
 ) -> None:
     """Simulate the motion of the face for an activation or a recording; store it, or show it."""
     if not (out_path or page or movie or vtk):
@@ -127,6 +136,8 @@ def simulate(
             probes=probes,
             progress=bar.show,
             solver_threads=solver_threads,
+            waypoints=waypoints and (waypoints, waypoint_every),
+            branch=branch and (branch, branch_at),
             **changes,
         )
         nodes = trajectory.get("node_position")

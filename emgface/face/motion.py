@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 import sim
+from emgface.errors import ConfigurationError
 from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.contact import touching
 from emgface.face.control import control_of, seconds
@@ -25,6 +26,7 @@ from emgface.face.numerical_error import largest_motion, numerical_error
 from emgface.face.recipe import compose_scene, displacement_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.stability import rounding_sensitivity
+from emgface.face.waypoints import Branch, WayPoints
 from sim.probes import Probe
 from sim.threads import one_blas_thread
 
@@ -131,6 +133,8 @@ def simulate_face(
     further: tuple[Probe, ...] = (),
     progress: Progress | None = None,
     solver_threads: int = 1,
+    waypoints: WayPoints | None = None,
+    branch: Branch | None = None,
 ) -> xr.Dataset:
     """Simulate the motion of a face for an activation (muscle, time) [1] of all its muscles.
 
@@ -138,6 +142,8 @@ def simulate_face(
     probes besides markers, lips, smallest J, energies and iterations; ``progress(done,
     total)`` is called after every step. With ``parameters.check_contact``, a motion with contact is
     repeated with other time steps. `solver_threads` are those of `sim.simulate`, for the motion.
+    `waypoints` are written; a motion with a `branch` begins at its way point instead, and its
+    ``numerical_error`` counts from there.
 
     The result contains ``position(marker, axis, time)`` [m] of the lip markers from time 0, with
     ``smallest_J``, ``iterations``, ``lip_opening`` [m] (negative if the lips have passed each
@@ -162,8 +168,10 @@ def simulate_face(
     InvertedElement (``element`` is the id in the face model), NotConverged or SingularSystem if a
     step fails; ToleranceMissed if `error_tolerance` cannot be met.
     """
-    doubt = None
+    doubt, points = None, waypoints or (branch and branch.points)
     if parameters.reduced.file is not None:
+        if points is not None:
+            raise ConfigurationError("way points require full order: omit the reduced face")
         from emgface.reduced.motion import trusted_motion  # which requires this module
 
         control, duration, pace = control_of(activation, face["muscle"].values, parameters)
@@ -172,23 +180,22 @@ def simulate_face(
             return _described(trajectory, face, activation, parameters, pace)
     system = sim.compile_scene(compose_scene(face, parameters))
     control, duration, pace = control_of(activation, system.muscles, parameters)
-    if settled is None:
-        settled = settle_face(face, parameters)
-    rest = system.rest_state()
-    start = sim.State(
-        0.0, np.ascontiguousarray(settled["node_position"].values), rest.v, rest.memory
-    )
+    start = branch.state if branch else _start(face, parameters, system, settled)
+    checkpoint = None if points is None else points.outputs(parameters.output)
+    if waypoints is not None:
+        waypoints.clear()
 
     def run(
         initial: sim.State,
         probes: tuple[Probe, ...],
         progress: Progress | None = None,
         stepped: SimulationParameters = parameters,
+        keep: WayPoints | None = None,
     ) -> xr.Dataset:
         return sim.simulate(
             system,
             control,
-            duration=duration,
+            duration=duration - initial.t,
             integrator=integrator_of(stepped),
             steps=steps_of(face, stepped),
             every=parameters.output,
@@ -197,12 +204,16 @@ def simulate_face(
             work=sim.Workspace(system, parameters.linear_solver),
             progress=progress,
             solver_threads=solver_threads,
+            checkpoint=checkpoint,
+            at_checkpoint=keep and keep.keep,
         )[0]
 
     watched = _probes(face)
     touches = (ContactForce(),) if touching(face, parameters) else ()
     with named_elements(face):
-        trajectory = run(start, (*watched, *touches, *further), progress)
+        trajectory = run(start, (*watched, *touches, *further), progress, keep=waypoints)
+    if branch is not None:
+        trajectory.attrs |= {"branched_at": start.t, "branched_from": branch.digest}
     if "unstable_from_s" in trajectory.attrs:
         trajectory.attrs["rounding_sensitivity"] = rounding_sensitivity(
             system, start, trajectory, lambda moved: run(moved, watched[:1])
@@ -226,6 +237,20 @@ def simulate_face(
         inaccurate = trajectory.attrs["numerical_error"] > 0.1 * trajectory.attrs["motion"]
         trajectory.attrs["inaccurate"] = int(inaccurate)
     return trajectory
+
+
+def _start(
+    face: xr.Dataset,
+    parameters: SimulationParameters,
+    system: sim.System,
+    settled: xr.Dataset | None,
+) -> sim.State:
+    """State of a face at rest."""
+    settled = settle_face(face, parameters) if settled is None else settled
+    rest = system.rest_state()
+    return sim.State(
+        0.0, np.ascontiguousarray(settled["node_position"].values), rest.v, rest.memory
+    )
 
 
 def _described(

@@ -1,5 +1,6 @@
 """Motion of a reduced face, with the bound of its error."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -141,8 +142,29 @@ def simulate_reduced(
     InvertedElement, SingularSystem
         A step failed.
     """
-    face, r, data = reduced.face, reduced.moving, reduced.dataset
-    opening = "lip_opening_node" in face
+    trajectory = reduced_outputs(
+        reduced, activation, duration, step=step, output=output, further=further
+    )
+    return with_error(reduced, trajectory, activation, step=step)
+
+
+def reduced_outputs(
+    reduced: ReducedFace,
+    activation: Activation,
+    duration: float,
+    *,
+    step: float,
+    output: float,
+    further: tuple[Probe, ...] = (),
+    initial: State | None = None,
+    checkpoint: int | None = None,
+    at_checkpoint: Callable[[State], None] | None = None,
+) -> xr.Dataset:
+    """Outputs of a reduced face for `with_error`, from its equilibrium or from another state.
+
+    `checkpoint` and `at_checkpoint` are those of `sim.simulate`.
+    """
+    face, r = reduced.face, reduced.moving
     own = reduced.modes[face["marker_node"].values.astype(np.int64), :, r:]
     probes: list[Probe] = [
         reduced.markers,
@@ -151,7 +173,6 @@ def simulate_reduced(
     ]
     probes += [Lifted(probe, reduced.rest, reduced.modes[..., :r]) for probe in further]
     system = reduced.model.system
-    work = Workspace(system)
     trajectory, _ = simulate(
         system,
         activation,
@@ -160,10 +181,25 @@ def simulate_reduced(
         steps=FixedStep(step),
         every=output,
         probes=probes,
-        initial=reduced.equilibrium,
-        work=work,
+        initial=initial or reduced.equilibrium,
+        work=Workspace(system),
+        checkpoint=checkpoint,
+        at_checkpoint=at_checkpoint,
     )
-    if opening:
+    return trajectory
+
+
+def with_error(
+    reduced: ReducedFace, trajectory: xr.Dataset, activation: Activation, *, step: float
+) -> xr.Dataset:
+    """Outputs of a reduced face from its equilibrium, with their bound and the range of the training.
+
+    The result is that of `simulate_reduced`.
+    """
+    face, data = reduced.face, reduced.dataset
+    times = trajectory["time"].values
+    duration = float(times[-1])
+    if "lip_opening_node" in face:
         height = trajectory["position"].sel(axis="z", drop=True)
         gap = height.sel(marker=UPPER, drop=True) - height.sel(marker=LOWER, drop=True)
         trajectory = trajectory.isel(marker=slice(None, -2)).assign(
@@ -172,14 +208,17 @@ def simulate_reduced(
     # An error persists while its cause subsides: the largest estimate so far.
     estimate = np.maximum.accumulate(trajectory["reduction_estimate"].values)
     bound = data.attrs["error_factor"] * (estimate + data.attrs["error_floor"])
-    times = trajectory["time"].values
     distance = reduced.trained.distances(activation.at_all(times))
     trajectory = trajectory.drop_vars("reduction_estimate").assign(
         reduction_error=("time", bound, {"units": "m"}),
         activation_distance=("time", distance, {"units": "1"}),
     )
-    # The steps see the activation at their ends, also between the outputs.
-    ends = np.append(step * np.arange(1, np.ceil((1.0 - SAME) * duration / step)), duration)
-    levels = Driven(system, activation).at_ends([0.0, *ends.tolist()])
+    ends = step_ends(duration, step)
+    levels = Driven(reduced.model.system, activation).at_ends([0.0, *ends.tolist()])
     doubt = reduced.trained.doubt(ends, levels)
     return trajectory.assign_attrs(reduction_doubt=doubt)
+
+
+def step_ends(duration: float, step: float) -> Floats:
+    """Ends [s] of the steps, at which they see the activation, also between the outputs."""
+    return np.append(step * np.arange(1, np.ceil((1.0 - SAME) * duration / step)), duration)

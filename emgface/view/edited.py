@@ -3,6 +3,8 @@
 import json
 import struct
 import time
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -10,31 +12,38 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from analysis.align import align
-from analysis.errors import AnalysisError
-from analysis.scores import correlation_3d, score
-from emgface.errors import DataError
 from emgface.pictures.body import Skin
 from emgface.pictures.surface import SurfaceProbe
 from emgface.reduced.model import ReducedFace
-from emgface.reduced.motion import simulate_reduced
+from emgface.reduced.motion import reduced_outputs, step_ends, with_error
 from emgface.schema.netcdf import kind_of
-from emgface.study.configuration import StudyConfiguration
-from emgface.study.measured import measured_during
 from emgface.view.curves import Curves, curves_of, read_curves
 from emgface.view.live import quanta
-from sim import Activation
+from emgface.view.scored import Scorer
+from sim import Activation, State
+from sim.activation import Driven
 
 Floats = NDArray[np.float64]
 
 OUTPUT: Final = 0.02  #: time between the frames of an edited motion [s]
+CHECKPOINT: Final = 5  #: number of frames between the checkpoints from which a motion branches
 KNOTS: Final = 0.05  #: time between the knots of curves that come from a recording [s]
+
+
+@dataclass(frozen=True, eq=False)
+class _Former:
+    """The last motion with steps of one length: activation at their ends, outputs, checkpoints."""
+
+    levels: Floats
+    outputs: xr.Dataset
+    states: Mapping[int, State]
 
 
 class EditedMotion:
     """Computes the motion of curves; scores it if a recording with markers is given.
 
-    Time t [s] of the curves is ``start + pace t`` in the recording.
+    A motion whose activation equals that of the last motion until some instant branches from the last
+    checkpoint before it; it is bitwise identical to a motion from the start.
     """
 
     def __init__(
@@ -48,10 +57,12 @@ class EditedMotion:
         start: float = 0.0,
         pace: float = 1.0,
     ) -> None:
-        self._reduced, self._centre, self._step, self._recording = reduced, centre, step, recording
-        self._skin, self._study = SurfaceProbe(skin.node), StudyConfiguration()
-        self._aligned: xr.DataArray | None = None
-        self._timing = {"recorded_start": start, "recorded_pace": pace, "sigma_max": 0.0}
+        self._reduced, self._centre, self._step = reduced, centre, step
+        self._skin = SurfaceProbe(skin.node)
+        self._scorer = (
+            None if recording is None else Scorer(recording, reduced.face, start=start, pace=pace)
+        )
+        self._former: dict[float, _Former] = {}
 
     def __call__(self, curves: Curves, *, preview: bool = False) -> bytes:
         """Simulate curves; errors as `emgface.reduced.motion.simulate_reduced`.
@@ -61,72 +72,82 @@ class EditedMotion:
         the header in JSON, and the positions of skin and markers (frames, n, 3) as int16.
         """
         begun = time.perf_counter()
-        muscles = self._reduced.model.system.muscles
-        instants, values = curves.activation(muscles)
-        count = max(round(curves.duration / OUTPUT), 1)
-        motion = simulate_reduced(
-            self._reduced,
-            Activation(instants, values),
-            count * OUTPUT,
-            step=OUTPUT if preview else self._step,
-            output=OUTPUT,
-            further=(self._skin,),
-        )
+        step = OUTPUT if preview else self._step
+        motion, branched = self.motion(curves, step)
         simulated = time.perf_counter()
+        scores: dict[str, Any] = {"rho": {}}
+        if self._scorer is not None:
+            scores = self._scorer(motion.drop_vars("surface_position"), preview=preview)
+        scored = time.perf_counter()
         frames = motion["surface_position"].transpose("time", "surface_node", "axis").values
         markers = motion["position"].transpose("time", "marker", "axis").values
-        at = motion["time"].values
-        levels = np.stack([curves.at(name, at) for name in muscles], axis=1)
+        body = quanta(frames - self._centre) + quanta(markers - self._centre)
         header = {
             "kind": "motion",
             "preview": preview,
-            "time": [round(float(t), 4) for t in at],
+            "time": [round(float(t), 4) for t in motion["time"].values],
             "bound": float(motion["reduction_error"].max()),
             "doubt": str(motion.attrs["reduction_doubt"]),
             "clipped": curves.clipped,
-            "activation": np.round(levels, 4).tolist(),
-            **self._scores(motion.drop_vars("surface_position"), preview=preview),
+            "branched": branched,
+            **scores,
             "simulated": simulated - begun,
-            "total": 0.0,
+            "scored": scored - simulated,
+            "total": time.perf_counter() - begun,
         }
-        body = quanta(frames - self._centre) + quanta(markers - self._centre)
-        header["total"] = time.perf_counter() - begun
         text = json.dumps(header).encode()
         return struct.pack("<I", len(text)) + text + body
 
-    def _scores(self, motion: xr.Dataset, *, preview: bool) -> dict[str, Any]:
-        """Correlation of every lip marker, None where it is undefined, or why there is none."""
-        if self._recording is None:
-            return {"rho": {}}
-        position = motion["position"]
-        if preview:
-            if self._aligned is None:
-                return {"rho": {}}
-            measured = self._aligned.reindex(
-                time=position["time"].values, method="nearest", tolerance=1e-6
-            )
-            return {
-                "rho": _by_name(correlation_3d(measured, position.sel(marker=measured["marker"])))
-            }
-        trajectory = motion.assign_attrs(self._timing)
-        try:
-            measured = measured_during(
-                self._recording, trajectory, self._reduced.face, self._study.signals.head_frame
-            )
-            aligned = align(measured, trajectory, **self._study.alignment.arguments())
-        except (DataError, AnalysisError) as error:
-            return {"rho": {}, "why": str(error)}
-        self._aligned = aligned["position"]
-        found = score(aligned, trajectory, **self._study.score.model_dump())
-        return {"rho": _by_name(found["rho"])}
+    def motion(self, curves: Curves, step: float) -> tuple[xr.Dataset, float]:
+        """Motion of curves with steps [s], and the time [s] from which it was computed anew."""
+        system = self._reduced.model.system
+        activation = Activation(*curves.activation(system.muscles))
+        count = max(round(curves.duration / OUTPUT), 1)
+        ends = step_ends(count * OUTPUT, step)
+        levels = Driven(system, activation).at_ends([0.0, *ends.tolist()])
+        former, first = self._former.get(step), 0
+        states, outputs = dict[int, State](), None
+        if former is not None:
+            n = min(len(levels), len(former.levels))
+            same = (levels[:n] == former.levels[:n]).all(axis=1)
+            steps = n if same.all() else int(np.argmin(same))
+            # The first steps of a motion as long as the former, and its checkpoints, remain.
+            frame = int(steps * step / OUTPUT + 1e-9)
+            states = {k: state for k, state in former.states.items() if k <= frame}
+            first = max((k for k in states if k < count), default=0)
+            outputs = former.outputs.isel(time=slice(first + 1))
+        made: list[State] = []
+        computed = reduced_outputs(
+            self._reduced,
+            activation,
+            (count - first) * OUTPUT,
+            step=step,
+            output=OUTPUT,
+            further=(self._skin,),
+            initial=states.get(first),
+            checkpoint=CHECKPOINT,
+            at_checkpoint=made.append,
+        )
+        if first and outputs is not None:
+            computed = _joined(outputs, computed)
+        states |= {first + CHECKPOINT * (k + 1): state for k, state in enumerate(made)}
+        self._former[step] = _Former(levels, computed, states)
+        return with_error(self._reduced, computed, activation, step=step), first * OUTPUT
 
 
-def _by_name(rho: xr.DataArray) -> dict[str, float | None]:
-    """Values by marker for JSON."""
-    return {
-        str(name): None if np.isnan(value) else round(float(value), 4)
-        for name, value in zip(rho["marker"].values, rho.values, strict=True)
-    }
+def _joined(before: xr.Dataset, after: xr.Dataset) -> xr.Dataset:
+    """Outputs until a checkpoint, and those from it without its own."""
+    later = after.isel(time=slice(1, None))
+    joined = {
+        str(name): (one.dims, np.concatenate([before[name].values, one.values], one.dims.index("time")))
+        for name, one in later.data_vars.items()
+    }  # fmt: skip
+    time = np.concatenate([before["time"].values, later["time"].values])
+    known = {name: coord for name, coord in after.coords.items() if name != "time"}
+    found = xr.Dataset(joined, coords={**known, "time": time}, attrs=after.attrs)
+    for name, one in after.variables.items():
+        found[name].attrs = one.attrs
+    return found
 
 
 def curves_and_recording(

@@ -3,6 +3,7 @@
 import json
 import threading
 import time
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Protocol
@@ -158,32 +159,40 @@ def levels_of(values: Any, count: int) -> Floats:
 
 @dataclass
 class Log:
-    """Steps of a live face: activations, markers and the numbers of `HEAD`."""
+    """Steps of a live face: activations, markers and the numbers of `HEAD`, 0.5 kB for each step."""
 
     muscles: tuple[str, ...]
     markers: tuple[str, ...]
-    rows: list[Floats] = field(default_factory=list)
-    activation: list[Floats] = field(default_factory=list)
-    position: list[Floats] = field(default_factory=list)
     notes: list[tuple[float, str]] = field(default_factory=list)
+    _numbers: "array[float]" = field(default_factory=lambda: array("d"))
 
     def add(self, row: Floats, activation: Floats, position: Floats) -> None:
         """Add a step; the oldest are dropped beyond `MOST_ROWS`."""
-        for whole, part in zip((self.rows, self.activation, self.position),
-                               (row, activation, position), strict=True):  # fmt: skip
-            whole.append(part)
-            if len(whole) > MOST_ROWS:
-                del whole[: MOST_ROWS // 10]
+        whole = np.concatenate([row, activation, np.ravel(position)])
+        self._numbers.frombytes(whole.tobytes())
+        if len(self._numbers) > MOST_ROWS * len(whole):
+            del self._numbers[: MOST_ROWS // 10 * len(whole)]
+
+    @property
+    def _table(self) -> Floats:
+        width = len(HEAD) + len(self.muscles) + 3 * len(self.markers)
+        # A copy: while an array lends its memory, nothing can be added to it.
+        return np.array(self._numbers).reshape(-1, width)
+
+    @property
+    def rows(self) -> Floats:
+        """Numbers of `HEAD` of every step (steps, numbers)."""
+        return self._table[:, : len(HEAD)]
 
     def dataset(self, attrs: Mapping[str, Any]) -> xr.Dataset:
         """Activation (muscle, time) [1] and markers (marker, axis, time) [m], with the numbers."""
-        rows = np.array(self.rows).reshape(-1, len(HEAD))
+        parts = np.cumsum([len(HEAD), len(self.muscles)])
+        rows, activation, position = np.split(self._table, parts, axis=1)
         units = {n: UNITS.get(n, "1") for n in HEAD}
         named = {
             n: ("time", rows[:, k], {"units": units[n]}) for k, n in enumerate(HEAD) if n != "time"
         }
-        activation = np.array(self.activation).reshape(-1, len(self.muscles))
-        position = np.array(self.position).reshape(-1, len(self.markers), 3)
+        position = position.reshape(-1, len(self.markers), 3)
         return xr.Dataset(
             {
                 "activation": (("muscle", "time"), activation.T, {"units": "1"}),

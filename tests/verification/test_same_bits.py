@@ -85,7 +85,7 @@ def require_a_restart_to_change_nothing(
 ) -> None:
     """A run with a checkpoint compared with two halves, the second from a file with another system."""
     steps = steps or sim.FixedStep(H)
-    until = n * steps.h
+    until, kept = n * steps.h, list[sim.State]()
 
     def run(duration, initial=None, work=None):
         system = made()
@@ -97,13 +97,18 @@ def require_a_restart_to_change_nothing(
             steps=steps,
             every=every,
             checkpoint=round(0.5 * until / (every or steps.h)),
+            at_checkpoint=kept.append,
             probes=(sim.Positions(), sim.Energies()),
             initial=initial,
             work=work or sim.Workspace(system, linear),
         )
 
     whole, end = run(until)
+    (passed,) = kept
     _, middle = run(0.5 * until)
+    assert passed.t == middle.t and set(passed.memory) == set(middle.memory)
+    for name in ("q", "v", "frames", "twists"):
+        np.testing.assert_array_equal(getattr(passed, name), getattr(middle, name))
     sim.save_state(middle, path)
     second, again = run(0.5 * until, sim.read_state(path))
     assert not np.array_equal(end.q, middle.q)  # it still moves

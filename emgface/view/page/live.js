@@ -32,6 +32,7 @@ function show() {
   live.drawn++;
   canvas.dataset.frames = live.drawn;
   canvas.dataset.at = live.at;
+  canvas.dataset.shown = canvas.dataset.motion || 0;
 }
 
 // A bar of a round length, at most a fifth of the width.
@@ -52,8 +53,16 @@ function framed(buffer) {
   if (live.tab === "sliders") {
     if (!setup.sliders) live.frame.levels.forEach((a, k) => { inputs[k].value = a; });
     status(row);
-    requestAnimationFrame(() => { show(); say({ kind: "drawn" }); });
+    requestAnimationFrame(() => { show(); reacted(); say({ kind: "drawn" }); });
   } else say({ kind: "drawn" });
+}
+
+// Time [ms] from the move of a slider to the first picture with another activation of its muscle.
+function reacted() {
+  const { moved, frame } = live;
+  if (!moved || frame.levels[moved.k] === moved.level) return;
+  canvas.dataset.reacted = (performance.now() - moved.at).toFixed(1);
+  live.moved = null;
 }
 
 function motion(buffer) {
@@ -66,6 +75,8 @@ function motion(buffer) {
   $("time").max = count - 1;
   canvas.dataset.waited = (performance.now() - live.asked).toFixed(1);
   canvas.dataset.motion = Number(canvas.dataset.motion || 0) + 1;
+  for (const part of ["simulated", "scored", "total"]) canvas.dataset[part] = (1e3 * head[part]).toFixed(1);
+  canvas.dataset.way = head.preview ? "preview" : "complete";
   told([head.doubt && `The reduced face is not trusted here: ${head.doubt}.`, head.clipped && `${head.clipped} knots are outside 0 to 1 and limited.`, head.why && `No score: ${head.why}`].filter(Boolean).join(" "));
   entries([["bound of the error", `${(1e3 * head.bound).toFixed(2)} mm`], ["computed in", `${(1e3 * head.total).toFixed(0)} ms`], ["steps", head.preview ? "preview" : "complete"]]);
   if (Object.keys(head.rho).length) scores(head.rho);
@@ -127,6 +138,7 @@ function build() {
     one.addEventListener("input", () => {
       const pair = other(k);
       if ($("linked").checked && pair >= 0) inputs[pair].value = one.value;
+      if (!live.moved && live.frame && Math.abs(live.frame.levels[k] - one.value) > 0.01) live.moved = { k, level: live.frame.levels[k], at: performance.now() };
       send();
     });
     inputs[k] = one;

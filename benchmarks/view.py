@@ -1,0 +1,290 @@
+"""Pages that answer, in a headless browser: dragged knot to motion and rho, live minute, long recording.
+
+    python -m benchmarks view FACE.nc FACE.rom.nc RECORDING.nc [--part drag] [--out FOLDER]
+
+``drag``: 200 knots of curves are dragged in a window of 420 x 380 pixels; times are from the event of
+the pointer until the picture with the changed motion was passed on, with the parts that the program
+reports. ``live``: a minute of random slider moves, 30 per second; a frame is late if its step ended more
+than a step after it was due, and dropped if the page had not drawn the former one when it was due.
+``recording``: pictures per second while a generated recording of 64 channels, 1 h, 2 kHz is scrolled
+(``--page`` uses a page of a former run). The browser draws with the processor.
+"""
+
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import pandas as pd
+import typer
+import xarray as xr
+
+from benchmarks.report import finish, say
+from emgface.errors import ConfigurationError
+
+SIZE = (420, 380)  #: window of the browser [pixels]
+DRAGS = 200
+LIVE = 60.0  #: [s]
+WARM = 10.0  #: time after which the memory is first read [s]
+SEED = 0
+
+DRAG = """
+const [steps, done] = arguments;
+const c = document.getElementById("curve"), stage = document.getElementById("stage");
+c.setPointerCapture = () => {};
+const b = () => c.getBoundingClientRect();
+const fire = (name, x, y) => c.dispatchEvent(new PointerEvent(name, {pointerId: 1, buttons: 1,
+  clientX: b().left + x, clientY: b().top + y}));
+const until = (test) => new Promise((good) => {
+  const look = () => (test() ? good() : requestAnimationFrame(look)); look(); });
+const rows = [];
+(async () => {
+  for (const [muscle, x, from, to] of steps) {
+    const select = document.getElementById("muscle");
+    if (select.value !== muscle) {
+      const before = stage.dataset.motion;
+      select.value = muscle; select.dispatchEvent(new Event("change"));
+      await until(() => stage.dataset.shown !== before && stage.dataset.way === "complete");
+    }
+    const at = (t) => 34 + t * (c.clientWidth - 42), y = (v) => 8 + (1 - v) * (c.clientHeight - 28);
+    fire("pointerdown", at(x), y(from));
+    const last = stage.dataset.motion, began = performance.now();
+    fire("pointermove", at(x), y(to));
+    await until(() => stage.dataset.motion !== last && stage.dataset.shown === stage.dataset.motion);
+    const row = [performance.now() - began];
+    for (const part of ["waited", "simulated", "scored", "total"]) row.push(Number(stage.dataset[part]));
+    const preview = stage.dataset.motion, released = performance.now();
+    fire("pointerup", at(x), y(to));
+    await until(() => stage.dataset.motion !== preview && stage.dataset.shown === stage.dataset.motion);
+    row.push(performance.now() - released);
+    for (const part of ["waited", "simulated", "scored", "total"]) row.push(Number(stage.dataset[part]));
+    rows.push(row);
+  }
+  done(rows);
+})();
+"""
+
+MOVES = """
+const [seconds, done] = arguments;
+const slides = [...document.querySelectorAll("#grid input")], stage = document.getElementById("stage");
+document.getElementById("linked").checked = false;
+const reacted = []; let last = "";
+const first = Number(stage.dataset.frames), end = performance.now() + 1e3 * seconds;
+const timer = setInterval(() => {
+  const one = slides[Math.floor(Math.random() * slides.length)];
+  one.value = 0.3 * Math.random(); one.dispatchEvent(new Event("input"));
+  if (stage.dataset.reacted !== last) { last = stage.dataset.reacted; reacted.push(Number(last)); }
+  if (performance.now() < end) return;
+  clearInterval(timer);
+  done([Number(stage.dataset.frames) - first, reacted]);
+}, 1e3 / 30);
+"""
+
+SCROLL = """
+const [seconds, done] = arguments, c = document.getElementById("traces");
+let n = 0; const began = performance.now();
+const step = (now) => {
+  if (now - began > 1e3 * seconds) { done([n, now - began]); return; }
+  c.dispatchEvent(new KeyboardEvent("keydown", {key: n % 200 < 100 ? "ArrowRight" : "ArrowLeft"}));
+  n++; requestAnimationFrame(step);
+};
+requestAnimationFrame(step);
+"""
+
+
+def browser(width, height):
+    """Headless Chromium that draws with the processor."""
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    from tests.browser import CHROMIUM, DRIVER, FLAGS
+
+    if not (CHROMIUM and DRIVER):
+        raise ConfigurationError("no Chromium with chromedriver was found, expected both")
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for flag in (*(f for f in FLAGS if "window-size" not in f), f"--window-size={width},{height}"):
+        options.add_argument(flag)
+    made = webdriver.Chrome(options=options, service=Service(DRIVER))
+    made.set_script_timeout(900)
+    return made
+
+
+def until(driver, script):
+    """Wait for a condition in the page."""
+    while not driver.execute_script(script):
+        time.sleep(0.05)
+
+
+def served(face, reduced, recording, log=None):
+    """Process of ``emgface live`` and the address of its page."""
+    words = [str(face), "--reduced", str(reduced), "--curves", str(recording), "--no-open"]
+    words += [] if log is None else ["--log", str(log)]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "emgface", "live", *words],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    text = ""
+    for line in process.stdout:
+        text += line
+        if found := re.search(r"http://\S+/", text):
+            return process, found[0]
+    raise ConfigurationError(f"emgface live has ended: {text}")
+
+
+def memory(process):
+    """Resident memory [MB] of a process and of those that it started."""
+    pages = Path(f"/proc/{process.pid}/statm").read_text().split()[1]
+    return int(pages) * 4096 / 1e6
+
+
+def drags(driver, url):
+    """Times [ms] of dragged knots."""
+    driver.get(url)
+    until(driver, "return document.getElementById('stage').dataset.connected === 'yes'")
+    driver.execute_script("document.getElementById('tab-curves').click()")
+    until(driver, "return document.getElementById('stage').dataset.shown === '1'")
+    rng = np.random.default_rng(SEED)
+    muscles = driver.execute_script(
+        "return [...document.getElementById('muscle').options].map((o) => o.value)"
+    )
+    # Every curve becomes five knots of moderate activation, two of which are dragged several times.
+    driver.execute_script(
+        "const f = new File([arguments[0]], 'c.csv'); const d = new DataTransfer(); d.items.add(f);"
+        "const l = document.getElementById('load'); l.files = d.files;"
+        "l.dispatchEvent(new Event('change'))", knots(muscles),
+    )  # fmt: skip
+    until(driver, "return Number(document.getElementById('stage').dataset.shown) >= 2")
+    steps = []
+    for muscle in rng.permutation(muscles):
+        for x in rng.choice([0.25, 0.5, 0.75], 2, replace=False):
+            level = LEVEL
+            for _ in range(DRAGS // (2 * len(muscles))):
+                to = float(rng.uniform(0.02, 0.25))
+                steps.append([str(muscle), float(x), level, to])
+                level = to
+    rows = np.array(driver.execute_async_script(DRAG, steps))
+    parts = ("drawn", "answered", "simulated", "scored", "in the program")
+    names = [f"{way}: {part}" for way in ("preview", "complete") for part in parts]
+    return pd.DataFrame(
+        [
+            {"part": "drag", "quantity": f"{name} [ms]", "median": np.median(rows[:, k]),
+             "95 %": np.quantile(rows[:, k], 0.95), "number": len(rows)}
+            for k, name in enumerate(names)
+        ]
+    )  # fmt: skip
+
+
+LEVEL = 0.1  #: activation of all inner knots at first
+
+
+def knots(muscles, duration=1.6):
+    """Table of curves with five knots for each muscle."""
+    times = np.linspace(0.0, duration, 5)
+    value = [LEVEL if 0 < t < duration else 0.0 for t in times]
+    rows = [
+        f"{m},{t},{v},linear,{duration}" for m in muscles for t, v in zip(times, value, strict=True)
+    ]
+    return "\n".join(["muscle,time,value,interpolation,duration", *rows])
+
+
+def minute(driver, process, url, log):
+    """A minute of slider moves."""
+    driver.get(url)
+    until(driver, "return Number(document.getElementById('stage').dataset.frames) > 20")
+    driver.execute_async_script(MOVES, WARM)
+    before = memory(process)
+    frames, reacted = driver.execute_async_script(MOVES, LIVE)
+    grown = memory(process) - before
+    process.send_signal(2)
+    process.wait(60)
+    with xr.open_dataset(log) as data:
+        late = data["late"].values[-round(LIVE * 100) :]
+        latency = 1e3 * data["latency"].values[-round(LIVE * 100) :]
+    due = round(30 * LIVE)
+    found = [
+        ("steps late", late.sum(), np.nan, len(late)),
+        ("latency of a step [ms]", np.median(latency), np.quantile(latency, 0.95), len(latency)),
+        ("slider to picture [ms]", np.median(reacted), np.quantile(reacted, 0.95), len(reacted)),
+        ("frames dropped", max(due - frames, 0), np.nan, due),
+        ("growth of the memory [MB]", grown, np.nan, 1),
+    ]
+    names = ("quantity", "median", "95 %", "number")
+    return pd.DataFrame([{"part": "live"} | dict(zip(names, row, strict=True)) for row in found])
+
+
+def long_page(path):
+    """Page of 64 channels of noise in bursts, 1 h at 2 kHz."""
+    from emgface.view.recording import RecordingPage
+
+    rng, n = np.random.default_rng(SEED), 2000 * 3600
+    emg = np.empty((64, n), dtype=np.float32)
+    for k in range(64):
+        burst = np.sin(np.arange(n) / 2000 * 0.05 * (k + 1)) > 0.9
+        emg[k] = rng.standard_normal(n, dtype=np.float32) * 1e-5 * (1 + 5 * burst)
+    names = [f"EMG {k + 1}" for k in range(64)]
+    data = xr.Dataset(
+        {"emg": (("channel", "time_emg"), emg, {"units": "V"})},
+        {"channel": names, "time_emg": np.arange(n) / 2000},
+        attrs={"origin": "simulated"},
+    )
+    path.write_text(RecordingPage(data, "one hour").html(), encoding="utf-8")
+
+
+def scrolled(driver, page):
+    """Pictures per second of a recording that is scrolled."""
+    driver.get(page.resolve().as_uri())
+    until(driver, "return document.getElementById('traces').dataset.ready === 'yes'")
+    rows = []
+    for zoom in (0, 6):
+        for _ in range(zoom):
+            driver.execute_script("document.getElementById('in').click()")
+        n, ms = driver.execute_async_script(SCROLL, 10.0)
+        view = "whole hour" if zoom == 0 else f"enlarged {zoom} times"
+        rows.append({"part": "recording", "quantity": f"pictures per second, {view}",
+                     "median": 1e3 * n / ms, "95 %": np.nan, "number": n})  # fmt: skip
+    size = page.stat().st_size / 1e6
+    rows.append({"part": "recording", "quantity": "size of the page [MB]", "median": size,
+                 "95 %": np.nan, "number": 1})  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def main(
+    face: Path,
+    reduced: Path,
+    recording: Path,
+    part: Annotated[str, typer.Option(help="drag, live, recording or all.")] = "all",
+    page: Annotated[Path | None, typer.Option(help="Page of the long recording.")] = None,
+    out: Path | None = None,
+) -> None:
+    """Measure and print."""
+    tables = []
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("drag", "live", "recording") if part == "all" else (part,):
+            say(name)
+            driver = browser(*(SIZE if name != "recording" else (1400, 900)))
+            process = None
+            try:
+                if name == "recording":
+                    if page is None:
+                        page = Path(folder) / "long.html"
+                        long_page(page)
+                    tables.append(scrolled(driver, page))
+                    continue
+                log = Path(folder) / "log.nc"
+                process, url = served(face, reduced, recording, log if name == "live" else None)
+                if name == "drag":
+                    tables.append(drags(driver, url))
+                else:
+                    tables.append(minute(driver, process, url, log))
+            finally:
+                driver.quit()
+                if process is not None and process.poll() is None:
+                    process.terminate()
+    finish("view", pd.concat(tables), out)

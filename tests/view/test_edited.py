@@ -1,0 +1,114 @@
+"""Edited motions: branches from a checkpoint, and their scores."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from analysis.scores import score
+from emgface.pictures.body import skin_of
+from emgface.pictures.encoding import middle_of
+from emgface.reduced import training
+from emgface.reduced.model import ReducedFace, parameters_of
+from emgface.schema.netcdf import read_netcdf, write_netcdf
+from emgface.study.store import Store
+from emgface.view.curves import Curves
+from emgface.view.edited import OUTPUT, EditedMotion
+from emgface.view.scored import correlations
+from tests.reduced.test_face import PARAMETERS, SMALL, short
+
+NOISE = 2e-4
+
+
+def test_correlations_are_those_of_the_score():
+    """Also of markers that stand still, have gaps, or do not exceed their noise."""
+    rng = np.random.default_rng(0)
+    v, w = np.cumsum(rng.normal(scale=1e-3, size=(2, 6, 3, 40)), axis=3)
+    v[1] = 0.01  # stands still
+    v[2, :, 20] = np.nan
+    w[3] = 0.02
+    v[4] = 0.01 + 1e-5 * rng.normal(size=(3, 40))
+    v[..., :4] = v[..., 37:] = np.nan
+    dims = {"marker": list("abcdef"), "axis": list("xyz"), "time": 0.01 * np.arange(40)}
+    given, made = (xr.DataArray(x, dims, tuple(dims), attrs={"units": "m"}) for x in (v, w))
+    noise = np.full(6, NOISE)
+    whole = xr.Dataset({"position": given, "noise": ("marker", noise, {"units": "m"})})
+    options = {"smallest_motion": 1e-9, "smallest_snr": 0.5}
+    expected = score(whole, made, **options)["rho"].values
+    found = correlations(v, w, noise, **options)
+    np.testing.assert_array_equal(np.isnan(expected), [False, True, True, True, True, False])
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+    unseen = np.full_like(v, np.nan)
+    assert np.isnan(correlations(unseen, w, noise, **options)).all()
+
+
+@pytest.fixture(scope="module")
+def small(coarse, made_once):
+    """Reduced face of a short training, the skin of its face, and its centre."""
+
+    def train(folder):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(training, "training_plan", short)
+            data = training.reduce_face(coarse, PARAMETERS, SMALL, Store(folder / "motions"))
+        write_netcdf(data, folder / "face.rom.nc", "reduced_face")
+
+    data = read_netcdf(made_once("reduced_for_curves", train) / "face.rom.nc", "reduced_face")
+    skin = skin_of(coarse)
+    centre = middle_of(coarse["position"].values[skin.node])
+    return ReducedFace.of(data, coarse, parameters_of(data)), skin, centre
+
+
+def edited(small, **further):
+    reduced, skin, centre = small
+    return EditedMotion(reduced, skin, centre, step=0.01, **further)
+
+
+BASE = {
+    "ZYG_L": [[0.0, 0.0], [0.3, 0.1], [0.6, 0.0]],
+    "OOP_R": [[0.0, 0.0], [0.45, 0.0], [0.5, 0.05]],
+}
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "cubic"])
+@pytest.mark.parametrize("step", [0.01, OUTPUT])
+def test_a_motion_branches_from_the_last_checkpoint_bit_for_bit(small, interpolation, step):
+    """Whatever changes: a late knot, an early one, the duration, nothing."""
+    one = edited(small)
+    late = {**BASE, "OOP_R": [[0.0, 0.0], [0.45, 0.0], [0.5, 0.08]]}
+    early = {**BASE, "ZYG_L": [[0.0, 0.0], [0.3, 0.12], [0.6, 0.0]]}
+    since = []
+    for knots, duration in ((BASE, 0.6), (late, 0.6), (late, 0.6), (late, 0.8), (late, 0.4), (BASE, 0.8),
+                            (early, 0.6)):  # fmt: skip
+        curves = Curves(knots, duration, interpolation)
+        branched, at = one.motion(curves, step)
+        whole, start = edited(small).motion(curves, step)
+        assert start == 0.0
+        since.append(at)
+        for name in whole.variables:
+            np.testing.assert_array_equal(branched[name].values, whole[name].values, str(name))
+    assert since[0] == 0.0 and max(since[1:]) >= 0.3 and since[-1] == 0.0
+    if interpolation == "linear":
+        assert since[1] == pytest.approx(0.4) and since[2] == pytest.approx(0.5)
+
+
+def test_a_failed_motion_leaves_the_former_one(small):
+    from sim import InvertedElement
+
+    one, curves = edited(small), Curves(BASE, 0.4)
+    expected = one(curves)
+    sides = [f"{m}_{side}" for m in ("OOP", "ZYG", "DAO", "LLSAN", "MEN") for side in "LR"]
+    violent = dict.fromkeys(sides, [[0.0, 0.0], [0.2, 0.0], [0.21, 1.0]])
+    try:
+        one(Curves(violent, 0.4))
+    except InvertedElement:
+        pass
+    again = one(curves)
+    head, body = parts(again)
+    assert body == parts(expected)[1] and head["bound"] == parts(expected)[0]["bound"]
+
+
+def parts(message):
+    (size,) = struct.unpack("<I", message[:4])
+    return json.loads(message[4 : 4 + size]), message[4 + size :]
