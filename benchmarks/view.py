@@ -10,10 +10,8 @@ than a step after it was due, and dropped if the page had not drawn the former o
 (``--page`` uses a page of a former run). The browser draws with the processor.
 """
 
-import os
 import re
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -25,6 +23,7 @@ import typer
 import xarray as xr
 
 from benchmarks.report import finish, say
+from emgface.children import child_environment, python_command
 from emgface.errors import ConfigurationError
 
 SIZE = (420, 380)  #: window of the browser [pixels]
@@ -112,6 +111,9 @@ def browser(width, height):
         options.add_argument(flag)
     made = webdriver.Chrome(options=options, service=Service(DRIVER))
     made.set_script_timeout(900)
+    # A window has a least width and a frame.
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+    made.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     return made
 
 
@@ -126,9 +128,9 @@ def served(face, reduced, recording, log=None):
     words = [str(face), "--reduced", str(reduced), "--curves", str(recording), "--no-open"]
     words += [] if log is None else ["--log", str(log)]
     process = subprocess.Popen(
-        [sys.executable, "-m", "emgface", "live", *words],
+        python_command("-m", "emgface", "live", *words),
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        env={**child_environment(), "PYTHONUNBUFFERED": "1"},
     )  # fmt: skip
     text = ""
     for line in process.stdout:
