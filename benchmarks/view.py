@@ -28,6 +28,7 @@ from emgface.errors import ConfigurationError
 
 SIZE = (420, 380)  #: window of the browser [pixels]
 DRAGS = 200
+TOGETHER = 5  #: drags in one call, which must end within the patience of the driver
 LIVE = 60.0  #: [s]
 WARM = 10.0  #: time after which the memory is first read [s]
 SEED = 0
@@ -171,7 +172,11 @@ def drags(driver, url):
                 to = float(rng.uniform(0.02, 0.25))
                 steps.append([str(muscle), float(x), level, to])
                 level = to
-    rows = np.array(driver.execute_async_script(DRAG, steps))
+    rows = []
+    for first in range(0, len(steps), TOGETHER):
+        rows += driver.execute_async_script(DRAG, steps[first : first + TOGETHER])
+        say(f"{len(rows)} of {len(steps)}")
+    rows = np.array(rows)
     parts = ("drawn", "answered", "simulated", "scored", "in the program")
     names = [f"{way}: {part}" for way in ("preview", "complete") for part in parts]
     return pd.DataFrame(

@@ -29,6 +29,7 @@ from emgface.pictures.encoding import (
     scaling,
     whole,
 )
+from emgface.pictures.picking import pick_data
 from emgface.pictures.render import VIEWS
 from emgface.pictures.surface import drawn_surface
 
@@ -47,6 +48,7 @@ def face_page(face: xr.Dataset) -> str:
     about = f"{face.sizes['node']} nodes, {face.sizes['element']} elements."
     trial = _trial(rest[None], markers, np.zeros(1), centre, about)
     data = body_data(body_of(face, skin), rest) | _single(trial, face["marker"].values)
+    data["pick"] = pick_data(face, skin)
     kind = str(face.attrs["origin"]).rpartition(", ")[2]
     words = f"The face model {face.attrs['name']} at rest, {kind} ({face.attrs['source']})."
     return page_of(data, title=str(face.attrs["name"]), badge=f"{kind} face", words=words,
@@ -187,8 +189,10 @@ def page_of(data: dict[str, Any], *, title: str, badge: str, words: str, simulat
     """Write a page with one face."""
     from emgface import __version__
 
-    script = viewer_script()
+    picks = "pick" in data
+    script = viewer_script(resource("page/viewer.js") + resource("page/pick.js") * picks)
     return environment().get_template("face.html").render(
+        picks=picks,
         viewer=as_json(data),
         labels={"simulated": "simulated by the face model" if simulated else "lip markers",
                 "measured": "recording"},

@@ -30,6 +30,7 @@ INTERNAL = {
     "emgface/anatomy/jaw/template/build.py": "no path: a quotient",
     "emgface/anatomy/tongue/published.py": "names of the published files, declared in the module",
     "emgface/study/workers.py": "digest",
+    "emgface/face/waypoints.py": "the time of a state, a number",
     "emgface/view/curves.py": "names of muscles, checked",
     "emgface/volunteers/simulate.py": "S01 and so on, and one of the known instructions",
     "emgface/api/faces.py": "digest",
