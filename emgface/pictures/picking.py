@@ -57,7 +57,8 @@ def _muscles(face: xr.Dataset, points: Floats) -> list[str]:
     """Muscle of the fibre that passes nearest to each point, within `NEAR`."""
     if "fibre_position" not in face or not face.sizes["fibre_point"]:
         return [""] * len(points)
-    away, nearest = KDTree(face["fibre_position"].values).query(points)
+    tree = KDTree(face["fibre_position"].values)
+    away, nearest = (np.asarray(found) for found in tree.query(points))
     own = face["fibre_muscle"].values[face["fibre_of_point"].values[nearest]]
     names = [str(m) for m in face["muscle"].values[own]]
     return [name if d < NEAR else "" for name, d in zip(names, away, strict=True)]
