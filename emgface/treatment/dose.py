@@ -1,0 +1,399 @@
+"""Outcomes against the share of a lip that is removed, over shapes, places, joining and persons.
+
+Every case is a generated person, a draw of the parameters that nobody has measured, and a plan. Cases
+are stored under the digest of their inputs and code, so that a repeated run computes only those missing.
+"""
+
+import json
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from itertools import product
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from matplotlib.figure import Figure
+
+from emgface.choices import configure
+from emgface.errors import DataError, FaceError
+from emgface.face.lip_shape import lip_rim
+from emgface.face.motion import settle_face, simulate_face
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.template.build import volunteer_face
+from emgface.study.digest import canonical_json, code_version
+from emgface.study.jobs import run_table
+from emgface.study.mechanics import MECHANICS
+from emgface.study.observer import Observer, Silent
+from emgface.study.parallel import run_jobs
+from emgface.study.provenance import CODE, require_code
+from emgface.study.store import Done, Stage, Store
+from emgface.treatment.motions import gestures
+from emgface.treatment.outcomes import FACTOR, OUTCOMES
+from emgface.treatment.plan import NOT_VALIDATED, Plan
+from emgface.treatment.treat import treat_face
+from sim import SimulationError
+from sim.threads import one_blas_thread
+
+OUTCOME: Final = Stage("treatment_outcomes", (*MECHANICS, "emgface.treatment", "emgface.choices"))
+AXES: Final = ("person", "draw", "shape", "share", "place", "rejoin")
+DRAWN: Final = {
+    "stiffness": (0.5, 2.0),
+    "scar_stiffness": (1.0, 10.0),
+    "scar_radius": (1.5, 6.0),
+    "retraction": (2.0, 12.0),
+}
+"""Ranges of unknown parameters, uniform in the logarithm: no measured values exist (`plan.py`)."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What all cases share: set of persons, resolution, movements and stress; seed of the draws."""
+
+    seed: int = 2026
+    resolution: str = "coarse"
+    movements: tuple[str, ...] = ("A", "D", "opening", "closing")
+    sigma_max: float = 100e3  #: [Pa]
+    contact: bool = True
+    lip: str = "lower"
+    height: float = 12.0  #: of an excision [mm]
+
+    def parameters(self) -> SimulationParameters:
+        """Parameters of the simulations."""
+        given: dict[str, Any] = {"accuracy": "draft", "sigma_max": self.sigma_max}
+        if not self.contact:
+            given["contact"] = {"method": "none"}
+        return configure(SimulationParameters, given, where="dose")
+
+
+@dataclass(frozen=True)
+class Case:
+    """Person (from 1), draw (0 is the default of every parameter) and excision; a share of 0 is none.
+
+    `steps` is the JSON of the steps of a plan, in place of an excision.
+    """
+
+    person: int
+    draw: int
+    shape: str = "V"
+    share: float = 0.0
+    place: float = 0.5
+    rejoin: str = "all"
+    steps: str = ""
+
+    @property
+    def name(self) -> str:
+        """Label of the case."""
+        what = "plan" if self.steps else f"{self.shape} {100 * self.share:g} %"
+        return f"person {self.person}, draw {self.draw}, {what}, {self.place:g}, {self.rejoin}"
+
+
+def cases(
+    persons: int,
+    draws: int,
+    shapes: Sequence[str],
+    shares: Sequence[float],
+    places: Sequence[float],
+    rejoin: Sequence[str],
+) -> list[Case]:
+    """All combinations, with the untreated face of every person and draw."""
+    whole = [Case(p, d) for p, d in product(range(1, persons + 1), range(draws + 1))]
+    cut = [
+        Case(w.person, w.draw, *values)
+        for w in whole
+        for values in product(shapes, shares, places, rejoin)
+    ]
+    return whole + cut
+
+
+def cases_of_plan(persons: int, draws: int, plan: Plan) -> list[Case]:
+    """The untreated face and that after a plan, of every person and draw."""
+    steps = json.dumps([step.model_dump(mode="json") for step in plan.step])
+    whole = [Case(p, d) for p, d in product(range(1, persons + 1), range(draws + 1))]
+    return whole + [Case(w.person, w.draw, "plan", 1.0, steps=steps) for w in whole]
+
+
+def drawn(draw: int, seed: int) -> dict[str, float]:
+    """Values of the unknown parameters of a draw; empty for 0, the defaults."""
+    if draw == 0:
+        return {}
+    rng = np.random.default_rng((seed, draw))
+    return {
+        name: float(np.exp(rng.uniform(np.log(low), np.log(high))))
+        for name, (low, high) in DRAWN.items()
+    }
+
+
+def plan_of(case: Case, setting: Setting, margin: float) -> Plan:
+    """Plan of a case on a face whose margin of the lip has a length [m]."""
+    values = drawn(case.draw, setting.seed)
+    steps: list[dict[str, Any]] = []
+    if values:
+        steps.append({"kind": "change", "stiffness": values["stiffness"]})
+    if case.steps:
+        own = json.loads(case.steps)
+    elif case.share > 0.0:
+        own = [
+            {
+                "kind": "wedge", "shape": case.shape, "lip": setting.lip, "place": case.place,
+                "width": 1e3 * case.share * margin, "height": setting.height,
+                "rejoin": case.rejoin,
+            }
+        ]  # fmt: skip
+    else:
+        own = []
+    for step in own:
+        if values and step["kind"] in ("wedge", "tumour", "incision"):
+            step["retraction"] = values["retraction"]
+            if step.get("scar") is not None or "scar" not in step:
+                step["scar"] = {
+                    "radius": values["scar_radius"], "stiffness": values["scar_stiffness"],
+                }  # fmt: skip
+    return configure(Plan, {"name": "dose", "step": [*steps, *own]}, where=case.name)
+
+
+@lru_cache(maxsize=2)
+def _person(seed: int, index: int, resolution: str) -> xr.Dataset:
+    return volunteer_face(seed, index, resolution=resolution)[0]
+
+
+def computed(case: Case, setting: Setting) -> xr.Dataset:
+    """Outcomes of a case in their units; NaN where a movement fails, or all if the plan is refused.
+
+    The attribute ``end`` is "reached", or contains the reason.
+    """
+    face, p = _person(setting.seed, case.person, setting.resolution), setting.parameters()
+    rim = getattr(lip_rim(face), setting.lip)
+    margin = np.linalg.norm(np.diff(face["position"].values[rim], axis=0), axis=1).sum()
+    values = dict.fromkeys((o.name for o in OUTCOMES), np.nan)
+    values |= {f"amplitude of {name}": np.nan for name in setting.movements}
+    ends: list[str] = []
+    try:
+        treated = treat_face(face, plan_of(case, setting, float(margin)), p)
+        settled = settle_face(treated, p)
+    except (FaceError, SimulationError) as error:
+        return _row(values, f"refused: {error}")
+    motions: dict[str, xr.Dataset] = {}
+    for name, activation in gestures(face, setting.movements).items():
+        try:
+            motions[name] = simulate_face(treated, activation, p, settled=settled)
+        except SimulationError as error:
+            ends.append(f"{name}: {error}")
+    for outcome in OUTCOMES:
+        if not outcome.movement or outcome.movement in motions:
+            own = outcome.value(treated, motions.get(outcome.movement))
+            values[outcome.name] = own * FACTOR[outcome.unit]
+    for name, motion in motions.items():
+        path = motion["position"].transpose("time", "marker", "axis").values
+        away = np.linalg.norm(path - path[0], axis=2).max(axis=0)
+        values[f"amplitude of {name}"] = 1e3 * float(np.median(away))
+    return _row(values, "reached" if not ends else "failed: " + "; ".join(ends))
+
+
+def _row(values: dict[str, float], end: str) -> xr.Dataset:
+    return xr.Dataset(
+        {"value": ("outcome", np.array([*values.values()]))},
+        {"outcome": [*values]},
+        attrs={"end": end, "origin": "simulated"},
+    )
+
+
+@dataclass(frozen=True)
+class _Worker:
+    setting: Setting
+    store: Store
+
+
+_worker: _Worker | None = None
+_messages: list[str] = []
+
+
+def _begin(setting: Setting, store: Path, code: str) -> None:
+    global _worker
+    require_code(code)
+    _worker = _Worker(setting, Store(store, report=_messages.append))
+
+
+def _work(case: Case) -> Done[dict[str, Any]]:
+    """Row of a case, from the store if it is there."""
+    assert _worker is not None, "the store of a worker is not set"
+    setting, store = _worker.setting, _worker.store
+    _messages.clear()
+    started, before = time.perf_counter(), len(store.events)
+    key = {"case": asdict(case), "setting": asdict(setting)}
+    result = store.get_or_compute(
+        OUTCOME, {}, key, lambda: computed(case, setting), label=case.name
+    )
+    numbers = zip(result.dataset["outcome"].values, result.dataset["value"].values, strict=True)
+    row = {axis: getattr(case, axis) for axis in AXES}
+    row |= {str(name): float(value) for name, value in numbers}
+    row["end"] = result.dataset.attrs["end"]
+    return Done(row, store.events[before:], False, list(_messages), time.perf_counter() - started)
+
+
+def _status(row: dict[str, Any]) -> tuple[str, str]:
+    name, _, reason = str(row["end"]).partition(": ")
+    return ("ok", "") if name == "reached" else (f"failed:{name}", reason)
+
+
+@one_blas_thread
+def dose_table(
+    every: Iterable[Case],
+    setting: Setting,
+    folder: Path,
+    *,
+    workers: Any = 1,
+    observer: Observer | None = None,
+    stopping: Callable[[], bool] = lambda: False,
+) -> pd.DataFrame:
+    """Compute all cases; one row per case, with its axes, outcomes and ``end``.
+
+    The journal and the store are in `folder`. Raises KeyboardInterrupt if `stopping` returns True,
+    after the cases that have begun.
+    """
+    own, store = list(every), folder.absolute() / "store"
+    rows = run_table(
+        lambda starting: run_jobs(
+            _work,
+            own,
+            workers,
+            begin=_begin,
+            arguments=(setting, store, code_version(CODE)),
+            group=lambda case: case.person,
+            starting=starting,
+        ),
+        [(case.name,) for case in own],
+        name="treatments",
+        out=folder,
+        store=store,
+        workers=workers,
+        observer=observer or Silent(),
+        stopping=stopping,
+        status=_status,
+    )
+    return pd.DataFrame(rows)
+
+
+def changes(table: pd.DataFrame) -> pd.DataFrame:
+    """Change of every outcome from the untreated face of the same person and draw, in long form."""
+    names = [c for c in table.columns if c not in (*AXES, "end")]
+    whole = table[table["share"] == 0.0].set_index(["person", "draw"])[names]
+    cut = table[table["share"] > 0.0]
+    before = whole.loc[pd.MultiIndex.from_frame(cut[["person", "draw"]])].to_numpy()
+    found = cut[[*AXES]].join(cut[names] - before)
+    return found.melt([*AXES], names, "outcome", "change")
+
+
+def cube_of(table: pd.DataFrame, setting: Setting) -> xr.Dataset:
+    """Cube of ``before``, ``after`` (axes, outcome) and ``end`` (axes)."""
+    names = [c for c in table.columns if c not in (*AXES, "end")]
+    cut = table[table["share"] > 0.0].set_index([*AXES])
+    after = cut[names].to_xarray().to_array("outcome").transpose(*AXES, "outcome")
+    whole = table[table["share"] == 0.0].set_index(["person", "draw"])[names]
+    before = whole.to_xarray().to_array("outcome").transpose("person", "draw", "outcome")
+    end = cut["end"].to_xarray().fillna("not computed").astype(str)
+    units = {o.name: o.unit for o in OUTCOMES}
+    return xr.Dataset(
+        {"before": before, "after": after, "end": end},
+        {"unit": ("outcome", [units.get(name, "mm") for name in names])},
+        attrs={
+            "origin": "simulated", "note": NOT_VALIDATED, "setting": canonical_json(asdict(setting)),
+        },
+    )  # fmt: skip
+
+
+def intervals(table: pd.DataFrame) -> pd.DataFrame:
+    """Median change and its 5 and 95 % over persons (draw 0) and over draws (mean over persons)."""
+    long = changes(table)
+    keys = ["shape", "share", "place", "rejoin", "outcome"]
+    persons = long[long["draw"] == 0].groupby(keys, sort=False)["change"]
+    drawn_means = long[long["draw"] > 0].groupby([*keys, "draw"], sort=False)["change"].mean()
+    found = pd.DataFrame({"n": persons.count(), "median": persons.median()})
+    for name, level in (("5 %", 0.05), ("95 %", 0.95)):
+        found[f"persons {name}"] = persons.quantile(level)
+        if len(drawn_means):
+            found[f"parameters {name}"] = drawn_means.groupby(keys, sort=False).quantile(level)
+    return found.reset_index()
+
+
+def read_cases(path: Path) -> pd.DataFrame:
+    """Read a table of cases; DataError if it has no axes of cases."""
+    try:
+        table = pd.read_csv(path, comment="#")
+    except (OSError, ValueError) as error:
+        raise DataError(
+            f"{path} cannot be read ({error}), expected a table of 'emgface dose'"
+        ) from error
+    if missing := [axis for axis in (*AXES, "end") if axis not in table]:
+        raise DataError(
+            f"{path} has no column {missing[0]!r}, expected a table written by 'emgface dose'"
+        )
+    return table
+
+
+def with_intervals(outcomes: pd.DataFrame, table: pd.DataFrame) -> pd.DataFrame:
+    """Outcomes of one face with the intervals of the change in a table of the same plan."""
+    found = intervals(table).drop(columns=["n", "median"])
+    found = found.drop(columns=[axis for axis in AXES if axis in found])
+    found = found.rename(columns={c: f"change, {c}" for c in found.columns if c != "outcome"})
+    if found["outcome"].duplicated().any():
+        raise DataError(
+            "the table of intervals has several plans, expected one: write it by "
+            "'emgface dose --plan plan.toml'"
+        )
+    return outcomes.merge(found, "left", "outcome")
+
+
+SHOWN: Final = (
+    "mouth width", "lower vermilion height", "lip opening", "pursing, amplitude",
+    "smile, excursion of the corners", "residual gap when closing",
+)  # fmt: skip
+
+
+def dose_figure(table: pd.DataFrame) -> Figure:
+    """Change of outcomes against the share removed: median, persons (band), parameters (bars)."""
+    found = intervals(table)
+    units = {o.name: o.unit for o in OUTCOMES}
+    shown = [name for name in SHOWN if found.loc[found["outcome"] == name, "median"].notna().any()]
+    figure = Figure(figsize=(10.5, 6.2), layout="constrained")
+    axes = figure.subplots(2, -(-max(len(shown), 1) // 2), squeeze=False)
+    for axis in axes.ravel()[len(shown) :]:
+        axis.set_axis_off()
+    for axis, name in zip(axes.ravel(), shown, strict=False):
+        own = found[found["outcome"] == name]
+        groups = own.groupby(["shape", "place", "rejoin"], sort=False)
+        for k, (label, part) in enumerate(groups):
+            part = part.sort_values("share")
+            x = 100 * part["share"].to_numpy()
+            (line,) = axis.plot(x, part["median"], "o-", ms=3.5, label=_told(label, groups.groups))
+            axis.fill_between(
+                x, part["persons 5 %"], part["persons 95 %"], alpha=0.15, color=line.get_color()
+            )
+            if "parameters 5 %" in part and part["parameters 5 %"].notna().any():
+                axis.vlines(
+                    x + 0.5 * k, part["parameters 5 %"], part["parameters 95 %"],
+                    color=line.get_color(), lw=1.2,
+                )  # fmt: skip
+        axis.axhline(0.0, color="0.6", lw=0.8)
+        unit = units.get(name, "mm").replace("mm2", "mm²")
+        axis.set(title=name, xlabel="share of the lip removed [%]", ylabel=f"change [{unit}]")
+    if shown:
+        axes[0, 0].legend(frameon=False, fontsize=8)
+    n = int(table["person"].nunique())
+    figure.suptitle(
+        f"simulated, {n} generated persons: median, 5–95 % of persons (band) and of unknown parameters "
+        f"(bars)\n{NOT_VALIDATED}",
+        fontsize=9,
+    )
+    return figure
+
+
+def _told(label: Any, groups: Any) -> str:
+    """Words of a line: those of its shape, place and joining that differ between lines."""
+    differing = [len(set(values)) > 1 for values in zip(*groups, strict=True)]
+    joined = {"all": "fibres joined", "none": "fibres not joined"}
+    words = (str(label[0]), f"at {label[1]:g}", joined.get(label[2], str(label[2])))
+    return ", ".join(w for w, d in zip(words, differing, strict=True) if d) or words[0]

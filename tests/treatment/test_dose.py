@@ -1,0 +1,141 @@
+"""Tables of treatments over persons: cases, resumption, intervals, cube, and refusals with a reason."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import emgface as ef
+from emgface.acoustics.matrix import lossless_formants
+from emgface.choices import configure
+from emgface.errors import DataError
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.study.store import Store
+from emgface.treatment import dose
+from emgface.treatment import motions as of_motions
+from emgface.treatment.motions import compared, gestures
+from emgface.treatment.outcomes import CLOSED, LIPS, OUTCOMES, TRACT, formant_of_lips
+from emgface.treatment.plan import Plan
+
+SETTING = dose.Setting(movements=(), contact=False)
+
+
+def invented(case, setting):
+    """Width 50 + person, less 10 times the share, and 2 more in every draw."""
+    width = 50.0 + case.person - 10.0 * case.share + 2.0 * (case.draw > 0) * (case.share > 0)
+    values = dict.fromkeys((o.name for o in OUTCOMES), 0.0) | {"mouth width": width}
+    return dose._row(values, "reached" if case.share < 0.4 else "refused: too wide")
+
+
+@pytest.fixture
+def table(monkeypatch, tmp_path):
+    done: list[str] = []
+
+    def counted(case, setting):
+        done.append(case.name)
+        return invented(case, setting)
+
+    monkeypatch.setattr(dose, "computed", counted)
+    every = dose.cases(2, 1, ["V", "W"], [0.1, 0.4], [0.5], ["all"])
+    found = dose.dose_table(every, SETTING, tmp_path)
+    assert len(done) == len(every) == 2 * 2 * (1 + 4)
+    again = dose.dose_table(every, SETTING, tmp_path)
+    assert len(done) == len(every)  # all from the store
+    pd.testing.assert_frame_equal(found, again)
+    return found
+
+
+def test_changes_are_from_the_same_person_and_draw(table):
+    own = dose.changes(table).query("outcome == 'mouth width'")
+    np.testing.assert_allclose(own["change"], -10.0 * own["share"] + 2.0 * (own["draw"] > 0))
+    found = dose.intervals(table).query("outcome == 'mouth width' and shape == 'V'")
+    np.testing.assert_allclose(found["median"], [-1.0, -4.0])
+    np.testing.assert_allclose(found["parameters 95 %"], [1.0, -2.0])
+
+
+def test_the_cube_has_every_axis_and_its_reasons(table):
+    cube = dose.cube_of(table, SETTING)
+    assert cube["after"].dims == (*dose.AXES, "outcome")
+    one = cube.sel(person=2, draw=0, shape="W", share=0.4, place=0.5, rejoin="all")
+    assert float(one["after"].sel(outcome="mouth width")) == pytest.approx(48.0)
+    assert str(one["end"].values) == "refused: too wide"
+    assert float(cube["before"].sel(person=2, draw=0, outcome="mouth width")) == 52.0
+
+
+def test_the_figure_states_that_it_is_simulated(table):
+    figure = dose.dose_figure(table)
+    assert "simulated" in figure.get_suptitle() and "not validated" in figure.get_suptitle()
+    drawn = [axis.get_title() for axis in figure.axes if axis.has_data()]
+    assert "mouth width" in drawn
+
+
+def test_an_interval_of_several_plans_is_refused(table, tmp_path):
+    outcomes = pd.DataFrame({"outcome": ["mouth width"], "before": [1.0]})
+    with pytest.raises(DataError, match="several plans"):
+        dose.with_intervals(outcomes, table)
+    one = table[(table["share"] != 0.4) & (table["shape"] == "V")]
+    found = dose.with_intervals(outcomes, one)
+    assert found.loc[0, "change, persons 5 %"] == pytest.approx(-1.0)
+    path = tmp_path / "other.csv"
+    path.write_text("a,b\n1,2\n", encoding="utf-8")
+    with pytest.raises(DataError, match="no column 'person'"):
+        dose.read_cases(path)
+
+
+def test_a_case_is_treated_and_an_impossible_one_is_refused_with_its_reason():
+    whole, cut, far = (
+        dose.computed(dose.Case(1, 0, "V", share), SETTING) for share in (0.0, 0.2, 0.8)
+    )
+    width = [float(x["value"].sel(outcome="mouth width")) for x in (whole, cut)]
+    margin = [float(x["value"].sel(outcome="length of the lower lip margin")) for x in (whole, cut)]
+    assert width[1] < width[0] and 0.7 < margin[1] / margin[0] < 0.95
+    height = [float(x["value"].sel(outcome="lower vermilion height")) for x in (whole, cut)]
+    assert height[1] < height[0]
+    assert cut.attrs["end"] == "reached" and far.attrs["end"].startswith("refused: step 1")
+    assert far["value"].isnull().all()
+
+
+def test_draws_differ_and_the_default_has_none():
+    assert dose.drawn(0, 1) == {}
+    seed = SETTING.seed
+    one, two = dose.drawn(1, seed), dose.drawn(2, seed)
+    assert one != two and dose.drawn(1, seed) == one
+    for name, (low, high) in dose.DRAWN.items():
+        assert low <= one[name] <= high
+    plan = dose.plan_of(dose.Case(1, 1, "V", 0.2), SETTING, 50e-3)
+    change, wedge = plan.step
+    assert change.stiffness == one["stiffness"] and wedge.width == pytest.approx(10.0)
+    assert wedge.scar.stiffness == one["scar_stiffness"]
+    incision = configure(Plan, {"step": [{"kind": "incision", "scar": False}]})
+    own = dose.plan_of(dose.cases_of_plan(1, 1, incision)[-1], SETTING, 50e-3)
+    assert own.step[1].scar is None and own.step[1].retraction == one["retraction"]
+
+
+def test_open_lips_have_the_formant_of_their_tube_and_closed_ones_none():
+    """Within 10 % of the tube without losses, whose walls do not yield; rounding lowers it."""
+    for share in (1.0, 0.3):
+        cells = np.append(np.full(round(TRACT[0] / LIPS), TRACT[1]), share * TRACT[1])
+        ideal = lossless_formants(cells, len(cells) * LIPS)[0]
+        assert formant_of_lips(share * TRACT[1]) == pytest.approx(ideal, rel=0.1)
+    assert formant_of_lips(0.2 * TRACT[1]) < 0.9 * formant_of_lips(TRACT[1])
+    assert np.isnan(formant_of_lips(0.5 * CLOSED))
+
+
+def test_an_interrupted_comparison_continues(coarse, tmp_path, monkeypatch):
+    p = configure(
+        SimulationParameters, {"accuracy": "draft", "contact": {"method": "none"}, "sigma_max": 5e4}
+    )
+    weak = ef.treat(coarse, {"step": [{"kind": "palsy", "degree": 0.5}]})
+    drives = gestures(coarse, ("A",))
+    store = Store(tmp_path)
+    first = compared(coarse, weak, drives, p, source="", store=store)
+
+    def fails(*given, **named):
+        raise AssertionError("a stored motion is not simulated again")
+
+    monkeypatch.setattr(of_motions, "simulate_face", fails)
+    again = compared(coarse, weak, drives, p, source="", store=store)
+    xr.testing.assert_equal(first.treated["A"], again.treated["A"])
+    with pytest.raises(AssertionError):  # another face is computed
+        compared(coarse, coarse, drives, p.model_copy(update={"sigma_max": 6e4}), source="",
+                 store=store)  # fmt: skip
