@@ -28,6 +28,7 @@ MARKS: Final = ("o", "s", "^", "D", "v", "P", "X")
 FIRST: Final = {"color": COLOURS[4], "linestyle": "-"}  #: line style of a model or an input
 SECOND: Final = {"color": COLOURS[5], "linestyle": "--"}
 """Line style of a recording or a reference."""
+LEAST_OF_BOX: Final = 8  #: number of values below which quartiles say little, and points are drawn
 SHADES: Final = "cividis"  #: colour map of ordered values, suitable for colour vision deficiency
 
 LITERAL: Final[dict[str, Any]] = {"text.parse_math": False}
@@ -134,8 +135,21 @@ def boxes(
     """Draw a box for the values at each place, in the colour and hatch number `which`.
 
     Quartiles, median as a line, mean as a dot. Whiskers either reach the last value within a
-    multiple of the interquartile range, values beyond drawn as crosses, or two percentiles.
+    multiple of the interquartile range, values beyond drawn as crosses, or two percentiles. Fewer than
+    `LEAST_OF_BOX` values are drawn one by one, with their median as a line.
     """
+    for place, values in groups.items():
+        if len(values) >= LEAST_OF_BOX:
+            continue
+        shown = {"marker": MARKS[which % 7], "color": COLOURS[which % 7], "edgecolor": "black"}
+        panel.scatter([place] * len(values), values, s=18, linewidth=0.6, zorder=3, **shown)
+        middle = float(np.median(values))
+        panel.plot(
+            [place - width / 2, place + width / 2], [middle, middle], color="black", linewidth=1.6
+        )
+    groups = {place: values for place, values in groups.items() if len(values) >= LEAST_OF_BOX}
+    if not groups:
+        return
     panel.boxplot(
         list(groups.values()),
         positions=list(groups),

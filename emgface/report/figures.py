@@ -27,6 +27,7 @@ from analysis.figures import (
 from analysis.tables import origin_of
 from emgface.errors import FeatureWarning
 from emgface.inverse.configuration import VARIANT
+from emgface.muscles import INSTRUCTIONS
 from emgface.pictures.body import Body
 from emgface.pictures.page import svg_of
 from emgface.report.faces import study_faces
@@ -56,7 +57,8 @@ def score_figures(results: Results) -> list[Drawn]:
     texts = {
         "rho": "3D correlation of simulated with measured markers, after Fig. 6 of Eskes et al. "
         "2017. Boxes span the quartiles; the line is the median, and the dot is the mean. Whiskers "
-        "reach the last value within 1.5 interquartile ranges; crosses are values beyond.",
+        "reach the last value within 1.5 interquartile ranges; crosses are values beyond. Fewer than 8 "
+        "values are drawn as points, with their median as a line.",
         "amplitude_ratio": "Amplitude of the simulated movement divided by that of the measured "
         "movement; 1 means equal amplitudes. rho does not depend on this ratio.",
         "rmse": "Root-mean-square distance of simulated from measured markers.",
@@ -71,7 +73,7 @@ def score_figures(results: Results) -> list[Drawn]:
             variable,
             title,
             text,
-            lambda variable=variable: box_plots(cube, variable=variable),
+            lambda variable=variable: box_plots(cube, variable=variable, labels=INSTRUCTIONS),
         )
     return drawn
 

@@ -1,4 +1,4 @@
-"""Methods paragraph of a study from its configuration, and table of all parameters."""
+"""Methods of a study from its configuration, and table of all parameters."""
 
 from typing import Any
 
@@ -43,14 +43,18 @@ REACHES = {
 
 
 def methods(study: StudyConfiguration, cube: xr.Dataset) -> str:
-    """Write the methods paragraph of a manuscript, in the past tense and the units of the field."""
-    told = [
-        *_recordings(study, cube),
-        *_signals(study, cube),
-        *_mechanics(study, cube),
-        *_scores(study),
-    ]
-    return " ".join([*told, *_comparison(cube)])
+    """Write the methods of a manuscript, in the past tense and the units of the field.
+
+    Paragraphs on recordings, signals, mechanics, and scores with their comparison are separated by an
+    empty line.
+    """
+    told = (
+        _recordings(study, cube),
+        _signals(study, cube),
+        _mechanics(study, cube),
+        [*_scores(study), *_comparison(cube)],
+    )
+    return "\n\n".join(" ".join(part) for part in told if part)
 
 
 def _recordings(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:

@@ -84,3 +84,32 @@ def test_unknown_names() -> None:
         box_plots(cube(), by=("strategy",))
     with pytest.raises(CubeError, match="lacks b_measured"):
         synchronisation(cube())
+
+
+def test_few_values_are_points_and_many_a_box() -> None:
+    """Below 8 values, every one is drawn, with the median as a line."""
+    from analysis.figures.style import LEAST_OF_BOX, blank, boxes
+
+    panel = blank(3.0, 2.0).subplots()
+    few, many = np.array([0.1, 0.5, 0.2]), np.arange(float(LEAST_OF_BOX))
+    boxes(panel, {0.0: few, 1.0: many}, 0.8, 0)
+    (points,) = panel.collections
+    np.testing.assert_array_equal(points.get_offsets().data, [[0.0, v] for v in few])
+    assert len(panel.patches) == 1  # the box of the many
+    lines = [line for line in panel.lines if set(np.ravel(line.get_xdata())) == {-0.4, 0.4}]
+    assert [set(line.get_ydata()) for line in lines] == [{0.2}]
+
+
+def test_ratios_are_drawn_on_a_logarithmic_axis_with_named_instructions() -> None:
+    data = cube()
+    data["amplitude_ratio"] = data["amplitude_ratio"].clip(0.01)
+    named = {"A": "first movement"}
+    figure = box_plots(data, variable="amplitude_ratio", by=("instruction",), labels=named)
+    (panel,) = figure.axes
+    assert panel.get_yscale() == "log" and "1" in [t.get_text() for t in panel.get_yticklabels()]
+    assert "first movement" in " ".join(t.get_text() for t in panel.get_xticklabels()).replace(
+        "\n", " "
+    )
+    data["amplitude_ratio"][{dim: 0 for dim in data["amplitude_ratio"].dims}] = 0.0
+    (panel,) = box_plots(data, variable="amplitude_ratio", by=("volunteer",)).axes
+    assert panel.get_yscale() == "symlog" and panel.get_ylim()[0] == 0.0

@@ -282,56 +282,84 @@ def served(coarse, skin):
     server.stop()
 
 
-@needs_browser
-def test_every_control_of_the_page(served, browser):
-    session, server, asked = served
-    stage = "document.getElementById('stage').dataset"
+STAGE = "document.getElementById('stage').dataset"
+
+
+def press(browser, control):
+    browser.execute_script(f"document.getElementById('{control}').click()")
+
+
+def soon(browser, condition):
+    limit = time.monotonic() + 20.0
+    while not condition():
+        assert time.monotonic() < limit, browser.get_log("browser")
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def opened(served, browser):
+    """The browser with the page of a session, whose console and requests are judged at the end."""
+    _, server, _ = served
     browser.get_log("browser")
     browser.get_log("performance")
     browser.get(server.url)
-    until(browser, f"return {stage}.ready === 'yes' && {stage}.connected === 'yes'")
+    until(browser, f"return {STAGE}.ready === 'yes' && {STAGE}.connected === 'yes'")
+    yield browser
+    assert not [e for e in browser.get_log("browser") if e["level"] == "SEVERE"
+                and "favicon" not in e["message"]]  # fmt: skip
+    own = server.url.split("/")[2]
+    for entry in browser.get_log("performance"):
+        message = json.loads(entry["message"])["message"]
+        if message["method"] == "Network.requestWillBeSent":
+            url = message["params"]["request"]["url"]
+            assert url.startswith(("data:", "blob:", f"http://{own}/", "chrome:")), url
+
+
+@needs_browser
+def test_sliders_of_the_page(served, opened):
+    session, _, _ = served
 
     def levels():
         return np.round(session.drive.wanted, 3)
 
-    def soon(condition):
-        limit = time.monotonic() + 20.0
-        while not condition():
-            assert time.monotonic() < limit, browser.get_log("browser")
-            time.sleep(0.02)
-
     index = session.face.muscles.index
     slide = ("const s = document.getElementById('slide-ZYG_L'); s.dispatchEvent(new PointerEvent("
              "'pointerdown')); s.value = 0.4; s.dispatchEvent(new Event('input'))")  # fmt: skip
-    browser.execute_script(slide)
-    soon(lambda: levels()[index("ZYG_L")] == levels()[index("ZYG_R")] == 0.4)  # linked
-    browser.execute_script("document.getElementById('linked').click()")
-    browser.execute_script(slide.replace("0.4", "0.7"))
-    soon(lambda: levels()[index("ZYG_L")] == 0.7 and levels()[index("ZYG_R")] == 0.4)
-    browser.execute_script("document.getElementById('undo').click()")
-    soon(lambda: levels()[index("ZYG_L")] == 0.4)
-    browser.execute_script("document.querySelector('#presets button').click()")  # instruction A
-    soon(lambda: levels()[index("OOP_L")] == 0.3 and levels()[index("ZYG_L")] == 0.0)
-    until(browser, "return document.getElementById('status').innerText.includes('ms')")
-    browser.execute_script("document.getElementById('rest').click()")
-    soon(lambda: not levels().any())
+    opened.execute_script(slide)
+    soon(opened, lambda: levels()[index("ZYG_L")] == levels()[index("ZYG_R")] == 0.4)  # linked
+    until(opened, f"return Number({STAGE}.reacted) > 0")  # drawn with another activation
+    press(opened, "linked")
+    opened.execute_script(slide.replace("0.4", "0.7"))
+    soon(opened, lambda: levels()[index("ZYG_L")] == 0.7 and levels()[index("ZYG_R")] == 0.4)
+    press(opened, "undo")
+    soon(opened, lambda: levels()[index("ZYG_L")] == 0.4)
+    opened.execute_script("document.querySelector('#presets button').click()")  # instruction A
+    soon(opened, lambda: levels()[index("OOP_L")] == 0.3 and levels()[index("ZYG_L")] == 0.0)
+    until(opened, "return document.getElementById('status').innerText.includes('ms')")
+    press(opened, "rest")
+    soon(opened, lambda: not levels().any())
 
-    browser.execute_script("document.getElementById('tab-curves').click()")
-    until(browser, f"return Number({stage}.motion) >= 1")
-    until(browser, "return document.getElementById('rho').innerText.includes('0.75')")
-    assert "undefined" in browser.execute_script("return document.getElementById('rho').innerText")
-    plot = browser.find_element("id", "curve")
-    page_down, up, insert, delete = "\ue00f", "\ue013", "\ue016", "\ue017"
+
+@needs_browser
+def test_curves_and_time_of_the_page(served, opened):
+    _, _, asked = served
 
     def last():
         return asked[-1][0].knots["ZYG_L"]
 
-    plot.send_keys(page_down, page_down, up)
-    soon(lambda: abs(last()[1, 1] - 0.52) < 1e-9)
-    plot.send_keys(insert)
-    soon(lambda: len(last()) == 4)
-    plot.send_keys(delete)
-    soon(lambda: len(last()) == 3)
+    press(opened, "tab-curves")
+    until(opened, f"return Number({STAGE}.motion) >= 1")
+    until(opened, "return document.getElementById('rho').innerText.includes('0.75')")
+    assert "undefined" in opened.execute_script("return document.getElementById('rho').innerText")
+    plot = opened.find_element("id", "curve")
+    page_down, up, insert, delete = "\ue00f", "\ue013", "\ue016", "\ue017"
+    for keys, expected in (
+        ((page_down, page_down, up), lambda: abs(last()[1, 1] - 0.52) < 1e-9),
+        ((insert,), lambda: len(last()) == 4),
+        ((delete,), lambda: len(last()) == 3),
+    ):
+        plot.send_keys(*keys)
+        soon(opened, expected)
     for control, expected in {
         "later": lambda: abs(last()[0, 0] - 0.02) < 1e-9,
         "earlier": lambda: abs(last()[0, 0]) < 1e-9,
@@ -341,12 +369,12 @@ def test_every_control_of_the_page(served, browser):
         "exchange": lambda: "ZYG_R" in asked[-1][0].knots,
         "shorter": lambda: abs(last()[-1, 0] - 0.95) < 1e-9,
     }.items():
-        browser.execute_script(f"document.getElementById('{control}').click()")
-        soon(expected)
+        press(opened, control)
+        soon(opened, expected)
     # A knot that is dragged: previews while it moves, a complete motion after it.
     before = len(asked)
-    browser.execute_script(
-        "document.getElementById('undo-curve').click();"
+    press(opened, "undo-curve")
+    opened.execute_script(
         "const c = document.getElementById('curve'), b = c.getBoundingClientRect();"
         "c.setPointerCapture = () => {};"
         "const x = (t) => b.left + 34 + t * (c.clientWidth - 42);"
@@ -355,25 +383,19 @@ def test_every_control_of_the_page(served, browser):
         " {pointerId: 1, clientX: x(t), clientY: y(v)}));"
         "at(0.5, 0.52, 'pointerdown'); at(0.5, 0.9, 'pointermove'); at(0.5, 0.9, 'pointerup');"
     )
-    soon(lambda: abs(last()[1, 1] - 0.9) < 0.02 and not asked[-1][1] and len(asked) > before)
+    soon(
+        opened, lambda: abs(last()[1, 1] - 0.9) < 0.02 and not asked[-1][1] and len(asked) > before
+    )
     # Time: a slider, and play.
-    browser.execute_script(
+    opened.execute_script(
         "const t = document.getElementById('time'); t.value = 5; t.dispatchEvent(new Event('input'))"
     )
-    until(browser, f"return {stage}.at === '5'")
-    assert browser.execute_script("return document.getElementById('clock').textContent") == "0.50 s"
-    browser.execute_script("document.getElementById('play').click()")
-    until(browser, f"return {stage}.at !== '5'")
-    found = browser.execute_async_script(
+    until(opened, f"return {STAGE}.at === '5'")
+    assert opened.execute_script("return document.getElementById('clock').textContent") == "0.50 s"
+    press(opened, "play")
+    until(opened, f"return {STAGE}.at !== '5'")
+    found = opened.execute_async_script(
         "const done = arguments[0];"
         "fetch('curves', {method: 'POST', body: 'x,y'}).then(r => r.json()).then(done)"
     )
     assert "expected time" in found["why"]
-    assert not [e for e in browser.get_log("browser") if e["level"] == "SEVERE"
-                and "favicon" not in e["message"]]  # fmt: skip
-    own = server.url.split("/")[2]
-    for entry in browser.get_log("performance"):
-        message = json.loads(entry["message"])["message"]
-        if message["method"] == "Network.requestWillBeSent":
-            url = message["params"]["request"]["url"]
-            assert url.startswith(("data:", "blob:", f"http://{own}/", "chrome:")), url
