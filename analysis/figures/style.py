@@ -141,12 +141,14 @@ def boxes(
     for place, values in groups.items():
         if len(values) >= LEAST_OF_BOX:
             continue
-        shown = {"marker": MARKS[which % 7], "color": COLOURS[which % 7], "edgecolor": "black"}
-        panel.scatter([place] * len(values), values, s=18, linewidth=0.6, zorder=3, **shown)
+        colour, mark, axis = COLOURS[which % 7], MARKS[which % 7], cast(Any, panel)
+        axis.scatter(
+            [place] * len(values), values, s=18, marker=mark, color=colour,
+            edgecolor="black", linewidth=0.6, zorder=3,
+        )  # fmt: skip
         middle = float(np.median(values))
-        panel.plot(
-            [place - width / 2, place + width / 2], [middle, middle], color="black", linewidth=1.6
-        )
+        ends = [place - width / 2, place + width / 2]
+        axis.plot(ends, [middle, middle], color="black", linewidth=1.6)
     groups = {place: values for place, values in groups.items() if len(values) >= LEAST_OF_BOX}
     if not groups:
         return

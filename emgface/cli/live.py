@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from emgface.reduced.model import ReducedFace
     from emgface.view.live import Drive, LiveSession
     from emgface.view.moving import Moving
+    from emgface.view.workspace import Workspace
 
 STREAM = "lsl:"  #: begins the name of a stream
 STEP = 0.01  #: step at full order [s]
@@ -62,6 +63,12 @@ def live(
             "recording, with whose markers the motion is then compared."
         ),
     ] = None,
+    workspace: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder that keeps edited curves, view and notes; it opens with the same files only."
+        ),
+    ] = None,
     send: Annotated[
         str | None,
         typer.Option(
@@ -87,6 +94,7 @@ def live(
     """Move a face in the browser by sliders, edited curves or streamed sEMG."""
     from emgface.errors import ConfigurationError
     from emgface.view.server import LocalServer
+    from emgface.view.workspace import Workspace
 
     if source is None and not page:
         raise ConfigurationError(
@@ -95,10 +103,19 @@ def live(
     chosen, moving, small = _face(model or face, reduced, preset, resolution)
     drive = _drive(source, range_, mapping, moving)
     announce_compilation()
-    session, text = _session(chosen, moving, small, drive, curves, mapping, send)
+    kept = None
+    if workspace is not None:
+        if small is None:
+            raise ConfigurationError(
+                "a workspace keeps curves, expected --reduced with a reduced face"
+            )
+        files = {"face": model or face, "reduced": reduced, "recording": curves}
+        kept = Workspace.of(workspace, files, moving.muscles)
+    session, text = _session(chosen, moving, small, drive, curves, mapping, send, kept)
     server = None
     if page:
-        server = LocalServer(text, talk=session.talk, post={"curves": _opened}, port=port)
+        post = {"curves": _opened} | ({"workspace": kept.save} if kept else {})
+        server = LocalServer(text, talk=session.talk, post=post, port=port)
         server.start()
         _show(server, open_page)
     try:
@@ -188,6 +205,7 @@ def _session(
     curves: Path | None,
     mapping: Path | None,
     send: str | None,
+    workspace: "Workspace | None",
 ) -> "tuple[LiveSession, str]":
     """The session and the page that belongs to it."""
     from emgface.errors import ConfigurationError
@@ -220,7 +238,14 @@ def _session(
     sliders = isinstance(drive, Sliders)
     edits = edited is not None
     return session, live_page(
-        face, skin, moving, words=words, sliders=sliders, edits=edits, curves=given
+        face,
+        skin,
+        moving,
+        words=words,
+        sliders=sliders,
+        edits=edits,
+        curves=given,
+        workspace=workspace,
     )
 
 

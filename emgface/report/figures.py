@@ -33,7 +33,8 @@ from emgface.pictures.page import svg_of
 from emgface.report.faces import study_faces
 from emgface.report.jaw import Incisors
 from emgface.report.results import FAILURES, Results, Trial, representative
-from emgface.signals.features import feature_of
+from emgface.signals.activation import feature_before_normalisation
+from emgface.signals.features import MuteFeature, feature_of
 from emgface.signals.filters import bandpass
 
 CHANNELS_SHOWN = ("OOS_L", "OOI_L", "RIS_L", "ZYG_L", "LLSAN_L", "DAO_L", "MEN_L")
@@ -226,7 +227,36 @@ def _features(results: Results) -> list[Drawn]:
         f"Activation of every muscle with {strategy}, over all samples of all trials of an instruction, "
         "after Fig. 5 of Eskes et al. 2017. Whiskers span the 5th to 95th percentile."
     )
+    text = " ".join([text, *mute_muscles(results)])
     return _drawn(results, "features", "Features per muscle", text, lambda: feature_boxes(found))
+
+
+def mute_muscles(results: Results) -> list[str]:
+    """Sentences on muscles whose feature is zero or saturated throughout, with a threshold to try."""
+    assert results.study is not None and results.intake is not None
+    found: dict[str, list[tuple[str, str]]] = {}
+    for recording in results.intake.recordings:
+        if recording.error is not None or recording.excluded:
+            continue
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            try:
+                feature_before_normalisation(recording.dataset, results.study.signals)
+            except FAILURES:
+                continue
+        for one in caught:
+            if isinstance(one.message, MuteFeature):
+                trial = " ".join(map(str, recording.place))
+                found.setdefault(one.message.name, []).append((trial, one.message.state))
+    return [
+        f"{name} contains no information in {_trials([trial for trial, _ in rows])}: its Willison "
+        f"amplitude is {rows[0][1]}."
+        for name, rows in sorted(found.items())
+    ]
+
+
+def _trials(names: list[str]) -> str:
+    return f"trial {names[0]}" if len(names) == 1 else f"{len(names)} trials, such as {names[0]}"
 
 
 def _differences(results: Results) -> list[Drawn]:

@@ -193,7 +193,23 @@ def _slide(
 def _warn_if_mute(feature: xr.DataArray, signal: xr.DataArray, limits: np.ndarray) -> None:
     """Warn of rows whose count is 0 or N - 1 throughout, with a threshold to try."""
     dim = row_dim(feature, "time")
-    counts = feature.values
+    for name, text in mute_rows(feature, signal, limits):
+        warnings.warn(MuteFeature(dim, name, text), stacklevel=3)
+
+
+class MuteFeature(FeatureWarning):
+    """Warning of a muscle or channel whose Willison amplitude never changes, with a threshold to try."""
+
+    def __init__(self, dim: str, name: str, state: str) -> None:
+        super().__init__(f"Willison amplitude of {dim} {name} is {state}")
+        self.dim, self.name, self.state = dim, name, state
+
+
+def mute_rows(
+    feature: xr.DataArray, signal: xr.DataArray, limits: np.ndarray
+) -> list[tuple[str, str]]:
+    """Rows whose count is 0 or N - 1 throughout, each with its state and a threshold to try."""
+    dim, counts, found = row_dim(feature, "time"), feature.values, list[tuple[str, str]]()
     most = feature.attrs["window_samples"] - 1
     for k, name in enumerate(feature[dim].values):
         low, high = counts[k].min(), counts[k].max()
@@ -206,9 +222,6 @@ def _warn_if_mute(feature: xr.DataArray, signal: xr.DataArray, limits: np.ndarra
             if median_step > 0
             else "the signal hardly changes, check the electrode"
         )
-        warnings.warn(
-            f"Willison amplitude of {dim} {name} is {state} in every window at a threshold of "
-            f"{limits[k]:.3g} V: {remedy}",
-            FeatureWarning,
-            stacklevel=3,
-        )
+        text = f"{state} in every window at a threshold of {limits[k]:.3g} V: {remedy}"
+        found.append((str(name), text))
+    return found

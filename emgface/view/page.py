@@ -16,6 +16,7 @@ from emgface.pictures.render import VIEWS
 from emgface.view.curves import Curves
 from emgface.view.live import HEAD
 from emgface.view.moving import Moving
+from emgface.view.workspace import Workspace
 
 PRESET: Final = 0.3  #: activation of the muscles of an instruction (Table 1 of Eskes et al. 2017)
 
@@ -29,17 +30,19 @@ def live_page(
     sliders: bool,
     edits: bool,
     curves: Curves | None = None,
+    workspace: Workspace | None = None,
 ) -> str:
     """Write the page of the live face as HTML; it connects to the server that it comes from.
 
     `words` states the origin of the activations, `sliders` and `edits` whether sliders act and curves
-    can be edited, and `curves` are shown at first.
+    can be edited, and `curves` are shown at first, or those of a `workspace` with its view and notes.
     """
     from emgface import __version__
 
     rest = face["position"].values[skin.node]
     centre = middle_of(rest)
     muscles = list(moving.muscles)
+    curves = workspace.curves if workspace and workspace.curves else curves
     live: dict[str, Any] = {
         "muscles": muscles,
         "names": [MUSCLE_NAMES.get(stem_of(m), m) for m in muscles],
@@ -52,6 +55,7 @@ def live_page(
         "edits": edits,
         "words": words,
         "curves": as_message(curves) if curves else {},
+        "workspace": workspace and {"view": workspace.view, "notes": workspace.notes},
     }
     data = body_data(body_of(face, skin), rest)
     data |= {"markers": [str(m) for m in face["marker"].values], "live": live}

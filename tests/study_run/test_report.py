@@ -439,3 +439,27 @@ def test_a_page_is_rendered_again_only_after_a_change(
     write_page(page.parent, copy, faces=False)
     assert 'id="motions"' not in copy.read_text(encoding="utf-8") and drawn == [False]
     (page.parent / "study" / "store" / "page.html").write_bytes(page.read_bytes())
+
+
+def test_muscles_without_information_are_named_with_a_threshold_to_try() -> None:
+    """One channel is far below the threshold of the Willison amplitude, in one trial of two."""
+    from types import SimpleNamespace
+
+    from emgface.muscles import CHANNELS
+    from emgface.report.figures import mute_muscles
+
+    def recording(k, quiet):
+        emg = 1e-4 * np.random.default_rng(k).normal(size=(len(CHANNELS), 4000))
+        emg[list(CHANNELS).index("ZYG_L")] *= 1e-3 if quiet else 1.0
+        data = xr.Dataset(
+            {"emg": (("channel", "time_emg"), emg, {"units": "V"})},
+            {"channel": list(CHANNELS), "time_emg": ("time_emg", np.arange(4000) / 2000.0)},
+        )
+        return SimpleNamespace(error=None, excluded=[], dataset=data, place=("V1", "A", k))
+
+    intake = SimpleNamespace(recordings=[recording(1, quiet=False), recording(2, quiet=True)])
+    (sentence,) = mute_muscles(SimpleNamespace(study=StudyConfiguration(), intake=intake))
+    assert sentence.startswith(
+        "ZYG_L contains no information in trial V1 A 2: its Willison amplitude"
+    )
+    assert "is zero in every window at a threshold of 1e-05 V: try a threshold near" in sentence

@@ -18,6 +18,7 @@ from emgface.view.live import HEAD, LiveSession, Semg, Sliders, frame_of
 from emgface.view.moving import FullMoving, Moved
 from emgface.view.page import live_page
 from emgface.view.server import LocalServer
+from emgface.view.workspace import Workspace
 from tests.browser import needs_browser, started, until
 
 STEP = 0.01
@@ -242,7 +243,7 @@ def browser(tmp_path_factory):
 
 
 @pytest.fixture
-def served(coarse, skin):
+def served(coarse, skin, tmp_path):
     """A session with its page; curves shift the face by the mean of each curve."""
     from emgface.pictures.encoding import QUANTUM
 
@@ -269,11 +270,13 @@ def served(coarse, skin):
 
     session = session_of(coarse, skin, curves=motion)
     given = Curves({"ZYG_L": [[0.0, 0.0], [0.5, 0.5], [1.0, 0.0]]}, 1.0)
+    (tmp_path / "face.nc").write_bytes(b"face")
+    kept = Workspace.of(tmp_path / "work", {"face": tmp_path / "face.nc"}, MUSCLES)
     text = live_page(coarse, skin, session.face, words="activations by sliders", sliders=True,
-                     edits=True, curves=given)  # fmt: skip
+                     edits=True, curves=given, workspace=kept)  # fmt: skip
     from emgface.cli.live import _opened
 
-    server = LocalServer(text, talk=session.talk, post={"curves": _opened})
+    server = LocalServer(text, talk=session.talk, post={"curves": _opened, "workspace": kept.save})
     server.start()
     thread = threading.Thread(target=session.run, args=(60.0,), daemon=True)
     thread.start()
@@ -341,7 +344,7 @@ def test_sliders_of_the_page(served, opened):
 
 
 @needs_browser
-def test_curves_and_time_of_the_page(served, opened):
+def test_curves_and_time_of_the_page(served, opened, tmp_path):
     _, _, asked = served
 
     def last():
@@ -371,6 +374,12 @@ def test_curves_and_time_of_the_page(served, opened):
     }.items():
         press(opened, control)
         soon(opened, expected)
+    opened.execute_script("document.getElementById('notes').value = 'late on the left'")
+    press(opened, "keep")
+    until(opened, f"return {STAGE}.kept === 'work'")
+    again = Workspace.of(tmp_path / "work", {"face": tmp_path / "face.nc"}, MUSCLES)
+    assert again.notes == "late on the left" and set(again.curves.knots) == set(asked[-1][0].knots)
+    assert again.view["zoom"] == 1.0
     # A knot that is dragged: previews while it moves, a complete motion after it.
     before = len(asked)
     press(opened, "undo-curve")

@@ -340,6 +340,21 @@ function tabs() {
   document.querySelector(".time").hidden = true;
 }
 
+// The folder that keeps curves, view and notes.
+function workspace() {
+  const kept = setup.workspace;
+  if (!kept) return;
+  $("workspace").hidden = false;
+  $("notes").value = kept.notes;
+  Object.assign(view, kept.view);
+  $("keep").addEventListener("click", async () => {
+    const body = JSON.stringify({ curves: { knots: edit.knots, duration: end(), interpolation: $("interpolation").value }, view, notes: $("notes").value });
+    const found = await (await fetch("workspace", { method: "POST", body })).json();
+    told(found.why || `Saved in ${found.wrote}.`);
+    canvas.dataset.kept = found.wrote || "";
+  });
+}
+
 function connect() {
   socket = new WebSocket(`ws://${location.host}${location.pathname}socket`);
   socket.binaryType = "arraybuffer";
@@ -369,7 +384,7 @@ async function begin() {
   rest = await frames(setup.rest, 1);
   millimetres(rest, 0, start.length, start);
   prepare();
-  build(); curveEditor(); timeline(); tabs();
+  build(); curveEditor(); timeline(); tabs(); workspace();
   show();
   connect();
   canvas.dataset.ready = "yes";
