@@ -41,7 +41,16 @@ def lip_surface(face: xr.Dataset, lip: str) -> Integers:
         found = face["lip_triangle"].values[mine].astype(np.int64)
     else:
         found = _from_elements(face, lip)
-    check_closed(face["position"].values, found, f"the {lip} lip")
+    try:
+        check_closed(face["position"].values, found, f"the {lip} lip")
+    except FaceError as error:
+        if "stress_free_position" not in face:
+            raise
+        raise FaceError(
+            f"the {lip} lip of a treated face has no closed surface ({error}); a wound of some layers "
+            "leaves a pocket beneath its suture: switch contact off (--no-contact, or contact.method = "
+            "'none'), or excise all layers"
+        ) from error
     return found
 
 

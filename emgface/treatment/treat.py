@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -206,7 +207,8 @@ def _sutured(
         here, start = carried(state, before), state["position"].values
         found = relaxed(compose_scene(here, p), start, side, suture)
         if "lip_opening_node" in state and lip_opening(state, found.position) < 0.0:
-            found = relaxed(compose_scene(here, touching), start, side, suture)
+            with suppress(FaceError):  # a wound of some layers has no surface for contact
+                found = relaxed(compose_scene(here, touching), start, side, suture)
         moved = state.assign(position=(("node", "axis"), found.position, {"units": "m"}))
         return carried(moved, before), found
 

@@ -111,6 +111,13 @@ def test_elements_that_a_closure_would_fold_are_divided(coarse, size):
     assert report(treated)["smallest_J"] > 0.1
 
 
+def test_a_wound_of_the_outer_layer_is_refused_by_contact_with_its_remedy(coarse):
+    treated = ef.treat(coarse, wedge(layers="outer", width=11.0))
+    with pytest.raises(FaceError, match="contact off"):
+        compose_scene(treated, configure(SimulationParameters, {}))
+    compose_scene(treated, configure(SimulationParameters, FREE))
+
+
 def test_an_incision_along_edges_leaves_the_motion_as_it_was(coarse):
     step = {"kind": "incision", "place": 0.42, "scar": False, "method": "elements"}
     treated = ef.treat(coarse, {"step": [step]})
