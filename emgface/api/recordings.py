@@ -124,6 +124,7 @@ def activate(
 
     from emgface.api.given import changed, merged, recording_of, signals_of
     from emgface.errors import ConfigurationError
+    from emgface.recordings.findings import findings_in
     from emgface.recordings.repeated import for_activation, stored_with, warn_of
     from emgface.signals.activation import activation_of, feature_range
     from emgface.signals.truth import TRUE_STRATEGY, true_activation_of
@@ -160,6 +161,8 @@ def activate(
         session=session,
         reference=extent,
     )
+    # A count that is zero throughout was warned of when it was computed.
+    warn_of(one for one in findings_in(activation) if one.values.get("high") != 0.0)
     return stored_with(activation, found)
 
 

@@ -144,6 +144,16 @@ _EMG: Final = {
         "shares {common:.0%} of its power with {other} (r = {r:.2f}, cross-talk {share:.0%}): check the "
         "distance of the electrodes",
     ),
+    "narrow_count": Meaning(
+        "warning",
+        "the Willison amplitude counts {low:.0f} to {high:.0f} of {most:.0f} steps: a threshold near "
+        "{serves:.2g} V, twice the steps at rest, would serve",
+    ),
+    "weak_burst": Meaning(
+        "warning",
+        "the steps in activity are only {ratio:.2g} times those at rest, so that the feature consists "
+        "mainly of noise and no threshold serves: a muscle at rest, or a poor electrode",
+    ),
     "sides_differ": Meaning(
         "warning",
         "amplifier noise is {noise:.2g} times and activity {activity:.2g} times that of {other}, "

@@ -9,14 +9,15 @@ where a person reads them.
 import json
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, get_args
 
 import xarray as xr
 
 from emgface.errors import DataError
 from emgface.recordings.finding_codes import CODES, Verdict
 
-Kind = Literal["recording", "channel", "marker"]
+Kind = Literal["recording", "channel", "muscle", "marker"]
+KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
 
 ATTRIBUTE: Final = "findings"  #: attribute of a dataset that contains its findings
 LARGEST: Final = 2000  #: most findings that a dataset stores; further ones are counted
@@ -24,7 +25,7 @@ LARGEST: Final = 2000  #: most findings that a dataset stores; further ones are 
 
 @dataclass(frozen=True)
 class Finding:
-    """One finding: code, channel or marker (empty for all of them), and values in SI units."""
+    """One finding: code, channel, muscle or marker (empty for all of them), and values in SI units."""
 
     code: str
     kind: Kind = "recording"
@@ -44,7 +45,8 @@ class Finding:
     @property
     def sentence(self) -> str:
         """Finding in words, with the name of the channel or marker."""
-        place = {"recording": "recording", "channel": "all channels", "marker": "all markers"}
+        place = {"recording": "recording", "channel": "all channels"}
+        place |= {"muscle": "all muscles", "marker": "all markers"}
         return f"{f'{self.kind} {self.name}' if self.name else place[self.kind]}: {self.clause}"
 
     def as_data(self) -> dict[str, Any]:
@@ -69,7 +71,7 @@ def findings_in(dataset: xr.Dataset) -> list[Finding]:
 
 def _finding(item: dict[str, Any]) -> Finding:
     code, kind, name = (str(item.pop(key)) for key in ("code", "kind", "name"))
-    if code not in CODES or kind not in ("recording", "channel", "marker"):
+    if code not in CODES or kind not in KINDS:
         raise KeyError(code)
     if any(not isinstance(value, str | int | float) for value in item.values()):
         raise TypeError
@@ -114,7 +116,7 @@ def shifted(
     dataset: xr.Dataset,
     shift: float,
     *,
-    kinds: Collection[Kind] = ("recording", "channel", "marker"),
+    kinds: Collection[Kind] = KINDS,
 ) -> xr.Dataset:
     """Move the instants of the findings of some kinds by `shift` [s], as those of their samples."""
 
@@ -145,7 +147,7 @@ def used(
     found: Iterable[Finding], *, channels: Collection[str] = (), markers: Collection[str] = ()
 ) -> list[Finding]:
     """Return the findings on the channels and markers that a step uses, and on all of them."""
-    names: dict[str, Collection[str]] = {"channel": channels, "marker": markers}
+    names: dict[str, Collection[str]] = {"channel": channels, "marker": markers, "muscle": ()}
     return [
         finding
         for finding in found

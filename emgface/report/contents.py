@@ -1,5 +1,7 @@
 """Text and tables of a report: outcome, tests, exclusions, run time."""
 
+import re
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
@@ -68,7 +70,7 @@ def verdict(cube: xr.Dataset) -> list[str]:
     montage = str(cube.attrs.get("montage", COMPLETE.sentence))
     if montage != COMPLETE.sentence:
         told.append(f"The montage is incomplete: {montage}.")
-    told += accuracy(cube) + reduction(cube)
+    told += features(cube) + accuracy(cube) + reduction(cube)
     if cube.sizes["volunteer"] == 1:
         told.append(
             "There is one volunteer; the results cannot be generalised to other people, and "
@@ -81,6 +83,28 @@ def verdict(cube: xr.Dataset) -> list[str]:
         )
     if cube.sizes["strategy"] == 1:
         told.append(f"There is one strategy, {cube['strategy'].values[0]}; there is no comparison.")
+    return told
+
+
+def features(cube: xr.Dataset) -> list[str]:
+    """State in how many scored trials the feature of a muscle has a narrow range or is mainly noise."""
+    reasons = cube["reason"].values[cube["status"].values == "ok"].tolist()
+    told: list[str] = []
+    for code, what in (
+        ("narrow count", "counts within a narrow range of steps, which Eq. 8 stretches to 0-1"),
+        ("weak burst", "is mainly noise, because the muscle is hardly more active than at rest"),
+    ):
+        named = [re.search(rf"{code} \(([^)]*)\)", reason) for reason in reasons]
+        hits = [one.group(1) for one in named if one is not None]
+        if not hits:
+            continue
+        counted = Counter(re.findall(r"[A-Z]+_[LR]", " ".join(hits)))
+        most, times = counted.most_common(1)[0]
+        told.append(
+            f"In {len(hits)} of {_n(len(reasons), 'scored trial')}, the feature of at least one muscle "
+            f"{what} (first of all {most}, named in {times}); the findings of each activation state "
+            "the threshold that would serve."
+        )
     return told
 
 

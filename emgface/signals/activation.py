@@ -28,6 +28,8 @@ from emgface.errors import (
     UnitsError,
 )
 from emgface.muscles import MUSCLES
+from emgface.recordings.findings import ATTRIBUTE, findings_in, with_findings
+from emgface.signals.doubtful import doubtful_rows
 from emgface.signals.envelope import muscle_activation
 from emgface.signals.features import feature_of
 from emgface.signals.filters import (
@@ -66,7 +68,8 @@ def activation_of(
     selected. Time [s] is that of the recording, over the interval in which the feature (and the
     markers, if recorded) exist. Its attributes identify the trial and state strategy, ``selected``
     muscles (without side), ``silent``, ``resting``, ``clipped_fraction``, ``montage``, the settings
-    of filter and feature, and ``parameters`` (JSON).
+    of filter and feature, ``parameters`` (JSON), and ``findings`` on selected muscles whose feature
+    counts few steps or is mainly noise (`emgface.signals.doubtful`).
 
     Raises SchemaError or UnitsError if there is no sEMG in V or a required muscle lacks its channel
     and a treatment of it; SignalError if a signal cannot be processed (gap, constant, too short,
@@ -78,6 +81,7 @@ def activation_of(
     montage = montage_of(map(str, emg_of(recording)["channel"].values), chain.montage)
     montage.demand(needed_muscles(strategy, instruction), strategy)
     feature, silent = feature_before_normalisation(recording, chain)
+    doubts = findings_in(feature)
     extent = _extent_for(recording, chain, feature, session, reference)
     normalised = normalise(feature, extent, chain.normalisation)
     if chain.feature.kind == "envelope":
@@ -86,6 +90,7 @@ def activation_of(
         normalised = map_channels(normalised, chain.mapping.oom, montage.estimated)
         feature = map_channels(feature, chain.mapping.oom, montage.estimated)
     selected = select_muscles(feature, strategy, instruction, chain.strategy)
+    doubts = [one for one in doubts if one.kind != "muscle" or one.name[:-2] in selected]
     on = [str(name).rsplit("_", 1)[0] in selected for name in normalised["muscle"].values]
     activation = normalised * xr.DataArray(np.array(on, dtype=float), dims="muscle")
     activation.attrs = {**normalised.attrs, "units": "1"}
@@ -97,7 +102,7 @@ def activation_of(
     recorded = _storable(activation.attrs)
     activation.attrs = {"units": "1", "long_name": "muscle activation"}
     attrs = {
-        **recorded,
+        **{k: v for k, v in recorded.items() if k != ATTRIBUTE},
         **{k: v for k, v in recording.attrs.items() if k in IDENTITY},
         "strategy": strategy,
         "selected": " ".join(selected),
@@ -107,7 +112,7 @@ def activation_of(
     }
     if instruction is not None:
         attrs["instruction"] = instruction
-    return activation.rename("activation").to_dataset().assign_attrs(attrs)
+    return with_findings(activation.rename("activation").to_dataset().assign_attrs(attrs), doubts)
 
 
 RATES_AGREE = 2e-3  #: relative difference of sampling rates below which features can be compared
@@ -135,6 +140,7 @@ def feature_before_normalisation(
     if stage == "signal":
         filtered = map_channels(filtered, oom, montage.estimated)
     feature = feature_of(filtered, chain.feature, phase=chain.filter.phase)
+    feature = with_findings(feature, doubtful_rows(feature, filtered))
     if stage == "feature":
         feature = map_channels(feature, oom, montage.estimated)
     return feature, silent

@@ -87,6 +87,16 @@ class FeatureParameters(Parameters):
         "Threshold as a multiple of the baseline RMS of each channel, instead of `threshold`.",
         gt=0,
     )
+    threshold_rest: float | None = parameter(
+        None,
+        "Threshold as a multiple of the RMS of each channel or muscle in the quietest tenth of the "
+        "windows of a recording, instead of `threshold`.",
+        source="Waris and Kamavuako 2018, Biomed Signal Process Control 45:267-273",
+        note="they found 0.1 to 1 times the RMS at rest best for the classification of surface EMG; "
+        "the recording must contain some rest, and each recording has its own threshold",
+        gt=0,
+        le=100,
+    )
     baseline_start: float | None = parameter(
         None, "Start of the rest interval for the baseline RMS.", unit="s"
     )
@@ -147,13 +157,16 @@ class FeatureParameters(Parameters):
     @model_validator(mode="before")
     @classmethod
     def _one_threshold(cls, values: Any) -> Any:
-        return give_way(values, "threshold", "threshold_baseline")
+        values = give_way(values, "threshold", "threshold_baseline")
+        return give_way(values, "threshold", "threshold_rest")
 
     @model_validator(mode="after")
     def _consistent(self) -> "FeatureParameters":
-        if (self.threshold is None) == (self.threshold_baseline is None):
+        thresholds = (self.threshold, self.threshold_baseline, self.threshold_rest)
+        if sum(one is not None for one in thresholds) != 1:
             raise ValueError(
-                "exactly one of threshold [V] and threshold_baseline [1] is required: remove one"
+                "exactly one of threshold [V], threshold_baseline [1] and threshold_rest [1] is "
+                "required: remove the others"
             )
         interval = (self.baseline_start, self.baseline_stop)
         if self.threshold_baseline is not None and None in interval:

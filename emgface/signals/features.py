@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import FeatureWarning, SignalError
+from emgface.signals.doubtful import rest_rms
 from emgface.signals.envelope import linear_envelope, neural_activation
 from emgface.signals.filters import TIME_EMG, check_gaps, labelled_feature, row_dim, sampling_rate
 from emgface.signals.parameters import FeatureParameters
@@ -34,9 +35,15 @@ def feature_of(
     attributes of the result record every choice. Warns as `willison_amplitude`.
     """
     if parameters.kind == "wamp":
-        if parameters.threshold_baseline is None:
+        if parameters.threshold_rest is not None:
+            rate = sampling_rate(np.asarray(signal[TIME_EMG], dtype=float))
+            check_gaps(signal)
+            threshold: float | xr.DataArray = parameters.threshold_rest * rest_rms(
+                signal, parameters.window, rate
+            )
+        elif parameters.threshold_baseline is None:
             assert parameters.threshold is not None
-            threshold: float | xr.DataArray = parameters.threshold
+            threshold = parameters.threshold
         else:
             assert parameters.baseline_start is not None and parameters.baseline_stop is not None
             interval = (parameters.baseline_start, parameters.baseline_stop)

@@ -46,8 +46,10 @@ def test_activation_and_motion_repeat_and_store_what_the_check_finds() -> None:
     name = CHANNELS[3]
     with pytest.warns(match=f"channel {name}: is never negative and touches zero"):
         activation = ef.activate(rectified(), strategy="act_all")
-    assert [(f.code, f.name) for f in findings_in(activation)] == [("rectified", name)]
-    assert not findings_in(ef.activate(recording_at(RATE), strategy="act_all"))
+    found = [(f.code, f.name) for f in findings_in(activation) if f.kind != "muscle"]
+    assert found == [("rectified", name)]
+    clean = ef.activate(recording_at(RATE), strategy="act_all")
+    assert not [f for f in findings_in(clean) if f.kind != "muscle"]
     short = activation.isel(time=slice(0, 4))
     face = ef.face()
     with pytest.warns(match=f"channel {name}: is never negative"):

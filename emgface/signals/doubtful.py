@@ -1,0 +1,79 @@
+"""Rows of a signal whose count has a narrow range, or that is hardly larger in activity than at rest.
+
+Rest and activity are those of the recording itself: the mean square of the steps between samples is
+computed in every window, and its quantiles `QUIET` and `ACTIVE` are those of rest and of activity.
+"""
+
+from typing import Final
+
+import numpy as np
+import xarray as xr
+
+from emgface.recordings.findings import Finding
+from emgface.signals.filters import TIME_EMG
+from emgface.signals.running import running_sum
+
+QUIET: Final = 0.1  #: quantile of the windows that represents rest [1]
+ACTIVE: Final = 0.95  #: quantile of the windows that represents activity [1]
+FEW: Final = 0.15
+"""Range of a count over its largest possible value below which it is called small [1].
+
+Eq. 8 stretches the range to 0-1, so that a step more or less changes the activation by over 1.6 % at
+409 steps per window (0.2 s at 2048 Hz).
+"""
+SERVES: Final = 2.0
+"""Threshold over the root mean square of the steps at rest [1].
+
+Steps of Gaussian noise exceed it in 4.6 % of the samples, and those of an activity twice as large in
+32 %, so that the range of the count is about 0.27.
+"""
+WEAK: Final = 2.0  #: ratio of activity to rest below which no threshold yields a range of `FEW` [1]
+
+
+def quiet_and_active(values: np.ndarray, window: int) -> tuple[float, float]:
+    """Root mean square of the windows of rest and of activity, of values (samples,)."""
+    power = np.sqrt(running_sum(np.square(values), window) / window)
+    quiet, active = np.quantile(power, [QUIET, ACTIVE])
+    return float(quiet), float(active)
+
+
+def rest_rms(signal: xr.DataArray, window: float, rate: float) -> xr.DataArray:
+    """Root mean square [V] of each row at rest, in the quietest tenth of its windows.
+
+    `signal` has the dims (row, time_emg) [V], `window` is in seconds and `rate` in Hz.
+    """
+    n, dim = round(window * rate), next(d for d in signal.dims if d != TIME_EMG)
+    values = signal.transpose(dim, TIME_EMG).values
+    rest = [quiet_and_active(row, min(n, len(row)))[0] for row in values]
+    return xr.DataArray(rest, {dim: signal[dim]}, dims=dim, attrs={"units": "V"})
+
+
+def doubtful_rows(feature: xr.DataArray, signal: xr.DataArray) -> list[Finding]:
+    """Findings on rows of a feature (row, time) of a signal (row, time_emg) [V].
+
+    ``weak_burst``: the steps in activity are less than `WEAK` times those at rest, so that the
+    feature consists mainly of noise; ``narrow_count``: a Willison amplitude whose range is below
+    `FEW`, with the threshold that would serve, `SERVES` times the steps at rest.
+    """
+    dim = str(next(d for d in feature.dims if d != "time"))
+    kind = "muscle" if dim == "muscle" else "channel"
+    window = int(feature.attrs.get("window_samples", 0))
+    found: list[Finding] = []
+    values, counts = signal.transpose(dim, TIME_EMG).values, feature.transpose(dim, "time").values
+    for name, row, count in zip(feature[dim].values, values, counts, strict=True):
+        steps = np.diff(row)
+        if window < 2 or not steps.any():
+            continue  # constant channels are stated elsewhere
+        rest, activity = quiet_and_active(steps, window - 1)
+        ratio = activity / rest if rest > 0.0 else np.inf
+        if ratio < WEAK:
+            found.append(Finding("weak_burst", kind, str(name), {"ratio": round(ratio, 2)}))
+            continue
+        if feature.attrs.get("feature") != "wamp":
+            continue
+        low, high = float(count.min()), float(count.max())
+        if high - low < FEW * (window - 1):
+            serves = SERVES * rest if rest > 0.0 else 0.5 * activity
+            said = {"low": low, "high": high, "most": window - 1.0, "serves": serves}
+            found.append(Finding("narrow_count", kind, str(name), said))
+    return found
