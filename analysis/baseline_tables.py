@@ -39,7 +39,8 @@ def baseline_table(found: xr.Dataset) -> Table:
     """Tabulate rho, baselines, gains and skill of every strategy, from `against_baselines`."""
     shown = {
         "gain_template": "gain over all persons", "gain_others": "gain over EMG of others",
-        "gain_shuffled": "gain by own EMG", "skill": "skill", "skill_others": "skill without own EMG",
+        "gain_shuffled": "gain by own EMG", "gain_room": "largest gain by own EMG",
+        "skill": "skill", "skill_others": "skill without own EMG",
     }  # fmt: skip
     columns = [Column("strategy"), *(Column(head) for head in HEADS)]
     for name in shown.values():
@@ -238,6 +239,7 @@ def _of_strategy(found: xr.Dataset, strategy: str) -> str:
         text += "; relative to the EMG of another repetition, the EMG of the trial changes rho by "
         text += f"{own:+.3f}"
         text += _interval(one, "gain_shuffled", 3)
+        text += f" (at most {float(one['gain_room']):.3f}, 1 minus the score of another repetition)"
     n = int(one["volunteers"])
     few = too_few_volunteers(n) if np.isfinite(gain) else ""
     return f"{text} ({persons(n)}{', ' + few if few else ''})." if n else f"{text}."

@@ -41,7 +41,7 @@ def volunteers(
         str,
         typer.Option(
             help="Differences between the volunteers and the assumptions of a study: mismatched, "
-            "matched, or some of mesh, laws, courses, strengths, delay, recruitment, "
+            "matched, or some of mesh, laws, courses, strengths, delay, recruitment, repetition, "
             "pick-up, noise, joined by '+'."
         ),
     ] = "mismatched",

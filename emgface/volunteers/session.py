@@ -21,6 +21,7 @@ from emgface.volunteers.mismatch import draw_mismatch
 from emgface.volunteers.muscle_dynamics import activation_of_excitation
 from emgface.volunteers.noise import noise_for
 from emgface.volunteers.person import SimulatedVolunteer
+from emgface.volunteers.repetition import draw_deviation
 from emgface.volunteers.settings import VolunteerParameters
 
 TAIL = 0.5  #: simulated time after a trial [s], after which the face is at rest to a micrometre
@@ -39,12 +40,20 @@ def trial_excitation(
     """
     rng = person.rng(instruction, repetition)
     mismatch = draw_mismatch(person.seed, person.index, settings.world)
+    timing = draw_timing(rng, speed=person.speed, variability=person.variability)
+    levels, recruitment = person.efforts, mismatch.recruitment.get(instruction)
+    deviation = draw_deviation(
+        person.seed, person.index, instruction, repetition, settings.world, person.variability
+    )
+    if deviation is not None:
+        timing, recruitment = deviation.timed(timing), deviation.recruited(recruitment)
+        levels = {muscle: level * deviation.levels[muscle] for muscle, level in levels.items()}
     return true_activation(
         instruction,
-        timing=draw_timing(rng, speed=person.speed, variability=person.variability),
-        levels=person.efforts,
+        timing=timing,
+        levels=levels,
         co_contraction=person.co_contraction,
-        recruitment=mismatch.recruitment.get(instruction),
+        recruitment=recruitment,
         duration=settings.duration,
         tail=min(TAIL, settings.rest),
     )

@@ -21,7 +21,7 @@ from studies.science.subset import (
 )
 
 RECORDING: Final = ("pick-up", "noise")  #: kinds of mismatch of the EMG alone
-PERSON: Final = ("mesh", "laws", "courses", "strengths", "delay", "recruitment")
+PERSON: Final = ("mesh", "laws", "courses", "strengths", "delay", "recruitment", "repetition")
 """Kinds of mismatch of the person: the face and what its muscles do."""
 WORLDS: Final[dict[str, tuple[str, ...]]] = {
     "matched": (),

@@ -9,6 +9,7 @@ import xarray as xr
 from scipy.integrate import solve_ivp
 from scipy.signal import coherence, csd, welch
 from scipy.special import k0
+from scipy.stats import spearmanr
 
 from analysis.tables import origin_of
 from emgface.choices import configure
@@ -29,6 +30,7 @@ from emgface.volunteers.mismatch import draw_mismatch, world_parameters
 from emgface.volunteers.muscle_dynamics import activation_of_excitation
 from emgface.volunteers.noise import signal_to_noise
 from emgface.volunteers.person import draw_volunteer
+from emgface.volunteers.repetition import draw_deviation
 from emgface.volunteers.session import (
     amplifier_noise,
     simulate_session,
@@ -79,7 +81,9 @@ def test_a_world_is_named_by_what_is_mismatched() -> None:
             configure(World, wrong)
 
 
-@pytest.mark.parametrize("kind", ["delay", "recruitment", "pick-up", "noise", "strengths"])
+@pytest.mark.parametrize(
+    "kind", ["delay", "recruitment", "repetition", "pick-up", "noise", "strengths"]
+)
 def test_a_kind_of_mismatch_changes_only_the_named_quantity(kind: str) -> None:
     plain, other = recorded(MATCHED), recorded(mismatched_in([kind]))
     changed = {
@@ -91,6 +95,7 @@ def test_a_kind_of_mismatch_changes_only_the_named_quantity(kind: str) -> None:
         == {
             "delay": {"true_activation"},
             "recruitment": {"true_activation", "true_excitation", "emg"},
+            "repetition": {"true_activation", "true_excitation", "emg"},
             "pick-up": {"emg"},
             "noise": {"emg"},
             "strengths": set(),
@@ -100,6 +105,52 @@ def test_a_kind_of_mismatch_changes_only_the_named_quantity(kind: str) -> None:
     assert json.loads(other.attrs["settings"])["world"]["strength"] == (
         0.4 if kind == "strengths" else 0.0
     )
+
+
+# repetitions
+
+
+def test_repetitions_vary_as_published_profiles_do() -> None:
+    """Rank correlation of the peaks of twenty muscles: median 0.88, quartiles 0.81 and 0.91.
+
+    Spiegel et al. 2012; without variation, it is 1, and the correlation of the courses above 0.95.
+    """
+    fixed = settings(MISMATCHED.without("repetition"))
+    found, none = [], []
+    for index in range(1, 13):
+        person = draw_volunteer(index, 17)
+        for instruction in INSTRUCTIONS:
+            for own, ranks in ((settings(MISMATCHED), found), (fixed, none)):
+                peaks = [
+                    trial_excitation(person, instruction, r, own).max("time_true") for r in (1, 2)
+                ]
+                ranks.append(spearmanr(*peaks).statistic)
+    np.testing.assert_allclose(np.quantile(found, [0.25, 0.5, 0.75]), [0.81, 0.88, 0.91], atol=0.02)
+    assert np.median(none) > 0.99
+
+
+def test_deviations_have_their_spread_and_depend_on_the_repetition_only() -> None:
+    world = mismatched_in(["repetition"])
+    drawn = [draw_deviation(1, 1, "A", r, world, 1.0) for r in range(1, 401)]
+    spread = 0.88  # standard deviation of a normal variable truncated at 2 (clipped: 0.95)
+    for values, expected in (
+        ([np.log(d.effort) for d in drawn], world.repetition_effort),
+        ([d.onset for d in drawn], world.repetition_onset),
+        ([np.log(d.duration) for d in drawn], world.repetition_duration),
+        ([d.shift["ZYG"] for d in drawn], world.repetition_timing),
+    ):
+        assert spread * expected < np.std(values) < 1.05 * expected
+        assert abs(np.mean(values)) < 0.2 * expected
+    sides = [
+        np.mean([np.log(d.levels[m]) for m in MUSCLES if m.endswith("_L")])
+        - np.mean([np.log(d.levels[m]) for m in MUSCLES if m.endswith("_R")])
+        for d in drawn
+    ]
+    own = world.repetition_level * np.sqrt(2.0 / 10)  # of the means of ten muscles per side
+    expected = np.hypot(world.repetition_side, own)
+    assert np.std(sides) == pytest.approx(expected, rel=0.15)
+    assert draw_deviation(1, 1, "A", 7, world, 1.0) == drawn[6]
+    assert draw_deviation(1, 1, "A", 1, MATCHED, 1.0) is None
 
 
 # force
