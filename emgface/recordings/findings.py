@@ -9,7 +9,7 @@ where a person reads them.
 import json
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal, TypeVar, get_args
 
 import xarray as xr
 
@@ -18,6 +18,8 @@ from emgface.recordings.finding_codes import CODES, Verdict
 
 Kind = Literal["recording", "channel", "muscle", "marker"]
 KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
+
+_Data = TypeVar("_Data", xr.Dataset, xr.DataArray)
 
 ATTRIBUTE: Final = "findings"  #: attribute of a dataset that contains its findings
 LARGEST: Final = 2000  #: most findings that a dataset stores; further ones are counted
@@ -54,7 +56,7 @@ class Finding:
         return {"code": self.code, "kind": self.kind, "name": self.name, **dict(self.values)}
 
 
-def findings_in(dataset: xr.Dataset) -> list[Finding]:
+def findings_in(dataset: xr.Dataset | xr.DataArray) -> list[Finding]:
     """Return the findings stored with a dataset; DataError if the attribute is damaged."""
     text = str(dataset.attrs.get(ATTRIBUTE, "[]"))
     try:
@@ -78,7 +80,7 @@ def _finding(item: dict[str, Any]) -> Finding:
     return Finding(code, kind, name, item)  # pyright: ignore[reportArgumentType]
 
 
-def with_findings(dataset: xr.Dataset, found: Iterable[Finding]) -> xr.Dataset:
+def with_findings(dataset: _Data, found: Iterable[Finding]) -> _Data:
     """Store findings with a dataset, in addition to those that it has, each once."""
     every = {json.dumps(f.as_data(), sort_keys=True): f for f in [*findings_in(dataset), *found]}
     return _stored(dataset, list(every.values()))
@@ -92,7 +94,7 @@ def only_findings(dataset: xr.Dataset, keep: Callable[[Finding], Finding | None]
     return _stored(dataset, [finding for finding in changed if finding is not None])
 
 
-def _stored(dataset: xr.Dataset, found: Sequence[Finding]) -> xr.Dataset:
+def _stored(dataset: _Data, found: Sequence[Finding]) -> _Data:
     result = dataset.assign_attrs()
     result.attrs.pop(ATTRIBUTE, None)
     if found:

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.recordings.findings import Finding
-from emgface.signals.filters import TIME_EMG
+from emgface.signals.filters import TIME_EMG, row_dim
 from emgface.signals.running import running_sum
 
 QUIET: Final = 0.1  #: quantile of the windows that represents rest [1]
@@ -42,7 +42,7 @@ def rest_rms(signal: xr.DataArray, window: float, rate: float) -> xr.DataArray:
 
     `signal` has the dims (row, time_emg) [V], `window` is in seconds and `rate` in Hz.
     """
-    n, dim = round(window * rate), next(d for d in signal.dims if d != TIME_EMG)
+    n, dim = round(window * rate), row_dim(signal)
     values = signal.transpose(dim, TIME_EMG).values
     rest = [quiet_and_active(row, min(n, len(row)))[0] for row in values]
     return xr.DataArray(rest, {dim: signal[dim]}, dims=dim, attrs={"units": "V"})
@@ -55,7 +55,7 @@ def doubtful_rows(feature: xr.DataArray, signal: xr.DataArray) -> list[Finding]:
     feature consists mainly of noise; ``narrow_count``: a Willison amplitude whose range is below
     `FEW`, with the threshold that would serve, `SERVES` times the steps at rest.
     """
-    dim = str(next(d for d in feature.dims if d != "time"))
+    dim = row_dim(feature, "time")
     kind = "muscle" if dim == "muscle" else "channel"
     window = int(feature.attrs.get("window_samples", 0))
     found: list[Finding] = []
