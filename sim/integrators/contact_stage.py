@@ -1,9 +1,11 @@
-"""Converged stage of scenes with bodies, attachments or joints, with rows of contact.
+"""Converged stage of scenes with joints, or with contact of bodies and attachments.
 
 Newton's method on the stage's equation g(d) = G'f for the motion d from its base: each iteration
 solves A dx = s^2 (G'f - g) with the forces f of all rows, r + G dx + C f = 0 or >= 0 with Coulomb's law,
 from their Delassus matrix s^2 G A^-1 G' (`rows_of_step`). The motion is shortened until
-the Lagrangian phi - f . G d decreases, which has the exact gradient.
+the Lagrangian phi - f . G d decreases, which has the exact gradient. An equilibrium under joints is a
+stage of infinite duration with s = 1, whose matrix contains the curvature of the rows
+(`equilibrium_rows`).
 
 In large scenes A is factorised and serves many iterations, with compact quasi-Newton updates
 H = s^2 A^-1 + E'ME (`quasi_newton`), and the Delassus matrix is that of the compliance of an earlier
@@ -11,18 +13,19 @@ factor (`sim.contact.compliance`) with E'ME. Every solution for a change of the 
 no row moves otherwise than expected.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim.contact.rows import Rows
+from sim.contact.rows import Rows, no_rows
 from sim.contact.step import ContactStep
 from sim.dense import inverse
 from sim.errors import NotConverged
-from sim.integrators.incremental import IncrementalPotential
-from sim.integrators.joint_equations import conditions
+from sim.integrators.equilibrium_rows import FARTHEST, ReducedStiffness
+from sim.integrators.incremental import PotentialOfMoves
 from sim.integrators.linear_rows import ROUNDS
 from sim.integrators.newton import (
     Iteration,
@@ -34,7 +37,7 @@ from sim.integrators.newton import (
     rounding_of,
 )
 from sim.integrators.newton_factor import Key
-from sim.integrators.rows_of_step import STILL, JointRows, RowsAt, RowsOfStep, dense
+from sim.integrators.rows_of_step import STILL, RowsAt, RowsOfStep, dense, joint_rows
 from sim.integrators.workspace import Workspace
 from sim.linear import NotPositiveDefinite
 from sim.multibody import MOST_DENSE
@@ -54,7 +57,7 @@ PLACES, PLACED = 3, 1e-6
 
 @dataclass(frozen=True, eq=False)
 class StageInContact:
-    """End of a stage with contact, with the methods of `contact_converged.Settled`."""
+    """End of a stage with rows, with the methods of `contact_converged.Settled`."""
 
     point: Point
     pose: Pose  #: with penetrations removed
@@ -65,12 +68,14 @@ class StageInContact:
     rows: Rows
     at: RowsAt
     f: Array  #: (m,) forces of all rows
-    step: ContactStep
+    step: ContactStep | None
     solver: RowsOfStep
 
     def held(self, rhs: Array) -> Array:
         """Solution (n,) for a right-hand side; joints and active rows stay closed."""
-        return self.at.kept(self.f != 0.0, rhs, self.solver.solve)[0]
+        on = self.f != 0.0
+        on[self.at.blocks.equations] = True
+        return self.at.kept(on, rhs, self.solver.solve)[0]
 
     def kick(self, old: Index) -> Array:
         """Motion (n,) due to the present forces on vertices whose slots are not in `old`."""
@@ -79,11 +84,15 @@ class StageInContact:
 
     def outside(self, pose: Pose, after: float) -> Pose:
         """Pose a time [s] after the end, without penetration of the active rows."""
+        if self.step is None:
+            return pose
         active = self.rows.take(np.flatnonzero(self.f[self.at.first] > 0.0))
         return self.solver.moved_out(pose, self.step.ahead(active, after), search=False)[0]
 
     def base(self, pose: Pose, after: float) -> Pose:
         """As `outside`, of all rows: bodies would rebound from the face that their base has passed."""
+        if self.step is None:
+            return pose
         return self.solver.moved_out(pose, self.step.ahead(self.rows, after), search=False)[0]
 
 
@@ -92,8 +101,8 @@ class StageWithRows:
 
     def __init__(
         self,
-        phi: IncrementalPotential,
-        step: ContactStep,
+        phi: PotentialOfMoves,
+        step: ContactStep | None,
         work: Workspace,
         key: Key,
         tolerances: Tolerances,
@@ -107,18 +116,29 @@ class StageWithRows:
         self._residuals, self._left, self._shortest = list[float](), np.inf, 1.0
         # of the last iteration: start, displacement by the factor without rows, number of the factor
         self._moved: tuple[Point, Array, int] | None = None
+        self._stiff: ReducedStiffness | None = None  # of an equilibrium
+
+    @property
+    def _rests(self) -> bool:
+        return self._phi.duration == math.inf
 
     def solve(self, point: Point, way: Array) -> StageInContact:
-        """Motion from a start, with nodal displacements (n_points,) of at most `way` [m].
+        """Motion from a start, with nodal displacements (n_points,) of at most `way` [m] by contact.
 
         Raises NotConverged if the tolerances were not met, or new rows appear in every iteration;
         SingularSystem if the matrix could not be factorised.
         """
         step, made_here, f = self._step, not self._work.newton.belongs_to(self._key), None
-        if made_here:
+        if made_here or self._rests:  # an older factor has an unknown multiple of the unit matrix
             self._renew(point)
         else:
             self._solve_densely()
+        if step is None:
+            made_here = made_here or self._rests
+            point, at, f = self._settled(no_rows(), point, made_here, None)
+            pose = self._phi.pose(point.d)
+            about = {}, np.zeros_like(pose.q), f, no_rows(), at, f, None
+            return StageInContact(point, pose, self._went(), *about, self._rows)
         found = step.at_start(way)
         rows, searches, places = step.entering(found), 0, 0
         lift = rows.gap - found.gap  # initial depths may remain
@@ -142,16 +162,20 @@ class StageWithRows:
                 reason = "new contact constraints appear in every iteration"
                 raise NotConverged(tuple(self._residuals), self._until, reason)
         pose, near = self._rows.moved_out(pose, near)
-        counts = self._iterations, self._factorisations, self._residuals[-1]
-        went = Iteration(*counts, self._left, self._shortest, self._shifts)
         memory = step.memory(pose.q, near, at.remembered, acting)
         pushed = rows.spread(acting.on_vertices(rows), len(pose.q))
         about = memory, pushed, f[: at.joints] if at.joints else None, rows, at, f, step
-        return StageInContact(point, pose, went, *about, self._rows)
+        return StageInContact(point, pose, self._went(), *about, self._rows)
+
+    def _went(self) -> Iteration:
+        counts = self._iterations, self._factorisations, self._residuals[-1]
+        return Iteration(*counts, self._left, self._shortest, self._shifts)
 
     def _renew(self, point: Point) -> None:
         with self._work.timed("tangent"):
             A = self._phi.matrix(point.d)
+        if self._rests:
+            self._stiff = ReducedStiffness.regularised(self._phi, A, self._work.newton)
         try:
             more = self._work.newton.factorise(A, self._phi.shift, self._key)
         except NotPositiveDefinite as error:
@@ -166,18 +190,22 @@ class StageWithRows:
     def _solve_densely(self) -> None:
         """In small scenes use the inverse in double precision: rows may repeat each other."""
         values, pattern = self._work.newton.matrix, self._system.pattern
-        if values is not None and pattern.n <= MOST_DENSE:
+        if values is not None and pattern.n <= MOST_DENSE and not self._rests:
             self._inverse = inverse(dense(pattern, values), "the matrix of the stage")
 
     def _solved(self, rhs: Array) -> Array:
         """Solution (n,) by the factor at hand."""
+        if self._stiff is not None:
+            return self._stiff.solve(rhs)
         return self._work.newton.solve(rhs) if self._inverse is None else self._inverse @ rhs
 
     def _delassus(self, G: csr_array) -> Array:
         """G A^-1 G' (m, m)."""
         if not G.shape[0]:
             return np.zeros((0, 0))
-        if self._inverse is None:
+        if self._stiff is not None:
+            product = self._stiff.between(G)
+        elif self._inverse is None:
             scale = self._phi.scale
             product = self._work.contact.compliance(scale).between(G, G) / scale
         else:
@@ -187,7 +215,7 @@ class StageWithRows:
     def _free(self, start: Point) -> Array:
         """Motion (n,) without rows, by the factor and its updates."""
         by_factor = -self._phi.scale * self._solved(start.g)
-        if self._inverse is not None:
+        if self._inverse is not None or self._rests:
             return by_factor
         newton, secants = self._work.newton, self._work.newton.inverse_secants
         if self._moved is not None and self._moved[2] == newton.number:
@@ -199,7 +227,7 @@ class StageWithRows:
     def _pushed(self, at: RowsAt, free: Array, before: Array) -> tuple[Array, Array]:
         """Forces (m,) of rows and the motion (n,) that they cause, from initial forces (m,)."""
         at.S = self._delassus(at.G)
-        if self._inverse is not None or not at.G.shape[0]:
+        if self._inverse is not None or self._rests or not at.G.shape[0]:
             f = at.forces(at.value + at.G @ free, before, STILL, self._until)
             return f, at.scale * self._solved(at.G.T @ f)
         secants, compliance = (
@@ -209,9 +237,9 @@ class StageWithRows:
         by_factor = at.S
         of_updates = secants.between(secants.seen_by(at.G)) / at.scale
         at.S = by_factor + of_updates
-        most = max(
-            CLOSED * self._step.tolerances.residual, SHARE * float(np.abs(free).max(initial=0.0))
-        )
+        step, own = self._step, self._tolerances.tolerance
+        least = CLOSED * (own if step is None else step.tolerances.residual)
+        most = max(least, SHARE * float(np.abs(free).max(initial=0.0)))
         push = at.G.T @ before
         f, u = before, at.scale * self._solved(push) + secants.added(push)
         for _ in range(PASSES):
@@ -235,11 +263,7 @@ class StageWithRows:
 
     def _at(self, rows: Rows, d: Array) -> RowsAt:
         """Rows at a motion, with their derivatives by it."""
-        joints = None
-        if self._system.rows is not None:
-            now = conditions(self._phi, d)
-            about = now.compliance, now.rows.unilateral
-            joints = JointRows(now.rows.columns, now.G, now.r, *about)
+        joints = None if self._system.rows is None else joint_rows(self._phi, d)
         return self._rows.at(rows, self._phi.pose(d), joints, d)
 
     def _settled(
@@ -250,6 +274,8 @@ class StageWithRows:
         at, last = self._at(rows, point.d), np.inf
         for _ in range(tolerances.max_iterations):
             start, self._iterations = phi.at(point), self._iterations + 1
+            if self._stiff is not None:
+                self._stiff.bend(self._phi, start, joint_rows(self._phi, point.d))
             free = self._free(start)
             f, pushed = self._pushed(at, free, at.before if f is None else f)
             move = free + pushed
@@ -277,7 +303,7 @@ class StageWithRows:
             left, before_last, last = error_left(moved, last), last, moved
             self._residuals.append(residual)
             self._left = left
-            if tolerances.met(left, residual):
+            if at.broken <= tolerances.tolerance and tolerances.met(left, residual):
                 at.S = self._delassus(at.G)
                 return point, at, f
             made_here = length < 1.0 or moved > tolerances.keep_factor * before_last
@@ -290,8 +316,12 @@ class StageWithRows:
     def _search(
         self, start: Point, at: RowsAt, f: Array, move: Array
     ) -> tuple[float, Point] | None:
-        """Longest tried step with det F > 0 and sufficient decrease of the Lagrangian, or None."""
-        Gx, soft = at.G @ move, at.compliance > 0.0
+        """Longest tried step with det F > 0 and sufficient decrease of the Lagrangian, or None.
+
+        Rows that yield have the energy (r + G x)^2/(2 C) in place of forces.
+        """
+        Gx, soft, f = at.G @ move, at.compliance > 0.0, f.copy()
+        f[soft] = -at.value[soft] / at.compliance[soft]
         slope, borne = dot(start.g, move) - dot(f, Gx), dot(f, Gx)
         stored = 0.5 * float((Gx[soft] ** 2 / at.compliance[soft]).sum())
 
@@ -302,7 +332,8 @@ class StageWithRows:
             return Trial(end, end.here.smallest_J, change, there)
 
         rounding = rounding_of(start.phi, start.here.energy, borne)
-        return line_search(trial, slope, rounding)
+        farthest = float(np.abs(move).max(initial=0.0)) if self._rests else 0.0
+        return line_search(trial, slope, rounding, FARTHEST / max(farthest, FARTHEST))
 
 
 def _at_end(rows: Rows, lift: Array, near: Rows) -> Rows:

@@ -1,7 +1,6 @@
 """Incremental potential of one implicit stage, and base class shared with equilibria."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,17 +17,13 @@ from sim.vectors import dot
 class PotentialOfMoves(Potential):
     """A potential of motions d (n,) of the coordinates from a base, under one control.
 
-    `duration` is the time in which motions take place, infinite for an equilibrium [s]; `sigma` the
-    stiffness that the factor has in addition on velocities on which joints act; `reaction` and `held`
-    are of a minimum under joints, as of `sim.integrators.joined`.
+    `duration` is the time in which motions take place, infinite for an equilibrium [s].
     """
 
     def __init__(self, system: System, base: Pose, control: Control, work: Workspace) -> None:
         self.system = system
         self.base, self._control, self._work = base, control, work
-        self.duration, self.sigma = math.inf, 0.0
-        self.reaction: Array | None = None
-        self.held: Callable[[Array], Array] | None = None
+        self.duration = math.inf
 
     def pose(self, d: Array) -> Pose:
         """Pose after a motion, at the time of the control."""

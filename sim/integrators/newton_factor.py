@@ -21,8 +21,7 @@ class NewtonFactor:
     """Factor that serves the iterations of many steps.
 
     `key` is None if the latest factor is of another matrix; `number` counts factors; `secants` and
-    `inverse_secants` are updates of the factor; `on_rows` is the number of a factor and its solutions
-    for the velocities on which joints act.
+    `inverse_secants` are updates of the factor.
     """
 
     def __init__(self, solver: AnalysedSolver, timed: Timed) -> None:
@@ -30,7 +29,6 @@ class NewtonFactor:
         self.key: Key | None = None
         self.number = 0
         self.secants, self.inverse_secants = SecantMemory(), InverseSecants()
-        self.on_rows: tuple[int, object] | None = None
         self._made_of: Array | None = None
         self._beside: Matrix | None = None
 

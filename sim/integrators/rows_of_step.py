@@ -4,6 +4,7 @@ Rows act on points; with v = R w + gamma their derivatives by the velocities are
 times R.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -16,6 +17,7 @@ from sim.contact.step import CORRECTIONS, ContactStep
 from sim.dense import reported
 from sim.errors import NotConverged
 from sim.held import held
+from sim.integrators.incremental import PotentialOfMoves
 from sim.integrators.step_solver import Solution
 from sim.joints.compiled import REDUNDANT
 from sim.matrix import Matrix
@@ -77,6 +79,23 @@ class JointRows:
     unilateral: Flags  #: (j,)
 
 
+def joint_rows(phi: PotentialOfMoves, d: Array) -> JointRows:
+    """Rows r + compliance f = 0, or r >= 0, of joints at a motion d (n,), with derivatives by it.
+
+    Rigid rows hold for velocities, r = s (G w + drift), so that stages keep their order and no fast mode
+    is left in their forces; with a time constant T, r = (c + T (G w + drift))/(1 + T/s).
+    """
+    rows, s = phi.system.rows, phi.duration
+    assert rows is not None  # callers check that the scene has joints
+    now, share = rows.evaluate(phi.pose(d)), 1.0 + rows.damping_time / s
+    rate = np.zeros(len(now.c)) if s == math.inf else now.G @ d[rows.columns] / s + now.drift
+    r = (now.c + rows.damping_time * rate) / share
+    if s < math.inf:
+        r[rows.rigid] = s * rate[rows.rigid]
+    G = rows.by_motion(now.G, d)
+    return JointRows(rows.columns, G, r, rows.compliance / share, rows.unilateral)
+
+
 @dataclass(eq=False)
 class RowsAt:
     """Rows of joints, then those of contacts, each with its tangents."""
@@ -99,6 +118,15 @@ class RowsAt:
     def joints(self) -> int:
         """Number of rows of joints."""
         return int((self.slot < 0).sum())
+
+    @property
+    def broken(self) -> float:
+        """Largest violation of a joint that does not yield [m, rad]."""
+        j = self.joints
+        r, equation = self.value[:j], np.zeros(j, dtype=bool)
+        equation[self.blocks.equations] = True
+        open_by = np.where(equation, np.abs(r), -r)[self.compliance[:j] == 0.0]
+        return float(open_by.max(initial=0.0))
 
     def acting(self, f: Array, gap: Array) -> Acting:
         """Contact forces of the forces (m,) of rows, with gaps (k,)."""

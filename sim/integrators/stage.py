@@ -14,11 +14,9 @@ from sim.integrators.contact_stage import StageInContact, StageWithRows
 from sim.integrators.estimate import relaxed
 from sim.integrators.incremental import (
     IncrementalPotential,
-    PotentialOfMoves,
     Stage,
     VaryingInertia,
 )
-from sim.integrators.joined import minimise_joined
 from sim.integrators.newton import Iteration, Point, Potential, Tolerances, minimise
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
@@ -55,9 +53,6 @@ class Iterative(Tolerances):
             )
 
         def settle(potential: Potential, point: Point) -> tuple[Point, Iteration]:
-            if system.rows is not None:
-                assert isinstance(potential, PotentialOfMoves)  # without contact
-                return minimise_joined(potential, point, work, key, self, until)
             if system.constraints is None:
                 return minimise(potential, point, work, key, self, until)
             return minimise_constrained(potential, point, work, self, until)
@@ -67,18 +62,18 @@ class Iterative(Tolerances):
 
 @dataclass(frozen=True)
 class Solved:
-    """Pose and independent velocities w (n,) at the end of a stage, its iteration, contact and joints.
-
-    `reaction` are the forces of the rows of joints, and `held` solves with the matrix under them.
-    """
+    """Pose and independent velocities w (n,) at the end of a stage, its iteration, and its rows."""
 
     pose: Pose
     w: Array
     here: Evaluation
     went: Iteration
     contact: Settled | StageInContact | None = None
-    reaction: Array | None = None
-    held: Callable[[Array], Array] | None = None
+
+    @property
+    def reaction(self) -> Array | None:
+        """Forces of the rows of joints."""
+        return self.contact.reaction if isinstance(self.contact, StageInContact) else None
 
     @property
     def memory(self) -> Mapping[str, Array]:
@@ -107,19 +102,20 @@ class Converged(Iterative):
         settle = self._minimiser(system, work, stage.s, stage.t)
         start = phi.start(state.pose, None if varies else here)
 
-        if system.contact is None:
-            end, went = settle(phi, start)
-            pose, w = phi.pose(end.d), phi.velocities(end.d)
-            return Solved(pose, w, end.here, went, None, phi.reaction, phi.held)
-        key = (type(self).__name__, stage.s)
-        contact = ContactStep(system.contact, state, stage.t)
-        if varies or system.rows is not None:
+        key, contact = (type(self).__name__, stage.s), None
+        if system.contact is not None:
+            contact = ContactStep(system.contact, state, stage.t)
+        if system.rows is not None or (varies and contact is not None):
             way = np.linalg.norm(phi.positions(phi.inertial_guess()) - state.q, axis=1)
             rows = StageWithRows(phi, contact, work, key, self, stage.t)
             done = rows.solve(start, AHEAD_OF_STAGE * way)
-            here = moved_upright(phi, done.point, done.pose.q, stage.t)
-            w = phi.velocities(done.point.d)
-            return Solved(done.pose, w, here, done.went, done, done.reaction)
+            here = done.point.here
+            if contact is not None:
+                here = moved_upright(phi, done.point, done.pose.q, stage.t)
+            return Solved(done.pose, phi.velocities(done.point.d), here, done.went, done)
+        if contact is None:
+            end, went = settle(phi, start)
+            return Solved(phi.pose(end.d), phi.velocities(end.d), end.here, went)
         v = system.kinematics.displacements(stage.u, stage.base)
         way = np.linalg.norm(stage.base.q + stage.s * v - state.q, axis=1)
         # Hard landings take up to 150 iterations in all, ordinary steps about ten.
@@ -145,13 +141,10 @@ class Converged(Iterative):
         also those that were stopped within the step: their position is that of the face, whenever they
         met it.
         """
-        held = end.held
 
         def solve(rhs: Array) -> Array:
             if end.contact is not None:
                 return end.contact.held(rhs)
-            if held is not None:
-                return held(rhs)
             return (
                 work.newton.solve(rhs)
                 if system.constraints is None

@@ -7,6 +7,7 @@ import numpy as np
 
 from sim.contact.step import ContactStep
 from sim.integrators.contact_converged import minimise_in_contact
+from sim.integrators.contact_stage import StageWithRows
 from sim.integrators.contract import require_fixed_contact, require_upright
 from sim.integrators.incremental import PotentialOfMoves
 from sim.integrators.newton import Point
@@ -49,7 +50,13 @@ class Static(Iterative):
         until, memory = state.t + h, dict[str, Array]()
         settle = self._minimiser(system, work, 0.0, until)
         moved: Array | None = None
-        if system.contact is None:
+        if system.rows is not None:
+            rows = StageWithRows(energy, None, work, ("Static", 0.0), self, until)
+            done = rows.solve(start, np.zeros(len(state.q)))
+            assert done.reaction is not None  # of the rows of joints
+            end, went, memory[REACTIONS] = done.point, done.went, done.reaction
+            least = end.here.smallest_J
+        elif system.contact is None:
             end, went = settle(energy, start)
             least = end.here.smallest_J
         else:
@@ -63,8 +70,6 @@ class Static(Iterative):
         pose = energy.pose(end.d)
         if moved is not None:
             pose = replace(pose, q=moved)
-        if energy.reaction is not None:
-            memory[REACTIONS] = energy.reaction
         still = np.zeros(system.pattern.n)
         new = system.kinematics.state(pose, still, {**system.remember(pose.q), **memory})
         return new, StepReport(h=h, smallest_J=least, **asdict(went))

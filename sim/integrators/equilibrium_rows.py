@@ -1,0 +1,109 @@
+"""Stiffness of an equilibrium under joints: that of the tissue with the curvature of the rows.
+
+Joints act on few velocities x_c = E'x, to which the factor of A + sigma E E' reduces the stiffness,
+K = (E'(A + sigma E E')^-1 E)^-1 - sigma. The multiple of the unit matrix makes A, which may be singular
+for motions that joints prevent, definite. The equilibrium of a pendulum owes its stability to the
+curvature of the rows alone; K + B with the second derivative B of -f . c has it. Multiples of G'G of
+rigid rows, G x + r = 0, make K + B definite and leave the motion as it is (augmented Lagrangian; Nocedal
+and Wright, Numerical Optimization, 17.3).
+"""
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from sim.dense import inverse, least, reported
+from sim.integrators.incremental import PotentialOfMoves
+from sim.integrators.newton import Point
+from sim.integrators.newton_factor import NewtonFactor
+from sim.integrators.rows_of_step import JointRows, joint_rows
+from sim.joints.compiled import REDUNDANT, ROWS
+from sim.matrix import Matrix
+from sim.scene import Index
+from sim.state import Array
+
+BESIDE = 1e-5  #: motions between which the curvature of rows is differenced [m, rad]
+ON = 1e-9  #: value below which an inequality counts as active [m, rad]
+CONVEX = 1e-4  #: least curvature along motions that the rows allow, relative to the largest one
+STIFFER = 12  #: largest number of tenfold multiples of G'G
+FARTHEST = 0.5
+"""Largest motion of bodies in an iteration [m, rad], beyond which the model is not used."""
+
+
+class ReducedStiffness:
+    """Solutions with the stiffness A + E (B - sigma) E' by a factor of A + sigma E E'."""
+
+    def __init__(self, columns: Index, sigma: float, factor: NewtonFactor) -> None:
+        self._columns, self._sigma, self._factor = columns, sigma, factor
+        self._X: Array | None = None
+        self._K0 = self._K = self._inverse = np.zeros((0, 0))
+
+    @classmethod
+    def regularised(
+        cls, phi: PotentialOfMoves, A: Matrix, factor: NewtonFactor
+    ) -> "ReducedStiffness":
+        """Add sigma to a matrix on the velocities of joints, before it is factorised."""
+        assert phi.system.rows is not None  # callers check that the scene has joints
+        columns = phi.system.rows.columns
+        sigma = float(np.abs(A.values[A.pattern.diagonal]).max()) or 1.0
+        A.values[A.pattern.diagonal[columns]] += sigma
+        return cls(columns, sigma, factor)
+
+    def bend(self, phi: PotentialOfMoves, at: Point, rows: JointRows) -> None:
+        """Set the curvature of the rows at a point."""
+        if self._X is None:
+            unit = np.zeros((len(self._columns), len(at.d)))
+            unit[np.arange(len(unit)), self._columns] = 1.0
+            self._X = np.array([self._factor.solve(e) for e in unit])
+            self._K0 = inverse(self._X[:, self._columns], ROWS)
+        K = self._K0 - self._sigma * np.eye(len(self._columns))
+        K = 0.5 * (K + K.T) + _curvature(phi, at, rows)
+        rigid = ~rows.unilateral & (rows.compliance == 0.0)
+        self._K = _definite(K, rows.G[rigid], self._sigma)
+        self._inverse = inverse(self._K, ROWS)
+
+    def solve(self, rhs: Array) -> Array:
+        """Solution (n,) for a right-hand side."""
+        assert self._X is not None  # `bend` sets it
+        x = self._factor.solve(rhs)
+        pull = self._K0 @ x[self._columns]
+        return x - ((self._K - self._K0) @ (self._inverse @ pull)) @ self._X
+
+    def between(self, G: csr_array) -> Array:
+        """Delassus matrix (m, m) of rows (m, n)."""
+        own = np.asarray(G.toarray())[:, self._columns]
+        return np.asarray(own @ self._inverse @ own.T)
+
+
+def _definite(K: Array, G: Array, rho: float) -> Array:
+    """K with a multiple of G'G, at least `rho`, and of a diagonal if it is not convex along G x = 0."""
+    # in units in which the diagonal is 1, because motions are in m and rad
+    size = np.abs(np.diag(K))
+    unit = np.sqrt(size.clip(1e-12 * float(np.abs(K).max()) or 1.0))
+    hard, free = G / unit, np.eye(len(K))
+    with reported(ROWS):
+        if len(hard):
+            _, singular, V = np.linalg.svd(hard)
+            free = V[int((singular > 1e-10 * singular[0]).sum()) :].T
+        if free.shape[1]:
+            lowest = float(np.linalg.eigvalsh(free.T @ (K / np.outer(unit, unit)) @ free)[0])
+            if lowest < CONVEX:
+                K = K + (abs(lowest) + CONVEX) * np.diag(unit**2)
+        for _ in range(STIFFER if len(G) else 0):
+            closing = K + rho * (G.T @ G)
+            if np.linalg.eigvalsh(closing / np.outer(unit, unit))[0] > 0.0:
+                return closing
+            rho *= 10.0
+    return K
+
+
+def _curvature(phi: PotentialOfMoves, at: Point, now: JointRows) -> Array:
+    """Second derivative (k, k) of -f . c by differences; the forces f balance the gradient best."""
+    columns, on = now.columns, ~now.unilateral | (now.value < ON)
+    f = np.zeros(len(on))
+    f[on] = least(now.G[on].T, at.g[columns], ROWS, REDUNDANT)
+    out, way = np.empty((len(columns), len(columns))), np.zeros(len(at.d))
+    for k, column in enumerate(columns):
+        way[column] = BESIDE
+        out[k] = f @ (joint_rows(phi, at.d - way).G - joint_rows(phi, at.d + way).G)
+        way[column] = 0.0
+    return (out + out.T) / (4.0 * BESIDE)
