@@ -12,7 +12,6 @@ from emgface.face.parts import LIPS
 from emgface.face.penetration import Penetration
 from sim import State
 from sim.probes import Contacts, Variable
-from sim.scene import MeasuresContact
 from sim.state import Control, StepReport
 from sim.system import System
 
@@ -55,7 +54,7 @@ class LipProbe:
     ) -> tuple[float, ...]:
         """Measure a state; without contact the gap is NaN."""
         start = time.process_time()
-        touches = any(isinstance(term, MeasuresContact) for term in system.terms)
+        touches = system.contact is not None
         gaps = Contacts().record(system, state, control, report)[1] if touches else np.nan
         self.path[round(state.t, 9)] = state.q[self._nodes]
         turns = state.t / self._period

@@ -9,16 +9,7 @@ from sim.errors import SceneError
 from sim.joints.compiled import Rows
 from sim.kinematics import Kinematics, lay_out_kinematics
 from sim.mesh import Mesh
-from sim.multibody import ActsOnPoints
-from sim.scene import (
-    HasApart,
-    HasMass,
-    HasMuscles,
-    HasProduct,
-    HasSparse,
-    Layout,
-    Scene,
-)
+from sim.scene import CompiledTerm, Layout, Scene, Term, having
 from sim.state import Array, Control, Pose
 from sim.system import System
 
@@ -36,33 +27,33 @@ def compile_scene(scene: Scene) -> System:
     mass[scene.first_centre :] = [body.mass for body in scene.bodies]
     names: list[str] = []
     for term in scene.terms:
-        if isinstance(term, HasMass):
-            mass += term.node_mass(mesh)
-        if isinstance(term, HasMuscles):
-            names.extend(term.muscle_names())
-    if sum(isinstance(term, HasApart) for term in scene.terms) > 1:
+        _require(term, Term)
+        mass += term.node_mass(mesh)
+        names.extend(term.muscle_names())
+    if len(having(scene.terms, "apart")) > 1:
         raise SceneError("a scene has two ConstraintContact, expected one with all pairings")
     repeated = {name for name in names if names.count(name) > 1}
     if repeated:
         raise SceneError(f"muscle name {sorted(repeated)[0]!r} occurs twice, expected unique names")
     empty, declared = [np.empty(0, dtype=np.int64)], scene.terms
     if scene.bodies or scene.joints:  # the matrix of points has no entries for rows of contact
-        declared = tuple(t.apart() if isinstance(t, HasApart) else t for t in declared)
+        declared = tuple(term.apart() for term in declared)
     keys = np.concatenate(
         empty + [part.pair_keys(mesh) for part in (*declared, *scene.constraints)]
     )
     pattern, kinematics = lay_out_kinematics(mesh, mass, keys, scene.bodies, scene.reductions)
     layout = Layout(mesh, mass, pattern, tuple(names), kinematics.carriers())
     terms = tuple(term.compile(layout) for term in declared)
+    for term in terms:
+        _require(term, CompiledTerm)
     conditions = None
     if scene.constraints:
         parts = [c.compile(layout) for c in scene.constraints]
         conditions = unite(parts, kinematics, _rest(kinematics, mesh))
     sparse, apart = _sparse(scene), None
-    with_rows = any(isinstance(term, HasApart) for term in declared)
-    if with_rows and not scene.constraints and not any(isinstance(t, HasProduct) for t in terms):
-        alone = (t.apart() if isinstance(t, HasApart) else t for t in scene.terms)
-        apart = compile_scene(replace(scene, terms=tuple(alone)))
+    in_matrix = having(declared, "apart")
+    if in_matrix and not scene.constraints and not having(terms, "product"):
+        apart = compile_scene(replace(scene, terms=tuple(term.apart() for term in scene.terms)))
     system = System(
         scene,
         mesh,
@@ -79,13 +70,11 @@ def compile_scene(scene: Scene) -> System:
     if scene.damping is None:
         return system
     # lines and bodies have a damping of their own
-    lines = tuple(
-        t
-        for own, t in zip(declared, terms, strict=True)
-        if isinstance(t, ActsOnPoints) and own.pair_keys(mesh).size
-    )
-    of_tissue = (t for t in terms if not isinstance(t, ActsOnPoints))
-    tissue, along = replace(system, terms=tuple(of_tissue)), replace(system, terms=lines)
+    of_bodies = having(terms, "add_to")
+    pairs = zip(declared, terms, strict=True)
+    lines = tuple(t for own, t in pairs if t in of_bodies and own.pair_keys(mesh).size)
+    of_tissue = tuple(t for t in terms if t not in of_bodies)
+    tissue, along = replace(system, terms=of_tissue), replace(system, terms=lines)
 
     def stiffness(q: Array, control: Control, K: Array | None = None) -> Array:
         if K is None:
@@ -96,6 +85,13 @@ def compile_scene(scene: Scene) -> System:
     mass[scene.first_centre :] = 0.0
     damping = scene.damping.compile(replace(layout, node_mass=mass), stiffness)
     return replace(system, damping_law=damping)
+
+
+def _require(term: object, base: type) -> None:
+    if not isinstance(term, base):
+        raise SceneError(
+            f"{type(term).__name__} is no term: make it a subclass of sim.scene.{base.__name__}"
+        )
 
 
 def _rest(kinematics: Kinematics, mesh: Mesh) -> Pose:
@@ -116,7 +112,7 @@ def _sparse(scene: Scene) -> System | None:
 
     Not with constraints, which require the assembled matrix.
     """
-    if scene.constraints or not any(isinstance(term, HasSparse) for term in scene.terms):
+    if scene.constraints or not having(scene.terms, "sparse"):
         return None
-    terms = tuple(t.sparse() if isinstance(t, HasSparse) else t for t in scene.terms)
+    terms = tuple(term.sparse() for term in scene.terms)
     return compile_scene(replace(scene, terms=terms))

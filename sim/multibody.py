@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from sim.joints.compiled import Rows, row_table
 from sim.kinematics import Kinematics
 from sim.kinematics.articulated import Articulated
 from sim.pattern import Index
+from sim.scene import CompiledTerm, having
 from sim.state import Array, Pose
 
 MOST_DENSE = 240  #: largest number of velocities that are solved for with a dense matrix
@@ -36,15 +36,6 @@ class PointForces:
     )  #: laws of fibres, and the points of each
     #: point and plane of each, as of `BodyTable`
     morsels: list[tuple[int, Array]] = field(default_factory=list[tuple[int, Array]])
-
-
-@runtime_checkable
-class ActsOnPoints(Protocol):
-    """Compiled term whose forces can be evaluated by the fused step."""
-
-    def add_to(self, forces: PointForces) -> None:
-        """Add the forces of the term."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +88,7 @@ def lay_out_multibody(
     kinematics: Kinematics,
     X: Array,
     bodies: Sequence[Body],
-    terms: Sequence[object],
+    terms: Sequence[CompiledTerm],
     rows: Rows | None,
     names: Sequence[str],
 ) -> tuple[Multibody | None, str]:
@@ -115,8 +106,11 @@ def lay_out_multibody(
     forces = PointForces(np.zeros_like(X))
     eaten = list[str]()
     for name, term in zip(names, terms, strict=True):
-        if not isinstance(term, ActsOnPoints):
-            return None, f"{name} has no table of forces on points (`sim.multibody.ActsOnPoints`)"
+        if not having([term], "add_to"):
+            return (
+                None,
+                f"{name} has no table of forces on points (`sim.scene.CompiledTerm.add_to`)",
+            )
         before = len(forces.morsels)
         term.add_to(forces)
         eaten += [name] * (len(forces.morsels) - before)

@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.errors import SceneError
 from sim.indices import count_of, index, indices, kept_until_known
-from sim.scene import Index, MeasuresContact
+from sim.scene import Index
 from sim.state import Array, Control, Outputs, State, StepReport
 from sim.system import System
 from sim.vectors import dot
@@ -266,9 +266,8 @@ class Contacts:
 
     def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Measure the contacts of the state."""
-        for term in system.terms:
-            if isinstance(term, MeasuresContact):
-                return term.measure(state, control)
-        raise SceneError(
-            "the probe Contacts found no contact in the scene: declare one or remove the probe"
-        )
+        if system.contact is None:
+            raise SceneError(
+                "the probe Contacts found no contact in the scene: declare one or remove the probe"
+            )
+        return system.contact.measure(state)

@@ -5,9 +5,9 @@ a new file, without changes elsewhere. Arguments outside their range, or that do
 or, on compiling, the mesh, raise `SceneError`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
@@ -18,7 +18,10 @@ from sim.kinematics.members import Member
 from sim.matrix import Product
 from sim.mesh import Mesh
 from sim.pattern import Index, SymmetricPattern
-from sim.state import Array, Control, State
+from sim.state import Array, Control
+
+if TYPE_CHECKING:
+    from sim.multibody import PointForces
 
 
 @dataclass(frozen=True)
@@ -42,163 +45,104 @@ class Contribution:
     element: int = -1
 
 
-class CompiledTerm(Protocol):
-    """Compiled term."""
+class CompiledTerm:
+    """Base class of compiled terms: forces at positions q, and what else a term may have.
+
+    A subclass defines `add`, and those of the other methods that it needs. A method that no term of a
+    scene defines is never called (`having`).
+    """
 
     def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
         """F += force [N] at positions q, both (n_nodes, 3) [m], and K += -df/dq [N/m], if given.
 
         K are values of the pattern.
         """
-        ...
+        raise NotImplementedError
 
-
-class Term(Protocol):
-    """Interface of terms, the sources of force."""
-
-    def pair_keys(self, mesh: Mesh) -> Index:
-        """Node pairs ``a * n_nodes + b``, a <= b, coupled by the stiffness (may be empty)."""
-        ...
-
-    def compile(self, layout: Layout) -> CompiledTerm:
-        """Compile the term for a scene."""
-        ...
-
-
-@runtime_checkable
-class HasMass(Protocol):
-    """A term that has mass."""
-
-    def node_mass(self, mesh: Mesh) -> Array:
-        """Lumped mass (n_nodes,) [kg]."""
-        ...
-
-
-@runtime_checkable
-class HasMuscles(Protocol):
-    """A term with muscles that an activation drives."""
-
-    def muscle_names(self) -> tuple[str, ...]:
-        """Names of the muscles, unique within the scene."""
-        ...
-
-
-@runtime_checkable
-class HasSparse(Protocol):
-    """Term with low-rank products that can be applied matrix-free."""
-
-    def sparse(self) -> Term:
-        """Term with the same forces that is a `HasProduct` when compiled."""
-        ...
-
-
-@runtime_checkable
-class HasProduct(CompiledTerm, Protocol):
-    """Compiled term whose stiffness is that of `add` plus a matrix-free product."""
-
-    def product(self, q: Array) -> Product:
-        """The product at positions q."""
-        ...
-
-    def add_stand_in(self, q: Array, K: Array) -> None:
-        """Add an approximation of the product on the pattern, for the preconditioner."""
-        ...
-
-
-@runtime_checkable
-class Damps(Protocol):
-    """A compiled term with forces -D(q) v in addition to those of its potential."""
+    def smallest_J(self, q: Array) -> tuple[float, int]:
+        """Smallest det F at the Gauss points of the term, and its element."""
+        return float("inf"), -1
 
     def add_damping(self, q: Array, control: Control, D: Array) -> None:
-        """D += -df/dv [N s/m] in the values of the pattern."""
-        ...
-
-
-@runtime_checkable
-class RateDependent(Protocol):
-    """A compiled term with forces that are a nonlinear function of the velocities."""
+        """D += -df/dv [N s/m] of forces -D(q) v, in the values of the pattern."""
 
     def add_rate_force(self, q: Array, v: Array, control: Control, f: Array, D: Array) -> None:
-        """Add the forces that velocities cause.
+        """Add forces that are a nonlinear function of the velocities.
 
         F += force [N] at velocities v (n_nodes, 3) [m/s], and D += -df/dv [N s/m] in the values of the
         pattern, positive semi-definite; the force is zero for v = 0.
         """
-        ...
 
+    def product(self, q: Array) -> Product:
+        """Matrix-free product that the stiffness has in addition to that of `add`."""
+        raise NotImplementedError
 
-@runtime_checkable
-class ActsLocally(Protocol):
-    """A compiled term that knows the nodes of each muscle."""
+    def add_stand_in(self, q: Array, K: Array) -> None:
+        """Add an approximation of the product on the pattern, for the preconditioner."""
 
     def nodes_of_muscle(self, muscle: int) -> Index:
         """Nodes on which the activation of a muscle of the scene has an effect."""
-        ...
-
-
-@runtime_checkable
-class Stiffens(Protocol):
-    """A compiled term whose passive moduli depend on the activation.
-
-    The end of a step is then not affine in the activation, even with a constant matrix.
-    """
+        raise NotImplementedError
 
     def weights(self, control: Control) -> Array:
-        """Added multiples of the passive moduli, by element [1]."""
-        ...
+        """Multiples of the passive moduli, by element, that the activation adds [1].
 
-
-@runtime_checkable
-class Deforms(Protocol):
-    """A compiled term with Gauss points that can invert."""
-
-    def smallest_J(self, q: Array) -> tuple[float, int]:
-        """Smallest det F at positions q, and its element."""
-        ...
-
-
-@runtime_checkable
-class Remembers(Protocol):
-    """History-dependent compiled term, whose force outside a step is the relaxed one."""
-
-    def during(self, q: Array, memory: Array | None, h: float) -> "Remembering":
-        """Term over one step.
-
-        It starts at positions q (n_nodes, 3) [m] with the result of `Remembering.remember` for the
-        previous step, or None for a fully relaxed term; its length h is infinite for a static
-        equilibrium [s].
+        The end of a step is then not affine in the activation, even with a constant matrix.
         """
-        ...
+        raise NotImplementedError
 
+    def during(self, q: Array, memory: Array | None, h: float) -> "CompiledTerm":
+        """Term over one step, if its force depends on the history; outside a step it is relaxed.
 
-@runtime_checkable
-class Remembering(CompiledTerm, Protocol):
-    """Term over one step, with the forces at the end of the step."""
+        The step starts at positions q (n_nodes, 3) [m] with the result of `remember` for the previous
+        step, or None for a fully relaxed term; its length h is infinite for a static equilibrium [s].
+        """
+        return self
 
     def remember(self, q: Array) -> Array:
-        """Memory of a step that ends at positions q, as a new array."""
-        ...
+        """Memory of a step that ends at positions q, as a new array, of a term `during` a step."""
+        raise NotImplementedError
+
+    def add_to(self, forces: "PointForces") -> None:
+        """Add the forces of the term to the tables of fused steps of bodies."""
+        raise NotImplementedError
 
 
-@runtime_checkable
-class HasApart(Protocol):
-    """Term whose rows may be solved apart, without entries in the matrix of points."""
+class Term:
+    """Base class of terms, the sources of force; a subclass defines `compile`."""
+
+    def compile(self, layout: Layout) -> CompiledTerm:
+        """Compile the term for a scene."""
+        raise NotImplementedError
+
+    def pair_keys(self, mesh: Mesh) -> Index:
+        """Node pairs ``a * n_nodes + b``, a <= b, coupled by the stiffness; none by default."""
+        return np.empty(0, dtype=np.int64)
+
+    def node_mass(self, mesh: Mesh) -> Array:
+        """Lumped mass (n_nodes,) [kg]; none by default."""
+        return np.zeros(mesh.n_nodes)
+
+    def muscle_names(self) -> tuple[str, ...]:
+        """Names of muscles that an activation drives, unique within the scene."""
+        return ()
+
+    def sparse(self) -> "Term":
+        """Term with the same forces that has a `product` when compiled, or the term itself."""
+        return self
 
     def apart(self) -> "Term":
-        """Term without these entries."""
-        ...
+        """Contact without entries for its rows in the matrix of points; other terms themselves."""
+        return self
 
 
-@runtime_checkable
-class MeasuresContact(Protocol):
-    """Compiled contact term that measures its contacts."""
+AnyTerm = TypeVar("AnyTerm", Term, CompiledTerm)
 
-    def measure(self, state: State, control: Control) -> tuple[Array, Array, Array]:
-        """Number of contacts, smallest gap [m] (NaN: none) and normal force [N].
 
-        Each of shape (n_pairings,).
-        """
-        ...
+def having(terms: Iterable[AnyTerm], method: str) -> tuple[AnyTerm, ...]:
+    """Those terms whose class defines a method of its base class."""
+    base = (getattr(Term, method, None), getattr(CompiledTerm, method, None))
+    return tuple(term for term in terms if getattr(type(term), method) not in base)
 
 
 Stiffness = Callable[[Array, Control, Array | None], Array]

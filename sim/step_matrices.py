@@ -6,7 +6,6 @@ import numpy as np
 
 from sim.linear.contract import symmetric_product
 from sim.matrix import Matrix, Product, merged
-from sim.scene import HasProduct
 from sim.state import Array, Control, Evaluation, Line, Pose
 from sim.system import System
 
@@ -41,8 +40,7 @@ def stand_in(system: System, pose: Pose) -> Array:
     """Approximation of the products, for the preconditioner."""
     K = np.zeros(system.point_pattern.nnz)
     for term in system.terms:
-        if isinstance(term, HasProduct):
-            term.add_stand_in(pose.q, K)
+        term.add_stand_in(pose.q, K)
     return system.kinematics.generalised_matrix(K, None, pose)
 
 

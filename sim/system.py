@@ -21,14 +21,9 @@ from sim.scene import (
     CompiledDamping,
     CompiledTerm,
     Contribution,
-    Damps,
-    Deforms,
-    HasProduct,
     Index,
-    RateDependent,
-    Remembering,
-    Remembers,
     Scene,
+    having,
 )
 from sim.state import Array, Control, Evaluation, Pose, State
 
@@ -116,16 +111,16 @@ class System(Described):
         """
         if not self._history:
             return self
-        names = self._memory_names
-        terms = tuple(_over(*row, state, h) for row in zip(self.terms, names, strict=True))
+        rows = zip(self.terms, self._memory_names, strict=True)
+        terms = tuple(term.during(state.q, state.memory.get(name), h) for term, name in rows)
         return replace(self, terms=terms, sparse=None, _in_step=True)
 
-    # Tests of terms against a protocol take longer than a small force, hence they are done once.
+    # Which terms have a method is tested once, because tests take longer than a small force.
 
     @cached_property
     def _history(self) -> bool:
         """True if any term depends on the start of a step."""
-        return any(isinstance(term, Remembers) for term in self.terms)
+        return bool(having(self.terms, "during"))
 
     @cached_property
     def contact(self) -> CompiledContact | None:
@@ -142,9 +137,9 @@ class System(Described):
         return {name: term.remember(q) for name, term in self._remembering}
 
     @cached_property
-    def _remembering(self) -> tuple[tuple[str, Remembering], ...]:
+    def _remembering(self) -> tuple[tuple[str, CompiledTerm], ...]:
         rows = zip(self._memory_names, self.terms, strict=True)
-        return tuple((name, term) for name, term in rows if isinstance(term, Remembering))
+        return tuple((name, term) for name, term in rows if having([term], "remember"))
 
     @cached_property
     def _memory_names(self) -> list[str]:
@@ -180,13 +175,13 @@ class System(Described):
         return self.damping_law is not None or bodies or bool(terms)
 
     @cached_property
-    def rate_terms(self) -> tuple[RateDependent, ...]:
+    def rate_terms(self) -> tuple[CompiledTerm, ...]:
         """Terms with forces that are a nonlinear function of the velocities."""
-        return tuple(term for term in self.terms if isinstance(term, RateDependent))
+        return having(self.terms, "add_rate_force")
 
     @cached_property
-    def _damped_terms(self) -> tuple[Damps, ...]:
-        return tuple(term for term in self.terms if isinstance(term, Damps))
+    def _damped_terms(self) -> tuple[CompiledTerm, ...]:
+        return having(self.terms, "add_damping")
 
     def damping(self, q: Array, control: Control, K: Array | None = None) -> Array:
         """Values of the damping matrix -df/dv of the points [N s/m]; K is the stiffness, if computed."""
@@ -205,8 +200,8 @@ class System(Described):
         return tuple(term.product(q) for term in self._with_product)
 
     @cached_property
-    def _with_product(self) -> tuple[HasProduct, ...]:
-        return tuple(term for term in self.terms if isinstance(term, HasProduct))
+    def _with_product(self) -> tuple[CompiledTerm, ...]:
+        return having(self.terms, "product")
 
     @cached_property
     def products_at_rest(self) -> tuple[Product, ...]:
@@ -224,8 +219,8 @@ class System(Described):
         return min(found, key=_nan_is_worst, default=(float("inf"), -1))
 
     @cached_property
-    def _deforming(self) -> tuple[Deforms, ...]:
-        return tuple(term for term in self.terms if isinstance(term, Deforms))
+    def _deforming(self) -> tuple[CompiledTerm, ...]:
+        return having(self.terms, "smallest_J")
 
     def control(self, activation: Array, t: float = 0.0) -> Control:
         """Checked control at time t [s].
@@ -247,13 +242,6 @@ class System(Described):
                 f"activation of {self.muscles[i]} is {a[i]:g}, expected a value in 0-1: normalise it"
             )
         return Control(a, t)
-
-
-def _over(term: CompiledTerm, name: str, state: State, h: float) -> CompiledTerm:
-    """A term over a step of length h from a state."""
-    if isinstance(term, Remembers):
-        return term.during(state.q, state.memory.get(name), h)
-    return term
 
 
 def _nan_is_worst(item: tuple[float, int]) -> float:

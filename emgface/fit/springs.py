@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from emgface.fit.triangulated import Floats, Integers
-from sim.mesh import Mesh
-from sim.scene import Contribution, Layout
+from sim.scene import CompiledTerm, Contribution, Layout, Term
 from sim.state import Control
 
 
@@ -58,19 +57,18 @@ def across(length: Floats, tangent: Floats, stiffness: float, tangential: float)
 
 
 @dataclass(frozen=True, eq=False)
-class Springs:
-    """Springs to targets that may be exchanged in the compiled system (`CompiledSprings.to`)."""
+class Springs(Term):
+    """Springs to targets that may be exchanged in the compiled system (`CompiledSprings.to`).
 
-    def pair_keys(self, mesh: Mesh) -> Integers:
-        """No pairs: the nodes of a row belong to one element of the tissue."""
-        return np.empty(0, dtype=np.int64)
+    They couple no pairs of nodes of their own: those of a row belong to one element of the tissue.
+    """
 
     def compile(self, layout: Layout) -> "CompiledSprings":
         """Springs without rows."""
         return CompiledSprings(layout, NO_ROWS)
 
 
-class CompiledSprings:
+class CompiledSprings(CompiledTerm):
     """Springs of one set of rows; their stiffness is constant."""
 
     def __init__(self, layout: Layout, rows: Rows) -> None:

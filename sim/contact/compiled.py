@@ -12,7 +12,7 @@ from sim.contact.signed_distance import SignedFaces
 from sim.contact.surfaces import NodeSurface, Pairing, RigidShell
 from sim.contact.tolerances import ContactTolerances
 from sim.pattern import SymmetricPattern
-from sim.scene import Contribution, Index, Layout
+from sim.scene import CompiledTerm, Contribution, Index, Layout
 from sim.state import Array, Control, State
 
 MEMORY = "contact"  #: name of the memory in a state
@@ -25,7 +25,7 @@ COLUMNS = 11
 SHARP = 0.7  #: cosine of the angle of the faces of an edge, below which it is sharp
 
 
-class CompiledContact:
+class CompiledContact(CompiledTerm):
     """Compiled contact, which exerts no force as a term; integrators enforce its rows.
 
     `reach` [m] and `edge_points` are those of `ConstraintContact`; initial penetrations are removed at
@@ -114,7 +114,7 @@ class CompiledContact:
         """No force and no stiffness, because multipliers separate the surfaces."""
         return Contribution(0.0)
 
-    def measure(self, state: State, control: Control) -> tuple[Array, Array, Array]:
+    def measure(self, state: State) -> tuple[Array, Array, Array]:
         """Number of active contacts, smallest gap [m] and normal force [N], per pairing."""
         memory, n = self.remembered(state.memory, state.q, state.t), len(self.names)
         count, gap, force = np.zeros(n), np.full(n, np.inf), np.zeros(n)

@@ -13,11 +13,11 @@ from sim.contact.tolerances import ContactTolerances
 from sim.errors import SceneError
 from sim.mesh import Mesh
 from sim.pattern import distinct
-from sim.scene import Index, Layout
+from sim.scene import Index, Layout, Term
 
 
 @dataclass(frozen=True, eq=False)
-class ConstraintContact:
+class ConstraintContact(Term):
     """Contact of vertices with the opposite faces, enforced by multipliers.
 
     Every vertex near the other surface of its pairing has a row: the gap to its nearest face, along
@@ -133,7 +133,7 @@ class ConstraintContact:
 
 
 @dataclass(frozen=True, eq=False)
-class Apart:
+class Apart(Term):
     """Contact whose rows have no entries in the matrix, as declared."""
 
     contact: ConstraintContact

@@ -54,6 +54,8 @@ RATE = 1e-9  #: error of the rates of rows that are corrected by further solutio
 PLACES, PLACED = 3, 1e-6
 """Largest number of renewals of the normals and closest points of rows, and change that needs none."""
 
+NOTHING: Mapping[str, Array] = {}  #: memory without contact
+
 
 @dataclass(frozen=True, eq=False)
 class StageInContact:
@@ -137,8 +139,8 @@ class StageWithRows:
             made_here = made_here or self._rests
             point, at, f = self._settled(no_rows(), point, made_here, None)
             pose = self._phi.pose(point.d)
-            about = {}, np.zeros_like(pose.q), f, no_rows(), at, f, None
-            return StageInContact(point, pose, self._went(), *about, self._rows)
+            about = np.zeros_like(pose.q), f, no_rows(), at, f, None
+            return StageInContact(point, pose, self._went(), NOTHING, *about, self._rows)
         found = step.at_start(way)
         rows, searches, places = step.entering(found), 0, 0
         lift = rows.gap - found.gap  # initial depths may remain

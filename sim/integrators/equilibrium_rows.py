@@ -34,8 +34,8 @@ class ReducedStiffness:
 
     def __init__(self, columns: Index, sigma: float, factor: NewtonFactor) -> None:
         self._columns, self._sigma, self._factor = columns, sigma, factor
-        self._X: Array | None = None
-        self._K0 = self._K = self._inverse = np.zeros((0, 0))
+        self._solutions: Array | None = None
+        self._factorised = self._stiffness = self._inverse = np.zeros((0, 0))
 
     @classmethod
     def regularised(
@@ -50,23 +50,23 @@ class ReducedStiffness:
 
     def bend(self, phi: PotentialOfMoves, at: Point, rows: JointRows) -> None:
         """Set the curvature of the rows at a point."""
-        if self._X is None:
+        if self._solutions is None:
             unit = np.zeros((len(self._columns), len(at.d)))
             unit[np.arange(len(unit)), self._columns] = 1.0
-            self._X = np.array([self._factor.solve(e) for e in unit])
-            self._K0 = inverse(self._X[:, self._columns], ROWS)
-        K = self._K0 - self._sigma * np.eye(len(self._columns))
-        K = 0.5 * (K + K.T) + _curvature(phi, at, rows)
+            self._solutions = np.array([self._factor.solve(e) for e in unit])
+            self._factorised = inverse(self._solutions[:, self._columns], ROWS)
+        own = self._factorised - self._sigma * np.eye(len(self._columns))
+        own = 0.5 * (own + own.T) + _curvature(phi, at, rows)
         rigid = ~rows.unilateral & (rows.compliance == 0.0)
-        self._K = _definite(K, rows.G[rigid], self._sigma)
-        self._inverse = inverse(self._K, ROWS)
+        self._stiffness = _definite(own, rows.G[rigid], self._sigma)
+        self._inverse = inverse(self._stiffness, ROWS)
 
     def solve(self, rhs: Array) -> Array:
         """Solution (n,) for a right-hand side."""
-        assert self._X is not None  # `bend` sets it
+        assert self._solutions is not None  # `bend` sets it
         x = self._factor.solve(rhs)
-        pull = self._K0 @ x[self._columns]
-        return x - ((self._K - self._K0) @ (self._inverse @ pull)) @ self._X
+        pull = self._factorised @ x[self._columns]
+        return x - ((self._stiffness - self._factorised) @ (self._inverse @ pull)) @ self._solutions
 
     def between(self, G: csr_array) -> Array:
         """Delassus matrix (m, m) of rows (m, n)."""
@@ -79,7 +79,7 @@ def _definite(K: Array, G: Array, rho: float) -> Array:
     # in units in which the diagonal is 1, because motions are in m and rad
     size = np.abs(np.diag(K))
     unit = np.sqrt(size.clip(1e-12 * float(np.abs(K).max()) or 1.0))
-    hard, free = G / unit, np.eye(len(K))
+    hard, free, stiffness = G / unit, np.eye(len(K)), K
     with reported(ROWS):
         if len(hard):
             _, singular, V = np.linalg.svd(hard)
@@ -87,13 +87,13 @@ def _definite(K: Array, G: Array, rho: float) -> Array:
         if free.shape[1]:
             lowest = float(np.linalg.eigvalsh(free.T @ (K / np.outer(unit, unit)) @ free)[0])
             if lowest < CONVEX:
-                K = K + (abs(lowest) + CONVEX) * np.diag(unit**2)
+                stiffness = K + (abs(lowest) + CONVEX) * np.diag(unit**2)
         for _ in range(STIFFER if len(G) else 0):
-            closing = K + rho * (G.T @ G)
+            closing = stiffness + rho * (G.T @ G)
             if np.linalg.eigvalsh(closing / np.outer(unit, unit))[0] > 0.0:
                 return closing
             rho *= 10.0
-    return K
+    return stiffness
 
 
 def _curvature(phi: PotentialOfMoves, at: Point, now: JointRows) -> Array:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from sim.errors import SceneError
-from sim.scene import ActsLocally, CompiledTerm, Index, Stiffens
+from sim.scene import CompiledTerm, Index, having
 from sim.state import Array, Control, Pose
 from sim.step_matrices import damping_matrix
 from sim.system import System
@@ -100,12 +100,11 @@ class ActiveForces:
         """Groups of muscles, with their nodes, that have no node in common."""
         groups: list[tuple[set[int], list[tuple[int, Index]]]] = []
         everywhere = np.arange(len(self._system.mesh.X))
-        local = all(isinstance(term, ActsLocally) for term in self._driven.terms)
+        local = having(self._driven.terms, "nodes_of_muscle")
         for i in range(n):
             nodes = everywhere
-            if local:
-                parts = (t for t in self._driven.terms if isinstance(t, ActsLocally))
-                nodes = np.unique(np.concatenate([t.nodes_of_muscle(i) for t in parts]))
+            if len(local) == len(self._driven.terms) > 0:
+                nodes = np.unique(np.concatenate([t.nodes_of_muscle(i) for t in local]))
             own = set(nodes.tolist())
             for taken, group in groups:
                 if not taken & own:
@@ -120,7 +119,7 @@ class ActiveForces:
 def require_affine(system: System, forces: ActiveForces | None = None) -> None:
     """Raise SceneError if passive moduli or the slope of active forces depend on the activation."""
     for term, declared in zip(system.terms, system.scene.terms, strict=True):
-        if isinstance(term, Stiffens):
+        if having([term], "weights"):
             raise SceneError(
                 f"the moduli of {type(declared).__name__} depend on the activation, so that a step with "
                 "a constant matrix is not affine in it: use form = 'exact'"

@@ -14,7 +14,7 @@ from sim.elements import ELEMENT_TYPES
 from sim.errors import SceneError
 from sim.linear.contract import symmetric_product
 from sim.mesh import Mesh
-from sim.scene import Contribution, Index, Layout, Stiffness
+from sim.scene import CompiledTerm, Contribution, Index, Layout, Stiffness, Term
 from sim.state import Array, Control
 from sim.system import System
 from sim.terms.load import Gravity
@@ -46,7 +46,7 @@ def projected_matrix(system: System, values: Array, modes: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class ReducedSolid:
+class ReducedSolid(Term):
     """Solid with few coordinates: three for every point of the scene, of unit mass."""
 
     whole: System  #: at full order, of one solid and gravity
@@ -131,7 +131,7 @@ def elements_of(solid: ReducedSolid) -> Elements:
     )
 
 
-class CompiledReducedSolid:
+class CompiledReducedSolid(CompiledTerm):
     """Compiled reduced solid; the buffers contain no state between calls."""
 
     def __init__(self, solid: ReducedSolid, r: int) -> None:

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from sim.errors import SceneError
 from sim.laws.line import ConstantForce
 from sim.mesh import Mesh
-from sim.scene import Index, Layout
+from sim.scene import Index, Layout, Term
 from sim.state import Array
 from sim.terms.line_muscle import CompiledLineMuscles, LineMuscles
 from sim.terms.strands import LineFibre
 
 
 @dataclass(frozen=True, eq=False)
-class AxialSprings:
+class AxialSprings(Term):
     """Springs and dampers along polylines, E = stiffness/2 (L - L_rest)^2 and f = -damping dL/dt.
 
     Raises

@@ -7,16 +7,15 @@ import numpy as np
 from sim.checks import require
 from sim.errors import SceneError
 from sim.indices import index
-from sim.mesh import Mesh
 from sim.multibody import PointForces
-from sim.scene import Contribution, Index, Layout
+from sim.scene import CompiledTerm, Contribution, Index, Layout, Term
 from sim.state import Array, Control
 
 GONE = 1e-6  #: distance from the plane at which a morsel is crushed [m]
 
 
 @dataclass(frozen=True, eq=False)
-class Crushable:
+class Crushable(Term):
     """Force F = force_max (1 - d/diameter) - damping d' on a point at the distance d from a plane.
 
     It acts along the normal for 0 < d < diameter. If d falls below 1 um, the morsel is crushed, and the
@@ -56,10 +55,6 @@ class Crushable:
         """Name in the memory of states, which does not depend on the order of terms."""
         return f"Crushable at {self.node}"
 
-    def pair_keys(self, mesh: Mesh) -> Index:
-        """No pairs, because every pattern contains the diagonal."""
-        return np.empty(0, dtype=np.int64)
-
     def compile(self, layout: Layout) -> "CompiledCrushable":
         """Find the place in the matrix."""
         n = layout.mesh.n_nodes
@@ -68,7 +63,7 @@ class Crushable:
         return CompiledCrushable(self, target.astype(np.int64))
 
 
-class CompiledCrushable:
+class CompiledCrushable(CompiledTerm):
     """Compiled morsel, without force outside a step."""
 
     def __init__(self, term: Crushable, target: Index, whole: bool = False) -> None:

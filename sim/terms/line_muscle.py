@@ -13,13 +13,13 @@ from sim.laws.rate import ForceVelocity
 from sim.mesh import Mesh
 from sim.multibody import PointForces
 from sim.pattern import distinct
-from sim.scene import Contribution, Index, Layout
+from sim.scene import CompiledTerm, Contribution, Index, Layout, Term
 from sim.state import Array, Control
 from sim.terms.strands import LineFibre, Strands, product_of
 
 
 @dataclass(frozen=True, eq=False)
-class LineMuscles:
+class LineMuscles(Term):
     """Line muscles, E = sum over fibres of share w(L, activation) + stiffness/2 (L - L_rest)^2.
 
     L is the length of the polyline and w the energy of the law. The forces of an embedded point are
@@ -98,7 +98,7 @@ class LineMuscles:
         return (DampedLineMuscles if self.damping else CompiledLineMuscles)(self, layout)
 
 
-class CompiledLineMuscles:
+class CompiledLineMuscles(CompiledTerm):
     """Compiled line muscles.
 
     One constant sparse product, the only cost of the embedding, adds the stiffness of all segment

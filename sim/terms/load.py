@@ -6,15 +6,14 @@ import numpy as np
 
 from sim.errors import SceneError
 from sim.indices import count_of, kept_until_known, node_indices
-from sim.mesh import Mesh
 from sim.multibody import PointForces
-from sim.scene import Contribution, Index, Layout
+from sim.scene import CompiledTerm, Contribution, Index, Layout, Term
 from sim.state import Array, Control
 from sim.vectors import dot
 
 
 @dataclass(frozen=True)
-class Gravity:
+class Gravity(Term):
     """Force m g on every node, potential -m g . (q - X).
 
     Notes
@@ -23,10 +22,6 @@ class Gravity:
     """
 
     g: tuple[float, float, float] = (0.0, 0.0, -9.8)  #: acceleration [m/s^2]
-
-    def pair_keys(self, mesh: Mesh) -> Index:
-        """No stiffness."""
-        return np.empty(0, dtype=np.int64)
 
     def compile(self, layout: Layout) -> "ConstantForces":
         """Weigh the nodes once."""
@@ -37,7 +32,7 @@ class Gravity:
 
 
 @dataclass(frozen=True, eq=False)
-class NodeLoad:
+class NodeLoad(Term):
     """Constant forces on nodes, potential -f . (q - X)."""
 
     nodes: Index  #: (k,) node indices, or a mask (n_nodes,); the forces of repeated ones are added
@@ -52,10 +47,6 @@ class NodeLoad:
                 f"NodeLoad: force has shape {self.force.shape} or contains NaN, expected finite ({k}, 3)"
             )
 
-    def pair_keys(self, mesh: Mesh) -> Index:
-        """No stiffness."""
-        return np.empty(0, dtype=np.int64)
-
     def compile(self, layout: Layout) -> "ConstantForces":
         """Sum the forces of each node."""
         n = layout.mesh.n_nodes
@@ -64,7 +55,7 @@ class NodeLoad:
         return ConstantForces(total, layout.mesh.X)
 
 
-class ConstantForces:
+class ConstantForces(CompiledTerm):
     """Constant nodal forces (n_nodes, 3) [N]; the potential is counted from the rest positions."""
 
     def __init__(self, load: Array, X: Array) -> None:

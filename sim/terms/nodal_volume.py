@@ -15,7 +15,7 @@ from sim.assembly import element_pair_keys, grouped, slots
 from sim.matrix import Product
 from sim.mesh import Mesh
 from sim.pattern import distinct
-from sim.scene import Contribution, Index, Layout
+from sim.scene import CompiledTerm, Contribution, Index, Layout, Term
 from sim.state import Array, Control
 from sim.terms.volume import CompiledElementVolume, kappa_by_element, require_positive
 from sim.vectors import dot
@@ -30,7 +30,7 @@ Element volumes constrain more motions than nodal volumes. On a face with kappa/
 
 
 @dataclass(frozen=True, eq=False)
-class NodalVolume:
+class NodalVolume(Term):
     """One pressure per node, E = sum_n kappa_n/2 V_n (v_n/V_n - 1)^2.
 
     v_n is the volume of the Gauss points that belong to node n: of each element at the node, the
@@ -68,7 +68,7 @@ class NodalVolume:
 
 
 @dataclass(frozen=True, eq=False)
-class SparseNodalVolume:
+class SparseNodalVolume(Term):
     """Pressures of a `NodalVolume` with their stiffness in two parts.
 
     The part p d2v/dx2 couples the nodes within elements and is assembled; the part
@@ -86,7 +86,7 @@ class SparseNodalVolume:
         return CompiledSparseNodalVolume(self.term, layout)
 
 
-class _NodalPressures:
+class _NodalPressures(CompiledTerm):
     """Nodal volumes and their forces; the buffers contain no state between calls."""
 
     def __init__(self, term: NodalVolume, layout: Layout) -> None:

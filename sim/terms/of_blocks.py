@@ -2,15 +2,13 @@
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from sim.mesh import Mesh
-from sim.scene import CompiledTerm, HasMass, HasMuscles, Index, Layout, Term
+from sim.scene import CompiledTerm, Index, Layout, Term
 from sim.state import Array
 
 
 @dataclass(frozen=True, eq=False)
-class OfBlocks:
+class OfBlocks(Term):
     """A term that sees some blocks of the mesh; its elements are counted from the first of them.
 
     Nodes keep their numbers in the mesh.
@@ -33,14 +31,12 @@ class OfBlocks:
         return f"{own} of blocks {self.first}-{self.last - 1}"
 
     def node_mass(self, mesh: Mesh) -> Array:
-        """Mass of the term, if it has any."""
-        if isinstance(self.term, HasMass):
-            return self.term.node_mass(mesh.of_blocks(self.first, self.last))
-        return np.zeros(mesh.n_nodes)
+        """Mass of the term."""
+        return self.term.node_mass(mesh.of_blocks(self.first, self.last))
 
     def muscle_names(self) -> tuple[str, ...]:
-        """Muscles of the term, if it has any."""
-        return self.term.muscle_names() if isinstance(self.term, HasMuscles) else ()
+        """Muscles of the term."""
+        return self.term.muscle_names()
 
     def pair_keys(self, mesh: Mesh) -> Index:
         """Pairs of the term."""

@@ -15,7 +15,7 @@ from sim.errors import SceneError
 from sim.indices import index_rows
 from sim.laws.isochoric import N_ISOCHORIC
 from sim.mesh import Mesh
-from sim.scene import Contribution, Index, Layout
+from sim.scene import CompiledTerm, Contribution, Index, Layout, Term
 from sim.state import Array, Control
 from sim.terms.material import Material
 from sim.terms.muscles import Muscles, fibre_table, no_fibres
@@ -24,7 +24,7 @@ from sim.terms.tensor_elements import TensorElements, rotations, tensor_laws
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class Solid(Term):
     """Total-Lagrangian solid, energy sum over Gauss points of w + U(J) + sum of fibre energies."""
 
     materials: tuple[Material, ...] = (Material(),)
@@ -105,7 +105,7 @@ class Pointwise:
     fibres: FibreTable
 
 
-class CompiledSolid:
+class CompiledSolid(CompiledTerm):
     """Compiled solid; the buffers contain no state between calls.
 
     With `chosen` (n_elements,) only those elements are included, without muscles.

@@ -9,14 +9,14 @@ from sim.checks import require
 from sim.errors import SceneError
 from sim.indices import count_of, indices, kept_until_known
 from sim.mesh import Mesh
-from sim.scene import Contribution, Index, Layout
+from sim.scene import CompiledTerm, Contribution, Index, Layout, Term
 from sim.state import Array, Control
 from sim.terms.solid import CompiledSolid, Solid
 from sim.terms.volume import CompiledElementVolume
 
 
 @dataclass(frozen=True, eq=False)
-class Stiffening:
+class Stiffening(Term):
     """Passive energy added to that of the solid, E = sum_e (s_e - 1) E_e with the tissue's own E_e.
 
     s_e = 1 + (factor - 1) min(1, sum over the muscles m of element e of weight_em activation_m), so
@@ -63,7 +63,7 @@ class Stiffening:
         return CompiledStiffening(self, layout)
 
 
-class CompiledStiffening:
+class CompiledStiffening(CompiledTerm):
     """Compiled stiffening elements."""
 
     def __init__(self, term: Stiffening, layout: Layout) -> None:

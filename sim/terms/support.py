@@ -7,8 +7,7 @@ import numpy as np
 from sim.checks import require
 from sim.errors import SceneError
 from sim.indices import count_of, kept_until_known, node_indices
-from sim.mesh import Mesh
-from sim.scene import Contribution, Index, Layout
+from sim.scene import CompiledTerm, Contribution, Index, Layout, Term
 from sim.state import Array, Control
 
 TOUCHED = 1e-9
@@ -19,7 +18,7 @@ At rest a node is on its wall up to rounding, which must not affect the stiffnes
 
 
 @dataclass(frozen=True, eq=False)
-class Support:
+class Support(Term):
     """Penalty walls, E = sum_n stiffness/2 min(0, gap + normal_n . (x_n - X_n))^2.
 
     The wall of node n is at a distance `gap` behind its rest position and is plane, frictionless
@@ -45,16 +44,12 @@ class Support:
         require(self, "stiffness", self.stiffness, least=0.0)
         require(self, "gap", self.gap, least=0.0)
 
-    def pair_keys(self, mesh: Mesh) -> Index:
-        """No pairs, because every pattern contains the diagonal."""
-        return np.empty(0, dtype=np.int64)
-
     def compile(self, layout: Layout) -> "CompiledSupport":
         """Compile the positions in the matrix."""
         return CompiledSupport(self, layout)
 
 
-class CompiledSupport:
+class CompiledSupport(CompiledTerm):
     """Compiled walls."""
 
     def __init__(self, term: Support, layout: Layout) -> None:

@@ -14,12 +14,12 @@ from sim._kernels.lanes import LANES
 from sim.assembly import element_pair_keys, parts_of, places_of
 from sim.errors import SceneError
 from sim.mesh import Mesh
-from sim.scene import Contribution, Index, Layout
+from sim.scene import CompiledTerm, Contribution, Index, Layout, Term
 from sim.state import Array, Control
 
 
 @dataclass(frozen=True, eq=False)
-class ElementVolume:
+class ElementVolume(Term):
     """One pressure per element, E = sum_e kappa_e/2 V_e (v_e/V_e - 1)^2."""
 
     #: bulk modulus [Pa], also (n_elements,), positive; zero if another law determines the
@@ -57,7 +57,7 @@ def kappa_by_element(kappa: float | Array, mesh: Mesh) -> Array:
     return np.broadcast_to(np.asarray(kappa, dtype=np.float64), (mesh.n_elements,))
 
 
-class CompiledElementVolume:
+class CompiledElementVolume(CompiledTerm):
     """Compiled element volumes; the buffers contain no state between calls."""
 
     def __init__(self, kappa: float | Array, layout: Layout) -> None:

@@ -9,7 +9,7 @@ import sim
 from sim.constraints import CONSTRAINTS
 from sim.damping import DAMPING_LAWS
 from sim.laws import BULK_LAWS, FIBRE_LAWS, ISOCHORIC_LAWS, TENSOR_LAWS
-from sim.scene import Contribution
+from sim.scene import CompiledTerm, Contribution, Term
 from sim.state import Pose
 from sim.terms import TERMS
 from tests.bodies import crossed_muscles, dense, grid, rotation, solid_system, tetrahedra
@@ -62,14 +62,11 @@ EXAMPLES = {
 """One term of each class; a registered class without one fails below."""
 
 
-class Weightless:
+class Weightless(Term, CompiledTerm):
     """Mass without force, so that a term can be examined alone."""
 
     def node_mass(self, mesh):
         return np.full(mesh.n_nodes, 1e-3)
-
-    def pair_keys(self, mesh):
-        return np.empty(0, dtype=np.int64)
 
     def compile(self, layout):
         return self

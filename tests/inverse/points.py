@@ -8,7 +8,7 @@ import numpy as np
 
 import sim
 from sim.inverse import PointTarget
-from sim.scene import Contribution
+from sim.scene import CompiledTerm, Contribution, Term
 
 
 def particle(ends: np.ndarray, term, damping: float = 0.0) -> tuple[sim.System, int]:
@@ -31,7 +31,7 @@ def constant_muscles(ends: np.ndarray, damping: float = 1.0) -> sim.LineMuscles:
 
 
 @dataclass(frozen=True)
-class LinearTension:
+class LinearTension(Term):
     """Muscles from fixed points to a particle with tension F f(l) (a + passive) + damping dl/dt.
 
     f rises from 0 at the length `optimal` to 1 at `longest`. Written from the recorded parameters.
@@ -55,7 +55,7 @@ class LinearTension:
         return _Compiled(self, layout)
 
 
-class _Compiled:
+class _Compiled(CompiledTerm):
     def __init__(self, term, layout):
         self.term, self.last = term, len(term.names)
         pair = layout.pattern.pair_index(np.array([self.last * layout.mesh.n_nodes + self.last]))

@@ -9,6 +9,7 @@ import xarray as xr
 import sim
 from sim.integrators import Workspace
 from sim.joints import Bushing, Limit, PointOnCurve, PointOnPlane, Revolute, Spherical, Weld
+from sim.scene import CompiledTerm
 from tests.kinematics.scenes import INERTIA, mixed_system, swing
 
 STEPPED = (sim.LinearlyImplicitEuler(), sim.LinearlyImplicitTrapezoidal())
@@ -204,10 +205,10 @@ class Unknown(sim.Gravity):
         """Without `add_to`."""
         made = super().compile(layout)
 
-        class Term:
+        class Compiled(CompiledTerm):
             add = staticmethod(made.add)
 
-        return Term()
+        return Compiled()
 
 
 def test_a_term_that_prevents_fused_steps_is_named():
