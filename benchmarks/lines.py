@@ -2,8 +2,9 @@
 
     python -m benchmarks lines
 
-The modules of a step are those whose functions run in it, and the modules of kernels that these import:
-of tissue with a body, without and with contact between them.
+The modules of a step are those whose functions run in it, and the modules of kernels that these import,
+with the number of calls from one module to another: of tissue with a body under a linearly implicit
+method, and of the coarse face under SDIRK2 at the preset of studies, both without and with contact.
 """
 
 import ast
@@ -14,16 +15,26 @@ from dataclasses import replace
 from pathlib import Path
 from types import FrameType
 
+import numpy as np
 import pandas as pd
 
 import sim
 from benchmarks.report import finish
 from benchmarks.stability.rigid_rows import plate_on_tissue
+from emgface.face.accuracy import PRESETS
+from emgface.face.contact_parameters import NO_CONTACT
+from emgface.face.integration import integrator_of
+from emgface.face.recipe import compose_scene
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.template import template_face
+from sim.integrators import Integrator
 
 ROOT = Path(__file__).parent.parent
 PARTS = sorted(p.parent.name for p in (ROOT / "sim").glob("*/__init__.py"))
 OTHERS = "emgface", "analysis", "benchmarks", "studies", "tests"
 FOLDERS = ("sim", *(f"sim/{name}" for name in PARTS), *OTHERS)
+
+DRIVE = 0.1  #: activation of all muscles in the traced steps
 
 
 def functions(path: Path) -> Iterator[int]:
@@ -52,20 +63,24 @@ def folder(name: str) -> dict[str, object]:
     }
 
 
-def modules_of(run: Callable[[], object]) -> set[str]:
-    """Modules of `sim` whose functions run in a call."""
-    found, base = set[str](), str(ROOT / "sim")
+def modules_of(run: Callable[[], object]) -> tuple[set[str], int]:
+    """Modules of `sim` other than kernels whose functions run, and calls between them."""
+    found, calls, base = set[str](), 0, str(ROOT / "sim")
 
     def note(frame: FrameType, event: str, _: object) -> None:
-        if event == "call" and frame.f_code.co_filename.startswith(base):
-            found.add(Path(frame.f_code.co_filename).relative_to(ROOT).as_posix())
+        nonlocal calls
+        name = frame.f_code.co_filename
+        if event == "call" and name.startswith(base) and "_kernels" not in name:
+            found.add(Path(name).relative_to(ROOT).as_posix())
+            before = frame.f_back.f_code.co_filename if frame.f_back is not None else name
+            calls += before != name and before.startswith(base)
 
     sys.setprofile(note)
     try:
         run()
     finally:
         sys.setprofile(None)
-    return {name for name in found if not name.startswith("sim/_kernels")}
+    return found, calls
 
 
 def kernels_of(modules: set[str]) -> set[str]:
@@ -82,36 +97,48 @@ def kernels_of(modules: set[str]) -> set[str]:
     return found - {"sim._kernels.options"}
 
 
-def step_modules() -> Iterator[dict[str, object]]:
-    """Modules of a linearly implicit step without and with contact, and those that contact adds."""
+def scenes() -> Iterator[tuple[str, Integrator, float, sim.System, sim.State]]:
+    """Method, step [s], scene and state of traced steps, in pairs without and with contact."""
     system, start = plate_on_tissue()
     terms = tuple(t for t in system.scene.terms if not isinstance(t, sim.ConstraintContact))
-    without = sim.compile_scene(replace(system.scene, terms=terms))
-    used: list[set[str]] = []
+    without, h = sim.compile_scene(replace(system.scene, terms=terms)), 1e-3
     for of, state in ((without, replace(start, memory={})), (system, start)):
+        yield "plate on tissue, linearly implicit", sim.LinearlyImplicitEuler(), h, of, state
+    face = template_face(resolution="coarse")
+    for contact in ({"contact": NO_CONTACT}, {}):
+        own = PRESETS["study"] | {"step": 0.01, "output": 0.01, "gravity": False} | contact
+        p = SimulationParameters(**own)
+        of = sim.compile_scene(compose_scene(face, p))
+        yield "coarse face, SDIRK2", integrator_of(p), p.step, of, of.rest_state()
 
-        def step(of: sim.System = of, state: sim.State = state) -> None:
-            sim.simulate(
-                of, sim.resting(0), duration=1e-3, initial=state,
-                integrator=sim.LinearlyImplicitEuler(), steps=sim.FixedStep(1e-3), probes=(),
-            )  # fmt: skip
+
+def step_modules() -> Iterator[dict[str, object]]:
+    """Modules of a step without and with contact, and those that contact adds."""
+    plain = set[str]()
+    for k, (name, method, h, system, state) in enumerate(scenes()):
+        work, control = sim.Workspace(system), system.control(np.full(len(system.muscles), DRIVE))
+
+        def step(
+            of: sim.System = system,
+            state: sim.State = state,
+            method: Integrator = method,
+            h: float = h,
+            work: sim.Workspace = work,
+            control: sim.Control = control,
+        ) -> tuple[sim.State, object]:
+            return method.step(of, state, control, h, work)
 
         step()
-        used.append(modules_of(step))
-    plain, touching = used
-    for name, some in (
-        ("step without contact", plain),
-        ("step with contact", touching),
-        ("added by contact", touching - plain),
-    ):
+        used, calls = modules_of(step)
+        added = sorted(s.removeprefix("sim/") for s in used - plain) if k % 2 else []
         yield {
-            "modules of": name,
-            "count": len(some),
-            "kernels": len(kernels_of(some)),
-            "names": ", ".join(sorted(s.removeprefix("sim/") for s in some))
-            if "added" in name
-            else "",
+            "step": f"{name}, {'with' if k % 2 else 'without'} contact",
+            "modules": len(used),
+            "kernels": len(kernels_of(used)),
+            "calls between modules": calls,
+            "added": ", ".join(added),
         }
+        plain = used
 
 
 def main(out: Path | None = None) -> None:

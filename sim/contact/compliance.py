@@ -1,4 +1,4 @@
-"""Contact compliances, and the Delassus matrix of contact forces.
+"""Contact compliances, and the Delassus matrix of contact forces, (6) of docs/step.md.
 
 The contacts change in every iteration, but the tissue does not. With the compliance C of the
 unknowns of a surface and rows of directions D, forces f of the rows open them by W f with W = D C

@@ -1,4 +1,7 @@
-"""Forces of equations, inequalities and Coulomb contacts that share one Delassus matrix."""
+"""Forces of equations, inequalities and Coulomb contacts that share one Delassus matrix.
+
+They solve (5) of docs/step.md under the conditions (3).
+"""
 
 from dataclasses import dataclass
 

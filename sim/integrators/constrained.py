@@ -1,4 +1,4 @@
-"""Newton's method on a potential with constraints c = 0, with multipliers and a line search."""
+"""Newton's method on a potential with constraints c = 0, (12) of docs/step.md, with a line search."""
 
 import numpy as np
 

@@ -1,16 +1,12 @@
 """Converged stage of scenes with joints, or with contact of bodies and attachments.
 
-Newton's method on the stage's equation g(d) = G'f for the motion d from its base: each iteration
-solves A dx = s^2 (G'f - g) with the forces f of all rows, r + G dx + C f = 0 or >= 0 with Coulomb's law,
-from their Delassus matrix s^2 G A^-1 G' (`rows_of_step`). The motion is shortened until
-the Lagrangian phi - f . G d decreases, which has the exact gradient. An equilibrium under joints is a
-stage of infinite duration with s = 1, whose matrix contains the curvature of the rows
-(`equilibrium_rows`).
+Newton's method on g(d) = G'f, the equations (1) to (7) of docs/step.md: each iteration solves (4) for
+the motion with the forces f of all rows, which follow from their Delassus matrix (5). An equilibrium
+under joints is a stage of infinite duration, (9), whose matrix contains the curvature of the rows.
 
-In large scenes A is factorised and serves many iterations, with compact quasi-Newton updates
-H = s^2 A^-1 + E'ME (`quasi_newton`), and the Delassus matrix is that of the compliance of an earlier
-factor (`sim.contact.compliance`) with E'ME. Every solution for a change of the forces updates it, until
-no row moves otherwise than expected.
+In large scenes the Delassus matrix is that of the compliance of an earlier factor with compact
+quasi-Newton updates, (6). Every solution for a change of the forces updates it, until no row moves
+otherwise than expected.
 """
 
 import math
@@ -215,7 +211,7 @@ class StageWithRows:
         return 0.5 * (product + product.T)
 
     def _free(self, start: Point) -> Array:
-        """Motion (n,) without rows, by the factor and its updates."""
+        """Motion x0 (n,) without rows, (4) of docs/step.md, by the factor and its updates."""
         by_factor = -self._phi.scale * self._solved(start.g)
         if self._inverse is not None or self._rests:
             return by_factor
@@ -318,7 +314,7 @@ class StageWithRows:
     def _search(
         self, start: Point, at: RowsAt, f: Array, move: Array
     ) -> tuple[float, Point] | None:
-        """Longest tried step with det F > 0 and sufficient decrease of the Lagrangian, or None.
+        """Longest tried step with det F > 0 and sufficient decrease of (7) of docs/step.md, or None.
 
         Rows that yield have the energy (r + G x)^2/(2 C) in place of forces.
         """

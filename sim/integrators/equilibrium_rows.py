@@ -1,11 +1,9 @@
-"""Stiffness of an equilibrium under joints: that of the tissue with the curvature of the rows.
+"""Stiffness of an equilibrium under joints, (9) of docs/step.md.
 
-Joints act on few velocities x_c = E'x, to which the factor of A + sigma E E' reduces the stiffness,
-K = (E'(A + sigma E E')^-1 E)^-1 - sigma. The multiple of the unit matrix makes A, which may be singular
-for motions that joints prevent, definite. The equilibrium of a pendulum owes its stability to the
-curvature of the rows alone; K + B with the second derivative B of -f . c has it. Multiples of G'G of
-rigid rows, G x + r = 0, make K + B definite and leave the motion as it is (augmented Lagrangian; Nocedal
-and Wright, Numerical Optimization, 17.3).
+It is that of the tissue, reduced to the few velocities x_c = E'x on which joints act, with the curvature
+B of the rows, to which a pendulum alone owes its stability. Multiples of G'G of rigid rows, G x + r = 0,
+make it definite and leave the motion as it is (augmented Lagrangian; Nocedal and Wright, Numerical
+Optimization, 17.3).
 """
 
 import numpy as np

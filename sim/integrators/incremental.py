@@ -45,7 +45,7 @@ class PotentialOfMoves(Potential):
 
 @dataclass(frozen=True)
 class Stage:
-    """One implicit stage: the velocity w and positions q + s w that balance the forces."""
+    """One implicit stage, equation (1) of docs/step.md."""
 
     t: float  #: instant of the stage [s]
     base: Pose  #: pose at the start of the stage
@@ -56,7 +56,7 @@ class Stage:
 
 
 class IncrementalPotential(PotentialOfMoves):
-    """phi(d) = 1/(2 s^2) |d - s v|^2_M + E(q + d) + 1/(2 s) d' D d, with the stage's step s.
+    """phi(d) = 1/(2 s^2) |d - s v|^2_M + E(q + d) + 1/(2 s) d' D d, equation (2) of docs/step.md.
 
     Its minimum solves M (w - v)/s = f(q + s w) - D w for the velocity w = d/s. Implicit Euler is
     one such stage from the state itself; trapezoidal and diagonally implicit Runge-Kutta stages are

@@ -1,4 +1,4 @@
-"""Linearly implicit step under the rows of joints and contacts, by their Delassus matrix."""
+"""Linearly implicit step under the rows of joints and contacts, (8) of docs/step.md."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Quasi-Newton updates of the latest factor, from the steps since."""
+"""Quasi-Newton updates of the latest factor, from the steps since, (6) of docs/step.md."""
 
 from collections import deque
 from collections.abc import Callable

@@ -80,7 +80,7 @@ class JointRows:
 
 
 def joint_rows(phi: PotentialOfMoves, d: Array) -> JointRows:
-    """Rows r + compliance f = 0, or r >= 0, of joints at a motion d (n,), with derivatives by it.
+    """Rows (3) of docs/step.md, r + compliance f = 0 or r >= 0, of joints at a motion d (n,).
 
     Rigid rows hold for velocities, r = s (G w + drift), so that stages keep their order and no fast mode
     is left in their forces; with a time constant T, r = (c + T (G w + drift))/(1 + T/s).
@@ -148,7 +148,7 @@ class RowsAt:
         return out
 
     def forces(self, value: Array, before: Array, error: float, until: float) -> Array:
-        """Forces (m,) for values (m,) without forces.
+        """Forces (m,) for values (m,) without forces, equation (5) of docs/step.md.
 
         Raises NotConverged if they did not converge to `error`; `until` is the time for its message.
         """

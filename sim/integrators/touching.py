@@ -1,6 +1,6 @@
 """Potentials with contact forces, and that with assembled rows.
 
-They are augmented Lagrangians of the rows' gaps g >= 0 (`sim.contact.rows`).
+They are augmented Lagrangians of the rows' gaps g >= 0, (11) of docs/step.md (`sim.contact.rows`).
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Potential with contact forces that follow from the Schur complement."""
+"""Potential with contact forces that follow from the Schur complement, (5) and (11) of docs/step.md."""
 
 from dataclasses import replace
 

@@ -178,6 +178,8 @@ class Rows:
     ) -> tuple[Pose, Array, Array]:
         """Project pose and velocities to the rows, with the smallest change in the norm of the mass.
 
+        It is the end of a step, (10) of docs/step.md.
+
         Also returns the impulses (m,) of the rows on the velocities. The rows of a step have the
         directions at its start; the impulses therefore contain the forces due to their rotation. With
         `momentum` the velocities keep their momentum while the pose, and with it R, is moved.

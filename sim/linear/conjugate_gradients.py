@@ -22,10 +22,10 @@ def conjugate_gradients(
     Source: Steihaug 1983, SIAM J. Numer. Anal. 20, p. 626.
     """
     x, r = np.zeros(len(rhs)), rhs
-    if not rhs.any():
-        return x, True
     p, before = np.zeros(len(rhs)), 1.0
     for k in range(limit):
+        if not r.any():  # as of a single equation
+            return x, True
         z = precondition(r)
         now = dot(r, z)
         p = z + (now / before if k else 0.0) * p
