@@ -73,12 +73,24 @@ def plain_files(folder: Path) -> Iterator[Path]:
             yield path
 
 
-def new_files(targets: Mapping[Path, object], *, replace: bool) -> None:
+def new_files(
+    targets: Mapping[Path, object], *, replace: bool, sources: Iterable[Path] = ()
+) -> None:
     """Check the files that a command is about to write, before it writes the first.
 
-    `targets` contains what is written to each. Raises DataError for a link, and unless `replace`
-    for a file that exists.
+    `targets` contains what is written to each, and `sources` are the files from which it is computed.
+    Raises DataError for a link, for a source, and unless `replace` for a file that exists.
     """
+    lost = [
+        path.name
+        for path in targets
+        if path.exists() and any(path.samefile(source) for source in sources)
+    ]
+    if lost and replace:
+        raise DataError(
+            f"{listed(lost)} of {next(iter(targets)).parent} would be replaced by what is computed "
+            "from it, expected that recordings are kept: specify another folder"
+        )
     taken = [path.name for path in targets if path.is_symlink() or (path.exists() and not replace)]
     if taken:
         raise DataError(

@@ -120,7 +120,7 @@ def convert(
                     "--run for each"
                 )
             taken[target] = file
-            new_files(dict.fromkeys(there), replace=replace)
+            new_files(dict.fromkeys(there), replace=replace, sources=given)
             if notch is not None and "emg" in recording:
                 emg = remove_hum(recording["emg"], notch, width=notch_width)
                 recording = recording.assign(emg=emg)
@@ -219,7 +219,8 @@ def cut(
         names[0] = names[0] or path.stem
         targets.append(named_file(out_path, *names, suffix=".nc"))
     from_events = [f"the trial from {float(t.attrs['cut_from'][0]):.4g} s on" for t in trials]
-    new_files(different_names(zip(targets, from_events, strict=True)), replace=replace)
+    origins = different_names(zip(targets, from_events, strict=True))
+    new_files(origins, replace=replace, sources=[path])
     for trial, target in zip(trials, targets, strict=True):
         say(f"Wrote {write_recording(trial, target)}.")
     if outside is not None:

@@ -8,21 +8,25 @@ from typing import Any
 
 import typer
 
+from emgface.cli.written import spare_inputs
+
 HUGE = float(2**63 - 1)
 _TIME, _FRACTION, _COUNT, _SEED = (0.0, 1e5), (0.0, 1.0), (0, 1_000_000), (0, HUGE)
 
 LIMITS: Mapping[str, tuple[float, float]] = {
     "activation": _FRACTION, "after": (-1e5, 1e5), "band": (0.0, 1e6), "before": (-1e5, 1e5),
-    "calibration": _COUNT, "count": _COUNT, "cross_talk": _FRACTION, "delay": (-10.0, 10.0),
-    "duration": (1e-9, 1e5), "electrode_failure": _FRACTION, "elements": _COUNT,
+    "branch_at": _TIME, "calibration": _COUNT, "count": _COUNT, "cross_talk": _FRACTION,
+    "delay": (-10.0, 10.0), "draws": _COUNT, "duration": (1e-9, 1e5), "electrode_failure": _FRACTION,
+    "elements": _COUNT,
     "emg_weight": (0.0, 1e6), "end": (-1e6, 1e6), "gain": (1e-9, 1e9), "level": _FRACTION,
     "lung": (0.0, 1e5), "marker_ring_offset": (-100, 100), "modes": _COUNT, "n": _COUNT,
     "noise": (0.0, 1e3), "notch": (0.0, 1e6), "notch_width": (0.0, 1e6), "offset": (-1e7, 1e7),
-    "person": _SEED, "pitch": (1e-3, 1e5), "port": (0, 65_535), "radius": (1e-9, 1.0),
+    "person": _SEED, "persons": _COUNT, "pitch": (1e-3, 1e5), "port": (0, 65_535), "radius": (1e-9, 1.0),
     "rate": (1e-3, 1e7), "repetition": _COUNT, "repetitions": _COUNT, "run": _COUNT,
     "seconds": _TIME, "sections": (1, 100_000), "seed": _SEED, "sequences": _COUNT,
     "sigma_max": (0.0, 1e9), "solver_threads": (1, 4096), "start": (-1e6, 1e6),
-    "step": (1e-9, 10.0), "tension": (1e-3, 1e3), "workers": (0, 100_000),
+    "step": (1e-9, 10.0), "tension": (1e-3, 1e3), "waypoint_every": (1e-9, 1e5),
+    "workers": (0, 100_000),
 }  # fmt: skip
 """Smallest and largest value of every option and argument that is a number, in its own unit.
 
@@ -49,14 +53,16 @@ def guard(app: typer.Typer) -> None:
 
 
 def checked(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command that refuses numbers outside `LIMITS` and names that occur twice."""
+    """Return a command that refuses to run with wrong numbers or names, or to write what it reads."""
     if getattr(command, MARK, False):
         return command
 
     @wraps(command)
     def run(*args: Any, **values: Any) -> Any:
-        for name, value in inspect.signature(command).bind(*args, **values).arguments.items():
+        given = inspect.signature(command).bind(*args, **values).arguments
+        for name, value in given.items():
             refuse(name, value)
+        spare_inputs(given)
         return command(*args, **values)
 
     setattr(run, MARK, True)  # noqa: B010  # functions declare no attributes

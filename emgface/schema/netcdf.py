@@ -39,9 +39,14 @@ def write_netcdf(
     replaced and folders are created. Attributes that netCDF cannot represent exactly (lists, dicts,
     booleans, None) are written as JSON text and listed in the attribute ``json_attributes``. Raises
     SchemaError or UnitsError, without writing, if the dataset does not fulfil its declaration, and
-    DataError if the file cannot be written.
+    DataError if the file cannot be written or its name does not end in .nc, by which it is read.
     """
     path = Path(path)
+    if path.suffix.lower() != ".nc":
+        raise DataError(
+            f"{path.name} has the suffix {path.suffix!r}, expected '.nc', because netCDF is written: "
+            "rename the file"
+        )
     every = {"": (dataset, kind), **(groups or {})}
     ready = {group: ready_to_write(own, of) for group, (own, of) in every.items()}
 

@@ -1,0 +1,66 @@
+"""Files that a command writes, checked at one place before it runs, so that no input is lost."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import typer
+
+WRITTEN = {
+    "out_path": "--out",
+    "wave": "--out",
+    **{
+        name: f"--{name}"
+        for name in (
+            *(
+                "cube",
+                "exclude",
+                "figure",
+                "log",
+                "movie",
+                "page",
+                "picture",
+                "plain",
+                "plot",
+                "report",
+                "save",
+            ),
+            *("table", "vtk", "waypoints"),
+        )
+    },
+}
+"""Option of every parameter by which a command is told what to write; other paths are read."""
+
+
+def spare_inputs(values: Mapping[str, object]) -> None:
+    """Raise BadParameter if a command would write a file that it reads, or one file twice.
+
+    `values` are the arguments of the command. Links count as the file to which they lead. Folders
+    may be both read and written, because the names of the files in them differ.
+    """
+    read = [
+        path
+        for name, value in values.items()
+        if name not in WRITTEN
+        for path in _paths(value)
+        if path.is_file()
+    ]
+    seen: dict[Path, str] = {}
+    for name, option in WRITTEN.items():
+        for path in _paths(values.get(name)):
+            if any(path.exists() and path.samefile(source) for source in read):
+                raise typer.BadParameter(
+                    f"{option} {path} is a file that the command reads and would be lost, "
+                    "expected another name: specify a new file"
+                )
+            other = seen.setdefault(path.resolve(), option)
+            if other != option:
+                raise typer.BadParameter(
+                    f"{other} and {option} are both {path}, so that one would replace the other, "
+                    "expected different names: rename one of them"
+                )
+
+
+def _paths(value: object) -> Iterable[Path]:
+    """Paths among the values of one parameter."""
+    every = value if isinstance(value, list | tuple) else (value,)
+    return (one for one in every if isinstance(one, Path))

@@ -1,0 +1,86 @@
+"""No command replaces a file that it reads, or writes two results to one file."""
+
+import inspect
+import os
+import typing
+from pathlib import Path
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from emgface.cli import app
+from emgface.cli.written import WRITTEN
+from emgface.errors import DataError
+from emgface.files import new_files
+from emgface.schema.netcdf import write_netcdf
+from tests.api.test_command_numbers import commands
+
+READ = {
+    *("activation", "after", "areas", "baseline", "before", "bone", "branch", "calibration"),
+    *("compare", "curves", "effort", "events", "excitation", "face", "folder", "folders", "forget"),
+    *("head_path", "inner", "landmarks", "mapping", "mixing", "model", "motion", "on_face", "path"),
+    *("paths", "plan", "range_", "recording", "recordings", "reduced", "reference", "series"),
+    *("sidecars", "skin", "source", "spread", "store", "study", "surface", "trajectory"),
+}
+"""Parameters of commands that are paths and are not written."""
+
+
+def paths():
+    for path, callback in commands(app):
+        hints = typing.get_type_hints(callback)
+        names = [name for name, hint in hints.items() if "Path" in str(hint)]
+        yield " ".join(path), callback, names
+
+
+def pairs():
+    for command, callback, names in paths():
+        for out in (name for name in names if name in WRITTEN):
+            for source in (name for name in names if name not in WRITTEN):
+                yield pytest.param(callback, out, source, id=f"{command} {out} {source}")
+
+
+def test_every_path_of_a_command_is_known_as_read_or_written():
+    found = {name for _, _, names in paths() for name in names}
+    assert found == READ | set(WRITTEN)
+    assert not READ & set(WRITTEN)
+
+
+@pytest.mark.parametrize(("callback", "out", "source"), list(pairs()))
+@pytest.mark.parametrize("kind", ["name", "link", "several"])
+def test_a_command_refuses_to_write_what_it_reads(callback, out, source, kind, tmp_path):
+    given = tmp_path / "given.nc"
+    given.write_bytes(b"recording")
+    target = given
+    if kind == "link":
+        target = tmp_path / "link.nc"
+        os.link(given, target)
+    values = {source: [tmp_path / "absent.nc", given] if kind == "several" else given, out: target}
+    every = dict.fromkeys(inspect.signature(callback).parameters) | values
+    with pytest.raises(typer.BadParameter, match="is a file that the command reads"):
+        callback(**every)
+    assert given.read_bytes() == b"recording"
+
+
+def test_one_file_is_not_written_twice(tmp_path):
+    (tmp_path / "r.nc").write_bytes(b"recording")
+    line = ["activate", str(tmp_path / "r.nc"), "--out", str(tmp_path / "a.nc")]
+    found = CliRunner().invoke(app, [*line, "--plot", str(tmp_path / "." / "a.nc")])
+    assert found.exit_code == 2
+    assert not (tmp_path / "a.nc").exists()
+
+
+@pytest.mark.parametrize("name", ["a.csv", "a", "a.mat", "a.nc.txt"])
+def test_netcdf_is_written_under_its_suffix_only(name, tmp_path):
+    with pytest.raises(DataError, match="expected '.nc'"):
+        write_netcdf(None, tmp_path / name, "recording")
+
+
+def test_a_conversion_never_replaces_its_recording(tmp_path):
+    source = tmp_path / "V1_A_1.nc"
+    source.write_bytes(b"recording")
+    other = tmp_path / "V1_A_2.nc"
+    other.write_bytes(b"earlier result")
+    with pytest.raises(DataError, match="would be replaced by what is computed from it"):
+        new_files({other: "", source: ""}, replace=True, sources=[Path(source)])
+    new_files({other: ""}, replace=True, sources=[source])
