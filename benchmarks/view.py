@@ -10,6 +10,7 @@ than a step after it was due, and dropped if the page had not drawn the former o
 (``--page`` uses a page of a former run). The browser draws with the processor.
 """
 
+import os
 import re
 import subprocess
 import tempfile
@@ -141,14 +142,42 @@ def served(face, reduced, recording, log=None):
     raise ConfigurationError(f"emgface live has ended: {text}")
 
 
+def processor(pid):
+    """Processor time [ms] of a process and of all that descend from it."""
+    parents, ticks = {}, {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = stat.read_text().rpartition(")")[2].split()
+        except OSError:  # it has ended meanwhile
+            continue
+        own = int(stat.parent.name)
+        parents[own], ticks[own] = int(fields[1]), int(fields[11]) + int(fields[12])
+    own, more = {pid}, {pid}
+    while more := {child for child, parent in parents.items() if parent in more} - own:
+        own |= more
+    return 1e3 * sum(ticks.get(one, 0) for one in own) / os.sysconf("SC_CLK_TCK")
+
+
+def page_time(driver):
+    """Processor time [ms] of the main thread of a page; its domain is set by `watch_page`."""
+    metrics = driver.execute_cdp_cmd("Performance.getMetrics", {})["metrics"]
+    return 1e3 * next(one["value"] for one in metrics if one["name"] == "TaskDuration")
+
+
+def watch_page(driver):
+    """Count processor time, not elapsed time, of the main thread."""
+    driver.execute_cdp_cmd("Performance.enable", {"timeDomain": "threadTicks"})
+
+
 def memory(process):
     """Resident memory [MB] of a process and of those that it started."""
     pages = Path(f"/proc/{process.pid}/statm").read_text().split()[1]
     return int(pages) * 4096 / 1e6
 
 
-def drags(driver, url):
+def drags(driver, process, url):
     """Times [ms] of dragged knots."""
+    watch_page(driver)
     driver.get(url)
     until(driver, "return document.getElementById('stage').dataset.connected === 'yes'")
     driver.execute_script("document.getElementById('tab-curves').click()")
@@ -172,10 +201,12 @@ def drags(driver, url):
                 to = float(rng.uniform(0.02, 0.25))
                 steps.append([str(muscle), float(x), level, to])
                 level = to
-    rows = []
+    rows, browsers = [], driver.service.process.pid
+    before = [processor(process.pid), processor(browsers), page_time(driver)]
     for first in range(0, len(steps), TOGETHER):
         rows += driver.execute_async_script(DRAG, steps[first : first + TOGETHER])
         say(f"{len(rows)} of {len(steps)}")
+    after = [processor(process.pid), processor(browsers), page_time(driver)]
     rows = np.array(rows)
     parts = ("drawn", "answered", "simulated", "scored", "in the program")
     names = [f"{way}: {part}" for way in ("preview", "complete") for part in parts]
@@ -184,6 +215,11 @@ def drags(driver, url):
             {"part": "drag", "quantity": f"{name} [ms]", "median": np.median(rows[:, k]),
              "95 %": np.quantile(rows[:, k], 0.95), "number": len(rows)}
             for k, name in enumerate(names)
+        ]
+        + [
+            {"part": "drag", "quantity": f"processor time of the {what} per drag, two motions [ms]",
+             "median": (b - a) / len(rows), "95 %": np.nan, "number": len(rows)}
+            for what, a, b in zip(("program", "browser", "page alone"), before, after, strict=True)
         ]
     )  # fmt: skip
 
@@ -247,15 +283,20 @@ def long_page(path):
 def scrolled(driver, page):
     """Pictures per second of a recording that is scrolled."""
     driver.get(page.resolve().as_uri())
+    watch_page(driver)
     until(driver, "return document.getElementById('traces').dataset.ready === 'yes'")
     rows = []
     for zoom in (0, 6):
         for _ in range(zoom):
             driver.execute_script("document.getElementById('in').click()")
+        before = page_time(driver)
         n, ms = driver.execute_async_script(SCROLL, 10.0)
+        own = (page_time(driver) - before) / n
         view = "whole hour" if zoom == 0 else f"enlarged {zoom} times"
         rows.append({"part": "recording", "quantity": f"pictures per second, {view}",
                      "median": 1e3 * n / ms, "95 %": np.nan, "number": n})  # fmt: skip
+        rows.append({"part": "recording", "quantity": f"processor time of a picture, {view} [ms]",
+                     "median": own, "95 %": np.nan, "number": n})  # fmt: skip
     size = page.stat().st_size / 1e6
     rows.append({"part": "recording", "quantity": "size of the page [MB]", "median": size,
                  "95 %": np.nan, "number": 1})  # fmt: skip
@@ -287,7 +328,7 @@ def main(
                 log = Path(folder) / "log.nc"
                 process, url = served(face, reduced, recording, log if name == "live" else None)
                 if name == "drag":
-                    tables.append(drags(driver, url))
+                    tables.append(drags(driver, process, url))
                 else:
                     tables.append(minute(driver, process, url, log))
             finally:

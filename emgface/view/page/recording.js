@@ -3,7 +3,13 @@ const data = JSON.parse(document.getElementById("data").textContent);
 const $ = (id) => document.getElementById(id);
 const { emg, markers } = data;
 const canvas = $("traces"), overview = $("overview");
-const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+// Colours of the style sheet, looked up once per appearance (light or dark).
+const looked = new Map();
+window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { looked.clear(); refresh(); });
+function css(name) {
+  if (!looked.has(name)) looked.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
+  return looked.get(name);
+}
 
 async function bytes(text) {
   const raw = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
@@ -125,13 +131,18 @@ function rgb(text) {
   const v = parseInt(probe.fillStyle.slice(1), 16);
   return [(v >> 16) & 255, (v >> 8) & 255, v & 255];
 }
-const packedColour = (text) => { const [r, g, b] = rgb(text); return (255 << 24) | (b << 16) | (g << 8) | r; };
+const packed = new Map();
+function packedColour(text) {
+  if (!packed.has(text)) { const [r, g, b] = rgb(text); packed.set(text, (255 << 24) | (b << 16) | (g << 8) | r); }
+  return packed.get(text);
+}
 
 function traces() {
   const { pen, w, h, ratio } = sized(canvas);
   const wide = canvas.width, high = canvas.height, left = Math.round(margin * ratio);
   const list = rows(), each = high / Math.max(list.length, 1);
-  const picture = pen.createImageData(wide, high), pixels = new Uint32Array(picture.data.buffer);
+  if (!view.picture || view.picture.width !== wide || view.picture.height !== high) view.picture = pen.createImageData(wide, high);
+  const picture = view.picture, pixels = new Uint32Array(picture.data.buffer);
   pixels.fill(packedColour(css("--paper")));
   const blue = packedColour(css("--blue")), grey = packedColour(css("--line")), orange = packedColour(css("--orange"));
   const bins = binsFor((wide - left) / 1), scales = emg[way()].scale;
