@@ -45,7 +45,7 @@ INDEFINITE = {"pardiso": "pardiso_ldlt", "superlu": "superlu_pivoting"}
 SINGLE = ("pardiso_single",)
 """Solvers whose factors are in single precision."""
 
-LARGE = 4000  #: number of unknowns above which the factor of a time step is reused in the next
+LARGE = 2000  #: number of unknowns above which the factor of a time step is reused in the next
 MEDIUM = 1000  #: number of unknowns above which a factor of a time step is in single precision
 
 
