@@ -5,13 +5,13 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from benchmarks.fit_inputs import DAMAGES, damaged
 from emgface.errors import EmgfaceError
 from emgface.face.validity import check_face
 from emgface.fit.measures import distances
 from emgface.fit.person import fit_face
 from emgface.fit.targets import Target, sheets
 from emgface.fit.triangulated import Surface
-from tests.fit.damaged import DAMAGES, damaged
 
 PER_KIND = 3
 ALWAYS_REFUSED = {"sides_exchanged", "mirrored", "wrong_unit", "wrong_side", "empty", "huge"}

@@ -1,0 +1,143 @@
+"""Checks of the fit of a face to a person: damaged inputs, and motion of a published face.
+
+    python -m benchmarks fit --only damaged --inputs 300
+    python -m benchmarks fit --only published
+
+Simulated persons; the published faces are read from the folder EMGFACE_SHARED.
+"""
+
+import os
+import time
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+import xarray as xr
+
+import sim
+from benchmarks.fit_inputs import DAMAGES, damaged, person_of
+from emgface.api.given import simulation_of, study_of
+from emgface.errors import EmgfaceError
+from emgface.face.recipe import compose_scene
+from emgface.face.template import template_face
+from emgface.face.validity import check_face
+from emgface.fit.carry import carry
+from emgface.fit.measures import distances
+from emgface.fit.person import fit_face
+from emgface.fit.targets import Target, sheets
+from emgface.fit.triangulated import Surface
+
+FAR = 1.2  #: distance from the skin of the person beyond which a fitted face is called wrong [mm]
+
+
+def damaged_inputs(inputs: int, first: int = 0) -> int:
+    """Print how fits of damaged inputs end, by kind; return the number of silent or wrong ends."""
+    generic, person = template_face(resolution="coarse"), person_of(5)
+    ends: dict[str, Counter[str]] = {d.__name__: Counter() for d in DAMAGES}
+    bad = 0
+    for number in range(first, first + inputs):
+        name, marks, points, triangles = damaged(person, number)
+        start = time.process_time()
+        try:
+            found = fit_face(generic, marks, skin=(points, triangles), simulated=True)
+            check_face(found.face)
+            apart = distances(_true_skin(generic, person, found), found.face["position"].values)
+            end = "face" if apart["mean"] < FAR else "face far from the person"
+            # scans that are themselves somewhere else
+            bad += end != "face" and name not in ("self_intersection", "doubled", "other_pose")
+        except EmgfaceError as error:
+            end = "refused"
+            bad += ":" not in str(error)
+        except Exception as error:  # a defect, which is counted
+            end = f"defect: {type(error).__name__}"
+            bad += 1
+        ends[name][end] += 1
+        print(f"{number} {name}: {end}, {time.process_time() - start:.1f} s", flush=True)
+    for name, counted in ends.items():
+        print(f"  {name:20s} " + ", ".join(f"{n} {end}" for end, n in sorted(counted.items())))
+    print(f"{inputs} damaged inputs, {bad} without a located error or a face near the person [0]")
+    return bad
+
+
+def _true_skin(face: xr.Dataset, person: Any, fitted: Any) -> Target:
+    """Skin of the person in the frame of the fitted face."""
+    import json
+
+    motion = np.array(json.loads(fitted.face.attrs["fit_frame"])).reshape(3, 4)
+    skin = person.surface()
+    moved = skin.points @ motion[:, :3].T + motion[:, 3]
+    return Target("skin", sheets(face)["skin"], Surface(moved, skin.triangles))
+
+
+def moved_markers(face: xr.Dataset, levels: dict[str, float], steps: int = 4) -> np.ndarray:
+    """Displacements (markers, 3) [m] at the equilibrium under levels, without contact and gravity."""
+    given = {"sigma_max": 300e3, "gravity": False, "contact": {"method": "none"}}
+    p = simulation_of(study_of(None).simulation, "draft", given)
+    system = sim.compile_scene(replace(compose_scene(face, p), damping=None))
+    full = np.array([levels.get(str(m), 0.0) for m in face["muscle"].values])
+    state, work = system.rest_state(), sim.Workspace(system)
+    for k in range(1, steps + 1):
+        state, _ = sim.Static().step(system, state, system.control(k / steps * full), 1.0, work)
+    nodes = face["marker_node"].values
+    return state.q[nodes] - face["position"].values[nodes]
+
+
+def published(further: int = 0) -> float:
+    """Fit the reference to the other published face; rms difference of its markers under OOP [mm].
+
+    Both carry the muscles of the reference, so that the difference is that of the geometry alone.
+    `further` nodes of the rings of the lips are landmarks in addition to the 30.
+    """
+    import csv
+
+    from emgface.face.ansys import read_nodes
+    from emgface.face.artisynth import import_artisynth
+    from emgface.fit.similarity import similarity
+
+    folder = Path(os.environ["EMGFACE_SHARED"]) / "artisynth_models"
+    face = import_artisynth(folder)
+    nodes = read_nodes(folder / "face_badin" / "badinface_oop_csa_midsagittal.node")
+    b = nodes.position[np.argsort(nodes.id)]
+    B = np.column_stack([b[:, 1], -b[:, 0], b[:, 2]])
+    with (folder / "face_reference" / "derived" / "landmarks.csv").open() as stream:
+        marks = {row["name"]: int(row["node"]) - 1 for row in csv.DictReader(stream)}
+    if further:
+        with (folder / "face_reference" / "derived" / "lip_ring_nodes.csv").open() as stream:
+            ring = [int(r["node"]) - 1 for r in csv.DictReader(stream) if int(r["ring"]) == 5]
+        for k in np.linspace(0, len(ring) - 1, further).round().astype(int):
+            marks[f"lip_{k}"] = ring[k]
+    X, own = face["position"].values, sheets(face)
+    found = fit_face(
+        face, {name: B[node] for name, node in marks.items()},
+        on_face={name: X[node] for name, node in marks.items()},
+        **{name: (B, sheet.triangles) for name, sheet in own.items()},
+    )  # fmt: skip
+    there = np.array([B[marks[name]] for name in found.deformed.landmarks.names])
+    truth = similarity(there, found.deformed.landmarks.target, scaled=False)(B)
+    levels = {"OOP_L": 0.5, "OOP_R": 0.5}
+    one, two = (moved_markers(f, levels) for f in (found.face, carry(face, truth).face))
+    apart = 1e3 * float(np.sqrt((np.linalg.norm(one - two, axis=1) ** 2).mean()))
+    size = 1e3 * np.linalg.norm(two, axis=1)
+    q = found.face["position"].values
+    print(
+        f"{len(marks)} landmarks: markers under OOP 0.5 at 300 kPa differ by {apart:.2f} mm rms [0.3], "
+        f"of {size.min():.1f} to {size.max():.1f} mm; nodes by "
+        f"{1e3 * np.median(np.linalg.norm(q - truth, axis=1)):.2f} mm (median)",
+        flush=True,
+    )
+    return apart
+
+
+def main(
+    only: Annotated[list[str] | None, typer.Option(help="damaged or published.")] = None,
+    inputs: Annotated[int, typer.Option(help="Number of damaged inputs.")] = 36,
+    first: Annotated[int, typer.Option(help="Number of the first of them.")] = 0,
+) -> None:
+    if not only or "damaged" in only:
+        damaged_inputs(inputs, first)
+    if not only or "published" in only:
+        for further in (0, 12, 40):
+            published(further)
