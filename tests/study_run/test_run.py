@@ -186,7 +186,7 @@ def test_an_interrupted_study_is_resumed(laboratory, finished, tmp_path, monkeyp
     assert [run[-1]["outcome"] for run in runs] == ["interrupted", "finished"]
     log = [s["digest"] for run in runs for line in run for s in line.get("stages", ())
            if s["outcome"] == "computed"]  # fmt: skip
-    assert len(set(log)) == len(log) == 15  # 7 stages x 2 trials + rest
+    assert len(set(log)) == len(log) == 17  # 7 stages x 2 trials + rest
 
 
 def test_two_processes_give_the_cube_of_one(laboratory, finished, tmp_path: Path) -> None:
