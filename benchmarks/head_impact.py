@@ -1,6 +1,6 @@
 """Teeth of the recorded jaw that meet: effect of the step and of the rule of one-sided constraints.
 
-    python -m benchmarks head_impact                # table of docs/tongue.md; needs the recorded model
+    python -m benchmarks head_impact --out FOLDER   # table of docs/tongue.md; needs the recorded model
 
 The closers of jaw and hyoid rise within 0.1 s. "ahead": a row acts in the step in which its point would
 pass its plane (this package). "behind": a row acts from the step after, as where a program constrains

@@ -16,6 +16,9 @@ With at least 2 the ends of the line remain in the range of the activation. With
 of a burst shorter than two steps is applied at any position, and a linear activation is reproduced.
 """
 
+FINE = 17
+"""Number of instants, besides the samples, at which the misfit of a line is integrated over a step."""
+
 CORNER = 1e-9
 """Fraction of a step within which a sample of the activation is assigned to the end of the step."""
 
@@ -118,9 +121,7 @@ class Driven:
         mean is exact.
         """
         c, a = self.activation.within(t, t + h)
-        mean, c = _mean(c, a), c[:, None] - 0.5
-        first = np.diff(c, axis=0) * (a[:-1] * (2 * c[:-1] + c[1:]) + a[1:] * (c[:-1] + 2 * c[1:]))
-        rise = 2.0 * first.sum(axis=0)
+        mean, rise = _mean(c, a), _projected_rise(c, a)
         for place in places:
             away = abs(place - 0.5)
             if away > 0.0:
@@ -129,11 +130,40 @@ class Driven:
                 rise = up if place > 0.5 else -up
         return Line(mean, rise, t, h)
 
+    def misfit(self, line: Line) -> tuple[Array, Array]:
+        """What a line over a step misses of the activation, (n_muscles,) each [1].
+
+        With m = a - line, which has the mean zero, so that the impulse of the step is exact: the first
+        moment int (1 - c) m dc, missed where the line had to be limited, as with a switch or a spike
+        near one end of the step; the impulse then acts too early or too late. And int |P| dc with P'' =
+        m, P = P' = 0 at the start, half the second moment of a symmetric spike, missed wherever the
+        activation is no line.
+        """
+        c, a = self.activation.within(line.t, line.t + line.h)
+        none = np.zeros_like(line.mean)
+        if len(c) == 2 or not none.size:
+            return none, none
+        fine = np.union1d(c, np.linspace(0.0, 1.0, FINE))
+        columns: list[Array] = [np.interp(fine, c, a[:, k]) for k in range(a.shape[1])]
+        m = np.stack(columns, axis=1) - line.mean - (fine[:, None] - 0.5) * line.rise
+        d = np.diff(fine)[:, None]
+        once = np.concatenate([none[None], np.cumsum(0.5 * d * (m[:-1] + m[1:]), axis=0)])
+        more = d * once[:-1] + d * d * (2.0 * m[:-1] + m[1:]) / 6.0
+        twice = np.concatenate([none[None], np.cumsum(more, axis=0)])
+        return twice[-1], 0.5 * (d * np.abs(twice[:-1] + twice[1:])).sum(axis=0)
+
     def astray(self, t0: float, t1: float) -> float:
         """Largest distance of the activation from its straight line over an interval [1]."""
         c, a = self.activation.within(t0, t1)
         line = self.moments(t0, t1 - t0, ())
         return float(np.abs(a - line.mean - (c[:, None] - 0.5) * line.rise).max(initial=0.0))
+
+
+def _projected_rise(c: Array, a: Array) -> Array:
+    """Rise 12 int a (c - 1/2) dc of the projection onto linear functions of c in 0-1."""
+    x = c[:, None] - 0.5
+    first = np.diff(x, axis=0) * (a[:-1] * (2 * x[:-1] + x[1:]) + a[1:] * (x[:-1] + 2 * x[1:]))
+    return 2.0 * first.sum(axis=0)
 
 
 def _mean(c: Array, a: Array) -> Array:

@@ -3,6 +3,9 @@
 Each message is one sentence: what was found, what was expected, what to try.
 """
 
+SWING_LOST = 0.1
+"""Share of the energy of turning tissue whose loss is warned of."""
+
 
 class SimulationError(Exception):
     """Base class of the errors of the mechanics."""
@@ -86,6 +89,30 @@ class ToleranceMissed(SimulationError):
 
 class SlowStepsWarning(UserWarning):
     """Steps of a scene of bodies use the general method, which takes about a hundred times as long."""
+
+
+class LostSwingWarning(UserWarning):
+    """Steps with one linear solution take the energy of tissue that turns.
+
+    Attributes
+    ----------
+    share : float
+        Energy that a second iteration would have given back, relative to the sum of this energy, the
+        largest kinetic energy and the energy dissipated by the damping of the scene.
+    time : float
+        Time of the largest loss [s].
+    node : int
+        Node of the largest loss.
+    """
+
+    def __init__(self, share: float, time: float, node: int) -> None:
+        self.share, self.time, self.node = share, time, node
+        super().__init__(
+            f"the steps with one linear solution take {100.0 * share:.2g} % of the energy of tissue "
+            f"that turns, most at t = {time:.4g} s at node {node}, expected at most "
+            f"{100.0 * SWING_LOST:g} %: the motion is too slow; choose Sdirk2 or ConvergedEuler, or a "
+            "smaller step"
+        )
 
 
 class SingularSystem(SimulationError):

@@ -163,26 +163,36 @@ class SmallestJ:
 
 @dataclass(frozen=True, eq=False)
 class StepErrors(_Named):
-    """Estimated error of each step at named nodes, (marker, axis) [m], and iteration tolerance [m].
+    """Estimated errors of each step at named nodes, (marker, axis) [m], and iteration tolerance [m].
 
-    The error is NaN if the integrator has no estimate; the tolerance is 0 if it does not iterate.
+    The error of the step is NaN if the integrator has no estimate; the tolerance is 0 if it does not
+    iterate. The errors of the input are those by the part of the activation that the line of a step
+    misses, lasting and passing (`sim.state.StepReport.input_error`).
     """
 
     reads_errors: ClassVar[bool] = True
 
     def variables(self) -> tuple[Variable, ...]:
-        """Variables ``step_error`` and ``iteration_error``."""
-        return *_over_markers("step_error", self.names), Variable("iteration_error", "m")
+        """Variables ``step_error``, ``input_error``, ``passing_error`` and ``iteration_error``."""
+        return (
+            *_over_markers("step_error", self.names),
+            *_over_markers("input_error", self.names),
+            *_over_markers("passing_error", self.names),
+            Variable("iteration_error", "m"),
+        )
 
     def record(self, system: System, state: State, control: Control, report: Report) -> Values:
         """Return the estimate at the nodes; zero at the start."""
         nodes = self._of(len(state.q))
+        none = np.zeros((len(nodes), 3))
         if report is None:
-            return np.zeros((len(nodes), 3)), 0.0
+            return none, none, none, 0.0
         left = float(np.nan_to_num(report.increment))
         if report.local_error is None:
-            return np.full((len(nodes), 3), np.nan), left
-        return report.local_error[nodes], left
+            return none + np.nan, none, none, left
+        missed = report.input_error
+        lasting, passing = (none, none) if missed is None else missed[:, nodes]
+        return report.local_error[nodes], lasting, passing, left
 
 
 @dataclass(frozen=True)

@@ -7,21 +7,22 @@ from dataclasses import dataclass, field
 import numpy as np
 import xarray as xr
 
-from sim.errors import SimulationError
+from sim.errors import SWING_LOST, LostSwingWarning, SimulationError
 from sim.probes import Probe, recorded
-from sim.state import Array, Control, Outputs, State, StepReport
+from sim.state import Array, Control, Outputs, State, StepReport, Swing
 from sim.system import System
 
 
 @dataclass(eq=False)
 class Log:
-    """Outputs so far, and the times [s] between which stability was lost."""
+    """Outputs so far, times [s] between which stability was lost, and energies of turning tissue."""
 
     system: System
     probes: Sequence[Probe]
     times: list[Array] = field(default_factory=list[Array])
     records: list[list[Array]] = field(default_factory=list[list[Array]])
     unstable: list[float] = field(default_factory=list[float])
+    swings: list[tuple[float, Swing]] = field(default_factory=list[tuple[float, Swing]])
 
     def add(self, state: State, control: Control, report: StepReport | None) -> None:
         """Record an output."""
@@ -34,6 +35,17 @@ class Log:
         rows = (recorded(p, self.system, outputs, activation) for p in self.probes)
         self.times.append(outputs.t)
         self.records.append([x for row in rows for x in row])
+
+    def lost_swing(self) -> LostSwingWarning | None:
+        """Warning if a share above `SWING_LOST` of the energy of turning tissue was lost."""
+        whole = Swing.united([swing for _, swing in self.swings])
+        if whole is None or whole.lost <= 0.0:
+            return None
+        share = whole.lost / (whole.lost + whole.kinetic + max(whole.damped, 0.0))
+        if not share > SWING_LOST:
+            return None
+        time, worst = max(self.swings, key=lambda one: one[1].lost)
+        return LostSwingWarning(share, time, worst.node)
 
     @contextmanager
     def told(self) -> Generator[None]:

@@ -85,7 +85,8 @@ def simulate(
         One variable per probe variable over ``time`` [s]. Attributes: solver and its threads, largest
         step, run time, and ``unstable_from_s`` and ``unstable_until_s`` [s] if a matrix was not positive
         definite or the motion snapped (`sim.snapping`) between these times; the further motion may
-        depend on rounding.
+        depend on rounding; ``swing_lost`` and its time [s] and node if steps with one linear solution
+        took more than a tenth of the energy of turning tissue (`LostSwingWarning`).
     final : State
 
     Raises
@@ -159,6 +160,13 @@ def simulate(
         attrs["note"] = NOTE.format(solver_threads)
     if log.unstable:
         attrs |= {"unstable_from_s": log.unstable[0], "unstable_until_s": log.unstable[-1]}
+    if (lost := log.lost_swing()) is not None:
+        attrs |= {
+            "swing_lost": lost.share,
+            "swing_lost_at_s": lost.time,
+            "swing_lost_node": lost.node,
+        }
+        warnings.warn(lost, stacklevel=3)
     return log.dataset(attrs), with_scene(state, system)
 
 
@@ -251,6 +259,8 @@ def _one_by_one(
             log.unstable += [before.t, state.t]
         for at, report in passed:
             whole = None
+            if report is not None and report.swing is not None:
+                log.swings.append((state.t, report.swing))
             if report is not None:
                 reports.append(report)
             if at is state and not interval.ends_output:

@@ -75,6 +75,10 @@ class Control:
         """The same activation over a step."""
         return self.chord(t, h)
 
+    def misfit(self, line: "Line") -> tuple[Array, Array]:
+        """Zeros, because the activation is constant."""
+        return np.zeros_like(self.activation), np.zeros_like(self.activation)
+
 
 @dataclass(frozen=True)
 class Line:
@@ -117,6 +121,13 @@ class ControlAt(Protocol):
         """Line with the mean and first moment, limited to 0-1 at relative times `places`."""
         ...
 
+    def misfit(self, line: Line) -> tuple[Array, Array]:
+        """What a line misses of the activation, (n_muscles,) each [1].
+
+        With m = a - line: the first moment int (1 - c) m dc, and int |P| dc with P'' = m.
+        """
+        ...
+
 
 @dataclass(frozen=True)
 class Evaluation:
@@ -127,6 +138,30 @@ class Evaluation:
     energy: float  #: sum of the potentials of the terms [J]
     smallest_J: float  #: smallest det F over all Gauss points (inf if no term deforms)
     element: int  #: element in which it occurs, -1 if none
+
+
+@dataclass(frozen=True)
+class Swing:
+    """Energies of a step with one linear solution [J]."""
+
+    kinetic: float = 0.0  #: at its end
+    damped: float = 0.0  #: dissipated by the damping of the scene
+    #: taken by the stress of tissue that turned: a second iteration would give it back
+    lost: float = 0.0
+    node: int = (
+        -1
+    )  #: node at which a second iteration would change the momentum most, -1 without loss
+
+    @classmethod
+    def united(cls, parts: "Sequence[Swing]") -> "Swing | None":
+        """Sums, with the largest kinetic energy and the node of the largest loss; None of no parts."""
+        if not parts:
+            return None
+        worst = max(parts, key=lambda part: part.lost)
+        return cls(
+            max(p.kinetic for p in parts), sum(p.damped for p in parts),
+            sum(p.lost for p in parts), worst.node,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -153,6 +188,12 @@ class StepReport:
     touching: int = 0  #: number of steps at whose end surfaces of contact constraints press
     #: estimated local error of the positions [m]; None if the method has no estimate
     local_error: Array | None = field(default=None, compare=False, repr=False)
+    #: (2, n_points, 3) estimated errors of the positions [m] by the part of the activation that the line
+    #: of the step misses: what decays with the damping, and what the inertia makes good within about a
+    #: step; None if it was not estimated or nothing is missed
+    input_error: Array | None = field(default=None, compare=False, repr=False)
+    #: energies of tissue that turns; None for a method that iterates, and with bodies or joints
+    swing: Swing | None = field(default=None, compare=False)
     #: largest change of the velocity of a point in a step, times the step [m]; NaN if not computed
     jump: float = float("nan")
     #: sum of the estimated errors at the watched nodes over the interval [m]; NaN without error control
@@ -179,12 +220,23 @@ def united(reports: Sequence[StepReport], rejected: int) -> StepReport:
         jump=float(np.fmax.reduce([r.jump for r in reports])),
         touching=sum(r.touching for r in reports),
         local_error=_sum([r.local_error for r in reports]),
+        input_error=_missed([r.input_error for r in reports if r.input_error is not None]),
+        swing=Swing.united([r.swing for r in reports if r.swing is not None]),
         error=sum(r.error for r in reports),
     )
 
 
 def _any(known: list[bool | None]) -> bool | None:
     return None if None in known else any(known)
+
+
+def _missed(errors: list[Array]) -> Array | None:
+    """Sum of the lasting errors by missed activations, and the longest passing one of each point."""
+    if not errors:
+        return None
+    both = np.array(errors)
+    longest = np.linalg.norm(both[:, 1], axis=2).argmax(axis=0)
+    return np.array([both[:, 0].sum(axis=0), both[longest, 1, np.arange(both.shape[2])]])
 
 
 def _sum(errors: list[Array | None]) -> Array | None:

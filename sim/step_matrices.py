@@ -6,7 +6,7 @@ import numpy as np
 
 from sim.linear.contract import symmetric_product
 from sim.matrix import Matrix, Product, merged
-from sim.state import Array, Control, Evaluation, Line, Pose
+from sim.state import Array, Control, ControlAt, Evaluation, Line, Pose
 from sim.system import System
 
 
@@ -18,6 +18,7 @@ class Missed:
     D: Matrix  #: damping [N s/m]
     here: Evaluation  #: forces at the start under the control of the end
     estimated: bool  #: True if the method has an estimate of its error
+    control: ControlAt  #: activation at all times
 
 
 @dataclass(frozen=True)

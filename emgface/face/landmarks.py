@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 from emgface.errors import FaceError
 from emgface.face.parts import SKULL
 from emgface.face.surface import faces_among
+from sim.indices import index, indices
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.integer]
@@ -26,6 +27,8 @@ def ring_of_nodes(
     FaceError if `rim_node` is not on a boundary loop of the sheet.
     """
     n = len(position)
+    sheet = indices("skin of the mouth", "node", sheet, n, error=FaceError)
+    rim_node = index("rim of the mouth", "node", rim_node, n, error=FaceError)
     faces, _ = faces_among(connectivity, sheet)
     edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     edges = edges[edges[:, 0] != edges[:, 1]]
@@ -51,9 +54,10 @@ def shift_rings(
 ) -> NDArray[np.int64]:
     """Replace nodes of a sheet by the nearest node `offset` rings further from an opening.
 
-    Other arguments as for `ring_of_nodes`. Raises FaceError if there is no such ring.
+    Other arguments as for `ring_of_nodes`. Raises FaceError if there is no such ring, and for nodes that
+    are neither numbers nor a mask (`sim.indices`).
     """
-    nodes = np.asarray(nodes, dtype=np.int64)
+    nodes = indices("markers of the mouth", "node", nodes, len(position), error=FaceError)
     if offset == 0:
         return nodes
     ring = ring_of_nodes(position, connectivity, sheet, rim_node)

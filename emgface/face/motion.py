@@ -223,9 +223,12 @@ def simulate_face(
         return run(start, watched[:1], progress, in_other_steps(parameters))
 
     of_contact, told = event_error(trajectory, again if parameters.check_contact else None)
-    step, left = trajectory["step_error"], trajectory["iteration_error"]
-    error = (numerical_error(step, parameters.beta, left) + of_contact).assign_attrs(units="m")
-    trajectory = trajectory.drop_vars([step.name, left.name, FORCE, TOUCHING], errors="ignore")
+    kinds = ("step_error", "iteration_error", "input_error", "passing_error")
+    step, *others = (trajectory[kind] for kind in kinds)
+    of_steps = numerical_error(step, parameters.beta, *others)
+    error = (of_steps + of_contact).assign_attrs(units="m")
+    recorded = [*kinds, FORCE, TOUCHING]
+    trajectory = trajectory.drop_vars(recorded, errors="ignore")
     trajectory = trajectory.assign(numerical_error=error)
     trajectory.attrs |= told
     trajectory.attrs["solver"] = parameters.solver

@@ -11,30 +11,42 @@ def largest_motion(trajectory: xr.Dataset) -> float:
 
 
 def numerical_error(
-    step_error: xr.DataArray, memory: float, iteration_error: xr.DataArray | None = None
+    step_error: xr.DataArray,
+    memory: float,
+    iteration_error: xr.DataArray | None = None,
+    input_error: xr.DataArray | None = None,
+    passing_error: xr.DataArray | None = None,
 ) -> xr.DataArray:
     """Accumulate the errors of the steps with exponential decay: ``(time,)`` [m], largest marker.
 
-    e(t + h) = exp(-h/memory) e(t) + error of the step, per marker and axis; the same sum of the
-    iteration errors is added to the length of that of the steps.
+    e(t + h) = exp(-h/memory) e(t) + error of the step, per marker and axis. The length of the same sum
+    of the lasting errors by the activation that the lines of steps miss, that of the passing one of the
+    step, and the sum of the iteration errors are added.
 
-    `step_error` (marker, axis, time) [m] is recorded by `sim.StepErrors`; the result is NaN if the
-    integrator has no estimate. `memory` [s] is the time within which a disturbance decays: beta for
-    tissue with stiffness damping, since a mode much slower than its inertia relaxes as
-    exp(-t/beta); 0 for no accumulation. `iteration_error` (time) [m] bounds the error of a position
-    at the end of the iteration. The estimate excludes the error of the mesh
-    and events of contact (`emgface.face.event_error`). ``python -m benchmarks
-    error_coverage`` measures how often it holds for activations from EMG (docs/accuracy.md).
+    `step_error`, `input_error` and `passing_error` (marker, axis, time) [m] are recorded by
+    `sim.StepErrors`; the result is NaN if the integrator has no estimate. `memory` [s] is the time
+    within which a disturbance decays: beta for tissue with stiffness damping, since a mode much slower
+    than its inertia relaxes as exp(-t/beta); 0 for no accumulation. `iteration_error` (time) [m] bounds
+    the error of a position at the end of the iteration. The estimate excludes the error of the mesh and
+    events of contact (`emgface.face.event_error`). ``python -m benchmarks error_coverage`` measures how
+    often it holds for activations from EMG, and with ``--hard`` for switches and spikes
+    (docs/accuracy.md).
     """
     values = step_error.transpose("time", "marker", "axis").values
     h = np.diff(step_error["time"].values)
     keep = np.exp(-h / memory) if memory > 0.0 else np.zeros(len(h))
     left = np.zeros(len(values)) if iteration_error is None else iteration_error.values.copy()
-    error = np.zeros_like(values)
+    missed, passing = (
+        np.zeros_like(values) if one is None else one.transpose("time", "marker", "axis").values
+        for one in (input_error, passing_error)
+    )
+    error, missed = values.copy(), missed.copy()
     for k in range(1, len(values)):
-        error[k] = keep[k - 1] * error[k - 1] + values[k]
+        error[k] += keep[k - 1] * error[k - 1]
+        missed[k] += keep[k - 1] * missed[k - 1]
         left[k] += keep[k - 1] * left[k - 1]
-    largest = np.linalg.norm(error, axis=2).max(axis=1) + left
+    lengths = np.sum([np.linalg.norm(part, axis=2) for part in (error, missed, passing)], axis=0)
+    largest = lengths.max(axis=1) + left
     return xr.DataArray(
         largest, dims="time", coords={"time": step_error["time"]}, attrs={"units": "m"}
     )

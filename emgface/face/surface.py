@@ -5,7 +5,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from emgface.errors import FaceError
 from emgface.face.quality import is_wedge
+from sim.indices import index_rows, whole_numbers
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.integer]
@@ -71,7 +73,7 @@ def triangles(faces: Indices, position: Floats) -> NDArray[np.int64]:
 
     The shorter diagonal, unlike a fixed corner, treats mirrored faces in the same way.
     """
-    faces = np.asarray(faces, dtype=np.int64)
+    faces = index_rows("faces", "node", faces, len(position), 4, error=FaceError)
     three = faces[:, 2] == faces[:, 3]
     quad = faces[~three]
     corners = position[quad]
@@ -164,7 +166,7 @@ def _parts(
     *,
     ordered: bool = False,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    connectivity = np.asarray(connectivity, dtype=np.int64)
+    connectivity = whole_numbers("connectivity", "node", connectivity, error=FaceError)
     wedge = is_wedge(connectivity)
     parts, owners = [], []
     for chosen, pattern in ((~wedge, of_hexahedron), (wedge, of_wedge)):

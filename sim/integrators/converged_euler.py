@@ -70,4 +70,5 @@ class ConvergedEuler(Converged):
         u1 = kinematics.inertial(end.w, end.pose)
         gained = kinematics.momentum(u1 - u0, end.pose) - h * (Q0 - D.force(w0))
         error = self._freed(system, 0.5 * h * (end.w - w0), 0.5 * gained, D, h, end, work)
-        return final_state(system, end, end.w, memory, h), report_of(h, [end], error)
+        missed = self._of_input(system, control, line, h, end, work)
+        return final_state(system, end, end.w, memory, h), report_of(h, [end], error, missed)

@@ -7,9 +7,10 @@ import numpy as np
 
 from sim.errors import InvertedElement
 from sim.integrators.contract import require_upright
-from sim.integrators.estimate import relaxed
+from sim.integrators.estimate import of_input, relaxed
 from sim.integrators.linear_rows import LinearRows
 from sim.integrators.step_solver import Solution
+from sim.integrators.swing import Turned, swing_of
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
 from sim.linear import NotReached
@@ -96,12 +97,15 @@ def linear_step(
         pose = kinematics.advance(pose0, h * ((1 - moves) * v0 + moves * v1), t1)
     with work.timed("force"):
         least, element = system.smallest_J(pose.q)
-    local_error, missed, at_end = None, equation.missed, None
+    local_error, input_error, missed, at_end = None, None, equation.missed, None
     if missed.estimated and work.estimates and least > 0.0:
         pushed = under.pushed if under else np.zeros_like(pose.q)
         with work.timed("force"):
             at_end = system.force(pose.q, missed.line.at(1.0))
         local_error = _estimate(system, state, missed, found, pushed, pose, at_end, work)
+        assert found.roughly is not None  # Set by every solution of a step.
+        of_step = missed.line, h, found.roughly, pose
+        input_error = of_input(system, missed.control, *of_step)
     if conditions is not None:
         pose = work.constraints.projected(pose0, pose)
         done = work.constraints.projection
@@ -126,6 +130,15 @@ def linear_step(
     with work.timed("force"):
         start = kinematics.at(pose0, t1)
         bent = concave(kinematics, start, lambda: missed.here.f, pose, f_at_end)
+        swing = None
+        if not (
+            kinematics.matrix_varies or system.rows or conditions or missed.D.offset is not None
+        ):
+            assert found.roughly is not None  # Set by every solution of a step.
+            at_end = at_end or system.force(pose.q, missed.line.at(1.0))
+            step = Turned(state, pose, v1, moves, missed.line, missed.D.times, found.roughly)
+            pushed = under.pushed if under else np.zeros_like(pose.q)
+            swing = swing_of(system, step, missed.here.f, at_end.f, pushed)
     remembered = {**system.remember(pose.q), **(under.memory if under else {})}
     if under and under.reaction is not None:
         remembered[REACTIONS] = under.reaction
@@ -136,7 +149,9 @@ def linear_step(
         factorisations=found.factorisations,
         indefinite=int(not found.definite),
         local_error=local_error,
+        input_error=input_error,
         concave=bent,
+        swing=swing,
     )
 
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from sim.errors import SceneError
 from sim.integrators.constrained import minimise_constrained
 from sim.integrators.contact_converged import Settled, minimise_in_contact, moved_upright
 from sim.integrators.contact_stage import StageInContact, StageWithRows
-from sim.integrators.estimate import relaxed
+from sim.integrators.estimate import of_input, relaxed
 from sim.integrators.incremental import (
     IncrementalPotential,
     Stage,
@@ -21,7 +21,7 @@ from sim.integrators.newton import Iteration, Point, Potential, Tolerances, mini
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
 from sim.matrix import Matrix
-from sim.state import Array, Evaluation, Line, Pose, State, StepReport
+from sim.state import Array, ControlAt, Evaluation, Line, Pose, State, StepReport
 from sim.step_matrices import damping_matrix
 from sim.system import System
 
@@ -141,17 +141,30 @@ class Converged(Iterative):
         also those that were stopped within the step: their position is that of the face, whenever they
         met it.
         """
-
-        def solve(rhs: Array) -> Array:
-            if end.contact is not None:
-                return end.contact.held(rhs)
-            return (
-                work.newton.solve(rhs)
-                if system.constraints is None
-                else work.constraints.saddle.roughly(rhs)
-            )
-
+        solve = partial(_solved_at, end, system, work)
         return relaxed(system, error, momentum, D, s, solve, end.pose)
+
+    def _of_input(
+        self,
+        system: System,
+        control: ControlAt,
+        line: Line,
+        s: float,
+        end: Solved,
+        work: Workspace,
+    ) -> Array | None:
+        """Error of the positions by the activation that the line misses, as of `of_input`."""
+        solve = partial(_solved_at, end, system, work)
+        return of_input(system, control, line, s, solve, end.pose)
+
+
+def _solved_at(end: Solved, system: System, work: Workspace, rhs: Array) -> Array:
+    """Solution with the matrix of a stage, under the rows that act at its end."""
+    if end.contact is not None:
+        return end.contact.held(rhs)
+    if system.constraints is None:
+        return work.newton.solve(rhs)
+    return work.constraints.saddle.roughly(rhs)
 
 
 def final_state(
@@ -185,9 +198,18 @@ def middle_damping(system: System, state: State, control: Line, h: float) -> Mat
     return damping_matrix(system, pose if upright else state.pose, state.v, middle)
 
 
-def report_of(h: float, stages: list[Solved], local_error: Array | None = None) -> StepReport:
-    """One report for the stages of a step and the estimated error of its positions (n_nodes, 3)."""
+def report_of(
+    h: float,
+    stages: list[Solved],
+    local_error: Array | None = None,
+    input_error: Array | None = None,
+) -> StepReport:
+    """One report for the stages of a step and the estimated errors of its positions (n_nodes, 3)."""
     went = reduce(Iteration.joined, (stage.went for stage in stages))
     return StepReport(
-        h=h, smallest_J=stages[-1].here.smallest_J, local_error=local_error, **asdict(went)
+        h=h,
+        smallest_J=stages[-1].here.smallest_J,
+        local_error=local_error,
+        input_error=input_error,
+        **asdict(went),
     )

@@ -46,7 +46,7 @@ class _Linearised:
         line = control.chord(state.t, h)
 
         def equation(system: System) -> LinearStep:
-            return self.equation(system, state, line, work)
+            return self.equation(system, state, control, line, work)
 
         return step_of(equation, system, state, h, self.tolerance, work)
 
@@ -89,7 +89,9 @@ class _Linearised:
                 reports.append(passed.report(seen, passed.done))
             state, done = passed.state(passed.done), done + passed.done
 
-    def equation(self, system: System, state: State, line: Line, work: Workspace) -> LinearStep:
+    def equation(
+        self, system: System, state: State, control: ControlAt, line: Line, work: Workspace
+    ) -> LinearStep:
         """Matrix and right-hand side of a step from a state, with the activation of a line over it.
 
         Raises InvertedElement if det F <= 0 at the start.
@@ -112,7 +114,7 @@ class _Linearised:
             w0 = kinematics.velocities(state)
             left = (1.0 - theta) / theta
             rhs = rhs + left * kinematics.apply_mass(w0, predicted) - left * A.times(w0)
-        missed = Missed(line, D, here, self.estimated)
+        missed = Missed(line, D, here, self.estimated, control)
         return LinearStep(A, rhs + h * force, theta, missed)
 
 
@@ -131,9 +133,10 @@ class LinearlyImplicitEuler(_Linearised):
 
     Stiff tissue that turns loses its swing: a rotation by theta within a step stretches it by
     theta^2/2, and the stress of this stretch resists the motion of the next step like a string. The
-    loss of velocity per step is about h^2 E theta^2/(2 density L^2), and the estimate contains the
-    stretch, but not the loss. A pinned bar of 0.1 m with E = 1e9 Pa in steps of 5 ms turns by 0.15
-    instead of 0.68 rad within 0.1 s (1e7 Pa: 0.51; 1e6 Pa: 0.66); `Sdirk2` has no such error.
+    loss of velocity per step is about h^2 E theta^2/(2 density L^2). The estimate contains the stretch,
+    but not the loss, of which `sim.simulate` warns (`LostSwingWarning`). A pinned bar of 0.1 m with E =
+    1e9 Pa in steps of 5 ms turns by 0.15 instead of 0.68 rad within 0.1 s (1e7 Pa: 0.51; 1e6 Pa:
+    0.66); `Sdirk2` has no such error.
     """
 
     order: ClassVar[int] = 1

@@ -28,7 +28,8 @@ class ErrorControlledStep:
     remainder decreases. The smallest step may use the whole remainder, so that the sum stays below the
     tolerance.
 
-    The estimate is that of the integrator. Without one, or if halving a step does not reduce the
+    The estimate is that of the integrator, with the part of the activation that the line of the step
+    misses. Without one, or if halving a step does not reduce the
     estimate according to the order of the method, the step is repeated in two halves and the error
     estimated from the difference. Steps never cross the end of an interval.
 
@@ -118,7 +119,7 @@ class ErrorControlledStep:
                     raise ToleranceMissed(error, allowed, h, state.t + h)
                 level, rejected = level + 1, rejected + 1
                 continue
-            before, spent = np.inf, kept + error
+            before, spent = np.inf, kept + report.error
             done += size
             aligned = level > 0 and done % (finest >> (level - 1)) == 0
             if aligned and error * 1.5 * gain <= allowed:
@@ -128,7 +129,7 @@ class ErrorControlledStep:
             if watch is not None:
                 watch(state, new)
             state = new
-            reports.append(replace(report, error=error))
+            reports.append(report)
         return state, united(reports, rejected)
 
     def _longer(
@@ -151,9 +152,11 @@ class ErrorControlledStep:
     def _attempt(
         self, motion: Motion, state: State, h: float, gain: float
     ) -> tuple[State, StepReport, float]:
+        """Step with its largest error; that of the report is the part that lasts."""
         new, report = motion.step(state, h)
         if report.local_error is not None:
-            return new, report, self._largest(report.local_error)
+            error, lasting = self._largest(report.local_error, report.input_error)
+            return new, replace(report, error=lasting), error
         return self._halves(motion, state, h, gain, new)
 
     def _halves(
@@ -163,11 +166,21 @@ class ErrorControlledStep:
         middle, first = motion.step(state, 0.5 * h)
         better, second = motion.step(middle, state.t + h - middle.t)
         error = (new.q - better.q) / (gain - 1.0)
-        report = replace(united([first, second], 0), local_error=error)
-        return better, report, self._largest(error)
+        report = united([first, second], 0)
+        largest, lasting = self._largest(error, report.input_error)
+        return better, replace(report, local_error=error, error=lasting), largest
 
-    def _largest(self, error: Array) -> float:
-        watched = error
+    def _largest(self, error: Array, missed: Array | None) -> tuple[float, float]:
+        """Largest error of a step at a watched node [m], and the part that decays with the horizon.
+
+        It is the sum of the lengths of the error and of those by `missed` activation.
+        """
+        lasting = np.linalg.norm(error, axis=1)
+        passing = np.zeros_like(lasting)
+        if missed is not None:
+            more, passing = np.linalg.norm(missed, axis=2)
+            lasting = lasting + more
         if self.nodes is not None:
-            watched = error[indices("ErrorControlledStep", "node", self.nodes, len(error))]
-        return float(np.linalg.norm(watched, axis=1).max())
+            chosen = indices("ErrorControlledStep", "node", self.nodes, len(error))
+            lasting, passing = lasting[chosen], passing[chosen]
+        return float((lasting + passing).max()), float(lasting.max())

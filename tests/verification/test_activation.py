@@ -162,3 +162,51 @@ def test_a_burst_between_steps_moves_the_body_under_every_integrator(cls):
             assert gap < allowed, (phase, step, gap)
             if cls.order == 1:
                 break
+
+
+def test_what_a_line_misses_is_integrated_over_its_difference():
+    """Against sums over fine samples; a free line has the first moment, and a ramp misses nothing."""
+    c = (np.arange(200_000) + 0.5) / 200_000
+    activation = rough()
+    drive = Driven(SYSTEM, activation)
+    for t in (0.0, 0.04, 0.13, 0.2):
+        for line in (drive.moments(t, H, (0.3, 1.0)), drive.moments(t, H, ())):
+            left = activation.at_all(t + H * c) - line.mean - (c[:, None] - 0.5) * line.rise
+            first, second = drive.misfit(line)
+            np.testing.assert_allclose(first, ((1.0 - c) @ left) / len(c), atol=1e-7)
+            twice = np.cumsum(np.cumsum(left, axis=0), axis=0) / len(c) ** 2
+            np.testing.assert_allclose(second, np.abs(twice).mean(axis=0), rtol=0.05, atol=1e-6)
+        np.testing.assert_allclose(first, 0.0, atol=1e-15)
+    ramp = Driven(SYSTEM, sim.Activation(np.array([0.0, 1.0]), np.array([[0.0, 0.1], [1.0, 0.8]])))
+    np.testing.assert_allclose(ramp.misfit(ramp.moments(0.2, H, (0.3, 1.0))), 0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("cls", [sim.Sdirk2, sim.ConvergedEuler, sim.LinearlyImplicitEuler])
+@pytest.mark.parametrize("damping", [0.005, 0.055])
+@pytest.mark.parametrize("at", [0.001, 0.003, 0.005, 0.007, 0.009])
+def test_the_estimate_covers_a_switch_and_a_spike_within_a_step(cls, damping, at):
+    """One step from rest, against steps that end at the switches.
+
+    With the damping of a face the estimate is larger than the error; with a tenth of it, modes are as
+    fast as the step, and the error of the methods exceeds its estimate by up to a factor of 2.
+    """
+    most = 1.0 if damping > 0.05 else 2.0
+    system = block(damping)
+    for end in (1.0, at + 5e-4):  # switched on, or on for half a millisecond
+        time = np.array([0.0, at, at + 1e-6, end, end + 1e-6])
+        a = np.array([0.0, 0.0, 0.5, 0.5, 0.0])
+        drive = Driven(system, sim.Activation(time, np.stack([a, 0.2 * a], axis=1)))
+        rest = system.rest_state()
+        _, report = (found := cls().step(system, rest, drive, H, sim.Workspace(system)))
+        exact, work = rest, sim.Workspace(system)
+        edges = [x for x in (at, at + 1e-6, end, end + 1e-6) if x < H]
+        for t0, t1 in zip([0.0, *edges], [*edges, H], strict=True):
+            for _ in range(8):
+                exact, _ = sim.Sdirk2(tolerance=1e-12).step(
+                    system, exact, drive, (t1 - t0) / 8, work
+                )
+        error = np.linalg.norm(found[0].q - exact.q, axis=1).max()
+        lengths = np.linalg.norm(report.local_error, axis=1)
+        assert report.input_error is not None
+        lengths = lengths + np.linalg.norm(report.input_error, axis=2).sum(axis=0)
+        assert error < most * lengths.max(), (end, error, lengths.max())

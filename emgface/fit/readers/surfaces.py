@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from emgface.errors import FitError
 from emgface.fit.readers.guard import content_of, metres
 from emgface.fit.triangulated import Floats, Integers, Surface
+from sim.indices import whole_numbers
 
 MOST_BYTES: Final = 500_000_000
 MOST_TRIANGLES: Final = 1_500_000
@@ -56,7 +57,7 @@ def surface_of(
 ) -> Scan:
     """Check points (n, 3) and triangles (m, 3), and make their orientation consistent."""
     x = np.asarray(points, dtype=np.float64)
-    t = np.asarray(triangles, dtype=np.int64)
+    t = whole_numbers(f"{name}: triangles", "point", triangles, error=FitError)
     if x.ndim != 2 or x.shape[1] != 3 or t.ndim != 2 or t.shape[1] != 3 or len(t) < LEAST_TRIANGLES:
         raise FitError(
             f"{name} has points of shape {x.shape} and triangles of shape {t.shape}, expected at least "
