@@ -188,12 +188,13 @@ def bandpass(signal: xr.DataArray, parameters: FilterParameters) -> xr.DataArray
 def pass_band(parameters: FilterParameters, rate: float) -> tuple[float, float]:
     """Return lower and upper edge of the pass-band [Hz] at a sampling rate [Hz].
 
-    An upper edge above 0.9 of half the sampling rate is lowered to that frequency, so that a
-    recording of 1000 Hz is filtered to 15-450 Hz. Raises SignalError if less than an octave of the
+    An upper edge above half the sampling rate, or less than 0.1 % below it, is lowered to 0.9 of half
+    the rate, so that a recording of 1000 Hz is filtered to 15-450 Hz, also if its rate is 1000 Hz
+    only up to the rounding of its times. Raises SignalError if less than an octave of the
     band remains.
     """
     low, nyquist = parameters.low, rate / 2.0
-    high = parameters.high if parameters.high < nyquist else HELD * nyquist
+    high = parameters.high if parameters.high < 0.999 * nyquist else HELD * nyquist
     if high < parameters.high and high < 2.0 * low:
         raise SignalError(
             f"the sampling rate of {rate:g} Hz contains nothing above {nyquist:g} Hz, "

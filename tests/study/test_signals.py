@@ -178,3 +178,18 @@ def test_constant_rows():
     values[1] = 0.0
     values[3] = 0.1 + 0.2
     assert constant_rows(signal_of(values)) == ("M1", "M3")
+
+
+@pytest.mark.parametrize("rounding", [-1e-4, -1e-9, -5e-16, 0.0, 5e-16, 1e-9, 1e-4])
+def test_a_rate_of_twice_the_upper_edge_up_to_rounding_is_filtered(rounding: float) -> None:
+    """Cut trials of a recording at 1000 Hz have a rate of 1000.0000000000005 Hz by their times."""
+    time = np.arange(2000) / (1000.0 * (1.0 + rounding))
+    signal = xr.DataArray(
+        1e-5 * np.random.default_rng(0).standard_normal((1, time.size)),
+        {"channel": ["ZYG_L"], "time_emg": ("time_emg", time, {"units": "s"})},
+        ("channel", "time_emg"), attrs={"units": "V"},
+    )  # fmt: skip
+    with pytest.warns(FeatureWarning, match="instead of 500 Hz"):
+        found = bandpass(signal, FilterParameters())
+    assert np.isfinite(found).all() and 0.5e-5 < float(found.std()) < 1.1e-5
+    assert found.attrs["filter_high"] == pytest.approx(450.0, rel=1e-3)
