@@ -157,7 +157,33 @@ def _lip_columns(face: xr.Dataset, lip: str) -> Integers:
             f"the {lip} lip has no facets of skin between the corners of the mouth, expected a mesh "
             "with at least four along its margin"
         )
+    found = _without_pinches(found, faces.tolist())
     return _columns(connectivity, face["layer"].values, owner[found])
+
+
+def _without_pinches(found: list[int], faces: list[list[int]]) -> list[int]:
+    """Leave out facets that touch those before them in a single node.
+
+    The columns beneath them would share an edge only, along which the surface is not closed.
+    """
+    while True:
+        at: dict[int, list[int]] = {}
+        for k in found:
+            for node in set(faces[k]):
+                at.setdefault(node, []).append(k)
+        dropped: set[int] = set()
+        for own in at.values():
+            joined = {own[0]}
+            while more := [
+                k
+                for k in own
+                if k not in joined and any(len({*faces[k]} & {*faces[j]}) > 1 for j in joined)
+            ]:
+                joined.update(more)
+            dropped.update(set(own) - joined)
+        if not dropped:
+            return found
+        found = [k for k in found if k not in dropped]
 
 
 def _columns(connectivity: Integers, layer: Integers, top: Integers) -> Integers:

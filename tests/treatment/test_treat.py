@@ -111,6 +111,13 @@ def test_elements_that_a_closure_would_fold_are_divided(coarse, size):
     assert report(treated)["smallest_J"] > 0.1
 
 
+def test_the_closed_wound_has_closed_surfaces_for_contact(coarse, operated):
+    """In the oblique wedge, a ring of facets around the mouth touches the suture in a single node."""
+    oblique = ef.treat(coarse, wedge(place=0.42, width=12.0, height=11.0))
+    for face in (operated, oblique):
+        compose_scene(face, configure(SimulationParameters, {}))
+
+
 def test_a_wound_of_the_outer_layer_is_refused_by_contact_with_its_remedy(coarse):
     treated = ef.treat(coarse, wedge(layers="outer", width=11.0))
     with pytest.raises(FaceError, match="contact off"):
