@@ -11,7 +11,7 @@ of the sound over that of the voice before a still /a/. Lips: formants of an ide
 protrusions of the lips. Stiffening: the same for the lips of generated faces. Head: formants of
 generated heads, after 0.25 s. Other: the 13
 published shapes (EMGFACE_SHARED); theirs / the same nine cells with the matrix method / this
-package.
+package. Ranges: smallest and largest ratio of theirs to those of this package in the same shapes.
 """
 
 import json
@@ -358,9 +358,29 @@ def head() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+def ranges() -> pd.DataFrame:
+    """Smallest and largest ratio of the values of the other program to those of this package."""
+    table, rows = other(), list[dict[str, object]]()
+    for name, told in (("B1", "bandwidth of F1"), ("f0", "frequency of the folds")):
+        both = np.array([[float(x) for x in cell.split("/")] for cell in table[name]])
+        ratio = both[:, 0] / both[:, 1]
+        rows.append(
+            {
+                "value": told,
+                "shapes": int(np.isfinite(ratio).sum()),
+                "least ratio": round(float(np.nanmin(ratio)), 3),
+                "largest ratio": round(float(np.nanmax(ratio)), 3),
+                "least %": round(100.0 * float(np.nanmin(1.0 - 1.0 / ratio)), 1),
+                "largest %": round(100.0 * float(np.nanmax(1.0 - 1.0 / ratio)), 1),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
 PARTS = {
     "formants": formant_table, "checks": checks, "folds": folds, "cost": cost,
     "stability": stability, "lips": lips, "stiffening": stiffening, "head": head, "other": other,
+    "ranges": ranges,
 }  # fmt: skip
 
 
