@@ -78,11 +78,11 @@ def simulate(
         Path | None,
         typer.Option(help="New folder for states of the motion, from which others branch."),
     ] = None,
-    waypoint_every: Annotated[float, typer.Option(help="Time between these states [s].")] = 0.1,
+    waypoint_every: Annotated[float, typer.Option(help="Time between these states in s.")] = 0.1,
     branch: Annotated[
         Path | None, typer.Option(help="Folder of such states, at one of which the motion begins.")
     ] = None,
-    branch_at: Annotated[float, typer.Option(help="Time of this state [s].")] = 0.1,
+    branch_at: Annotated[float, typer.Option(help="Time of this state in s.")] = 0.1,
 ) -> None:
     """Simulate the motion of the face for an activation or a recording; store it, or show it."""
     if not (out_path or page or movie or vtk):

@@ -29,6 +29,7 @@ MECHANICS: Final = (
     "emgface.face.tension_lines",
     "emgface.face.tissue",
     "emgface.face.treated",
+    "emgface.face.waypoints",
     "emgface.reduced.model",
     "emgface.reduced.motion",
     "emgface.reduced.trained",

@@ -6,6 +6,7 @@ from emgface.study.store import Stage
 _SIGNALS = (
     "emgface.signals.running",
     "emgface.signals.activation",
+    "emgface.signals.doubtful",
     "emgface.signals.envelope",
     "emgface.signals.features",
     "emgface.signals.mapping",
@@ -48,7 +49,7 @@ _FINDINGS = (
 )
 """Modules of the findings that results repeat."""
 
-RANGE = Stage("range", _SIGNALS)
+RANGE = Stage("range", tuple(dict.fromkeys((*_SIGNALS, *_FINDINGS))))
 ACTIVATION = Stage("activation", tuple(dict.fromkeys((*_SIGNALS, *_FINDINGS))))
 REST = Stage("rest", MECHANICS)
 MOTION = Stage("motion", (*MECHANICS, "emgface.study.policy"))

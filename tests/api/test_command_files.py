@@ -22,6 +22,7 @@ READ = {
     *("head_path", "inner", "landmarks", "mapping", "mixing", "model", "motion", "on_face", "path"),
     *("paths", "plan", "range_", "recording", "recordings", "reduced", "reference", "series"),
     *("sidecars", "skin", "source", "spread", "store", "study", "surface", "trajectory"),
+    "workspace",
 }
 """Parameters of commands that are paths and are not written."""
 

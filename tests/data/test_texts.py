@@ -95,6 +95,7 @@ OWN = {  # files that the package writes itself, or ships
     "emgface/texts.py", "emgface/cli/data_describe.py", "emgface/recordings/readers/_isolated.py",
     "emgface/cli/study.py", "emgface/pictures/page.py", "emgface/view/page.py",
     "emgface/report/kept.py", "emgface/schema/validation.py", "emgface/schema/older.py",
+    "emgface/face/waypoints.py", "emgface/treatment/dose.py",
 }  # fmt: skip
 
 
