@@ -67,15 +67,14 @@ def correlation_3d(
     Raises
     ------
     TrajectoryError
-        Dims, labels, samples or units differ, or fewer than two samples.
+        Dims, labels, samples or units differ, or fewer than two samples; `form` is unknown, or
+        `smallest_motion` is negative or not finite.
 
     Notes
     -----
     Source: Eskes et al. 2017, Eqs 11-13, after Pitermann and Munhall. rho is invariant to shift
     and positive scale of either trajectory, not to rotation.
     """
-    if form not in ("consistent", "as_printed"):
-        raise TrajectoryError(f"form is {form!r}, expected 'consistent' or 'as_printed'")
     both = Pair.of(measured, simulated, dim)
     return _correlation(both, _reason(both, smallest_motion) == "", form)
 
@@ -207,7 +206,8 @@ def score(
     Raises
     ------
     TrajectoryError
-        Different markers or time bases, wrong dims or units, fewer than two samples in common.
+        Different markers or time bases, wrong dims or units, fewer than two samples in common; an
+        option is unknown, negative or not finite.
     """
     model = checked(simulated, "simulated")
     given = same_markers(checked(aligned, "aligned"), model)
@@ -245,6 +245,9 @@ def _reason(
     smallest_snr: float = SMALLEST_SNR,
 ) -> xr.DataArray:
     """Reason for an undefined correlation, as `undefined_reason`."""
+    for name, least in (("smallest_motion", smallest_motion), ("smallest_snr", smallest_snr)):
+        if not 0.0 <= least < np.inf:
+            raise TrajectoryError(f"{name} is {least}, expected a finite number of 0 or more")
     dims = ["axis", both.dim]
     gaps = {role: data.isnull().any(dims) for role, data in both.given.items()}
     still: dict[str, xr.DataArray] = {}
@@ -268,6 +271,8 @@ def _reason(
 
 def _correlation(both: Pair, defined: xr.DataArray, form: Form) -> xr.DataArray:
     """Correlation of two trajectories where it is defined, as `correlation_3d`."""
+    if form not in ("consistent", "as_printed"):
+        raise TrajectoryError(f"form is {form!r}, expected 'consistent' or 'as_printed'")
     v, w = both.centred["measured"], both.centred["simulated"]
     product = (v * w).sum(["axis", both.dim], skipna=False)
     # The product of the two sums could underflow for very small motions.

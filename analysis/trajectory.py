@@ -29,7 +29,7 @@ def checked(data: xr.Dataset | xr.DataArray, role: str) -> xr.DataArray:
     Positions [m] have the dims marker, axis (3) and one time dim of any name, which becomes
     ``time``; in a Dataset they are the variable ``position``. `role` is the name in messages, such
     as ``"measured"``. Raises TrajectoryError for no ``position``, other dims, no labels, repeated
-    markers, unit other than metre, or time not strictly increasing.
+    markers, units other than metre and second, or time not strictly increasing.
     """
     if isinstance(data, xr.Dataset):
         if "position" not in data:
@@ -67,6 +67,11 @@ def checked(data: xr.Dataset | xr.DataArray, role: str) -> xr.DataArray:
     repeated = sorted({marker for marker in markers if markers.count(marker) > 1})
     if repeated:
         raise TrajectoryError(f"the {role} positions contain a marker twice: {names(repeated)}")
+    clock = position[time_dim].attrs.get("units", "s")
+    if clock != "s":
+        raise TrajectoryError(
+            f"the {role} time is in {clock!r}, expected units 's': convert it and set attrs['units']"
+        )
     time = np.asarray(position[time_dim].values, dtype=np.float64)
     if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
         raise TrajectoryError(
@@ -150,12 +155,28 @@ def pair(
 ) -> tuple[xr.DataArray, xr.DataArray]:
     """Check two trajectories against each other and return them as float64, NaN for infinite."""
     for role, data in (("measured", measured), ("simulated", simulated)):
+        if not isinstance(data, xr.DataArray):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise TrajectoryError(
+                f"the {role} trajectory is of type {type(data).__name__}, expected a DataArray with "
+                f"the dims axis and {dim}: label it"
+            )
         absent = [name for name in ("axis", dim) if name not in data.dims]
         if absent:
             raise TrajectoryError(
                 f"the {role} trajectory has dims {tuple(map(str, data.dims))} and lacks "
                 f"{names(absent)}"
             )
+    both = (measured, simulated)
+    single = [
+        d for d in ("marker", "axis") if any(d in coordinates(v) and d not in v.dims for v in both)
+    ]
+    several = [d for d in single if any(d in v.dims for v in both)]
+    if several or dim == "axis":
+        raise TrajectoryError(
+            f"the trajectories have dims {tuple(map(str, measured.dims))} and "
+            f"{tuple(map(str, simulated.dims))} with samples along {dim}, expected the same markers on "
+            "both sides, and samples over time: select one entry on both sides"
+        )
     n = simulated.sizes[dim]
     if n != measured.sizes[dim] or n < 2:
         raise TrajectoryError(

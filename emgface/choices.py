@@ -6,10 +6,11 @@ reports invalid values.
 
 import difflib
 from collections.abc import Iterator, Mapping
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, get_args, get_origin
 
+import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from emgface.errors import ConfigurationError
 
@@ -50,6 +51,21 @@ class Parameters(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _no_truth_for_numbers(cls, values: Any) -> Any:
+        """Refuse true and false for a number, as which pydantic would read 1 and 0."""
+        for name, value in values.items() if isinstance(values, Mapping) else ():
+            field = cls.model_fields.get(name)
+            if field is None or not _takes_number(field.annotation):
+                continue
+            every = value if isinstance(value, list | tuple) else (value,)
+            if any(isinstance(one, bool | np.bool_) for one in every):
+                raise ValueError(
+                    f"{name} = {value}, expected a number instead of true or false: specify its value"
+                )
+        return values
+
     def __repr_args__(self) -> Iterator[tuple[str, Any]]:
         """Show the values that differ from their defaults."""
         fields = type(self).model_fields
@@ -63,6 +79,16 @@ class Parameters(BaseModel):
         """Table of all parameters with unit and source, for Jupyter."""
         table = parameter_table(self)[["parameter", "value", "default", "unit", "source"]]
         return table.to_html(index=False)
+
+
+def _takes_number(annotation: Any) -> bool:
+    """Return True for a type that contains numbers but no truth values."""
+    kinds, found = [annotation], set[Any]()
+    while kinds:
+        kind = kinds.pop()
+        found.add(kind if get_origin(kind) is not Literal else str)
+        kinds += [] if get_origin(kind) is Literal else get_args(kind)
+    return bool(found & {int, float}) and not found & {bool, Any}
 
 
 def configure(model: type[ModelT], values: Mapping[str, Any], *, where: str = "") -> ModelT:

@@ -30,13 +30,21 @@ class Activation:
     Raises
     ------
     ControlError
-        Shapes disagree or times do not ascend.
+        Shapes disagree, times do not ascend, or values are not real numbers.
     """
 
     time: Array  #: (n,) ascending [s]
     values: Array  #: (n, n_muscles) in 0-1
 
     def __post_init__(self) -> None:
+        for name in ("time", "values"):
+            given = np.asarray(getattr(self, name))
+            if given.dtype.kind not in "iuf":
+                raise ControlError(
+                    f"the {name} of the activation are of type {given.dtype}, expected real numbers: "
+                    "convert them"
+                )
+            object.__setattr__(self, name, np.asarray(given, dtype=np.float64))
         if self.values.ndim != 2 or len(self.values) != len(self.time) or len(self.time) == 0:
             raise ControlError(
                 f"activation has shape {self.values.shape} for {len(self.time)} times, expected "

@@ -13,6 +13,7 @@ from emgface.errors import SchemaError
 from emgface.recordings.dataset import read_recording
 from emgface.recordings.fillers import without_fillers
 from emgface.schema.netcdf import read_netcdf
+from emgface.schema.validation import validate
 from emgface.signals.parameters import SignalChain
 
 # The mechanics are imported by the functions that use them: signals require none.
@@ -85,19 +86,32 @@ def recording_of(given: Data, mapping: Mapping[str, Any] | File | None) -> xr.Da
     Raises errors as `emgface.recordings.dataset.read_recording`.
     """
     if isinstance(given, xr.Dataset):
+        for dim in ("channel", "marker"):
+            labels = list(map(str, given[dim].values)) if dim in given.coords else []
+            if twice := sorted({name for name in labels if labels.count(name) > 1}):
+                raise SchemaError(
+                    f"the recording contains {dim} {', '.join(twice)} more than once, expected every "
+                    f"{dim} once: remove or rename the others"
+                )
         return without_fillers(given)
     named = fspath(mapping) if isinstance(mapping, PathLike) else mapping
     return read_recording(path_of(given, "a recording"), mapping=named)
 
 
 def face_of(given: Data | None, study: "StudyConfiguration") -> xr.Dataset:
-    """Return the specified face, or that of the study; FaceError if it is not valid."""
+    """Return the specified face, or that of the study.
+
+    Raises FaceError or SchemaError if it is not valid; a dataset is checked against its schema.
+    """
     from emgface.face.file import load_face
     from emgface.study.faces import study_face
 
     if given is None:
         return study_face(study.face)
-    return given if isinstance(given, xr.Dataset) else load_face(given)
+    if not isinstance(given, xr.Dataset):
+        return load_face(path_of(given, "a face model"))
+    validate(given, "face_model")
+    return given
 
 
 def changed(model: ModelT, tables: Mapping[str, Any], where: str) -> ModelT:

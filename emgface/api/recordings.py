@@ -90,9 +90,9 @@ def activate(
         Treatment of a channel that was recorded on the other side only ("mirror", "zero" or
         "leave_out"), and of one that was recorded on neither side ("zero" or "leave_out").
     session, reference : Dataset, optional
-        Range of the features, unless ``normalisation`` refers to the trial
-        (`emgface.signals.activation.feature_range`). `reference` may also be a sequence of
-        maximum-effort recordings of the same volunteer.
+        Range of the features (`emgface.signals.activation.feature_range`), to which the normalisation
+        then refers. `reference` may also be a maximum-effort recording of the same volunteer, or
+        a sequence of them.
     **tables : mapping
         Further tables of ``[signals]`` in a study file, such as ``normalisation={"silent": "zero"}``.
 
@@ -134,7 +134,7 @@ def activate(
         raise ConfigurationError(
             f"the pass-band is {band!r}, expected its two edges in Hz: pass for example (20, 400)"
         )
-    low, high = band or (None, None)
+    low, high = band if band is not None else (None, None)
     options: dict[str, Any] = {
         "filter": {"low": low, "high": high},
         "feature": feature if isinstance(feature, Mapping) else {"kind": feature},
@@ -143,9 +143,10 @@ def activate(
     for table, named in options.items():
         chosen = {name: value for name, value in named.items() if value is not None}
         tables = merged(tables, {table: chosen} if chosen else {})
+    if isinstance(reference, xr.Dataset) and "emg" in reference:
+        reference = [reference]  # one recording of maximum effort
     extent = reference if isinstance(reference, xr.Dataset) else None
-    if reference is not None and extent is None:
-        tables = merged(tables, {"normalisation": {"reach": "reference"}})
+    tables = merged(tables, _reach(session, reference, tables.get("normalisation")))
     chain = changed(signals_of(study), tables, "signals")
     if reference is not None and not isinstance(reference, xr.Dataset):
         extent = feature_range((recording_of(one, mapping) for one in reference), chain)
@@ -164,6 +165,26 @@ def activate(
     # A count that is zero throughout was warned of when it was computed.
     warn_of(one for one in findings_in(activation) if one.values.get("high") != 0.0)
     return stored_with(activation, found)
+
+
+def _reach(session: object, reference: object, table: Any) -> dict[str, Any]:
+    """Reach of the normalisation for a range that is passed; ConfigurationError for another one.
+
+    A range of which the normalisation makes no use would be a result other than asked for.
+    """
+    from emgface.errors import ConfigurationError
+
+    given = [n for n, v in (("session", session), ("reference", reference)) if v is not None]
+    if not given:
+        return {}
+    named = table.get("reach") if isinstance(table, Mapping) else getattr(table, "reach", None)
+    if len(given) > 1 or (named is not None and named != given[0]):
+        raise ConfigurationError(
+            f"found a range of the {' and of the '.join(given)}"
+            + (f" with normalisation over the {named}" if named is not None else "")
+            + ", expected the one range to which the normalisation refers: pass that one only"
+        )
+    return {"normalisation": {"reach": given[0]}}
 
 
 def score(

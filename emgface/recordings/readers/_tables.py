@@ -53,7 +53,7 @@ def load_table(
         frame = _table(sidecar, path, table)
         # A sidecar that lists its channels may use the names that pandas gives to repeated labels.
         if wanted is None and not table.columns:
-            _require_different_labels(sidecar, path, table)
+            _require_labels(sidecar, path, table)
         for name in list(frame.columns):
             if frame[name].dtype.kind in "iuf":
                 continue
@@ -185,13 +185,19 @@ def _require_few_columns(path: Path, stream: io.StringIO, table: Table) -> None:
     stream.seek(0)
 
 
-def _require_different_labels(sidecar: Path, path: Path, table: Table) -> None:
-    """Refuse repeated labels, of which pandas renames all but the first."""
+def _require_labels(sidecar: Path, path: Path, table: Table) -> None:
+    """Refuse repeated labels, of which pandas renames all but the first, and samples in their place."""
     first = pd.read_csv(
         open_text(path, table.encoding), sep=table.delimiter, skipinitialspace=True, header=None,
         nrows=1, dtype=str, skiprows=table.skip_rows, index_col=False,
     )  # fmt: skip
     labels = [str(label).strip() for label in first.iloc[0].dropna()]
+    exact = _EXACT[table.decimal]
+    if any(not label.isdecimal() for label in labels) and all(map(exact.fullmatch, labels)):
+        raise DataError(
+            f"{path.name} begins with the numbers {listed(labels)}, expected the labels of the columns: "
+            f"list them as 'columns' in {sidecar.name}."
+        )
     twice = [label for label in labels if label and labels.count(label) > 1]
     if twice:
         raise DataError(

@@ -1,0 +1,165 @@
+"""Arguments of the Python functions that have no meaning are refused by name, instead of used."""
+
+import typing
+
+import numpy as np
+import pytest
+import xarray as xr
+from pydantic import BaseModel
+
+import emgface as ef
+import sim
+from analysis.errors import TrajectoryError
+from analysis.scores import amplitude_ratio, correlation_3d, rmse, score
+from analysis.trajectory import checked
+from emgface.choices import Parameters, configure
+from emgface.errors import ConfigurationError, DataError, SchemaError
+from emgface.signals.activation import feature_range
+from emgface.signals.parameters import SignalChain
+from emgface.study.configuration import StudyConfiguration
+
+NAMES = [f"{name}_{side}" for side in "LR" for name in "OOS OOI RIS ZYG LLSAN DAO MEN".split()]
+
+
+def recording(gain: float = 1.0, names=NAMES) -> xr.Dataset:
+    rng = np.random.default_rng(3)
+    time = np.arange(4096) / 2048
+    burst = 0.2 + np.exp(-(((time - 1.0) / 0.3) ** 2))
+    emg = rng.normal(size=(len(names), 4096)) * burst * 40e-6 * gain
+    coords = {"channel": list(names), "time_emg": ("time_emg", time, {"units": "s"})}
+    variable = (("channel", "time_emg"), emg, {"units": "V"})
+    return xr.Dataset({"emg": variable}, coords, {"volunteer": "V1", "origin": "measured"})
+
+
+def numbers(model: type[BaseModel], path: tuple[str, ...] = ()):
+    """Path of every parameter of a model that is a number, or a list of numbers."""
+    for name, field in model.model_fields.items():
+        kind = field.annotation
+        kinds = {kind, *typing.get_args(kind)}
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            yield from numbers(kind, (*path, name))
+        elif kinds & {int, float} and bool not in kinds:
+            yield (*path, name)
+
+
+@pytest.mark.parametrize("path", list(numbers(StudyConfiguration)), ids=".".join)
+@pytest.mark.parametrize("value", [True, False, np.True_])
+def test_no_number_of_a_study_may_be_true_or_false(path, value):
+    given: object = value
+    for name in reversed(path):
+        given = {name: given}
+    with pytest.raises(ConfigurationError, match=f"{path[-1]} = (True|False), expected a number"):
+        configure(StudyConfiguration, given)
+
+
+def test_switches_and_lists_follow_the_same_rule():
+    class Some(Parameters):
+        switch: bool = True
+        either: bool | int = 1
+        pair: tuple[float, float] = (0.0, 1.0)
+
+    assert configure(Some, {"switch": False, "either": True}).switch is False
+    with pytest.raises(ConfigurationError, match="pair = .*expected a number"):
+        configure(Some, {"pair": [0.0, True]})
+
+
+@pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+def test_a_range_that_is_passed_is_used():
+    strong = recording(3.0)
+    extent = feature_range([strong, recording()], SignalChain())
+    alone = ef.activate(recording(), strategy="act_all")["activation"]
+    options = {"strategy": "act_all", "normalisation": {"outside": "clip"}}
+    for passed in ({"session": extent}, {"reference": extent}):
+        within = ef.activate(recording(), **options, **passed)["activation"]
+        assert float(within.max()) < float(alone.max()) or not np.allclose(within, alone)
+    one = ef.activate(recording(), reference=strong, **options)["activation"]
+    several = ef.activate(recording(), reference=[strong], **options)["activation"]
+    assert np.array_equal(one, several)
+    assert not np.allclose(one, alone)
+    with pytest.raises(ConfigurationError, match="normalisation over the trial"):
+        ef.activate(recording(), session=extent, normalisation={"reach": "trial"})
+    with pytest.raises(ConfigurationError, match="session and of the reference"):
+        ef.activate(recording(), session=extent, reference=extent)
+
+
+@pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+def test_a_band_may_be_an_array():
+    given = ef.activate(recording(), strategy="act_all", band=np.array([20, 400]))
+    assert given.equals(ef.activate(recording(), strategy="act_all", band=(20, 400)))
+
+
+def test_repeated_channels_are_named():
+    with pytest.raises(SchemaError, match="channel ZYG_L more than once"):
+        ef.activate(recording(names=[*NAMES, "ZYG_L"]), strategy="act_all")
+
+
+@pytest.mark.parametrize("face", [xr.Dataset(), 5, "transposed", "single"])
+def test_a_face_that_is_none_is_refused(face):
+    if isinstance(face, str):
+        whole = ef.face(resolution="coarse")
+        face = whole.transpose() if face == "transposed" else whole.astype("float32")
+    activation = xr.Dataset(
+        {"activation": (("muscle", "time"), np.zeros((1, 2)), {"units": "1"})},
+        {"muscle": ["ZYG_L"], "time": ("time", [0.0, 0.1], {"units": "s"})},
+    )
+    with pytest.raises(DataError):
+        ef.simulate(activation, face)
+
+
+def motion(units: str = "s") -> xr.Dataset:
+    rng = np.random.default_rng(0)
+    values = rng.normal(size=(2, 3, 20))
+    time = ("time", np.arange(20.0), {"units": units})
+    coords = {"marker": ["a", "b"], "axis": list("xyz"), "time": time}
+    return xr.Dataset({"position": (("marker", "axis", "time"), values, {"units": "m"})}, coords)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("form", "x"), ("reference", "last")]
+    + [(name, v) for name in ("smallest_motion", "smallest_snr") for v in (-1.0, np.nan, np.inf)],
+)
+def test_unknown_options_of_a_score_are_refused(option, value):
+    with pytest.raises(TrajectoryError, match=f"{option} is"):
+        score(motion(), motion(), **{option: value})
+
+
+@pytest.mark.parametrize("measure", [correlation_3d, rmse, amplitude_ratio])
+def test_measures_refuse_other_shapes_and_types(measure):
+    position = motion()["position"]
+    with pytest.raises(TrajectoryError, match="of type ndarray"):
+        measure(position.values, position)
+    with pytest.raises(TrajectoryError, match="same markers on both"):
+        measure(position, position.isel(marker=0))
+    with pytest.raises(TrajectoryError, match="samples over time"):
+        measure(position, position, dim="axis")
+
+
+def test_times_in_other_units_are_refused():
+    with pytest.raises(TrajectoryError, match="time is in 'ms'"):
+        checked(motion("ms"), "measured")
+
+
+@pytest.mark.parametrize("kind", [object, complex, bool, str])
+@pytest.mark.parametrize("which", ["time", "values"])
+def test_an_activation_has_real_numbers(kind, which):
+    given = {"time": np.array([0.0, 1.0]), "values": np.array([[0.0], [1.0]])}
+    given[which] = given[which].astype(kind)
+    with pytest.raises(sim.ControlError, match="real numbers"):
+        sim.Activation(**given)
+
+
+def test_an_activation_of_whole_numbers_is_read_as_real_ones():
+    given = sim.Activation(np.array([0, 2]), np.array([[0], [1]]))
+    assert given.values.dtype == np.float64
+    assert given.at(1.0).tolist() == [0.5]
+
+
+def test_a_table_without_labels_keeps_its_first_sample(tmp_path):
+    (tmp_path / "t.csv").write_text("0.5,1.25\n0.75,-1.5\n")
+    sidecar = tmp_path / "t.toml"
+    sidecar.write_text('schema = "recording"\n[emg]\nfile = "t.csv"\nunit = "uV"\nrate = 2000.0\n')
+    with pytest.raises(DataError, match="begins with the numbers 0.5, 1.25"):
+        ef.read(sidecar)
+    sidecar.write_text(sidecar.read_text() + 'columns = ["left", "right"]\n')
+    assert ef.read(sidecar)["emg"].values.tolist() == [[0.5e-6, 0.75e-6], [1.25e-6, -1.5e-6]]
