@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 
 import sim
 from emgface.errors import FaceError
+from sim.scene import having
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -116,11 +117,10 @@ def relaxed(scene: sim.Scene, start: Floats, side: NDArray[np.bool_], suture: In
     residual = np.zeros(f.size)
     residual[system.free] = f.reshape(-1)[system.free]
     traction = np.zeros_like(f)
-    for term in system.terms:
-        if hasattr(term, "nodes_of_muscle"):
-            one = np.zeros_like(f)
-            term.add(state.q, silent, one, None, side.astype(np.float64))  # pyright: ignore[reportCallIssue]
-            traction[suture] += one[suture]
+    for term in having(system.terms, "nodes_of_muscle"):
+        one = np.zeros_like(f)
+        term.add(state.q, silent, one, None, side.astype(np.float64))  # pyright: ignore[reportCallIssue]
+        traction[suture] += one[suture]
     return Closed(
         state.q,
         traction,
