@@ -18,7 +18,7 @@ class Missed:
     D: Matrix  #: damping [N s/m]
     here: Evaluation  #: forces at the start under the control of the end
     estimated: bool  #: True if the method has an estimate of its error
-    control: ControlAt  #: activation at all times
+    control: ControlAt | None  #: activation at all times
 
 
 @dataclass(frozen=True)

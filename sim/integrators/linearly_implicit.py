@@ -98,14 +98,15 @@ def linear_step(
     with work.timed("force"):
         least, element = system.smallest_J(pose.q)
     local_error, input_error, missed, at_end = None, None, equation.missed, None
-    if missed.estimated and work.estimates and least > 0.0:
+    control = missed.control
+    if control is not None and missed.estimated and work.estimates and least > 0.0:
         pushed = under.pushed if under else np.zeros_like(pose.q)
         with work.timed("force"):
             at_end = system.force(pose.q, missed.line.at(1.0))
         local_error = _estimate(system, state, missed, found, pushed, pose, at_end, work)
         assert found.roughly is not None  # Set by every solution of a step.
         of_step = missed.line, h, found.roughly, pose
-        input_error = of_input(system, missed.control, *of_step)
+        input_error = of_input(system, control, *of_step)
     if conditions is not None:
         pose = work.constraints.projected(pose0, pose)
         done = work.constraints.projection

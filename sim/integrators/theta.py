@@ -46,7 +46,7 @@ class _Linearised:
         line = control.chord(state.t, h)
 
         def equation(system: System) -> LinearStep:
-            return self.equation(system, state, control, line, work)
+            return self.equation(system, state, line, work, control)
 
         return step_of(equation, system, state, h, self.tolerance, work)
 
@@ -90,10 +90,16 @@ class _Linearised:
             state, done = passed.state(passed.done), done + passed.done
 
     def equation(
-        self, system: System, state: State, control: ControlAt, line: Line, work: Workspace
+        self,
+        system: System,
+        state: State,
+        line: Line,
+        work: Workspace,
+        control: ControlAt | None = None,
     ) -> LinearStep:
         """Matrix and right-hand side of a step from a state, with the activation of a line over it.
 
+        Without the control, the error of the step is not estimated.
         Raises InvertedElement if det F <= 0 at the start.
         """
         at_end, h, theta = line.at(1.0), line.h, self.theta
