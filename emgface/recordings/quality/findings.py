@@ -52,8 +52,7 @@ def findings(
                 found += _marker(name, row)
             found += _exchanged(swapped_markers(recording["position"]))
             found += wrong_size(recording["position"])
-        if said := little_in_common(recording):
-            found.append(Finding("little_in_common", "marker", "", {"said": said}))
+        found += little_in_common(recording)
         for left, right, r, swapped in swapped_sides(recording).itertuples(index=False):
             if swapped:
                 numbers = {"r": r, "other": str(right)}
