@@ -48,7 +48,7 @@ def test_initial_penetrations_are_kept_or_removed_at_the_given_speed(integrator)
     assert np.abs(end.v).max() < 1e-3
     weight = 9.81 * system.node_mass.sum()
     assert system.contact is not None
-    _, _, force = system.contact.measure(end, system.control(np.zeros(0)))
+    _, _, force = system.contact.measure(end)
     assert force.sum() == pytest.approx(weight, rel=0.05)
     # no faster than the removal, except for its own oscillation
     assert max(state.v[:, 2].mean() for state in states) < 1.2 * SPEED

@@ -29,7 +29,7 @@ def test_wide_opening_has_the_published_gape(published):
 def test_tasks_run_without_the_muscles_that_a_fixed_hyoid_lacks(published, shared, tmp_path):
     """Published series and tasks drive infrahyoid muscles, of which the table names the absent ones."""
     series = shared / "artisynth_models" / "jaw_larynx" / "probes" / "leftchew"
-    jaw, out = tmp_path / "jaw.nc", tmp_path / "table.csv"
+    jaw, out, moved = (tmp_path / name for name in ("jaw.nc", "table.csv", "moved.nc"))
     write_netcdf(published("fixed"), jaw, "jaw_model")
     command = [
         "jaw",
@@ -54,5 +54,5 @@ def test_tasks_run_without_the_muscles_that_a_fixed_hyoid_lacks(published, share
         (["--task", "open", "--series", str(series)], "cannot be used with the task 'open'"),
         (["--series", str(series)], "cannot be used with the task 'rest'"),
     ):  # neither was used, without a word
-        found = CliRunner().invoke(app, ["jaw", "run", str(jaw), "--out", str(out), *options])
+        found = CliRunner().invoke(app, ["jaw", "run", str(jaw), "--out", str(moved), *options])
         assert found.exit_code == 2 and told in " ".join(found.output.replace("\u2502", "").split())
