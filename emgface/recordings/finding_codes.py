@@ -46,11 +46,7 @@ _CLOCK: Final = {
     "short_file": Meaning(
         "warning", "contains {held:g} s of the {announced:g} s that its description declares"
     ),
-    "no_band": Meaning(
-        "error",
-        "sampled at {rate:g} Hz, which contains nothing above {half:g} Hz, expected at least an octave "
-        "of the pass-band from {low:g} to {high:g} Hz: record faster or choose another band",
-    ),
+    "no_band": Meaning("error", "{problem}"),
     "slow": Meaning(
         "warning",
         "sampled at {rate:.4g} Hz, which contains nothing above {half:.4g} Hz of the 15 to 500 Hz of "
@@ -66,18 +62,7 @@ _CLOCK: Final = {
         "{rate:g} Hz, expected {low:g} to {high:g} Hz for surface EMG: check whether the rate is too "
         "{error}",
     ),
-    "nothing_in_common": Meaning(
-        "warning",
-        "sEMG from {emg_from:.4g} to {emg_to:.4g} s and markers from {marker_from:.4g} to "
-        "{marker_to:.4g} s have nothing in common: check the sampling rates, and the shift of the "
-        "clocks",
-    ),
-    "little_in_common": Meaning(
-        "warning",
-        "sEMG from {emg_from:.4g} to {emg_to:.4g} s and markers from {marker_from:.4g} to "
-        "{marker_to:.4g} s have {common:.4g} s in common, the only part that is used: check the "
-        "sampling rates, and the shift of the clocks",
-    ),
+    "little_in_common": Meaning("warning", "{said}"),
 }
 _FLAGS: Final = {
     "bad": Meaning("error", "marked as bad in {by}{why}: treated as missing"),

@@ -11,21 +11,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import h5py
-import numpy as np
 
 from emgface.errors import DataError
 
 ROOM, ROOM_PER_BYTE = 512 << 20, 64
 """Largest size of all data sets of a file in memory [byte], and addition per byte of the file."""
 _LINKS: Final = 16  #: most soft links of a name that lead to one another
-_NEUTRAL: Final = {
-    "scale_factor": 1.0,
-    "add_offset": 0.0,
-    "conversion": 1.0,
-    "offset": 0.0,
-}
-"""Attributes by which netCDF and NWB convert stored numbers, with the values that change nothing."""
-_UNITS: Final = ("units", "unit")
 _DIMENSION: Final = b"This is a netCDF dimension but not a netCDF variable"
 
 
@@ -83,38 +74,6 @@ def require_own_data(path: Path, item: h5py.Dataset) -> None:
         raise DataError(
             f"{path.name}: {held} of {chunks} parts of {name!r} were written; expected all of them, "
             "because the others would be read as a constant: record or export it again."
-        )
-
-
-def require_plain_values(path: Path, item: h5py.Dataset, unit: str = "") -> None:
-    """Raise DataError if attributes state a conversion of the numbers, or another unit than `unit`.
-
-    Other programs multiply by them when they read the data set. A unit of another quantity, or one that
-    is not known, is no contradiction.
-    """
-    for key, neutral in _NEUTRAL.items():
-        value = item.attrs.get(key)
-        if value is not None and not np.all(np.asarray(value) == neutral):
-            raise DataError(
-                f"{path.name}: {item.name!r} has the attribute {key} = {value}, by which its numbers "
-                "are to be converted; expected `step` and `zero` in the sidecar, of which the value is "
-                "step * (number - zero) in its unit."
-            )
-    for key in _UNITS if unit else ():
-        stated = item.attrs.get(key)
-        stated = stated.decode("utf-8", "replace") if isinstance(stated, bytes) else stated
-        if isinstance(stated, str):
-            _require_unit(path, item, key, stated, unit)
-
-
-def _require_unit(path: Path, item: h5py.Dataset, key: str, stated: str, unit: str) -> None:
-    from emgface.schema.units import quantity_of, spelling  # xarray, only where a unit is stated
-
-    other = quantity_of(stated) is not None and spelling(stated) != spelling(unit)
-    if other and quantity_of(stated) == quantity_of(unit):
-        raise DataError(
-            f"{path.name}: {item.name!r} is in {spelling(stated)} by its attribute {key}, and in "
-            f"{spelling(unit)} by the sidecar; expected the same unit: correct the sidecar."
         )
 
 

@@ -322,8 +322,8 @@ def _common_interval(activation: xr.DataArray, recording: xr.Dataset) -> tuple[f
     start, stop = float(activation["time"][0]), float(activation["time"][-1])
     if "time_marker" not in recording.coords:
         return start, stop
-    for finding in little_in_common(recording):
-        warnings.warn(finding.clause, FeatureWarning, stacklevel=3)
+    if said := little_in_common(recording):
+        warnings.warn(said, FeatureWarning, stacklevel=3)
     time = recording["time_marker"]
     return max(start, float(time[0])), min(stop, float(time[-1]))
 

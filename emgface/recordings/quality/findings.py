@@ -52,7 +52,8 @@ def findings(
                 found += _marker(name, row)
             found += _exchanged(swapped_markers(recording["position"]))
             found += wrong_size(recording["position"])
-        found += little_in_common(recording)
+        if said := little_in_common(recording):
+            found.append(Finding("little_in_common", "marker", "", {"said": said}))
         for left, right, r, swapped in swapped_sides(recording).itertuples(index=False):
             if swapped:
                 numbers = {"r": r, "other": str(right)}

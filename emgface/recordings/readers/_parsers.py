@@ -59,7 +59,6 @@ def parse_matlab(path: Path, name: str) -> Any:
     head, *fields = name.split(".")
     found: list[Any] = scipy.io.whosmat(str(path), appendmat=False)
     held: dict[str, tuple[int, ...]] = {str(row[0]): row[1] for row in found}
-    logical = (head, "logical") in {(str(row[0]), str(row[2])) for row in found}
     if head not in held:
         raise AbsentVariable(head, list(held))
     _require_room(path, head, held[head])
@@ -78,21 +77,18 @@ def parse_matlab(path: Path, name: str) -> Any:
         raise DataError(
             f"{path.name}: {name!r} is a {type(value).__name__}; expected an array: save it as one."
         )
-    return value.astype(bool) if logical and not fields else value
+    return value
 
 
-def parse_hdf5(
-    path: Path, name: str, *, matlab: bool, texts: bool, unit: str = "", counts: bool = False
-) -> Any:
+def parse_hdf5(path: Path, name: str, *, matlab: bool, texts: bool) -> Any:
     """Return a data set of an HDF5 file, with the order of dims of MATLAB if it wrote the file.
 
     Raises AbsentVariable, NotAnArray, or DataError if the array is larger than the file can
-    contain, or its attributes contradict the `unit`, or state a conversion that the caller does not
-    make; with `counts`, the caller converts the numbers of the file.
+    contain.
     """
     import h5py
 
-    from emgface.schema.hdf5 import item_of, require_own_data, require_plain_values
+    from emgface.schema.hdf5 import item_of, require_own_data
 
     with h5py.File(path, "r") as opened:
         try:
@@ -105,11 +101,7 @@ def parse_hdf5(
             raise NotAnArray(name, [str(k) for k in where])
         if where.size is not None:
             _require_room(path, name, where.shape)
-        if not texts and not counts:
-            require_plain_values(path, where, unit)
         value = where[()]
-        if matlab and where.attrs.get("MATLAB_class") == b"logical":
-            value = value.astype(bool)
         if texts and matlab and value.dtype.kind in "Ou":
             if value.dtype == object:  # references to arrays of characters
                 found: Any = opened
