@@ -139,13 +139,14 @@ class Driven:
         return Line(mean, rise, t, h)
 
     def misfit(self, line: Line) -> tuple[Array, Array]:
-        """What a line over a step misses of the activation, (n_muscles,) each [1].
+        """Two measures of the difference m between activation and line, (n_muscles,) each [1].
 
-        With m = a - line, which has the mean zero, so that the impulse of the step is exact: the first
-        moment int (1 - c) m dc, missed where the line had to be limited, as with a switch or a spike
-        near one end of the step; the impulse then acts too early or too late. And int |P| dc with P'' =
-        m, P = P' = 0 at the start, half the second moment of a symmetric spike, missed wherever the
-        activation is no line.
+        The mean of m over the step is zero, so that the impulse of the step is exact. The first measure
+        is the first moment of m, the integral of (1 - c) m over the relative time c. It is not zero
+        where the line had to be limited to 0-1, as with a switch or a spike near one end of the step;
+        the impulse then acts too early or too late. The second is the integral of |P| over c, where
+        P'' = m and P = P' = 0 at the start. It differs from zero wherever the activation is not a
+        straight line; for a symmetric spike it is half of its second moment.
         """
         c, a = self.activation.within(line.t, line.t + line.h)
         none = np.zeros_like(line.mean)

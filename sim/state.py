@@ -122,9 +122,10 @@ class ControlAt(Protocol):
         ...
 
     def misfit(self, line: Line) -> tuple[Array, Array]:
-        """What a line misses of the activation, (n_muscles,) each [1].
+        """Two measures of the difference m between activation and line, (n_muscles,) each [1].
 
-        With m = a - line: the first moment int (1 - c) m dc, and int |P| dc with P'' = m.
+        Its first moment, the integral of (1 - c) m over the relative time c of the step, and the
+        integral of |P| over c, where P'' = m.
         """
         ...
 

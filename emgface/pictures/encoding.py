@@ -2,7 +2,9 @@
 
 import base64
 import json
+import re
 import zlib
+from collections.abc import Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -44,10 +46,12 @@ def middle_of(rest: NDArray[np.floating]) -> NDArray[np.float64]:
     return np.asarray(rest.min(axis=0) + rest.max(axis=0), dtype=np.float64) / 2.0
 
 
-def muscle_names(muscles: NDArray[Any]) -> list[dict[str, str]]:
-    """Names of muscles such as ``ZYG_L`` for the panel of activations."""
-    plain = [(str(m), str(m).rpartition("_")[0]) for m in muscles]
-    return [{"id": m, "name": MUSCLE_NAMES.get(own, own)} for m, own in plain]
+def muscle_names(
+    muscles: NDArray[Any], names: Mapping[str, str] = MUSCLE_NAMES
+) -> list[dict[str, str]]:
+    """Names of muscles such as ``ZYG_L`` for the panel of activations, without their side."""
+    plain = [(str(m), re.sub("_[LR]$", "", str(m))) for m in muscles]
+    return [{"id": m, "name": names.get(own, own)} for m, own in plain]
 
 
 def scaling(activation: xr.Dataset) -> str:

@@ -1,4 +1,4 @@
-"""What lies under every drawn node of a face: element, layer, muscle, channel, place on a lip."""
+"""Element, layer, muscle, channel and place on a lip of every drawn node of a face, for picking."""
 
 from typing import Any, Final
 

@@ -92,6 +92,6 @@ def _labels(
 
 def _merit(path: Path, name: str, shape: tuple[int, ...]) -> tuple[bool, int, bool]:
     """Order of arrays: varying ones before constant ones and counters, then the largest."""
-    step = np.diff(read_array(path, name).squeeze(), axis=0)
+    step = np.diff(read_array(path, name, counts=True).squeeze(), axis=0)
     words = name.lower()
     return bool(np.ptp(step) > 0), int(np.prod(shape)), "emg" in words or "raw" in words

@@ -46,7 +46,11 @@ _CLOCK: Final = {
     "short_file": Meaning(
         "warning", "contains {held:g} s of the {announced:g} s that its description declares"
     ),
-    "no_band": Meaning("error", "{problem}"),
+    "no_band": Meaning(
+        "error",
+        "sampled at {rate:g} Hz, which contains nothing above {half:g} Hz, expected at least an octave "
+        "of the pass-band from {low:g} to {high:g} Hz: record faster or choose another band",
+    ),
     "slow": Meaning(
         "warning",
         "sampled at {rate:.4g} Hz, which contains nothing above {half:.4g} Hz of the 15 to 500 Hz of "
@@ -62,7 +66,18 @@ _CLOCK: Final = {
         "{rate:g} Hz, expected {low:g} to {high:g} Hz for surface EMG: check whether the rate is too "
         "{error}",
     ),
-    "little_in_common": Meaning("warning", "{said}"),
+    "nothing_in_common": Meaning(
+        "warning",
+        "sEMG from {emg_from:.4g} to {emg_to:.4g} s and markers from {marker_from:.4g} to "
+        "{marker_to:.4g} s have nothing in common: check the sampling rates, and the shift of the "
+        "clocks",
+    ),
+    "little_in_common": Meaning(
+        "warning",
+        "sEMG from {emg_from:.4g} to {emg_to:.4g} s and markers from {marker_from:.4g} to "
+        "{marker_to:.4g} s have {common:.4g} s in common, the only part that is used: check the "
+        "sampling rates, and the shift of the clocks",
+    ),
 }
 _FLAGS: Final = {
     "bad": Meaning("error", "marked as bad in {by}{why}: treated as missing"),

@@ -29,7 +29,7 @@ class UnusableSpan(Parameters):
 
 
 class Unusable(Parameters):
-    """What a person found unusable in a recording."""
+    """Parts of a recording that a person marked as unusable."""
 
     channels: list[str] = Field(default_factory=list)  #: labels in the file; treated as missing
     markers: list[str] = Field(default_factory=list)  #: labels in the file; never visible

@@ -19,7 +19,7 @@ from emgface.recordings.findings import Finding, findings_in, used, with_finding
 MARKERS: Final = (*FACE_MARKERS, *LIP_MARKERS)  #: markers from which a motion is scored
 STATED: Final = frozenset(
     "too_few invisible uneven absent_samples constant no_band narrow slow large little_in_common "
-    "lost lost_briefly ends".split()
+    "nothing_in_common lost lost_briefly ends".split()
 )
 """Codes that the steps themselves refuse, warn of or count."""
 

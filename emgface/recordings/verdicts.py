@@ -113,8 +113,9 @@ def _band(name: str, rate: float) -> list[Finding]:
     wanted = FilterParameters()
     try:
         _, high = pass_band(wanted, rate)
-    except SignalError as error:
-        return [Finding("no_band", "channel", name, {"problem": str(error)})]
+    except SignalError:
+        band = {"low": wanted.low, "high": wanted.high}
+        return [Finding("no_band", "channel", name, {"rate": rate, "half": rate / 2, **band})]
     if rate < LEAST_RATE:
         return [Finding("slow", "channel", name, {"rate": rate, "half": rate / 2})]
     if high < wanted.high:

@@ -29,7 +29,7 @@ from emgface.errors import (
 )
 from emgface.muscles import MUSCLES
 from emgface.recordings.findings import ATTRIBUTE, findings_in, with_findings
-from emgface.signals.doubtful import doubtful_rows
+from emgface.signals.doubtful import doubtful_rows, little_in_common
 from emgface.signals.envelope import muscle_activation
 from emgface.signals.features import feature_of
 from emgface.signals.filters import (
@@ -44,7 +44,7 @@ from emgface.signals.mapping import map_channels
 from emgface.signals.montage import montage_of, with_mirrored
 from emgface.signals.normalisation import normalise
 from emgface.signals.parameters import SignalChain
-from emgface.signals.resampling import little_in_common, resample, simulation_times
+from emgface.signals.resampling import resample, simulation_times
 from emgface.signals.strategies import needed_muscles, select_muscles
 
 
@@ -322,8 +322,8 @@ def _common_interval(activation: xr.DataArray, recording: xr.Dataset) -> tuple[f
     start, stop = float(activation["time"][0]), float(activation["time"][-1])
     if "time_marker" not in recording.coords:
         return start, stop
-    if said := little_in_common(recording):
-        warnings.warn(said, FeatureWarning, stacklevel=3)
+    for finding in little_in_common(recording):
+        warnings.warn(finding.clause, FeatureWarning, stacklevel=3)
     time = recording["time_marker"]
     return max(start, float(time[0])), min(stop, float(time[-1]))
 

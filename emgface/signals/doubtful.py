@@ -1,5 +1,6 @@
-"""Rows of a signal whose count has a narrow range, or that is hardly larger in activity than at rest.
+"""Doubts about a recording that signals themselves raise: narrow counts, weak activity, clocks apart.
 
+A row has a narrow range of its count, or is hardly larger in activity than at rest.
 Rest and activity are those of the recording itself: the mean square of the steps between samples is
 computed in every window, and its quantiles `QUIET` and `ACTIVE` are those of rest and of activity.
 """
@@ -27,6 +28,8 @@ SERVES: Final = 2.0
 Steps of Gaussian noise exceed it in 4.6 % of the samples, and those of an activity twice as large in
 32 %, so that the range of the count is about 0.27.
 """
+ENDS: Final = ("from", "to")
+COMMON: Final = 0.75  #: least part of sEMG and of markers that is expected in their common interval
 WEAK: Final = 2.0  #: ratio of activity to rest below which no threshold yields a range of `FEW` [1]
 
 
@@ -77,3 +80,23 @@ def doubtful_rows(feature: xr.DataArray, signal: xr.DataArray) -> list[Finding]:
             said = {"low": low, "high": high, "most": window - 1.0, "serves": serves}
             found.append(Finding("narrow_count", kind, str(name), said))
     return found
+
+
+def little_in_common(recording: xr.Dataset) -> list[Finding]:
+    """Finding on a common interval of sEMG and markers below `COMMON` of either; none otherwise.
+
+    The cause may be a wrong sampling rate, or clocks that were not synchronised.
+    """
+    clocks = {"emg": "time_emg", "marker": "time_marker"}
+    if not all(recording.sizes.get(clock, 0) for clock in clocks.values()):
+        return []
+    spans = {k: (float(recording[c][0]), float(recording[c][-1])) for k, c in clocks.items()}
+    common = min(t[1] for t in spans.values()) - max(t[0] for t in spans.values())
+    if all(common >= COMMON * (t[1] - t[0]) for t in spans.values()):
+        return []
+    values = {
+        f"{k}_{end}": t for k, span in spans.items() for end, t in zip(ENDS, span, strict=True)
+    }
+    if common <= 0.0:
+        return [Finding("nothing_in_common", "marker", "", values)]
+    return [Finding("little_in_common", "marker", "", {"common": common, **values})]

@@ -13,29 +13,6 @@ from emgface.errors import SignalError
 from emgface.signals.filters import sampling_rate
 from emgface.signals.parameters import ResamplingParameters
 
-COMMON = 0.75  #: least part of sEMG and of markers that is expected in their common interval
-
-
-def little_in_common(recording: xr.Dataset) -> str:
-    """Sentence on a common interval of sEMG and markers below `COMMON` of either, else empty.
-
-    The cause may be a wrong sampling rate, or clocks that were not synchronised.
-    """
-    clocks = {"sEMG": "time_emg", "markers": "time_marker"}
-    if not all(recording.sizes.get(clock, 0) for clock in clocks.values()):
-        return ""
-    spans = {k: (float(recording[c][0]), float(recording[c][-1])) for k, c in clocks.items()}
-    common = min(t[1] for t in spans.values()) - max(t[0] for t in spans.values())
-    if all(common >= COMMON * (t[1] - t[0]) for t in spans.values()):
-        return ""
-    lasting = " and ".join(f"{name} from {t[0]:.4g} to {t[1]:.4g} s" for name, t in spans.items())
-    left = (
-        f"{common:.4g} s in common, the only part that is used"
-        if common > 0.0
-        else "nothing in common"
-    )
-    return f"{lasting} have {left}: check the sampling rates, and the shift of the clocks"
-
 
 def simulation_times(start: float, stop: float, parameters: ResamplingParameters) -> np.ndarray:
     """Equally spaced sampling times [s] of the activation, from `start` to (at most) `stop` [s].

@@ -45,6 +45,8 @@ _FINDINGS = (
     "emgface.recordings.trial_names",
     "emgface.recordings.verdicts",
     "emgface.schema",
+    "emgface.signals.doubtful",
+    "emgface.signals.running",
     "emgface.texts",
 )
 """Modules of the findings that results repeat."""
@@ -62,7 +64,6 @@ SCORES = Stage(
         *(f"analysis.{name}" for name in ("flags", "noise", "scores", "trajectory", "typed")),
         *_FINDINGS,
         "emgface.signals.filters",
-        "emgface.signals.resampling",
     ),
 )
 SCORES_OF_HEAD = Stage(

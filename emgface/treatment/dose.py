@@ -51,7 +51,7 @@ DRAWN: Final = {
 
 @dataclass(frozen=True)
 class Setting:
-    """What all cases share: set of persons, resolution, movements and stress; seed of the draws."""
+    """Settings of all cases: seed of the random draws, resolution, movements, persons and stress."""
 
     seed: int = 2026
     resolution: str = "coarse"

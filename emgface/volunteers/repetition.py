@@ -1,8 +1,8 @@
 """Deviations of one repetition of an instruction from the person's habit.
 
 Effort, onset and duration of all bursts, level and onset of each muscle, and the ratio of the sides
-are drawn for every repetition, so that the EMG of a repetition tells what distinguishes it from the
-others.
+are drawn for every repetition. The EMG of a repetition therefore contains information on the motion
+of this repetition that the EMG of the other repetitions does not contain.
 """
 
 from collections.abc import Mapping

@@ -156,6 +156,55 @@ def test_counts_become_volts(tmp_path: Path) -> None:
     np.testing.assert_allclose(trial["emg"].values[0], expected, rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "text"),
+    [
+        ("scale_factor", 1e-3, "scale_factor = 0.001, by which its numbers are to be converted"),
+        ("add_offset", 2.0, "add_offset = 2"),
+        ("conversion", [1.0, 0.5], "conversion = "),
+        ("offset", np.float32(1.0), "offset = 1"),
+        ("units", "uV", "is in uV by its attribute units, and in mV by the sidecar"),
+        ("unit", b"microvolts", "is in uV by its attribute unit,"),
+    ],
+)
+def test_attributes_that_convert_the_numbers_are_not_passed_over(tmp_path, key, value, text):
+    """Other programs apply them; neutral ones and units of no known quantity are no contradiction."""
+    with h5py.File(tmp_path / "a.h5", "w") as opened:
+        opened["emg"] = np.linspace(0.0, 1.0, 40).reshape(20, 2)
+        for name, neutral in (("scale_factor", 1.0), ("add_offset", 0), ("units", "a.u.")):
+            opened["emg"].attrs[name] = neutral
+    line = (
+        'file = "a.h5"\nvariable = "emg"\nrate = 1000\nunit = "mV"\ncolumns = ["ZYG_L", "ZYG_R"]\n'
+    )
+    path = sidecar(tmp_path, line)
+    assert float(read_recording(path)["emg"].max()) == 1e-3
+    with h5py.File(tmp_path / "a.h5", "a") as opened:
+        opened["emg"].attrs[key] = value
+    with pytest.raises(DataError, match=text):
+        read_recording(path)
+    converted = read_recording(sidecar(tmp_path, line + "step = 0.5"))
+    assert float(converted["emg"].max()) == 0.5e-3
+
+
+def test_flags_are_not_signals(tmp_path):
+    """Logical arrays of MATLAB, which scipy returns as integers, before and from version 7.3."""
+    line = (
+        'file = "a.mat"\nvariable = "emg"\nrate = 1000\nunit = "mV"\ncolumns = ["ZYG_L", "ZYG_R"]\n'
+    )
+    flags = np.arange(40).reshape(20, 2) % 3 == 0
+    scipy.io.savemat(tmp_path / "a.mat", {"emg": flags})
+    path = sidecar(tmp_path, line)
+    with pytest.raises(DataError, match="contains bool .* expected real numbers"):
+        read_recording(path)
+    with h5py.File(tmp_path / "a.mat", "w", userblock_size=512) as opened:
+        opened["emg"] = flags.T.astype(np.uint8)
+        opened["emg"].attrs["MATLAB_class"] = np.bytes_("logical")
+    content = (tmp_path / "a.mat").read_bytes()
+    (tmp_path / "a.mat").write_bytes(b"MATLAB 7.3 MAT-file".ljust(512) + content[512:])
+    with pytest.raises(DataError, match="contains bool .* expected real numbers"):
+        read_recording(path)
+
+
 def test_a_table_without_labels_and_with_text(tmp_path: Path) -> None:
     (tmp_path / "a.txt").write_text("made today\n1.5\t2\tgo\t\n2.5\t3\tstop\t\n")
     head = 'file = "a.txt"\ndelimiter = "\\t"\nskip_rows = 1\nrate = 100\nunit = "mV"\n'

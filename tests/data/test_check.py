@@ -1,12 +1,15 @@
 """Faults of a recording, with their channel or marker."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
 
 from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS
-from emgface.recordings.check import check_recording, problems
+from emgface.recordings.check import check_recording, findings_of, problems
+from emgface.recordings.finding_codes import CODES
 
 
 def row(table: pd.DataFrame, name: str) -> pd.Series:
@@ -161,3 +164,22 @@ def test_either_part_may_be_absent(clean: xr.Dataset) -> None:
     assert set(check_recording(emg)["kind"]) == {"channel"}
     assert len(problems(check_recording(emg, study=True))) == 16
     assert check_recording(xr.Dataset()).empty
+
+
+def test_findings_are_values_not_sentences() -> None:
+    """Every clause says something itself; a value that is a sentence could not be compared.
+
+    A channel that was left out states its unit and type as values, too, whatever the words.
+    """
+    for code, meaning in CODES.items() - {("left_out", CODES["left_out"])}:
+        words = re.sub(r"\{[^}]*\}", "", meaning.clause)
+        assert len(re.findall(r"[a-z]{3,}", words)) >= 2, code
+
+
+def test_a_rate_without_the_pass_band_is_an_error_with_its_values(clean: xr.Dataset) -> None:
+    slow = clean.assign_coords(time_emg=clean["time_emg"] * 100.0)
+    found = [f for f in findings_of(slow) if f.code == "no_band"]
+    rate = 1.0 / float(slow["time_emg"].diff("time_emg").mean())
+    assert found and found[0].values["rate"] == pytest.approx(rate)
+    assert found[0].values["half"] == pytest.approx(rate / 2)
+    assert "at least an octave of the pass-band from 15 to 500 Hz" in found[0].clause

@@ -1,5 +1,7 @@
 """Coupled scenes: parts alone, rigid motion, momentum, attachments, files and pages."""
 
+import json
+import re
 import shutil
 import subprocess
 from dataclasses import replace
@@ -13,7 +15,7 @@ from scipy.spatial.transform import Rotation
 import sim
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import Head, build_lists, read_head, write_head
-from emgface.anatomy.head.picture import head_page
+from emgface.anatomy.head.picture import head_geometry, head_page
 from emgface.anatomy.head.run import raised, read_motion, simulate_head, write_motion
 from emgface.anatomy.head.scene import TONGUE, head_scene
 from emgface.anatomy.jaw.scene import jaw_scene
@@ -24,6 +26,7 @@ from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from sim.state import State
 
+FULL_NAMES = ("posterior genioglossus", "orbicularis oris peripheralis", "anterior digastric")
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-3d-apis")
 
 
@@ -171,7 +174,11 @@ def test_file_keeps_lists_and_parts_and_page_holds_all(head: Head, tmp_path: Pat
     ).stdout
     # both are written by the script of the page, after it has decoded the motion
     assert f'aria-live="polite">{motion.attrs["head"]}' in shown
-    assert all(f">{muscle}</b>" in shown for muscle in ("GGP_L", "OOP_L", "ad_L"))
+    assert all(f">{muscle}</b>" in shown for muscle in FULL_NAMES)
+    # both halves are drawn, the left one first, which the section shows alone
+    section = json.loads(re.search(r'"section": ?(\d+|null)', page.read_text(encoding="utf-8"))[1])
+    left = len(head_geometry(moved.isel(time=[0]), parts)[1])
+    assert section == left and page.stat().st_size < 8e6
 
 
 def test_what_is_not_named_costs_nothing() -> None:

@@ -1,4 +1,4 @@
-"""Page with the left half of a moving head: skin, bones, teeth, tongue and muscles by activation."""
+"""Page with a moving head or its section: skin, bones, teeth, tongue and muscles by activation."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
@@ -9,13 +9,16 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from analysis.figures.style import COLOURS, blank, grid, styled
+from emgface.anatomy.jaw import picture as of_jaw
 from emgface.anatomy.jaw.picture import RELAXED, drawn_times, jaw_geometry, moving_page
 from emgface.anatomy.jaw.run import drawn
+from emgface.anatomy.tongue import picture as of_tongue
 from emgface.anatomy.tongue.picture import tongue_geometry, tube
 from emgface.anatomy.tongue.run import fibre_points
 from emgface.errors import HeadError
 from emgface.face.parts import Floats
 from emgface.face.surface import triangles
+from emgface.muscles import MUSCLE_NAMES
 from emgface.pictures.body import COLOURS as TISSUE
 from emgface.pictures.body import skin_of
 
@@ -31,7 +34,7 @@ CAPTION = (
     "Below: opening of the mouth, and activation of the muscles that are active."
 )
 MIDDLE = 1e-4
-"""Largest x of the centre of a triangle that is drawn [m]."""
+"""Largest x of the centre of a triangle of the left half [m]."""
 FOLLOWED = ("lower_incisor", "tip", "back", "hyoid", "LL", "UL")
 """Points whose paths are drawn, if the head has them."""
 
@@ -39,7 +42,7 @@ FOLLOWED = ("lower_incisor", "tip", "back", "hyoid", "LL", "UL")
 def head_page(motion: xr.Dataset, parts: Parts) -> str:
     """Write the page of a head_motion as HTML without network requests.
 
-    Its left half is drawn, so that teeth, tongue and muscles are visible from the right.
+    A section along the midline shows teeth, tongue and muscles of the left half from the right.
 
     Raises
     ------
@@ -47,13 +50,21 @@ def head_page(motion: xr.Dataset, parts: Parts) -> str:
         The head has neither tissue nor bones.
     """
     shown = motion.isel(time=drawn_times(motion["time"].values))
+    q, rows, colour, fibre = _surfaces(shown, parts)
+    left = _of_left(q, rows)
     return moving_page(
         shown,
-        *head_geometry(shown, parts),
+        q,
+        np.concatenate([rows[left], rows[~left]]),
+        colour,
+        fibre,
+        names=of_jaw.NAMES | of_tongue.NAMES | MUSCLE_NAMES,
+        section=int(left.sum()) if left.any() and not left.all() else None,
         what="head",
         title=f"{motion.attrs.get('task', 'motion')} of the {motion.attrs['head']}",
         about=f"{motion.attrs['head']}, steps of at most {1e3 * motion.attrs['step_s']:g} ms.",
-        words="The motion of the head is simulated. Its left half is drawn: skin, bones, teeth, tongue.",
+        words="The motion of the head is simulated: skin, bones, teeth, tongue. Its section along the "
+        "midline is seen from the right.",
         heading="Paths, opening and activations",
         figure=head_figure(motion),
         caption=CAPTION,
@@ -62,6 +73,18 @@ def head_page(motion: xr.Dataset, parts: Parts) -> str:
 
 def head_geometry(motion: xr.Dataset, parts: Parts) -> Drawn:
     """Surfaces of the left half of all parts of a motion."""
+    q, rows, colour, fibre = _surfaces(motion, parts)
+    used, kept = np.unique(rows[_of_left(q, rows)], return_inverse=True)
+    return q[:, used], kept.reshape(-1, 3).astype(np.int64), colour[used], fibre[used]
+
+
+def _of_left(q: Floats, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Triangles whose centre is on the left at the start."""
+    return q[0, rows, 0].mean(axis=1) < MIDDLE
+
+
+def _surfaces(motion: xr.Dataset, parts: Parts) -> Drawn:
+    """Surfaces of all parts of a motion."""
     ends = np.cumsum([0, *motion["tissue_nodes"].values.tolist()])
     nodes = {
         str(tissue): motion["node_position"]
@@ -83,9 +106,7 @@ def head_geometry(motion: xr.Dataset, parts: Parts) -> Drawn:
     corners = [own[1] + k for own, k in zip(found, start, strict=False)]
     points, _, colours, fibres = zip(*found, strict=True)
     q, rows = np.concatenate(points, axis=1), np.concatenate(corners)
-    used, kept = np.unique(rows[q[0, rows, 0].mean(axis=1) < MIDDLE], return_inverse=True)
-    colour, fibre = np.concatenate(colours), np.concatenate(fibres)
-    return q[:, used], kept.reshape(-1, 3).astype(np.int64), colour[used], fibre[used]
+    return q, rows, np.concatenate(colours), np.concatenate(fibres)
 
 
 def _face(motion: xr.Dataset, face: xr.Dataset, q: Floats | None) -> list[Drawn]:
@@ -120,7 +141,7 @@ def _jaw(motion: xr.Dataset, jaw: xr.Dataset, q: Floats | None) -> list[Drawn]:
 
 
 def _tongue(motion: xr.Dataset, tongue: xr.Dataset, q: Floats | None) -> list[Drawn]:
-    """The left half, with all fibres."""
+    """Both halves, with all fibres."""
     assert q is not None  # a tongue has nodes
     lines = fibre_points(tongue, q)
     names = ("fibre_of_point", "fibre_muscle", "connectivity")
@@ -131,7 +152,7 @@ def _tongue(motion: xr.Dataset, tongue: xr.Dataset, q: Floats | None) -> list[Dr
             **{name: tongue[name].variable for name in names},
         }
     )
-    return [tongue_geometry(own)]
+    return [tongue_geometry(own, both=True)]
 
 
 _PAINTERS = {"face": _face, "jaw": _jaw, "tongue": _tongue}

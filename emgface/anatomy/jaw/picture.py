@@ -1,5 +1,6 @@
 """Page with a moving jaw: bones, muscles coloured by activation, paths and forces."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,9 +13,18 @@ from emgface.anatomy.jaw.compared import Beside
 from emgface.anatomy.jaw.model import Floats
 from emgface.anatomy.jaw.outcomes import displacement
 from emgface.anatomy.jaw.skull import rotated
+from emgface.anatomy.jaw.template.muscles import MUSCLES
 from emgface.errors import JawError
 from emgface.pictures.body import Body
-from emgface.pictures.encoding import body_data, deltas, levels, middle_of, packed, whole
+from emgface.pictures.encoding import (
+    body_data,
+    deltas,
+    levels,
+    middle_of,
+    muscle_names,
+    packed,
+    whole,
+)
 from emgface.pictures.page import as_json, cells, environment, policy, style, svg_of, viewer_script
 from emgface.pictures.render import VIEWS
 
@@ -24,6 +34,8 @@ if TYPE_CHECKING:
 BONE, CARTILAGE, STILL = (0.90, 0.86, 0.76), (0.66, 0.77, 0.82), (0.80, 0.79, 0.78)
 RELAXED, ACTIVE = (0.86, 0.62, 0.58), (0.60, 0.02, 0.10)
 """Colours of bones, cartilages, fixed bones, and of muscles at activation 0 and 1."""
+NAMES = {name: muscle.title for name, muscle in MUSCLES.items()}
+"""Full names of the muscles of a jaw."""
 FRAMES = 60.0
 """Most frames per second."""
 THINNED = 0.35
@@ -84,6 +96,8 @@ def moving_page(
     figure: "Figure",
     caption: str,
     beside: Beside | None = None,
+    section: int | None = None,
+    names: Mapping[str, str] = NAMES,
 ) -> str:
     """Page with a moving surface, whose muscles are coloured by activation, and a figure below.
 
@@ -98,6 +112,8 @@ def moving_page(
     title, about, words, heading, caption : texts.
     figure : of the second part of the page.
     beside : recording that is shown with the motion, with its scores.
+    names : full names of muscles without their side.
+    section : number of the first triangles, which a section shows alone; None without one.
     """
     from emgface import __version__
 
@@ -113,13 +129,14 @@ def moving_page(
     points = shown["position"].transpose("time", "marker", "axis").values
     data: dict[str, Any] = body_data(body, frames[0]) | {
         "what": what,
+        "section": section,
         "fibre": packed(fibre.astype(np.uint8)),
         "relaxed": RELAXED,
         "active": ACTIVE,
         "instructions": {"": ""},
         "strategies": [""],
         "markers": [str(name) for name in shown["marker"].values],
-        "muscles": [{"id": str(m), "name": str(m)} for m in shown["muscle"].values],
+        "muscles": muscle_names(shown["muscle"].values, names),
         "trials": [
             {
                 "instruction": "",

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from analysis.figures.style import COLOURS, blank, grid, styled
 from emgface.anatomy.jaw.picture import RELAXED, drawn_times, moving_page
+from emgface.anatomy.tongue.template.muscles import MUSCLES
 from emgface.face.parts import Floats
 from emgface.face.quality import element_centres
 from emgface.face.surface import boundary_faces, triangles
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
 TISSUE = (0.87, 0.60, 0.58)
 """Colour of the tongue."""
+NAMES = {name: muscle.title for name, muscle in MUSCLES.items()}
+"""Full names of the muscles of a tongue."""
 RADIUS, AROUND = 0.35e-3, 5
 """Radius of a drawn fibre [m], and its number of sides."""
 CAPTION = (
@@ -40,23 +43,37 @@ def tongue_page(motion: xr.Dataset) -> str:
         heading="Shapes and activations",
         figure=tongue_figure(motion),
         caption=CAPTION,
+        names=NAMES,
     )
 
 
 def tongue_geometry(
-    motion: xr.Dataset,
+    motion: xr.Dataset, *, both: bool = False
 ) -> tuple[Floats, NDArray[np.int64], Floats, NDArray[np.int64]]:
-    """Points (time, n, 3), triangles, colours, and the number of the muscle of each point, from 1."""
+    """Points (time, n, 3), triangles, colours, and the number of the muscle of each point, from 1.
+
+    The left half, closed in the midline, or both of them.
+    """
     q = motion["node_position"].transpose("time", "node", "axis").values
     connectivity = motion["connectivity"].values
-    left = connectivity[element_centres(q[0], connectivity)[:, 0] < 0.0]
-    faces, _ = boundary_faces(left)
-    rows = triangles(faces, q[0])
-    node, corner = np.unique(rows, return_inverse=True)
+    left = element_centres(q[0], connectivity)[:, 0] < 0.0
+    faces, _ = boundary_faces(connectivity[left])
+    halves = [faces]
+    if both:  # the faces in the midline are those of the left half
+        other, _ = boundary_faces(connectivity[~left])
+        shared = {tuple(face) for face in np.sort(faces, axis=1).tolist()}
+        halves.append(
+            other[[tuple(face) not in shared for face in np.sort(other, axis=1).tolist()]]
+        )
+    points, own, numbers, first = list[Floats](), list[NDArray[np.int64]](), list[Floats](), 0
+    for half in halves:  # with points of their own, so that normals end in the midline
+        node, corner = np.unique(triangles(half, q[0]), return_inverse=True)
+        points.append(q[:, node])
+        own.append(corner.reshape(-1, 3) + first)
+        numbers.append(np.zeros(len(node)))
+        first += len(node)
     lines = motion["line_position"].transpose("time", "fibre_point", "axis").values
     owner, muscle = motion["fibre_of_point"].values, motion["fibre_muscle"].values
-    points, own, numbers = [q[:, node]], [corner.reshape(-1, 3)], [np.zeros(len(node))]
-    first = len(node)
     for f, m in enumerate(muscle):
         around_it, around = tube(lines[:, owner == f])
         points.append(around_it)

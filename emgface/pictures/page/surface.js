@@ -31,7 +31,7 @@ const start = new Float32Array(3 * data.nodes);
 // Nodes of muscles are coloured by the activation of their muscle, numbered from 1.
 let fibre = null;
 // All points: nodes of the skin, those between them, the dark behind the mouth, the teeth.
-let rules, triangles, own, position, colour, normal, moved;
+let rules, triangles, drawn, own, position, colour, normal, moved;
 // Two faces on one page share their coordinates and are drawn side by side: -1 and 1 of every point.
 let beside;
 
@@ -39,6 +39,7 @@ async function unpack() {
   rules = new Uint32Array((await bytes(data.rules)).buffer);
   if (data.fibre) fibre = await bytes(data.fibre);
   triangles = new Uint32Array((await bytes(data.triangle)).buffer);
+  drawn = triangles.length;  // corners; a section draws only the first ones
   const teeth = new Int16Array((await bytes(data.teeth)).buffer);
   own = Float32Array.from(await bytes(data.colour), (c) => c / 255);
   position = new Float32Array(own.length);
@@ -199,6 +200,7 @@ function webgl() {
     eye.position.set(...middle.map((m, k) => m + 500 * frame[2][k]));
     eye.lookAt(...middle);
     normals();
+    geometry.setDrawRange(0, drawn);
     for (const name of ["position", "normal", "color"]) geometry.attributes[name].needsUpdate = true;
     const size = (15 * half) / (height / 2);  // pixels
     for (const kind of Object.keys(markers)) {
@@ -232,7 +234,7 @@ function plain() {
       flat.set(project(position[i], position[i + 1], position[i + 2], beside[i / 3]), i);
       for (let k = 0; k < 3; k++) turned[i + k] = along(frame[k], normal[i], normal[i + 1], normal[i + 2]);
     }
-    const order = Array.from({ length: triangles.length / 3 }, (_, k) => k);
+    const order = Array.from({ length: drawn / 3 }, (_, k) => k);
     const depth = order.map((k) => flat[3 * triangles[3 * k] + 2] + flat[3 * triangles[3 * k + 1] + 2] + flat[3 * triangles[3 * k + 2] + 2]);
     order.sort((p, q) => depth[p] - depth[q]);
     for (const k of order) {

@@ -248,6 +248,7 @@ function listen() {
     const own = one === plot ? { ...keys, ArrowLeft: keys[","], ArrowRight: keys["."] } : keys;
     if (own[event.key]) { event.preventDefault(); own[event.key](); }
   });
+  $("section").addEventListener("change", () => { drawn = $("section").checked ? 3 * data.section : triangles.length; refresh(); });
   $("compare").addEventListener("change", compare);
   $("track").addEventListener("change", refresh);
 }
@@ -269,6 +270,7 @@ async function begin() {
   const still = data.trials[0].time.length < 2;
   for (const one of [document.querySelector(".time"), plot, $("tracked")]) one.hidden = still;
   displacement.parentElement.hidden = data.trials[0].time.length < 2;
+  $("section").parentElement.hidden = !data.section;
   $("measured").parentElement.hidden = !data.trials.some((t) => t.measured);
   // The first strategy of the first instruction may have failed.
   document.querySelector(`input[name=strategy][value="${data.trials[0].strategy}"]`).checked = true;

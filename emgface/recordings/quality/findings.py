@@ -14,8 +14,8 @@ from emgface.recordings.quality.markers import LAYOUT, marker_quality, swapped_m
 from emgface.recordings.quality.plausible import doubtful_rate, doubtful_sides, wrong_size
 from emgface.recordings.quality.processed import processing
 from emgface.recordings.quality.sides import swapped_sides
+from emgface.signals.doubtful import little_in_common
 from emgface.signals.filters import TIME_EMG, sampling_rate
-from emgface.signals.resampling import little_in_common
 
 MUCH_HUM = 0.1  #: fraction of the power in the lines of the mains
 LOUD_HUM = 5e-6  #: root mean square [V] of hum below which it does not affect surface EMG
@@ -52,8 +52,7 @@ def findings(
                 found += _marker(name, row)
             found += _exchanged(swapped_markers(recording["position"]))
             found += wrong_size(recording["position"])
-        if said := little_in_common(recording):
-            found.append(Finding("little_in_common", "marker", "", {"said": said}))
+        found += little_in_common(recording)
         for left, right, r, swapped in swapped_sides(recording).itertuples(index=False):
             if swapped:
                 numbers = {"r": r, "other": str(right)}

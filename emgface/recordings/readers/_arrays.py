@@ -23,16 +23,17 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MATLAB = b"MATLAB 7.3"
 
 
-def read_array(path: Path, name: str) -> np.ndarray:
+def read_array(path: Path, name: str, unit: str = "", *, counts: bool = False) -> np.ndarray:
     """Return a numeric variable as float64, with the dims as in MATLAB (or in the HDF5 file).
 
     The file is MATLAB of version 4 to 7.3 or HDF5; fields of a structure follow after ``.``,
     members of an HDF5 group after ``/``. Raises DataError if the file is damaged, has no such
-    variable, or it does not contain real numbers.
+    variable, it does not contain real numbers, or its attributes state another unit than `unit` or a
+    conversion; the latter two are accepted of `counts`, which the caller converts.
     """
-    value = _value(path, name)
+    value = _value(path, name, unit=unit, counts=counts)
     array = np.asarray(value)
-    if array.dtype.kind not in "iufb" or array.size == 0:
+    if array.dtype.kind not in "iuf" or array.size == 0:
         raise DataError(
             f"{path.name}: {name!r} contains {array.dtype} of shape {array.shape}; expected "
             "real numbers: specify another variable."
@@ -61,7 +62,9 @@ def _texts(value: Any) -> Iterator[str]:
             yield item.strip()
 
 
-def _value(path: Path, name: str, *, texts: bool = False) -> Any:
+def _value(
+    path: Path, name: str, *, texts: bool = False, unit: str = "", counts: bool = False
+) -> Any:
     """Parse the file in the child process by its content, irrespective of its suffix."""
     if not path.is_file():
         raise DataError(f"No file {path}; expected a MATLAB or HDF5 file: check its path.")
@@ -70,7 +73,8 @@ def _value(path: Path, name: str, *, texts: bool = False) -> Any:
     matlab = start.startswith(_MATLAB)
     try:
         if matlab or start.startswith(_HDF5):
-            return parsed(path, parse_hdf5, path, name, matlab=matlab, texts=texts)
+            options = {"matlab": matlab, "texts": texts, "counts": counts}
+            return parsed(path, parse_hdf5, path, name, unit=unit, **options)
         _check_elements(path)
         return parsed(path, parse_matlab, path, name)
     except AbsentVariable as error:

@@ -14,6 +14,15 @@ from emgface.errors import DataError
 EXPANSION = 1100
 """Largest number of values per byte of a file; zeros are compressed to about 1/1030."""
 
+_NEUTRAL = {
+    "scale_factor": 1.0,
+    "add_offset": 0.0,
+    "conversion": 1.0,
+    "offset": 0.0,
+}
+"""Attributes by which netCDF and NWB convert stored numbers, with the values that change nothing."""
+_UNITS = ("units", "unit")
+
 
 class AbsentVariable(LookupError):
     """A file has no such variable; ``args`` are the name and the existing names."""
@@ -59,6 +68,7 @@ def parse_matlab(path: Path, name: str) -> Any:
     head, *fields = name.split(".")
     found: list[Any] = scipy.io.whosmat(str(path), appendmat=False)
     held: dict[str, tuple[int, ...]] = {str(row[0]): row[1] for row in found}
+    logical = (head, "logical") in {(str(row[0]), str(row[2])) for row in found}
     if head not in held:
         raise AbsentVariable(head, list(held))
     _require_room(path, head, held[head])
@@ -77,14 +87,17 @@ def parse_matlab(path: Path, name: str) -> Any:
         raise DataError(
             f"{path.name}: {name!r} is a {type(value).__name__}; expected an array: save it as one."
         )
-    return value
+    return value.astype(bool) if logical and not fields else value
 
 
-def parse_hdf5(path: Path, name: str, *, matlab: bool, texts: bool) -> Any:
+def parse_hdf5(
+    path: Path, name: str, *, matlab: bool, texts: bool, unit: str = "", counts: bool = False
+) -> Any:
     """Return a data set of an HDF5 file, with the order of dims of MATLAB if it wrote the file.
 
     Raises AbsentVariable, NotAnArray, or DataError if the array is larger than the file can
-    contain.
+    contain, or its attributes contradict the `unit`, or state a conversion that the caller does not
+    make; with `counts`, the caller converts the numbers of the file.
     """
     import h5py
 
@@ -101,7 +114,11 @@ def parse_hdf5(path: Path, name: str, *, matlab: bool, texts: bool) -> Any:
             raise NotAnArray(name, [str(k) for k in where])
         if where.size is not None:
             _require_room(path, name, where.shape)
+        if not texts and not counts:
+            _require_plain_values(path, where, unit)
         value = where[()]
+        if matlab and where.attrs.get("MATLAB_class") == b"logical":
+            value = value.astype(bool)
         if texts and matlab and value.dtype.kind in "Ou":
             if value.dtype == object:  # references to arrays of characters
                 found: Any = opened
@@ -118,6 +135,38 @@ def parse_hdf5(path: Path, name: str, *, matlab: bool, texts: bool) -> Any:
         if h5py.check_ref_dtype(where.dtype) is not None:  # not a number, and cannot be pickled
             return np.full(where.shape, "reference", dtype=object)
     return value.T if matlab and isinstance(value, np.ndarray) else value
+
+
+def _require_plain_values(path: Path, item: Any, unit: str = "") -> None:
+    """Raise DataError if attributes state a conversion of the numbers, or another unit than `unit`.
+
+    Other programs multiply by them when they read the data set. A unit of another quantity, or one that
+    is not known, is no contradiction.
+    """
+    for key, neutral in _NEUTRAL.items():
+        value = item.attrs.get(key)
+        if value is not None and not np.all(np.asarray(value) == neutral):
+            raise DataError(
+                f"{path.name}: {item.name!r} has the attribute {key} = {value}, by which its numbers "
+                "are to be converted; expected `step` and `zero` in the sidecar, of which the value is "
+                "step * (number - zero) in its unit."
+            )
+    for key in _UNITS if unit else ():
+        stated = item.attrs.get(key)
+        stated = stated.decode("utf-8", "replace") if isinstance(stated, bytes) else stated
+        if isinstance(stated, str):
+            _require_unit(path, item, key, stated, unit)
+
+
+def _require_unit(path: Path, item: Any, key: str, stated: str, unit: str) -> None:
+    from emgface.schema.units import quantity_of, spelling  # xarray, only where a unit is stated
+
+    other = quantity_of(stated) is not None and spelling(stated) != spelling(unit)
+    if other and quantity_of(stated) == quantity_of(unit):
+        raise DataError(
+            f"{path.name}: {item.name!r} is in {spelling(stated)} by its attribute {key}, and in "
+            f"{spelling(unit)} by the sidecar; expected the same unit: correct the sidecar."
+        )
 
 
 def parse_contents(path: Path) -> dict[str, Any]:

@@ -67,7 +67,9 @@ def load_table(
         instants = _column_of_time(sidecar, path, table, frame)
     else:
         frame = _array(sidecar, path, table)
-        instants = None if table.time is None else read_array(path, table.time).ravel()
+        instants = None
+        if table.time is not None:
+            instants = read_array(path, table.time, table.time_unit).ravel()
         if instants is not None and instants.size != len(frame):
             raise DataError(
                 f"{path.name}: {table.time!r} has {instants.size} instants and {table.variable!r} "
@@ -89,7 +91,8 @@ def load_table(
 
 def _array(sidecar: Path, path: Path, table: Table) -> pd.DataFrame:
     """Return an array as a table of one column per channel, or three per marker."""
-    values = read_array(path, str(table.variable))
+    counts = (table.step, table.zero) != (1.0, 0.0)
+    values = read_array(path, str(table.variable), table.unit, counts=counts)
     if values.ndim == 2 and 1 in values.shape and len(table.dims) == 2:
         long = table.dims.index("time")  # a row or column vector
         values = values.reshape((-1, 1) if long == 0 else (1, -1))
