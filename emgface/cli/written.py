@@ -5,29 +5,10 @@ from pathlib import Path
 
 import typer
 
-WRITTEN = {
-    "out_path": "--out",
-    "wave": "--out",
-    **{
-        name: f"--{name}"
-        for name in (
-            *(
-                "cube",
-                "exclude",
-                "figure",
-                "log",
-                "movie",
-                "page",
-                "picture",
-                "plain",
-                "plot",
-                "report",
-                "save",
-            ),
-            *("table", "vtk", "waypoints"),
-        )
-    },
-}
+_OWN = (
+    "cube exclude figure log movie page picture plain plot report save table vtk waypoints".split()
+)
+WRITTEN = {"out_path": "--out", "wave": "--out", **{name: f"--{name}" for name in _OWN}}
 """Option of every parameter by which a command is told what to write; other paths are read."""
 
 

@@ -47,10 +47,17 @@ class Workspace:
         Raises
         ------
         DataError
-            The folder contains other files only, its data differ, or a file of it is not valid.
+            The folder contains other files only, its data differ, or a file of it is a link or is not
+            valid.
         """
         digests = {role: _digest(path) for role, path in files.items() if path is not None}
         made = cls(folder, digests, muscles)
+        for name in (RECIPE, CURVES, NOTES):
+            if (folder / name).is_symlink():
+                raise DataError(
+                    f"{folder / name} is a link, expected a file: links are not followed, "
+                    "copy the file into it"
+                )
         if not (folder / RECIPE).exists():
             if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
                 raise DataError(

@@ -112,3 +112,12 @@ def test_a_folder_with_other_files_is_left_alone(files, tmp_path):
     with pytest.raises(DataError, match=f"contains no {RECIPE}"):
         Workspace.of(tmp_path / "mine", files, MUSCLES)
     assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
+
+
+@pytest.mark.parametrize("name", [RECIPE, CURVES, NOTES])
+def test_links_in_a_folder_from_somebody_else_are_not_followed(files, saved, tmp_path, name):
+    secret = tmp_path / "secret"
+    (saved / name).rename(secret)
+    (saved / name).symlink_to(secret)
+    with pytest.raises(DataError, match=f"{name} is a link, expected a file"):
+        Workspace.of(saved, files, MUSCLES)
