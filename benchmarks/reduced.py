@@ -26,8 +26,8 @@ from emgface.reduced.model import ReducedFace, parameters_of
 from emgface.reduced.motion import simulate_reduced
 from emgface.reduced.study_plan import sequences_of
 from emgface.reduced.training import marker_errors
+from emgface.run.store import Store
 from emgface.schema.netcdf import read_netcdf
-from emgface.study.store import Store
 from sim import Activation, Energies, FixedStep, Workspace, resting, simulate
 from sim.errors import SimulationError
 from sim.reduced import FusedEuler

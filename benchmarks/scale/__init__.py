@@ -40,8 +40,8 @@ from benchmarks.scale.simulated import thousand
 from benchmarks.scale.statistics import statistics
 from benchmarks.scale.stub import run
 from emgface.children import child_environment, python_command
-from emgface.study.cluster import DaskWorkers
-from emgface.study.state import read_state
+from emgface.run.cluster import DaskWorkers
+from emgface.run.state import read_state
 
 PARTS = ("many", "recordings", "throughput", "thousand", "faults", "kills", "objects",
          "statistics", "plan", "picture")  # fmt: skip

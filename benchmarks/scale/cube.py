@@ -19,12 +19,12 @@ from typing import Any
 
 from benchmarks.scale.stub import STRATEGIES, memory, planned
 from emgface.children import child_environment, python_command
+from emgface.run.journal import Entry
+from emgface.run.lines import lines, run_files
 from emgface.study import assembly
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.intake import Intake
-from emgface.study.journal import Entry
 from emgface.study.outcomes import Entries
-from emgface.study.runs import lines, run_files
 from emgface.study.table import PlannedTrial, Recording
 
 

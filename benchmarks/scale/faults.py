@@ -21,10 +21,10 @@ import xarray as xr
 from benchmarks.scale import stub
 from benchmarks.scale.cluster import StartedByHand
 from emgface.children import child_environment, python_command
-from emgface.study.digest import dataset_digest
-from emgface.study.journal import Entry, read_trial
-from emgface.study.runs import lines, run_files, written
-from emgface.study.store import damage_of
+from emgface.run.digest import dataset_digest
+from emgface.run.journal import Entry, read_trial
+from emgface.run.lines import lines, run_files, written
+from emgface.run.store import damage_of
 
 TRIALS, SECONDS = 24, 0.1
 NOBODY = 65534

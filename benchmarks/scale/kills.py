@@ -10,9 +10,9 @@ from typing import Any
 from emgface.children import child_environment, python_command
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
-from emgface.study.digest import dataset_digest
+from emgface.run.digest import dataset_digest
+from emgface.run.store import damage_of
 from emgface.study.reproduced import content
-from emgface.study.store import damage_of
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.simulate import make_volunteers
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from emgface.study.objects import Objects
+from emgface.run.objects import Objects
+from emgface.run.store import Stage, Store
 from emgface.study.stage_code import MOTION, SCORES
-from emgface.study.store import Stage, Store
 
 STORED = ("skin", 60, 1500), ("motion", 120, 11), ("scores", 1, 11)
 """Results of a trial: name, number of times and of points."""

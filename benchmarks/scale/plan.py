@@ -6,10 +6,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from emgface.run.store import Store
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.assembly import AT_A_TIME
 from emgface.study.baselines import MOST_OTHERS, with_stored_baselines
-from emgface.study.store import Store
 
 STAGES_OF_TRIAL = ("activation", "motion", "skin", "aligned", "scores")
 DRIVER, RECORD = 4e-3, 2.5e3

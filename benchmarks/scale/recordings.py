@@ -11,9 +11,9 @@ import xarray as xr
 
 from emgface.muscles import AXES, CHANNELS, FACE_MARKERS, LIP_MARKERS
 from emgface.recordings.dataset import write_recording
+from emgface.run.journal import Journal
 from emgface.study import intake
 from emgface.study.configuration import RecordingsConfiguration
-from emgface.study.journal import Journal
 
 LINE = {"origin": "simulated", "world": "", "channels": CHANNELS}
 FACTS = {"study": "stub", "trials": 0, "workers": 1, "store": "store"}

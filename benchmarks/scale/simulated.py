@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from benchmarks.scale import stub
-from emgface.study.journal import Journal, StoredFiles
-from emgface.study.observer import Silent
+from emgface.run.journal import Journal, StoredFiles
+from emgface.run.observer import Silent
+from emgface.run.runner import run_jobs
+from emgface.run.tasks import Done
 from emgface.study.outcomes import Run
-from emgface.study.parallel import run_jobs
-from emgface.study.store import Done
 from emgface.study.table import PlannedTrial
 
 
@@ -51,7 +51,7 @@ class SimulatedWorkers:
                     self._changed.wait(self._due[0][0] - now if self._due else 1.0)
                     continue
                 _, _, future, trial = heapq.heappop(self._due)
-            future.set_result(Done(stub.outcome(trial), [], False, [], self._mean))
+            future.set_result(Done((stub.outcome(trial), False), [], [], self._mean))
 
     def result(self, future: Future[Done]) -> Done:
         """Return the output of a job."""

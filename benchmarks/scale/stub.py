@@ -23,16 +23,15 @@ from analysis.trial import Trial
 from emgface.cli.machine import graceful_stop
 from emgface.errors import EmgfaceError, StoreError, WorkerDied
 from emgface.muscles import LIP_MARKERS
-from emgface.study.cluster import DaskWorkers
-from emgface.study.digest import text_digest
-from emgface.study.journal import Journal, StoredFiles
-from emgface.study.observer import Silent
+from emgface.run.cluster import DaskWorkers
+from emgface.run.digest import text_digest
+from emgface.run.journal import Journal, StoredFiles
+from emgface.run.observer import Silent
+from emgface.run.runner import Workers, run_jobs
+from emgface.run.store import Stage, Store
+from emgface.run.tasks import PAUSE, Done
 from emgface.study.outcomes import Run
-from emgface.study.parallel import run_jobs
-from emgface.study.processes import Workers
-from emgface.study.store import Done, Stage, Store
 from emgface.study.table import PlannedTrial
-from emgface.study.workers import PAUSE
 
 MOTION = Stage("motion", ("benchmarks.scale.stub",))
 STRATEGIES = ("act_all", "act_3", "act_rel")
@@ -88,12 +87,12 @@ def work(trial: PlannedTrial) -> Done:
         _store.get_or_compute(MOTION, {"trial": trial.label}, {}, compute, label=trial.label)
     events = _store.events[before:]
     del _store.events[before:]
-    return Done(outcome(trial), events, False, [], time.perf_counter() - started)
+    return Done((outcome(trial), False), events, [], time.perf_counter() - started)
 
 
 def lost(trial: PlannedTrial, error: WorkerDied) -> Done:
     """Failure of a trial whose workers died."""
-    return Done(Trial.failed(*trial.place, trial.strategy, error), [], False, [], 0.0)
+    return Done((Trial.failed(*trial.place, trial.strategy, error), False), [], [], 0.0)
 
 
 def memory() -> float:

@@ -127,7 +127,7 @@ def reduce(
     from emgface.choices import configure
     from emgface.reduced.parameters import ReductionParameters
     from emgface.reduced.training import reduce_face
-    from emgface.study.store import Store
+    from emgface.run.store import Store
 
     plan = study_of(study)
     parameters = simulation_of(plan.simulation, None, choices)

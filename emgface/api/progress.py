@@ -27,7 +27,7 @@ def shown(progress: Show | bool | None, what: str) -> Iterator["Line"]:
 
 
 class Line:
-    """One line on the error stream, rewritten in place (`emgface.study.observer.Observer`)."""
+    """One line on the error stream, rewritten in place (`emgface.run.observer.Observer`)."""
 
     def __init__(self, progress: Show | bool | None, what: str) -> None:
         self._callback = progress if callable(progress) else None

@@ -64,7 +64,7 @@ def study(
     from emgface.api.given import changed, simulation_of, study_of
     from emgface.api.progress import shown
     from emgface.errors import ConfigurationError
-    from emgface.study.cluster import DaskWorkers
+    from emgface.run.cluster import DaskWorkers
     from emgface.study.run import run_study
     from emgface.study.variants import check_axes
 

@@ -200,7 +200,7 @@ def _is_number(cell: str) -> bool:
 
 
 class Bar:
-    """Progress bar, also as `emgface.study.observer.Observer`."""
+    """Progress bar, also as `emgface.run.observer.Observer`."""
 
     def __init__(self, shown: Progress, task: Any) -> None:
         self._shown, self._task, self._failed = shown, task, 0

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from emgface.cli.console import say
 
 if TYPE_CHECKING:
-    from emgface.study.processes import Workers
+    from emgface.run.runner import Workers
 
 
 def cores() -> int:
@@ -88,7 +88,7 @@ def executing(workers: int | None, scheduler: str | None) -> "Iterator[int | Wor
     if scheduler is None:
         yield workers or cores()
         return
-    from emgface.study.cluster import DaskWorkers
+    from emgface.run.cluster import DaskWorkers
 
     chosen = DaskWorkers(scheduler)
     try:

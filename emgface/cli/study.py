@@ -12,8 +12,8 @@ from emgface.cli.options import AccuracyOption, OutPath, SchedulerOption, Worker
 
 if TYPE_CHECKING:
     from emgface.report.kept import KeptReport, Page
+    from emgface.run.runner import Workers
     from emgface.study.configuration import StudyConfiguration
-    from emgface.study.processes import Workers
     from emgface.study.report import Report
     from emgface.study.run import StudyResult
     from emgface.volunteers.settings import VolunteerParameters
@@ -26,7 +26,7 @@ def template(
     out_path: OutPath = None,
 ) -> None:
     """Write a study file with every parameter, its default, unit and source."""
-    from emgface.study.store import write_text
+    from emgface.run.store import write_text
     from emgface.study.template import study_template
 
     if out_path is None:
@@ -205,7 +205,7 @@ def demo(
     accuracy: AccuracyOption = None,
 ) -> None:
     """Simulate two volunteers, run a study of them and write its report with the moving face."""
-    from emgface.study.parallel import kept_processes
+    from emgface.run.runner import kept_processes
 
     with kept_processes(cores(), ("emgface.volunteers.simulate", "emgface.study.workers")):
         raise typer.Exit(_demo(out_path, full, accuracy))

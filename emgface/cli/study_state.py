@@ -22,7 +22,7 @@ def status(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
 ) -> None:
     """Show the trials of a study by status, its failures, throughput and stored results."""
-    from emgface.study.state import read_state
+    from emgface.run.state import read_state
 
     state = read_state(folder)
     last, running = state.runs[-1], state.running
@@ -99,7 +99,7 @@ def gc(
     ] = [],  # noqa: B006
 ) -> None:
     """List stored results that no study uses, and delete them with --delete."""
-    from emgface.study.retention import unused_files
+    from emgface.run.retention import unused_files
 
     unused = unused_files(folders, forget=forget)
     for path in unused.files:
@@ -118,7 +118,7 @@ def export(
     ] = [],  # noqa: B006
 ) -> None:
     """Copy a study with the results that it uses, to archive it or to continue it elsewhere."""
-    from emgface.study.retention import export
+    from emgface.run.retention import export
 
     count, size = export(folder, out_path, without=without)
     tell(f"{count} results, {size / 1e6:.1f} MB, and the journal were copied to {out_path}.")
@@ -178,7 +178,7 @@ def _study(folder: Path, path: Path | None) -> "StudyConfiguration":
 
 def _store(folder: Path) -> Path:
     """Store of the last run of a study."""
-    from emgface.study.state import read_state
+    from emgface.run.state import read_state
 
     return read_state(folder).store(folder)
 

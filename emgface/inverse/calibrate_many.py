@@ -7,23 +7,22 @@ from pathlib import Path
 
 import xarray as xr
 
-from emgface.errors import DataError, ExecutionError, StoreError, WorkerDied
+from emgface.errors import DataError, StoreError
 from emgface.inverse.calibrate import described, estimate, volunteer_of
 from emgface.inverse.calibration import Calibration, over_session
 from emgface.inverse.calibration_trial import CalibrationTrial, fit_trial
 from emgface.inverse.kept import Kept
 from emgface.inverse.parameters import InverseParameters
 from emgface.recordings.dataset import read_recording
+from emgface.run.digest import dataset_digest
+from emgface.run.observer import Observer, Silent
+from emgface.run.runner import Workers
+from emgface.run.store import Result, Stage, Store
+from emgface.run.tasks import run_table
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.digest import dataset_digest
-from emgface.study.jobs import run_table
-from emgface.study.observer import Observer, Silent
-from emgface.study.one_trial import EXPECTED
-from emgface.study.processes import Workers
 from emgface.study.stage_code import INVERSE
 from emgface.study.stages import Laboratory
-from emgface.study.store import Result, Stage, Store
-from emgface.study.workers import compute
+from emgface.study.workers import on_laboratory
 from sim.state import Array
 from sim.threads import one_blas_thread
 
@@ -100,7 +99,8 @@ def calibrate_all(
     ]
     laboratory.rest(study.simulation)  # computed once, instead of by every worker
     found = run_table(
-        lambda starting: compute(fit_one, laboratory, jobs, workers, starting=starting, lost=_lost),
+        on_laboratory(fit_one, laboratory, workers, failed=_failed),
+        jobs,
         [(name,) for name in names],
         name=f"calibration of {volunteer}",
         out=folder,
@@ -135,42 +135,37 @@ def _stored(store: Store, one: Fitted) -> CalibrationTrial:
 def fit_one(laboratory: Laboratory, job: Job) -> Fitted:
     """Fit one trial, or take its stored fit."""
     study, p = laboratory.study, job.parameters
-    try:
-        recording = read_recording(job.path, mapping=job.mapping)
-        inputs = {
-            "recording": dataset_digest(recording),
-            "face": laboratory.face_digest,
-            "range": job.session.digest,
-        }
-        kept = Kept.beside(laboratory.store.folder / FITTED.name / f"{inputs['recording']}.nc")
-        with warnings.catch_warnings(record=True) as caught:
-            result = laboratory.store.get_or_compute(
-                FITTED,
-                inputs,
-                {
-                    "parameters": asdict(p) | {"left_out": list(p.left_out)},
-                    "simulation": study.simulation.model_dump(mode="json"),
-                    "signals": study.signals.model_dump(mode="json"),
-                },
-                lambda: fit_trial(
-                    recording, laboratory.face, study.simulation, study.signals, p,
-                    settled=laboratory.rest(study.simulation).dataset,
-                    session=job.session.dataset, kept=kept,
-                ).to_dataset().assign_attrs(origin=recording.attrs.get("origin", "measured")),
-                label=job.name,
-            )  # fmt: skip
-    except (StoreError, ExecutionError):
-        raise  # a failure of the machine, which the other trials would share
-    except EXPECTED as error:
-        return Fitted(job.name, "", f"failed:{type(error).__name__}", str(error))
+    recording = read_recording(job.path, mapping=job.mapping)
+    inputs = {
+        "recording": dataset_digest(recording),
+        "face": laboratory.face_digest,
+        "range": job.session.digest,
+    }
+    kept = Kept.beside(laboratory.store.folder / FITTED.name / f"{inputs['recording']}.nc")
+    with warnings.catch_warnings(record=True) as caught:
+        result = laboratory.store.get_or_compute(
+            FITTED,
+            inputs,
+            {
+                "parameters": asdict(p) | {"left_out": list(p.left_out)},
+                "simulation": study.simulation.model_dump(mode="json"),
+                "signals": study.signals.model_dump(mode="json"),
+            },
+            lambda: fit_trial(
+                recording, laboratory.face, study.simulation, study.signals, p,
+                settled=laboratory.rest(study.simulation).dataset,
+                session=job.session.dataset, kept=kept,
+            ).to_dataset().assign_attrs(origin=recording.attrs.get("origin", "measured")),
+            label=job.name,
+        )  # fmt: skip
     kept.remove()
     for text in dict.fromkeys(str(one.message) for one in caught):
         laboratory.report(f"{job.name}: {text}")
     return Fitted(job.name, result.digest)
 
 
-def _lost(job: Job, error: WorkerDied) -> Fitted:
-    return Fitted(job.name, "", "failed:WorkerDied", str(error))
+def _failed(job: Job, error: Exception) -> Fitted:
+    return Fitted(job.name, "", f"failed:{type(error).__name__}", str(error))
 
 
 __all__ = ["calibrate_all"]

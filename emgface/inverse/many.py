@@ -8,24 +8,23 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from emgface.errors import DataError, ExecutionError, StoreError, WorkerDied
+from emgface.errors import DataError, StoreError
 from emgface.inverse.calibration import Calibration
 from emgface.inverse.doubts import doubts
 from emgface.inverse.kept import Kept
 from emgface.inverse.parameters import InverseParameters, form_of
 from emgface.inverse.run import invert
 from emgface.recordings.dataset import read_recording
+from emgface.run.digest import dataset_digest
+from emgface.run.observer import Observer, Silent
+from emgface.run.runner import Workers
+from emgface.run.store import Stage, Store
+from emgface.run.tasks import run_table
 from emgface.schema.netcdf import write_netcdf
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.digest import dataset_digest
-from emgface.study.jobs import run_table
-from emgface.study.observer import Observer, Silent
-from emgface.study.one_trial import EXPECTED
-from emgface.study.processes import Workers
 from emgface.study.stage_code import INVERSE
 from emgface.study.stages import Laboratory
-from emgface.study.store import Stage, Store
-from emgface.study.workers import compute
+from emgface.study.workers import on_laboratory
 from sim.state import Array
 from sim.threads import one_blas_thread
 
@@ -119,9 +118,8 @@ def invert_all(
     if workers != 1:
         laboratory.rest(study.simulation)  # computed once, instead of by every worker
     return run_table(
-        lambda starting: compute(
-            invert_one, laboratory, jobs, workers, starting=starting, lost=_lost
-        ),
+        on_laboratory(invert_one, laboratory, workers, failed=_failed),
+        jobs,
         [(name,) for name in names],
         name=f"inverse, {p.variant}",
         out=out,
@@ -136,14 +134,8 @@ def invert_all(
 def invert_one(laboratory: Laboratory, job: Job) -> Inverted:
     """Invert one recording and write the file of its result."""
     name, kept = job.path.stem, Kept.beside(job.out)
-    try:
-        with warnings.catch_warnings(record=True) as caught:
-            found = _inverted(laboratory, job, kept)
-    except (StoreError, ExecutionError):
-        raise  # a failure of the machine, which the other recordings would share
-    except EXPECTED as error:
-        job.out.unlink(missing_ok=True)
-        return Inverted(name, f"failed:{type(error).__name__}", str(error))
+    with warnings.catch_warnings(record=True) as caught:
+        found = _inverted(laboratory, job, kept)
     try:
         write_netcdf(found, job.out, "activation")
     except DataError as error:
@@ -186,8 +178,9 @@ def _inverted(laboratory: Laboratory, job: Job, kept: Kept) -> xr.Dataset:
     ).dataset  # fmt: skip
 
 
-def _lost(job: Job, error: WorkerDied) -> Inverted:
-    return Inverted(job.path.stem, "failed:WorkerDied", str(error))
+def _failed(job: Job, error: Exception) -> Inverted:
+    job.out.unlink(missing_ok=True)
+    return Inverted(job.path.stem, f"failed:{type(error).__name__}", str(error))
 
 
 __all__ = ["Inverted", "invert_all"]

@@ -14,8 +14,8 @@ from emgface.inverse.markers import marker_nodes, wanted_positions
 from emgface.inverse.parameters import InverseParameters
 from emgface.inverse.signals import estimated_activation
 from emgface.muscles import LIP_MARKERS
+from emgface.run.digest import dataset_digest
 from emgface.signals.parameters import SignalChain
-from emgface.study.digest import dataset_digest
 from sim import State, System, Workspace, compile_scene
 from sim.inverse import PointTarget
 from sim.state import Array

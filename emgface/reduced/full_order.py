@@ -16,9 +16,9 @@ from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.reduced.model import Floats, without_contact
 from emgface.reduced.plan import Drive
-from emgface.study.digest import dataset_digest, text_digest
+from emgface.run.digest import dataset_digest, text_digest
+from emgface.run.store import Stage, Store
 from emgface.study.mechanics import MECHANICS
-from emgface.study.store import Stage, Store
 from sim import (
     Activation,
     ContactFailure,

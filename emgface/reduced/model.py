@@ -15,8 +15,8 @@ from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.reduced.trained import Trained
+from emgface.run.digest import canonical_json, dataset_digest
 from emgface.schema.netcdf import read_netcdf
-from emgface.study.digest import canonical_json, dataset_digest
 from sim import State, Workspace, compile_scene
 from sim.reduced import (
     Closure,

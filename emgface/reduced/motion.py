@@ -12,7 +12,7 @@ from emgface.errors import DataError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.reduced.model import LOWER, UPPER, Floats, ReducedFace
 from emgface.reduced.trained import SAME
-from emgface.study.digest import dataset_digest
+from emgface.run.digest import dataset_digest
 from sim import (
     Activation,
     FixedStep,

@@ -26,9 +26,9 @@ from emgface.reduced.trained import (
     whitened_size,
     whitening_of,
 )
+from emgface.run.digest import dataset_digest, text_digest
+from emgface.run.store import Store
 from emgface.schema.validation import validate
-from emgface.study.digest import dataset_digest, text_digest
-from emgface.study.store import Store
 from sim import (
     Activation,
     FixedStep,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from emgface.errors import DataError
 from emgface.files import write_text
-from emgface.study.digest import code_version, file_digest, text_digest
+from emgface.run.digest import code_version, file_digest, text_digest
 
 
 @dataclass(frozen=True)

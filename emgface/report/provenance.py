@@ -13,8 +13,8 @@ from analysis.cube import TRIAL_DIMS
 from analysis.tables import Column, Table, origin_of, recordings
 from emgface import __version__
 from emgface.report.results import Results
-from emgface.study.digest import file_digest
-from emgface.study.provenance import now
+from emgface.run.digest import file_digest
+from emgface.run.provenance import now
 
 WRITERS = ("numpy", "scipy", "xarray", "statsmodels", "matplotlib")
 """Packages on which the statistics and pictures of a report depend."""

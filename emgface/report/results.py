@@ -12,6 +12,8 @@ from analysis.axes import reference_cube
 from analysis.cube import TRIAL_DIMS
 from analysis.errors import AnalysisError
 from emgface.errors import ConfigurationError, DataError, EmgfaceError
+from emgface.run.state import read_state
+from emgface.run.store import Result, Store
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.faces import study_face
@@ -19,8 +21,6 @@ from emgface.study.intake import Intake, take_in
 from emgface.study.paths import placed
 from emgface.study.run import feature_extents
 from emgface.study.stages import Laboratory, StoredFailure
-from emgface.study.state import read_state
-from emgface.study.store import Result, Store
 from emgface.study.table import Place, Recording
 from emgface.study.variants import variants
 from sim.errors import SimulationError

@@ -13,6 +13,7 @@ from analysis.cube import build_cube
 from analysis.trial import Origin
 from emgface.errors import DataError
 from emgface.muscles import LIP_MARKERS
+from emgface.run.journal import read_trial
 from emgface.schema.parts import write_netcdf_parts
 from emgface.study.axes import Label
 from emgface.study.baselines import with_stored_baselines
@@ -20,7 +21,6 @@ from emgface.study.configuration import StudyConfiguration
 from emgface.study.description import Origins, described, montages, with_recordings
 from emgface.study.formants import with_stored_formants
 from emgface.study.intake import Intake
-from emgface.study.journal import read_trial
 from emgface.study.outcomes import Entries
 from emgface.study.stages import Laboratory
 from emgface.study.table import PlannedTrial, Recording

@@ -10,16 +10,16 @@ import xarray as xr
 
 from emgface.errors import DataError
 from emgface.files import result_file
+from emgface.run.journal import Entry, StoredFiles
+from emgface.run.lines import Line, lines, run_files
+from emgface.run.store import Result, Stage, Store, damage_of
 from emgface.study.axes import Label
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.faces import study_face
 from emgface.study.intake import Intake, take_in
-from emgface.study.journal import Entry, StoredFiles
 from emgface.study.one_trial import run_trial
 from emgface.study.run import feature_extents
-from emgface.study.runs import Line, lines, run_files
 from emgface.study.stages import Laboratory
-from emgface.study.store import Result, Stage, Store, damage_of
 from emgface.study.table import PlannedTrial, plan_trials
 from emgface.study.variants import variants
 

@@ -21,14 +21,14 @@ from analysis.errors import AnalysisError
 from analysis.individual import instants
 from analysis.registration import mean_motion
 from emgface.muscles import LIP_MARKERS
+from emgface.run.digest import text_digest
+from emgface.run.journal import Entry
+from emgface.run.store import Result, Stage
 from emgface.study.against_baselines import Person, Recorded, compared
-from emgface.study.digest import text_digest
-from emgface.study.journal import Entry
 from emgface.study.motions import StoredMotion, stored, stored_file
 from emgface.study.outcomes import Run
 from emgface.study.stage_code import ALIGNED, SCORES
 from emgface.study.stages import Laboratory
-from emgface.study.store import Result, Stage
 from emgface.study.table import PlannedTrial
 
 _CODE = (

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 
 from emgface.inverse.parameters import without_contact
 from emgface.inverse.strategy import FOLDS, crossed, inverse_activation
-from emgface.study.digest import canonical_json, code_version, text_digest
+from emgface.run.digest import canonical_json, code_version, text_digest
+from emgface.run.store import Result
 from emgface.study.stage_code import INVERSE, MOTION
-from emgface.study.store import Result
 from emgface.study.table import Recording
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ from typing import Final
 from emgface.choices import configure
 from emgface.face.support import WALL
 from emgface.muscles import INSTRUCTIONS
+from emgface.run.digest import canonical_json, code_version, text_digest
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.digest import canonical_json, code_version, text_digest
 from emgface.volunteers.settings import VolunteerParameters
 
 RESOLUTION = "coarse"

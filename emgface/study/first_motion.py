@@ -8,10 +8,10 @@ from emgface.files import write_text
 from emgface.pictures.body import skin_of
 from emgface.pictures.page import motion_page
 from emgface.pictures.surface import with_surface
+from emgface.run.store import Store
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.faces import study_face
 from emgface.study.stages import Laboratory
-from emgface.study.store import Store
 from emgface.study.table import load_recording
 
 TRIAL = ("volunteer", "instruction", "repetition", "strategy")

@@ -10,12 +10,12 @@ from analysis.formants import FORMANTS, INSTANTS, with_formants
 from emgface.anatomy.airway import sound
 from emgface.anatomy.airway.area_function import lips_of_trial, tract_of, with_lips
 from emgface.face.lip_shape import has_mouth
-from emgface.study.digest import dataset_digest
-from emgface.study.journal import Entry
+from emgface.run.digest import dataset_digest
+from emgface.run.journal import Entry
+from emgface.run.store import Result, Stage
 from emgface.study.motions import StoredMotion, stored
 from emgface.study.outcomes import Run
 from emgface.study.stages import Laboratory
-from emgface.study.store import Result, Stage
 from emgface.study.table import PlannedTrial
 
 SOUND: Final = Stage(

@@ -9,11 +9,11 @@ import xarray as xr
 from emgface.anatomy.head.recorded import activation_of_head, has_jaw
 from emgface.errors import FeatureWarning
 from emgface.recordings.repeated import for_activation, stored_with
+from emgface.run.digest import dataset_digest
+from emgface.run.store import Result
 from emgface.signals.activation import activation_of
 from emgface.signals.truth import TRUE_STRATEGY, true_activation_of
-from emgface.study.digest import dataset_digest
 from emgface.study.stage_code import ACTIVATION, ACTIVATION_OF_HEAD
-from emgface.study.store import Result
 from emgface.study.table import Recording
 
 if TYPE_CHECKING:

@@ -15,15 +15,14 @@ from emgface.muscles import INSTRUCTIONS
 from emgface.recordings.dataset import absent, candidates, none_found, read_recordings
 from emgface.recordings.labels import read_label_map
 from emgface.recordings.trial_names import is_pattern
+from emgface.run.digest import code_version, file_digest, text_digest
+from emgface.run.lines import Line, lines_of, run_files
+from emgface.run.observer import Observer, Silent
+from emgface.run.provenance import CODE
+from emgface.run.runner import Workers, run_jobs
 from emgface.schema.validation import schema_folder
 from emgface.study.configuration import RecordingsConfiguration
-from emgface.study.digest import code_version, file_digest, text_digest
 from emgface.study.exclusions import Exclusion, Place, reason_to_exclude
-from emgface.study.observer import Observer, Silent
-from emgface.study.parallel import run_jobs
-from emgface.study.processes import Workers
-from emgface.study.provenance import CODE
-from emgface.study.runs import Line, lines_of, run_files
 from emgface.study.table import Recording
 from emgface.study.workers import begin_reading, identified
 

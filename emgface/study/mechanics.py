@@ -37,7 +37,7 @@ MECHANICS: Final = (
     "emgface.schema.migration",
     "emgface.schema.netcdf",
     "emgface.schema.validation",
-    "emgface.study.digest",
+    "emgface.run.digest",
 )
 """Modules of the mechanics and of the scene, and their imports."""
 OF_HEADS: Final = (*MECHANICS, "emgface.anatomy", "emgface.signals")

@@ -8,10 +8,10 @@ import xarray as xr
 
 from emgface.errors import StoreError
 from emgface.files import result_file
-from emgface.study.journal import Entry
+from emgface.run.journal import Entry
+from emgface.run.store import Result, Stage, damage_of
 from emgface.study.stage_code import MOTION
 from emgface.study.stages import Laboratory
-from emgface.study.store import Result, Stage, damage_of
 from emgface.study.table import PlannedTrial
 
 

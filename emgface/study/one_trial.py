@@ -5,20 +5,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from analysis.errors import AnalysisError
 from analysis.trial import Origin, Trial
-from emgface.errors import EmgfaceError, ExecutionError, StoreError
 from emgface.face.numerical_error import largest_motion
 from emgface.face.stability import stability_warning
 from emgface.recordings.findings import findings_in
 from emgface.recordings.repeated import headline
+from emgface.run.store import Result
+from emgface.run.tasks import EXPECTED, OF_THE_MACHINE
 from emgface.study.stages import Laboratory, StoredFailure
-from emgface.study.store import Result
 from emgface.study.table import PlannedTrial
-from sim.errors import SimulationError
-
-EXPECTED = (EmgfaceError, AnalysisError, SimulationError)
-"""Errors of one trial that do not stop the others."""
 
 
 def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None = None) -> Trial:
@@ -67,8 +62,8 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
             origin=origin,
             **_provenance([*stages, failure.result]),
         )
-    except (StoreError, ExecutionError):
-        raise  # a failure of the machine, which the other trials would share
+    except OF_THE_MACHINE:
+        raise
     except EXPECTED as error:
         return Trial.failed(*labels, error, origin=origin, **known, **_provenance(stages))
     remarks = (

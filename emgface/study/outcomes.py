@@ -5,14 +5,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from analysis.trial import Trial
-from emgface.study.journal import Entry, Journal, StoredFiles
-from emgface.study.observer import Observer, Silent
-from emgface.study.processes import Workers
+from emgface.run.journal import Entry, Journal, StoredFiles
+from emgface.run.observer import Observer, Silent
+from emgface.run.runner import Workers
+from emgface.run.tasks import Done, Job, Outcome
 from emgface.study.stages import Laboratory
-from emgface.study.store import Done
 from emgface.study.table import Place, PlannedTrial
-from emgface.study.workers import Job, Outcome, compute
+from emgface.study.workers import Judged, on_laboratory
 
 Entries = dict[tuple[str, str, int, str], Entry]
 """Outcomes of the trials by volunteer, instruction, repetition and strategy."""
@@ -79,7 +78,8 @@ class Run:
             self.observer.working(f"{stage} {index + 1} of {len(jobs)}")
             return not self.stopping()
 
-        for index, done in compute(work, laboratory, jobs, self.workers, starting=starting):
+        task = on_laboratory(work, laboratory, self.workers)
+        for index, done in task.outcomes(jobs, self.workers, starting=starting):
             found[index] = done.outcome
             laboratory.store.events += done.events
             for text in done.messages:
@@ -92,7 +92,7 @@ class Run:
         self,
         trials: Sequence[PlannedTrial],
         keys: Sequence[str],
-        compute_left: Callable[[list[PlannedTrial]], Iterator[tuple[PlannedTrial, Done[Trial]]]],
+        compute_left: Callable[[list[PlannedTrial]], Iterator[tuple[PlannedTrial, Done[Judged]]]],
         store: Path,
     ) -> Entries:
         """Return the outcomes of trials, computed if they are unknown or their results damaged.
@@ -114,21 +114,22 @@ class Run:
             self.observer.finished(self.label(trial), entry.status)
         left = [trial for trial in trials if (trial.place, trial.strategy) in absent]
         for trial, done in compute_left(left):
+            outcome, muted = done.outcome
             entry = self.journal.trial(
                 absent[trial.place, trial.strategy],
-                done.outcome,
+                outcome,
                 done.events,
                 store,
                 variant=self.variant,
                 seconds=done.seconds,
-                muted=done.muted,
+                muted=muted,
             )
             found[*trial.place, trial.strategy] = entry
-            if done.muted:
+            if muted:
                 self.muted.add(trial.place)
             for text in done.messages:
                 self.observer.message(text)
-            self.observer.finished(self.label(trial), done.outcome.status)
+            self.observer.finished(self.label(trial), outcome.status)
         if len(found) < len(trials):
             raise KeyboardInterrupt
         self.entries += found.values()

@@ -8,9 +8,9 @@ from typing import TypeVar
 from pydantic import BaseModel
 
 from emgface.errors import DataError
+from emgface.run.state import read_state
 from emgface.study.axes import Axis
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.state import read_state
 
 Model = TypeVar("Model", bound=BaseModel)
 

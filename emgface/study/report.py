@@ -14,8 +14,8 @@ from analysis.listing import trials
 from analysis.sensitivity import choices_table, sensitivity
 from analysis.statistics.summary import statistics_table, study_statistics
 from analysis.tables import Table, report_tables
+from emgface.run.store import write_text
 from emgface.signals.montage import COMPLETE
-from emgface.study.store import write_text
 
 
 @dataclass(frozen=True)

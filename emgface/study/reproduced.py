@@ -14,12 +14,12 @@ from analysis.cube import OF_INCISOR, OF_NOISE, PER_MARKER, PER_TRIAL, TRIAL_DIM
 from analysis.trial import Trial
 from emgface.errors import DataError
 from emgface.files import result_file
+from emgface.run.store import Store
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.audit import Planned, planned_trials
 from emgface.study.axes import Label
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.one_trial import run_trial
-from emgface.study.store import Store
 
 MEASURED: Final = ("run_time", "run_time_s")
 """Variables and attributes with measured computing times, which differ between runs."""

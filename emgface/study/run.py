@@ -10,22 +10,22 @@ import xarray as xr
 
 from analysis.axes import reference_cube
 from emgface.errors import EmgfaceError
+from emgface.run.digest import code_version, dataset_digest
+from emgface.run.journal import Entry, Journal, StoredFiles, events_of
+from emgface.run.objects import Objects
+from emgface.run.observer import Observer, Silent
+from emgface.run.provenance import CODE
+from emgface.run.runner import Workers
+from emgface.run.store import Event, Result, Store
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.assembly import Computed, write_cube
 from emgface.study.baselines import compute_baselines
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.digest import code_version, dataset_digest
 from emgface.study.faces import study_face
 from emgface.study.formants import compute_formants
 from emgface.study.intake import Intake, take_in, take_in_references
-from emgface.study.journal import Entry, Journal, StoredFiles, events_of
-from emgface.study.objects import Objects
-from emgface.study.observer import Observer, Silent
 from emgface.study.outcomes import Entries, Run
-from emgface.study.processes import Workers
-from emgface.study.provenance import CODE
 from emgface.study.stages import Laboratory
-from emgface.study.store import Event, Result, Store
 from emgface.study.table import PlannedTrial, Recording, plan_trials
 from emgface.study.variants import variants
 from emgface.study.workers import compute_trials

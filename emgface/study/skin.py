@@ -8,8 +8,8 @@ from emgface.face.motion import simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.pictures.body import skin_of
 from emgface.pictures.surface import SurfaceProbe, frame_stride
+from emgface.run.store import Result, Stage
 from emgface.study.mechanics import MECHANICS, OF_HEADS
-from emgface.study.store import Result, Stage
 
 if TYPE_CHECKING:
     from emgface.study.stages import Laboratory

@@ -1,7 +1,7 @@
 """Stages of one trial, each with the modules whose source determines its results."""
 
+from emgface.run.store import Stage
 from emgface.study.mechanics import MECHANICS, OF_HEADS
-from emgface.study.store import Stage
 
 _SIGNALS = (
     "emgface.signals.running",

@@ -15,16 +15,17 @@ from emgface.face.motion import NOT_OF_REST, settle_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.configuration import VARIANT
 from emgface.recordings.repeated import for_scores, stored_with
-from emgface.signals.activation import feature_range
-from emgface.study.by_markers import ByMarkers
-from emgface.study.configuration import StudyConfiguration
-from emgface.study.digest import (
+from emgface.run.digest import (
     canonical_json,
     code_version,
     dataset_digest,
     file_digest,
     text_digest,
 )
+from emgface.run.store import Result, Store
+from emgface.signals.activation import feature_range
+from emgface.study.by_markers import ByMarkers
+from emgface.study.configuration import StudyConfiguration
 from emgface.study.faces import study_head
 from emgface.study.from_emg import activation_digest, activation_from_emg
 from emgface.study.incisor import with_incisor
@@ -42,7 +43,6 @@ from emgface.study.stage_code import (
     SCORES_OF_HEAD,
     STAGES,
 )
-from emgface.study.store import Result, Store
 from emgface.study.table import PlannedTrial, Recording
 from sim.errors import SimulationError
 

@@ -19,7 +19,7 @@ from emgface.face.recipe import compose_scene, element_order
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.surface import element_faces, face_areas
 from emgface.face.validity import check_face
-from emgface.study.digest import dataset_digest
+from emgface.run.digest import dataset_digest
 from emgface.treatment.changes import apply_change, apply_palsy, with_factor, with_share
 from emgface.treatment.closure import Closed, Progress, drawn_together, relaxed, ties
 from emgface.treatment.excise import Wound, excise

@@ -1,14 +1,15 @@
 """Motions of the face of a simulated volunteer, kept in a store."""
 
+from collections.abc import Callable
+
 import xarray as xr
 
 from emgface.face.motion import NOT_OF_REST, settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.study.digest import dataset_digest
+from emgface.run.digest import dataset_digest
+from emgface.run.store import Stage, Store
 from emgface.study.mechanics import MECHANICS
-from emgface.study.observer import Observer
 from emgface.study.policy import lower_sigma_max
-from emgface.study.store import Stage, Store
 
 REST = Stage("volunteer_rest", MECHANICS)
 MOTION = Stage("volunteer_motion", (*MECHANICS, "emgface.study.policy"))
@@ -18,10 +19,14 @@ class Mover:
     """Simulator of the motions of one face, which are stored."""
 
     def __init__(
-        self, store: Store, face: xr.Dataset, parameters: SimulationParameters, observer: Observer
+        self,
+        store: Store,
+        face: xr.Dataset,
+        parameters: SimulationParameters,
+        report: Callable[[str], None],
     ) -> None:
         self.face, self.parameters = face, parameters
-        self._store, self._observer, self._digest = store, observer, dataset_digest(face)
+        self._store, self._report, self._digest = store, report, dataset_digest(face)
 
     def rest(self, parameters: SimulationParameters) -> xr.Dataset:
         """Return the face at its equilibrium under gravity."""
@@ -41,7 +46,7 @@ class Mover:
             return simulate_face(self.face, activation, parameters, settled=rest)
 
         def compute() -> xr.Dataset:
-            return lower_sigma_max(once, self.parameters, report=self._observer.message)
+            return lower_sigma_max(once, self.parameters, report=self._report)
 
         inputs = {
             "face": self._digest,

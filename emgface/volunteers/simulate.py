@@ -1,6 +1,5 @@
 """Recordings of simulated volunteers with individual faces and known activations."""
 
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -17,13 +16,10 @@ from emgface.face.template.grid import LAYERS, make_grid
 from emgface.muscles import INSTRUCTIONS
 from emgface.recordings.dataset import write_recording
 from emgface.recordings.events import cut_trials
-from emgface.study.digest import code_version
-from emgface.study.jobs import run_table
-from emgface.study.observer import Observer, Silent
-from emgface.study.parallel import run_jobs
-from emgface.study.processes import Workers
-from emgface.study.provenance import CODE, require_code
-from emgface.study.store import Done, Event, Store
+from emgface.run.observer import Observer, Silent
+from emgface.run.runner import Workers
+from emgface.run.store import Store
+from emgface.run.tasks import Task, run_table
 from emgface.volunteers.conduction import Conduction, face_conduction
 from emgface.volunteers.emg import Pools, draw_pools
 from emgface.volunteers.mismatch import Mismatch, draw_mismatch, world_parameters
@@ -97,15 +93,8 @@ def make_volunteers(
     # Volunteers vary fastest, so that every process begins with the rest state of another face.
     jobs = [(index, instruction) for instruction in instructions for index in range(1, n + 1)]
     written = run_table(
-        lambda starting: run_jobs(
-            _work,
-            jobs,
-            workers,
-            begin=_begin,
-            arguments=(setup, code_version(CODE)),
-            group=lambda place: place[0],
-            starting=starting,
-        ),
+        Task(_Recorder, setup, _Recorder.record, lambda place: place[0]),
+        jobs,
         [(f"S{index:02d}", instruction) for index, instruction in jobs],
         name=f"simulated volunteers, {settings.world.label}",
         out=setup.out,
@@ -156,9 +145,9 @@ class _Subject:
 class _Recorder:
     """Simulator of recordings, which builds and settles the face of each person once."""
 
-    def __init__(self, setup: _Setup, observer: Observer) -> None:
-        self._setup, self._observer = setup, observer
-        self._store = Store(setup.store, report=observer.message)
+    def __init__(self, setup: _Setup, report: Callable[[str], None]) -> None:
+        self._setup, self._report = setup, report
+        self.store = Store(setup.store, report=report)
         self._subjects: dict[int, _Subject] = {}
 
     def record(self, place: _Place) -> list[Path]:
@@ -198,11 +187,6 @@ class _Recorder:
             paths.append(write_recording(trial, path))
         return paths
 
-    def taken_events(self) -> list[Event]:
-        """Return the results that were computed or reused since the last call."""
-        events, self._store.events = self._store.events, []
-        return events
-
     def _subject(self, index: int) -> _Subject:
         if index not in self._subjects:
             setup, settings = self._setup, self._setup.settings
@@ -233,36 +217,6 @@ class _Recorder:
                     )
                 conduction = face_conduction(face) if world.pick_up == "volume" else None
                 noise = amplifier_noise(person, settings, pools=pools, conduction=conduction)
-            mover = Mover(self._store, face, parameters, self._observer)
+            mover = Mover(self.store, face, parameters, self._report)
             self._subjects[index] = _Subject(person, mover, mismatch, pools, conduction, noise)
         return self._subjects[index]
-
-
-class _Notes(Silent):
-    """Observer that collects the messages of a worker process."""
-
-    def __init__(self) -> None:
-        self.texts: list[str] = []
-
-    def message(self, text: str) -> None:
-        """Store a message."""
-        self.texts.append(text)
-
-
-_recorder: _Recorder | None = None
-_notes = _Notes()
-"""Recorder of a worker process, and its messages."""
-
-
-def _begin(setup: _Setup, code: str) -> None:
-    global _recorder
-    require_code(code)
-    _recorder = _Recorder(setup, _notes)
-
-
-def _work(place: _Place) -> Done[list[Path]]:
-    assert _recorder is not None, "the recorder of a worker is not set"
-    _notes.texts.clear()
-    started = time.perf_counter()
-    paths, events = _recorder.record(place), _recorder.taken_events()
-    return Done(paths, events, False, list(_notes.texts), time.perf_counter() - started)

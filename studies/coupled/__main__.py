@@ -13,7 +13,7 @@ import typer
 from analysis.figures.style import save
 from benchmarks.report import markdown, say, shrink
 from emgface.anatomy.head.sweep import MESH_ERROR, STEP_ERROR, sweep
-from emgface.study.observer import Silent
+from emgface.run.observer import Silent
 from studies.coupled.experiments import EXPERIMENTS as PUBLISHED
 from studies.coupled.explained import EXPLAINED, EXPLANATIONS
 from studies.coupled.figure import outcome_figure

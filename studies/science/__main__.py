@@ -15,8 +15,8 @@ from pathlib import Path
 import pandas as pd
 
 from emgface.files import replace_file
-from emgface.study.observer import Silent
-from emgface.study.parallel import kept_processes
+from emgface.run.observer import Silent
+from emgface.run.runner import kept_processes
 from studies.science.sections import SECTIONS
 from studies.science.setup import (
     REPETITIONS,

@@ -11,12 +11,12 @@ import pandas as pd
 from analysis.figures.style import COLOURS, HATCHES, blank, save, styled
 from benchmarks.report import markdown
 from emgface.errors import FeatureWarning, SignalError
+from emgface.run.store import Store
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.faces import study_face
 from emgface.study.intake import take_in
 from emgface.study.run import feature_extents
 from emgface.study.stages import Laboratory
-from emgface.study.store import Store
 from studies.science.setup import finished_study, opened, plan, results_store
 from studies.science.subset import (
     mean_interval,

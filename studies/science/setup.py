@@ -14,8 +14,8 @@ import xarray as xr
 from emgface.choices import configure
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import INSTRUCTIONS
+from emgface.run.observer import Observer, Silent
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.observer import Observer, Silent
 from emgface.study.run import run_study
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.simulate import make_volunteers

@@ -16,11 +16,11 @@ from emgface.anatomy.airway import sound
 from emgface.anatomy.airway.area_function import ideal_vowel, with_lips
 from emgface.anatomy.airway.parameters import TractParameters
 from emgface.errors import StoreError
+from emgface.run.journal import Entry
+from emgface.run.store import Store
 from emgface.schema.validation import validate
 from emgface.study.formants import formants, formants_of, with_stored_formants
-from emgface.study.journal import Entry
 from emgface.study.stage_code import MOTION
-from emgface.study.store import Store
 from emgface.study.table import PlannedTrial
 
 PLACE = ("P1", "A", 1, "act_all")

@@ -19,11 +19,11 @@ from emgface.choices import configure
 from emgface.errors import FeatureWarning, HeadError
 from emgface.muscles import FACE_MARKERS, LIP_MARKERS
 from emgface.report import jaw as report_of_jaw
+from emgface.run.store import Store
 from emgface.study.configuration import FaceConfiguration, StudyConfiguration
 from emgface.study.faces import study_face
 from emgface.study.incisor import with_incisor
 from emgface.study.stages import Laboratory
-from emgface.study.store import Store
 
 RATE, START, DURATION = 2000.0, 10.0, 0.9
 STUDY = configure(

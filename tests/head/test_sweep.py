@@ -12,7 +12,7 @@ from emgface.anatomy.head.model import Head, write_head
 from emgface.anatomy.head.sweep import Run, Setting, outcomes, read_plan, sweep
 from emgface.cli import app
 from emgface.errors import ConfigurationError, FaceError, HeadError
-from emgface.study.state import read_state
+from emgface.run.state import read_state
 
 JAW = Setting(parts=("jaw",), duration=0.08, rise=0.04, step=1e-2)
 RUNS = (Run("open", {"bi_open": 0.3}), Run("left", {"ip_L": 0.3}), Run("right", {"ip_R": 0.3}))

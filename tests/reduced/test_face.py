@@ -23,8 +23,8 @@ from emgface.reduced.parameters import ReductionParameters
 from emgface.reduced.plan import Drive, random_drives, training_plan
 from emgface.reduced.stream import Played
 from emgface.reduced.study_plan import study_drives
+from emgface.run.store import Store
 from emgface.schema.netcdf import read_netcdf, write_netcdf
-from emgface.study.store import Store
 from sim import Activation, ContactFailure, InvertedElement, Positions
 
 SMALL = ReductionParameters(

@@ -48,7 +48,7 @@ def guarded(path: Path) -> set[int]:
 
 
 WITHOUT_START = {
-    ("emgface/study/processes.py", "get_context"),  # used by guarded calls
+    ("emgface/run/runner.py", "get_context"),  # used by guarded calls
     ("benchmarks/jaw_posterior.py", "Pool"),  # not of `multiprocessing`
 }
 """Names that start nothing."""

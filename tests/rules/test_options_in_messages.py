@@ -21,7 +21,8 @@ STATED_BY: dict[str, tuple[str, ...]] = {
     "emgface/recordings/describe.py": ("data describe",),
     "emgface/recordings/bids/write.py": ("data convert",),
     "emgface/study/": ("study run",),
-    "emgface/study/retention.py": ("study gc",),
+    "emgface/run/": ("study run",),
+    "emgface/run/retention.py": ("study gc",),
     "emgface/study/exclusions.py": ("data check",),
 }
 """Commands that state the messages of a module; the longest name counts."""

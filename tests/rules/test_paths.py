@@ -45,10 +45,10 @@ INTERNAL = {
     "emgface/recordings/bids/write.py": "labels that `file_name` has checked",
     "emgface/recordings/inventory.py": "files that exist",
     "emgface/schema/validation.py": "names of kinds, checked against the declared ones",
-    "emgface/study/journal.py": "date, host and process",
-    "emgface/study/owners.py": "digest",
+    "emgface/run/journal.py": "date, host and process",
+    "emgface/run/retention.py": "digest",
     "emgface/study/report.py": "names of tables",
-    "emgface/study/store.py": "process and random digits",
+    "emgface/run/store.py": "process and random digits",
 }
 """Modules that compose the name of a file, and of what."""
 

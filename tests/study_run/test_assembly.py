@@ -11,12 +11,12 @@ from analysis.cube import build_cube
 from benchmarks.scale.cube import stub_cube
 from benchmarks.scale.stub import outcome, planned
 from emgface.errors import SchemaError
+from emgface.run.journal import Journal
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.schema.parts import write_netcdf_parts
 from emgface.study import assembly
 from emgface.study.baselines import MOST_OTHERS, others_of
 from emgface.study.description import Origins
-from emgface.study.journal import Journal
 from emgface.study.outcomes import Entries
 
 TRIALS = planned(2 * 72 + 3)

@@ -14,15 +14,15 @@ from emgface.cli import app
 from emgface.errors import DataError, StoreError
 from emgface.recordings.dataset import read_recording, write_recording
 from emgface.report.results import open_results, study_cube
+from emgface.run.digest import file_digest
+from emgface.run.lines import lines, run_files, written
+from emgface.run.retention import export, unused_files
+from emgface.run.state import read_state
+from emgface.run.store import write_netcdf
 from emgface.study.audit import explain
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.digest import file_digest
 from emgface.study.reproduced import reproduce
-from emgface.study.retention import export, unused_files
 from emgface.study.run import run_study
-from emgface.study.runs import lines, run_files, written
-from emgface.study.state import read_state
-from emgface.study.store import write_netcdf
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 

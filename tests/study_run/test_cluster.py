@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from emgface.errors import ConfigurationError, ExecutionError
-from emgface.study.cluster import DaskWorkers
-from emgface.study.parallel import run_jobs
+from emgface.run.cluster import DaskWorkers
+from emgface.run.runner import run_jobs
 from tests.study_run.test_parallel import begin, die_once, fail_at_two, square
 
 
@@ -75,7 +75,7 @@ def test_jobs_are_done_by_workers_that_may_die_and_the_loss_of_the_scheduler_is_
 
 
 def test_an_open_port_is_warned_of() -> None:
-    from emgface.study.cluster import open_port
+    from emgface.run.cluster import open_port
 
     for address in (
         "tcp://10.0.0.4:8786",

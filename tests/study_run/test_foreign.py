@@ -11,11 +11,10 @@ from typer.testing import CliRunner
 from emgface.cli import app
 from emgface.errors import StoreError
 from emgface.recordings.dataset import read_recording, write_recording
-from emgface.study import owners
-from emgface.study.parallel import run_jobs
-from emgface.study.processes import LocalProcesses
-from emgface.study.retention import export, unused_files
-from emgface.study.runs import damaged_lines, lines, run_files, written
+from emgface.run.lines import damaged_lines, lines, run_files, written
+from emgface.run.retention import export, unused_files
+from emgface.run.runner import LocalProcesses, run_jobs
+from emgface.run.store import OWNERS, add_owner, owners
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 
@@ -118,14 +117,14 @@ def test_a_store_without_a_list_and_with_other_studies_is_refused(
     shown: Path, folder: Path
 ) -> None:
     store = folder / "store"
-    (place,) = owners.owners(store)
+    (place,) = owners(store)
     assert place == folder.resolve()
     gone = folder.parent / "gone"
-    owners.add_owner(store, gone)
+    add_owner(store, gone)
     with pytest.raises(StoreError, match="is also used by .*gone"):
         unused_files([folder])
     assert unused_files([folder], forget=[gone]).files == []
-    shutil.rmtree(store / owners.FOLDER)
+    shutil.rmtree(store / OWNERS)
     with pytest.raises(StoreError, match="has no list of the studies"):
         unused_files([folder])
 
@@ -181,7 +180,7 @@ def _nothing() -> None:
 
 
 def test_stopping_the_workers_leaves_other_children_alone() -> None:
-    workers = LocalProcesses(2, ["emgface.study.parallel"])
+    workers = LocalProcesses(2, ["emgface.run.runner"])
     jobs = run_jobs(_wait, [0.0, 60.0], workers, begin=_nothing, arguments=())
     next(jobs)
     own = multiprocessing.get_context("spawn").Process(target=_wait, args=(60.0,))

@@ -13,12 +13,12 @@ import xarray as xr
 
 from emgface.errors import DataError, ExecutionError
 from emgface.recordings.dataset import find_recordings, write_recording
+from emgface.run.journal import Journal
+from emgface.run.runner import InProcess
+from emgface.run.state import read_state
 from emgface.study import intake as intake_module
 from emgface.study.configuration import RecordingsConfiguration
 from emgface.study.intake import Intake, take_in
-from emgface.study.journal import Journal
-from emgface.study.processes import InProcess
-from emgface.study.state import read_state
 from tests.data.conftest import recording
 
 
@@ -99,7 +99,7 @@ def test_a_changed_recording_is_read_again(folder: Path, restored: bool) -> None
 def test_recent_files_and_other_readers_are_read_again(folder: Path, monkeypatch) -> None:
     noted(folder)
     monkeypatch.setattr(intake_module, "code_version", lambda modules: "another version")
-    monkeypatch.setattr("emgface.study.provenance.code_version", lambda modules: "another version")
+    monkeypatch.setattr("emgface.run.provenance.code_version", lambda modules: "another version")
     assert len(taken(folder).read) == 2
     monkeypatch.setattr(intake_module, "SETTLED", 60.0)
     assert taken(folder).read == []  # too recent to be known again by their times
@@ -125,7 +125,7 @@ def test_workers_without_the_folder_or_the_code_are_refused(folder: Path, monkey
         shutil.rmtree(folder / "in")
         return read(paths)
 
-    monkeypatch.setattr("emgface.study.provenance.code_version", lambda modules: "another version")
+    monkeypatch.setattr("emgface.run.provenance.code_version", lambda modules: "another version")
     with pytest.raises(ExecutionError, match="other source code"):
         taken(folder)
     monkeypatch.undo()

@@ -20,16 +20,14 @@ from emgface.inverse.many import invert_all
 from emgface.inverse.parameters import InverseParameters
 from emgface.inverse.run import invert
 from emgface.recordings.dataset import read_recording, write_recording
+from emgface.run.state import read_state
+from emgface.run.store import Store
 from emgface.schema.netcdf import read_netcdf
 from emgface.signals.activation import feature_range
 from emgface.signals.parameters import SignalChain
 from emgface.study import workers
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.digest import code_version
-from emgface.study.provenance import CODE
 from emgface.study.stages import Laboratory
-from emgface.study.state import read_state
-from emgface.study.store import Store
 from tests.study_run.conftest import MECHANICS
 
 STUDY = configure(StudyConfiguration, {"simulation": MECHANICS})
@@ -207,11 +205,11 @@ def test_doubts_tell_a_face_stronger_than_persons_and_a_fit_that_did_not_converg
 def test_a_worker_refuses_a_reduced_face_that_changed(slab: xr.Dataset, tmp_path: Path) -> None:
     laboratory = Laboratory(Store(tmp_path), slab, STUDY, print)
     workers._keep_face(laboratory, tmp_path)
-    code = code_version(CODE)
-    workers._begin(STUDY, tmp_path, laboratory.moved, code, None)
+    workers.read_laboratory((STUDY, tmp_path, laboratory.moved, None), print)
+    changed = laboratory.moved | {"reduced": "other"}
     with pytest.raises(ExecutionError, match="was changed while the study ran"):
-        workers._begin(STUDY, tmp_path, laboratory.moved | {"reduced": "other"}, code, None)
+        workers.read_laboratory((STUDY, tmp_path, changed, None), print)
     reduced = {"reduced": {"file": str(tmp_path / "absent.nc")}}
     study = configure(StudyConfiguration, {"simulation": MECHANICS | reduced})
     with pytest.raises(ExecutionError, match=r"a worker cannot read .*absent\.nc"):
-        workers._begin(study, tmp_path, laboratory.moved, code, None)
+        workers.read_laboratory((study, tmp_path, laboratory.moved, None), print)

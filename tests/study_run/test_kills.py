@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from emgface.study.store import Stage, Store
+from emgface.run.store import Stage, Store
 
 COUNT, KILLS = 25, 6
-STAGE = Stage("counting", ("emgface.study.store",))
+STAGE = Stage("counting", ("emgface.run.store",))
 
 
 def work(folder: Path) -> list[str]:

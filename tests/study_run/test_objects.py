@@ -10,10 +10,10 @@ import xarray as xr
 from fsspec.core import url_to_fs
 
 from emgface.errors import ConfigurationError, StoreError
-from emgface.study.objects import Objects
-from emgface.study.store import Stage, Store
+from emgface.run.objects import Objects
+from emgface.run.store import Stage, Store
 
-STAGE = Stage("double", ("emgface.study.store",))
+STAGE = Stage("double", ("emgface.run.store",))
 
 
 def trajectory() -> xr.Dataset:

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from emgface.errors import WorkerDied
-from emgface.study.parallel import kept_processes, run_jobs
-from emgface.study.processes import BLAS, ELEMENTS, share_of_threads
+from emgface.run.runner import BLAS, ELEMENTS, kept_processes, run_jobs, share_of_threads
 
 ROOT = Path(__file__).resolve().parents[2]
 _offset = 0
@@ -136,7 +135,7 @@ def is_running(pid: int) -> bool:
 def test_workers_end_with_their_parent(tmp_path: Path, how: signal.Signals) -> None:
     program = (
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from emgface.study.parallel import run_jobs\n"
+        "from emgface.run.runner import run_jobs\n"
         "from tests.study_run.test_parallel import begin, mark_and_wait\n"
         "if __name__ == '__main__':\n"
         f"    list(run_jobs(mark_and_wait, [{str(tmp_path)!r}] * 2, 2, begin=begin, "

@@ -15,9 +15,9 @@ from emgface.face.file import load_face
 from emgface.report import provenance as shown
 from emgface.report.results import open_results
 from emgface.report.write import render
+from emgface.run.digest import dataset_digest
 from emgface.schema.netcdf import read_netcdf
 from emgface.study import provenance, store
-from emgface.study.digest import dataset_digest
 from emgface.study.intake import take_in
 from emgface.study.run import run_study
 from tests.study_run.test_report import text_of
@@ -132,7 +132,7 @@ def test_the_report_states_the_versions_of_cube_and_page(
 
 def test_the_store_states_date_and_version(tmp_path: Path) -> None:
     def stored() -> store.Result:
-        stage = store.Stage("double", ("emgface.study.store",))
+        stage = store.Stage("double", ("emgface.run.store",))
         return store.Store(tmp_path).get_or_compute(stage, {}, {}, lambda: xr.Dataset({"x": 1.0}))
 
     path = stored().path.with_suffix(".json")

@@ -33,11 +33,11 @@ from emgface.report.methods import methods
 from emgface.report.results import Results, open_results, representative
 from emgface.report.simulated import simulated_limits
 from emgface.report.write import render, write_page
+from emgface.run.lines import lines, run_files
 from emgface.schema.netcdf import write_netcdf
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.first_motion import FirstMotion
 from emgface.study.run import run_study
-from emgface.study.runs import lines, run_files
 from tests.study_run.test_run import configured
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")

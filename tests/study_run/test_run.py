@@ -17,12 +17,12 @@ from emgface.recordings.dataset import read_recording, write_recording
 from emgface.report.contents import verdict
 from emgface.report.methods import methods
 from emgface.report.results import open_results
+from emgface.run.lines import lines, run_files
+from emgface.run.observer import Silent
 from emgface.schema.netcdf import read_netcdf
 from emgface.study import run as run_module
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.observer import Silent
 from emgface.study.run import run_study
-from emgface.study.runs import lines, run_files
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.simulate import make_volunteers
 from emgface.volunteers.world import MATCHED

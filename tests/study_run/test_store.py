@@ -9,11 +9,11 @@ import pytest
 import xarray as xr
 
 from emgface.errors import StoreError
-from emgface.study import store as store_module
-from emgface.study.digest import canonical_json, code_version, dataset_digest
-from emgface.study.store import Stage, Store
+from emgface.run import store as store_module
+from emgface.run.digest import canonical_json, code_version, dataset_digest
+from emgface.run.store import Stage, Store
 
-STAGE = Stage("double", ("emgface.study.store",))
+STAGE = Stage("double", ("emgface.run.store",))
 
 
 class Doubling:
@@ -160,7 +160,7 @@ def test_the_index_states_the_inputs_of_a_result(tmp_path: Path) -> None:
     assert index["label"] == "S1 A 1"
     assert index["key"]["inputs"] == {"face": "f0"}
     assert index["key"]["parameters"] == {"h": 0.01}
-    assert index["key"]["code"]["modules"] == ["emgface.study.store"]
+    assert index["key"]["code"]["modules"] == ["emgface.run.store"]
 
 
 def test_parameters_without_a_canonical_text_are_refused() -> None:

@@ -10,7 +10,7 @@ from emgface.choices import configure
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import FACE_MARKERS, LIP_MARKERS
 from emgface.recordings.dataset import read_recording
-from emgface.study.state import read_state
+from emgface.run.state import read_state
 from emgface.volunteers.person import draw_volunteer, person_face, person_parameters
 from emgface.volunteers.simulate import make_volunteers
 from tests.study_run.conftest import MECHANICS

@@ -1,6 +1,5 @@
 """Sweep of a head: outcomes in mm and mm2 of a table of runs, with the errors of step and mesh."""
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -23,15 +22,13 @@ from emgface.errors import HeadError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.muscles import parse_ring
 from emgface.files import write_text
+from emgface.run.digest import canonical_json, dataset_digest, text_digest
+from emgface.run.observer import Observer, Silent
+from emgface.run.runner import Workers
+from emgface.run.store import Stage, Store
+from emgface.run.tasks import Task, run_table
 from emgface.schema.rules import one_line
-from emgface.study.digest import canonical_json, code_version, dataset_digest, text_digest
-from emgface.study.jobs import run_table
 from emgface.study.mechanics import MECHANICS
-from emgface.study.observer import Observer, Silent
-from emgface.study.parallel import run_jobs
-from emgface.study.processes import Workers
-from emgface.study.provenance import CODE, require_code
-from emgface.study.store import Done, Stage, Store
 from sim.threads import one_blas_thread
 
 STEP_ERROR, MESH_ERROR = "_step_error", "_mesh_error"
@@ -94,7 +91,6 @@ def sweep(
     StoreError
         A row cannot be stored.
     """
-    code = code_version(CODE)
     rows: list[dict[str, Any] | None] = [None] * len(runs)
 
     def finished(index: int, row: dict[str, Any]) -> None:
@@ -107,15 +103,13 @@ def sweep(
         store = Store(own.absolute() / "store")
         given = None if head is None else _stored_head(head, store)
         run_table(
-            lambda starting: run_jobs(
-                _work,
-                runs,
-                workers,
-                begin=_begin,
-                arguments=(setting or Setting(), given, measure or outcomes, store.folder, code),
-                group=_of_head,
-                starting=starting,
+            Task(
+                _bench,
+                (setting or Setting(), given, measure or outcomes, store.folder),
+                _row_of,
+                _of_head,
             ),
+            runs,
             [(run.name,) for run in runs],
             name="sweep of a head",
             out=own,
@@ -142,7 +136,7 @@ def digest_of(head: Head) -> str:
 
 
 @dataclass(frozen=True)
-class _Worker:
+class _Bench:
     """Heads, measure of their motions, and store of the rows, of one process."""
 
     heads: "_Heads"
@@ -150,34 +144,26 @@ class _Worker:
     store: Store
 
 
-_worker: _Worker | None = None
-_messages: list[str] = []
+def _bench(
+    given: tuple[Setting, Path | None, Measure, Path], report: Callable[[str], None]
+) -> _Bench:
+    setting, path, measure, store = given
+    head = None if path is None else read_head(path)
+    return _Bench(_Heads(setting, head), measure, Store(store, report=report))
 
 
-def _begin(setting: Setting, given: Path | None, measure: Measure, store: Path, code: str) -> None:
-    global _worker
-    require_code(code)
-    head = None if given is None else read_head(given)
-    _worker = _Worker(_Heads(setting, head), measure, Store(store, report=_messages.append))
-
-
-def _work(run: Run) -> Done[dict[str, Any]]:
+def _row_of(bench: _Bench, run: Run) -> dict[str, Any]:
     """Return the row of a run, from the store if it is there."""
-    assert _worker is not None, "the heads of a worker are not set"
-    heads, measure, store = _worker.heads, _worker.measure, _worker.store
-    _messages.clear()
-    started, before = time.perf_counter(), len(store.events)
+    heads, measure = bench.heads, bench.measure
     stage = Stage(ROW.name, tuple(dict.fromkeys((*ROW.modules, measure.__module__))))
-    result = store.get_or_compute(
+    result = bench.store.get_or_compute(
         stage,
         {} if heads.given is None else {"head": digest_of(heads.given)},
         {"run": asdict(run), "setting": asdict(heads.setting), "measure": measure.__qualname__},
         lambda: _as_dataset(_row(run, heads, measure)),
         label=run.name,
     )
-    row = {**labels(run), **_as_row(result.dataset), "key": result.digest}
-    events = store.events[before:]
-    return Done(row, events, False, list(_messages), time.perf_counter() - started)
+    return {**labels(run), **_as_row(result.dataset), "key": result.digest}
 
 
 def _of_head(run: Run) -> str:

@@ -16,10 +16,9 @@ import xarray as xr
 from analysis.trial import Trial
 from emgface.errors import StoreError
 from emgface.files import result_file
-from emgface.study.owners import add_owner
-from emgface.study.provenance import now
-from emgface.study.runs import FOLDER, FORMAT, Line, lines, parsed, run_files, run_number, written
-from emgface.study.store import Event
+from emgface.run.lines import FOLDER, FORMAT, Line, lines, parsed, run_files, run_number, written
+from emgface.run.provenance import now
+from emgface.run.store import Event, add_owner
 
 NOT_FINAL: Final = ("WorkerDied", "StoreError", "ExecutionError", "RecordingChanged")
 """Failures of the machine, not of a trial: a later run computes the trial again."""

@@ -7,11 +7,10 @@ from pathlib import Path
 
 from emgface.errors import DataError, StoreError, listed
 from emgface.files import plain_files, result_file
-from emgface.study.journal import Journal
-from emgface.study.owners import add_owner, owners
-from emgface.study.runs import damaged_lines, is_cut_off, lines, run_files
-from emgface.study.state import read_state
-from emgface.study.store import damage_of
+from emgface.run.journal import Journal
+from emgface.run.lines import damaged_lines, is_cut_off, lines, run_files
+from emgface.run.state import read_state
+from emgface.run.store import add_owner, damage_of, owners
 
 FACES = "face"  #: folder of the store with the faces of its studies, which workers read
 
@@ -51,7 +50,7 @@ def used_results(folders: Iterable[Path]) -> dict[Path, set[tuple[str, str]]]:
 def unused_files(folders: Iterable[Path], *, forget: Iterable[Path] = ()) -> Unused:
     """Find results in the stores of studies that none of them uses, and parts of killed writers.
 
-    All studies in the list of the store (`emgface.study.owners`) must be named in `folders`; those
+    All studies in the list of the store (`emgface.run.retention`) must be named in `folders`; those
     that no longer exist are named in `forget`. Links are neither followed nor returned. Raises
     StoreError if a study is running, if a store has no list or another study than those
     named, or if a journal is damaged, so that its results are not known.

@@ -16,7 +16,7 @@ import xarray as xr
 
 from emgface.errors import ConfigurationError, DataError, StoreError
 from emgface.files import replace_file
-from emgface.study.digest import dataset_digest, file_digest
+from emgface.run.digest import dataset_digest, file_digest
 
 FORMAT = 2
 """Version of zarr whose texts have a fixed length, so that every reader of zarr knows them."""

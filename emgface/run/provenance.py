@@ -12,7 +12,7 @@ import numpy as np
 
 from emgface import __version__
 from emgface.errors import ExecutionError
-from emgface.study.digest import canonical_json, code_version
+from emgface.run.digest import canonical_json, code_version
 
 PACKAGES: Final = (
     "numpy", "scipy", "numba", "llvmlite", "xarray", "netCDF4", "pandas", "statsmodels",

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from emgface.errors import DataError
-from emgface.study.runs import FOLDER, Line, lines, run_files
+from emgface.run.lines import FOLDER, Line, lines, run_files
 
 Name = tuple[str, tuple[str | int, ...]]
 """Variant, and volunteer, instruction, repetition and strategy."""

@@ -20,18 +20,17 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Final, Literal
 
 import xarray as xr
 
 from emgface.errors import DataError, StoreError
-from emgface.files import replace_file, result_file
-from emgface.study.digest import canonical_json, code_version, file_digest, text_digest
-from emgface.study.objects import Objects
-from emgface.study.provenance import environment, now
+from emgface.files import plain_files, replace_file, result_file
+from emgface.run.digest import canonical_json, code_version, file_digest, text_digest
+from emgface.run.objects import Objects
+from emgface.run.provenance import environment, now
 
 SCHEMA_VERSION = 1
-Output = TypeVar("Output")
 
 Outcome = Literal["computed", "reused", "recomputed"]
 
@@ -59,22 +58,11 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Done(Generic[Output]):
-    """Output of a worker: outcome of the job, stored results, messages and duration [s]."""
-
-    outcome: Output
-    events: list[Event]
-    muted: bool
-    messages: list[str]
-    seconds: float
-
-
-@dataclass(frozen=True)
 class Result:
     """Stored dataset, its digest (the input of later stages) and its event.
 
     `computed` is the UTC date of its computation and `environment` describes its computation
-    (`emgface.study.provenance.environment`); both are empty if unknown.
+    (`emgface.run.provenance.environment`); both are empty if unknown.
     """
 
     dataset: xr.Dataset
@@ -312,3 +300,38 @@ def _replace(path: Path, write: Callable[[Path], object]) -> None:
         free = shutil.disk_usage(path.parent).free if path.parent.is_dir() else 0
         room = f"{free / 1e6:.1f} MB are free on its disk"
         raise StoreError(f"{path} cannot be written ({error}); {room}") from error
+
+
+OWNERS: Final = "owners"
+"""Folder of a store with one small file for each study that uses it, with the path of its folder.
+
+Results that no study of the list uses may be removed. Paths are relative to the store: both may be
+moved together. Simultaneous runs do not affect each other.
+"""
+
+
+def add_owner(store: Path, study: Path) -> None:
+    """Add the folder of a study to the list of a store; StoreError if it cannot be written."""
+    place = _relative(store, study)
+    path = store / OWNERS / f"{text_digest(place)}.txt"
+    if path.is_file():
+        return
+    write_text(path, f"{place}\n")
+
+
+def owners(store: Path) -> dict[Path, Path]:
+    """Folders of the studies in the list of a store, each with its file in the list."""
+    found: dict[Path, Path] = {}
+    for path in plain_files(store / OWNERS):
+        if path.suffix == ".txt":
+            place = path.read_text(encoding="utf-8").strip()
+            found[Path(os.path.normpath(store.resolve() / place))] = path
+    return found
+
+
+def _relative(store: Path, study: Path) -> str:
+    store, study = store.resolve(), study.resolve()
+    try:
+        return Path(os.path.relpath(study, store)).as_posix()
+    except ValueError:  # on another drive of Windows
+        return study.as_posix()
