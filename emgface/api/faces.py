@@ -28,7 +28,7 @@ def face(
     Parameters
     ----------
     path : path-like, optional
-        Face model written by ``emgface face build`` or ``emgface face import``; by default a face
+        Face model written by ``emgface build face`` or ``emgface import face``; by default a face
         is generated.
     resolution : str or int
         "coarse" (576 elements), "medium" (2448), "fine" (6480), or an approximate number of elements.

@@ -16,11 +16,11 @@ def read(path: "File", *, mapping: "Mapping[str, Any] | File | None" = None) -> 
     Parameters
     ----------
     path : path-like
-        Recording (``emgface data check --help`` lists the formats), or a netCDF file of a face, an
+        Recording (``emgface check --help`` lists the formats), or a netCDF file of a face, an
         activation, a trajectory, scores or a cube.
     mapping : mapping or path-like, optional
         Tables ``channels``, ``markers`` and ``units`` that assign names to a recording's labels, or
-        a TOML file with them (``emgface data map`` proposes one).
+        a TOML file with them (``emgface map`` proposes one).
 
     Returns
     -------
@@ -104,7 +104,7 @@ def activate(
     Warns
     -----
     FeatureWarning
-        The check of the recording (`emgface data check`) found something about its channels; the
+        The check of the recording (`emgface check`) found something about its channels; the
         attribute ``findings`` of the result contains it as data.
 
     Raises

@@ -1,7 +1,7 @@
 """The function that shows datasets, in notebooks and in files."""
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Any, Final
@@ -27,6 +27,7 @@ def show(
     recording: "Data | None" = None,
     compare: "Data | None" = None,
     mapping: "Mapping[str, Any] | File | None" = None,
+    baseline: "Sequence[File]" = (),
 ) -> "View":
     """Show a recording, activation, motion, scores, cube, model or sound.
 
@@ -46,6 +47,8 @@ def show(
         Second trajectory of the same face, whose markers are shown with those of the first.
     mapping : mapping or path-like, optional
         As for `read`, if `shown` is a recording, or for `recording`.
+    baseline : sequence of path-like, optional
+        Motions of a jaw by other excitations, which are scored by the recording, too.
 
     Returns
     -------
@@ -72,7 +75,7 @@ def show(
         path_of(shown, "something to show")
     named = os.fspath(mapping) if isinstance(mapping, os.PathLike) else mapping
     data, parts = opened(shown, named)
-    further = _further(data, recording, compare, mapping) if kind(data) == "trajectory" else {}
+    further = _further(data, recording, compare, mapping, baseline)
     view = View(data, kind(data), activation, parts, further)
     if out is not None:
         view.save(out)
@@ -84,11 +87,27 @@ def _further(
     recording: "Data | None",
     compare: "Data | None",
     mapping: "Mapping[str, Any] | File | None",
+    baseline: "Sequence[File]",
 ) -> dict[str, Any]:
-    """Measured markers, scores and the second motion of a page (`emgface.pictures.page`)."""
-    from emgface.api.given import dataset_of
+    """Measured markers, scores and the second motion of a page, or what a jaw is compared with."""
+    from emgface.api.given import dataset_of, recording_of
+    from emgface.errors import ConfigurationError
+    from emgface.pictures.show import kind
 
     found: dict[str, Any] = {}
+    if kind(motion) == "jaw_motion" and recording is not None:
+        from emgface.anatomy.jaw.compared import beside
+        from emgface.models.jaw import baselines
+
+        given = recording_of(recording, mapping)
+        return {"beside": beside(given, motion, baselines(baseline))}
+    if baseline:
+        raise ConfigurationError(
+            "baselines are scored by a recording of a jaw, expected the motion of a jaw and its "
+            "recording: specify both, or leave the baselines out"
+        )
+    if kind(motion) != "trajectory":
+        return found
     if recording is not None:
         from emgface.api.recordings import aligned_and_scored
 
@@ -132,6 +151,10 @@ class View:
 
         if self._kind == "trajectory" and self.moving:
             return motion_page(self._data, self._activation, **self._further)
+        if self._kind == "jaw_motion":
+            from emgface.anatomy.jaw.picture import jaw_page
+
+            return jaw_page(self._data, **self._further)
         return page(self._data, self._parts)
 
     @cached_property
@@ -139,6 +162,10 @@ class View:
         """Still picture."""
         from emgface.pictures.show import figure
 
+        if self._kind == "jaw_motion":
+            from emgface.anatomy.jaw.picture import jaw_figure
+
+            return jaw_figure(self._data, **self._further)
         return figure(self._data, self._parts)
 
     def save(self, path: "File") -> "Path":
@@ -156,6 +183,10 @@ class View:
 
         path = Path(path)
         if path.suffix.lower() not in PAGES:
+            if self._kind == "jaw_motion":
+                from emgface.pictures.stills import write_figure
+
+                return write_figure(self.figure, path)
             return draw(self._data, path, self._parts)
         write_text(path, self.page)
         return path

@@ -4,7 +4,8 @@ Modules are imported in the commands, so that ``--help`` is fast.
 """
 
 import os
-from typing import Annotated
+from itertools import zip_longest
+from typing import Annotated, Any
 
 import typer
 
@@ -12,18 +13,15 @@ from emgface.cli import (
     data,
     data_describe,
     data_files,
-    face,
     fit,
-    head,
     inverse,
-    jaw,
-    jaw_recorded,
     live,
+    models,
+    record,
     simulate,
     sound,
     study,
     study_state,
-    tongue,
     treat,
     trial,
     volunteers,
@@ -32,12 +30,32 @@ from emgface.cli.console import Commands, out, show_warnings_as_sentences
 from emgface.cli.machine import collect_seldom, use_one_blas_thread
 from emgface.cli.numbers import guard
 
+
+class Listing(Commands):
+    """Commands of the program, which ``--help`` lists on one screen of 24 lines."""
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Print two panels side by side, each command with a few words."""
+        lines = [
+            "Usage: emgface COMMAND [ARGUMENTS] [OPTIONS]   (emgface COMMAND --help)",
+            f"{self.help}",
+        ]
+        panels = list(LISTED.items())
+        for left, right in zip(panels[::2], panels[1::2], strict=True):
+            cells = [
+                [name, *(f" {verb:<11}{few}" for verb, _, few in verbs)]
+                for name, verbs in (left, right)
+            ]
+            lines += ["", *(f"{a:<40}{b}".rstrip() for a, b in zip_longest(*cells, fillvalue=""))]
+        lines += ["", "Options: --version, --debug (tracebacks), --install-completion"]
+        formatter.write("\n".join(lines) + "\n")
+
+
 app = typer.Typer(
-    cls=Commands,
+    cls=Listing,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    help="sEMG-driven finite-element face: from recordings of muscle activity to scored lip "
-    "motion.",
+    help="sEMG-driven finite-element face: from muscle activity to scored lip motion.",
 )
 
 
@@ -62,7 +80,52 @@ def common(
     show_warnings_as_sentences()
 
 
-app.command()(study.demo)
+LISTED = {
+    "Recordings": (
+        ("check", data.check, "faults of recordings and models"),
+        ("map", data.propose, "labels to muscles and markers"),
+        ("describe", data_describe.describe, "sidecar of a table or array"),
+        ("inventory", data_files.inventory, "all files of a folder"),
+        ("features", data.features, "amplitude of every channel"),
+        ("convert", data_files.convert, "to netCDF or BIDS"),
+        ("cut", data_files.cut, "trials of a long recording"),
+        ("activate", trial.activate, "sEMG to activations"),
+    ),
+    "Models": (
+        ("build", models.build, "face, jaw, tongue or head"),
+        ("import", models.import_, "published models"),
+        ("fit", fit.fit, "a face to a person"),
+        ("treat", treat.treat, "virtual treatment"),
+        ("compare", treat.compare, "faces before and after"),
+        ("dose", treat.dose, "outcomes by removed share"),
+        ("reduce", models.reduce, "a fast face"),
+        ("tabulate", models.tabulate, "tasks of jaw or tongue"),
+        ("sweep", models.sweep, "many runs of a head"),
+    ),
+    "Motions": (
+        ("simulate", simulate.simulate, "motion of a model"),
+        ("show", simulate.show, "draw any file"),
+        ("score", trial.score, "measured beside simulated"),
+        ("live", live.live, "a face in the browser"),
+        ("invert", inverse.app, "activations from motion"),
+        ("sound", sound.app, "formants and voice"),
+    ),
+    "Studies": (
+        ("demo", study.demo, "two simulated volunteers"),
+        ("volunteers", volunteers.volunteers, "simulate recordings"),
+        ("record", record.record, "recording of a jaw's motion"),
+        ("study", study.app, "run, status, reproduce ..."),
+        ("report", study.report, "tables and page of a study"),
+        ("schema", data_files.schema, "variables of all files"),
+    ),
+}
+"""Commands by panel, with what `emgface --help` prints of them."""
+for panel, verbs in LISTED.items():
+    for verb, function, _ in verbs:
+        if isinstance(function, typer.Typer):
+            app.add_typer(function, name=verb, rich_help_panel=panel)
+        else:
+            app.command(name=verb, rich_help_panel=panel)(function)
 for state in (
     study_state.status,
     study_state.explain,
@@ -71,35 +134,6 @@ for state in (
     study_state.reproduce,
 ):
     study.app.command()(state)
-app.add_typer(study.app, name="study")
-app.add_typer(face.app, name="face")
-app.add_typer(head.app, name="head")
-app.add_typer(inverse.app, name="inverse")
-for verb in (jaw_recorded.record, jaw_recorded.activate, jaw_recorded.score):
-    jaw.app.command()(verb)
-app.add_typer(jaw.app, name="jaw")
-app.add_typer(data.app, name="data")
-app.add_typer(tongue.app, name="tongue")
-app.add_typer(sound.app, name="sound")
-for verb in (
-    data_describe.describe,
-    data_files.inventory,
-    data_files.convert,
-    data_files.cut,
-    data_files.schema,
-):
-    data.app.command()(verb)
-app.command()(fit.fit)
-app.command()(trial.activate)
-app.command()(simulate.simulate)
-app.command()(simulate.show)
-app.command()(live.live)
-app.command()(treat.treat)
-app.command()(treat.compare)
-app.command()(treat.dose)
-app.command()(trial.score)
-app.command(name="volunteers")(volunteers.volunteers)
-app.command()(study.report)
 guard(app)
 
 

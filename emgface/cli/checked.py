@@ -1,4 +1,4 @@
-"""Result of the check of one recording, as shown by ``emgface data check``."""
+"""Result of the check of one recording, as shown by ``emgface check``."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass

@@ -38,6 +38,16 @@ PARTIAL, BAD_INPUT, INTERRUPTED = 1, 2, 130
 class Commands(TyperGroup):
     """Group of commands that report failures as one sentence and an exit code."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the command line; a former command is replaced by the present one."""
+        from emgface.cli.aliases import translated
+
+        start = next((k for k, word in enumerate(args) if not word.startswith("-")), len(args))
+        words, told = translated(args[start:])
+        if told:
+            say(told)
+        return super().parse_args(ctx, [*args[:start], *words])
+
     def invoke(self, ctx: Any) -> Any:
         """Run a command; failures of the package exit with code 2, an interruption with 130."""
         try:

@@ -1,4 +1,4 @@
-"""``emgface data``: examine recordings and map their labels."""
+"""``emgface check``, ``map`` and ``features``: examine recordings and map their labels."""
 
 from enum import StrEnum
 from pathlib import Path
@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from emgface.study.exclusions import Exclusion
-
-app = typer.Typer(no_args_is_help=True, help="Examine, map and convert recordings.")
 
 FORMATS = (
     "netCDF (.nc), C3D (.c3d), TRC (.trc), EDF and BDF (.edf, .bdf), Poly5 (.poly5, .s00), "
@@ -31,10 +29,12 @@ class Side(StrEnum):
     right = "R"
 
 
-@app.command()
 def check(
     paths: Annotated[
-        list[Path], typer.Argument(help=f"Recordings or folders of recordings: {FORMATS}.")
+        list[Path],
+        typer.Argument(
+            help=f"Recordings, folders of recordings, or a face, jaw, tongue or head: {FORMATS}."
+        ),
     ],
     study: Annotated[
         bool, typer.Option(help="List missing channels and markers of the study as errors.")
@@ -57,7 +57,7 @@ def check(
         ),
     ] = None,
 ) -> None:
-    """Examine every channel and marker; fail if one cannot be used.
+    """Examine every channel and marker, or a model; fail if one cannot be used.
 
     In a terminal the results are tables; into a pipe or file they are written as one CSV table.
     """
@@ -73,6 +73,9 @@ def check(
     from emgface.signals.parameters import SignalChain
     from emgface.study.exclusions import Exclusion, exclusions_text
 
+    paths = [path for path in paths if not _model_checked(path)]
+    if not paths:
+        return
     refuse_existing(exclude)
     chain = options.chain_with(
         SignalChain(), missing_side=missing_side, missing_muscle=missing_muscle
@@ -119,6 +122,24 @@ def check(
         raise typer.Exit(BAD_INPUT)
 
 
+def _model_checked(path: Path) -> bool:
+    """Report counts and measures of the model in a file; return False for another file."""
+    if path.suffix.lower() != ".nc" or not path.is_file():
+        return False
+    from emgface.models.kinds import KINDS
+    from emgface.schema.netcdf import kind_of
+
+    declared = kind_of(path)
+    kind = next((one for one in KINDS.values() if one.model == declared), None)
+    if kind is None:
+        return False
+    model = kind.functions.read(path)
+    say(f"{path.name}: {kind.functions.told(model)}.")
+    for title, table in kind.functions.check(model):
+        show_table(frame(table), title)
+    return True
+
+
 def _exclusion(recording: "xr.Dataset", bad: list[str], name: str) -> "list[Exclusion]":
     """Exclude a trial, if it is identified."""
     from emgface.study.exclusions import Exclusion
@@ -143,7 +164,6 @@ def _exclusion(recording: "xr.Dataset", bad: list[str], name: str) -> "list[Excl
     ]
 
 
-@app.command()
 def features(
     path: Annotated[Path, typer.Argument(help=f"Recording: {FORMATS}.")],
     channels: Annotated[
@@ -178,7 +198,6 @@ def features(
         raise typer.Exit(BAD_INPUT)
 
 
-@app.command(name="map")
 def propose(
     path: Annotated[Path, typer.Argument(help=f"Recording: {FORMATS}.")],
     out_path: Annotated[

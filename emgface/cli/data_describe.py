@@ -1,4 +1,4 @@
-"""``emgface data describe``: draft of a sidecar for a table or array."""
+"""``emgface describe``: draft of a sidecar for a table or array."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""``emgface data``, continued: inventory, conversion, cutting, and the page of objects."""
+"""Commands ``inventory``, ``convert``, ``cut`` and ``schema``."""
 
 from enum import StrEnum
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""``emgface inverse``: activations of all muscles from lip markers, with and without sEMG."""
+"""``emgface invert``: activations of all muscles from lip markers, with and without sEMG."""
 
 import warnings
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Inversion:
-    """Face, calibration and options of `emgface inverse run`, common to all of its recordings."""
+    """Face, calibration and options of `emgface invert run`, common to all of its recordings."""
 
     face: "xr.Dataset"
     plan: "StudyConfiguration"
@@ -67,7 +67,7 @@ def run(
     ] = "trajectory",
     calibration: Annotated[
         Path | None,
-        typer.Option(help="Result of emgface inverse calibrate; replaces gain and delay."),
+        typer.Option(help="Result of emgface invert calibrate; replaces gain and delay."),
     ] = None,
     mixing: MixingOption = None,
     emg_weight: Annotated[

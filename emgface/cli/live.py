@@ -35,7 +35,7 @@ def live(
     reduced: Annotated[
         Path | None,
         typer.Option(
-            help="Reduced face ('face reduce'). Without it, the face moves at full order, at its own "
+            help="Reduced face ('reduce'). Without it, the face moves at full order, at its own "
             "pace, and curves cannot be edited."
         ),
     ] = None,
@@ -219,7 +219,7 @@ def _session(
     skin = skin_of(face)
     centre = middle_of(face["position"].values[skin.node])
     if curves is not None and reduced is None:
-        raise ConfigurationError("curves require a reduced face: pass --reduced ('face reduce')")
+        raise ConfigurationError("curves require a reduced face: pass --reduced ('reduce')")
     given, edited = None, None
     if reduced is not None:
         given, compared = curves_and_recording(curves, mapping)

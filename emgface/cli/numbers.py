@@ -18,10 +18,10 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "branch_at": _TIME, "calibration": _COUNT, "count": _COUNT, "cross_talk": _FRACTION,
     "delay": (-10.0, 10.0), "draws": _COUNT, "duration": (1e-9, 1e5), "electrode_failure": _FRACTION,
     "elements": _COUNT,
-    "emg_weight": (0.0, 1e6), "end": (-1e6, 1e6), "gain": (1e-9, 1e9), "level": _FRACTION,
-    "lung": (0.0, 1e5), "marker_ring_offset": (-100, 100), "modes": _COUNT, "n": _COUNT,
+    "emg_weight": (0.0, 1e6), "end": (-1e6, 1e6), "gain": (1e-9, 1e9),
+    "lung": (0.0, 1e5), "modes": _COUNT, "n": _COUNT,
     "noise": (0.0, 1e3), "notch": (0.0, 1e6), "notch_width": (0.0, 1e6), "offset": (-1e7, 1e7),
-    "person": _SEED, "persons": _COUNT, "pitch": (1e-3, 1e5), "port": (0, 65_535), "radius": (1e-9, 1.0),
+    "person": _SEED, "persons": _COUNT, "pitch": (1e-3, 1e5), "port": (0, 65_535),
     "rate": (1e-3, 1e7), "repetition": _COUNT, "repetitions": _COUNT, "run": _COUNT,
     "seconds": _TIME, "sections": (1, 100_000), "seed": _SEED, "sequences": _COUNT,
     "sigma_max": (0.0, 1e9), "solver_threads": (1, 4096), "start": (-1e6, 1e6),
@@ -34,7 +34,7 @@ They exclude what no physical quantity or count can be; commands refuse more, wi
 """
 
 
-ONCE = ("contact", "muscle", "ring", "settings", "unit", "without")
+ONCE = ("contact", "ring", "settings", "unit", "without")
 """Repeatable options in which every name may occur once; values may follow an equals sign."""
 
 

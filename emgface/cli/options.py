@@ -28,6 +28,14 @@ FacePath = Annotated[
     Path | None,
     typer.Option("--face", help="Face model; default: the face of the study, or the template."),
 ]
+ModelPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--model",
+        "--face",
+        help="Face, jaw, tongue or head; default: the face of the study, or the template.",
+    ),
+]
 AccuracyOption = Annotated[
     str | None,
     typer.Option(
@@ -61,6 +69,14 @@ ReferenceOption = Annotated[
         help="Recording of maximum effort, whose range is used for the normalisation; repeatable."
     ),
 ]
+BaselineOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--baseline",
+        help="Motion of a jaw by other excitations, such as those of exchanged channels, that is also "
+        "scored; repeatable.",
+    ),
+]
 PresetOption = Annotated[
     str, typer.Option(help="adult, woman, man, older_woman, older_man, girl or boy.")
 ]
@@ -68,6 +84,15 @@ MeasureOption = Annotated[
     list[str] | None,
     typer.Option("--set", help="Measure of the person, such as mouth_width=52mm; repeatable."),
 ]
+SettingOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="NAME=VALUE",
+        help="Parameter of the kind of model, such as law=hill or gravity=false; repeatable.",
+    ),
+]
+GravityOption = Annotated[bool, typer.Option(help="Simulate gravity.")]
 SeedOption = Annotated[
     int | None,
     typer.Option(

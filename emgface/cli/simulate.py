@@ -1,21 +1,31 @@
 """``emgface simulate`` and ``show``: motions, and pictures of files of any kind."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from emgface.cli import options
-from emgface.cli.console import Bar, progress, say
+from emgface.cli.console import Bar, frame, progress, say, show_table
 from emgface.cli.machine import announce_compilation
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from emgface.models.kinds import Drive, Kind
+
 
 def simulate(
     source: Annotated[
-        Path, typer.Argument(help="Activation as written by 'activate', or a recording.")
+        str,
+        typer.Argument(
+            metavar="INPUT",
+            help="Activation of 'activate', recording, or levels of muscles such as "
+            "ZYG_L=0.3,ZYG_R=0.3; for other models than a face, a file of excitations (csv, nc; for a "
+            "tongue also txt), exciters such as bi_GGP=0.3, a task of a jaw (rest, close, open, "
+            "open_head, gape, protrude, lateral, clench, effort, cycles, chew, swallow, pull), or rest.",
+        ),
     ],
     out_path: Annotated[
         Path | None, typer.Option("--out", help="Trajectory to write (netCDF).")
@@ -30,8 +40,13 @@ def simulate(
     surface: Annotated[
         bool, typer.Option("--surface", help="Store the surface of the face in the trajectory.")
     ] = False,
-    face: options.FacePath = None,
+    model_path: options.ModelPath = None,
     study: options.StudyPath = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Simulated time in s; not of files of a face.")
+    ] = None,
+    step: Annotated[float | None, typer.Option(help="Largest time step in s.")] = None,
+    settings: options.SettingOption = None,
     sigma_max: Annotated[
         float | None, typer.Option(help="Largest muscle stress at the start [Pa].")
     ] = None,
@@ -44,9 +59,7 @@ def simulate(
     accuracy: options.AccuracyOption = None,
     reduced: Annotated[
         Path | None,
-        typer.Option(
-            help="Reduced face ('face reduce'), simulated with the contact of its training."
-        ),
+        typer.Option(help="Reduced face ('reduce'), simulated with the contact of its training."),
     ] = None,
     strategy: Annotated[
         str | None, typer.Option(help="Strategy, if the input is a recording.")
@@ -84,39 +97,37 @@ def simulate(
     ] = None,
     branch_at: Annotated[float, typer.Option(help="Time of this state in s.")] = 0.1,
 ) -> None:
-    """Simulate the motion of the face for an activation or a recording; store it, or show it."""
+    """Simulate the motion of a face, jaw, tongue or head; store it, or show it."""
     if not (out_path or page or movie or vtk):
         from emgface.errors import ConfigurationError
 
         raise ConfigurationError("no output is specified, expected --out, --page, --movie or --vtk")
-    import emgface as ef
-    from emgface.api.given import face_of, study_of
-    from emgface.pictures.body import skin_of
-    from emgface.pictures.movie import check_movie
-    from emgface.pictures.surface import SurfaceProbe, with_surface
-    from emgface.schema.netcdf import write_netcdf
-    from sim import Positions
+    from emgface.models.kinds import Drive, kind_of_model, parsed
 
-    if movie:
-        check_movie(movie)
-    drive = _activation(
-        source,
-        study,
-        strategy=strategy,
-        instruction=instruction,
-        mapping=mapping,
-        band=band,
-        feature=feature,
-        missing_side=missing_side,
-        missing_muscle=missing_muscle,
-        reference=reference or None,
-        normalisation={"outside": "clip"} if clip else None,
-    )
-    plan = study_of(study)
-    model = face_of(face, plan)
-    skin = skin_of(model) if surface or page or movie else None
-    probes = (*([SurfaceProbe(skin.node)] if skin else []), *([Positions()] if vtk else []))
-    given = {"sigma_max": sigma_max, "solver": solver}
+    recorded: dict[str, Any] = {
+        "study": study,
+        "strategy": strategy,
+        "instruction": instruction,
+        "mapping": mapping,
+        "band": band,
+        "feature": feature,
+        "missing_side": missing_side,
+        "missing_muscle": missing_muscle,
+        "reference": reference or None,
+        "normalisation": {"outside": "clip"} if clip else None,
+    }
+    recorded = {name: value for name, value in recorded.items() if value is not None}
+    drive = Drive(source, duration, step, accuracy, parsed(settings or ()), recorded)
+    kind = None if model_path is None else kind_of_model(model_path)
+    if kind is not None and model_path is not None and kind.name != "face":
+        of_faces = {
+            "--vtk": vtk, "--surface": surface, "--sigma-max": sigma_max, "--solver": solver,
+            "--reduced": reduced, "--check-contact": check_contact, "--no-contact": not contact,
+            "--solver-threads": solver_threads != 1, "--waypoints": waypoints, "--branch": branch,
+        }  # fmt: skip
+        _move(kind, model_path, drive, out_path, page, movie, of_faces)
+        return
+    given = {"sigma_max": sigma_max, "solver": solver, "step": step}
     changes: dict[str, Any] = {name: v for name, v in given.items() if v is not None}
     if reduced:
         from emgface.reduced.model import contact_of
@@ -126,31 +137,132 @@ def simulate(
         changes["contact"] = {"method": "none"}
     if check_contact:
         changes["check_contact"] = True
+    if waypoints is not None:
+        changes["waypoints"] = (waypoints, waypoint_every)
+    if branch is not None:
+        changes["branch"] = (branch, branch_at)
+    _move_face(
+        drive,
+        _Outputs(out_path, page, movie, vtk, surface),
+        model_path,
+        study,
+        solver_threads,
+        changes,
+    )
+
+
+@dataclass(frozen=True)
+class _Outputs:
+    """Files of the motion of a face; `surface` is stored in the trajectory on request."""
+
+    trajectory: Path | None
+    page: Path | None
+    movie: Path | None
+    vtk: Path | None
+    surface: bool
+
+
+def _move_face(
+    drive: "Drive",
+    outputs: _Outputs,
+    model_path: Path | None,
+    study: Path | None,
+    solver_threads: int,
+    changes: dict[str, Any],
+) -> None:
+    """Simulate a face and write what was requested."""
+    import emgface as ef
+    from emgface.api.given import face_of, study_of
+    from emgface.models.face import activation_for
+    from emgface.models.kinds import chosen
+    from emgface.pictures.body import skin_of
+    from emgface.pictures.movie import check_movie
+    from emgface.pictures.surface import SurfaceProbe, with_surface
+    from emgface.schema.netcdf import write_netcdf
+    from sim import Positions
+
+    chosen(_move_face, drive.settings)  # a face has none
+    page, movie, vtk = outputs.page, outputs.movie, outputs.vtk
+    if movie:
+        check_movie(movie)
+    plan = study_of(study)
+    model = face_of(model_path, plan)
+    given = activation_for(model, drive)
+    skin = skin_of(model) if outputs.surface or page or movie else None
+    probes = (*([SurfaceProbe(skin.node)] if skin else []), *([Positions()] if vtk else []))
     announce_compilation()
     with progress("simulating") as bar:
         trajectory = ef.simulate(
-            drive,
+            given,
             model,
             study=plan,
-            accuracy=accuracy,
+            accuracy=drive.accuracy,
             probes=probes,
             progress=bar.show,
             solver_threads=solver_threads,
-            waypoints=waypoints and (waypoints, waypoint_every),
-            branch=branch and (branch, branch_at),
             **changes,
         )
         nodes = trajectory.get("node_position")
         trajectory = trajectory.drop_vars("node_position", errors="ignore")
         drawn = with_surface(trajectory, model, skin) if skin else trajectory
-        stored = drawn if surface else trajectory.drop_vars("surface_position", errors="ignore")
-        if out_path:
-            write_netcdf(stored, out_path, "trajectory")
-        _show_motion(drawn, drive, page, movie, bar)
+        bare = trajectory.drop_vars("surface_position", errors="ignore")
+        if outputs.trajectory:
+            write_netcdf(drawn if outputs.surface else bare, outputs.trajectory, "trajectory")
+        _show_motion(drawn, given, page, movie, bar)
         if vtk and nodes is not None:
             _write_vtk(vtk, model, nodes)
-    written = [str(path) for path in (out_path, page, movie, vtk) if path]
+    written = [str(path) for path in (outputs.trajectory, page, movie, vtk) if path]
     _tell(trajectory, ", ".join(written))
+
+
+def _move(
+    kind: "Kind",
+    path: Path,
+    drive: "Drive",
+    out_path: Path | None,
+    page: Path | None,
+    movie: Path | None,
+    of_faces: dict[str, object],
+) -> None:
+    """Simulate a jaw, tongue or head, write its motion and its page, and report them."""
+    from tempfile import TemporaryDirectory
+
+    import emgface as ef
+    from emgface.errors import ConfigurationError
+
+    if given := [name for name, value in {**of_faces, "--movie": movie}.items() if value]:
+        raise ConfigurationError(
+            f"{', '.join(given)} is an option of faces, expected none with the {kind.name} {path.name}: "
+            "leave it out"
+        )
+    model = kind.functions.read(path)
+    announce_compilation()
+    with progress(f"simulating {drive.source}") as bar:
+        moved = kind.functions.move(model, drive, bar.show)
+    with TemporaryDirectory() as folder:
+        file = out_path or Path(folder) / "motion.nc"
+        kind.functions.write_motion(moved.motion, model, file)
+        if page is not None:
+            ef.show(file, page)
+    for note in moved.notes:
+        say(note)
+    for title, table in moved.tables:
+        show_table(frame(table), title)
+    _tell_motion(moved.motion, ", ".join(str(p) for p in (out_path, page) if p), kind.name)
+
+
+def _tell_motion(motion: "xr.Dataset", written: str, name: str) -> None:
+    """Report the files written, clipped excitations and a loss of stability."""
+    clipped = motion.attrs["clipped_excitation"]
+    if clipped < 0.0:
+        say(f"Negative excitations, down to {clipped:.3g}, were set to zero.")
+    if "unstable_from_s" in motion.attrs:
+        say(
+            f"The equilibrium lost stability between {motion.attrs['unstable_from_s']:.4g} and "
+            f"{motion.attrs['unstable_until_s']:.4g} s: there the motion may depend on the step and on "
+            "rounding; compare it with one of smaller steps."
+        )
+    say(f"Wrote {written}: {motion.attrs['task']} of the {name}, simulated.")
 
 
 def show(
@@ -176,6 +288,7 @@ def show(
     compare: Annotated[
         Path | None, typer.Option(help="Second motion of the same face, shown with the first.")
     ] = None,
+    baseline: options.BaselineOption = None,
     save: Annotated[
         Path | None,
         typer.Option(
@@ -196,6 +309,7 @@ def show(
         activation=None if activation is None else ef.read(activation),
         recording=recording,
         compare=compare,
+        baseline=baseline or (),
     )
     say(f"Wrote {view.open() if out_path is None else view.save(out_path)}.")
 
@@ -231,27 +345,6 @@ def _browse(path: Path, mapping: Path | None, save: Path) -> None:
         say(f"Wrote {save}." if save.exists() else "Ended; nothing was saved.")
     finally:
         server.stop()
-
-
-def _activation(source: Path, study: Path | None, **choices: Any) -> "xr.Dataset":
-    """Activation of a file, computed if the file is a recording; `choices` as of `emgface.activate`."""
-    import emgface as ef
-    from emgface.errors import ConfigurationError
-    from emgface.schema.netcdf import open_netcdf, read_netcdf
-
-    given = {name: value for name, value in choices.items() if value is not None}
-
-    if source.suffix.lower() == ".nc":
-        with open_netcdf(source) as opened:
-            is_activation = "activation" in opened.variables
-        if is_activation:
-            if given:
-                raise ConfigurationError(
-                    f"{source.name} is an activation, to which {', '.join(given)} cannot be applied, "
-                    "expected a recording: simulate the recording, or omit these options"
-                )
-            return read_netcdf(source, "activation")
-    return ef.activate(source, study=study, **given)
 
 
 def _show_motion(

@@ -110,9 +110,9 @@ def trial(
 
 @app.command()
 def head(
-    path: Annotated[Path, typer.Argument(metavar="HEAD", help="Head of 'emgface head build'.")],
+    path: Annotated[Path, typer.Argument(metavar="HEAD", help="Head of 'emgface build head'.")],
     motion: Annotated[
-        Path | None, typer.Option(help="Motion of this head by 'emgface head simulate'.")
+        Path | None, typer.Option(help="Motion of this head by 'emgface simulate'.")
     ] = None,
     wave: Annotated[Path | None, typer.Option("--out", help="Wave file to write.")] = None,
     source: SourceOption = "folds",

@@ -1,9 +1,15 @@
 """Tables of datasets, for commands."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import xarray as xr
 
-from emgface.cli.console import Rows
+from analysis.tables import Table
+from emgface.cli.console import Rows, frame
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def activation_rows(activation: xr.Dataset) -> Rows:
@@ -34,3 +40,13 @@ def score_rows(scores: xr.Dataset) -> Rows:
     ]
     rows.append(("median", f"{float(np.nanmedian(scores['rho'])):.3f}", "", "", ""))
     return Rows(head, tuple(rows))
+
+
+def rows_of(table: "Table | pd.DataFrame", title: str) -> tuple[Rows, str]:
+    """Cells and title of a table of the analysis, or of a data frame."""
+    if not isinstance(table, Table):
+        return frame(table), title
+    heads = tuple(column.head() for column in table.columns)
+    rows = (zip(table.columns, row, strict=True) for row in table.rows)
+    cells = tuple(tuple(column.cell(value) for column, value in row) for row in rows)
+    return Rows(heads, cells), table.title

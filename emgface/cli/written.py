@@ -22,7 +22,7 @@ def spare_inputs(values: Mapping[str, object]) -> None:
         path
         for name, value in values.items()
         if name not in WRITTEN
-        for path in _paths(value)
+        for path in _paths(Path(value) if name == "source" and isinstance(value, str) else value)
         if path.is_file()
     ]
     seen: dict[Path, str] = {}

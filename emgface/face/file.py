@@ -35,8 +35,8 @@ def load_face(path: str | os.PathLike[str]) -> xr.Dataset:
     path = Path(path)
     if not path.is_file():
         raise FaceError(
-            f"no face model at {path}: expected a netCDF file written by 'emgface face build' or "
-            "'emgface face import'"
+            f"no face model at {path}: expected a netCDF file written by 'emgface build face' or "
+            "'emgface import face'"
         )
     try:
         with xr.open_dataset(path, engine="netcdf4") as opened:

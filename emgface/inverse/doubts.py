@@ -106,7 +106,7 @@ def doubts(found: xr.Dataset) -> list[str]:
     if not found.attrs["misfit_ratio"] <= FOLLOWED:
         told.append(
             f"the face does not follow the markers: the misfit exceeds {FOLLOWED:.0%} of their motion. "
-            "Check names, axes and unit of the markers (`emgface data check`) before using the result."
+            "Check names, axes and unit of the markers (`emgface check`) before using the result."
         )
     told += _of_signals(found.attrs)
     return told

@@ -68,7 +68,7 @@ def describe(
     if suffix not in (*TEXTS, *ARRAYS):
         raise DataError(
             f"{path.name} ends in {suffix!r}; expected one of {', '.join((*TEXTS, *ARRAYS))}: other "
-            "formats state their rates and units themselves, open them with 'emgface data check'."
+            "formats state their rates and units themselves, open them with 'emgface check'."
         )
     draft = Draft()
     folder = path.parent if beside is None else Path(beside)

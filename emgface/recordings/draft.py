@@ -24,7 +24,7 @@ class Draft:
 
     def text(self, file: str, confirmed: bool) -> str:
         """Return the sidecar, without the list of guesses if `confirmed`."""
-        head = [f"# Sidecar of {file}, drafted by 'emgface data describe'.", 'schema = "recording"']
+        head = [f"# Sidecar of {file}, drafted by 'emgface describe'.", 'schema = "recording"']
         if self.guesses and not confirmed:
             head += [
                 "# The entries listed here are guesses. Check and correct each, then delete this line;",

@@ -107,7 +107,7 @@ class ReducedFace:
         if own != (found := dataset_digest(face)):
             raise FaceError(
                 f"the reduced face belongs to the face with digest {own[:8]}, found one with digest "
-                f"{found[:8]}: reduce this face (emgface face reduce)"
+                f"{found[:8]}: reduce this face (emgface reduce)"
             )
         trained = _mechanics(dataset)
         given_here = json.loads(mechanics_of(parameters))

@@ -42,7 +42,7 @@ def reduced_face_of(face: xr.Dataset, parameters: SimulationParameters) -> Reduc
     assert path is not None  # Callers check it.
     if not path.is_file():
         raise DataError(
-            f"No file {path}; expected a reduced face (emgface face reduce): check the path."
+            f"No file {path}; expected a reduced face (emgface reduce): check the path."
         )
     changed = path.stat().st_mtime_ns
     kept = _loaded(path.resolve(), changed, dataset_digest(face), parameters.model_dump_json())

@@ -55,7 +55,7 @@ class ReducedParameters(Parameters):
 
     file: Path | None = choice(
         None,
-        "Reduced face as written by `emgface face reduce`; steps are then linearly implicit.",
+        "Reduced face as written by `emgface reduce`; steps are then linearly implicit.",
     )
     largest_error: float = positive(
         2e-3,

@@ -24,7 +24,7 @@ class Incisors:
 def incisors(results: Results) -> Incisors | None:
     """Score the incisor in the representative trial of each instruction; None if there is no score.
 
-    Recording and motion are compared as by `emgface jaw score`; the recording is in the frame of the
+    Recording and motion are compared as by `emgface score`; the recording is in the frame of the
     head, as for the lips. A trial that cannot be compared is noted in `results`.
     """
     laboratory = results.laboratory

@@ -43,7 +43,7 @@ class RecordingsConfiguration(Parameters):
     repetitions: tuple[int, ...] | None = choice(None, "Repetitions to include; default: all.")
     exclusions: Path | None = choice(
         None,
-        "TOML file of excluded trials with reasons, as written by 'emgface data check "
+        "TOML file of excluded trials with reasons, as written by 'emgface check "
         "--exclude'; relative to this file.",
     )
 
@@ -88,12 +88,12 @@ class FaceConfiguration(Parameters):
 
     path: Path | None = choice(
         None,
-        "Face model written by 'emgface face import' or 'emgface face build'; relative to "
+        "Face model written by 'emgface import face' or 'emgface build face'; relative to "
         "this file. Without a path, the template is generated.",
     )
     head: Path | None = choice(
         None,
-        "Head with face and jaw (emgface head build), instead of path: recordings with channels of the "
+        "Head with face and jaw (emgface build head), instead of path: recordings with channels of the "
         "jaw move it, others its face alone.",
         note="motions of a head take linearly implicit steps of 5 ms, and are repeated with 10 ms "
         "for their error",

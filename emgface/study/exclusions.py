@@ -77,13 +77,13 @@ def check_exclusions(exclusions: Sequence[Exclusion], *, where: str) -> tuple[Ex
 def read_exclusions(path: Path) -> tuple[Exclusion, ...]:
     """Read a TOML file with one table ``[[exclude]]`` per exclusion.
 
-    ``emgface data check --exclude`` writes such a file. Raises ConfigurationError if the file is
+    ``emgface check --exclude`` writes such a file. Raises ConfigurationError if the file is
     absent, is not TOML, or an entry is unknown or lacks its reason.
     """
     if not path.is_file():
         raise ConfigurationError(
             f"{path} cannot be read (no such file), expected a file of exclusions: write one "
-            "with 'emgface data check --exclude'"
+            "with 'emgface check --exclude'"
         )
     found = configure(_ExclusionFile, read_toml(path), where=path.name).exclude
     return check_exclusions(found, where=path.name)

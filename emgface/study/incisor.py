@@ -40,7 +40,7 @@ def with_incisor(
 ) -> xr.Dataset:
     """Add ``incisor_rho``, ``incisor_amplitude_ratio`` [1] and ``incisor_rmse`` [m] to scores.
 
-    Recording and motion are compared as `emgface jaw score` does. Where they cannot be, or rho is
+    Recording and motion are compared as `emgface score` does. Where they cannot be, or rho is
     undefined, the attribute ``incisor_reason`` states why, and the scores of the lips remain.
     """
     try:

@@ -17,14 +17,14 @@ from emgface.study.table import place_of
 def refusals(recording: xr.Dataset, chain: SignalChain) -> dict[str, str]:
     """Return the steps that would refuse a recording under its final labels, with the reason.
 
-    The keys are some of ``activate``, ``score``, ``study run`` and ``data convert --to bids``.
+    The keys are some of ``activate``, ``score``, ``study run`` and ``convert --to bids``.
     Conditions that depend on other data than the recording are not examined.
     """
     steps: dict[str, Callable[[], object]] = {
         "activate": lambda: activation_of(recording, chain),
         "score": lambda: _scored(recording, chain),
         "study run": lambda: place_of(recording, "it"),
-        "data convert --to bids": lambda: _converted(recording),
+        "convert --to bids": lambda: _converted(recording),
     }
     found: dict[str, str] = {}
     for step, attempt in steps.items():

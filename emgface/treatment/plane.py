@@ -112,7 +112,7 @@ def _snap_corner(surface: Surface, at: Floats, rim: set[int], locked: set[int]) 
             return
     raise Degenerate(
         "the corners of the excision are closer to each other or to the edge of the mesh than its "
-        "nodes, expected at least one node for each: use a finer face (emgface face build "
+        "nodes, expected at least one node for each: use a finer face (emgface build face "
         "--resolution), method = 'elements', or a larger excision"
     )
 

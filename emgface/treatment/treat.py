@@ -346,7 +346,7 @@ def _resection(
 ) -> tuple[xr.Dataset, Report]:
     raise FaceError(
         "a resection applies to a jaw model, and the model is a face: expected the file of a jaw "
-        "(emgface jaw build)"
+        "(emgface build jaw)"
     )
 
 

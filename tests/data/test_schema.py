@@ -340,7 +340,7 @@ def test_every_version_before_the_present_one_has_its_migration() -> None:
 def test_the_page_is_up_to_date_and_names_everything(root) -> None:
     page = schema_page()
     written = (root / "docs" / "data_schema.md").read_text(encoding="utf-8")
-    assert written == page, "run: emgface data schema --out docs/data_schema.md"
+    assert written == page, "run: emgface schema --out docs/data_schema.md"
     for kind in KINDS:
         declared = declaration(kind)
         for name in (*declared.arrays(), *declared.attrs):
@@ -349,7 +349,7 @@ def test_the_page_is_up_to_date_and_names_everything(root) -> None:
 
 def test_the_schema_of_a_study_file_is_up_to_date() -> None:
     written = (schema_folder() / "study.json").read_text(encoding="utf-8")
-    told = "run: emgface data schema --study --out data_schema/study.json"
+    told = "run: emgface schema --study --out data_schema/study.json"
     assert written == study_schema_text(), told
     schema = json.loads(written)
     assert schema["properties"]["simulation"] and schema["version"] == 1

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from click.testing import Result
 from typer.testing import CliRunner
 
 from emgface.anatomy.head.build import build_head
@@ -17,21 +18,23 @@ def head(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_head(head, tmp_path_factory.mktemp("head") / "head.nc")
 
 
-@pytest.mark.parametrize("muscle", ["bi_open=3", "bi_open=-0.1", "bi_open=nan", "bi_open=much"])
-def test_levels_of_muscles_are_between_zero_and_one(head: Path, muscle: str) -> None:
+def moved(model: Path, source: str, out: Path, *options: str) -> Result:
+    given = ["simulate", source, "--model", str(model), "--out", str(out), *options]
+    return CliRunner().invoke(app, given)
+
+
+@pytest.mark.parametrize("level", ["bi_open=3", "bi_open=-0.1", "bi_open=nan", "bi_open=much"])
+def test_levels_of_muscles_are_between_zero_and_one(head: Path, level: str) -> None:
     out = head.with_name("motion.nc")
-    found = CliRunner().invoke(
-        app, ["head", "simulate", str(head), "--muscle", muscle, "--out", str(out)]
-    )
-    assert found.exit_code == 2 and "a level from 0 to 1" in found.output and not out.exists()
+    found = moved(head, level, out)
+    assert found.exit_code == 2 and "levels from 0 to 1" in found.output and not out.exists()
 
 
 def test_muscles_beside_a_series_are_refused(head: Path) -> None:
     series, out = head.with_name("series.csv"), head.with_name("motion.nc")
     series.write_text("time,bi_open\n0,0\n0.1,0.3\n")
-    options = ["--muscle", "bi_open=0.3", "--excitation", str(series), "--out", str(out)]
-    found = CliRunner().invoke(app, ["head", "simulate", str(head), *options])
-    assert found.exit_code == 2 and "both specified" in found.output and not out.exists()
+    found = moved(head, f"{series},bi_open=0.3", out)
+    assert found.exit_code == 2 and "names with levels" in found.output and not out.exists()
 
 
 @pytest.mark.parametrize("part", ["head", "jaw", "tongue"])
@@ -42,28 +45,25 @@ def test_series_in_milliseconds_are_refused(head: Path, part: str) -> None:
     if part != "head":
         whole = build_head([part], preset="man", resolution="coarse")
         write_netcdf(whole.parts[part], model, f"{part}_model")
-    given = [part, "run" if part == "jaw" else "simulate", str(model)]
     out = head.with_name("motion.nc")
-    found = CliRunner().invoke(app, [*given, "--excitation", str(series), "--out", str(out)])
+    found = moved(model, str(series), out)
     said = " ".join(found.output.split())
     assert found.exit_code == 2 and "divide times in milliseconds by 1000" in said
     assert not out.exists()
 
 
-def test_run_is_another_name_of_simulate(head: Path) -> None:
-    """As `emgface jaw run`; help lists one name."""
+@pytest.mark.parametrize("verb", ["run", "simulate"])
+def test_former_commands_move_a_head_with_a_warning(head: Path, verb: str) -> None:
     out = head.with_name("run.nc")
-    given = ["head", "run", str(head), "--muscle", "bi_open=0.1", "--duration", "0.02"]
+    given = ["head", verb, str(head), "--muscle", "bi_open=0.1", "--duration", "0.02"]
     found = CliRunner().invoke(app, [*given, "--out", str(out)])
     assert found.exit_code == 0 and out.is_file()
-    listed = CliRunner().invoke(app, ["head", "--help"]).output
-    assert "simulate" in listed and " run " not in listed
+    assert "is called 'emgface simulate' since version 0.3" in found.output
 
 
 @pytest.mark.parametrize("duration", ["nan", "inf", "0", "-1"])
 def test_durations_are_whole_numbers_of_outputs(head: Path, duration: str) -> None:
     out = head.with_name("motion.nc")
-    given = ["head", "simulate", str(head), "--duration", duration, "--out", str(out)]
-    found = CliRunner().invoke(app, given)
+    found = moved(head, "rest", out, "--duration", duration)
     assert found.exit_code == 2
     assert "expected a number from" in " ".join(found.output.replace("│", " ").split())

@@ -40,7 +40,7 @@ def test_the_series_state_the_side(tmp_path, sides, side):
 @pytest.mark.parametrize("sides", [{}, {"l": FLAT, "r": FLAT}])
 def test_the_side_is_asked_for_if_the_series_do_not_state_it(tmp_path, sides):
     folder = series(tmp_path / "chew", **sides)
-    with pytest.raises(JawError, match="specify --morsel L, R or none"):
+    with pytest.raises(JawError, match="specify the setting morsel=L, R or none"):
         with_series("chew", folder)
     assert with_series("chew", folder, morsel="R")[0].morsel == "R"
 
@@ -53,7 +53,7 @@ def test_sides_that_are_none_are_refused(tmp_path):
         with_series("chew", both, morsel="left")
     with pytest.raises(JawError, match="has no morsel"):
         with_series("open", None, morsel="L")
-    with pytest.raises(JawError, match="expected no other side without --series"):
+    with pytest.raises(JawError, match="expected no other side without the setting series"):
         with_series("chew", None, morsel="R")
 
 

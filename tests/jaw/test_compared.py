@@ -98,7 +98,7 @@ def test_commands_show_and_score_beside_a_recording(tmp_path, truth, recording):
     assert "recorded point" in page
     assert '"measured": null' not in page
     told = CliRunner().invoke(app, [*show, *beside_it])
-    assert told.exit_code != 0
+    assert told.exit_code == 2
     assert "require a --recording" in " ".join(told.output.split())
 
 

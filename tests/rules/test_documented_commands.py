@@ -124,9 +124,9 @@ def test_every_documented_command_exists() -> None:
 @pytest.mark.parametrize(
     ("command", "why"),
     [
-        ("emgface face build --out face.nc --no-such", "no option --no-such"),
-        ("emgface head nothing head.nc", "no command nothing"),
-        ("emgface face build --out face.nc", ""),
+        ("emgface build face --out face.nc --no-such", "no option --no-such"),
+        ("emgface study nothing out", "no command nothing"),
+        ("emgface build face --out face.nc", ""),
         ("python -m benchmarks nothing", "no measurement nothing"),
         ("python -m benchmarks jaw --part posterior --samples 9", "archived"),
         ("python -m benchmarks locking --body cook --points 3", "no option --points"),

@@ -222,7 +222,7 @@ def require_face_and_jaw(head: Head) -> None:
     for part in ("face", "jaw"):
         if part not in head.named:
             raise HeadError(
-                f"the head has no {part}, expected face and jaw: emgface head build --parts face,jaw"
+                f"the head has no {part}, expected face and jaw: emgface build head --parts face,jaw"
             )
 
 

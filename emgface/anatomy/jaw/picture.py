@@ -56,7 +56,7 @@ def jaw_page(motion: xr.Dataset, beside: Beside | None = None) -> str:
     """
     if "surface_position" not in motion:
         raise JawError(
-            "the motion contains no surfaces: run a jaw of `emgface jaw build`, or one imported with "
+            "the motion contains no surfaces: run a jaw of `emgface build jaw`, or one imported with "
             "its surfaces"
         )
     shown = motion.isel(time=drawn_times(motion["time"].values))

@@ -187,8 +187,8 @@ def read_excitation(path: str | os.PathLike[str]) -> Excitation:
     """Excitations of a CSV table with a column ``time`` [s], or of a netCDF file, by exciter.
 
     A netCDF file holds ``excitation`` or ``activation`` over ``exciter`` or ``muscle``, and
-    ``time``, as `emgface jaw activate` writes it. Raises JawError if there is no such series or its
-    times do not ascend or cannot be in seconds; warns (FeatureWarning) if it begins after time 0,
+    ``time``, as `emgface activate` writes it for a jaw. Raises JawError if there is no such series or
+    its times do not ascend or cannot be in seconds; warns (FeatureWarning) if it begins after time 0,
     or is so long and coarse that its times may be in milliseconds.
     """
     path = Path(path)

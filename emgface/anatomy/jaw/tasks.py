@@ -168,14 +168,14 @@ def with_series(
         if morsel not in (None, task.morsel):
             raise JawError(
                 f"the excitations of the task {name!r} are those of a morsel on the side "
-                f"{task.morsel!r}, expected no other side without --series"
+                f"{task.morsel!r}, expected no other side without the setting series=FOLDER"
             )
         return task, {}
     side = morsel or morsel_side(series)
     if side is None:
         raise JawError(
             f"{series} does not state the side of the morsel, as lbitecant.txt or rbitecant.txt do: "
-            "specify --morsel L, R or none"
+            "specify the setting morsel=L, R or none"
         )
     where = {"L": " on the left", "R": " on the right", "none": ", without a morsel"}[side]
     title = f"chewing{'' if side == 'none' else ' a morsel'}{where}"

@@ -19,7 +19,7 @@ class Table(Parameters):
     rate: float | None = Field(default=None, gt=0)
     time: str | None = None  #: column (or variable) of instants
     time_unit: str = "s"  #: unit of the instants
-    #: program whose export the file is, as `emgface data describe` names it; the file then states the
+    #: program whose export the file is, as `emgface describe` names it; the file then states the
     #: rate and most units itself, `unit` is that of signals without one
     layout: str | None = None
     delimiter: str = ","  #: differs from `decimal`; ``;`` beside ``,`` in some countries

@@ -136,7 +136,7 @@ def _export(path: Path, table: EmgTable, units: Mapping[str, str], folder: Path 
         raise DataError(
             f"{path.name} specifies layout = {table.layout!r}, and {file.name} is {told}; "
             f"expected one of {', '.join(one.NAME for one in EXPORTS)}: draft the sidecar again with "
-            "'emgface data describe'."
+            "'emgface describe'."
         )
     part = part_of(file, export_of(file), units, table.unit)
     rate = sampling_rate(part.data["time_emg"]) if part.data is not None else None

@@ -101,7 +101,7 @@ def needs_sidecar(path: Path) -> str:
     return (
         f"{path.name} does not specify its contents, rate and units, and is no export of "
         f"{', '.join(one.NAME for one in EXPORTS)}; expected a TOML sidecar that does: "
-        f"{named if beside.is_file() else 'draft one with emgface data describe'} instead."
+        f"{named if beside.is_file() else 'draft one with emgface describe'} instead."
     )
 
 

@@ -1,0 +1,1 @@
+"""Models of face, jaw, tongue and head as kinds with one contract."""

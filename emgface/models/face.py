@@ -1,0 +1,146 @@
+"""Faces as a kind of model (`emgface.models.kinds.Functions`)."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from emgface.errors import ConfigurationError
+from emgface.face.file import load_face as read
+from emgface.face.file import save_face as write
+from emgface.models.kinds import Drive, Moved, Person, Progress, chosen, levels_of, names_file
+
+LEVEL: Final = 0.3  #: of a muscle that is named without one
+RISE: Final = 0.1  #: time in which levels are reached [s]
+DURATION: Final = 0.5  #: simulated time of levels [s]
+
+
+def build(person: Person) -> xr.Dataset:
+    """Generate a lower face from published measures."""
+    from emgface.face.template import parse_measures, template_face
+
+    return template_face(
+        resolution=person.resolution or "medium",
+        measures=parse_measures(list(person.measures)),
+        preset=person.preset,
+        seed=person.seed,
+    )
+
+
+def import_(folder: Path, settings: Mapping[str, str]) -> xr.Dataset:
+    """Import the published reference face."""
+    from emgface.face.artisynth import import_artisynth
+
+    names = ("radius", "oop", "oom", "lao_fibres", "marker_ring_offset", "bones")
+    return import_artisynth(folder, **chosen(import_artisynth, settings, *names))
+
+
+def told(face: xr.Dataset) -> str:
+    """Describe a face."""
+    return (
+        f"{face.attrs['name']}, {face.attrs['origin']}: {face.sizes['node']} nodes, "
+        f"{face.sizes['element']} elements, {int((face['fixed'] > 0).sum())} fixed nodes"
+    )
+
+
+def move(face: xr.Dataset, drive: Drive, progress: Progress) -> Moved:
+    """Simulate a face by an activation, a recording or levels of muscles."""
+    import emgface as ef
+
+    chosen(move, drive.settings)
+    step: dict[str, Any] = {} if drive.step is None else {"step": drive.step}
+    given = activation_for(face, drive)
+    return Moved(ef.simulate(given, face, accuracy=drive.accuracy, progress=progress, **step))
+
+
+def activation_for(face: xr.Dataset, drive: Drive) -> xr.Dataset:
+    """Activation of a file, of a recording, or of levels that are reached within `RISE`.
+
+    Raises ConfigurationError if options of a recording are specified for an activation.
+    """
+    import emgface as ef
+    from emgface.schema.netcdf import open_netcdf, read_netcdf
+
+    path = Path(drive.source)
+    if not names_file(drive.source):
+        return _constant(face, levels_of(drive.source, LEVEL), drive.duration or DURATION)
+    if path.suffix.lower() == ".nc":
+        with open_netcdf(path) as opened:
+            is_activation = "activation" in opened.variables
+        if is_activation:
+            if given := [name for name in drive.recorded if name != "study"]:
+                raise ConfigurationError(
+                    f"{path.name} is an activation, to which {', '.join(given)} cannot be applied, "
+                    "expected a recording: simulate the recording, or omit these options"
+                )
+            return read_netcdf(path, "activation")
+    return ef.activate(path, **drive.recorded)
+
+
+def _constant(face: xr.Dataset, levels: Mapping[str, float], duration: float) -> xr.Dataset:
+    """Activation that rises linearly to its levels."""
+    muscles = face["muscle"].values.tolist()
+    if unknown := [name for name in levels if name not in muscles]:
+        raise ConfigurationError(
+            f"the face has no muscle {unknown[0]!r}, expected one of {', '.join(muscles)}"
+        )
+    time = np.linspace(0.0, duration, max(2, round(duration / 0.01) + 1))
+    values = np.outer([levels.get(name, 0.0) for name in muscles], np.clip(time / RISE, 0.0, 1.0))
+    return xr.Dataset(
+        {"activation": (("muscle", "time"), values, {"units": "1"})},
+        coords={"muscle": muscles, "time": ("time", time, {"units": "s"})},
+        attrs={"origin": "simulated", "strategy": "constant levels"},
+    )
+
+
+def write_motion(motion: xr.Dataset, face: xr.Dataset, path: Path) -> Path:
+    """Write a trajectory."""
+    from emgface.schema.netcdf import write_netcdf
+
+    return write_netcdf(motion, path, "trajectory")
+
+
+def check(face: xr.Dataset) -> list[tuple[str, pd.DataFrame]]:
+    """Counts and measures of a face and of its muscles; FaceError if it cannot be simulated."""
+    from emgface.face.check import face_report
+
+    report = face_report(face)
+    name = f"{face.attrs['name']} ({face.attrs['origin']})"
+    return [(name, report.summary), ("muscles, volumes in mm3", report.muscles)]
+
+
+def table(
+    face: xr.Dataset, settings: Mapping[str, str], progress: Progress
+) -> tuple[str, pd.DataFrame]:
+    """Raise ConfigurationError: a face has no tasks."""
+    raise ConfigurationError(
+        "a face has no tasks, expected a jaw or a tongue: use 'emgface check' for its measures"
+    )
+
+
+def scored(
+    recording: xr.Dataset, motion: Path, options: Mapping[str, Any]
+) -> tuple[xr.Dataset, pd.DataFrame, str]:
+    """Score the lip markers of a motion."""
+    import emgface as ef
+
+    scores = ef.score(recording, motion, face=options.get("face"), study=options.get("study"))
+    return scores, scores[["rho", "amplitude_ratio", "rmse"]].to_dataframe().reset_index(), ""
+
+
+__all__ = [
+    "activation_for",
+    "build",
+    "check",
+    "import_",
+    "move",
+    "read",
+    "scored",
+    "table",
+    "told",
+    "write",
+    "write_motion",
+]

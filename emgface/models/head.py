@@ -1,0 +1,168 @@
+"""Heads of face, jaw, tongue and hyoid as a kind of model (`emgface.models.kinds.Functions`)."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import xarray as xr
+
+from emgface.anatomy.head.model import Head
+from emgface.anatomy.head.model import read_head as read
+from emgface.anatomy.head.model import write_head as write
+from emgface.errors import HeadError
+from emgface.models.kinds import Drive, Moved, Person, Progress, chosen, levels_of, names_file
+
+PARTS = ("face", "jaw", "tongue", "hyoid")
+
+
+def build(person: Person) -> Head:
+    """Generate the head of a person."""
+    from emgface.anatomy.head.build import build_head
+    from emgface.anatomy.jaw.template.measures import parse_settings
+    from emgface.face.template.muscles import parse_ring
+
+    return build_head(
+        list(person.parts or PARTS),
+        preset=person.preset,
+        seed=person.seed,
+        measures=parse_settings(list(person.measures)),
+        resolution=person.resolution or "coarse",
+        contacts=None if person.contacts is None else list(person.contacts),
+        rings={muscle: parse_ring(words) for muscle, words in (person.rings or {}).items()},
+    )
+
+
+def import_(folder: Path, settings: Mapping[str, str]) -> Head:
+    """Import the published coupled head.
+
+    Settings are ``parts`` and ``contacts``, names separated by commas or "none", and ``floor``.
+    """
+    from emgface.anatomy.head.published import import_head
+
+    names = {
+        name: [] if text == "none" else [one.strip() for one in text.split(",")]
+        for name, text in settings.items()
+        if name in ("parts", "contacts")
+    }
+    rest = {name: text for name, text in settings.items() if name not in names}
+    return import_head(folder, **names, **chosen(import_head, rest, "floor"))
+
+
+def told(head: Head) -> str:
+    """Describe a head."""
+    own = head.lists
+    return (
+        f"{own.attrs['name']}: {own.sizes['muscle']} muscles, "
+        f"{own.sizes['attachment']} attached nodes ({', '.join(own['pair'].values) or 'none'}), "
+        f"contact of {', '.join(own['contact'].values) or 'nothing'}"
+    )
+
+
+def _settings(law: str = "peck", gravity: bool = True) -> None:
+    """Stand for the settings of `simulate_head` that a command may change."""
+
+
+def check(model: Any) -> list[tuple[str, pd.DataFrame]]:
+    """Return no table: reading has checked the model."""
+    return []
+
+
+def move(head: Head, drive: Drive, progress: Progress) -> Moved:
+    """Move a head by excitations of its muscles, or by a recording of face and jaw.
+
+    Settings are the muscle ``law`` of the jaw and ``gravity``. The lips and the incisor of a recording
+    are scored.
+    """
+    from emgface.anatomy.head.run import raised, simulate_head
+    from emgface.anatomy.jaw.series import read_excitation
+
+    if drive.accuracy is not None:
+        raise HeadError("a head has no --accuracy, expected a --step: specify it in s")
+    path = Path(drive.source)
+    step: dict[str, Any] = {} if drive.step is None else {"step": drive.step}
+    if (is_file := names_file(drive.source)) and _is_recording(path):
+        return _followed(head, path, drive, progress)
+    if is_file:
+        excitation, task = read_excitation(path), path.stem
+    else:
+        levels = levels_of(drive.source, 0.3)
+        jaw = "bi_close" in head.lists["exciter"].values
+        excitation, task = raised(levels, jaw=jaw), " and ".join(levels) or "rest"
+    options = chosen(_settings, drive.settings, "law", "gravity")
+    motion = simulate_head(
+        head, excitation, duration=drive.duration or 0.5, progress=progress, **options, **step
+    )
+    motion.attrs["task"] = task
+    return Moved(motion)
+
+
+def _is_recording(path: Path) -> bool:
+    """Return True for a file that is not one of excitations."""
+    from emgface.schema.netcdf import kind_of
+
+    if path.suffix.lower() != ".nc":
+        return path.suffix.lower() != ".csv" or path.with_suffix(".toml").is_file()
+    return kind_of(path) == "recording"
+
+
+def _followed(head: Head, path: Path, drive: Drive, progress: Progress) -> Moved:
+    """Motion by a recording, and its scores."""
+    from emgface.anatomy.head.recorded import Drive as Recorded
+    from emgface.anatomy.head.recorded import move_as_recorded, score_head
+    from emgface.api.given import recording_of, study_of
+
+    chosen(_followed, drive.settings)
+    told = drive.recorded
+    given = recording_of(path, told.get("mapping"))
+    efforts = [recording_of(one, told.get("mapping")) for one in told.get("reference") or ()]
+    how = Recorded(
+        study_of(told.get("study")), told.get("strategy"), told.get("instruction"), efforts
+    )
+    step: dict[str, Any] = {} if drive.step is None else {"step": drive.step}
+    motion = move_as_recorded(given, head, how, progress=progress, **step)
+    motion.attrs["task"] = path.stem
+    if "position" not in given:
+        return Moved(motion)
+    return Moved(motion, (), [("Scores, rmse in mm", rows(score_head(given, motion, head, how)))])
+
+
+def rows(scores: xr.Dataset) -> pd.DataFrame:
+    """Table of the scores of the markers, rmse in mm."""
+    found = scores[["rho", "amplitude_ratio", "rmse"]].to_dataframe().reset_index()
+    return found.assign(rmse=1e3 * found["rmse"])
+
+
+def write_motion(motion: xr.Dataset, head: Head, path: Path) -> object:
+    """Write the motion of a head with its parts."""
+    from emgface.anatomy.head.run import write_motion as write_of
+
+    return write_of(motion, head, path)
+
+
+def table(head: Head, settings: Mapping[str, str], progress: Progress) -> tuple[str, pd.DataFrame]:
+    """Raise HeadError: the runs of a head are those of a plan."""
+    raise HeadError(
+        "the runs of a head are those of a plan, expected one: use 'emgface sweep PLAN'"
+    )
+
+
+def scored(
+    recording: xr.Dataset, motion: Path, options: Mapping[str, Any]
+) -> tuple[xr.Dataset, pd.DataFrame, str]:
+    """Score the lips and the incisor of a motion."""
+    from emgface.anatomy.head.recorded import Drive as Recorded
+    from emgface.anatomy.head.recorded import score_head
+    from emgface.anatomy.head.run import read_motion
+    from emgface.api.given import study_of
+
+    moved, _ = read_motion(motion)
+    found = score_head(
+        recording, moved, read(Path(options["model"])), Recorded(study_of(options.get("study")))
+    )
+    return found, rows(found), ""
+
+
+__all__ = [
+    "build", "check", "import_", "move", "read", "scored", "table", "told", "write", "write_motion",
+]  # fmt: skip

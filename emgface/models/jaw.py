@@ -1,0 +1,176 @@
+"""Jaws as a kind of model (`emgface.models.kinds.Functions`)."""
+
+from collections.abc import Iterable, Mapping
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from emgface.errors import JawError
+from emgface.models.kinds import Drive, Moved, Person, Progress, chosen, names_file
+from emgface.schema.netcdf import read_netcdf, write_netcdf
+
+if TYPE_CHECKING:
+    from analysis.tables import Table
+
+
+def build(person: Person) -> xr.Dataset:
+    """Generate jaw, hyoid and larynx from published measures."""
+    from emgface.anatomy.jaw.template import template_jaw
+    from emgface.anatomy.jaw.template.measures import parse_settings
+
+    measures = parse_settings(list(person.measures))
+    return template_jaw(measures=measures, preset=person.preset, seed=person.seed)
+
+
+def import_(folder: Path, settings: Mapping[str, str]) -> xr.Dataset:
+    """Import the published model of jaw, hyoid and larynx."""
+    from emgface.anatomy.jaw.published import import_jaw
+
+    return import_jaw(folder, **chosen(import_jaw, settings, "variant", "condyle", "values"))
+
+
+def read(path: Path) -> xr.Dataset:
+    """Read a jaw."""
+    return read_netcdf(path, "jaw_model")
+
+
+def write(jaw: xr.Dataset, path: Path) -> object:
+    """Write a jaw."""
+    return write_netcdf(jaw, path, "jaw_model")
+
+
+def told(jaw: xr.Dataset) -> str:
+    """Describe a jaw."""
+    return (
+        f"{jaw.attrs['name']}: {int(jaw['body_moves'].sum())} moving bodies, "
+        f"{jaw.sizes['muscle']} muscles, {jaw.sizes['spring']} springs, {jaw.sizes['joint']} joints"
+    )
+
+
+def check(model: Any) -> list[tuple[str, pd.DataFrame]]:
+    """Return no table: reading has checked the model."""
+    return []
+
+
+def move(jaw: xr.Dataset, drive: Drive, progress: Progress) -> Moved:
+    """Move a jaw by a task or by excitations in a file.
+
+    Settings are the muscle ``law`` and, for a task, the folder of published ``series`` and the side of
+    the ``morsel``.
+    """
+    from emgface.anatomy.jaw.run import run_excitation, run_task
+    from emgface.anatomy.jaw.series import read_excitation
+    from emgface.anatomy.jaw.tasks import with_series
+
+    settings = dict(drive.settings)
+    series, morsel = settings.pop("series", None), settings.pop("morsel", None)
+    tolerance = tolerance_of(drive.accuracy)
+    options: dict[str, Any] = chosen(_law, settings, "law") | {"tolerance": tolerance}
+    given = {"duration": drive.duration, "step": drive.step}
+    options |= {name: value for name, value in given.items() if value is not None}
+    notes, path = list[str](), Path(drive.source)
+    if names_file(drive.source):
+        if series is not None or morsel is not None:
+            raise JawError(
+                "series and morsel are settings of a task, expected none with a file of excitations: "
+                "leave them out"
+            )
+        name, simulated = path.stem, partial(run_excitation, jaw, read_excitation(path))
+    else:
+        name = drive.source
+        task, own = with_series(name, series, morsel=morsel)
+        if series is not None and not own:
+            raise JawError(f"the task {name!r} has no series, expected none or the task 'chew'")
+        if task.series and not own:
+            notes.append(
+                "The excitations of chewing are chosen, not measured; the setting series=FOLDER reads "
+                "published ones."
+            )
+        simulated = partial(run_task, jaw, task, **own)
+    motion = simulated(progress=progress, **options)
+    motion.attrs["task"] = name
+    if absent := motion.attrs.get("absent_exciters"):
+        notes.append(f"The model has no exciter {absent}; the task is simulated without it.")
+    if side := motion.attrs.get("morsel"):
+        notes.append(f"The morsel is on the {'left' if side == 'L' else 'right'} side.")
+    return Moved(motion, [*notes, *_unrest(motion), error_of(motion, tolerance)])
+
+
+def _law(law: str = "peck") -> None:
+    """Stand for the settings of `simulate_jaw` that a command may change."""
+
+
+def tolerance_of(accuracy: str | None) -> float | None:
+    """Desired error [m] of a text such as "0.1 mm"; JawError for others, such as presets of faces."""
+    from emgface.face.accuracy import desired_error
+
+    found = None if accuracy is None else desired_error(accuracy)
+    if accuracy is not None and found is None:
+        raise JawError(f"accuracy = {accuracy!r}, expected an error such as '0.1 mm'")
+    return found
+
+
+def _unrest(motion: xr.Dataset) -> list[str]:
+    """Sentence on the speed of the jaw at the end of a task that should end at rest."""
+    from emgface.anatomy.jaw.run import STILL
+
+    speed = motion.attrs.get("end_speed", 0.0)
+    if speed <= STILL:
+        return []
+    return [
+        f"At the end, {float(motion['time'][-1]):.4g} s, a point still moves at {1e3 * speed:.2g} "
+        "mm/s, although the task should end at rest: specify a longer --duration."
+    ]
+
+
+def error_of(motion: xr.Dataset, tolerance: float | None) -> str:
+    """Sentence on the estimated error, and how to reduce it if it is large."""
+    error, x = motion.attrs["numerical_error"], motion["position"]
+    moved = float(np.sqrt(((x - x.isel(time=0)) ** 2).sum("axis")).max())
+    text = f"Estimated error of the time steps: {1e3 * error:.2g} mm"
+    text += f", {100.0 * error / moved:.2g} % of the motion." if moved > 0.0 else "."
+    if tolerance is not None and error > tolerance:
+        shortest = 1e3 * motion.attrs["step_s"]
+        text += f" It exceeds the desired error even with the shortest steps, {shortest:.2g} ms."
+    elif tolerance is None and error > 0.1 * moved:
+        text += " It exceeds a tenth of the motion: specify an --accuracy such as '0.1 mm'."
+    return text
+
+
+def write_motion(motion: xr.Dataset, jaw: xr.Dataset, path: Path) -> object:
+    """Write the motion of a jaw."""
+    return write_netcdf(motion, path, "jaw_motion")
+
+
+def table(
+    jaw: xr.Dataset, settings: Mapping[str, str], progress: Progress
+) -> tuple[str, pd.DataFrame]:
+    """Run all tasks, and tabulate the results beside the published ones."""
+    from emgface.anatomy.jaw.outcomes import outcome_table
+
+    series = settings.get("series")
+    options = chosen(outcome_table, {k: v for k, v in settings.items() if k != "series"}, "step")
+    found = outcome_table(jaw, series, progress=progress, **options)
+    return f"{jaw.attrs['name']}, simulated", found
+
+
+def scored(
+    recording: xr.Dataset, motion: Path, options: Mapping[str, Any]
+) -> "tuple[xr.Dataset, Table, str]":
+    """Score every recorded point of the jaw beside motions by other excitations."""
+    from emgface.anatomy.jaw.compared import compared
+    from emgface.anatomy.jaw.recorded import score_motion
+
+    moved = read_netcdf(motion, "jaw_motion")
+    found = compared(recording, moved, baselines(options.get("baseline") or ()))
+    return score_motion(recording, moved), found, found.note
+
+
+def baselines(paths: Iterable[str | PathLike[str]]) -> dict[str, xr.Dataset]:
+    """Motions that are scored beside another one, by the names of their files."""
+    return {Path(path).stem: read_netcdf(Path(path), "jaw_motion") for path in paths}

@@ -1,0 +1,261 @@
+"""Kinds of models: face, jaw, tongue and head, each generated, imported, moved and scored in one way.
+
+A kind is a module with the functions of `Functions` and an entry of `KINDS`. Commands and the
+functions of ``import emgface as ef`` find it by its name, or by the kind that a file declares.
+"""
+
+import inspect
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+from emgface.errors import ConfigurationError, listed
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Person:
+    """Person of a generated model; `None` is the default of the kind."""
+
+    preset: str = "adult"
+    seed: int | None = None
+    measures: tuple[str, ...] = ()  #: settings such as ``mouth_width=52mm``
+    resolution: str | int | None = None
+    parts: tuple[str, ...] | None = None  #: of a head
+    contacts: tuple[str, ...] | None = None  #: of a head
+    rings: Mapping[str, str] | None = None  #: of orbicularis oris, of a head
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What moves a model: a file, or names with levels, or a task; and the options of the motion.
+
+    Attributes
+    ----------
+    source : a file of excitations, a recording (head), names such as ``bi_GGP=0.3,SL=0.2`` (tongue,
+        head), or the name of a task (jaw).
+    duration, step : simulated time and largest time step [s].
+    accuracy : desired error, such as "0.1 mm".
+    settings : parameters of the kind by name.
+    recorded : options of a recording: study, strategy, instruction, mapping, reference.
+    """
+
+    source: str
+    duration: float | None = None
+    step: float | None = None
+    accuracy: str | None = None
+    settings: Mapping[str, str] = field(default_factory=dict[str, str])
+    recorded: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Motion of a model, sentences about it, and tables with their titles."""
+
+    motion: "xr.Dataset"
+    notes: Sequence[str] = ()
+    tables: Sequence[tuple[str, "pd.DataFrame"]] = ()
+
+
+class Functions(Protocol):
+    """Functions of the module of a kind."""
+
+    def build(self, person: Person) -> Any:
+        """Generate the model of a person."""
+        ...
+
+    def import_(self, folder: Path, settings: Mapping[str, str]) -> Any:
+        """Import the published model from its folder."""
+        ...
+
+    def read(self, path: Path) -> Any:
+        """Read a model from its file."""
+        ...
+
+    def write(self, model: Any, path: Path) -> object:
+        """Write the file of a model."""
+        ...
+
+    def told(self, model: Any) -> str:
+        """Describe a model in one sentence part: its name, and how many parts it has."""
+        ...
+
+    def check(self, model: Any) -> "Sequence[tuple[str, pd.DataFrame]]":
+        """Titles and tables of the counts and measures of a model."""
+        ...
+
+    def move(self, model: Any, drive: Drive, progress: Progress) -> Moved:
+        """Simulate the motion of a model."""
+        ...
+
+    def write_motion(self, motion: "xr.Dataset", model: Any, path: Path) -> object:
+        """Write the file of a motion."""
+        ...
+
+    def table(
+        self, model: Any, settings: Mapping[str, str], progress: Progress
+    ) -> "tuple[str, pd.DataFrame]":
+        """Simulate every task or muscle, and tabulate the outcomes under a title."""
+        ...
+
+    def scored(
+        self, recording: "xr.Dataset", motion: Path, options: Mapping[str, Any]
+    ) -> "tuple[xr.Dataset, Any, str]":
+        """Score a motion by a recording: scores, table and a note."""
+        ...
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Kind of model: its name, the kinds of its files, and the module of its functions."""
+
+    name: str
+    model: str
+    motion: str
+    home: str
+    #: options of `Person` that the kind does not have
+    without: tuple[str, ...] = ()
+
+    @property
+    def functions(self) -> Functions:
+        """Functions of the kind, imported when they are used."""
+        return import_module(self.home)  # pyright: ignore[reportReturnType]  # a test checks it
+
+    def build(self, person: Person) -> Any:
+        """Generate the model of a person; ConfigurationError for options that it does not have."""
+        given = [name for name in self.without if getattr(person, name) not in (None, ())]
+        if given:
+            raise ConfigurationError(
+                f"a {self.name} has no {listed(given)}, expected only options of its kind: leave it out"
+            )
+        return self.functions.build(person)
+
+
+OF_HEADS: Final = ("parts", "contacts", "rings")
+KINDS: Final[Mapping[str, Kind]] = {
+    kind.name: kind
+    for kind in (
+        Kind("face", "face_model", "trajectory", "emgface.models.face", OF_HEADS),
+        Kind("jaw", "jaw_model", "jaw_motion", "emgface.models.jaw", ("resolution", *OF_HEADS)),
+        Kind("tongue", "tongue_model", "tongue_motion", "emgface.models.tongue", OF_HEADS),
+        Kind("head", "head_model", "head_motion", "emgface.models.head"),
+    )
+}
+
+
+def kind_named(name: str) -> Kind:
+    """Return the kind with a name; ConfigurationError if there is none."""
+    if name not in KINDS:
+        raise ConfigurationError(f"there is no kind {name!r}, expected one of {', '.join(KINDS)}")
+    return KINDS[name]
+
+
+def kind_of_model(path: Path) -> Kind:
+    """Return the kind of the model in a file, by what the file declares.
+
+    Raises DataError if it cannot be read, ConfigurationError if it is no model.
+    """
+    return _declared(path, "model")
+
+
+def kind_of_motion(path: Path) -> Kind:
+    """Return the kind of the model whose motion is in a file; errors as of `kind_of_model`."""
+    return _declared(path, "motion")
+
+
+def _declared(path: Path, what: str) -> Kind:
+    from emgface.schema.netcdf import kind_of
+
+    declared = kind_of(path)
+    found = next((kind for kind in KINDS.values() if getattr(kind, what) == declared), None)
+    if found is None:
+        expected = ", ".join(getattr(kind, what) for kind in KINDS.values())
+        raise ConfigurationError(
+            f"{path.name} is of the kind {declared or 'unknown'!r}, expected the {what} of a face, jaw, "
+            f"tongue or head ({expected}): specify such a file"
+        )
+    return found
+
+
+def chosen(
+    function: Callable[..., Any], settings: Mapping[str, str], *names: str
+) -> dict[str, Any]:
+    """Keyword arguments of a function from settings such as ``{"variant": "larynx"}``.
+
+    Only the parameters `names` may be set. A value has the type of the default; a parameter without
+    one is a text. Raises ConfigurationError for an unknown name or a value of another type.
+    """
+    known = inspect.signature(function).parameters
+    found: dict[str, Any] = {}
+    for name, text in settings.items():
+        if name not in names:
+            raise ConfigurationError(
+                f"there is no setting {name!r}, expected one of {', '.join(names) or 'none'}"
+            )
+        found[name] = _value(name, text, known[name].default)
+    return found
+
+
+def _value(name: str, text: str, default: object) -> Any:
+    if isinstance(default, bool):
+        if text.lower() not in ("true", "false"):
+            raise ConfigurationError(f"{name} = {text!r}, expected true or false")
+        return text.lower() == "true"
+    if isinstance(default, int | float):
+        try:
+            number = type(default)(text)
+        except ValueError:
+            number = float("nan")
+        if not math.isfinite(number):
+            raise ConfigurationError(f"{name} = {text!r}, expected a finite number")
+        return number
+    return text
+
+
+def parsed(settings: Sequence[str]) -> dict[str, str]:
+    """Settings such as ``variant=larynx`` by name; ConfigurationError without an equals sign."""
+    found: dict[str, str] = {}
+    for one in settings:
+        name, sign, value = (part.strip() for part in one.partition("="))
+        if not (sign and name and value):
+            raise ConfigurationError(
+                f"the setting {one!r} is not of the form NAME=VALUE, such as law=hill: correct it"
+            )
+        found[name] = value
+    return found
+
+
+def names_file(source: str) -> bool:
+    """Return True if what moves a model is a file, and not a task or exciters with levels."""
+    path = Path(source)
+    return path.exists() or ("=" not in source and "," not in source and path.suffix != "")
+
+
+def levels_of(source: str, level: float) -> dict[str, float]:
+    """Exciters and levels of a text such as ``bi_GGP=0.3,SL``; none for "rest".
+
+    `level` is that of exciters without one. Raises ConfigurationError for levels outside 0-1.
+    """
+    found: dict[str, float] = {}
+    for one in () if source == "rest" else source.split(","):
+        name, _, text = (part.strip() for part in one.partition("="))
+        if name in found:
+            raise ConfigurationError(f"{name} is given twice, expected every exciter once")
+        try:
+            found[name] = float(text or level)
+        except ValueError:
+            found[name] = float("nan")
+        if not name or Path(name).suffix or not 0.0 <= found[name] <= 1.0:
+            raise ConfigurationError(
+                f"{one!r}, expected a file of excitations, or names with levels from 0 to 1 such as "
+                "bi_GGP=0.3,SL=0.2: correct it"
+            )
+    return found

@@ -1,0 +1,127 @@
+"""Tongues as a kind of model (`emgface.models.kinds.Functions`)."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import xarray as xr
+
+from emgface.errors import TongueError
+from emgface.models.kinds import Drive, Moved, Person, Progress, chosen, levels_of, names_file
+from emgface.schema.netcdf import read_netcdf, write_netcdf
+
+
+def build(person: Person) -> xr.Dataset:
+    """Generate the tongue of the person of a generated face and jaw."""
+    from emgface.anatomy.jaw.template.measures import parse_settings
+    from emgface.anatomy.tongue.template import template_tongue
+
+    return template_tongue(
+        resolution=person.resolution or "medium",
+        measures=parse_settings(list(person.measures)),
+        preset=person.preset,
+        seed=person.seed,
+    )
+
+
+def import_(folder: Path, settings: Mapping[str, str]) -> xr.Dataset:
+    """Import the published hexahedral tongue."""
+    from emgface.anatomy.tongue.published import import_tongue
+
+    return import_tongue(folder, **chosen(import_tongue, settings, "forces", "rest"))
+
+
+def read(path: Path) -> xr.Dataset:
+    """Read a tongue."""
+    return read_netcdf(path, "tongue_model")
+
+
+def write(tongue: xr.Dataset, path: Path) -> object:
+    """Write a tongue."""
+    return write_netcdf(tongue, path, "tongue_model")
+
+
+def told(tongue: xr.Dataset) -> str:
+    """Describe a tongue."""
+    return (
+        f"{tongue.attrs['name']}: {tongue.sizes['element']} elements, "
+        f"{tongue.sizes['muscle']} muscles, {tongue.sizes['attachment']} attached nodes"
+    )
+
+
+def _variant(variant: str = "elements", gravity: bool = True) -> Any:
+    """Parameters of a variant."""
+    from emgface.anatomy.tongue.parameters import variant as variant_of
+
+    return variant_of(variant, gravity=gravity)
+
+
+def check(model: Any) -> list[tuple[str, pd.DataFrame]]:
+    """Return no table: reading has checked the model."""
+    return []
+
+
+def move(tongue: xr.Dataset, drive: Drive, progress: Progress) -> Moved:
+    """Move a tongue by excitations; jaw and hyoid do not move.
+
+    Exciters with levels rise and fall. Settings are ``variant`` and ``gravity``.
+    """
+    from emgface.anatomy.jaw.series import read_excitation
+    from emgface.anatomy.tongue.actions import DURATION, LEVEL, raised
+    from emgface.anatomy.tongue.published import read_gesture
+    from emgface.anatomy.tongue.run import OUTPUT, simulate_tongue
+
+    if drive.accuracy is not None:
+        raise TongueError("a tongue has no --accuracy, expected a --step: specify it in s")
+    path, duration = Path(drive.source), drive.duration
+    if names_file(drive.source):
+        read_drive = read_gesture if path.suffix == ".txt" else read_excitation
+        excitation, name = read_drive(path), path.stem
+        if duration is None:
+            duration = OUTPUT * int(float(excitation.time[-1]) / OUTPUT + 1e-9)  # whole outputs
+    else:
+        levels = levels_of(drive.source, LEVEL)
+        if len({*levels.values()}) > 1:
+            raise TongueError(
+                f"{drive.source!r} has several levels, expected one that all exciters reach: "
+                "specify a file of excitations"
+            )
+        duration = DURATION if duration is None else duration
+        level = next(iter(levels.values()), LEVEL)
+        excitation, name = raised(*levels, level=level, duration=duration), " and ".join(levels)
+    parameters = _variant(**chosen(_variant, drive.settings, "variant", "gravity"))
+    step: dict[str, Any] = {} if drive.step is None else {"step": drive.step}
+    motion = simulate_tongue(
+        tongue, excitation, duration=duration, parameters=parameters, progress=progress, **step
+    )
+    motion.attrs["task"] = name or "rest"
+    return Moved(motion)
+
+
+def write_motion(motion: xr.Dataset, tongue: xr.Dataset, path: Path) -> object:
+    """Write the motion of a tongue."""
+    return write_netcdf(motion, path, "tongue_motion")
+
+
+def table(
+    tongue: xr.Dataset, settings: Mapping[str, str], progress: Progress
+) -> tuple[str, pd.DataFrame]:
+    """Raise and release every muscle, and tabulate how tip, back, size and volume change."""
+    from emgface.anatomy.tongue.actions import action_table
+
+    own = {k: v for k, v in settings.items() if k in ("level", "step")}
+    rest = {k: v for k, v in settings.items() if k not in own}
+    parameters = _variant(**chosen(_variant, rest, "variant", "gravity"))
+    options = chosen(action_table, own, "level", "step")
+    found = action_table(tongue, parameters, progress=progress, **options)
+    return f"{tongue.attrs['name']}, simulated, mm", found
+
+
+def scored(
+    recording: xr.Dataset, motion: Path, options: Mapping[str, Any]
+) -> tuple[xr.Dataset, pd.DataFrame, str]:
+    """Raise TongueError: no recording of this package contains points of a tongue."""
+    raise TongueError(
+        "recordings have no points of a tongue, expected the motion of a face, jaw or head: choose one"
+    )
