@@ -9,6 +9,8 @@ from typer.testing import CliRunner
 
 from emgface.cli import app
 from emgface.cli.numbers import LIMITS, ONCE, checked
+from emgface.errors import ConfigurationError
+from emgface.models.kinds import levels_of
 
 WRONG = ["nan", "inf", "-inf", "1e300", "-1e300"]
 
@@ -66,15 +68,10 @@ def test_a_command_line_with_such_numbers_ends_with_a_sentence(group, option, va
     assert not (tmp_path / "o.nc").exists()
 
 
-@pytest.mark.parametrize("group", [("tongue", "simulate"), ("head", "simulate")])
-def test_a_muscle_given_twice_is_refused(group, tmp_path):
-    path = tmp_path / "m.nc"
-    path.touch()
-    muscle = ("bi_GGP=0.1", "bi_GGP=0.3") if group[0] == "head" else ("bi_GGP", "bi_GGP")
-    given = [*group, str(path), "--out", str(tmp_path / "o.nc")]
-    done = CliRunner().invoke(app, [*given, "--muscle", muscle[0], "--muscle", muscle[1]])
-    assert done.exit_code == 2
-    assert "bi_GGP is given twice" in " ".join(done.output.replace("│", " ").split())
+@pytest.mark.parametrize("source", ["bi_GGP=0.1,bi_GGP=0.3", "bi_GGP,bi_GGP", "SL, bi_GGP, SL=0"])
+def test_a_muscle_given_twice_is_refused(source):
+    with pytest.raises(ConfigurationError, match="is given twice"):
+        levels_of(source, 0.3)
 
 
 def test_names_that_may_occur_once_are_those_of_commands():

@@ -100,7 +100,7 @@ def test_files_that_are_left_out_are_named(tmp_path: Path) -> None:
         "sub/c.mat": "no sidecar describes it",
     }
     for command in (["check", str(folder)], ["convert", str(folder), "--out", str(tmp_path / "o")]):
-        said = " ".join(CliRunner().invoke(app, ["data", *command]).output.split())
+        said = " ".join(CliRunner().invoke(app, [*command]).output.split())
         assert "Not read in" in said and "notes.csv (no sidecar describes it)" in said
     assert told(tmp_path / "more") == ""
 

@@ -69,7 +69,7 @@ def test_a_text_is_no_formula_of_a_spreadsheet(text: str, tmp_path: Path) -> Non
     trial = recording()
     labels = [text, *(str(c) for c in trial["channel"].values[1:])]
     write_recording(trial.assign_coords(channel=labels), tmp_path / "a.nc")
-    said = CliRunner().invoke(app, ["data", "check", str(tmp_path / "a.nc")]).output
+    said = CliRunner().invoke(app, ["check", str(tmp_path / "a.nc")]).output
     cells = {cell for row in csv.reader(io.StringIO(said)) for cell in row}
     assert f"'{text}" in cells and text not in cells
 
@@ -116,5 +116,5 @@ def test_channels_of_one_place_are_refused() -> None:
 def test_tables_of_the_inventory_contain_no_formulas(tmp_path: Path) -> None:
     write_recording(recording(), tmp_path / "=cmd.nc")
     out = tmp_path.parent / f"{tmp_path.name}.csv"
-    CliRunner().invoke(app, ["data", "inventory", str(tmp_path), "--out", str(out)])
+    CliRunner().invoke(app, ["inventory", str(tmp_path), "--out", str(out)])
     assert pd.read_csv(out)["file"].tolist() == ["'=cmd.nc"]

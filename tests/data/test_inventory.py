@@ -108,16 +108,16 @@ def test_a_check_continues_after_an_invalid_file(tmp_path: Path, trial: xr.Datas
     bad = tmp_path / "b.c3d"
     bad.write_bytes(b"no C3D")
     last = write_recording(trial, tmp_path / "c.nc")
-    result = CliRunner().invoke(app, ["data", "check", str(first), str(bad), str(last)])
+    result = CliRunner().invoke(app, ["check", str(first), str(bad), str(last)])
     assert result.exit_code == 2
     assert "\na.nc," in result.output and "\nc.nc," in result.output and "b.c3d" in result.output
 
 
 def test_the_band_is_an_option_of_the_command(tmp_path: Path) -> None:
     path = table_of(tmp_path, "a", 1000.0, 2.0)
-    narrowed = CliRunner().invoke(app, ["data", "features", str(path)])
+    narrowed = CliRunner().invoke(app, ["features", str(path)])
     assert "15-450 Hz" in narrowed.output and "instead of 500 Hz" in narrowed.output
-    named = CliRunner().invoke(app, ["data", "features", str(path), "--band", "20", "400"])
+    named = CliRunner().invoke(app, ["features", str(path), "--band", "20", "400"])
     assert "20-400 Hz" in named.output and "instead of" not in named.output
-    wrong = CliRunner().invoke(app, ["data", "features", str(path), "--band", "400", "20"])
+    wrong = CliRunner().invoke(app, ["features", str(path), "--band", "400", "20"])
     assert wrong.exit_code == 2 and "is not below" in wrong.output

@@ -119,6 +119,6 @@ def test_plan_of_a_command_and_its_refusals(jaw: Head, tmp_path: Path) -> None:
     plan.write_text("bi_open\n0.3\n")
     head = write_head(jaw, tmp_path / "head.nc")
     options = ["--head", str(head), "--out", str(out), "--duration", "0.04", "--workers", "1"]
-    told = CliRunner().invoke(app, ["head", "sweep", str(plan), *options])
+    told = CliRunner().invoke(app, ["sweep", str(plan), *options])
     assert told.exit_code == 0 and "1 runs, 0 failed" in told.output, told.output
     assert pd.read_csv(out)["end"].tolist() == ["reached"]

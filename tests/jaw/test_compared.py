@@ -82,7 +82,7 @@ def test_commands_show_and_score_beside_a_recording(tmp_path, truth, recording):
     beside_it = ["--baseline", files["exchanged.nc"]]
     show = ["jaw", "show", files["motion.nc"]]
     for command in (
-        ["jaw", "score", files["trial.nc"], files["motion.nc"], "--out", files["s.nc"], *beside_it],
+        ["score", files["trial.nc"], files["motion.nc"], "--out", files["s.nc"], *beside_it],
         [*show, "--recording", files["trial.nc"], *beside_it],
     ):
         told = CliRunner().invoke(app, command)
@@ -99,7 +99,7 @@ def test_commands_show_and_score_beside_a_recording(tmp_path, truth, recording):
     assert '"measured": null' not in page
     told = CliRunner().invoke(app, [*show, *beside_it])
     assert told.exit_code == 2
-    assert "require a --recording" in " ".join(told.output.split())
+    assert "expected the motion of a jaw and its recording" in " ".join(told.output.split())
 
 
 def test_a_movement_that_is_the_same_backwards_is_told(truth):

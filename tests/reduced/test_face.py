@@ -128,7 +128,7 @@ def test_the_command_passes_its_options_to_the_training(face, trained, tmp_path,
     size = ["--modes", "9", "--elements", "60", "--seed", "3"]
     plan = ["--activations", "random", "--sequences", "7", "--calibration", "20", "--no-ramps"]
     paths = [str(tmp_path / "face.nc"), "--out", str(tmp_path / "face.rom.nc")]
-    done = CliRunner().invoke(app, ["face", "reduce", *paths, *size, *plan, "--no-contact"])
+    done = CliRunner().invoke(app, ["reduce", *paths, *size, *plan, "--no-contact"])
     assert done.exit_code == 0, done.output
     (parameters, reduction), *_ = given
     assert parameters.contact.method == "none"

@@ -70,12 +70,12 @@ def test_help_and_typing_errors_do_not_import_the_mechanics(given):
 
 WITHOUT_MECHANICS = {
     "activate": ["activate", "trial.nc", "--out", "a.nc"],
-    "check": ["data", "check", "trial.nc"],
-    "convert": ["data", "convert", "trial.nc", "--out", "converted"],
-    "cut": ["data", "cut", "trial.nc", "--events", "events.tsv", "--out", "trials"],
-    "map": ["data", "map", "trial.nc"],
-    "inventory": ["data", "inventory", "."],
-    "features": ["data", "features", "trial.nc"],
+    "check": ["check", "trial.nc"],
+    "convert": ["convert", "trial.nc", "--out", "converted"],
+    "cut": ["cut", "trial.nc", "--events", "events.tsv", "--out", "trials"],
+    "map": ["map", "trial.nc"],
+    "inventory": ["inventory", "."],
+    "features": ["features", "trial.nc"],
 }
 
 

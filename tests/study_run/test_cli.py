@@ -113,8 +113,8 @@ def test_the_template_is_printed_or_written(tmp_path: Path) -> None:
 
 def test_a_face_is_generated_checked_and_drawn(tmp_path: Path) -> None:
     face = tmp_path / "face.nc"
-    assert run("face", "build", "--resolution", "coarse", "--out", face).exit_code == 0
-    checked = run("face", "check", face)
+    assert run("build", "face", "--resolution", "coarse", "--out", face).exit_code == 0
+    checked = run("check", face)
     assert checked.exit_code == 0 and "nodes" in checked.stdout and "ZYG_L" in checked.stdout
     assert run("show", face, "--out", tmp_path / "face.html").exit_code == 0
     assert "generated face" in (tmp_path / "face.html").read_text(encoding="utf-8")
@@ -191,7 +191,7 @@ def test_a_trial_stage_by_stage_gives_the_scores_of_the_study(
 
 
 def test_usable_recordings_pass_the_check(laboratory: Path) -> None:
-    result = run("data", "check", laboratory / "recordings", "--study")
+    result = run("check", laboratory / "recordings", "--study")
     assert result.exit_code == 0, result.output
     assert "2 of 2 recordings can be used" in result.stderr
     assert "simulated, mismatched world" in result.stdout
@@ -210,7 +210,7 @@ def test_volunteers_are_written(laboratory: Path, tmp_path: Path) -> None:
 
 def test_a_face_is_built_of_measures(tmp_path: Path) -> None:
     path = tmp_path / "face.nc"
-    result = run("face", "build", "--out", path, "--resolution", "coarse", "--preset", "man",
+    result = run("build", "face", "--out", path, "--resolution", "coarse", "--preset", "man",
                  "--set", "mouth_width=52mm", "--set", "droop=2 mm", "--seed", 5)  # fmt: skip
     assert result.exit_code == 0, result.output
     face = load_face(path)
@@ -218,7 +218,7 @@ def test_a_face_is_built_of_measures(tmp_path: Path) -> None:
     assert face.attrs["measure_mouth_width"] == 52e-3 and face.attrs["measure_droop"] == 2e-3
     drawn = random_measures(5, preset="man")
     assert face.attrs["measure_nose_width"] == drawn.nose_width
-    assert run("face", "check", path).exit_code == 0
+    assert run("check", path).exit_code == 0
 
 
 @pytest.mark.parametrize(
@@ -232,7 +232,7 @@ def test_a_face_is_built_of_measures(tmp_path: Path) -> None:
     ],
 )
 def test_a_face_that_cannot_be_built(tmp_path: Path, options, said) -> None:
-    one_sentence(run("face", "build", "--out", tmp_path / "f.nc", *options), "FaceError", *said)
+    one_sentence(run("build", "face", "--out", tmp_path / "f.nc", *options), "FaceError", *said)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -289,7 +289,7 @@ def test_a_recording_shorter_than_the_window(recording, tmp_path) -> None:
 def test_a_truncated_file(recording, tmp_path, damage) -> None:
     path = stored(recording, tmp_path)
     path.write_bytes(damage(path.read_bytes()))
-    one_sentence(run("data", "check", path), "DataError", "trial.nc")
+    one_sentence(run("check", path), "DataError", "trial.nc")
     one_sentence(run("activate", path, "--out", tmp_path / "a.nc"), "DataError", "trial.nc")
 
 
@@ -306,8 +306,8 @@ def test_markers_missing(laboratory, recording, tmp_path) -> None:
 
 
 def test_an_absent_file(tmp_path) -> None:
-    one_sentence(run("data", "check", tmp_path / "no.nc"), "DataError", r"no\.nc")
-    one_sentence(run("face", "check", tmp_path / "no.nc"), "FaceError", r"no\.nc")
+    one_sentence(run("check", tmp_path / "no.nc"), "DataError", r"no\.nc")
+    one_sentence(run("check", tmp_path / "no.nc"), "FaceError", r"no\.nc")
     for folder in (tmp_path, tmp_path / "absent"):
         one_sentence(run("report", folder), "DataError", r"contains no cube\.nc", "study run --out")
     one_sentence(
@@ -321,13 +321,13 @@ def test_an_absent_file(tmp_path) -> None:
 def test_a_face_with_an_inverted_element(slab, tmp_path) -> None:
     bad = slab.copy(deep=True)
     bad["connectivity"][7] = bad["connectivity"][7].values[[4, 5, 6, 7, 0, 1, 2, 3]]
-    one_sentence(run("face", "check", stored(bad, tmp_path)), "FaceError", "element 8", "inverted")
+    one_sentence(run("check", stored(bad, tmp_path)), "FaceError", "element 8", "inverted")
 
 
 def test_a_muscle_without_an_element(slab, tmp_path) -> None:
     keep = np.flatnonzero(slab["bundle_muscle"].values != 3)
     bad = stored(slab.isel(bundle_element=keep), tmp_path)
-    one_sentence(run("face", "check", bad), "FaceError", "LAO_L", "no element")
+    one_sentence(run("check", bad), "FaceError", "LAO_L", "no element")
 
 
 def test_an_activation_outside_0_and_1(laboratory, recording, tmp_path) -> None:
@@ -405,5 +405,5 @@ def test_an_interruption_is_reported_and_exits_130(laboratory, tmp_path, monkeyp
 
 def test_debug_shows_the_traceback(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("EMGFACE_DEBUG", "")  # restored afterwards, whatever the command sets
-    result = run("--debug", "face", "check", tmp_path / "no.nc")
+    result = run("--debug", "check", tmp_path / "no.nc")
     assert result.exit_code == 1 and type(result.exception).__name__ == "FaceError"

@@ -35,7 +35,7 @@ def foreign(laboratory: Path, tmp_path: Path) -> Path:
 
 def test_labels_are_proposed_listed_and_written(foreign: Path, tmp_path: Path) -> None:
     out = tmp_path / "mapping.toml"
-    result = run("data", "map", foreign, "--out", out)
+    result = run("map", foreign, "--out", out)
     assert result.exit_code == 0, result.output
     assert "Left zygomaticus" in result.stdout and "corner_left" in result.stdout
     assert "EMG 7" in result.stdout and "Unresolved: 2 of 14 channels" in result.stderr
@@ -56,22 +56,22 @@ def test_labels_are_proposed_listed_and_written(foreign: Path, tmp_path: Path) -
 def test_a_mapping_file_is_not_overwritten(foreign: Path, tmp_path: Path) -> None:
     out = tmp_path / "mapping.toml"
     out.write_text("mine")
-    one_sentence(run("data", "map", foreign, "--out", out), "DataError", r"mapping\.toml exists")
+    one_sentence(run("map", foreign, "--out", out), "DataError", r"mapping\.toml exists")
     assert out.read_text() == "mine"
     before = set(tmp_path.iterdir())
-    assert "--out" in run("data", "map", foreign).stderr and set(tmp_path.iterdir()) == before
+    assert "--out" in run("map", foreign).stderr and set(tmp_path.iterdir()) == before
 
 
 def test_an_overview_page_is_drawn(foreign: Path, tmp_path: Path) -> None:
     page = tmp_path / "pages" / "overview.png"
-    result = run("data", "check", foreign, "--page", page)
+    result = run("check", foreign, "--page", page)
     assert f"Wrote {page}" in result.stderr
     assert page.read_bytes().startswith(b"\x89PNG\r\n\x1a\n")
 
 
 def test_several_recordings_are_pages_of_one_pdf(laboratory: Path, tmp_path: Path) -> None:
     page = tmp_path / "overview.pdf"
-    result = run("data", "check", laboratory / "recordings", "--page", page)
+    result = run("check", laboratory / "recordings", "--page", page)
     assert result.exit_code == 0, result.output
     content = page.read_bytes()
     assert content.startswith(b"%PDF") and b"/Count 2 " in content
@@ -81,14 +81,14 @@ def test_several_recordings_are_pages_of_one_pdf(laboratory: Path, tmp_path: Pat
 def test_a_page_that_cannot_be_drawn_is_refused_at_once(
     laboratory: Path, tmp_path: Path, name: str, said: str
 ) -> None:
-    result = run("data", "check", laboratory / "recordings", "--page", tmp_path / name)
+    result = run("check", laboratory / "recordings", "--page", tmp_path / name)
     one_sentence(result, "DataError", said, r"\.pdf")
     assert result.stdout == "" and list(tmp_path.iterdir()) == []
 
 
 def test_no_page_is_left_where_the_recording_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "bad.nc").write_bytes(b"")
-    result = run("data", "check", tmp_path / "bad.nc", "--page", tmp_path / "overview.png")
+    result = run("check", tmp_path / "bad.nc", "--page", tmp_path / "overview.png")
     one_sentence(result, "DataError", r"bad\.nc")
     assert [path.name for path in tmp_path.iterdir()] == ["bad.nc"]
 
@@ -98,7 +98,7 @@ def test_a_recording_of_emg_alone_is_mapped(foreign: Path, tmp_path: Path) -> No
         ["marker", "time_marker"], errors="ignore"
     )
     path = stored(recording, tmp_path, "emg.nc")
-    result = run("data", "map", path, "--out", tmp_path / "m.toml")
+    result = run("map", path, "--out", tmp_path / "m.toml")
     assert result.exit_code == 0, result.output
     assert list(tomllib.loads((tmp_path / "m.toml").read_text())) == ["channels"]
 
@@ -112,7 +112,7 @@ def test_a_wrong_unit_of_a_file_is_replaced_and_written(tmp_path: Path) -> None:
     )
     assert float(read_recording(sidecar)["emg"].max()) == pytest.approx(6e-3)
     out = tmp_path / "m.toml"
-    result = run("data", "map", sidecar, "--unit", "emg=uV", "--out", out)
+    result = run("map", sidecar, "--unit", "emg=uV", "--out", out)
     assert result.exit_code == 0, result.output
     assert tomllib.loads(out.read_text()) == {
         "channels": {"Left Zygo": "ZYG_L"},
@@ -130,24 +130,24 @@ def test_a_wrong_unit_of_a_file_is_replaced_and_written(tmp_path: Path) -> None:
     ],
 )
 def test_an_unknown_unit_is_named(foreign: Path, setting: str, said: str) -> None:
-    one_sentence(run("data", "map", foreign, "--unit", setting), "UnitsError", said)
+    one_sentence(run("map", foreign, "--unit", setting), "UnitsError", said)
 
 
 def test_the_help_lists_every_format_that_is_read() -> None:
     for suffix, reader in readers().items():
         assert suffix in FORMATS, reader.FORMAT
     for command in ("check", "map"):
-        assert ".poly5" in run("data", command, "--help").stdout
+        assert ".poly5" in run(command, "--help").stdout
 
 
 def test_a_folder_is_not_a_recording(tmp_path: Path) -> None:
-    one_sentence(run("data", "map", tmp_path), "DataError", "is a folder")
+    one_sentence(run("map", tmp_path), "DataError", "is a folder")
 
 
 def test_features_of_a_real_recording(shared: Path) -> None:
     """Eleven channels of the C3D contain signals, five electrodes of the array were not connected."""
     path = shared / "recordings" / "pyomeca" / "markers_analogs.c3d"
-    result = run("data", "features", path, "--channels", ".EMG")
+    result = run("features", path, "--channels", ".EMG")
     assert result.exit_code == 0, result.output
     assert "11 of 16 channels contain a signal." in result.stderr
     assert "measured" in result.stdout and "15-500 Hz" in result.stdout
@@ -156,7 +156,7 @@ def test_features_of_a_real_recording(shared: Path) -> None:
 
 def test_features_of_no_channel(laboratory: Path) -> None:
     path = next((laboratory / "recordings").glob("*_B_*.nc"))
-    result = run("data", "features", path, "--channels", "Biceps")
+    result = run("features", path, "--channels", "Biceps")
     one_sentence(result, f"no channel of {path.name} contains 'Biceps'", "OOS_L")
 
 
@@ -167,13 +167,13 @@ def test_recordings_are_converted_to_bids_and_back_with_a_notch(
     laboratory: Path, tmp_path: Path
 ) -> None:
     source, out = laboratory / "recordings", tmp_path / "bids"
-    result = run("data", "convert", source, "--to", "bids", "--out", out, "--notch", 50)
+    result = run("convert", source, "--to", "bids", "--out", out, "--notch", 50)
     assert result.exit_code == 0, result.output
     assert "2 of 2 recordings were converted" in result.stderr
     assert bids_problems(out) == []
     sidecar = json.loads(next(out.rglob("*_emg.json")).read_text())
     assert "Notch" in next(iter(sidecar["SoftwareFilters"]))
-    back = run("data", "convert", out, "--out", tmp_path / "netcdf")
+    back = run("convert", out, "--out", tmp_path / "netcdf")
     assert back.exit_code == 0, back.output
     for path in sorted(source.glob("*.nc")):
         given = read_recording(path)
@@ -193,7 +193,7 @@ def test_subject_task_and_run_are_given_where_a_file_names_none(foreign, tmp_pat
     bare = read_recording(foreign)
     bare.attrs = {k: v for k, v in bare.attrs.items() if k not in ("volunteer", "instruction")}
     other = stored(bare, tmp_path, "other.nc")
-    convert = ("data", "convert", "--to", "bids", "--out", tmp_path / "bids")
+    convert = ("convert", "--to", "bids", "--out", tmp_path / "bids")
     one_of = run(*convert, other)
     assert one_of.exit_code == 2 and "specify --subject, --task and --run" in one_of.stderr
     named = ("--subject", "P07", "--task", "smile", "--run", 3)
@@ -206,18 +206,18 @@ def test_subject_task_and_run_are_given_where_a_file_names_none(foreign, tmp_pat
 
 
 def test_a_check_into_a_pipe_is_one_csv_table(foreign: Path, laboratory: Path) -> None:
-    result = run("data", "check", foreign, laboratory / "recordings", "--channels", "Left zyg")
+    result = run("check", foreign, laboratory / "recordings", "--channels", "Left zyg")
     assert result.exit_code == 2 and "no channel of S01_B_1.nc contains 'Left zyg'" in result.stderr
     table = pd.read_csv(io.StringIO(result.stdout))
     assert table[["file", "name", "signal"]].values.tolist() == [
         [foreign.name, "Left zygomaticus", "EMG"]
     ]
-    whole = pd.read_csv(io.StringIO(run("data", "check", laboratory / "recordings").stdout))
+    whole = pd.read_csv(io.StringIO(run("check", laboratory / "recordings").stdout))
     assert whole.groupby("file")["kind"].value_counts().tolist() == [16, 14, 16, 14]
 
 
 def test_a_check_states_which_later_step_would_refuse(foreign: Path, tmp_path: Path) -> None:
-    result = run("data", "check", foreign)
+    result = run("check", foreign)
     assert (
         "'emgface activate' would refuse it: missing channels ZYG_L, MEN_L, RIS_R" in result.stderr
     )
@@ -226,10 +226,10 @@ def test_a_check_states_which_later_step_would_refuse(foreign: Path, tmp_path: P
         "'emgface score'" not in result.stderr and "convert" not in result.stderr.split("1 of")[0]
     )
     assert "0 pass every later step" in result.stderr
-    treated = run("data", "check", foreign, "--missing-side", "mirror")
+    treated = run("check", foreign, "--missing-side", "mirror")
     assert "1 pass every later step" in treated.stderr
     alone = read_recording(foreign).drop_dims(["time_marker", "marker"])
-    blind = run("data", "check", stored(alone, tmp_path, "alone.nc"), "--missing-side", "zero")
+    blind = run("check", stored(alone, tmp_path, "alone.nc"), "--missing-side", "zero")
     assert "'emgface score' would refuse it: it contains no marker positions" in blind.stderr
 
 
@@ -260,33 +260,30 @@ def test_a_sidecar_is_drafted_confirmed_and_read(tmp_path: Path) -> None:
     emg = 1e-2 * np.random.default_rng(0).standard_normal((3000, 2))
     np.savetxt(tmp_path / "a.txt", emg, delimiter="\t")
     out = tmp_path / "a.toml"
-    draft = run("data", "describe", tmp_path / "a.txt", "--out", out, "--columns", "zyg li,zyg re")
+    draft = run("describe", tmp_path / "a.txt", "--out", out, "--columns", "zyg li,zyg re")
     assert draft.exit_code == 0 and "Unconfirmed: emg.rate, emg.unit" in draft.stderr
-    one_sentence(run("data", "map", out), "a.toml lists emg.rate, emg.unit as unconfirmed")
-    one_sentence(run("data", "describe", tmp_path / "a.txt", "--out", out), "exists")
+    one_sentence(run("map", out), "a.toml lists emg.rate, emg.unit as unconfirmed")
+    one_sentence(run("describe", tmp_path / "a.txt", "--out", out), "exists")
     out.unlink()
     known = ("--rate", 1000, "--unit", "millivolts", "--columns", "zyg li,zyg re")
-    assert (
-        "Unconfirmed"
-        not in run("data", "describe", tmp_path / "a.txt", "--out", out, *known).stderr
-    )
-    mapped = run("data", "map", out, "--out", tmp_path / "m.toml")
+    assert "Unconfirmed" not in run("describe", tmp_path / "a.txt", "--out", out, *known).stderr
+    mapped = run("map", out, "--out", tmp_path / "m.toml")
     assert mapped.exit_code == 0, mapped.output
     read = read_recording(out, mapping=tmp_path / "m.toml")
     assert list(read["channel"].values) == ["ZYG_L", "ZYG_R"]
     np.testing.assert_allclose(read["emg"].values, 1e-3 * emg.T, rtol=1e-12)
-    one_sentence(run("data", "describe", tmp_path / "a.txt", "--unit", "N"), "unit of EMG is 'N'")
+    one_sentence(run("describe", tmp_path / "a.txt", "--unit", "N"), "unit of EMG is 'N'")
 
 
 def test_a_file_that_cannot_be_converted_does_not_stop_the_others(laboratory, tmp_path) -> None:
     folder = tmp_path / "in"
     shutil.copytree(laboratory / "recordings", folder)
     (folder / "S00_broken.nc").write_bytes(b"nothing")
-    result = run("data", "convert", folder, "--out", tmp_path / "out")
+    result = run("convert", folder, "--out", tmp_path / "out")
     assert result.exit_code == 2 and "2 of 3 recordings were converted" in result.stderr
     assert "S00_broken.nc is not a netCDF file" in result.stderr
     assert len(list((tmp_path / "out").glob("*.nc"))) == 2
-    wrong = run("data", "convert", folder / "S01_B_1.nc", "--out", tmp_path / "o", "--notch", 5000)
+    wrong = run("convert", folder / "S01_B_1.nc", "--out", tmp_path / "o", "--notch", 5000)
     assert wrong.exit_code == 2 and "SignalError: a notch of 2 Hz at 5000 Hz" in wrong.stderr
 
 
@@ -303,7 +300,7 @@ def test_an_inventory_names_every_file_and_why_it_was_refused(laboratory, tmp_pa
         'schema = "recording"\n[emg]\nfile = "emg.csv"\nrate = 1000.0\nunit = "uV"\n'
     )
     out = tmp_path / "table.md"
-    result = run("data", "inventory", folder, "--sidecars", sidecars, "--out", out)
+    result = run("inventory", folder, "--sidecars", sidecars, "--out", out)
     assert result.exit_code == 0, result.output
     assert "3 of 5 files were read" in result.stderr
     lines = {line.split(" | ")[0].removeprefix("| "): line for line in out.read_text().splitlines()}
@@ -313,7 +310,7 @@ def test_an_inventory_names_every_file_and_why_it_was_refused(laboratory, tmp_pa
     assert "14 EMG, 16 markers | 2048, 100" in lines["S01_B_1.nc"]
     assert "*refused: broken.c3d" in lines["broken.c3d"]
     assert "TOML sidecar" in lines["other.csv"] and str(tmp_path) not in out.read_text()
-    one_sentence(run("data", "inventory", tmp_path / "absent"), "DataError", "No folder")
+    one_sentence(run("inventory", tmp_path / "absent"), "DataError", "No folder")
 
 
 def test_a_session_is_cut_by_events_and_by_its_activity(tmp_path: Path) -> None:
@@ -333,7 +330,7 @@ def test_a_session_is_cut_by_events_and_by_its_activity(tmp_path: Path) -> None:
     )
     session.attrs.pop("repetition", None)
     path = write_recording(session, tmp_path / "session.nc")
-    found = run("data", "cut", path, "--out", tmp_path / "found", "--offset", 0.5)
+    found = run("cut", path, "--out", tmp_path / "found", "--offset", 0.5)
     assert found.exit_code == 0, found.output
     names = sorted(p.name for p in (tmp_path / "found").glob("*.nc"))
     assert names == ["V01_A_1.nc", "V01_A_2.nc"]
@@ -342,10 +339,10 @@ def test_a_session_is_cut_by_events_and_by_its_activity(tmp_path: Path) -> None:
     assert abs(float(first["time_marker"][0])) < 0.011  # on the clock of the EMG
     events = tmp_path / "a_events.tsv"
     events.write_text("onset\tduration\ttrial_type\n1.5\t1.2\tD\n5.0\t1.2\tD\n")
-    told = run("data", "cut", path, "--out", tmp_path / "told", "--events", events, "--before", 0.2)
+    told = run("cut", path, "--out", tmp_path / "told", "--events", events, "--before", 0.2)
     assert told.exit_code == 0, told.output
     second = read_recording(tmp_path / "told" / "V01_D_2.nc")
     assert second.attrs["cut_from"] == [4.8, 6.2]
     assert second.sizes["time_emg"] == pytest.approx(1.4 * 2048, abs=2)
-    far = run("data", "cut", path, "--out", tmp_path / "far", "--events", events, "--after", 9)
+    far = run("cut", path, "--out", tmp_path / "far", "--events", events, "--after", 9)
     one_sentence(far, "SignalError", "expected every interval inside")

@@ -89,9 +89,9 @@ def test_the_check_writes_the_exclusions_of_what_cannot_be_used(laboratory, tmp_
             recording["emg"].loc["ZYG_L"] = 0.0
         write_recording(recording, folder / path.name)
     out = tmp_path / "exclusions.toml"
-    result = run("data", "check", folder, "--study", "--exclude", out)
+    result = run("check", folder, "--study", "--exclude", out)
     assert result.exit_code == 2 and "1 of 2 recordings" in result.stderr
     found = read_exclusions(out)
     assert [(e.volunteer, e.instruction, e.repetition) for e in found] == [("S01", "E", 1)]
     assert "channel ZYG_L: constant" in found[0].reason
-    one_sentence(run("data", "check", folder, "--exclude", out), "DataError", "exists")
+    one_sentence(run("check", folder, "--exclude", out), "DataError", "exists")

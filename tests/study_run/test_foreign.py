@@ -145,7 +145,7 @@ def test_cut_writes_into_its_folder_only_and_replaces_nothing(
     write_recording(trial.assign_attrs(volunteer="../../escaped/V1"), source)
     table = tmp_path / "events.tsv"
     table.write_text("onset\tduration\ttrial_type\n0.1\t0.2\t../../B\n0.3\t0.2\tB\n")
-    words = ["data", "cut", str(source), "--events", str(table), "--out", str(out)]
+    words = ["cut", str(source), "--events", str(table), "--out", str(out)]
     told = CliRunner().invoke(app, words)
     assert told.exit_code == 0, told.output
     made = everything(tmp_path / "a")
@@ -163,7 +163,7 @@ def test_cut_writes_into_its_folder_only_and_replaces_nothing(
 @pytest.mark.parametrize("kind", ["netcdf", "bids"])
 def test_convert_replaces_nothing(laboratory: Path, tmp_path: Path, kind: str) -> None:
     source = next((laboratory / "recordings").glob("*.nc"))
-    words = ["data", "convert", str(source), "--out", str(tmp_path / "out"), "--to", kind]
+    words = ["convert", str(source), "--out", str(tmp_path / "out"), "--to", kind]
     assert CliRunner().invoke(app, words).exit_code == 0
     made = everything(tmp_path)
     again = CliRunner().invoke(app, words)

@@ -150,7 +150,7 @@ def test_command_inverts_several_recordings_and_reports_those_that_failed(
     paths = [str(path) for path in recordings]
     told = CliRunner().invoke(
         app,
-        ["inverse", "run", *paths, "--out", str(out), *options, "--form", "step", "--workers", "1"],
+        ["invert", "run", *paths, "--out", str(out), *options, "--form", "step", "--workers", "1"],
     )
     assert told.exit_code == 1, told.output
     assert "Failed: S01_E_1: MarkerError: marker" in told.output
@@ -169,7 +169,7 @@ def test_command_inverts_one_recording_and_keeps_its_result(
     out, study = tmp_path / "one.nc", tmp_path / "study.toml"
     study.write_text('[simulation]\nsolver = "linearly_implicit"\nstep = 0.02\noutput = 0.02\n')
     given = [
-        "inverse", "run", str(laboratory / "recordings" / "S01_B_1.nc"), "--out", str(out), "--face",
+        "invert", "run", str(laboratory / "recordings" / "S01_B_1.nc"), "--out", str(out), "--face",
         str(laboratory / "face.nc"), "--study", str(study), "--form", "step", "--gain", "0.5",
         "--leave-out", "corner_left",
     ]  # fmt: skip
