@@ -173,3 +173,23 @@ def test_files_are_told_from_exciters(tmp_path: Path) -> None:
 def test_a_person_has_only_the_options_of_its_kind() -> None:
     with pytest.raises(ConfigurationError, match="a jaw has no"):
         KINDS["jaw"].build(Person(resolution="fine"))
+
+
+def examples() -> list[str]:
+    page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    blocks = page.split("```sh\n")[1:]
+    return [
+        line.partition(" #")[0].strip() for b in blocks for line in b.split("```")[0].splitlines()
+    ]
+
+
+def test_every_command_has_an_example() -> None:
+    named = {verb for verbs in LISTED.values() for verb, *_ in verbs}
+    assert {shlex.split(line)[1] for line in examples()} == named
+    page = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+    assert table() in page
+
+
+@pytest.mark.parametrize("line", examples())
+def test_examples_are_accepted(line: str) -> None:
+    assert accepted(shlex.split(line)[1:]) == ""

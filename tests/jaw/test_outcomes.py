@@ -50,9 +50,10 @@ def test_tasks_run_without_the_muscles_that_a_fixed_hyoid_lacks(published, share
     assert table["without"].isna()["open"]
     assert 10.0 < table.loc["chew", "down"] < 30.0
     for options, told in (
-        (["--task", "open", "--excitation", str(out)], "replaces the excitations"),
-        (["--task", "open", "--series", str(series)], "cannot be used with the task 'open'"),
-        (["--series", str(series)], "cannot be used with the task 'rest'"),
+        ([str(out), "--set", "morsel=L"], "are settings of a task"),
+        (["open", "--set", f"series={series}"], "the task 'open' has no series"),
+        (["rest", "--set", f"series={series}"], "the task 'rest' has no series"),
     ):  # neither was used, without a word
-        found = CliRunner().invoke(app, ["jaw", "run", str(jaw), "--out", str(moved), *options])
+        given = ["simulate", *options, "--model", str(jaw), "--out", str(tmp_path / "m.nc")]
+        found = CliRunner().invoke(app, given)
         assert found.exit_code == 2 and told in " ".join(found.output.replace("\u2502", "").split())

@@ -15,9 +15,9 @@ from emgface.face.file import load_face
 from emgface.report import provenance as shown
 from emgface.report.results import open_results
 from emgface.report.write import render
+from emgface.run import provenance, store
 from emgface.run.digest import dataset_digest
 from emgface.schema.netcdf import read_netcdf
-from emgface.study import provenance, store
 from emgface.study.intake import take_in
 from emgface.study.run import run_study
 from tests.study_run.test_report import text_of
