@@ -248,10 +248,10 @@ def _move(
         say(note)
     for title, table in moved.tables:
         show_table(frame(table), title)
-    _tell_motion(moved.motion, ", ".join(str(p) for p in (out_path, page) if p), kind.name)
+    tell_motion(moved.motion, ", ".join(str(p) for p in (out_path, page) if p), kind.name)
 
 
-def _tell_motion(motion: "xr.Dataset", written: str, name: str) -> None:
+def tell_motion(motion: "xr.Dataset", written: str, name: str) -> None:
     """Report the files written, clipped excitations and a loss of stability."""
     clipped = motion.attrs["clipped_excitation"]
     if clipped < 0.0:

@@ -1,7 +1,5 @@
 """Excitations and motion of a small jaw; no published files are needed."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,7 +12,7 @@ from emgface.anatomy.jaw.run import run_task, simulate_jaw
 from emgface.anatomy.jaw.series import ramps, read_excitation, read_probe, read_probes
 from emgface.anatomy.jaw.tasks import TASKS, HeadTurn, Task, task_of
 from emgface.cli import app
-from emgface.cli.moved import tell_motion
+from emgface.cli.simulate import tell_motion
 from emgface.errors import FeatureWarning, JawError
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from tests.jaw.small import small_jaw
@@ -201,5 +199,5 @@ def test_a_loss_of_stability_is_told(capsys):
     lost = {"unstable_from_s": 0.12, "unstable_until_s": 0.2}
     for attrs, told in (({}, False), (lost, True)):
         motion = xr.Dataset(attrs={"clipped_excitation": 0.0, "task": "chew", **attrs})
-        tell_motion(motion, Path("chew.nc"), "jaw")
+        tell_motion(motion, "chew.nc", "jaw")
         assert ("lost stability between 0.12 and 0.2 s" in capsys.readouterr().err) == told

@@ -34,7 +34,6 @@ INTERNAL = {
     "emgface/view/curves.py": "names of muscles, checked",
     "emgface/volunteers/simulate.py": "S01 and so on, and one of the known instructions",
     "emgface/api/faces.py": "digest",
-    "emgface/cli/head.py": "names of parts of a head",
     "emgface/cli/inverse.py": "the file of the user",
     "emgface/cli/study.py": "names of the demonstration",
     "emgface/files.py": "the functions themselves",
