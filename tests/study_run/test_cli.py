@@ -96,7 +96,7 @@ def test_no_help_loses_text_to_the_markup_of_the_terminal() -> None:
 def test_help_names_every_command() -> None:
     result = run("--help")
     assert result.exit_code == 0
-    for command in ("demo", "study", "face", "data", "activate", "simulate", "score", "report",
+    for command in ("demo", "study", "build", "check", "activate", "simulate", "score", "report",
                     "show", "volunteers"):  # fmt: skip
         assert command in result.stdout
 
@@ -307,7 +307,8 @@ def test_markers_missing(laboratory, recording, tmp_path) -> None:
 
 def test_an_absent_file(tmp_path) -> None:
     one_sentence(run("check", tmp_path / "no.nc"), "DataError", r"no\.nc")
-    one_sentence(run("check", tmp_path / "no.nc"), "FaceError", r"no\.nc")
+    out = tmp_path / "out.nc"
+    one_sentence(run("reduce", tmp_path / "no.nc", "--out", out), "FaceError", r"no\.nc")
     for folder in (tmp_path, tmp_path / "absent"):
         one_sentence(run("report", folder), "DataError", r"contains no cube\.nc", "study run --out")
     one_sentence(
@@ -405,5 +406,5 @@ def test_an_interruption_is_reported_and_exits_130(laboratory, tmp_path, monkeyp
 
 def test_debug_shows_the_traceback(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("EMGFACE_DEBUG", "")  # restored afterwards, whatever the command sets
-    result = run("--debug", "check", tmp_path / "no.nc")
+    result = run("--debug", "reduce", tmp_path / "no.nc", "--out", tmp_path / "out.nc")
     assert result.exit_code == 1 and type(result.exception).__name__ == "FaceError"
