@@ -89,7 +89,7 @@ def compare(
     from emgface.face.file import load_face
     from emgface.files import write_text
     from emgface.pictures.stills import write_figure
-    from emgface.study.store import Store
+    from emgface.run.store import Store
     from emgface.treatment.dose import read_cases, with_intervals
     from emgface.treatment.motions import TASKS, compared, gestures, recorded
     from emgface.treatment.outcomes import movement_table, outcome_table
@@ -181,7 +181,7 @@ def dose(
     """
     from emgface.files import write_text
     from emgface.pictures.stills import write_figure
-    from emgface.study.store import write_netcdf
+    from emgface.run.store import write_netcdf
     from emgface.treatment import dose as of
     from emgface.treatment.motions import TASKS
     from emgface.treatment.plan import NOT_VALIDATED, read_plan

@@ -5,7 +5,6 @@ are stored under the digest of their inputs and code, so that a repeated run com
 """
 
 import json
-import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
@@ -24,13 +23,11 @@ from emgface.face.lip_shape import lip_rim
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.build import volunteer_face
-from emgface.study.digest import canonical_json, code_version
-from emgface.study.jobs import run_table
+from emgface.run.digest import canonical_json
+from emgface.run.observer import Observer, Silent
+from emgface.run.store import Stage, Store
+from emgface.run.tasks import Task, run_table
 from emgface.study.mechanics import MECHANICS
-from emgface.study.observer import Observer, Silent
-from emgface.study.parallel import run_jobs
-from emgface.study.provenance import CODE, require_code
-from emgface.study.store import Done, Stage, Store
 from emgface.treatment.motions import gestures
 from emgface.treatment.outcomes import FACTOR, OUTCOMES
 from emgface.treatment.plan import NOT_VALIDATED, Plan
@@ -207,31 +204,23 @@ class _Worker:
     store: Store
 
 
-_worker: _Worker | None = None
-_messages: list[str] = []
+def _prepared(given: tuple[Setting, Path], report: Callable[[str], None]) -> _Worker:
+    setting, store = given
+    return _Worker(setting, Store(store, report=report))
 
 
-def _begin(setting: Setting, store: Path, code: str) -> None:
-    global _worker
-    require_code(code)
-    _worker = _Worker(setting, Store(store, report=_messages.append))
-
-
-def _work(case: Case) -> Done[dict[str, Any]]:
+def _row_of(worker: _Worker, case: Case) -> dict[str, Any]:
     """Row of a case, from the store if it is there."""
-    assert _worker is not None, "the store of a worker is not set"
-    setting, store = _worker.setting, _worker.store
-    _messages.clear()
-    started, before = time.perf_counter(), len(store.events)
+    setting = worker.setting
     key = {"case": asdict(case), "setting": asdict(setting)}
-    result = store.get_or_compute(
+    result = worker.store.get_or_compute(
         OUTCOME, {}, key, lambda: computed(case, setting), label=case.name
     )
     numbers = zip(result.dataset["outcome"].values, result.dataset["value"].values, strict=True)
     row = {axis: getattr(case, axis) for axis in AXES}
     row |= {str(name): float(value) for name, value in numbers}
     row["end"] = result.dataset.attrs["end"]
-    return Done(row, store.events[before:], False, list(_messages), time.perf_counter() - started)
+    return row
 
 
 def _status(row: dict[str, Any]) -> tuple[str, str]:
@@ -256,15 +245,8 @@ def dose_table(
     """
     own, store = list(every), folder.absolute() / "store"
     rows = run_table(
-        lambda starting: run_jobs(
-            _work,
-            own,
-            workers,
-            begin=_begin,
-            arguments=(setting, store, code_version(CODE)),
-            group=lambda case: case.person,
-            starting=starting,
-        ),
+        Task(_prepared, (setting, store), _row_of, lambda case: case.person),
+        own,
         [(case.name,) for case in own],
         name="treatments",
         out=folder,

@@ -16,10 +16,10 @@ from emgface.face.template.gestures import GESTURES, gesture_activation
 from emgface.muscles import INSTRUCTIONS
 from emgface.pictures.body import skin_of
 from emgface.pictures.surface import SurfaceProbe, with_surface
-from emgface.study.digest import dataset_digest
+from emgface.run.digest import dataset_digest
+from emgface.run.store import Stage, Store
 from emgface.study.mechanics import MECHANICS
 from emgface.study.policy import lower_sigma_max
-from emgface.study.store import Stage, Store
 
 MOTION: Final = Stage("treatment_motion", (*MECHANICS, "emgface.treatment.motions"))
 RISE, HOLD = 0.25, 0.25  #: time of the rise of a gesture and time at its level [s]

@@ -19,8 +19,8 @@ COMMAND = re.compile(r"(?:\bemgface|python -m (?:benchmarks|studies\.\w+)) .*")
 ENDS = re.compile(r"&&|;|\||>| # ")
 """Characters and words of the shell that end a command before the end of its line."""
 FENCED = re.compile(r"^ *```(\w*)[^\n]*\n(.*?)^ *```", re.DOTALL | re.MULTILINE)
-FORMER = "CHANGELOG.md"
-"""Page that also names commands of former versions."""
+FORMER = ("CHANGELOG.md", "commands.md")
+"""Pages that also name commands of former versions."""
 
 
 def lines() -> Iterator[tuple[str, str]]:
@@ -35,7 +35,7 @@ def lines() -> Iterator[tuple[str, str]]:
         rest = FENCED.sub("", text)
         code += [" ".join(one.split()) for one in re.findall(r"`([^`]+)`", rest)]
         code += re.findall(r"^ {4}(\S.*)$", rest, re.MULTILINE)
-        if path.name != FORMER:
+        if path.name not in FORMER:
             yield from ((path.name, line) for block in code for line in joined(block))
     for path in (*ROOT.glob("benchmarks/**/*.py"), *ROOT.glob("studies/**/*.py")):
         text = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""

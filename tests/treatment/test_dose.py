@@ -10,7 +10,7 @@ from emgface.acoustics.matrix import lossless_formants
 from emgface.choices import configure
 from emgface.errors import DataError
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.study.store import Store
+from emgface.run.store import Store
 from emgface.treatment import dose
 from emgface.treatment import motions as of_motions
 from emgface.treatment.motions import compared, gestures

@@ -12,8 +12,8 @@ from emgface.pictures.body import skin_of
 from emgface.pictures.encoding import middle_of
 from emgface.reduced import training
 from emgface.reduced.model import ReducedFace, parameters_of
+from emgface.run.store import Store
 from emgface.schema.netcdf import read_netcdf, write_netcdf
-from emgface.study.store import Store
 from emgface.view.curves import Curves
 from emgface.view.edited import OUTPUT, EditedMotion
 from emgface.view.scored import correlations
