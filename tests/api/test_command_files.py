@@ -18,11 +18,20 @@ from tests.api.test_command_numbers import commands
 
 READ = {
     *("activation", "after", "areas", "baseline", "before", "bone", "branch", "calibration"),
-    *("compare", "curves", "effort", "events", "excitation", "face", "folder", "folders", "forget"),
-    *("head_path", "inner", "landmarks", "mapping", "mixing", "model", "motion", "on_face", "path"),
-    *("paths", "plan", "range_", "recording", "recordings", "reduced", "reference", "series"),
-    *("sidecars", "skin", "source", "spread", "store", "study", "surface", "trajectory"),
-    "workspace",
+    *("compare", "curves", "events", "face", "folder", "folders", "forget", "head_path", "inner"),
+    *(
+        "landmarks",
+        "mapping",
+        "mixing",
+        "model",
+        "model_path",
+        "motion",
+        "on_face",
+        "path",
+        "paths",
+    ),
+    *("plan", "range_", "recording", "recordings", "reduced", "reference", "sidecars", "skin"),
+    *("spread", "store", "study", "surface", "trajectory", "workspace"),
 }
 """Parameters of commands that are paths and are not written."""
 
@@ -61,6 +70,16 @@ def test_a_command_refuses_to_write_what_it_reads(callback, out, source, kind, t
     with pytest.raises(typer.BadParameter, match="is a file that the command reads"):
         callback(**every)
     assert given.read_bytes() == b"recording"
+
+
+def test_the_input_of_simulate_is_not_replaced(tmp_path):
+    """It is a file or a text, such as levels of muscles."""
+    given = tmp_path / "activation.nc"
+    given.write_bytes(b"activation")
+    for option in ("--out", "--page", "--movie"):
+        found = CliRunner().invoke(app, ["simulate", str(given), option, str(given)])
+        assert found.exit_code == 2 and "command reads" in " ".join(found.output.split())
+    assert given.read_bytes() == b"activation"
 
 
 def test_one_file_is_not_written_twice(tmp_path):
