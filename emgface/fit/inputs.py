@@ -1,20 +1,18 @@
 """Landmarks and surfaces of a person compared with a face: pairs, sides, order, frame of the face."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Final
 
 import numpy as np
 import xarray as xr
-from scipy.spatial.distance import cdist
 
 from emgface.errors import FitError, listed
 from emgface.face.landmarks import MIDLINE
 from emgface.face.parts import OUTER
 from emgface.fit.readers.landmarks import Landmarks, plain
 from emgface.fit.readers.surfaces import Scan
-from emgface.fit.similarity import GROWTH, Similarity, misfit, similarity, thin_plate
+from emgface.fit.similarity import Similarity, misfit, similarity
+from emgface.fit.strays import check_strays
 from emgface.fit.targets import LandmarkPoints, Sheet
 from emgface.fit.triangulated import Floats, Surface
 
@@ -23,13 +21,6 @@ FLAT: Final = 0.05  #: smallest extent of the landmarks across a plane, relative
 MIRRORED: Final = 0.6  #: ratio of the misfits of improper and proper map of a mirrored input [1]
 SCALE: Final = (0.6, 1.6)  #: ratio of sizes of two people
 OFF: Final = 0.012  #: distance of a landmark from the skin that is refused [m]
-STRAY: Final = 5.0
-"""Number of standard deviations by which a landmark may miss the place expected from the others.
-
-The variance is 2 `GROWTH` d for the distance d to the nearest other landmark, plus `CLICK` squared.
-"""
-CLICK: Final = 1.5e-3  #: standard deviation of a landmark for this test [m]
-COINCIDE: Final = 2e-4  #: distance at which two landmarks are at one place [m]
 DISAGREE: Final = 0.5  #: mean cosine of normals below which a surface is refused [1]
 
 
@@ -68,12 +59,12 @@ def points_of_face(face: xr.Dataset) -> dict[str, Floats]:
     return found
 
 
-def pair(face: xr.Dataset, given: Landmarks, on_face: Landmarks | None) -> Paired:
+def pair(face: xr.Dataset, given: Landmarks, on_face: Landmarks | None, noise: float) -> Paired:
     """Pair landmarks of a person by name with those of a face, and check their geometry.
 
-    `on_face` are places of the landmarks on the face [m], in addition to its own named points. Raises
-    FitError if fewer than four have a counterpart, they lie in a plane, the input is mirrored, two are
-    exchanged, or one is far from the place expected from the others.
+    `on_face` are places of the landmarks on the face [m], in addition to its own named points; `noise`
+    is the standard deviation of a landmark [m]. Raises FitError if fewer than four have a counterpart,
+    they lie in a plane, the input is mirrored, two are exchanged, or the others contradict one.
     """
     known = {plain(name): p for name, p in points_of_face(face).items()}
     if on_face is not None:
@@ -100,13 +91,12 @@ def pair(face: xr.Dataset, given: Landmarks, on_face: Landmarks | None) -> Paire
             )
     motion = similarity(source, target)
     _check_side(source, target, motion, given.source)
-    _check_order(names, motion(source), target, given.source)
     if not SCALE[0] <= motion.scale <= SCALE[1]:
         raise FitError(
             f"{given.source}: the landmarks are {motion.scale:.3g} times as far apart as those of the "
             f"face, expected {SCALE[0]} to {SCALE[1]}: check the unit"
         )
-    _check_strays(names, source, target, given.source)
+    check_strays(names, source, target, given.source, noise)
     inverse = Similarity(1.0, motion.rotation.T, np.zeros(3))
     shift = source.mean(axis=0) - inverse(target.mean(axis=0)[None])[0]
     to_face = Similarity(1.0, motion.rotation.T, shift)
@@ -129,60 +119,6 @@ def _check_side(source: Floats, target: Floats, motion: Similarity, name: str) -
             "right of the person: change the sign of one axis of all inputs, or exchange the names of "
             "the sides"
         )
-
-
-def _check_order(names: Sequence[str], mapped: Floats, target: Floats, source: str) -> None:
-    """Refuse two landmarks whose exchange would bring both much nearer."""
-    apart = ((mapped[:, None] - target[None]) ** 2).sum(axis=2)
-    worst: tuple[float, int, int] | None = None
-    for i, j in combinations(range(len(names)), 2):
-        now, then = apart[i, i] + apart[j, j], apart[i, j] + apart[j, i]
-        if then < 0.2 * now and now > 2 * 0.006**2 and (worst is None or now - then > worst[0]):
-            worst = now - then, i, j
-    if worst is not None:
-        _, i, j = worst
-        raise FitError(
-            f"{source}: the landmarks {names[i]} and {names[j]} seem to be exchanged: each lies nearer "
-            "to the place of the other; exchange their names"
-        )
-
-
-def _check_strays(names: Sequence[str], source: Floats, target: Floats, given: str) -> None:
-    """Refuse landmarks at one place, and one far from the place that the others predict."""
-    apart, before = cdist(target, target), cdist(source, source)
-    for i, j in combinations(range(len(names)), 2):
-        if apart[i, j] < COINCIDE < 5.0 * COINCIDE < before[i, j]:
-            raise FitError(
-                f"{given}: {names[i]} and {names[j]} are at one place, on the face "
-                f"{1e3 * before[i, j]:.3g} mm apart: correct one of them"
-            )
-    if len(names) <= LEAST + 1:
-        return
-    np.fill_diagonal(before, np.inf)
-    miss = left_out(source, target, 2e-3)
-    limit = STRAY * np.sqrt(2.0 * GROWTH * before.min(axis=1) + CLICK**2)
-    k = int(np.argmax(miss / limit))
-    if miss[k] > limit[k]:
-        raise FitError(
-            f"{given}: landmark {names[k]} lies {1e3 * miss[k]:.3g} mm from the place expected from the "
-            f"others, expected at most {1e3 * limit[k]:.3g} mm: check its side and position, or omit it"
-        )
-
-
-def left_out(source: Floats, target: Floats, noise: float) -> Floats:
-    """Distance (n,) of every landmark from the place that the spline of the others predicts [m]."""
-    found = np.empty(len(source))
-    for k in range(len(source)):
-        rest = np.delete(np.arange(len(source)), k)
-        extents = np.linalg.svd(source[rest] - source[rest].mean(axis=0), compute_uv=False)
-        good = len(rest) >= LEAST and extents[2] > FLAT * extents[0]
-        guess = (
-            thin_plate(source[rest], target[rest], noise)(source[k : k + 1])[0]
-            if good
-            else similarity(source[rest], target[rest])(source[k : k + 1])[0]
-        )
-        found[k] = np.linalg.norm(guess - target[k])
-    return found
 
 
 def in_face_frame(scan: Scan, to_face: Similarity) -> Surface:

@@ -22,13 +22,13 @@ from emgface.fit.inputs import (
     check_landmarks_on,
     facing,
     in_face_frame,
-    left_out,
     pair,
 )
 from emgface.fit.measures import distances, quality_rows
 from emgface.fit.readers.landmarks import Landmarks, landmarks_of
 from emgface.fit.readers.surfaces import Scan, read_surface, surface_of
 from emgface.fit.similarity import similarity
+from emgface.fit.strays import left_out
 from emgface.fit.targets import Target, sheets
 from emgface.fit.triangulated import Floats
 
@@ -100,7 +100,7 @@ def fit_face(
         for kind, given in (("skin", skin), ("inner", inner), ("bone", bone))
         if given is not None
     }
-    paired = pair(face, marks, places)
+    paired = pair(face, marks, places, noise)
     notes = list(paired.notes)
     targets = _targets(face, scans, paired, notes)
     source = face["position"].values
