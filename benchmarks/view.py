@@ -6,8 +6,10 @@
 the pointer until the picture with the changed motion was passed on, with the parts that the program
 reports. ``live``: a minute of random slider moves, 30 per second; a frame is late if its step ended more
 than a step after it was due, and dropped if the page had not drawn the former one when it was due.
-``recording``: pictures per second while a generated recording of 64 channels, 1 h, 2 kHz is scrolled
-(``--page`` uses a page of a former run). The browser draws with the processor.
+``recording``: pictures per second while a generated recording of 64 channels, 1 h, 2 kHz is scrolled and
+enlarged (``--page`` uses a page of a former run), in a window of 1400 x 900 pixels. The browser draws
+with the processor, ``recording`` once as a browser does without a graphics unit, and once through an
+emulated one, which the pages of faces need.
 """
 
 import os
@@ -87,19 +89,20 @@ const timer = setInterval(() => {
 """
 
 SCROLL = """
-const [seconds, done] = arguments, c = document.getElementById("traces");
+const [seconds, zoom, done] = arguments, c = document.getElementById("traces");
 let n = 0; const began = performance.now();
+const key = (n) => (zoom ? (n % 20 < 10 ? "-" : "+") : n % 200 < 100 ? "ArrowRight" : "ArrowLeft");
 const step = (now) => {
   if (now - began > 1e3 * seconds) { done([n, now - began]); return; }
-  c.dispatchEvent(new KeyboardEvent("keydown", {key: n % 200 < 100 ? "ArrowRight" : "ArrowLeft"}));
+  c.dispatchEvent(new KeyboardEvent("keydown", {key: key(n)}));
   n++; requestAnimationFrame(step);
 };
 requestAnimationFrame(step);
 """
 
 
-def browser(width, height):
-    """Headless Chromium that draws with the processor."""
+def browser(width, height, *, emulated=True):
+    """Headless Chromium that draws with the processor, through an emulated graphics unit or without."""
     from selenium import webdriver
     from selenium.webdriver.chrome.service import Service
 
@@ -109,7 +112,13 @@ def browser(width, height):
         raise ConfigurationError("no Chromium with chromedriver was found, expected both")
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
-    for flag in (*(f for f in FLAGS if "window-size" not in f), f"--window-size={width},{height}"):
+    left_out = ("window-size",) if emulated else ("window-size", "angle", "swiftshader")
+    flags = [f for f in FLAGS if not any(word in f for word in left_out)]
+    for flag in (
+        *flags,
+        f"--window-size={width},{height}",
+        *(() if emulated else ("--disable-gpu",)),
+    ):
         options.add_argument(flag)
     made = webdriver.Chrome(options=options, service=Service(DRIVER))
     made.set_script_timeout(900)
@@ -280,26 +289,25 @@ def long_page(path):
     path.write_text(RecordingPage(data, "one hour").html(), encoding="utf-8")
 
 
-def scrolled(driver, page):
-    """Pictures per second of a recording that is scrolled."""
+def scrolled(driver, page, way):
+    """Pictures per second, and processor time of each, of a recording that is scrolled and enlarged."""
     driver.get(page.resolve().as_uri())
     watch_page(driver)
     until(driver, "return document.getElementById('traces').dataset.ready === 'yes'")
-    rows = []
-    for zoom in (0, 6):
-        for _ in range(zoom):
+    rows, browsers, enlarged = [], driver.service.process.pid, 0
+    for zoom, act in ((2, "scrolled"), (6, "scrolled"), (6, "enlarged and reduced")):
+        for _ in range(zoom - enlarged):
             driver.execute_script("document.getElementById('in').click()")
-        before = page_time(driver)
-        n, ms = driver.execute_async_script(SCROLL, 10.0)
-        own = (page_time(driver) - before) / n
-        view = "whole hour" if zoom == 0 else f"enlarged {zoom} times"
-        rows.append({"part": "recording", "quantity": f"pictures per second, {view}",
-                     "median": 1e3 * n / ms, "95 %": np.nan, "number": n})  # fmt: skip
-        rows.append({"part": "recording", "quantity": f"processor time of a picture, {view} [ms]",
-                     "median": own, "95 %": np.nan, "number": n})  # fmt: skip
-    size = page.stat().st_size / 1e6
-    rows.append({"part": "recording", "quantity": "size of the page [MB]", "median": size,
-                 "95 %": np.nan, "number": 1})  # fmt: skip
+        enlarged = zoom
+        before = [page_time(driver), processor(browsers)]
+        n, ms = driver.execute_async_script(SCROLL, 5.0, act != "scrolled")
+        own = [(page_time(driver) - before[0]) / n, (processor(browsers) - before[1]) / n]
+        name = f"1/{2**zoom} of the hour {act}, {way}"
+        for quantity, value in (("pictures per second", 1e3 * n / ms),
+                                ("processor time of the page per picture [ms]", own[0]),
+                                ("processor time of the browser per picture [ms]", own[1])):  # fmt: skip
+            rows.append({"part": "recording", "quantity": f"{quantity}, {name}",
+                         "median": value, "95 %": np.nan, "number": n})  # fmt: skip
     return pd.DataFrame(rows)
 
 
@@ -316,15 +324,23 @@ def main(
     with tempfile.TemporaryDirectory() as folder:
         for name in ("drag", "live", "recording") if part == "all" else (part,):
             say(name)
-            driver = browser(*(SIZE if name != "recording" else (1400, 900)))
+            if name == "recording":
+                if page is None:
+                    page = Path(folder) / "long.html"
+                    long_page(page)
+                for emulated in (False, True):
+                    driver = browser(1400, 900, emulated=emulated)
+                    try:
+                        way = "emulated graphics unit" if emulated else "no graphics unit"
+                        tables.append(scrolled(driver, page, way))
+                    finally:
+                        driver.quit()
+                size = {"part": "recording", "quantity": "size of the page [MB]", "number": 1}
+                tables.append(pd.DataFrame([size | {"median": page.stat().st_size / 1e6}]))
+                continue
+            driver = browser(*SIZE)
             process = None
             try:
-                if name == "recording":
-                    if page is None:
-                        page = Path(folder) / "long.html"
-                        long_page(page)
-                    tables.append(scrolled(driver, page))
-                    continue
                 log = Path(folder) / "log.nc"
                 process, url = served(face, reduced, recording, log if name == "live" else None)
                 if name == "drag":

@@ -100,7 +100,7 @@ class RecordingPage:
         """The page; with `served` it asks its server for details and saves the mapping there."""
         from emgface import __version__
 
-        script = resource("recording.js")
+        script = resource("traces.js") + resource("recording.js")
         return environment("emgface.view").get_template("recording.html").render(
             title=self._name,
             badge=f"{self._recording.attrs.get('origin', 'measured')} recording",

@@ -250,6 +250,53 @@ def test_marks_of_the_page_reach_every_command(stored, recording, browser, tmp_p
     assert np.abs(whole["activation"].sel(muscle="RIS_L").values - left).max() > 0.01
 
 
+PIXELS = """
+const c = document.getElementById("traces");
+const d = c.getContext("2d").getImageData(0, 0, c.width, c.height).data;
+let sum = 0; const words = new Uint32Array(d.buffer);
+for (let i = 0; i < words.length; i++) sum = (Math.imul(sum, 31) + words[i]) | 0;
+return [sum, new Set(words).size, Number(c.dataset.columns), c.width];
+"""
+
+
+@needs_browser
+def test_a_scrolled_view_equals_one_that_is_drawn_anew(recording, browser, tmp_path):
+    """Every pixel, after steps to both sides, at several scales; only new columns are drawn."""
+    path = tmp_path / "page.html"
+    path.write_text(recording_page(recording), encoding="utf-8")
+    browser.get(path.as_uri())
+    stage = "document.getElementById('traces').dataset"
+    until(browser, f"return {stage}.ready === 'yes'")
+
+    def press(key):
+        before = browser.execute_script(f"return {stage}.frames")
+        browser.execute_script(
+            "document.getElementById('traces').dispatchEvent("
+            "new KeyboardEvent('keydown', {key: arguments[0]}))",
+            key,
+        )
+        until(browser, f"return {stage}.frames !== '{before}'")
+
+    seen = set()
+    for zooms in (2, 6, 9):  # the last shows single samples
+        for _ in range(zooms):
+            press("+")
+        for key in ("ArrowRight",) * 5 + ("ArrowLeft",) * 3:
+            press(key)
+            columns, width = browser.execute_script(PIXELS)[2:]
+            assert 0 < columns < 0.2 * width
+        scrolled, colours, *_ = browser.execute_script(PIXELS)
+        assert colours > 3
+        for _ in range(2):  # another scale of rows and back: all columns are drawn
+            before = browser.execute_script(f"return {stage}.frames")
+            browser.execute_script("document.getElementById('same').click()")
+            until(browser, f"return {stage}.frames !== '{before}'")
+        anew, _, columns, width = browser.execute_script(PIXELS)
+        assert columns > 0.8 * width and anew == scrolled
+        seen.add(anew)
+    assert len(seen) == 3
+
+
 def test_a_saved_mapping_is_checked(recording, tmp_path):
     page = RecordingPage(recording, "trial", mapping=tmp_path / "m.toml")
     for body in (b"a = [", b"[unusabel]\n", b"\xff", b"[unusable]\nchannels = 3\n"):

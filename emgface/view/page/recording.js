@@ -28,10 +28,10 @@ async function levels(given, rows) {
     return values;
   };
   const low = await plain(given.low), high = given.high ? await plain(given.high) : low;
-  const all = [{ size: given.size, n: given.bins, low, high }];
+  const all = [{ size: given.size, n: given.bins, offset: 0, low, high }];
   while (all[all.length - 1].n > 512) {
     const fine = all[all.length - 1], n = Math.ceil(fine.n / 4);
-    const next = { size: 4 * fine.size, n, low: new Int16Array(rows * n).fill(data.gap), high: new Int16Array(rows * n).fill(data.gap) };
+    const next = { size: 4 * fine.size, n, offset: 0, low: new Int16Array(rows * n).fill(data.gap), high: new Int16Array(rows * n).fill(data.gap) };
     for (let r = 0; r < rows; r++) for (let i = 0; i < fine.n; i++) {
       const a = fine.low[r * fine.n + i], b = fine.high[r * fine.n + i], k = r * n + (i >> 2);
       if (a === data.gap) continue;
@@ -90,12 +90,12 @@ function binsFor(width) {
   if (view.detail && view.detail.way === way() && view.from >= view.detail.from - 1e-9 && view.to <= view.detail.to + 1e-9 && view.detail.size < all[0].size) return view.detail;
   let k = 0;
   while (k + 1 < all.length && all[k + 1].size <= Math.max(each / 2, 1)) k++;
-  return { ...all[k], offset: 0 };
+  return all[k];
 }
 let asking = 0;
 function detail() {
   if (!data.served || !emg) return;
-  const each = ((view.to - view.from) * emg.rate) / Math.max(canvas.clientWidth, 1);
+  const each = ((view.to - view.from) * emg.rate) / Math.max(wide(), 1);
   if (each >= source[way()][0].size || source[way()][0].size === 1) return;
   const begin = Math.max(Math.floor((view.from - (view.to - view.from) / 2 - first) * emg.rate), 0);
   const end = Math.min(Math.ceil((view.to + (view.to - view.from) / 2 - first) * emg.rate), emg.samples);
@@ -114,15 +114,27 @@ function detail() {
 }
 
 const margin = 92;
-const across = (t) => margin + ((t - view.from) / (view.to - view.from)) * (canvas.clientWidth - margin);
-const instant = (x) => view.from + ((x - margin) / (canvas.clientWidth - margin)) * (view.to - view.from);
+const across = (t) => margin + ((t - view.from) / (view.to - view.from)) * (wide() - margin);
+const instant = (x) => view.from + ((x - margin) / (wide() - margin)) * (view.to - view.from);
 
+// Sizes are those of the last change; to ask for them in every picture would lay out the page again.
+const sizes = new Map(), wide = () => sizes.get(canvas)?.w ?? 1;
+function measure(one) { sizes.set(one, { w: one.clientWidth, h: one.clientHeight }); }
 function sized(one) {
-  const ratio = Math.min(window.devicePixelRatio || 1, 2), w = one.clientWidth, h = one.clientHeight;
+  if (!sizes.has(one)) measure(one);
+  const ratio = Math.min(window.devicePixelRatio || 1, 2), { w, h } = sizes.get(one);
   if (one.width !== Math.round(w * ratio) || one.height !== Math.round(h * ratio)) { one.width = Math.round(w * ratio); one.height = Math.round(h * ratio); }
-  const pen = one.getContext("2d");
+  const pen = one.getContext("2d", { willReadFrequently: true });
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);
   return { pen, w, h, ratio };
+}
+// True if what a picture depends on has changed since it was drawn.
+const states = new Map();
+function changed(one, ...parts) {
+  const { w, h } = sizes.get(one) ?? {}, now = [w, h, css("--paper"), ...parts].join();
+  if (states.get(one) === now) return false;
+  states.set(one, now);
+  return true;
 }
 
 function rgb(text) {
@@ -133,46 +145,24 @@ function rgb(text) {
 }
 const packed = new Map();
 function packedColour(text) {
-  if (!packed.has(text)) { const [r, g, b] = rgb(text); packed.set(text, (255 << 24) | (b << 16) | (g << 8) | r); }
+  if (!packed.has(text)) { const [r, g, b] = rgb(text); packed.set(text, ((255 << 24) | (b << 16) | (g << 8) | r) >>> 0); }
   return packed.get(text);
 }
 
+const picture = new Traces(data.gap);
 function traces() {
   const { pen, w, h, ratio } = sized(canvas);
-  const wide = canvas.width, high = canvas.height, left = Math.round(margin * ratio);
-  const list = rows(), each = high / Math.max(list.length, 1);
-  if (!view.picture || view.picture.width !== wide || view.picture.height !== high) view.picture = pen.createImageData(wide, high);
-  const picture = view.picture, pixels = new Uint32Array(picture.data.buffer);
-  pixels.fill(packedColour(css("--paper")));
+  const high = canvas.height, left = Math.round(margin * ratio), width = Math.max(canvas.width - left, 1);
+  const list = rows(), scales = emg[way()].scale, same = $("same").checked, most = Math.max(...list.map((k) => scales[k]));
+  picture.resize(pen, width, high, list.length);
   const blue = packedColour(css("--blue")), grey = packedColour(css("--line")), orange = packedColour(css("--orange"));
-  const bins = binsFor((wide - left) / 1), scales = emg[way()].scale;
-  const most = Math.max(...list.map((k) => scales[k]));
-  const width = wide - left, span = (view.to - view.from) * emg.rate, begin = (view.from - first) * emg.rate - bins.offset;
   list.forEach((k, r) => {
-    const middle = (r + 0.5) * each, colour = marks.bad.has(k) ? grey : k === view.chosen ? orange : blue;
-    const unit = (view.gain * 0.48 * each * ($("same").checked ? scales[k] / most : 1)) / 32767;
-    const top = Math.max(Math.floor(r * each - 0.4 * each), 0), bottom = Math.min(Math.ceil((r + 1) * each + 0.4 * each), high);
-    let before = NaN;
-    for (let x = 0; x < width; x++) {
-      let i = Math.floor((begin + (x / width) * span) / bins.size), end = Math.floor((begin + ((x + 1) / width) * span) / bins.size);
-      if (end <= i) end = i + 1;
-      let low = 32767, up = -32768;
-      for (i = Math.max(i, 0); i < Math.min(end, bins.n); i++) {
-        const a = bins.low[k * bins.n + i], b = bins.high[k * bins.n + i];
-        if (a === data.gap) continue;
-        if (a < low) low = a;
-        if (b > up) up = b;
-      }
-      if (low > up) { before = NaN; continue; }
-      let y0 = middle - up * unit, y1 = middle - low * unit;
-      // Columns of one sample are joined to the one before.
-      if (before === before) { y0 = Math.min(y0, before); y1 = Math.max(y1, before); }
-      before = middle - ((low + up) / 2) * unit;
-      y0 = Math.max(Math.round(y0), top); y1 = Math.min(Math.round(y1), bottom - 1);
-      for (let y = y0; y <= y1; y++) pixels[y * wide + left + x] = colour;
-    }
+    const unit = (view.gain * 0.48 * (high / list.length) * (same ? scales[k] / most : 1)) / 32767;
+    picture.row(r, k, unit, marks.bad.has(k) ? grey : k === view.chosen ? orange : blue);
   });
-  pen.putImageData(picture, 0, 0);
+  picture.draw(binsFor(width), (view.from - first) * emg.rate, ((view.to - view.from) * emg.rate) / width, packedColour(css("--paper")));
+  pen.fillStyle = css("--paper"); pen.fillRect(0, 0, margin, h);
+  pen.putImageData(picture.image, left, 0);
   pen.font = "12px system-ui, sans-serif";
   const line = css("--line"), ink = css("--ink"), soft = css("--soft"), rowHeight = h / Math.max(list.length, 1);
   // Labels so close that they would overlap are thinned.
@@ -199,28 +189,34 @@ function traces() {
   pen.strokeStyle = css("--green"); pen.fillStyle = css("--green");
   for (const one of data.events) if (one.at >= view.from && one.at <= view.to) { pen.beginPath(); pen.moveTo(across(one.at), 0); pen.lineTo(across(one.at), h); pen.stroke(); pen.fillText(one.label, across(one.at) + 3, 12); }
   const step = niceStep((view.to - view.from) / 6);
-  pen.fillStyle = soft; pen.strokeStyle = line;
-  for (let t = Math.ceil(view.from / step) * step; t <= view.to; t += step) { const x = across(t); pen.beginPath(); pen.moveTo(x, 0); pen.lineTo(x, h); pen.globalAlpha = 0.5; pen.stroke(); pen.globalAlpha = 1; pen.fillText(`${Number(t.toFixed(4))} s`, x + 2, h - 4); }
+  const ticks = [];
+  pen.strokeStyle = line;
+  for (let t = Math.ceil(view.from / step) * step; t <= view.to; t += step) { const x = across(t); pen.beginPath(); pen.moveTo(x, 0); pen.lineTo(x, h); pen.globalAlpha = 0.5; pen.stroke(); pen.globalAlpha = 1; ticks.push([`${Number(t.toFixed(4))} s`, x + 3]); }
+  // Times are written on the paper, not on the traces.
+  for (const [text, x] of ticks) { pen.fillStyle = css("--paper"); pen.fillRect(x - 2, h - 15, pen.measureText(text).width + 4, 15); pen.fillStyle = soft; pen.fillText(text, x, h - 4); }
   pen.strokeStyle = ink;
   if (view.at >= view.from && view.at <= view.to) { pen.beginPath(); pen.moveTo(across(view.at), 0); pen.lineTo(across(view.at), h); pen.stroke(); }
-  const micro = (k) => `±${(1e6 * scales[k] * 32767 / view.gain).toPrecision(3)} µV`;
-  canvas.title = list.length ? `${name(view.chosen)}: ${micro(view.chosen)} per row` : "";
 }
 function niceStep(x) { const p = 10 ** Math.floor(Math.log10(x)); return [1, 2, 5, 10].find((m) => m * p >= x) * p; }
 
+let whole = null;  // the chosen channel over the whole recording
 function overviewed() {
-  const { pen, w, h } = sized(overview);
-  pen.clearRect(0, 0, w, h);
+  const { pen, w, h, ratio } = sized(overview);
   const x = (t) => ((t - first) / (last - first)) * w;
-  if (emg) {
+  if (emg && (!whole || changed(overview, view.chosen, way()))) {
+    whole = Object.assign(document.createElement("canvas"), { width: overview.width, height: overview.height });
+    const still = whole.getContext("2d", { willReadFrequently: true });
+    still.setTransform(ratio, 0, 0, ratio, 0, 0);
     const bins = source[way()][source[way()].length - 1], k = view.chosen;
-    pen.fillStyle = css("--blue");
+    still.fillStyle = css("--blue");
     for (let i = 0; i < bins.n; i++) {
       const a = bins.low[k * bins.n + i], b = bins.high[k * bins.n + i];
       if (a === data.gap) continue;
-      pen.fillRect((i / bins.n) * w, h / 2 - (b / 32767) * h * 0.48, Math.max(w / bins.n, 1), Math.max(((b - a) / 32767) * h * 0.48, 1));
+      still.fillRect((i / bins.n) * w, h / 2 - (b / 32767) * h * 0.48, Math.max(w / bins.n, 1), Math.max(((b - a) / 32767) * h * 0.48, 1));
     }
   }
+  pen.clearRect(0, 0, w, h);
+  if (whole) pen.drawImage(whole, 0, 0, w, h);
   pen.fillStyle = "rgba(0,114,178,.18)"; pen.strokeStyle = css("--ink");
   pen.fillRect(x(view.from), 0, Math.max(x(view.to) - x(view.from), 2), h);
   pen.beginPath(); pen.moveTo(x(view.at), 0); pen.lineTo(x(view.at), h); pen.stroke();
@@ -228,8 +224,8 @@ function overviewed() {
 
 function spectrum() {
   const { pen, w, h } = sized($("spectrum"));
+  if (!emg || !changed($("spectrum"), view.chosen, name(view.chosen))) return;
   pen.clearRect(0, 0, w, h);
-  if (!emg) return;
   const n = emg.spectra.count, own = spectra.subarray(view.chosen * n, (view.chosen + 1) * n);
   let low = Infinity, high = -Infinity;
   for (let i = 1; i < n; i++) { low = Math.min(low, own[i]); high = Math.max(high, own[i]); }
@@ -246,9 +242,10 @@ function spectrum() {
 function coordinate(m, axis, i) { const v = points[(3 * m + axis) * markers.time.length + i]; return v === data.gap ? NaN : v; }
 function instantOf(t) { let a = 0, b = markers.time.length - 1; while (a < b) { const c = (a + b) >> 1; if (markers.time[c] < t) a = c + 1; else b = c; } return a; }
 function positions() {
-  const { pen, w, h } = sized($("points"));
-  pen.clearRect(0, 0, w, h);
   if (!markers) return;
+  const { pen, w, h } = sized($("points"));
+  if (!changed($("points"), instantOf(view.at), $("name-markers").checked, JSON.stringify(marks.markerNames))) return;
+  pen.clearRect(0, 0, w, h);
   let most = 1;
   for (let i = 0; i < points.length; i += 7) if (points[i] !== data.gap) most = Math.max(most, Math.abs(points[i]));
   const i = instantOf(view.at), scale = Math.min(w, h) / (2.3 * most);
@@ -262,9 +259,10 @@ function positions() {
   });
 }
 function markerCurves() {
-  const { pen, w, h } = sized($("curves"));
-  pen.clearRect(0, 0, w, h);
   if (!markers) return;
+  const { pen, w, h } = sized($("curves"));
+  if (!changed($("curves"), view.from, view.to, view.at, $("marker").selectedIndex)) return;
+  pen.clearRect(0, 0, w, h);
   const m = Math.max($("marker").selectedIndex, 0), a = instantOf(view.from), b = Math.max(instantOf(view.to), a + 1);
   let most = 1;
   const mean = [0, 1, 2].map((c) => { let s = 0, n = 0; for (let i = a; i <= b; i++) { const v = coordinate(m, c, i); if (v === v) { s += v; n++; } } return n ? s / n : 0; });
@@ -286,11 +284,19 @@ function drawAll() {
   const began = performance.now();
   if (emg) traces();
   overviewed(); spectrum(); positions(); markerCurves();
+  if (!telling) { telling = true; setTimeout(tell, 100); }
+  frame++;
+  Object.assign(canvas.dataset, { frames: frame, took: (performance.now() - began).toFixed(1), columns: picture.drawn, from: view.from, to: view.to, at: view.at, chosen: emg ? label(view.chosen) : "" });
+}
+// Texts follow ten times per second: each change of them lays out the page.
+let telling = false;
+function tell() {
+  telling = false;
   $("clock").textContent = `${view.at.toFixed(3)} s`;
   $("time").value = (1000 * (view.at - first)) / Math.max(last - first, 1e-9);
   $("state").textContent = `${view.from.toFixed(3)} to ${view.to.toFixed(3)} s of ${first.toFixed(3)} to ${last.toFixed(3)} s; ${emg ? `${rows().length} of ${count} channels, ${emg.rate.toFixed(1)} Hz` : ""}`;
-  frame++;
-  Object.assign(canvas.dataset, { frames: frame, took: (performance.now() - began).toFixed(1), from: view.from, to: view.to, at: view.at, chosen: emg ? label(view.chosen) : "" });
+  if (!emg) return;
+  canvas.title = shown().length ? `${name(view.chosen)}: ±${((1e6 * emg[way()].scale[view.chosen] * 32767) / view.gain).toPrecision(3)} µV per row` : "";
 }
 
 function look(from, to) {
@@ -420,7 +426,7 @@ function listen() {
     const x = event.clientX - canvas.getBoundingClientRect().left;
     grip.moved = grip.moved || Math.abs(x - grip.x) > 3;
     if (grip.mark) { view.drag = [grip.x, x]; refresh(); return; }
-    const by = ((grip.x - x) / (canvas.clientWidth - margin)) * (grip.to - grip.from);
+    const by = ((grip.x - x) / (wide() - margin)) * (grip.to - grip.from);
     look(grip.from + by, grip.to + by);
   });
   canvas.addEventListener("pointerup", (event) => {
@@ -462,7 +468,8 @@ function listen() {
   const playing = (now) => { view.playing = now; $("play").setAttribute("aria-pressed", String(now)); $("play").textContent = now ? "Pause" : "Play"; };
   on("play", () => { playing(!view.playing); if (view.playing) { began = performance.now(); from = view.at >= last ? first : view.at; requestAnimationFrame(step); } });
   on("speed", () => { began = performance.now(); from = view.at; }, "change");
-  new ResizeObserver(refresh).observe(canvas);
+  const seen = new ResizeObserver((found) => { for (const one of found) measure(one.target); refresh(); });
+  for (const one of document.querySelectorAll("canvas")) seen.observe(one);
 }
 
 async function begin() {
@@ -480,7 +487,8 @@ async function begin() {
   }
   $("marker-names").replaceChildren(...data.names.marker.map((value) => Object.assign(document.createElement("option"), { value })));
   $("names").replaceChildren(...data.names.channel.map((value) => Object.assign(document.createElement("option"), { value })));
-  document.querySelector(".two").hidden = !emg && !markers;
+  for (const id of ["points", "curves"]) $(id).parentElement.hidden = !markers;
+  $("spectrum").parentElement.hidden = !emg;
   listen(); listed(); findings(); drawAll();
   canvas.dataset.ready = "yes";
 }
