@@ -10,33 +10,51 @@ import typer
 from emgface.cli.console import show_warnings_as_sentences
 from emgface.errors import EmgfaceError
 
-ARCHIVE = "research-2026-11"  #: tag of git with finished research, whose pages and figures are kept
-ARCHIVED = {
-    "head": ("held", "led", "led_single", "published"),
-    "intervals": (),
-    "inverse": (),
-    "inverse_checks": (),
-    "inverse_coverage": (),
-    "inverse_doubts": (),
-    "inverse_gradients": (),
-    "inverse_recorded": (),
-    "jaw": ("posterior",),
-    "pursed_lips": (),
-    "recovery": (),
+ARCHIVES: dict[str, dict[str, tuple[str, ...]]] = {
+    "research-2026-11": {
+        "head": ("held", "led", "led_single", "published"),
+        "intervals": (),
+        "inverse": (),
+        "inverse_checks": (),
+        "inverse_coverage": (),
+        "inverse_doubts": (),
+        "inverse_gradients": (),
+        "inverse_recorded": (),
+        "jaw": ("posterior",),
+        "pursed_lips": (),
+        "recovery": (),
+    },
+    "research-2026-11b": {
+        "acoustics": ("checks", "folds", "head", "lips", "ranges", "stiffening"),
+        "calibration": (),
+        "contact_rules": (),
+        "head": ("actions", "opening", "stability", "strong"),
+        "head_impact": (),
+        "jaw": ("causes", "chewing", "cost", "forces", "morsel", "pull"),
+        "open_choices": (),
+        "reduced_study": (),
+        "scale": ("objects", "picture", "plan", "recordings", "thousand"),
+        "step_time": (),
+        "survival": (),
+        "tongue": ("kink",),
+        "tongue_limits": (),
+        "treatment": (),
+    },
 }
-"""Archived measurements; of those that continue to exist, the archived values of ``--part``."""
+"""Tags of git with finished research, whose pages and figures are kept: archived measurements.
+
+Of those that continue to exist, the archived values of ``--part``.
+"""
 
 
 def archived(words: list[str]) -> str:
-    """Advice for the words of an archived measurement, empty for all others."""
-    name = words[0].replace("-", "_")
-    parts = ARCHIVED.get(name)
-    if parts is None or (parts and not set(parts) & set(words[1:])):
-        return ""
-    return (
-        f"{name} is finished research, archived with its results: 'git checkout {ARCHIVE}' and run the "
-        "same command there"
-    )
+    """Tag of git that contains the measurement of these words, empty for those that are here."""
+    name, rest = words[0].replace("-", "_"), set(words[1:])
+    for tag, measured in ARCHIVES.items():
+        parts = measured.get(name)
+        if parts is not None and (not parts or rest & set(parts)):
+            return tag
+    return ""
 
 
 def measurements() -> dict[str, str]:
@@ -55,8 +73,12 @@ def run(arguments: list[str]) -> None:
     """Run the measurement that the first argument names, or list them all."""
     known = measurements()
     name = arguments[0].replace("-", "_") if arguments else ""
-    if arguments and (advice := archived(arguments)):
-        print(advice, file=sys.stderr)
+    if arguments and (tag := archived(arguments)):
+        print(
+            f"{name} is finished research, archived with its results: 'git checkout {tag}' and run the "
+            "same command there",
+            file=sys.stderr,
+        )
         raise SystemExit(2)
     if name not in known:
         if name not in ("", "__help"):

@@ -1,17 +1,12 @@
-"""Acoustics of tubes: checks, error against run time, stability, lips, another program.
+"""Acoustics of tubes: published formants, error against run time, stability, another program.
 
     python -m benchmarks acoustics [--part NAME] [--out FOLDER]
 
 Formants: published shapes (EMGFACE_SHARED) by three methods; largest differences of F1 to F4.
-Checks: closed forms, moving tubes and fricatives, within limits set in advance. Folds:
-pressure at which they begin to oscillate, and pitch. Cost: two-tube /a/ of 17 cm with all losses;
-largest error of F1 to F4 against the matrix method, and processor seconds per second of sound.
-Stability: folds at 785 Pa, or as stated; sound pressure at 0.3 m; click: largest second difference
-of the sound over that of the voice before a still /a/. Lips: formants of an idealised /u/ for areas and
-protrusions of the lips. Stiffening: the same for the lips of generated faces. Head: formants of
-generated heads, after 0.25 s. Other: the 13
-published shapes (EMGFACE_SHARED); theirs / the same nine cells with the matrix method / this
-package. Ranges: smallest and largest ratio of theirs to those of this package in the same shapes.
+Cost: two-tube /a/ of 17 cm with all losses; largest error of F1 to F4 against the matrix method, and
+processor seconds per second of sound. Stability: folds at 785 Pa, or as stated; sound pressure at 0.3
+m; click: largest second difference of the sound over that of the voice before a still /a/. Other: the 13
+published shapes (EMGFACE_SHARED); theirs / the same nine cells with the matrix method / this package.
 """
 
 import json
@@ -19,16 +14,16 @@ import os
 import time
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from benchmarks.acoustic_shapes import AH
-from benchmarks.acoustics_checks import CLICK, checks, folds, formant_table, nearest
+from benchmarks.acoustic_shapes import AH, TABLE, tubes
 from benchmarks.report import finish
 from emgface.acoustics import (
+    LOSSLESS,
     SILENT,
+    Flow,
     Folds,
     Medium,
     Turbulence,
@@ -40,10 +35,48 @@ from emgface.acoustics import (
 )
 from emgface.acoustics.errors import AcousticsError
 
-if TYPE_CHECKING:
-    import xarray as xr
+CLICK = Flow(np.array([0.0, 1e-6, 0.0]), 44_100.0)
 
-LEVELS = (0.0, 0.05, 0.1, 0.2, 0.3, 0.6, 1.0)  #: activations at which lips are compared
+
+SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
+
+
+def nearest(found: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Entries of `found` nearest to those wanted."""
+    return found[np.abs(found[:, None] - wanted).argmin(axis=0)]
+
+
+def formant_table() -> pd.DataFrame:
+    """Formants of the published shapes by three methods, and their largest differences."""
+    given = tubes(SHARED)
+    rows: list[dict[str, object]] = []
+    for name, (lossless, lossy) in TABLE.items():
+        areas, L = given[name]
+        matrix = lossless_formants(areas, L)[:4]
+        sound = simulate_tube(areas, L, CLICK, duration=0.3, medium=LOSSLESS)
+        time = nearest(resonances(sound.mouth, sound.rate, skip=0.02, order=24)[0], matrix)
+        click = np.zeros(20_000)
+        click[1] = 1e-6
+        flow, rate = kelly_lochbaum(np.repeat(areas, 2), L, click)
+        scattered = nearest(resonances(flow, rate, skip=0.005, order=24)[0], matrix)
+        with_losses, width = formants(areas, L)
+        sound = simulate_tube(areas, L, CLICK, duration=0.3)
+        found, found_width = resonances(sound.mouth, sound.rate, order=32)
+        sharp = width[:4] < 300.0
+        # the nearest pole: a weak one may have nearly the frequency of a formant
+        poles = found + 0.5j * found_width, with_losses[:4][sharp] + 0.5j * width[:4][sharp]
+        here = np.abs(poles[0][:, None] - poles[1]).argmin(axis=0)
+        rows.append(
+            {"shape": name, "F1 to F4 Hz": " ".join(f"{f:.1f}" for f in matrix),
+             "matrix, Hz": np.abs(matrix - lossless).max(),
+             "time, %": 100.0 * np.abs(time / matrix - 1.0).max(),
+             "Kelly-Lochbaum, %": 100.0 * np.abs(scattered / matrix - 1.0).max(),
+             "matrix with losses, %": 100.0 * np.abs(with_losses[:4] / lossy - 1.0).max(),
+             "time with losses, %":
+                 100.0 * np.abs(found[here] / with_losses[:4][sharp] - 1.0).max(),
+             "bandwidth, %": 100.0 * np.abs(found_width[here] / width[:4][sharp] - 1.0).max()}
+        )  # fmt: skip
+    return pd.DataFrame(rows).round(4)
 
 
 def cost() -> pd.DataFrame:
@@ -195,21 +228,6 @@ def _random(count: int, narrowest: float) -> dict[str, object]:
     }  # fmt: skip
 
 
-def lips() -> pd.DataFrame:
-    """Formants of an idealised /u/ for areas and protrusions of the lips."""
-    from emgface.anatomy.airway.area_function import ideal_vowel, with_lips
-    from emgface.anatomy.airway.sound import with_formants
-
-    rows: list[dict[str, object]] = []
-    for area in (2e-4, 1e-4, 0.5e-4, 0.2e-4):
-        for forward in (0.0, 3e-3, 6e-3):
-            tract = with_lips(ideal_vowel("u"), np.array([area]), np.array([forward]), np.zeros(1))
-            f = with_formants(tract)["formant_frequency"].values[0]
-            named = {f"F{k + 1} Hz": round(v) for k, v in enumerate(f[:3])}
-            rows.append({"area cm2": 1e4 * area, "protrusion mm": 1e3 * forward, **named})
-    return pd.DataFrame(rows)
-
-
 def ladder(s: np.ndarray, areas: np.ndarray, length: float) -> np.ndarray:
     """Transfer function of a tube on the staggered grid of the other program, continuous in time.
 
@@ -230,9 +248,7 @@ def ladder(s: np.ndarray, areas: np.ndarray, length: float) -> np.ndarray:
 
 def other() -> pd.DataFrame:
     """Formants [Hz] of the other program and of this package, in its grid and in a fine one."""
-    folder = (
-        Path(os.environ.get("EMGFACE_SHARED", "../shared")) / "artisynth_reference" / "acoustics"
-    )
+    folder = SHARED / "artisynth_reference" / "acoustics"
     rows: list[dict[str, object]] = []
     for path in sorted(folder.glob("shape_*.json"), key=lambda p: int(p.stem.split("_")[1])):
         given = json.loads(path.read_text(encoding="utf-8"))
@@ -261,127 +277,7 @@ def other() -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def stiffening() -> pd.DataFrame:
-    """Lips of generated faces by orbicularis oris before /u/: each cause, mesh and load step."""
-    from sim.errors import SimulationError
-
-    tables: list[pd.DataFrame] = []
-    for name, case in rounding_cases().items():
-        try:
-            table = lips_before_u(*case)  # pyright: ignore
-        except SimulationError as error:
-            table = pd.DataFrame({"activation": [np.nan], "outcome": [type(error).__name__]})
-        tables.append(table.assign(case=name))
-    return pd.concat(tables).set_index("case").reset_index()
-
-
-def rounding_cases() -> dict[str, tuple[object, ...]]:
-    """Face, part of orbicularis oris, changed parameters and levels of the cases of `stiffening`."""
-    from emgface.face.template import template_face
-    from emgface.face.template.muscles import parse_ring
-
-    deep, superficial = (
-        template_face(resolution="coarse", rings={"OOP": parse_ring(f"peripheral {layer}")})
-        for layer in ("deep", "middle")
-    )
-    face, medium = (template_face(resolution=name) for name in ("coarse", "medium"))
-    half = tuple(np.round(np.arange(0.0, 1.01, 0.05), 2))
-    return {
-        "reference": (face, "OOP", {}),
-        "no stiffening": (face, "OOP", {"stiffening": 1.0}),
-        "no teeth": (face, "OOP", {"support": 0.0}),
-        "deep layer alone": (deep, "OOP", {}),
-        "superficial layer alone": (superficial, "OOP", {}),
-        "marginal ring (OOM)": (face, "OOM", {}),
-        "reference, load steps of 0.05": (face, "OOP", {}, half),
-        "reference, medium mesh": (medium, "OOP", {}),
-        "no stiffening, medium mesh": (medium, "OOP", {"stiffening": 1.0}),
-    }
-
-
-def lips_before_u(
-    face: "xr.Dataset", muscle: str, changes: dict[str, float], levels: tuple[float, ...] = LEVELS
-) -> pd.DataFrame:
-    """Lips and formants in equilibria under one ring of both sides, at `LEVELS`."""
-    from emgface.anatomy.airway.area_function import ideal_vowel, with_lips
-    from emgface.anatomy.airway.sound import with_formants
-    from emgface.face.contact_parameters import NO_CONTACT
-    from emgface.face.mouth import Mouth
-    from emgface.face.muscle_parameters import SIGMA_MAX
-    from emgface.face.simulation_parameters import SimulationParameters
-    from emgface.face.support import WALL
-    from studies.mechanics.equilibria import equilibria
-
-    base = SimulationParameters(
-        sigma_max=SIGMA_MAX, gravity=False, contact=NO_CONTACT, stiffening=10.0, support=WALL
-    )
-    drive = {f"{muscle}_{side}": 1.0 for side in "LR"}
-    found = equilibria(face, drive, base.model_copy(update=changes), levels=levels)
-    mouth, kept = Mouth.of(face), found.sel(level=list(LEVELS))
-    area, forward = np.array([mouth.measure(q) for q in kept["node_position"].values]).T
-    tract = with_formants(with_lips(ideal_vowel("u"), area, forward, np.arange(float(len(area)))))
-    F = tract["formant_frequency"].values
-    return pd.DataFrame(
-        {"activation": LEVELS, "area mm2": 1e6 * area, "protrusion mm": 1e3 * forward,
-         "F1 Hz": F[:, 0], "F2 Hz": F[:, 1], "F3 Hz": F[:, 2]}
-    ).round(2)  # fmt: skip
-
-
-def head() -> pd.DataFrame:
-    """Length and formants of generated heads at rest, and with jaw and tongue muscles active."""
-    from emgface.anatomy.airway.head import head_tract
-    from emgface.anatomy.airway.sound import with_formants
-    from emgface.anatomy.head.build import build_head
-    from emgface.anatomy.head.run import raised, simulate_head
-
-    heads = {
-        who: build_head(preset=who, resolution="coarse", contacts=()) for who in ("man", "woman")
-    }
-    cases: dict[str, tuple[str, dict[str, float]]] = {
-        "man, rest": ("man", {}), "woman, rest": ("woman", {}),
-        "man, jaw opened (openers 0.2)": ("man", {"bi_open": 0.2}),
-        "man, jaw opened, GGP 0.4": ("man", {"bi_open": 0.2, "bi_GGP": 0.4}),
-        "man, jaw opened, HG 0.5": ("man", {"bi_open": 0.2, "bi_HG": 0.5}),
-        "man, jaw opened, STY 0.4": ("man", {"bi_open": 0.2, "bi_STY": 0.4}),
-        "man, jaw opened, OOP 0.3": ("man", {"bi_open": 0.2, "OOP_L": 0.3, "OOP_R": 0.3}),
-    }  # fmt: skip
-    rows: list[dict[str, object]] = []
-    for name, (who, levels) in cases.items():
-        motion = None
-        if levels:
-            drive = raised(levels, rise=0.15)
-            motion = simulate_head(heads[who], drive, duration=0.25, step=10e-3, output=0.25)
-        tract = with_formants(head_tract(heads[who], motion)).isel(time=-1)
-        F = tract["formant_frequency"].values
-        named = {f"F{k + 1} Hz": round(float(f)) for k, f in enumerate(F)}
-        rows.append({"head": name, "length cm": 100.0 * float(tract["length"]), **named})
-    return pd.DataFrame(rows)
-
-
-def ranges() -> pd.DataFrame:
-    """Smallest and largest ratio of the values of the other program to those of this package."""
-    table, rows = other(), list[dict[str, object]]()
-    for name, told in (("B1", "bandwidth of F1"), ("f0", "frequency of the folds")):
-        both = np.array([[float(x) for x in cell.split("/")] for cell in table[name]])
-        ratio = both[:, 0] / both[:, 1]
-        rows.append(
-            {
-                "value": told,
-                "shapes": int(np.isfinite(ratio).sum()),
-                "least ratio": round(float(np.nanmin(ratio)), 3),
-                "largest ratio": round(float(np.nanmax(ratio)), 3),
-                "least %": round(100.0 * float(np.nanmin(1.0 - 1.0 / ratio)), 1),
-                "largest %": round(100.0 * float(np.nanmax(1.0 - 1.0 / ratio)), 1),
-            }
-        )
-    return pd.DataFrame(rows)
-
-
-PARTS = {
-    "formants": formant_table, "checks": checks, "folds": folds, "cost": cost,
-    "stability": stability, "lips": lips, "stiffening": stiffening, "head": head, "other": other,
-    "ranges": ranges,
-}  # fmt: skip
+PARTS = {"formants": formant_table, "cost": cost, "stability": stability, "other": other}
 
 
 def main(part: list[str] = list(PARTS), out: Path | None = None) -> None:  # noqa: B006

@@ -1,155 +1,166 @@
-"""Generated head: actions of the tongue, stability and cost of a step.
+"""Generated head: cost of a step, and error over run time.
 
-    python -m benchmarks head --part actions     # displacement of tip and back by every muscle
-    python -m benchmarks head --part stability --out DIR   # muscles at 1.0; continues its table
-    python -m benchmarks head --part strong      # all muscles at 1.0 with 3 MPa
-    python -m benchmarks head --part opening     # how far parts of a head let the jaw open
-    python -m benchmarks head --part cost        # processor time of a step against the face alone
+    python -m benchmarks head --part cost            # processor time of a step against the face alone
     python -m benchmarks head --part published_size  # the same, as large as the published head
     python -m benchmarks head --part precision --out DIR  # error and run time over scheme and step
 
 All results are simulated. "cost" alternates the scenes, so that the load of the machine affects both.
 """
 
-import itertools
-from collections.abc import Iterable, Iterator
+import statistics
+import time
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Final
 
+import numpy as np
 import pandas as pd
 
-from benchmarks.head_cost import cost, precision, published_size
-from benchmarks.head_ends import ALL, WIDE, Rows, survives
+import sim
 from benchmarks.report import finish, say
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import Head
-from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
-from emgface.anatomy.tongue.actions import action_table
-from emgface.face.simulation_parameters import SimulationParameters
-from emgface.files import write_text
+from emgface.anatomy.head.run import activation_of, probes, raised
+from emgface.anatomy.head.scene import HeadScene, head_scene
+from sim.integrators import Integrator
+
+Rows = Iterator[dict[str, object]]
+ALL: Final = ("face", "jaw", "tongue", "hyoid")
+FACE_ELEMENTS: Final = 6342  #: of the published face
+LEVELS: Final = {"face": {"bi_OOP": 0.2}, "jaw": {"bi_open": 0.1}, "tongue": {"bi_GGP": 0.2}}
 
 
-def actions(preset: str, resolution: str) -> Rows:
-    """Every muscle of the tongue raised to 0.3 and released within 1 s, without gravity."""
-    tongue = build_head(["tongue"], preset=preset, resolution=resolution).parts["tongue"]
-    for row in action_table(tongue, TONGUE, step=1e-2).to_dict("records"):
-        yield {str(name): value for name, value in row.items()}
+def _drive(head: Head, system: sim.System) -> sim.Activation:
+    """Lips, openers and tongue of a head, as far as it has them."""
+    levels = {k: v for part, own in LEVELS.items() if part in head.named for k, v in own.items()}
+    return activation_of(head, system, raised(levels, jaw=len(head.named) > 1))[0]
 
 
-def stability(preset: str, resolution: str, known: pd.DataFrame) -> Rows:
-    """Muscles at 1.0 within 0.1 s and held; jaw closed or opening, without and with contact."""
-    heads = {
-        name: build_head(ALL, preset=preset, resolution=resolution, contacts=pairs)
-        for name, pairs in (("none", []), ("all", None))
-    }
-    head = heads["none"]
-    tongue = {str(m)[:-2] for m in head.parts["tongue"]["muscle"].values}
-    face = {str(m)[:-2] for m in head.parts["face"]["muscle"].values}
-    together = {"all of the tongue": tongue, "all of the face": face, "all": tongue | face}
-    single = {name: {name} for name in sorted(tongue) + sorted(face)}
-    scenes = dict[str, HeadScene]()
-    done = {tuple(row) for row in known[list(LABELS)].itertuples(index=False)}
-    for jaw, contact, step, name in _cases(together, single):
-        if (jaw, contact, step, name) in done:
-            continue
-        if contact not in scenes:
-            scenes[contact] = head_scene(
-                heads[contact], tongue=TONGUE.model_copy(update={"sigma_max": 300e3})
-            )
-        muscles = {**together, **single}[name]
-        drive = {f"bi_{muscle}": 1.0 for muscle in sorted(muscles)}
-        drive |= {"bi_open": 1.0} if jaw == "opening" else {"bi_close": 0.02}
-        yield {
-            **dict(zip(LABELS, (jaw, contact, step, name), strict=True)),
-            **survives(heads[contact], scenes[contact], drive, 1e-3 * step),
-        }
-
-
-def strong(preset: str, resolution: str) -> Rows:
-    """All muscles of a part at 1.0 with ten times the published stress, steps of 5 and 1 ms."""
-    tongue = TONGUE.model_copy(update={"sigma_max": 3e6})
-    for contacts, step in itertools.product((("none", []), ("all", None)), (5.0, 1.0)):
-        head = build_head(ALL, preset=preset, resolution=resolution, contacts=contacts[1])
-        scene = head_scene(head, face=SimulationParameters(sigma_max=3e6), tongue=tongue)
-        names = {
-            part: [str(m)[:-2] for m in head.parts[part]["muscle"].values]
-            for part in ("tongue", "face")
-        }
-        for what in (["tongue"], ["face"], ["tongue", "face"]):
-            drive = {f"bi_{m}": 1.0 for part in what for m in names[part]} | {"bi_close": 0.02}
-            row = survives(head, scene, drive, 1e-3 * step)
-            yield {"muscles": " and ".join(what), "contact": contacts[0], "step_ms": step, **row}
-
-
-LABELS = ("jaw", "contact", "step_ms", "muscles")
-
-
-def _cases(*groups: Iterable[str]) -> Iterator[tuple[str, str, float, str]]:
-    """Single muscles at 5 ms with closed jaw, all together at every step, jaw and contact."""
-    together, single = groups
-    for contact in ("none", "all"):
-        for step in (5.0, 20.0, 1.0):  # the most expensive steps last
-            if step == 1.0:
-                yield from (("closed", contact, 5.0, name) for name in single)
-            for jaw in ("closed", "opening"):
-                yield from ((jaw, contact, step, name) for name in together)
-
-
-STRENGTHENED = ("ad", "pd", "ip", "sp", "sh", "oh", "th", "gh", "stet", "steh", "mh")
-"""Muscles that open the jaw or hold the hyoid below, without their side."""
-
-
-def opening(preset: str, resolution: str) -> Rows:
-    """Widest opening of jaw, tongue and face together, with normal and with eightfold strength."""
-    cases = [(("jaw", "hyoid"), 1.0, 5.0), (("jaw", "tongue", "hyoid"), 1.0, 5.0),
-             (("face", "jaw", "hyoid"), 1.0, 5.0), *((ALL, k, h) for k in (1.0, 8.0)
-                                                    for h in (1.0, 5.0, 10.0))]  # fmt: skip
-    for parts, strength, step in cases:
-        head = build_head(parts, preset=preset, resolution=resolution, contacts=[])
-        jaw = head.parts["jaw"].copy(deep=True)
-        opens = [str(name).rpartition("_")[0] in STRENGTHENED for name in jaw["muscle"].values]
-        jaw["muscle_force_max"][opens] *= strength
-        strong = Head(head.lists, {**head.parts, "jaw": jaw})
-        row = survives(
-            strong, head_scene(strong), WIDE, 1e-3 * step, rise=0.3, duration=1.0, output=0.05
-        )
-        yield {"parts": ", ".join(parts), "strength": strength, "step_ms": step, **row}
-
-
-PARTS = {
-    f.__name__: f
-    for f in (
-        actions,
-        opening,
-        strong,
-        cost,
-        published_size,
-        precision,
-    )
+SCENES: Final = {
+    "face, lips": (("face",), ["lip-lip"]),
+    "face, lips and teeth": (("face",), ["lip-lip", "lips-teeth"]),
+    "face, jaw, tongue, hyoid; lips": (ALL, ["lip-lip"]),
+    "face, jaw, tongue, hyoid; all contacts": (ALL, None),
 }
 
 
+def cost(preset: str, resolution: str) -> Rows:
+    """Cost of contact and of all parts of a head."""
+    return timed(SCENES, preset, resolution)
+
+
+def published_size(preset: str, resolution: str) -> Rows:
+    """The same with about as many nodes as the published face (8720) and tongue (946) have."""
+    scenes = {name: scene for name, scene in SCENES.items() if name != "face, lips and teeth"}
+    return timed(scenes, preset, FACE_ELEMENTS, steps=32, repeats=2, tongue_resolution="medium")
+
+
+def timed(
+    scenes: Mapping[str, tuple[Sequence[str], list[str] | None]],
+    preset: str,
+    resolution: str | int,
+    steps: int = 20,
+    repeats: int = 3,
+    tongue_resolution: str | None = None,
+) -> Rows:
+    """Median processor time of simulations of `steps` steps of 5 ms, without compiling.
+
+    `scenes` are parts and contacts by name; ratios are those to the first.
+    """
+    runs = dict[str, tuple[sim.System, sim.Activation]]()
+    for name, (parts, contacts) in scenes.items():
+        head = build_head(
+            parts, preset=preset, resolution=resolution, tongue_resolution=tongue_resolution,
+            contacts=contacts,
+        )  # fmt: skip
+        system = head_scene(head).system
+        runs[name] = system, _drive(head, system)
+    seconds: dict[str, list[float]] = {name: [] for name in runs}
+    for _ in range(repeats):
+        for name, (system, drive) in runs.items():
+            start = time.process_time()
+            sim.simulate(
+                system,
+                drive,
+                duration=5e-3 * steps,
+                steps=sim.FixedStep(5e-3),
+                integrator=sim.LinearlyImplicitEuler(),
+                probes=(),
+            )
+            seconds[name].append(time.process_time() - start)
+    base = statistics.median(seconds[next(iter(scenes))])
+    for name, found in seconds.items():
+        middle = statistics.median(found)
+        yield {
+            "scene": name,
+            "unknowns": runs[name][0].kinematics.pattern.n,
+            "ms_per_step": round(1e3 * middle / steps, 1),
+            "over_the_first": round(middle / base, 2),
+        }
+
+
+DURATION: Final = 0.2  #: of the motions whose error is measured [s]
+STEPS: Final = (20.0, 10.0, 5.0, 2.5)
+SCHEMES: Final[Mapping[str, Integrator]] = {
+    "linearly implicit Euler": sim.LinearlyImplicitEuler(),
+    "implicit Euler": sim.ConvergedEuler(),
+    "SDIRK2": sim.Sdirk2(),
+}
+
+
+def precision(preset: str, resolution: str) -> Rows:
+    """Error of the named points of a head over scheme, step and contact, and processor time.
+
+    Errors are distances every 20 ms from SDIRK2 with steps of 1.25 ms, with contacts from linearly
+    implicit Euler with 1 ms, which alone is measured there.
+    """
+    for what, contacts, reference, names in (
+        ("without contact", [], ("SDIRK2", 1.25), tuple(SCHEMES)),
+        ("all contacts", None, ("linearly implicit Euler", 1.0), ("linearly implicit Euler",)),
+    ):
+        head = build_head(ALL, preset=preset, resolution=resolution, contacts=contacts)
+        scene = head_scene(head)
+        exact, _ = _points(head, scene, *reference)
+        for name in names:
+            for step in STEPS:
+                say(f"{what}, {name}, {step:g} ms")
+                row = {"scene": what, "scheme": name, "step ms": step}
+                try:
+                    x, seconds = _points(head, scene, name, step)
+                except sim.SimulationError as error:
+                    yield {**row, "status": type(error).__name__}
+                    continue
+                apart = 1e3 * np.linalg.norm(x - exact, axis=2)
+                yield {
+                    **row,
+                    "error rms mm": float(np.sqrt((apart**2).mean())),
+                    "error max mm": float(apart.max()),
+                    "run time s/s": seconds / DURATION,
+                    "status": "ok",
+                }
+
+
+def _points(head: Head, scene: HeadScene, name: str, step: float) -> tuple[np.ndarray, float]:
+    """Positions (time, point, axis) of the named points [m], and processor time [s]."""
+    began = time.process_time()
+    motion, _ = sim.simulate(
+        scene.system,
+        _drive(head, scene.system),
+        duration=DURATION,
+        steps=sim.FixedStep(1e-3 * step),
+        every=20e-3,
+        integrator=SCHEMES[name],
+        probes=probes(head, scene)[:1],
+    )
+    spent = time.process_time() - began
+    return motion["position"].transpose("time", "marker", "axis").values, spent
+
+
+PARTS: Final = {part.__name__: part for part in (cost, published_size, precision)}
+
+
 def main(
-    part: str = "actions",
-    preset: str = "man",
-    resolution: str = "coarse",
-    out: Path | None = None,
-    rows: int = 1000,
+    part: str = "cost", preset: str = "man", resolution: str = "coarse", out: Path | None = None
 ) -> None:
-    """Run one part and print its table; "stability" continues that of `out`, by at most `rows` rows."""
-    if part != "stability":
-        table = pd.DataFrame(PARTS[part](preset, resolution))
-    else:
-        stored = None if out is None else out / "head_stability.csv"
-        table = pd.DataFrame(columns=list(LABELS))
-        if stored is not None and stored.is_file():
-            table = pd.read_csv(stored, keep_default_na=False)
-        found = stability(preset, resolution, table)
-        for row in itertools.islice(found, rows):
-            say(str(row))
-            table = pd.concat([table, pd.DataFrame([row])], ignore_index=True)
-            if stored is not None:
-                write_text(stored, table.to_csv(index=False))
-    finish(f"head_{part}", table, out)
-
-
-__all__ = ["main"]
+    """Run one part, print its table and store it."""
+    finish(f"head_{part}", pd.DataFrame(PARTS[part](preset, resolution)), out)

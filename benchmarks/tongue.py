@@ -1,19 +1,19 @@
-"""Tongue: comparison with another simulator, postures, actions, stability, error and cost of steps.
+"""Tongue: another simulator's motions, stored postures, stability, error and cost of steps.
 
     python -m benchmarks tongue --part reference   # table of docs/tongue.md; needs the published model
-    python -m benchmarks tongue --part kink        # passive fibre stress at rest; needs it, too
+    python -m benchmarks tongue --part postures    # equilibria beside stored shapes; needs it, too
     python -m benchmarks tongue --part stability   # muscles at full activation; needs it, too
     python -m benchmarks tongue --part precision   # error and time over the step; needs it, too
 
-"reference" repeats every recorded motion with the recorded scheme and step; "kink" repeats some with
-fibres on the other side of the kink of their passive stress at rest. Positions are recorded in single
-precision; "beyond storage" is what remains of a distance after the largest rounding of each coordinate.
+"reference" repeats every recorded motion with the recorded scheme and step. Positions are recorded in
+single precision; "beyond storage" is what remains of a distance after the largest rounding of each
+coordinate.
 """
 
 import json
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ import sim
 from benchmarks.report import finish, say
 from emgface.anatomy.jaw.series import Excitation, ramps
 from emgface.anatomy.tongue.actions import muscle_exciters
+from emgface.anatomy.tongue.model import attached_nodes
 from emgface.anatomy.tongue.parameters import TongueParameters, variant
 from emgface.anatomy.tongue.published import TURN, import_tongue
 from emgface.anatomy.tongue.run import simulate_tongue
@@ -160,33 +161,6 @@ def recorded(name: str, part: str = "tongue") -> tuple[dict[str, Any], dict[str,
             )
     with np.load(path.with_suffix(".npz")) as arrays:
         return json.loads(path.read_text()), dict(arrays)
-
-
-def kink() -> pd.DataFrame:
-    """Effect of the side of the kink on which all fibres are at rest [mm].
-
-    The passive stress of Blemker's law has the slope 0 below the optimal stretch and P1 P2 sigma_max =
-    99 kPa above it, and is at the optimal stretch at rest, so that rounding decides which slope the
-    first steps of the other program have in each point. Here it is 0.
-    """
-    rows, tongue = list[dict[str, Any]](), published(SHARED, "tongue/model_element")
-    for name in ("element_gravity", "element_GH_0.2", "element_GGP_0.2", "element_VERT_0.2"):
-        case, arrays = recorded(name)
-        p = parameters_of(case)
-        both = [
-            repeated(tongue, case, p.model_copy(update={"stretch_opt": 1.0 + side}))
-            for side in (0.0, -1e-9)
-        ]
-        ours = [distances(m, arrays["pos_tongue"]) for m in both]
-        between = both[0]["node_position"].transpose("time", "node", "axis").values @ TURN
-        found = {"slope 0": ours[0], "slope 99 kPa": ours[1]}
-        found |= {"between both": distances(both[1], between)}
-        rows.append(
-            {"case": name}
-            | {f"{what}, largest": f"{x.max():.2g}" for what, x in found.items()}
-            | {f"{what}, at the end": f"{x[-1].max():.1e}" for what, x in found.items()}
-        )
-    return pd.DataFrame(rows)
 
 
 def reference(names: list[str] | None = None) -> pd.DataFrame:
@@ -327,11 +301,82 @@ def precision(models: list[str] | None = None) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
+SHAPES = ("rest", "jaw_open")
+
+
+def postures(models: Sequence[str] = ()) -> pd.DataFrame:
+    """Equilibrium with jaw and hyoid where they are in a stored shape, against that shape [mm].
+
+    `models` are some of those compared, by default all.
+    """
+    tongue, rows = published(SHARED), list[dict[str, Any]]()
+    for posture in SHAPES:
+        for what, p, held in (
+            ("elements", variant("elements"), ("jaw", "hyoid")),
+            ("elements, no gravity", variant("elements", gravity=False), ("jaw", "hyoid")),
+            ("elements, hyoid stays", variant("elements"), ("jaw",)),
+            ("elements, kappa x 10", variant("elements", kappa=103700.0), ("jaw", "hyoid")),
+            ("lines", variant("lines", incompressibility="element"), ("jaw", "hyoid")),
+            ("linear", variant("linear"), ("jaw", "hyoid")),
+        ):
+            if models and what not in models:
+                continue
+            say(f"{posture}, {what}")
+            d = settled(tongue, posture, p, held)
+            rows.append({"shape": posture, "model": what, **compared(tongue, posture, d)})
+    return pd.DataFrame(rows)
+
+
+def settled(
+    tongue: xr.Dataset,
+    posture: str,
+    p: TongueParameters,
+    held: Sequence[str] = ("jaw", "hyoid"),
+) -> np.ndarray:
+    """Displacement (node, axis) after 1 s with the bodies as in a stored shape."""
+    d = tongue["posture_displacement"].sel(posture=posture).values
+    paths = {
+        body: _towards(tongue["position"].values[nodes], d[nodes])
+        for body, nodes in attached_nodes(tongue).items()
+        if body in held
+    }
+    motion = simulate_tongue(
+        tongue,
+        ramps({"SL": [(0.0, 0.0)]}),
+        duration=1.0,
+        parameters=p,
+        paths=paths,
+        step=0.02,
+        output=0.5,
+    )
+    q = motion["node_position"].transpose("time", "node", "axis").values[-1]
+    return q - tongue["position"].values
+
+
+def compared(tongue: xr.Dataset, posture: str, d: np.ndarray) -> dict[str, Any]:
+    """Distances of all nodes and of the tip from a stored shape [mm]."""
+    stored = 1e3 * tongue["posture_displacement"].sel(posture=posture).values @ TURN
+    ours, tip = 1e3 * d @ TURN, int(tongue["marker_node"][0])
+    apart = np.linalg.norm(ours - stored, axis=1)
+    return {
+        "median": round(float(np.median(apart)), 2),
+        "largest": round(float(apart.max()), 2),
+        "tip apart": round(float(apart[tip]), 2),
+        "tip x, z": f"{ours[tip, 0]:.2f}, {ours[tip, 2]:.2f}",
+        "stored": f"{stored[tip, 0]:.2f}, {stored[tip, 2]:.2f}",
+    }
+
+
+def _towards(X: np.ndarray, d: np.ndarray) -> Any:
+    """Path of nodes from X to X + d within 0.2 s."""
+    return lambda t: X + d * np.clip(5.0 * t, 0.0, 1.0)
+
+
 def main(part: str = "reference", out: Path | None = None, case: list[str] | None = None) -> None:
     """Run one part, print its table and store it; `case` are recorded cases, or models to be tested."""
     parts = {
         "reference": lambda: reference(case),
-        "kink": kink,
+        "postures": lambda: postures(case or ()),
         "stability": lambda: stability(case),
         "precision": lambda: precision(case),
     }

@@ -1,19 +1,14 @@
-"""Studies over many workers: overhead, throughput, faults, and a simulation of 1000 workers.
+"""Studies over many workers: overhead, throughput and faults.
 
     python -m benchmarks scale FOLDER PART
 
 PART is one of
 
     many        10 000 stub trials: memory of the driver, status, resumption, cube
-    recordings  recordings of 10 000 volunteers: read, and known when a study is resumed
     throughput  stub trials of 0.1 s with 1, 2 and 4 processes, and dask workers started by hand
-    thousand    1000 simulated workers and a real driver, over the duration of a trial
     faults      killed processes, full disk, damaged files and others: what happens to the results
     kills       a small real study, killed (-9) --trials times at random
-    objects     results copied to and from object storage (--url, by default a folder)
     statistics  all tests of a study with 50 to 10 000 volunteers
-    plan        10 000 volunteers, extrapolated from --store, `recordings` and `many`
-    picture     draws the results of `thousand` and `plan`
 
 Except in `kills`, trials are stubs (`benchmarks.scale.stub`): execution, journal and store are those
 of a study, and the computation is replaced by waiting. Results are written to FOLDER/PART.json.
@@ -33,44 +28,26 @@ from benchmarks.scale.cluster import StartedByHand
 from benchmarks.scale.cube import limited
 from benchmarks.scale.faults import faults
 from benchmarks.scale.kills import kills
-from benchmarks.scale.objects import objects
-from benchmarks.scale.plan import plan
-from benchmarks.scale.recordings import recordings
-from benchmarks.scale.simulated import thousand
 from benchmarks.scale.statistics import statistics
 from benchmarks.scale.stub import run
 from emgface.children import child_environment, python_command
 from emgface.run.cluster import DaskWorkers
 from emgface.run.state import read_state
 
-PARTS = ("many", "recordings", "throughput", "thousand", "faults", "kills", "objects",
-         "statistics", "plan", "picture")  # fmt: skip
+PARTS = ("many", "throughput", "faults", "kills", "statistics")
 
 
-def main(
-    folder: Path, part: str, trials: int = 10_000, store: Path = Path("store"), url: str = ""
-) -> None:
+def main(folder: Path, part: str, trials: int = 10_000) -> None:
     """Measure one part and print it as a table."""
     if part not in PARTS:
         raise SystemExit(f"there is no part {part!r}, expected one of {', '.join(PARTS)}")
     folder.mkdir(parents=True, exist_ok=True)
-    if part == "picture":
-        from benchmarks.scale.picture import picture
-
-        print(picture(folder))
-        return
     rows = {
         "many": lambda: many(folder / "many", trials),
-        "recordings": lambda: recordings(folder / "recordings"),
         "throughput": lambda: throughput(folder / "throughput"),
-        "thousand": lambda: thousand(folder / "thousand"),
         "faults": lambda: faults(folder / "faults"),
         "kills": lambda: kills(folder / "kills", min(trials, 50)),
-        "objects": lambda: objects(
-            folder / "objects", url or f"file://{(folder / 'objects' / 'bucket').resolve()}"
-        ),
         "statistics": statistics,
-        "plan": lambda: plan(store, folder),
     }[part]()
     (folder / f"{part}.json").write_text(json.dumps(rows, indent=1))
     print(markdown(pd.DataFrame(rows, dtype=object), ".3g"))

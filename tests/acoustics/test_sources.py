@@ -5,7 +5,6 @@ import pytest
 from scipy.signal import welch
 
 from benchmarks.acoustic_shapes import AH
-from benchmarks.acoustics_checks import WIDE, onset
 from emgface.acoustics import (
     Flow,
     Folds,
@@ -15,6 +14,7 @@ from emgface.acoustics import (
     wall_pressure,
 )
 from emgface.acoustics.errors import AcousticsError
+from tests.acoustics.folds import WIDE, onset
 
 UNIFORM = np.full(16, 3e-4), 0.17
 

@@ -14,7 +14,7 @@ from analysis.statistics.crossed import fit_crossed
 from analysis.statistics.mixed_model import RANDOM, fit_differences, mixed_model
 from analysis.statistics.paired import compare, paired
 from analysis.statistics.simulated import simulated_scores
-from benchmarks.calibration.shares import calibration, interval_coverage
+from tests.analysis.shares import calibration, interval_coverage
 
 PENICILLIN = """
 27 23 26 23 23 21  27 23 26 23 23 21  25 21 25 24 24 20  26 23 25 23 23 20

@@ -21,7 +21,7 @@ from analysis.statistics.sign_flip import sign_flip
 from analysis.statistics.simulated import simulated_scores
 from analysis.statistics.summary import conclusions, statistics_table, study_statistics
 from analysis.trial import Trial
-from benchmarks.calibration.shares import calibration
+from tests.analysis.shares import calibration
 
 METHODS = {
     "sign_flip": sign_flip,

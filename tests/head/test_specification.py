@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 
 import sim
-from benchmarks.tongue_limits import postures
+from benchmarks.tongue import postures
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.outcomes import outcomes
 from emgface.anatomy.head.published import import_head

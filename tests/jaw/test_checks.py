@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
-from benchmarks import jaw_checks, jaw_pull
+from benchmarks import jaw_published
 from emgface.anatomy.jaw import run
 from emgface.anatomy.jaw.run import STILL, run_task
 from emgface.anatomy.jaw.tasks import TASKS
@@ -17,15 +17,19 @@ from tests.jaw.small import small_jaw
 def test_the_table_has_one_row_for_every_check_in_the_order_of_the_checks(monkeypatch):
     """A variant without an outcome has an empty cell."""
     monkeypatch.setattr(
-        jaw_checks, "models", lambda: dict.fromkeys(("planar, hyoid fixed", "curved, hyoid free"))
+        jaw_published,
+        "models",
+        lambda: dict.fromkeys(("planar, hyoid fixed", "curved, hyoid free")),
     )
     monkeypatch.setattr(
-        jaw_checks, "free_body", lambda jaw: [{"check": "1 energy", "planar, hyoid fixed": "1e-9"}]
+        jaw_published,
+        "free_body",
+        lambda jaw: [{"check": "1 energy", "planar, hyoid fixed": "1e-9"}],
     )
     found = {"planar, hyoid fixed": {"6 b": 1.0, "2 a": "x"}, "curved, hyoid free": {"2 z": 3.0}}
-    monkeypatch.setattr(jaw_checks, "in_variant", lambda jaw, name: found[name])
-    monkeypatch.setattr(jaw_checks, "chewing_with_stored_parameters", lambda: {"5 chew": 2.0})
-    table = jaw_checks.checks()
+    monkeypatch.setattr(jaw_published, "in_variant", lambda jaw, name: found[name])
+    monkeypatch.setattr(jaw_published, "chewing_with_stored_parameters", lambda: {"5 chew": 2.0})
+    table = jaw_published.checks()
     assert table["check"].tolist() == ["1 energy", "2 a", "2 z", "5 chew", "6 b"]
     assert list(table.iloc[1])[2:] == ["x", "", ""]
     assert not table.isna().to_numpy().any()
@@ -34,7 +38,8 @@ def test_the_table_has_one_row_for_every_check_in_the_order_of_the_checks(monkey
 def test_a_free_mandible_keeps_energy_and_momentum(published):
     """1e-8 over a second is wanted; an inertia of the wrong frame would change the order too."""
     found = {
-        row["check"]: row["planar, hyoid fixed"] for row in jaw_checks.free_body(published("fixed"))
+        row["check"]: row["planar, hyoid fixed"]
+        for row in jaw_published.free_body(published("fixed"))
     }
     assert 0.0 < float(found["1 energy over 1 s, relative"]) < 1e-8
     assert float(found["1 angular momentum over 1 s, relative"]) < 1e-8
@@ -44,25 +49,25 @@ def test_a_free_mandible_keeps_energy_and_momentum(published):
 def test_right_chewing_is_the_mirror_image_if_the_bodies_are(published):
     """1e-6 mm is wanted: the centre of the imported hyoid lies 1.4 um beside the midline."""
     jaw = published("larynx")
-    error = jaw_checks.mirror_error(jaw_checks.symmetric(jaw), 0.3, step=5e-3)
+    error = jaw_published.mirror_error(jaw_published.symmetric(jaw), 0.3, step=5e-3)
     assert error < 1e-8
-    assert jaw_checks.mirror_error(jaw, 0.3, step=5e-3) > 10.0 * error
+    assert jaw_published.mirror_error(jaw, 0.3, step=5e-3) > 10.0 * error
 
 
 def test_the_stored_pull_is_compared_on_the_branch_of_its_force(shared, published):
     """Stored places at 3.42 N differ by 0.7 mm between both branches; ours by as much."""
-    time, force, stored = jaw_pull.stored_pull()
+    time, force, stored = jaw_published.stored_pull()
     assert force.max() == pytest.approx(5.25, abs=0.01) and time[np.argmax(force)] == 4.6
-    known = jaw_pull.on_branches(stored)
+    known = jaw_published.on_branches(stored)
     # table of the specification: -26.57 up and 12.0 back at 3.42 N, which is the rising branch
     np.testing.assert_allclose(known["rising"][2, 1:], [-12.0, -26.57], atol=0.05)
     lag = (known["falling"] - known["rising"])[2, 2]
     assert lag == pytest.approx(-0.74, abs=0.02)
-    moved = jaw_pull.ramp(published("fixed"))
-    ours = jaw_pull.on_branches(moved)
+    moved = jaw_published.ramp(published("fixed"))
+    ours = jaw_published.on_branches(moved)
     assert (ours["falling"] - ours["rising"])[2, 2] == pytest.approx(lag, abs=0.1)
-    assert jaw_pull.misses(stored)["rms over the ramp"] == 0.0
-    found = jaw_pull.misses(moved)
+    assert jaw_published.misses(stored)["rms over the ramp"] == 0.0
+    found = jaw_published.misses(moved)
     assert max(abs(found[f"up, {branch}"]) for branch in known) < 2.0
 
 
