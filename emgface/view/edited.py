@@ -19,6 +19,7 @@ from emgface.reduced.motion import reduced_outputs, step_ends, with_error
 from emgface.schema.netcdf import kind_of
 from emgface.view.curves import Curves, curves_of, read_curves
 from emgface.view.live import quanta
+from emgface.view.previewed import Previews
 from emgface.view.scored import Scorer
 from sim import Activation, State
 from sim.activation import Driven
@@ -63,31 +64,43 @@ class EditedMotion:
             None if recording is None else Scorer(recording, reduced.face, start=start, pace=pace)
         )
         self._former: dict[float, _Former] = {}
+        self._markers = [str(m) for m in reduced.face["marker"].values]
+        self._previews = None if reduced.contact else Previews(reduced, skin, OUTPUT)
 
     def __call__(self, curves: Curves, *, preview: bool = False) -> bytes:
         """Simulate curves; errors as `emgface.reduced.motion.simulate_reduced`.
 
-        A preview has steps as long as the time between its frames, and its score uses the alignment
-        of the last complete motion. The message is the length of its header as a 4-byte integer,
-        the header in JSON, and the positions of skin and markers (frames, n, 3) as int16.
+        A preview (`emgface.view.previewed`) has long steps, and its score uses the alignment of the
+        last complete motion. The message is the length of its header as a 4-byte integer, the header
+        in JSON, and the positions of skin and markers (frames, n, 3) as int16.
         """
         begun = time.perf_counter()
-        step = OUTPUT if preview else self._step
-        motion, branched = self.motion(curves, step)
-        simulated = time.perf_counter()
         scores: dict[str, Any] = {"rho": {}}
-        if self._scorer is not None:
-            scores = self._scorer(motion.drop_vars("surface_position"), preview=preview)
+        if preview and self._previews is not None:
+            shown = self._previews(curves)
+            instants, frames, markers = shown.time, shown.skin, shown.markers
+            bound, branched, doubt = shown.bound, shown.since, self._doubt(curves)
+            simulated = time.perf_counter()
+            if self._scorer is not None:
+                scores = self._scorer.preview(self._markers, markers)
+        else:
+            motion, branched = self.motion(curves, self._step)
+            bound = float(motion["reduction_error"].max())
+            doubt = str(motion.attrs["reduction_doubt"])
+            simulated = time.perf_counter()
+            if self._scorer is not None:
+                scores = self._scorer(motion.drop_vars("surface_position"))
+            instants = motion["time"].values
+            frames = motion["surface_position"].transpose("time", "surface_node", "axis").values
+            markers = motion["position"].transpose("time", "marker", "axis").values
         scored = time.perf_counter()
-        frames = motion["surface_position"].transpose("time", "surface_node", "axis").values
-        markers = motion["position"].transpose("time", "marker", "axis").values
         body = quanta(frames - self._centre) + quanta(markers - self._centre)
         header = {
             "kind": "motion",
             "preview": preview,
-            "time": [round(float(t), 4) for t in motion["time"].values],
-            "bound": float(motion["reduction_error"].max()),
-            "doubt": str(motion.attrs["reduction_doubt"]),
+            "time": np.round(instants, 4).tolist(),
+            "bound": bound,
+            "doubt": doubt,
             "clipped": curves.clipped,
             "branched": branched,
             **scores,
@@ -97,6 +110,13 @@ class EditedMotion:
         }
         text = json.dumps(header).encode()
         return struct.pack("<I", len(text)) + text + body
+
+    def _doubt(self, curves: Curves) -> str:
+        """Reason not to trust the complete motion of curves, or an empty text."""
+        system = self._reduced.model.system
+        ends = step_ends(max(round(curves.duration / OUTPUT), 1) * OUTPUT, self._step)
+        driven = Driven(system, Activation(*curves.activation(system.muscles)))
+        return self._reduced.trained.doubt(ends, driven.at_ends([0.0, *ends.tolist()]))
 
     def motion(self, curves: Curves, step: float) -> tuple[xr.Dataset, float]:
         """Motion of curves with steps [s], and the time [s] from which it was computed anew."""

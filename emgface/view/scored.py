@@ -1,5 +1,6 @@
 """Scores of edited motions: rho of the lip markers against one recording, for many motions of it."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -31,22 +32,25 @@ class Scorer:
         self._measured: xr.Dataset | None = None
         self._aligned: xr.Dataset | None = None
 
-    def __call__(self, motion: xr.Dataset, *, preview: bool = False) -> dict[str, Any]:
-        """Correlation ``rho`` by lip marker, None where it is undefined, or ``why`` there is none.
-
-        A preview uses the alignment of the last motion that was none.
-        """
+    def __call__(self, motion: xr.Dataset) -> dict[str, Any]:
+        """Correlation ``rho`` by lip marker, None where it is undefined, or ``why`` there is none."""
         trajectory = motion.assign_attrs(self._timing)
         try:
-            if not preview:
-                self._aligned = self._align(trajectory)
+            self._aligned = self._align(trajectory)
         except (DataError, AnalysisError) as error:
             self._aligned = None
             return {"rho": {}, "why": str(error)}
+        names = [str(m) for m in trajectory["marker"].values]
+        return self.preview(
+            names, trajectory["position"].transpose("time", "marker", "axis").values
+        )
+
+    def preview(self, markers: Sequence[str], position: Floats) -> dict[str, Any]:
+        """The same for positions (n, n_markers, 3) [m], with the alignment of the last motion."""
         if self._aligned is None:
             return {"rho": {}}
         names = [str(m) for m in self._aligned["marker"].values]
-        w = trajectory["position"].sel(marker=names).transpose("marker", "axis", "time").values
+        w = position[:, [markers.index(name) for name in names]].transpose(1, 2, 0)
         v = self._aligned["position"].transpose("marker", "axis", "time").values
         score = self._study.score
         rho = correlations(

@@ -10,13 +10,17 @@ import xarray as xr
 from analysis.scores import score
 from emgface.pictures.body import skin_of
 from emgface.pictures.encoding import middle_of
+from emgface.pictures.surface import SurfaceProbe
 from emgface.reduced import training
 from emgface.reduced.model import ReducedFace, parameters_of
+from emgface.reduced.motion import simulate_reduced
 from emgface.run.store import Store
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.view.curves import Curves
 from emgface.view.edited import OUTPUT, EditedMotion
+from emgface.view.previewed import Previews
 from emgface.view.scored import correlations
+from sim import Activation
 from tests.reduced.test_face import PARAMETERS, SMALL, short
 
 NOISE = 2e-4
@@ -91,6 +95,56 @@ def test_a_motion_branches_from_the_last_checkpoint_bit_for_bit(small, interpola
     assert since[0] == 0.0 and max(since[1:]) >= 0.3 and since[-1] == 0.0
     if interpolation == "linear":
         assert since[1] == pytest.approx(0.4) and since[2] == pytest.approx(0.5)
+
+
+def test_a_preview_is_the_motion_with_long_steps(small):
+    """At the ends of its steps; the mean between them; also when only its end is computed."""
+    reduced, skin, _ = small
+    previews = Previews(reduced, skin, OUTPUT)
+    late = {**BASE, "OOP_R": [[0.0, 0.0], [0.45, 0.0], [0.5, 0.08]]}
+    since = []
+    for knots, duration in ((BASE, 0.6), (late, 0.6), (late, 0.6), (late, 0.82), (late, 0.1)):
+        curves = Curves(knots, duration)
+        found = previews(curves)
+        since.append(found.since)
+        whole = Previews(reduced, skin, OUTPUT)(curves)
+        # Products of matrices with other numbers of rows are rounded differently.
+        np.testing.assert_allclose(found.skin, whole.skin, rtol=0.0, atol=1e-14)
+        np.testing.assert_allclose(found.markers, whole.markers, rtol=0.0, atol=1e-14)
+        assert found.bound == pytest.approx(whole.bound, rel=1e-12)
+        frames = round(duration / OUTPUT) + 1
+        np.testing.assert_allclose(found.time, OUTPUT * np.arange(frames))
+        activation = Activation(*curves.activation(reduced.model.system.muscles))
+        length = 2.0 * OUTPUT
+        steps = (frames - 1) // 2
+        expected = simulate_reduced(
+            reduced, activation, steps * length, step=length, output=length,
+            further=(SurfaceProbe(skin.node),),
+        )  # fmt: skip
+        for values, name, node in ((found.markers, "position", "marker"),
+                                   (found.skin, "surface_position", "surface_node")):  # fmt: skip
+            given = expected[name].transpose("time", node, "axis").values
+            assert len(values) == frames
+            np.testing.assert_allclose(values[::2], given, rtol=0.0, atol=1e-9)
+            ends = values[: 2 * steps + 1 : 2]
+            middle = values[1 : 2 * steps : 2]
+            np.testing.assert_allclose(middle, 0.5 * (ends[1:] + ends[:-1]), rtol=0.0, atol=1e-12)
+        if frames % 2:
+            assert found.bound == pytest.approx(float(expected["reduction_error"].max()), rel=1e-9)
+    assert since[0] == 0.0 and 0.35 < since[1] < 0.45 and since[2] == pytest.approx(0.6)
+
+
+def test_a_preview_is_scored_and_doubted_as_the_complete_motion(small):
+    """The message of a preview differs from that of the motion by its steps only."""
+    one = edited(small)
+    curves = Curves(BASE, 0.6)
+    complete, preview = (parts(one(curves, preview=p)) for p in (False, True))
+    assert preview[0]["preview"] and not complete[0]["preview"]
+    assert preview[0]["time"] == complete[0]["time"] and len(preview[1]) == len(complete[1])
+    assert preview[0]["doubt"] == complete[0]["doubt"]
+    apart = np.frombuffer(preview[1], "<i2").astype(int) - np.frombuffer(complete[1], "<i2")
+    moved = np.frombuffer(complete[1], "<i2").astype(int)
+    assert 0 < np.abs(apart).max() < 0.2 * np.ptp(moved.reshape(-1)[: len(moved)])
 
 
 def test_a_failed_motion_leaves_the_former_one(small):
