@@ -92,6 +92,17 @@ def measured_frames(aligned: xr.Dataset, moved: xr.Dataset) -> NDArray[np.float6
     return found + (own - found[first]).mean(axis=0)
 
 
+def measured_markers(aligned: xr.Dataset, sampled: xr.Dataset) -> NDArray[np.float64]:
+    """Measured at the simulated instants (n, marker, axis) [m], NaN for markers without measurement."""
+    names, seen = list(map(str, sampled["marker"].values)), set(map(str, aligned["marker"].values))
+    known = [name for name in names if name in seen]
+    found = np.full((sampled.sizes["time"], len(names), 3), np.nan)
+    found[:, [names.index(name) for name in known]] = measured_frames(
+        aligned, sampled.sel(marker=known)
+    )
+    return found
+
+
 def whole(position: NDArray[Any], centre: NDArray[np.float64]) -> NDArray[np.int16]:
     """Round positions [m] to multiples of `QUANTUM` about a centre; NaN becomes `ABSENT`."""
     steps = np.round((np.asarray(position, dtype=np.float64) - centre) / QUANTUM)

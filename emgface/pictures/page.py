@@ -23,7 +23,7 @@ from emgface.pictures.encoding import (
     body_data,
     deltas,
     levels,
-    measured_frames,
+    measured_markers,
     middle_of,
     muscle_names,
     scaling,
@@ -84,7 +84,8 @@ def motion_page(
         origin = str(activation.attrs.get("origin", ""))
     if aligned is not None:
         origin = str(aligned.attrs.get("origin", origin))
-        trial["measured"] = deltas(whole(_measured(aligned, motion), centre))
+        sampled = motion.sel(time=motion["frame_time"].values, method="nearest")
+        trial["measured"] = deltas(whole(measured_markers(aligned, sampled), centre))
     if scores is not None:
         trial["about"] += f" {_scored(scores)}"
     if compared is not None:
@@ -118,18 +119,6 @@ def _motion_trial(
     named = motion.attrs.get("face") or "unnamed"
     about = f"Face model: {named}, sigma_max {sigma_max:.4g} kPa."
     return _trial(frames, markers, time, centre, about)
-
-
-def _measured(aligned: xr.Dataset, motion: xr.Dataset) -> NDArray[np.float64]:
-    """Aligned measured markers at the frames of a motion, NaN for markers that were not measured."""
-    sampled = motion.sel(time=motion["frame_time"].values, method="nearest")
-    names, seen = list(map(str, motion["marker"].values)), set(map(str, aligned["marker"].values))
-    known = [name for name in names if name in seen]
-    found = np.full((sampled.sizes["time"], len(names), 3), np.nan)
-    found[:, [names.index(name) for name in known]] = measured_frames(
-        aligned, sampled.sel(marker=known)
-    )
-    return found
 
 
 def _scored(scores: xr.Dataset) -> str:

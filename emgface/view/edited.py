@@ -13,6 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from emgface.pictures.body import Skin
+from emgface.pictures.encoding import measured_markers, whole
 from emgface.pictures.surface import SurfaceProbe
 from emgface.reduced.model import ReducedFace
 from emgface.reduced.motion import reduced_outputs, step_ends, with_error
@@ -72,9 +73,10 @@ class EditedMotion:
 
         A preview (`emgface.view.previewed`) has long steps, and its score uses the alignment of the
         last complete motion. The message is the length of its header as a 4-byte integer, the header
-        in JSON, and the positions of skin and markers (frames, n, 3) as int16.
+        in JSON, and the positions of skin and markers (frames, n, 3) as int16; after a complete motion
+        with measured markers, these as well.
         """
-        begun = time.perf_counter()
+        begun, measured = time.perf_counter(), b""
         scores: dict[str, Any] = {"rho": {}}
         if preview and self._previews is not None:
             shown = self._previews(curves)
@@ -90,6 +92,9 @@ class EditedMotion:
             simulated = time.perf_counter()
             if self._scorer is not None:
                 scores = self._scorer(motion.drop_vars("surface_position"))
+                if (aligned := self._scorer.aligned) is not None:
+                    at = measured_markers(aligned, motion)
+                    measured = whole(at, self._centre).astype("<i2").tobytes()
             instants = motion["time"].values
             frames = motion["surface_position"].transpose("time", "surface_node", "axis").values
             markers = motion["position"].transpose("time", "marker", "axis").values
@@ -109,7 +114,7 @@ class EditedMotion:
             "total": time.perf_counter() - begun,
         }
         text = json.dumps(header).encode()
-        return struct.pack("<I", len(text)) + text + body
+        return struct.pack("<I", len(text)) + text + body + measured
 
     def _doubt(self, curves: Curves) -> str:
         """Reason not to trust the complete motion of curves, or an empty text."""

@@ -79,7 +79,7 @@ class Previews:
         """Motion of curves; errors as `emgface.reduced.motion.simulate_reduced`."""
         system, h = self._reduced.model.system, self._step
         frames = max(round(curves.duration / self._output), 1) + 1
-        ends = h * np.arange(1, frames // 2 + 1)
+        ends: Floats = h * np.arange(1, frames // 2 + 1, dtype=np.float64)
         activation = Activation(*curves.activation(system.muscles))
         driven = Driven(system, activation)
         # What the steps see, and what the correction of the markers sees at their ends.
@@ -98,7 +98,7 @@ class Previews:
         skin, markers = (between(x)[:frames] for x in kept[:2])
         attrs = self._reduced.dataset.attrs
         bound = attrs["error_factor"] * (float(kept[2].max()) + attrs["error_floor"])
-        time = self._output * np.arange(frames)
+        time: Floats = self._output * np.arange(frames, dtype=np.float64)
         return Preview(time, skin, markers, bound, first * h)
 
     def _compute(

@@ -30,15 +30,16 @@ class Scorer:
         self._recording, self._face, self._study = recording, face, StudyConfiguration()
         self._timing = {"recorded_start": start, "recorded_pace": pace, "sigma_max": 0.0}
         self._measured: xr.Dataset | None = None
-        self._aligned: xr.Dataset | None = None
+        #: Measured positions aligned with the last complete motion, None if there are none.
+        self.aligned: xr.Dataset | None = None
 
     def __call__(self, motion: xr.Dataset) -> dict[str, Any]:
         """Correlation ``rho`` by lip marker, None where it is undefined, or ``why`` there is none."""
         trajectory = motion.assign_attrs(self._timing)
         try:
-            self._aligned = self._align(trajectory)
+            self.aligned = self._align(trajectory)
         except (DataError, AnalysisError) as error:
-            self._aligned = None
+            self.aligned = None
             return {"rho": {}, "why": str(error)}
         names = [str(m) for m in trajectory["marker"].values]
         return self.preview(
@@ -47,16 +48,16 @@ class Scorer:
 
     def preview(self, markers: Sequence[str], position: Floats) -> dict[str, Any]:
         """The same for positions (n, n_markers, 3) [m], with the alignment of the last motion."""
-        if self._aligned is None:
+        if self.aligned is None:
             return {"rho": {}}
-        names = [str(m) for m in self._aligned["marker"].values]
+        names = [str(m) for m in self.aligned["marker"].values]
         w = position[:, [markers.index(name) for name in names]].transpose(1, 2, 0)
-        v = self._aligned["position"].transpose("marker", "axis", "time").values
+        v = self.aligned["position"].transpose("marker", "axis", "time").values
         score = self._study.score
         rho = correlations(
             _of_length(v, w.shape[2]),
             w,
-            self._aligned["noise"].values,
+            self.aligned["noise"].values,
             smallest_motion=score.smallest_motion,
             smallest_snr=score.smallest_snr,
         )

@@ -266,6 +266,11 @@ def served(coarse, skin, tmp_path):
             np.round((q[:, node] - centre) / QUANTUM).astype("<i2").tobytes()
             for node in (skin.node, coarse["marker_node"].values)
         )
+        if not preview:  # measured: the first marker only, 2 mm above the simulated ones
+            measured = np.full((len(t), coarse.sizes["marker"], 3), -32768)
+            above = q[:, coarse["marker_node"].values[0]] + [0.0, 0.0, 2e-3]
+            measured[:, 0] = np.round((above - centre) / QUANTUM)
+            body += measured.astype("<i2").tobytes()
         return struct.pack("<I", len(text)) + text + body
 
     session = session_of(coarse, skin, curves=motion)
@@ -401,6 +406,17 @@ def test_curves_and_time_of_the_page(served, opened, tmp_path):
     )
     until(opened, f"return {STAGE}.at === '5'")
     assert opened.execute_script("return document.getElementById('clock').textContent") == "0.50 s"
+    # The measured marker is drawn, and disappears with its box.
+    assert not opened.execute_script(
+        "return document.getElementById('measured').parentElement.hidden"
+    )
+    pictures = [opened.get_screenshot_as_base64()]
+    for _ in range(2):
+        shown = opened.execute_script(f"return {STAGE}.frames")
+        press(opened, "measured")
+        until(opened, f"return {STAGE}.frames !== '{shown}'")
+        pictures.append(opened.get_screenshot_as_base64())
+    assert pictures[0] == pictures[2] != pictures[1]
     press(opened, "play")
     until(opened, f"return {STAGE}.at !== '5'")
     found = opened.execute_async_script(

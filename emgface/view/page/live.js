@@ -23,7 +23,11 @@ function show() {
   for (let i = 0; i < skin.length; i++) position[i] = skin[i] * MM;
   follow(position, 3);
   colour.set(own);
-  const points = { simulated: [], measured: data.markers.map(() => null) };
+  const measured = live.tab === "curves" && live.motion && live.measured && $("measured").checked ? live.measured : null;
+  const points = { simulated: [], measured: data.markers.map((_, m) => {
+    const at = measured && 3 * (Math.min(live.at, measured.length / (3 * data.markers.length) - 1) * data.markers.length + m);
+    return !measured || measured[at] === data.absent ? null : [0, 1, 2].map((c) => measured[at + c] * MM);
+  }) };
   data.markers.forEach((_, m) => {
     points.simulated.push(3 * m + 2 < markers.length ? [0, 1, 2].map((c) => markers[3 * m + c] * MM) : null);
   });
@@ -69,8 +73,11 @@ function motion(buffer) {
   const size = new DataView(buffer).getUint32(0, true);
   const head = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
   const points = new Int16Array(buffer.slice(4 + size));
-  const count = head.time.length, skin = 3 * data.nodes * count;
-  live.motion = { ...head, count, skin: points.subarray(0, skin), marker: points.subarray(skin) };
+  const count = head.time.length, skin = 3 * data.nodes * count, both = skin + 3 * setup.markers * count;
+  live.motion = { ...head, count, skin: points.subarray(0, skin), marker: points.subarray(skin, both) };
+  // A preview is aligned as the last complete motion, whose measured markers stay.
+  if (!head.preview) live.measured = points.length > both ? points.subarray(both) : null;
+  $("measured").parentElement.hidden = !live.measured;
   live.at = Math.min(live.at, count - 1);
   $("time").max = count - 1;
   canvas.dataset.waited = (performance.now() - live.asked).toFixed(1);
@@ -318,6 +325,7 @@ function timeline() {
   };
   const toggle = () => { if (!live.motion) return; set(!live.playing); if (live.playing) { began = performance.now(); from = live.at === live.motion.count - 1 ? 0 : live.motion.time[live.at]; requestAnimationFrame(advance); } };
   $("play").addEventListener("click", toggle);
+  $("measured").addEventListener("change", refresh);
   $("speed").addEventListener("change", () => { began = performance.now(); from = live.motion ? live.motion.time[live.at] : 0; });
   $("time").addEventListener("input", () => { if (live.motion) { set(false); live.at = Number($("time").value); instant(); } });
   document.addEventListener("keydown", (event) => {
