@@ -1,10 +1,12 @@
 """Options of an alignment, and the resulting shift and scale."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, cast
 
 import numpy as np
 
+from analysis.arguments import number, yes_or_no
 from analysis.errors import AlignmentError
 from analysis.lag import LEAST_MOTION, Array, Match, Search
 
@@ -41,7 +43,26 @@ class Options:
     subsample: bool
 
     def __post_init__(self) -> None:
-        """Raise for an option outside its range."""
+        """Raise for an option of another type or outside its range."""
+        for name in ("centred", "subsample"):
+            yes_or_no(name, getattr(self, name), error=AlignmentError)
+        numbers = (
+            "scale_step",
+            "max_shift",
+            "least_overlap",
+            "least_gain",
+            "cutoff",
+            "clear_cosine",
+        )
+        for name in numbers:
+            if getattr(self, name) is not None or name not in ("max_shift", "cutoff"):
+                number(name, getattr(self, name), error=AlignmentError)
+        if not isinstance(cast("object", self.scale_range), Sequence) or len(self.scale_range) != 2:
+            raise AlignmentError(
+                f"scale_range is {self.scale_range!r}, expected the least and greatest scale"
+            )
+        for bound in self.scale_range:
+            number("scale_range", bound, error=AlignmentError)
         if self.scaling not in ("length", "search", "none"):
             raise AlignmentError(
                 f"scaling is {self.scaling!r}, expected 'length', 'search' or 'none'"

@@ -5,6 +5,7 @@ become paths only by `named_file` and `result_file`, so that no content of a fil
 folder that the user has specified.
 """
 
+import errno
 import os
 import re
 import shutil
@@ -136,11 +137,9 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
         temporary.chmod(0o666 & ~mask)
         temporary.replace(path)
     except (OSError, RuntimeError) as error:
-        # The netCDF library reports a full disk as missing permission or "HDF error".
-        full = path.parent.is_dir() and shutil.disk_usage(path.parent).free < LEAST_SPACE
-        if not (full or isinstance(error, OSError)):
+        reason = _reason(error, path.parent, temporary is not None)
+        if reason is None:
             raise
-        reason = "the disk is full" if full else getattr(error, "strerror", None) or error
         raise DataError(
             f"Cannot write {path}: {reason}; expected a writable folder "
             "with enough space: specify another one."
@@ -148,6 +147,26 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
+
+
+def _reason(error: OSError | RuntimeError, folder: Path, created: bool) -> str | None:
+    """Return why a file could not be written; None for an error that has another cause.
+
+    The number of the error decides, unless the temporary file had been `created` in the folder: the
+    netCDF library then reports a full disk as missing permission or "HDF error".
+    """
+    number = error.errno if isinstance(error, OSError) else None
+    if number in (errno.ENOSPC, errno.EDQUOT):
+        return "the disk is full" if number == errno.ENOSPC else "the quota of the disk is used up"
+    if created and number in (None, errno.EACCES, errno.EPERM, errno.EIO):
+        usage = shutil.disk_usage(folder)
+        if 0 < usage.total and usage.free < LEAST_SPACE:  # file systems such as /proc have no size
+            return "the disk is full"
+    if number in (errno.EACCES, errno.EPERM):
+        return "there is no permission to write in its folder"
+    if isinstance(error, OSError):
+        return error.strerror or str(error)
+    return None
 
 
 def write_text(path: Path, text: str) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.checks import real_numbers
 from sim.errors import MeshError, SceneError
 from sim.pattern import Array, Index
 
@@ -14,6 +15,7 @@ Motion = Callable[[float], tuple[ArrayLike, ArrayLike]]
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class Body:
     """A rigid body. Its axes at rest are those of space, with the quaternion (1, 0, 0, 0)."""
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.checks import require
+from sim.checks import real_numbers, require
 from sim.errors import SceneError
 from sim.mesh import Mesh
 from sim.scene import CompiledDamping, Layout, Stiffness
@@ -21,6 +21,7 @@ from sim.state import Array, Control
 
 
 @dataclass(frozen=True)
+@real_numbers
 class _Coefficients:
     """Coefficients of mass and stiffness; their values are of Stavness et al., coupled face model."""
 

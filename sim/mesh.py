@@ -1,6 +1,6 @@
 """Mesh: nodes at rest, and blocks of elements of one type."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from copy import copy
 from dataclasses import dataclass
 
@@ -48,7 +48,7 @@ class Mesh(Described):
     ------
     MeshError
         A node index is out of range, a position is not finite, an element is inverted or has no
-        volume at a quadrature point, or a node belongs to no element.
+        volume at a quadrature point, two elements have the same nodes, or a node belongs to no element.
     """
 
     X: Array  #: (n_nodes, 3) rest positions [m]
@@ -88,6 +88,7 @@ class Mesh(Described):
                     "> 0): check the node order or repair the element"
                 )
             first += len(block.nodes)
+        _refuse_repeated(self.blocks)
         if not used.all():
             raise MeshError(
                 f"{int((~used).sum())} nodes belong to no element (first: {int(np.argmin(used))}): "
@@ -143,6 +144,23 @@ class Mesh(Described):
         return Mesh(
             np.ascontiguousarray(X, dtype=np.float64), self.blocks, self.n_points + len(points)
         )
+
+
+def _refuse_repeated(blocks: Sequence[Block]) -> None:
+    """Raise MeshError if two elements, of one block or of two, have the same nodes in any order."""
+    starts = np.cumsum([0, *(len(block.nodes) for block in blocks)])
+    for width in {block.kind.n_nodes for block in blocks}:
+        parts = [k for k, block in enumerate(blocks) if block.kind.n_nodes == width]
+        nodes = np.sort(np.concatenate([blocks[k].nodes for k in parts]), axis=1)
+        _, kind, count = np.unique(nodes, axis=0, return_inverse=True, return_counts=True)
+        if (count > 1).any():
+            number = np.concatenate([starts[k] + np.arange(len(blocks[k].nodes)) for k in parts])
+            a, b = number[kind.ravel() == np.argmax(count > 1)][:2]
+            shared = nodes[kind.ravel() == np.argmax(count > 1)][0].tolist()
+            raise MeshError(
+                f"elements {a} and {b} have the same nodes {shared}, expected every element once, "
+                "because stiffness and mass would count twice: delete one of them"
+            )
 
 
 def mesh_from_arrays(X: ArrayLike, **connectivity: Iterable[Iterable[int]]) -> Mesh:

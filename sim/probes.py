@@ -7,6 +7,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
+from sim.checks import real_numbers
 from sim.errors import SceneError
 from sim.indices import count_of, index, indices, kept_until_known
 from sim.scene import Index
@@ -113,6 +114,7 @@ class Markers(_Named):
 
 
 @dataclass(frozen=True)
+@real_numbers
 class Opening:
     """Distance of one node above another along a direction, such as the lip opening [m].
 

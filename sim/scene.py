@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 import numpy as np
 
 from sim.bodies import Body
+from sim.checks import real_numbers
 from sim.described import Described, listed
 from sim.joints.contract import Joint
 from sim.kinematics.members import Member
@@ -207,6 +208,7 @@ class Constraint(Protocol):
 
 
 @dataclass(frozen=True, repr=False)
+@real_numbers
 class Scene(Described):
     """Scene to be simulated."""
 

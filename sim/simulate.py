@@ -4,11 +4,13 @@ import math
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from typing import cast
 
 import numpy as np
 import xarray as xr
 
 from sim.activation import Activation, Driven
+from sim.checks import number, whole
 from sim.errors import ControlError, SceneError, SlowStepsWarning
 from sim.integrators import ConvergedEuler, Integrator, Workspace
 from sim.integrators.contract import RunsSteps
@@ -99,9 +101,7 @@ def simulate(
     InvertedElement, NotConverged, SingularSystem
         A step failed and the step control could not help.
     """
-    for name, seconds in (("duration", duration), ("every", every)):
-        if seconds is not None and not 0.0 <= seconds < math.inf:
-            raise ControlError(f"{name} = {seconds!r} s, expected a finite number of seconds >= 0")
+    _require_arguments(system, activation, duration, every, probes, checkpoint, solver_threads)
     integrator = ConvergedEuler() if integrator is None else integrator
     steps = FixedStep() if steps is None else steps
     state = initial or system.rest_state()
@@ -170,14 +170,42 @@ def simulate(
     return log.dataset(attrs), with_scene(state, system)
 
 
+def _require_arguments(
+    system: object,
+    activation: object,
+    duration: object,
+    every: object,
+    probes: object,
+    checkpoint: object,
+    solver_threads: object,
+) -> None:
+    """Refuse arguments of another type, which Python would accept or report without a name."""
+    for name, given, kind in (
+        ("system", system, System),
+        ("activation", activation, Activation),
+        ("probes", probes, Sequence),
+    ):
+        if not isinstance(given, kind) or isinstance(given, str):
+            raise SceneError(
+                f"simulate: {name} is a {type(given).__name__}, expected a {kind.__name__}"
+            )
+    for probe in cast("Sequence[object]", probes):
+        if isinstance(probe, type) or not hasattr(probe, "record"):
+            raise SceneError(f"simulate: {ascii(probe)[:60]} among the probes, expected a probe")
+    for name, seconds in (("duration", duration), ("every", every)):
+        if name == "every" and seconds is None:
+            continue
+        if not 0.0 <= number("simulate", name, seconds, error=ControlError) < math.inf:
+            raise ControlError(f"{name} = {seconds!r} s, expected a finite number of seconds >= 0")
+    if checkpoint is not None:
+        whole("simulate", "checkpoint", checkpoint, least=1, error=ControlError)
+    whole("simulate", "solver_threads", solver_threads, least=1)
+
+
 def _parts(duration: float, every: float, checkpoint: int | None) -> list[float]:
     """Durations [s] between the start, the checkpoints and the end."""
     if checkpoint is None:
         return [duration]
-    if checkpoint < 1:
-        raise ControlError(
-            f"checkpoint = {checkpoint}, expected a number of outputs of at least 1, or None"
-        )
     outputs = round(duration / every)
     whole, rest = divmod(outputs, checkpoint)
     return [checkpoint * every] * whole + ([rest * every] if rest else [])

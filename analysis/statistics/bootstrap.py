@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from scipy.stats import norm, t
 
+from analysis.arguments import count, generator
 from analysis.errors import StatisticsError
 from analysis.statistics.finding import (
     Check,
@@ -53,7 +54,7 @@ def hierarchical_bootstrap(
             f"statistic and interval are {statistic!r} and {interval!r}, expected 'median' or "
             "'mean', and 'expanded' or 'percentile'"
         )
-    if draws < 100:
+    if count("the number of bootstrap samples", draws, least=1) < 100:
         raise StatisticsError(f"{draws} bootstrap samples give no interval, expected 100 or more")
     return judged(
         data.pairs,
@@ -72,7 +73,7 @@ def replicates(differences: Array, statistic: Statistic, draws: int, seed: int) 
     `differences` has the shape (volunteers, instructions, repetitions, rest), NaN where there is no
     pair.
     """
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     volunteers, instructions, repetitions, _ = differences.shape
     every = np.arange(instructions, dtype=np.int64)[None, :, None]
     found = np.full(draws, np.nan)

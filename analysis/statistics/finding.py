@@ -9,6 +9,7 @@ from typing import Any, Final, Literal
 import numpy as np
 import xarray as xr
 
+from analysis.arguments import number
 from analysis.errors import StatisticsError
 from analysis.statistics.paired import WHY, Array, Paired
 from analysis.statistics.scope import LEAST_VOLUNTEERS
@@ -166,7 +167,7 @@ def untestable(data: Paired) -> Finding:
 
 def check_level(level: float) -> None:
     """Raise for a level that is not a probability."""
-    if not 0 < level < 1:
+    if not 0 < number("the level", level) < 1:
         raise StatisticsError(f"the level is {level}, expected between 0 and 1")
 
 

@@ -90,6 +90,28 @@ def fisher_z(rho: xr.DataArray, *, limit: float = LIMIT) -> xr.DataArray:
     return rho.copy(data=np.arctanh(np.clip(values, -limit, limit))).assign_attrs(units="1")
 
 
+def require_sound(cube: xr.Dataset, variable: str) -> None:
+    """Raise StatisticsError for labels that occur twice, and infinite values of scored trials.
+
+    Values that are undefined are NaN; an infinite one is the result of a division by zero elsewhere.
+    """
+    for dim in MARKER_DIMS:
+        labels = [str(label) for label in cube[dim].values] if dim in cube.coords else []
+        if twice := sorted({label for label in labels if labels.count(label) > 1}):
+            raise StatisticsError(
+                f"the cube contains the {dim} {names(twice)} more than once, expected every {dim} "
+                "once: rename or select them"
+            )
+    data = cube[variable]
+    if data.dtype.kind == "f" and "status" in cube:
+        infinite = np.isinf(data.where(texts(cube["status"]) == "ok").values)
+        if infinite.any():
+            raise StatisticsError(
+                f"{variable} is infinite in {int(infinite.sum())} scored trials and markers, expected "
+                "numbers, or NaN where it is undefined: repair the cube"
+            )
+
+
 def scaled(cube: xr.Dataset, variable: str, scale: Scale, limit: float) -> xr.DataArray:
     """Return the values of scored trials on the scale of the analysis, NaN elsewhere."""
     if variable not in cube or "marker" not in cube[variable].dims:
@@ -103,6 +125,7 @@ def scaled(cube: xr.Dataset, variable: str, scale: Scale, limit: float) -> xr.Da
         raise StatisticsError(
             f"{variable} lacks the dim {names(lacking)}: keep it by selecting with a list"
         )
+    require_sound(cube, variable)
     data = cube[variable].where(texts(cube["status"]) == "ok")
     data = data.where(np.isfinite(data)).transpose(*MARKER_DIMS, ...)
     return fisher_z(data, limit=limit) if scale == "z" else data

@@ -9,8 +9,9 @@ import numpy as np
 import xarray as xr
 from scipy.stats import chi2, t
 
+from analysis.arguments import count, generator, number
 from analysis.errors import StatisticsError
-from analysis.statistics.finding import persons
+from analysis.statistics.finding import check_level, persons
 from analysis.statistics.paired import Array, Comparison
 from analysis.statistics.ranks import signed_rank_counts
 from analysis.statistics.scope import LEAST_VOLUNTEERS, too_few_volunteers
@@ -48,6 +49,10 @@ def simulated_power(
     does; attribute ``sentence``. A test whose smallest p lies above alpha has no power for any
     effect.
     """
+    for name, given in (("effect", effect), ("standard deviation", standard_deviation)):
+        number(name, given)
+    count("the number of simulations", simulations, least=1)
+    count("the number of draws", draws, least=1)
     if not standard_deviation > 0 or not math.isfinite(effect):
         raise StatisticsError(
             f"effect and standard deviation are {effect} and {standard_deviation}, expected a "
@@ -59,7 +64,7 @@ def simulated_power(
         raise StatisticsError("expected 2 or more volunteers, and at least one simulation and draw")
     if not 0 < alpha < 1 or not 0 < target < 1:
         raise StatisticsError(f"alpha and target are {alpha} and {target}, expected 0 to 1")
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     power, least = np.zeros(len(volunteers)), np.zeros(len(volunteers))
     for index, n in enumerate(volunteers):
         studies = effect + standard_deviation * rng.standard_normal((simulations, n))
@@ -145,6 +150,8 @@ def power(
     (contrast, spread), ``n`` (contrast), ``sentence`` (contrast). NaN without variation between
     volunteers, and at the ends of an interval from too few of them.
     """
+    check_level(level)
+    generator(seed)  # errors before the first simulation
     spreads = ("lower", "estimate", "upper")
     shape = (len(data.pairs), len(spreads))
     found = np.full((*shape, len(volunteers)), np.nan)
@@ -227,7 +234,7 @@ def _chances(studies: Array, test: Test, draws: int, seed: int) -> tuple[Array, 
     if n <= 12:
         patterns = sign_patterns(n)
     else:
-        drawn = np.random.default_rng(seed).integers(0, 2, size=(draws, n))
+        drawn = generator(seed).integers(0, 2, size=(draws, n))
         patterns = np.concatenate([np.ones((1, n)), 1.0 - 2.0 * drawn])
     p = np.empty(len(studies))
     for start in range(0, len(studies), 500):

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from analysis.arguments import generator
 from analysis.statistics.finding import (
     INDEPENDENT,
     Check,
@@ -81,7 +82,7 @@ def sign_patterns(n: int, draws: int = 19_999, seed: int = 0) -> Signs:
         few[:, 1:] -= 2 * flipped.astype(np.int8)
         return few
     signs: Signs = np.ones((draws + 1, n), dtype=np.int8)
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     for start in range(1, draws + 1, BLOCK):
         rows = signs[start : start + BLOCK]
         rows -= 2 * rng.integers(0, 2, size=rows.shape).astype(np.int8)

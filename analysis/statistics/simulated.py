@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
+from analysis.arguments import generator
 from analysis.errors import StatisticsError
 
 STRATEGIES: Final = ("act_all", "act_3", "act_rel")
@@ -76,7 +77,7 @@ def simulated_scores(
         )
     if not freedom > 2:
         raise StatisticsError(f"the t distribution has {freedom} degrees of freedom, expected > 2")
-    rng = np.random.default_rng(seed)
+    rng = generator(seed)
     dims = ("volunteer", "instruction", "repetition", "strategy", "marker")
     shape = (volunteers, instructions, repetitions, len(strategies), markers)
     factor = np.asarray(spread, dtype=np.float64)[:, None]

@@ -5,11 +5,12 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
+from analysis.arguments import count, generator
 from analysis.baselines import LEAST_ROOM, TRIAL, complete, has_baselines
 from analysis.errors import StatisticsError
 from analysis.statistics.bootstrap import replicates, tails
 from analysis.statistics.finding import check_level
-from analysis.statistics.paired import Array
+from analysis.statistics.paired import Array, require_sound
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.tables import origin_of
 from analysis.typed import texts
@@ -56,6 +57,9 @@ def against_baselines(
     outside its range.
     """
     check_level(level)
+    require_sound(cube, "rho")
+    count("the number of bootstrap samples", draws, least=1)
+    generator(seed)  # errors before the first step
     if not has_baselines(cube):
         raise StatisticsError(
             "the cube contains no baselines: it was written by an older version, run the study again"

@@ -41,6 +41,11 @@ _CLOCK: Final = {
         "{samples:.0f} samples were stored out of order, the first at t = {at:.6g} s: they were sorted "
         "by their times",
     ),
+    "cut": Meaning(
+        "warning",
+        "the file ends with {line!r}, without a line end and with {why} than the lines before: it was "
+        "probably cut, so that its last value may be wrong, copy or export it again",
+    ),
     "too_few": Meaning("error", "has {samples:.0f} samples, expected at least two"),
     "uneven": Meaning("error", "intervals differ by over {allowed:.0%}: resample the recording"),
     "short_file": Meaning(
@@ -94,6 +99,11 @@ _FLAGS: Final = {
         "{share:.0%} of the frames ({frames:.0f}) were interpolated or computed, not measured, by {by}",
     ),
     "left_out": Meaning("not EMG", "{why}"),
+    "instruction": Meaning(
+        "warning",
+        "recorded as instruction {recorded!r}, but {given!r} was specified and used: omit it, or "
+        "correct the recording",
+    ),
     "missing": Meaning("error", "missing from the recording: {advice}"),
 }
 _FILLERS: Final = {

@@ -1,8 +1,11 @@
 """Rules for arrays, each of which returns a sentence if it is violated."""
 
 import difflib
+import hashlib
+import json
 import re
 from collections.abc import Callable, Iterable, Iterator
+from typing import Final
 
 import numpy as np
 import xarray as xr
@@ -205,6 +208,34 @@ def index_rule(declared: ArrayDeclaration, size: int) -> Rule:
             f"points to {declared.index_into} {int(values.ravel()[int(np.argmax(bad))])}"
             f"{_where(array, bad)}; expected 0 to {size - 1}: positions count from 0, "
             "they are not identifiers"
+        )
+
+    return rule
+
+
+ORDER: Final = "index_order"
+"""Attribute of an index: digest of the names along its dim, in the order that its numbers mean."""
+
+
+def order_of(names: xr.DataArray) -> str:
+    """Digest of names in their order."""
+    text = json.dumps([str(name) for name in names.values])
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def order_rule(names: xr.DataArray) -> Rule:
+    """The names along the dim of an index are those, and in the order, that its numbers mean.
+
+    Selecting along that dim reorders the names but not the numbers.
+    """
+
+    def rule(array: xr.DataArray) -> str | None:
+        if array.attrs.get(ORDER, order_of(names)) == order_of(names):
+            return None
+        return (
+            f"is an index into {names.dims[0]!r}, whose names or order have changed since; expected "
+            "those with which it was made, because its numbers would mean others: pass the object as "
+            f"it was read, and select from results; after a change of both, delete {ORDER!r}"
         )
 
     return rule

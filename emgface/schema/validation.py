@@ -16,7 +16,17 @@ from emgface.errors import DataError, SchemaError, UnitsError, listed
 from emgface.schema.declaration import ArrayDeclaration, ObjectDeclaration
 from emgface.schema.demands import Problem, attribute_problems, study_problems
 from emgface.schema.migration import migrate
-from emgface.schema.rules import Rule, hint, index_rule, nearest, rules_of, type_rule
+from emgface.schema.rules import (
+    ORDER,
+    Rule,
+    hint,
+    index_rule,
+    nearest,
+    order_of,
+    order_rule,
+    rules_of,
+    type_rule,
+)
 
 CONVENTIONS = "CF-1.11"
 NOT_DATASETS = {"study", "treatment"}
@@ -183,12 +193,25 @@ def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
         rules += rules_of(array)
         if array.index_into in dataset.sizes:
             rules.append(("index", index_rule(array, dataset.sizes[array.index_into])))
+        if (names := _names_along(dataset, declared, array)) is not None:
+            rules.append(("order", order_rule(names)))
         # The range of values of a wrong type or unit is not examined.
         broken = ((label, rule(dataset[name])) for label, rule in rules)
         label, sentence = next((one for one in broken if one[1]), ("", None))
         if sentence:
             problems.append((label == "units", f"{name} {sentence}."))
     return problems
+
+
+def _names_along(
+    dataset: xr.Dataset, declared: ObjectDeclaration, array: ArrayDeclaration
+) -> xr.DataArray | None:
+    """Names along the dim into which an array is an index, or None if that has no names."""
+    dim = array.index_into
+    names = declared.coords.get(dim or "")
+    if names is None or names.dtype != "string" or dim not in dataset.coords:
+        return None
+    return dataset[dim]
 
 
 def _further(dataset: xr.Dataset, declared: ObjectDeclaration) -> tuple[str, ...]:
@@ -227,7 +250,13 @@ def _canonical(dataset: xr.Dataset, declared: ObjectDeclaration) -> xr.Dataset:
             target = np.dtype(str)
         elif array.dtype != "number":
             target = np.dtype(array.dtype)
-        attrs = {**current.attrs, "long_name": current.attrs.get("long_name", array.long_name)}
+        order = _names_along(result, declared, array)
+        numbered = {} if order is None else {ORDER: order_of(order)}
+        attrs = {
+            **current.attrs,
+            **numbered,
+            "long_name": current.attrs.get("long_name", array.long_name),
+        }
         if target.kind != current.dtype.kind or (target.kind != "U" and target != current.dtype):
             result[name] = current.astype(target).assign_attrs(attrs)
         else:

@@ -28,7 +28,7 @@ from emgface.errors import (
     UnitsError,
 )
 from emgface.muscles import MUSCLES
-from emgface.recordings.findings import ATTRIBUTE, findings_in, with_findings
+from emgface.recordings.findings import ATTRIBUTE, Finding, findings_in, with_findings
 from emgface.signals.doubtful import doubtful_rows, little_in_common
 from emgface.signals.envelope import muscle_activation
 from emgface.signals.features import feature_of
@@ -76,8 +76,9 @@ def activation_of(
     low rate); ConfigurationError if strategy, instruction or range do not fit the chain;
     ActivationError if an activation leaves 0-1 or is not finite.
     """
-    strategy = strategy or chain.strategy.name
-    instruction = instruction or recording.attrs.get("instruction")
+    strategy = chain.strategy.name if strategy is None else strategy
+    recorded_as = recording.attrs.get("instruction")
+    instruction = recorded_as if instruction is None else _instruction(instruction)
     montage = montage_of(map(str, emg_of(recording)["channel"].values), chain.montage)
     montage.demand(needed_muscles(strategy, instruction), strategy)
     feature, silent = feature_before_normalisation(recording, chain)
@@ -91,6 +92,9 @@ def activation_of(
         feature = map_channels(feature, chain.mapping.oom, montage.estimated)
     selected = select_muscles(feature, strategy, instruction, chain.strategy)
     doubts = [one for one in doubts if one.kind != "muscle" or one.name[:-2] in selected]
+    if recorded_as is not None and instruction != recorded_as:
+        values = {"given": str(instruction), "recorded": str(recorded_as)}
+        doubts.append(Finding("instruction", values=values))
     on = [str(name).rsplit("_", 1)[0] in selected for name in normalised["muscle"].values]
     activation = normalised * xr.DataArray(np.array(on, dtype=float), dims="muscle")
     activation.attrs = {**normalised.attrs, "units": "1"}
@@ -113,6 +117,16 @@ def activation_of(
     if instruction is not None:
         attrs["instruction"] = instruction
     return with_findings(activation.rename("activation").to_dataset().assign_attrs(attrs), doubts)
+
+
+def _instruction(given: object) -> str:
+    """Return an instruction that was specified; ConfigurationError unless it is a text."""
+    if not isinstance(given, str) or not given.strip():
+        raise ConfigurationError(
+            f"the instruction is {given!r}, expected its letter, such as 'A': specify it, or omit it to "
+            "use that of the recording"
+        )
+    return given
 
 
 RATES_AGREE = 2e-3  #: relative difference of sampling rates below which features can be compared

@@ -19,6 +19,7 @@ _SIGNALS = (
 )
 _ALIGNMENT = (
     "analysis.align",
+    "analysis.arguments",
     "analysis.components",
     "analysis.lag",
     "analysis.matching",

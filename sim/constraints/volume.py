@@ -7,6 +7,7 @@ import numpy as np
 from sim._kernels import volume as kernel
 from sim._kernels.lanes import LANES
 from sim.assembly import element_pair_keys, places_of, slots
+from sim.checks import real_numbers
 from sim.mesh import Mesh
 from sim.scene import Index, Layout
 from sim.state import Array
@@ -14,6 +15,7 @@ from sim.volumes import ElementVolumes
 
 
 @dataclass(frozen=True)
+@real_numbers
 class HardElementVolume:
     """c_e = v_e - V_e = 0 for every element, or those of some blocks of the mesh.
 

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from sim.checks import require
+from sim.checks import real_numbers, require
 from sim.contact.compiled import CompiledContact
 from sim.contact.search import faces_within
 from sim.contact.surfaces import NodeSurface, Pairing
@@ -17,6 +17,7 @@ from sim.scene import Index, Layout, Term
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class ConstraintContact(Term):
     """Contact of vertices with the opposite faces, enforced by multipliers.
 

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.checks import real_numbers
 from sim.contact.connectivity import (
     checked_triangles,
     require_area,
@@ -91,6 +92,7 @@ class NodeSurface(_Triangles):
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class RigidShell(_Triangles):
     """Rigid surface, at rest or on a given motion.
 

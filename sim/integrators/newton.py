@@ -7,6 +7,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from sim.checks import real_numbers, require
 from sim.errors import NotConverged
 from sim.integrators.workspace import Workspace
 from sim.linear import NotPositiveDefinite
@@ -82,6 +83,7 @@ class Potential(ABC):
 
 
 @dataclass(frozen=True)
+@real_numbers
 class Tolerances:
     """Tolerances of the iteration, and criteria for a new factor."""
 
@@ -90,6 +92,11 @@ class Tolerances:
     max_iterations: int = 80
     #: the factor is renewed if an iteration reduces the residual by a smaller factor
     keep_factor: float = 0.6
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "residual_tolerance", "keep_factor"):
+            require(self, name, getattr(self, name), above=0.0)
+        require(self, "max_iterations", self.max_iterations, least=1.0)
 
     def met(self, left: float, residual: float) -> bool:
         """Test if an estimated error of the positions and a residual are below their tolerances."""

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from sim.checks import real_numbers, require
 from sim.integrators.contract import require_upright
 from sim.integrators.linearly_implicit import (
     LinearStep,
@@ -30,6 +31,9 @@ class _Linearised:
     theta: ClassVar[float]
     estimated: ClassVar[bool]
     tolerance: float
+
+    def __post_init__(self) -> None:
+        require(self, "tolerance", self.tolerance, above=0.0)
 
     def step(
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
@@ -125,6 +129,7 @@ class _Linearised:
 
 
 @dataclass(frozen=True)
+@real_numbers
 class LinearlyImplicitEuler(_Linearised):
     """One Newton step of implicit Euler, (M + h D + h^2 K) v1 = M v0 + h f(q0), q1 = q0 + h v1.
 
@@ -155,6 +160,7 @@ class LinearlyImplicitEuler(_Linearised):
 
 
 @dataclass(frozen=True)
+@real_numbers
 class LinearlyImplicitTrapezoidal(_Linearised):
     """The trapezoidal rule linearised at the start of the step.
 

@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from sim.checks import real_numbers
 from sim.errors import SceneError
 from sim.inverse.response import Response
 from sim.inverse.targets import check_target, interpolated
@@ -41,6 +42,7 @@ class ForceTarget(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class RowForceTarget:
     """Forces of named rows of joints at the end of a step [N].
 
@@ -79,6 +81,7 @@ class RowForceTarget:
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class ContactForceTarget:
     """Sums of the normal forces of pairings of `ConstraintContact` at the end of a step [N].
 

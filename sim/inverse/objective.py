@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from sim.activation import Activation
+from sim.checks import real_numbers
 from sim.errors import ControlError, SceneError
 from sim.inverse.response import Form
 from sim.state import Array
@@ -15,6 +16,7 @@ REDONE = 3  #: largest number of linearisations of a step
 
 
 @dataclass(frozen=True)
+@real_numbers
 class Weights:
     """Terms of the objective of a step, all dimensionless, and the bounds of the activations.
 
@@ -61,6 +63,7 @@ class Weights:
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class MeasuredActivation:
     """Activation estimated from sEMG, and the trust in each muscle."""
 

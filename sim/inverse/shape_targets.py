@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
+from sim.checks import real_numbers
 from sim.errors import SceneError
 from sim.indices import indices
 from sim.inverse.targets import check_target, interpolated
@@ -13,6 +14,7 @@ from sim.state import Array
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class SeparationTarget:
     """Signed distance of two groups of points along a direction, such as the opening of lips [m].
 
@@ -59,6 +61,7 @@ class SeparationTarget:
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class AreaTarget:
     """Signed area of a closed polygon of points, projected along a direction, such as a mouth [m^2].
 

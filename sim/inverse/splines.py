@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import BSpline
 
+from sim.checks import real_numbers
 from sim.state import Array
 
 DEGREE = 1
@@ -14,6 +15,7 @@ positive density; the sum of several positive coefficients would not."""
 
 
 @dataclass(frozen=True)
+@real_numbers
 class Splines:
     """Linear B-splines on 0 to `duration`, with equal distances of about `spacing` [s].
 

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
+from sim.checks import real_numbers
 from sim.errors import SceneError
 from sim.indices import indices
 from sim.scene import Index
@@ -62,6 +63,7 @@ def check_target(name: str, time: Array, values: Array, size: float) -> None:
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class PointTarget:
     """Positions of nodes, or of points on bodies [m]; three points determine the pose of a body."""
 

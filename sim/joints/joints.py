@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.joints import ALIGNED, ANGLE, CURVE, TRAVEL, TURN
+from sim.checks import real_numbers
 from sim.errors import SceneError
 from sim.indices import index
 from sim.joints.contract import Array, Joint, Row, unit_axes
@@ -17,6 +18,7 @@ _PAIRS = ((1, 2), (0, 2), (0, 1))
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class _Located:
     """Two bodies with frames that coincide at rest."""
 
@@ -35,6 +37,7 @@ class _Located:
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class _BodyJoint(_Located):
     """Joint that locks directions between two bodies.
 
@@ -102,6 +105,7 @@ class Weld(_BodyJoint):
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class Bushing(_Located):
     """Springs and dampers along and about three axes, f = -k x - d dx/dt and m = -k theta - d dtheta/dt.
 
@@ -153,6 +157,7 @@ class Bushing(_Located):
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class Limit(_Located):
     """Smallest and largest angle about, or translation along, the axis of a joint.
 
@@ -214,6 +219,7 @@ class Limit(_Located):
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class PointOnPlane:
     """A point remains in a plane of a body, or on the side of its normal."""
 
@@ -251,6 +257,7 @@ class PointOnPlane:
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class PointOnCurve:
     """A point remains on the cylindrical surface z = f(x) in axes of a body, or above it.
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sim.bodies import Motion
+from sim.checks import real_numbers
 from sim.embedding import Embedding, embed
 from sim.errors import SceneError
 from sim.indices import index_rows, indices, node_indices
@@ -75,6 +76,7 @@ class Fixed:
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class OnBody:
     """Nodes that are rigidly attached to a body at their rest positions, or at other `places`.
 
@@ -98,6 +100,7 @@ class OnBody:
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class InElement:
     """Nodes and points attached to elements: they move by the shape functions there.
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.checks import require
+from sim.checks import real_numbers, require
 
 
 def quantity(default: Any, unit: str, **within: float) -> Any:
@@ -18,6 +18,7 @@ def units(law: Any) -> dict[str, str]:
     return {f.name: f.metadata["unit"] for f in fields(law)}
 
 
+@real_numbers
 class Parametric:
     """Base class of laws, dataclasses of `quantity` fields, which are checked on creation."""
 

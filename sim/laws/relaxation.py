@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.checks import require
+from sim.checks import real_numbers, require
 from sim.errors import SceneError
 
 
 @dataclass(frozen=True)
+@real_numbers
 class Prony:
     """Reduced relaxation function G(t) = 1 - sum_i g_i (1 - exp(-t/tau_i)), G(0) = 1.
 

@@ -9,7 +9,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 
 from sim._kernels import tensor_laws as kernel
-from sim.checks import require
+from sim.checks import real_numbers, require
 from sim.errors import SceneError
 from sim.laws.parameters import Parametric, quantity
 from sim.pattern import Array
@@ -68,6 +68,7 @@ class FiveTermMooneyRivlin(Parametric):
 
 
 @dataclass(frozen=True)
+@real_numbers
 class Ogden(Parametric):
     """Ogden law of any number of terms in the isochoric principal stretches l_i.
 
@@ -110,6 +111,7 @@ class Ogden(Parametric):
 
 
 @dataclass(frozen=True)
+@real_numbers
 class Fung(Parametric):
     """Orthotropic exponential law of the skin, along the material axes a_i of the element.
 

@@ -5,6 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from sim.checks import real_numbers
 from sim.errors import InvertedElement, SceneError, ToleranceMissed
 from sim.indices import indices, kept_until_known
 from sim.integrators.contract import TimeIntegrator
@@ -17,6 +18,7 @@ MEMORY = "steps"
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class ErrorControlledStep:
     """Steps h/2^k within every interval h, k by the estimated error at watched nodes.
 

@@ -3,12 +3,14 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from sim.checks import real_numbers
 from sim.integrators.contract import RunsSteps
 from sim.state import Outputs, State, StepReport
 from sim.steps.contract import Motion, Watch, require_positive
 
 
 @dataclass(frozen=True)
+@real_numbers
 class FixedStep:
     """Fixed step size; a failure ends the simulation."""
 

@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass
 
+from sim.checks import real_numbers
 from sim.state import State, StepReport, united
 from sim.steps.contract import FAILURES, Motion, Watch, require_positive
 
 
 @dataclass(frozen=True)
+@real_numbers
 class HalvingStep:
     """Fixed step size, halved wherever the integrator fails."""
 

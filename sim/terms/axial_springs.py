@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.checks import real_numbers
 from sim.errors import SceneError
 from sim.laws.line import ConstantForce
 from sim.mesh import Mesh
@@ -17,6 +18,7 @@ from sim.terms.strands import LineFibre
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class AxialSprings(Term):
     """Springs and dampers along polylines, E = stiffness/2 (L - L_rest)^2 and f = -damping dL/dt.
 

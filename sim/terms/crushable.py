@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.checks import require
+from sim.checks import real_numbers, require
 from sim.errors import SceneError
 from sim.indices import index
 from sim.multibody import PointForces
@@ -15,6 +15,7 @@ GONE = 1e-6  #: distance from the plane at which a morsel is crushed [m]
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class Crushable(Term):
     """Force F = force_max (1 - d/diameter) - damping d' on a point at the distance d from a plane.
 

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sim._kernels.lines import PARAMETERS, LineTable, tensions
+from sim.checks import real_numbers
 from sim.errors import SceneError
 from sim.laws.line import ConstantForce, LineLaw
 from sim.laws.rate import ForceVelocity
@@ -19,6 +20,7 @@ from sim.terms.strands import LineFibre, Strands, product_of
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class LineMuscles(Term):
     """Line muscles, E = sum over fibres of share w(L, activation) + stiffness/2 (L - L_rest)^2.
 

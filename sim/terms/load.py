@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.checks import real_numbers
 from sim.errors import SceneError
 from sim.indices import count_of, kept_until_known, node_indices
 from sim.multibody import PointForces
@@ -13,6 +14,7 @@ from sim.vectors import dot
 
 
 @dataclass(frozen=True)
+@real_numbers
 class Gravity(Term):
     """Force m g on every node, potential -m g . (q - X).
 
@@ -32,6 +34,7 @@ class Gravity(Term):
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class NodeLoad(Term):
     """Constant forces on nodes, potential -f . (q - X)."""
 

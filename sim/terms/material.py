@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from sim._kernels import tensor_laws
-from sim.checks import require
+from sim.checks import real_numbers, require
 from sim.errors import SceneError
 from sim.laws import (
     TENSOR_LAWS,
@@ -17,6 +17,7 @@ from sim.laws import (
 
 
 @dataclass(frozen=True)
+@real_numbers
 class Material:
     """Passive tissue."""
 

@@ -7,6 +7,7 @@ import numpy as np
 
 from sim._kernels.laws import FibreTable
 from sim.assembly import grouped
+from sim.checks import real_numbers
 from sim.errors import SceneError
 from sim.indices import count_of, indices, kept_until_known
 from sim.laws import Blemker, FibreLaw
@@ -16,6 +17,7 @@ from sim.state import Array
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class Muscles:
     """Fibres in elements: one row per element of a muscle; an element may have several."""
 

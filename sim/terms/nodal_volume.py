@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 
 from sim._kernels import volume as kernel
 from sim.assembly import element_pair_keys, grouped, slots
+from sim.checks import real_numbers
 from sim.matrix import Product
 from sim.mesh import Mesh
 from sim.pattern import distinct
@@ -30,6 +31,7 @@ Element volumes constrain more motions than nodal volumes. On a face with kappa/
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class NodalVolume(Term):
     """One pressure per node, E = sum_n kappa_n/2 V_n (v_n/V_n - 1)^2.
 

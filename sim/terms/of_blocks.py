@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass, replace
 
+from sim.checks import real_numbers
 from sim.mesh import Mesh
 from sim.scene import CompiledTerm, Index, Layout, Term
 from sim.state import Array
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class OfBlocks(Term):
     """A term that sees some blocks of the mesh; its elements are counted from the first of them.
 

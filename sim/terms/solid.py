@@ -11,6 +11,7 @@ from sim._kernels.element import NODES, Part
 from sim._kernels.laws import FibreTable, LawTable
 from sim._kernels.scatter import Places
 from sim.assembly import element_pair_keys, parts_of, places_of
+from sim.checks import real_numbers
 from sim.errors import SceneError
 from sim.indices import index_rows
 from sim.laws.isochoric import N_ISOCHORIC
@@ -24,6 +25,7 @@ from sim.terms.tensor_elements import TensorElements, rotations, tensor_laws
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class Solid(Term):
     """Total-Lagrangian solid, energy sum over Gauss points of w + U(J) + sum of fibre energies."""
 

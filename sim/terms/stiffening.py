@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.assembly import element_pair_keys
-from sim.checks import require
+from sim.checks import real_numbers, require
 from sim.errors import SceneError
 from sim.indices import count_of, indices, kept_until_known
 from sim.mesh import Mesh
@@ -16,6 +16,7 @@ from sim.terms.volume import CompiledElementVolume
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class Stiffening(Term):
     """Passive energy added to that of the solid, E = sum_e (s_e - 1) E_e with the tissue's own E_e.
 

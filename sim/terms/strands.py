@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from sim.checks import require
+from sim.checks import real_numbers, require
 from sim.embedding import embed
 from sim.errors import SceneError
 from sim.indices import index, indices
@@ -18,6 +18,7 @@ from sim.state import Array
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class LineFibre:
     """A polyline with one tension along its whole length, as over frictionless via points."""
 

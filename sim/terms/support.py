@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.checks import require
+from sim.checks import real_numbers, require
 from sim.errors import SceneError
 from sim.indices import count_of, kept_until_known, node_indices
 from sim.scene import CompiledTerm, Contribution, Index, Layout, Term
@@ -18,6 +18,7 @@ At rest a node is on its wall up to rounding, which must not affect the stiffnes
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class Support(Term):
     """Penalty walls, E = sum_n stiffness/2 min(0, gap + normal_n . (x_n - X_n))^2.
 

@@ -12,6 +12,7 @@ import numpy as np
 from sim._kernels import volume as kernel
 from sim._kernels.lanes import LANES
 from sim.assembly import element_pair_keys, parts_of, places_of
+from sim.checks import real_numbers
 from sim.errors import SceneError
 from sim.mesh import Mesh
 from sim.scene import CompiledTerm, Contribution, Index, Layout, Term
@@ -19,6 +20,7 @@ from sim.state import Array, Control
 
 
 @dataclass(frozen=True, eq=False)
+@real_numbers
 class ElementVolume(Term):
     """One pressure per element, E = sum_e kappa_e/2 V_e (v_e/V_e - 1)^2."""
 

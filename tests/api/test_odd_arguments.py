@@ -13,7 +13,8 @@ from analysis.errors import TrajectoryError
 from analysis.scores import amplitude_ratio, correlation_3d, rmse, score
 from analysis.trajectory import checked
 from emgface.choices import Parameters, configure
-from emgface.errors import ConfigurationError, DataError, SchemaError
+from emgface.errors import ConfigurationError, DataError, FeatureWarning, SchemaError
+from emgface.recordings.findings import findings_in
 from emgface.signals.activation import feature_range
 from emgface.signals.parameters import SignalChain
 from emgface.study.configuration import StudyConfiguration
@@ -163,3 +164,23 @@ def test_a_table_without_labels_keeps_its_first_sample(tmp_path):
         ef.read(sidecar)
     sidecar.write_text(sidecar.read_text() + 'columns = ["left", "right"]\n')
     assert ef.read(sidecar)["emg"].values.tolist() == [[0.5e-6, 0.75e-6], [1.25e-6, -1.5e-6]]
+
+
+@pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
+def test_an_instruction_that_contradicts_the_recording_is_a_finding():
+    stated = recording().assign_attrs(instruction="A")
+    with pytest.warns(FeatureWarning, match="recorded as instruction 'A', but 'B' was specified"):
+        found = ef.activate(stated, strategy="act_rel", instruction="B")
+    assert found.attrs["instruction"] == "B"
+    assert "instruction" in [finding.code for finding in findings_in(found)]
+    for given in ({"instruction": "A"}, {}):
+        same = ef.activate(stated, strategy="act_rel", **given)
+        assert "instruction" not in [finding.code for finding in findings_in(same)]
+    unstated = ef.activate(recording(), strategy="act_rel", instruction="B")
+    assert "instruction" not in [finding.code for finding in findings_in(unstated)]
+
+
+@pytest.mark.parametrize("name", ["strategy", "instruction"])
+def test_empty_names_are_not_the_default(name):
+    with pytest.raises(ConfigurationError, match=name):
+        ef.activate(recording().assign_attrs(instruction="A"), **{name: ""})

@@ -225,7 +225,9 @@ def test_checkpoints_change_a_motion_by_the_tolerance_and_keep_its_outputs():
 
 def test_a_checkpoint_after_no_output_is_refused():
     system = block()
-    with pytest.raises(sim.ControlError, match="checkpoint = 0, expected a number of outputs"):
+    with pytest.raises(
+        sim.ControlError, match="checkpoint = 0, expected a whole number of at least 1"
+    ):
         sim.simulate(system, drive(system, 0.05), duration=0.01, checkpoint=0)
 
 

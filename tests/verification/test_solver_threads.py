@@ -87,6 +87,6 @@ def test_threads_reach_the_library(monkeypatch):
 def test_a_solver_without_threads_refuses_them():
     with pytest.raises(sim.SceneError, match="has one thread"):
         run(2, "superlu")
-    with pytest.raises(sim.SceneError, match="expected at least 1"):
+    with pytest.raises(sim.SceneError, match="expected a whole number of at least 1"):
         run(0)
     assert thread_count() == 1

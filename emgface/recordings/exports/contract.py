@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from emgface.errors import DataError
+from emgface.recordings.findings import Finding
 from emgface.recordings.readers._build import require_few
 from emgface.schema.rules import one_line
 from emgface.schema.units import DIVISORS, spelling
@@ -46,6 +47,7 @@ class Export:
 
     columns: Sequence[Column]
     device: str = ""
+    findings: Sequence[Finding] = ()  #: on the whole file
 
 
 class Layout(Protocol):

@@ -68,11 +68,13 @@ def parse_matlab(path: Path, name: str) -> Any:
     head, *fields = name.split(".")
     found: list[Any] = scipy.io.whosmat(str(path), appendmat=False)
     held: dict[str, tuple[int, ...]] = {str(row[0]): row[1] for row in found}
-    logical = (head, "logical") in {(str(row[0]), str(row[2])) for row in found}
     if head not in held:
         raise AbsentVariable(head, list(held))
     _require_room(path, head, held[head])
-    value: Any = scipy.io.loadmat(str(path), appendmat=False, variable_names=[head])[head]
+    # With mat_dtype, logical arrays are bool, also in structures, not numbers 0 and 1.
+    value: Any = scipy.io.loadmat(
+        str(path), appendmat=False, variable_names=[head], mat_dtype=True
+    )[head]
     for field in fields:
         known = value.dtype.names or () if isinstance(value, np.ndarray) else ()
         if field not in known:
@@ -87,7 +89,7 @@ def parse_matlab(path: Path, name: str) -> Any:
         raise DataError(
             f"{path.name}: {name!r} is a {type(value).__name__}; expected an array: save it as one."
         )
-    return value.astype(bool) if logical and not fields else value
+    return value
 
 
 def parse_hdf5(

@@ -33,7 +33,7 @@ class Table(Parameters):
     columns_variable: str | None = None  #: variable of its labels
     #: dims of that array, in its order: time and channel, or time, marker and axis
     dims: tuple[Literal["time", "channel", "marker", "axis"], ...] = ("time", "channel")
-    step: float = 1.0  #: value of one count
+    step: float = 1.0  #: value of one count, negative if the sign is reversed
     zero: float = 0.0  #: count of zero
 
     @model_validator(mode="after")
@@ -48,6 +48,10 @@ class Table(Parameters):
                 f"{self.file} requires variable, the name of the array in the file"
                 if held
                 else f"{self.file} contains no variables; expected one of {', '.join(ARRAYS)}"
+            )
+        if self.step == 0.0:
+            raise ValueError(
+                "step is 0, so that every sample would be 0, expected the value of one count"
             )
         twice = [name for name in self.columns or () if (self.columns or ()).count(name) > 1]
         if twice:

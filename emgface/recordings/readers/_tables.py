@@ -11,6 +11,8 @@ import pandas as pd
 import xarray as xr
 
 from emgface.errors import DataError, listed
+from emgface.recordings.ends import cut_line
+from emgface.recordings.findings import Finding
 from emgface.recordings.readers._arrays import read_array, read_texts
 from emgface.recordings.readers._beside import file_beside
 from emgface.recordings.readers._build import require_few
@@ -24,7 +26,7 @@ from emgface.recordings.timebase import (
 )
 from emgface.schema.rules import hint, one_line
 from emgface.schema.units import to_si
-from emgface.texts import open_text
+from emgface.texts import open_text, read_text
 
 _UNREADABLE = (pd.errors.ParserError, pd.errors.ParserWarning)
 _EXACT = {
@@ -49,8 +51,10 @@ def load_table(
     """
     path = file_beside(folder or sidecar.parent, table.file, sidecar.name)
     dropped: dict[str, str] = {}
+    cut: list[Finding] = []
     if table.variable is None:
         frame = _table(sidecar, path, table)
+        cut = cut_line(read_text(path, table.encoding), table.delimiter)
         # A sidecar that lists its channels may use the names that pandas gives to repeated labels.
         if wanted is None and not table.columns:
             _require_labels(sidecar, path, table)
@@ -81,11 +85,12 @@ def load_table(
     if instants is None:
         rate = float(table.rate or np.nan)
         base = of_rate(path.name, len(frame), rate, by=f"'rate' in {sidecar.name}")
-        base = base.noting(contradicting(columns, rate, f"'rate' in {sidecar.name}"))
+        base = base.noting([*contradicting(columns, rate, f"'rate' in {sidecar.name}"), *cut])
         return frame, with_counter(base, columns), dropped
     named = xr.DataArray(instants, dims="time", name=f"{path.name}, {table.time}")
     time = to_si(named.assign_attrs(units=table.time_unit), "time").values
     base = of_stamps(f"{path.name}, {table.time}", time, by=f"the times of {table.time!r}")
+    base = base.noting(cut)
     return frame, with_counter(base, columns), dropped
 
 

@@ -20,6 +20,8 @@ from emgface.recordings.bids.sidecars import (
     start_times,
     world,
 )
+from emgface.recordings.ends import cut_line
+from emgface.recordings.findings import Finding
 from emgface.recordings.readers._build import Part, assemble_parts, position_array, unique_labels
 from emgface.recordings.readers._flags import bad_rows, without_bad
 from emgface.recordings.timebase import TimeBase, of_rate, of_stamps
@@ -110,9 +112,9 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
         raise DataError(
             f"{sidecar.name} has SamplingFrequency {rate!r}; expected a rate above 0 Hz: set it."
         )
-    values = _values(path, len(channels))
+    values, cut = _values(path, len(channels))
     announced = description.get("RecordingDuration")
-    base = _time_base(path, values, channels, rate)
+    base = _time_base(path, values, channels, rate).noting(cut)
     held = base.times.size / base.rate
     short = isinstance(announced, (int, float)) and held < announced - 0.5 / base.rate
     positions = channels[(channels["type"] == "POS") & channels["component"].isin(AXES)]
@@ -190,8 +192,8 @@ def _number(cell: Any) -> float | None:
         return None
 
 
-def _values(path: Path, count: int) -> np.ndarray:
-    """Return the numbers of a motion file, shape (frames, channels)."""
+def _values(path: Path, count: int) -> tuple[np.ndarray, list[Finding]]:
+    """Return the numbers of a motion file, shape (frames, channels), and a finding if it was cut."""
     try:
         text = read_text(path)
         frame = pd.read_csv(StringIO(text), sep="\t", header=None, na_values=["n/a"])
@@ -209,4 +211,4 @@ def _values(path: Path, count: int) -> np.ndarray:
     last = text.rpartition("\n")[2]
     if last and last.count("\t") != count - 1:
         raise DataError(f"{path.name} ends within a row; expected complete rows: copy it again.")
-    return values
+    return values, cut_line(text, "\t")

@@ -16,8 +16,9 @@ import xarray as xr
 
 from emgface.errors import DataError, EmgfaceError, UnitsError
 from emgface.recordings import exports
+from emgface.recordings.ends import cut_line
 from emgface.recordings.exports import EXPORTS, head_of, layout_in, layout_of
-from emgface.recordings.exports.contract import Column, Export
+from emgface.recordings.exports.contract import Column, Export, delimiter_of
 from emgface.recordings.findings import Finding
 from emgface.recordings.kinds import kind_of_name
 from emgface.recordings.readers._build import Part, assemble_parts, unique_labels, voltages
@@ -91,7 +92,9 @@ def export_of(path: Path) -> Export:
     layout = layout_in(head)
     if layout is None:
         raise DataError(needs_sidecar(path))
-    return layout.read(path, text, head)
+    export = layout.read(path, text, head)
+    last = text.rstrip("\x00\x1a \n").rpartition("\n")[2]
+    return replace(export, findings=[*export.findings, *cut_line(text, delimiter_of(last))])
 
 
 def needs_sidecar(path: Path) -> str:
@@ -150,7 +153,8 @@ def part_of(path: Path, export: Export, units: Mapping[str, str], lacking: str =
     kept = {signal.label for signal in used}
     names = {label: old for label, old in names.items() if label in kept or label in dropped}
     part = _together(path, used, units, dropped, names)
-    return part._replace(findings=[*left, *part.findings])
+    of_file = [replace(finding, kind="channel") for finding in export.findings]
+    return part._replace(findings=[*of_file, *left, *part.findings])
 
 
 def left_out(column: Column, unit: str | None = None) -> str:

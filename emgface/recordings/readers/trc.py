@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import DataError
+from emgface.recordings.ends import cut_line
 from emgface.recordings.readers._build import (
     Part,
     assemble_parts,
@@ -34,7 +35,8 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     The column of times determines the rate, and another one in the header is a finding. Raises
     DataError also if counts, frames and times do not agree.
     """
-    rows, header = _rows(path)
+    text = read_text(path, fallback="latin-1")
+    rows, header = _rows(path, text)
     rate = positive(path, "DataRate", header["DataRate"])
     frames = int(positive(path, "NumFrames", header["NumFrames"], int))
     count = int(positive(path, "NumMarkers", header["NumMarkers"], int))
@@ -49,6 +51,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
         )
     values = _values(path, table, count)
     base = _time_base(path, values[:, 0], values[:, 1], rate)
+    base = base.noting(cut_line(text, "\t" if "\t" in text else ","))
     positions = values[:, 2:].reshape(frames, count, 3).transpose(1, 2, 0)
     unit = units.get("position", header["Units"])
     data = position_array(np.ascontiguousarray(positions), labels, base, unit)
@@ -85,9 +88,9 @@ def _time_base(path: Path, number: np.ndarray, time: np.ndarray, rate: float) ->
     return base
 
 
-def _rows(path: Path) -> tuple[list[list[str]], dict[str, str]]:
+def _rows(path: Path, text: str) -> tuple[list[list[str]], dict[str, str]]:
     """Return the cells of all lines, and the counts of the header."""
-    lines = read_text(path, fallback="latin-1").splitlines()
+    lines = text.splitlines()
     if len(lines) < 6 or not lines[0].startswith("PathFileType"):
         start = lines[0][:20] if lines else ""
         raise DataError(

@@ -1,0 +1,40 @@
+"""Checks of the arguments of tests and alignments: numbers, counts, switches and seeds."""
+
+import math
+from typing import cast
+
+import numpy as np
+
+from analysis.errors import AnalysisError, StatisticsError
+
+Refused = type[AnalysisError]
+
+
+def number(name: str, value: object, *, error: Refused = StatisticsError) -> float:
+    """Return a real number; raise the given error for True, a text, a list, and NaN."""
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise error(f"{name} is {ascii(value)[:60]}, expected a number")
+    found = float(cast("float", value))
+    if math.isnan(found):
+        raise error(f"{name} is NaN, expected a number")
+    return found
+
+
+def count(name: str, value: object, *, least: int, error: Refused = StatisticsError) -> int:
+    """Return a whole number of at least `least`; raise the given error for another value."""
+    found = number(name, value, error=error)
+    if not (np.isfinite(found) and found == round(found) and found >= least):
+        raise error(f"{name} is {value!r}, expected a whole number of at least {least}")
+    return int(found)
+
+
+def yes_or_no(name: str, value: object, *, error: Refused = StatisticsError) -> bool:
+    """Return True or False; raise the given error for a text or number, which Python takes for True."""
+    if not isinstance(value, (bool, np.bool_)):
+        raise error(f"{name} is {ascii(value)[:60]}, expected True or False")
+    return bool(cast("object", value))
+
+
+def generator(seed: object) -> np.random.Generator:
+    """Return the generator of random numbers of a seed; StatisticsError unless it is whole and >= 0."""
+    return np.random.default_rng(count("the seed", seed, least=0))

@@ -1,0 +1,61 @@
+"""Files that cannot be written: the number of the error decides what is told."""
+
+import errno
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from emgface.errors import DataError
+from emgface.files import replace_file, write_text
+
+TOLD = {
+    errno.ENOSPC: "the disk is full",
+    errno.EDQUOT: "the quota of the disk is used up",
+    errno.EACCES: "no permission to write",
+    errno.EPERM: "no permission to write",
+    errno.EROFS: "Read-only file system",
+    errno.ENAMETOOLONG: "File name too long",
+    errno.EIO: "Input/output error",
+}
+
+
+def refused(folder: Path, error: Exception) -> str:
+    def write(path: Path) -> None:
+        raise error
+
+    with pytest.raises(DataError) as found:
+        replace_file(folder / "a.nc", write)
+    assert not list(folder.iterdir())
+    return str(found.value)
+
+
+@pytest.mark.parametrize("number", TOLD, ids=errno.errorcode.get)
+def test_each_number_has_its_reason(number: int, tmp_path: Path) -> None:
+    told = refused(tmp_path, OSError(number, os.strerror(number)))
+    assert TOLD[number] in told and ("disk is full" in told) == (number == errno.ENOSPC)
+
+
+@pytest.mark.parametrize("error", [OSError(errno.EACCES, "denied"), RuntimeError("HDF error")])
+def test_the_netcdf_library_reports_a_full_disk_otherwise(
+    error: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    usage = shutil.disk_usage(tmp_path)
+    monkeypatch.setattr(shutil, "disk_usage", lambda folder: usage._replace(free=0))
+    assert "the disk is full" in refused(tmp_path, error)
+
+
+def test_an_error_of_another_cause_is_passed_on(tmp_path: Path) -> None:
+    def write(path: Path) -> None:
+        raise RuntimeError("other")
+
+    with pytest.raises(RuntimeError, match="other"):
+        replace_file(tmp_path / "a.nc", write)
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="no file system of processes")
+def test_a_file_system_without_size_is_not_full() -> None:
+    with pytest.raises(DataError, match="Cannot write") as found:
+        write_text(Path("/proc/a.txt"), "x")
+    assert "disk is full" not in str(found.value)
