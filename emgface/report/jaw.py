@@ -39,7 +39,8 @@ def incisors(results: Results) -> Incisors | None:
             try:
                 trial = results.trial(place, strategy)
                 recording, motion = trial.recording.dataset, trial.motion
-                pair = incisor_pair(recording, motion, laboratory.face, frame)
+                face = laboratory.of(place[0]).face
+                pair = incisor_pair(recording, motion, face, frame)
                 if pair is None:
                     continue
                 found = compared(*pair)

@@ -16,7 +16,6 @@ from emgface.run.state import read_state
 from emgface.run.store import Result, Store
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.faces import study_face
 from emgface.study.intake import Intake, take_in
 from emgface.study.paths import placed
 from emgface.study.run import feature_extents
@@ -76,7 +75,7 @@ class Results:
         recording = next((r for r in self.intake.recordings if r.place == place), None)
         if recording is None or recording.error is not None or recording.excluded:
             raise DataError(f"there is no usable recording {' '.join(map(str, place))}")
-        laboratory, label = self.laboratory, " ".join(map(str, (*place, strategy)))
+        laboratory, label = self.laboratory.of(place[0]), " ".join(map(str, (*place, strategy)))
         activation = self._activation(recording, strategy)
         labels = dict(zip(TRIAL_DIMS, (*place, strategy), strict=True))
         used = float(self.base["sigma_max"].sel(labels))
@@ -103,7 +102,7 @@ class Results:
         assert self.laboratory is not None and self.intake is not None, "trials have both"
         if self._extents is None:
             self._extents = feature_extents(self.laboratory, self.intake)
-        return self.laboratory.activation(
+        return self.laboratory.of(recording.place[0]).activation(
             recording, strategy, self._extents.get(recording.place[0])
         )
 
@@ -148,11 +147,11 @@ def open_results(folder: Path) -> Results:
         return results
     try:
         results.intake = take_in(results.study.recordings, results.study.exclude, study=folder)
-        results.laboratory = Laboratory(
+        results.laboratory = Laboratory.of_study(
             Store(_store(folder), report=results.notes.append),
-            study_face(results.study.face),
             results.study,
             results.notes.append,
+            [str(name) for name in results.base["volunteer"].values],
         )
     except FAILURES as error:
         results.notes.append(

@@ -43,7 +43,7 @@ class Recorded:
     @cached_property
     def measured(self) -> xr.Dataset:
         """Measured lip positions during the simulation."""
-        laboratory = self.first.laboratory
+        laboratory = self.first.laboratory.of(self.recording.place[0])
         head = laboratory.study.signals.head_frame
         return measured_during(self.recording.dataset, self.first.dataset, laboratory.face, head)
 

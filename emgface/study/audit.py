@@ -15,7 +15,6 @@ from emgface.run.lines import Line, lines, run_files
 from emgface.run.store import Result, Stage, Store, damage_of
 from emgface.study.axes import Label
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.faces import study_face
 from emgface.study.intake import Intake, take_in
 from emgface.study.one_trial import run_trial
 from emgface.study.run import feature_extents
@@ -95,7 +94,8 @@ def planned_trials(
         )
     found: list[Planned] = []
     for variant in variants(study):
-        laboratory = Laboratory(store, study_face(variant.study.face), variant.study, store.report)
+        volunteers = [trial.place[0] for trial in trials]
+        laboratory = Laboratory.of_study(store, variant.study, store.report, volunteers)
         extents = feature_extents(laboratory, Intake(intake.recordings, {}))
         for trial in chosen:
             label = f"{variant.label}: {trial.label}" if variant.label else trial.label

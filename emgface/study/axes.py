@@ -61,7 +61,14 @@ class Axis(Parameters):
             elif isinstance(first, int | float):
                 found.append(float(first))
             elif self.parameters[0] == "face.path":
-                found.append(PurePosixPath(first.replace("\\", "/")).stem)
+                found.append(_file_label(first))
             else:
                 found.append(first)
         return found
+
+
+def _file_label(name: str) -> str:
+    """Name of a file without suffix; of one file per volunteer, what precedes the volunteer."""
+    path = PurePosixPath(name.replace("\\", "/"))
+    own = path.stem.replace("{volunteer}", "").strip("_-. ")
+    return own or path.parent.name.replace("{volunteer}", "").strip("_-. ") or path.stem

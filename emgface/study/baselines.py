@@ -190,7 +190,7 @@ def _typical(
 
     It is the measured motion if `strategy` is empty, otherwise the motion simulated with it.
     """
-    inputs = {"face": laboratory.face_digest}
+    inputs = {"face": laboratory.of(person[0]).face_digest}
     for repetition, one in of.items():
         inputs |= one.digests(str(repetition))
 
@@ -240,7 +240,7 @@ def _baselines(
     `others` contains the digests of the typical motions of other volunteers, by strategy ("" for
     the measured motions) and volunteer.
     """
-    inputs = {"face": laboratory.face_digest}
+    inputs = {"face": laboratory.of(person[0]).face_digest}
     for strategy, digests in others.items():
         kind = _kind(person[1], strategy)
         inputs |= {f"typical {other} {kind}": digest for other, digest in digests.items()}

@@ -19,6 +19,7 @@ from emgface.study.axes import Axis, Design
 from emgface.study.comparison import AlignmentParameters, ScoreParameters
 from emgface.study.exclusions import Exclusion
 
+VOLUNTEER = "{volunteer}"  #: part of a path that stands for the name of a volunteer
 STUDY_VERSION = 1  #: version of the format of a study file
 StudyStrategy = Literal["act_all", "act_3", "act_rel", "act_threshold", "inverse", "assisted"]
 """Strategies of the signal chain, and those that follow the markers."""
@@ -90,6 +91,7 @@ class FaceConfiguration(Parameters):
         None,
         "Face model written by 'emgface import face' or 'emgface build face'; relative to "
         "this file. Without a path, the template is generated.",
+        note="with {volunteer} in it, such as 'faces/{volunteer}.nc', every volunteer has a face",
     )
     head: Path | None = choice(
         None,
@@ -101,6 +103,11 @@ class FaceConfiguration(Parameters):
     template: TemplateParameters | None = Field(
         default=None, description="Parameters of the generated face, instead of path."
     )
+
+    @property
+    def per_volunteer(self) -> bool:
+        """True if every volunteer has a face of his or her own."""
+        return self.path is not None and VOLUNTEER in str(self.path)
 
     @model_validator(mode="after")
     def _one_source(self) -> "FaceConfiguration":

@@ -10,7 +10,6 @@ from emgface.pictures.page import motion_page
 from emgface.pictures.surface import with_surface
 from emgface.run.store import Store
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.faces import study_face
 from emgface.study.stages import Laboratory
 from emgface.study.table import load_recording
 
@@ -61,8 +60,7 @@ class FirstMotion:
         """Settle the face of the study, for which the numerical kernels are compiled."""
         if self._laboratory is None:
             store = Store(self._out / "store", report=lambda text: None)
-            face = study_face(self._study.face)
-            laboratory = Laboratory(store, face, self._study, report=lambda text: None)
+            laboratory = Laboratory.of_study(store, self._study, lambda text: None, ())
             laboratory.rest(self._study.simulation)
             self._laboratory = laboratory
         return self._laboratory
@@ -71,6 +69,9 @@ class FirstMotion:
         try:
             laboratory, strategy = self._settled(), self._study.strategies[0]
             recording = load_recording(path, self._study.recordings)
+            if self._study.face.per_volunteer:
+                own = (laboratory.store, self._study, lambda text: None, [recording.place[0]])
+                laboratory = Laboratory.of_study(*own)
             label = f"{recording.label} {strategy}"
             activation = laboratory.activation(recording, strategy).dataset
             drive = activation["activation"]

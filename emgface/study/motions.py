@@ -35,7 +35,7 @@ class StoredMotion:
         found = self.laboratory.store.read(MOTION.name, self.digest)
         if found is not None:
             return found
-        trial, laboratory = self.trial, self.laboratory
+        trial, laboratory = self.trial, self.laboratory.of(self.trial.place[0])
         recording, strategy = trial.recording, trial.strategy
         assert recording is not None, "a scored trial has a recording"
         activation = laboratory.activation(recording, strategy, self.extent).dataset["activation"]

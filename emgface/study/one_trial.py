@@ -22,7 +22,7 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
     `extent` is the range of the features if the normalisation is not that of the trial. Raises
     StoreError if results cannot be read or written.
     """
-    labels = (*trial.place, trial.strategy)
+    labels, laboratory = (*trial.place, trial.strategy), laboratory.of(trial.place[0])
     recording, origin = trial.recording, origin_of(trial)
     if recording is None:
         return Trial(*labels, status="missing", reason="there is no recording of this trial")

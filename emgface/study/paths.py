@@ -10,7 +10,7 @@ from pydantic import BaseModel
 from emgface.errors import DataError
 from emgface.run.state import read_state
 from emgface.study.axes import Axis
-from emgface.study.configuration import StudyConfiguration
+from emgface.study.configuration import VOLUNTEER, StudyConfiguration
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -45,6 +45,13 @@ def _axis(axis: Axis, change: Callable[[Path], Path]) -> Axis:
     return axis.model_copy(update={"levels": levels}) if files else axis
 
 
+def _folder(pattern: Path) -> Path:
+    """Folder of the files of a pattern, one for each volunteer."""
+    while VOLUNTEER in str(pattern):
+        pattern = pattern.parent
+    return pattern
+
+
 def placed(study: StudyConfiguration, folder: Path) -> tuple[StudyConfiguration, list[str]]:
     """Study with the paths that it has from `folder`, and one sentence for each that is another.
 
@@ -72,7 +79,7 @@ def placed(study: StudyConfiguration, folder: Path) -> tuple[StudyConfiguration,
         if new == old:
             return old
         told = f"The study was moved or copied from {before}: "
-        if new.exists():
+        if new.exists() or (VOLUNTEER in str(new) and _folder(new).exists()):
             notes[f"{told}{new} is used in place of {old}."] = None
             return new
         notes[f"{told}{old} is used as before, because there is no {new}."] = None

@@ -21,7 +21,6 @@ from emgface.schema.netcdf import read_netcdf
 from emgface.study.assembly import Computed, write_cube
 from emgface.study.baselines import compute_baselines
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.faces import study_face
 from emgface.study.formants import compute_formants
 from emgface.study.intake import Intake, take_in, take_in_references
 from emgface.study.outcomes import Entries, Run
@@ -140,9 +139,8 @@ def run_study(
     outcome = "failed"
     try:
         for variant in made:
-            laboratory = Laboratory(
-                kept, study_face(variant.study.face), variant.study, observer.message
-            )
+            volunteers = [trial.place[0] for trial in trials]
+            laboratory = Laboratory.of_study(kept, variant.study, observer.message, volunteers)
             run.variant = variant.label
             extents = feature_extents(laboratory, intake, run)
             entries = _run_trials(run, laboratory, trials, extents)

@@ -1,7 +1,7 @@
 """Results of one trial, each computed once: activation, motion, aligned position, scores."""
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -26,7 +26,7 @@ from emgface.run.store import Result, Store
 from emgface.signals.activation import feature_range
 from emgface.study.by_markers import ByMarkers
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.faces import study_head
+from emgface.study.faces import study_face, study_head, volunteer_faces
 from emgface.study.from_emg import activation_digest, activation_from_emg
 from emgface.study.incisor import with_incisor
 from emgface.study.measured import measured_during
@@ -67,7 +67,8 @@ class Laboratory:
     """Data common to the trials of a study: store, face, configuration.
 
     `report` receives one sentence for the reader; `muted` collects recordings with a feature that
-    is zero or saturated for at least one muscle.
+    is zero or saturated for at least one muscle. `own` contains the faces of the volunteers if each
+    has one; `face` is then the first of them.
     """
 
     store: Store
@@ -75,6 +76,33 @@ class Laboratory:
     study: StudyConfiguration
     report: Callable[[str], None]
     muted: set[str] = field(default_factory=set)
+    own: Mapping[str, xr.Dataset] = field(default_factory=dict[str, xr.Dataset])
+
+    @classmethod
+    def of_study(
+        cls,
+        store: Store,
+        study: StudyConfiguration,
+        report: Callable[[str], None],
+        volunteers: Iterable[str],
+    ) -> "Laboratory":
+        """Laboratory with the face of a study, or with those of the volunteers."""
+        own = volunteer_faces(study.face, volunteers)
+        face = next(iter(own.values())) if own else study_face(study.face)
+        return cls(store, face, study, report, own=own)
+
+    def of(self, volunteer: str) -> "Laboratory":
+        """Laboratory with the face of a volunteer."""
+        if volunteer not in self.own:
+            return self
+        if volunteer not in self._of:
+            own = Laboratory(self.store, self.own[volunteer], self.study, self.report, self.muted)
+            self._of[volunteer] = own
+        return self._of[volunteer]
+
+    @cached_property
+    def _of(self) -> dict[str, "Laboratory"]:
+        return {}
 
     @cached_property
     def face_digest(self) -> str:
@@ -127,9 +155,7 @@ class Laboratory:
         """Return the same laboratory with another initial sigma_max [Pa]."""
         simulation = self.study.simulation.model_copy(update={"sigma_max": sigma_max})
         study = self.study.model_copy(update={"simulation": simulation})
-        lowered = Laboratory(self.store, self.face, study, self.report)
-        lowered.muted = self.muted
-        return lowered
+        return Laboratory(self.store, self.face, study, self.report, self.muted, self.own)
 
     def extent(
         self, digests: Iterable[str], read: Callable[[], Iterable[xr.Dataset]], label: str
@@ -150,9 +176,10 @@ class Laboratory:
         if recording is None or recording.error is not None or recording.excluded:
             return ""
         by_markers = self.by_markers.digest if trial.strategy in VARIANT else ""
+        moved = self.of(trial.place[0]).moved
         return text_digest(
             f"{recording.digest} {trial.strategy} {extent.digest if extent else ''} "
-            f"{canonical_json(self.moved)} {self._study_digest}{by_markers}"
+            f"{canonical_json(moved)} {self._study_digest}{by_markers}"
         )
 
     @cached_property

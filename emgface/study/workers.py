@@ -8,6 +8,8 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import xarray as xr
+
 from analysis.trial import Trial
 from emgface.errors import DataError, EmgfaceError, ExecutionError, StoreError
 from emgface.face.file import load_face, save_face
@@ -42,8 +44,13 @@ def on_laboratory(
         return Task(_same, laboratory, work, group, failed)
     folder = laboratory.store.folder.resolve()
     _keep_face(laboratory, folder)
+    own = {volunteer: laboratory.of(volunteer) for volunteer in laboratory.own}
+    for one in own.values():
+        _keep_face(one, folder)
     objects = laboratory.store.objects
-    given = (laboratory.study, folder, laboratory.moved, None if objects is None else objects.url)
+    url = None if objects is None else objects.url
+    faces = {volunteer: one.face_digest for volunteer, one in own.items()}
+    given = (laboratory.study, folder, laboratory.moved, url, faces)
     return Task(read_laboratory, given, work, group, failed)
 
 
@@ -66,7 +73,7 @@ def compute_trials(
     trial that is about to begin; if it returns False, no further trial begins. A trial of which
     several workers died fails with WorkerDied.
     """
-    if trials and workers != 1:
+    if trials and workers != 1 and not laboratory.own:
         laboratory.rest(laboratory.study.simulation)  # computed once, instead of in every worker
     task = on_laboratory(_trial, laboratory, workers, group=_of_place, failed=_lost)
     jobs = [(trial, extents.get(trial.place[0])) for trial in trials]
@@ -88,6 +95,17 @@ def _of_place(job: TrialJob) -> Hashable:
 def _lost(job: TrialJob, error: Exception) -> Judged:
     trial = job[0]
     return Trial.failed(*trial.place, trial.strategy, error, origin=origin_of(trial)), False
+
+
+def _kept_face(store: Path, digest: str) -> xr.Dataset:
+    """Read a face that the process of the study has written to the store."""
+    path = store / FACES / f"{digest}.nc"
+    if not path.is_file():
+        raise ExecutionError(
+            f"a worker does not find {path}, expected a file system that all workers share: "
+            "specify a folder for the results that exists on all machines"
+        )
+    return load_face(path)
 
 
 def _keep_face(laboratory: Laboratory, store: Path) -> None:
@@ -144,22 +162,21 @@ def _same(laboratory: Laboratory, report: Callable[[str], None]) -> Laboratory:
     return laboratory
 
 
-Files = tuple[StudyConfiguration, Path, Mapping[str, str], str | None]
-"""Study, folder of the store, digests of what moves, and address of the object storage."""
+Files = tuple[StudyConfiguration, Path, Mapping[str, str], str | None, Mapping[str, str]]
+"""Study, folder of the store, digests of what moves, and address of the object storage.
+
+The last are the digests of the faces of the volunteers, if each has one.
+"""
 
 
 def read_laboratory(given: Files, report: Callable[[str], None]) -> Laboratory:
     """Prepare the laboratory of a worker process, which must have the files of the study."""
-    study, folder, moved, objects = given
-    path = folder / FACES / f"{moved['face']}.nc"
-    if not path.is_file():
-        raise ExecutionError(
-            f"a worker does not find {path}, expected a file system that all workers share: "
-            "specify a folder for the results that exists on all machines"
-        )
-    face = load_face(path)
+    study, folder, moved, objects, faces = given
+    face = _kept_face(folder, moved["face"])
+    own = {volunteer: _kept_face(folder, digest) for volunteer, digest in faces.items()}
     remote = None if objects is None else Objects(objects)
-    laboratory = Laboratory(Store(folder, report=report, objects=remote), face, study, report)
+    store = Store(folder, report=report, objects=remote)
+    laboratory = Laboratory(store, face, study, report, own=own)
     try:
         same = laboratory.moved == moved
     except OSError as error:

@@ -205,11 +205,11 @@ def test_doubts_tell_a_face_stronger_than_persons_and_a_fit_that_did_not_converg
 def test_a_worker_refuses_a_reduced_face_that_changed(slab: xr.Dataset, tmp_path: Path) -> None:
     laboratory = Laboratory(Store(tmp_path), slab, STUDY, print)
     workers._keep_face(laboratory, tmp_path)
-    workers.read_laboratory((STUDY, tmp_path, laboratory.moved, None), print)
+    workers.read_laboratory((STUDY, tmp_path, laboratory.moved, None, {}), print)
     changed = laboratory.moved | {"reduced": "other"}
     with pytest.raises(ExecutionError, match="was changed while the study ran"):
-        workers.read_laboratory((STUDY, tmp_path, changed, None), print)
+        workers.read_laboratory((STUDY, tmp_path, changed, None, {}), print)
     reduced = {"reduced": {"file": str(tmp_path / "absent.nc")}}
     study = configure(StudyConfiguration, {"simulation": MECHANICS | reduced})
     with pytest.raises(ExecutionError, match=r"a worker cannot read .*absent\.nc"):
-        workers.read_laboratory((study, tmp_path, laboratory.moved, None), print)
+        workers.read_laboratory((study, tmp_path, laboratory.moved, None, {}), print)
