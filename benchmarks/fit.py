@@ -1,12 +1,14 @@
-"""Checks of the fit of a face to a person: damaged inputs, and motion of a published face.
+"""Checks of the fit of a face to a person: damaged inputs, a published face, worth in scores.
 
     python -m benchmarks fit --only damaged --inputs 300
     python -m benchmarks fit --only published
+    python -m benchmarks fit --only worth --persons 20 --workers 2
 
 Simulated persons; the published faces are read from the folder EMGFACE_SHARED.
 """
 
 import os
+import tempfile
 import time
 from collections import Counter
 from dataclasses import replace
@@ -19,6 +21,7 @@ import xarray as xr
 
 import sim
 from benchmarks.fit_inputs import DAMAGES, damaged, person_of
+from benchmarks.fit_worth import worth
 from emgface.api.given import simulation_of, study_of
 from emgface.errors import EmgfaceError
 from emgface.face.recipe import compose_scene
@@ -132,10 +135,20 @@ def published(further: int = 0) -> float:
 
 
 def main(
-    only: Annotated[list[str] | None, typer.Option(help="damaged or published.")] = None,
+    only: Annotated[list[str] | None, typer.Option(help="damaged, published or worth.")] = None,
     inputs: Annotated[int, typer.Option(help="Number of damaged inputs.")] = 36,
     first: Annotated[int, typer.Option(help="Number of the first of them.")] = 0,
+    persons: Annotated[int, typer.Option(help="Number of simulated persons.")] = 20,
+    instructions: Annotated[str, typer.Option(help="Their instructions, such as BD.")] = "BD",
+    workers: Annotated[int, typer.Option(help="Number of processes.")] = 1,
+    out: Annotated[Path, typer.Option(help="Folder of table and figure.")] = Path("docs/fit"),
+    work: Annotated[
+        Path | None, typer.Option(help="Folder that keeps motions, to resume a run.")
+    ] = None,
 ) -> None:
+    if only and "worth" in only:
+        with tempfile.TemporaryDirectory() as temporary:
+            worth(persons, tuple(instructions), out, work or Path(temporary), workers)
     if not only or "damaged" in only:
         damaged_inputs(inputs, first)
     if not only or "published" in only:

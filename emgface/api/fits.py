@@ -23,6 +23,7 @@ def fit(
     unit: str | None = None,
     on_face: "Marks | None" = None,
     noise: float = 0.8e-3,
+    thickness: float = 0.0,
     name: str = "fitted face",
     simulated: bool = False,
     report: "File | None" = None,
@@ -50,6 +51,9 @@ def fit(
         Places of landmarks on the face that is fitted, in its frame.
     noise : float
         Standard deviation of a landmark [m].
+    thickness : float
+        Thickness of the tissue where no data determine it, in standard deviations of its logarithm
+        from the expected one; faces with -1, 0 and 1 show what its uncertainty means for a result.
     name : str
         Name of the fitted face.
     simulated : bool
@@ -80,7 +84,8 @@ def fit(
 
     found = fit_face(
         face_of(face, study_of(None)), landmarks, skin=skin, inner=inner, bone=bone, unit=unit,
-        on_face=on_face, noise=noise, name=name, simulated=simulated, progress=progress,
+        on_face=on_face, noise=noise, thickness=thickness, name=name, simulated=simulated,
+        progress=progress,
     )  # fmt: skip
     if report is not None:
         from emgface.fit.report import write_report

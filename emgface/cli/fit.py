@@ -33,6 +33,12 @@ def fit(
         typer.Option(help="Places of the landmarks on the face that is fitted (as --landmarks)."),
     ] = None,
     noise: Annotated[float, typer.Option(help="Standard deviation of a landmark, in mm.")] = 0.8,
+    thickness: Annotated[
+        float,
+        typer.Option(
+            help="Thickness where no data determine it, in standard deviations from the expected one."
+        ),
+    ] = 0.0,
     name: Annotated[str | None, typer.Option(help="Name of the fitted face.")] = None,
     report: Annotated[
         Path | None, typer.Option(help="Page with distances, quality and uncertainty (HTML).")
@@ -56,8 +62,8 @@ def fit(
 
         fitted = fit_face(
             face_of(face, study_of(None)), landmarks, skin=skin, inner=inner, bone=bone, unit=unit,
-            on_face=on_face, noise=1e-3 * noise, name=name or out_path.stem, simulated=simulated,
-            progress=tell,
+            on_face=on_face, noise=1e-3 * noise, thickness=thickness,
+            name=name or out_path.stem, simulated=simulated, progress=tell,
         )  # fmt: skip
     save_face(fitted.face, out_path)
     say(f"Wrote {out_path}.")

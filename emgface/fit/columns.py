@@ -78,14 +78,26 @@ class ThicknessPrior:
     columns: Columns
     mean: Floats  #: (n,) median thickness [m]
     free: Integers  #: columns whose inner nodes no data determine
+    #: thickness of this face in standard deviations of the logarithm: a member of the ensemble
+    deviation: float = 0.0
 
     @classmethod
     def scaled(
-        cls, columns: Columns, source: Floats, scale: float, known: Integers
+        cls,
+        columns: Columns,
+        source: Floats,
+        scale: float,
+        known: Integers,
+        deviation: float = 0.0,
     ) -> "ThicknessPrior":
         """Thickness of the source times the scale of the similarity; not of nodes that are `known`."""
         free = np.flatnonzero(~np.isin(columns.inner, known))
-        return cls(columns, scale * columns.thickness(source), free)
+        return cls(columns, scale * columns.thickness(source), free, deviation)
+
+    @property
+    def wanted(self) -> Floats:
+        """Thickness (n,) of this face [m]."""
+        return self.mean * np.exp(self.deviation * SPREAD)
 
     def interval(self) -> tuple[Floats, Floats]:
         """Bounds (n,) that contain the thickness with a probability of 90 % [m]."""
@@ -94,7 +106,7 @@ class ThicknessPrior:
 
     def rows(self, q: Floats, area: Floats) -> Rows:
         """Springs that pull inner nodes to their thickness at q; `area` (n_nodes,) of the skin."""
-        wanted = self.mean[self.free]
+        wanted = self.wanted[self.free]
         skin, inner = self.columns.skin[self.free], self.columns.inner[self.free]
         along = q[inner] - q[skin]
         along /= np.linalg.norm(along, axis=1, keepdims=True)

@@ -39,6 +39,8 @@ LARGEST_MISS: Final = {"skin": 1.0e-3, "inner": 1.5e-3, "bone": 1.5e-3}
 One millimetre is the accuracy of the surfaces in Bucki et al. 2010.
 """
 
+MOST_DEVIATIONS: Final = 3.0  #: largest thickness of a member of the ensemble, in deviations
+
 Given = Scan | tuple[Any, Any] | str | os.PathLike[str]
 Marks = Landmarks | Mapping[str, Sequence[float]] | pd.DataFrame | str | os.PathLike[str]
 
@@ -85,6 +87,7 @@ def fit_face(
     unit: str | None = None,
     on_face: Marks | None = None,
     noise: float = NOISE,
+    thickness: float = 0.0,
     name: str = "fitted face",
     simulated: bool = False,
     progress: Progress | None = None,
@@ -93,6 +96,11 @@ def fit_face(
     check_face(face)
     if not 1e-5 <= noise <= 1e-2:
         raise FitError(f"the noise of landmarks is {noise} m, expected 1e-5 to 1e-2")
+    if not abs(thickness) <= MOST_DEVIATIONS:
+        raise FitError(
+            f"the thickness is {thickness} standard deviations from the expected one, expected "
+            f"-{MOST_DEVIATIONS:g} to {MOST_DEVIATIONS:g}"
+        )
     marks = landmarks_of(landmarks, unit)
     places = None if on_face is None else landmarks_of(on_face)
     scans = {
@@ -111,7 +119,7 @@ def fit_face(
     if not any(t.name == "inner" for t in targets):
         scale = similarity(paired.points.source, paired.points.target).scale
         determined = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *known]))
-        prior = ThicknessPrior.scaled(columns, source, scale, determined)
+        prior = ThicknessPrior.scaled(columns, source, scale, determined, thickness)
     area = sheets(face)["skin"].at(source).point_areas
 
     def thick(q: Floats) -> Any:
@@ -126,6 +134,8 @@ def fit_face(
     inputs = {"landmarks": (marks.source, marks.digest)}
     inputs |= {kind: (scan.source, scan.digest) for kind, scan in scans.items()}
     found = carried.face.assign_attrs(_attributes(face, name, inputs, paired, simulated))
+    if thickness:
+        found.attrs["fit_thickness_deviation"] = float(thickness)
     found.attrs.pop("muscle_radius", None)
     _check_corners(corners, result.position)
     found = check_face(found)
@@ -231,7 +241,7 @@ def _thickness_table(
     low, high = found.copy(), found.copy()
     if prior is not None:
         a, b = prior.interval()
-        ratio = columns.thickness(q) / prior.mean
+        ratio = columns.thickness(q) / prior.wanted
         low[prior.free] = 1e3 * (ratio * a)[prior.free]
         high[prior.free] = 1e3 * (ratio * b)[prior.free]
     return pd.DataFrame(
