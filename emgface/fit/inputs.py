@@ -1,5 +1,6 @@
 """Landmarks and surfaces of a person compared with a face: pairs, sides, order, frame of the face."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -59,31 +60,54 @@ def points_of_face(face: xr.Dataset) -> dict[str, Floats]:
     return found
 
 
-def pair(face: xr.Dataset, given: Landmarks, on_face: Landmarks | None, noise: float) -> Paired:
-    """Pair landmarks of a person by name with those of a face, and check their geometry.
+@dataclass(frozen=True, eq=False)
+class Matched:
+    """Landmarks (n, 3) on a model and on a person, paired by name, and their similarity [m]."""
 
-    `on_face` are places of the landmarks on the face [m], in addition to its own named points; `noise`
-    is the standard deviation of a landmark [m]. Raises FitError if fewer than four have a counterpart,
-    they lie in a plane, the input is mirrored, two are exchanged, or the others contradict one.
+    names: tuple[str, ...]
+    source: Floats
+    target: Floats
+    motion: Similarity
+    notes: list[str]
+
+    @property
+    def rigid(self) -> Similarity:
+        """Rigid motion from the frame of the person to that of the model."""
+        inverse = Similarity(1.0, self.motion.rotation.T, np.zeros(3))
+        shift = self.source.mean(axis=0) - inverse(self.target.mean(axis=0)[None])[0]
+        return Similarity(1.0, self.motion.rotation.T, shift)
+
+
+def match(
+    points: Mapping[str, Floats], given: Landmarks, also: Landmarks | None, noise: float, model: str
+) -> Matched:
+    """Pair landmarks of a person by name with points of a model, and check their geometry.
+
+    `also` are places of the landmarks on the model [m], in addition to its own named `points`;
+    `noise` is the standard deviation of a landmark [m]. Raises FitError if fewer than four have a
+    counterpart, they lie in a plane, the input is mirrored, two are exchanged, or the others
+    contradict one.
     """
-    known = {plain(name): p for name, p in points_of_face(face).items()}
-    if on_face is not None:
-        known |= dict(zip(on_face.names, on_face.position, strict=True))
+    known = {plain(name): p for name, p in points.items()}
+    if also is not None:
+        known |= dict(zip(also.names, also.position, strict=True))
     names = [n for n in given.names if n in known]
     if len(names) < LEAST:
         raise FitError(
             f"{given.source}: {len(names)} of {len(given.names)} landmarks have a counterpart on the "
-            f"face, expected at least {LEAST}: name them as on the face ({listed(sorted(known), 12)}), "
-            "or state their places on the face"
+            f"{model}, expected at least {LEAST}: name them as on the {model} "
+            f"({listed(sorted(known), 12)}), or state their places on the {model}"
         )
     notes = []
     if unknown := [n for n in given.names if n not in known]:
-        notes.append(f"landmarks without a counterpart on the face were ignored: {listed(unknown)}")
+        notes.append(
+            f"landmarks without a counterpart on the {model} were ignored: {listed(unknown)}"
+        )
     at = np.array([given.names.index(n) for n in names])
     source, target = np.array([known[n] for n in names]), given.position[at]
     extents = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)
     own = np.linalg.svd(target - target.mean(axis=0), compute_uv=False)
-    for values, whose in ((extents, "on the face"), (own, f"of {given.source}")):
+    for values, whose in ((extents, f"on the {model}"), (own, f"of {given.source}")):
         if not values[2] > FLAT * values[0]:
             raise FitError(
                 f"the landmarks {whose} lie nearly in one plane, expected landmarks at different "
@@ -94,18 +118,22 @@ def pair(face: xr.Dataset, given: Landmarks, on_face: Landmarks | None, noise: f
     if not SCALE[0] <= motion.scale <= SCALE[1]:
         raise FitError(
             f"{given.source}: the landmarks are {motion.scale:.3g} times as far apart as those of the "
-            f"face, expected {SCALE[0]} to {SCALE[1]}: check the unit"
+            f"{model}, expected {SCALE[0]} to {SCALE[1]}: check the unit"
         )
     check_strays(names, source, target, given.source, noise)
-    inverse = Similarity(1.0, motion.rotation.T, np.zeros(3))
-    shift = source.mean(axis=0) - inverse(target.mean(axis=0)[None])[0]
-    to_face = Similarity(1.0, motion.rotation.T, shift)
+    return Matched(tuple(names), source, target, motion, notes)
+
+
+def pair(face: xr.Dataset, given: Landmarks, on_face: Landmarks | None, noise: float) -> Paired:
+    """Pair landmarks of a person with those of a face; errors as of `match`."""
+    found = match(points_of_face(face), given, on_face, noise, "face")
+    to_face, source = found.rigid, found.source
     near = (skin := Sheet.of(face, OUTER).at(face["position"].values)).nearest(source)
     points = LandmarkPoints(
-        tuple(names), source, to_face(target), skin.triangles[near.triangle], near.weights,
+        found.names, source, to_face(found.target), skin.triangles[near.triangle], near.weights,
         near.distance <= OFF,
     )  # fmt: skip
-    return Paired(points, to_face, misfit(motion, source, target), notes)
+    return Paired(points, to_face, misfit(found.motion, source, found.target), found.notes)
 
 
 def _check_side(source: Floats, target: Floats, motion: Similarity, name: str) -> None:

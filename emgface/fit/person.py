@@ -104,7 +104,7 @@ def fit_face(
     marks = landmarks_of(landmarks, unit)
     places = None if on_face is None else landmarks_of(on_face)
     scans = {
-        kind: _scan(given, unit)
+        kind: scan_of(given, unit)
         for kind, given in (("skin", skin), ("inner", inner), ("bone", bone))
         if given is not None
     }
@@ -148,7 +148,8 @@ def fit_face(
     )  # fmt: skip
 
 
-def _scan(given: Given, unit: str | None) -> Scan:
+def scan_of(given: Given, unit: str | None) -> Scan:
+    """Surface from a file, or from points and triangles, which are in metres without a unit."""
     if isinstance(given, Scan):
         return given
     if isinstance(given, str | os.PathLike):

@@ -52,6 +52,12 @@ def similarity(
     return Similarity(scale, rotation, q - scale * rotation @ p)
 
 
+def rigid_of(values: Floats) -> Similarity:
+    """Rigid motion of the rows of rotation and shift (12,) [m]."""
+    rows = np.asarray(values, dtype=np.float64).reshape(3, 4)
+    return Similarity(1.0, rows[:, :3], rows[:, 3])
+
+
 def misfit(map_: Similarity, source: Floats, target: Floats) -> float:
     """Root mean square distance of the mapped points from their targets [m]."""
     return float(np.sqrt(((map_(source) - target) ** 2).sum(axis=1).mean()))
