@@ -7,9 +7,7 @@ thicker than the scan suggests; and the own geometry on the mesh of the study.
 """
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
 
@@ -106,13 +104,8 @@ def cubes(
 ) -> dict[str, xr.Dataset]:
     """Cube of every condition, with the face as the axis ``geometry``."""
     faces = work / "faces"
-    indices = range(1, persons + 1)
-    if workers == 1:
-        for index in indices:
-            write_faces(index, faces)
-    else:
-        with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
-            list(pool.map(write_faces, indices, [faces] * persons))
+    for index in range(1, persons + 1):
+        write_faces(index, faces)
     found: dict[str, xr.Dataset] = {}
     for condition, (world, strategy) in CONDITIONS.items():
         folder = work / world.label.replace(" ", "_")
