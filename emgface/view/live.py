@@ -27,6 +27,9 @@ RISE: Final = 10.0
 FRAMES: Final = 30.0  #: largest number of frames sent to a page per second
 AGAIN: Final = 1.0  #: time after which a source that has stopped is asked again [s]
 WAITING: Final = 0.25  #: time between looks at a page that has not drawn its frame yet [s]
+LEFT_OUT: Final = 0.25
+"""Delay after which sliders leave out the missed time instead of making up for it [s]."""
+MOST_NOTES: Final = 10_000  #: largest number of notes in the log
 MOST_ROWS: Final = 1_000_000  #: largest number of steps in the log, 2.8 h of steps of 10 ms
 HEAD: Final = ("time", "latency", "computing", "bound", "distance", "trusted", "smallest_J", "lost",
                "late", "pace")  # fmt: skip
@@ -233,10 +236,10 @@ class LiveSession:
         self.face, self.drive = face, drive
         self.log = Log(face.muscles, tuple(markers))
         self._centre, self._curves, self._further = centre, curves, further
-        self._new, self._frame, self._number = threading.Condition(), b"", 0
+        self._new, self._number = threading.Condition(), 0
+        self._newest: tuple[Floats, Floats, Moved] | None = None
         self._asked: list[tuple[Connection, Curves, bool]] = []
         self._still, self._reset, self.ended = False, False, False
-        self._notes: list[str] = []
         self.dropped = 0
 
     def talk(self, connection: Connection) -> None:
@@ -281,8 +284,11 @@ class LiveSession:
             raise DataError("the message is of an unknown kind")
 
     def _send(self, connection: Connection, ready: threading.Event) -> None:
-        """Send the newest frame whenever the page has drawn the former one."""
-        sent, last = 0, 0.0
+        """Send the newest frame whenever the page has drawn the former one, and all notes.
+
+        Only frames that are sent are encoded, in this thread: drawing does not delay the steps.
+        """
+        sent, last, told = 0, 0.0, len(self.log.notes)
         ready.set()
         while connection.open and not self.ended:
             if not ready.wait(WAITING) or not connection.open:
@@ -290,17 +296,19 @@ class LiveSession:
             with self._new:
                 if self._number <= sent and not self._new.wait(WAITING):
                     continue
-                frame, number, notes = self._frame, self._number, list(self._notes)
-                self._notes.clear()
-            for note in notes:
+            notes = self.log.notes[told:]
+            told += len(notes)
+            for _, note in notes:
                 connection.send(json.dumps({"kind": "note", "text": note}))
             if (early := last + 1.0 / FRAMES - time.perf_counter()) > 0.0:
                 time.sleep(early)
-                frame, number = self._frame, self._number
+            with self._new:
+                newest, number = self._newest, self._number
+            assert newest is not None  # its number is above 0
             self.dropped += max(number - sent - 1, 0) if sent else 0
             ready.clear()
             last, sent = time.perf_counter(), number
-            connection.send(frame)
+            connection.send(frame_of(*newest, self._centre))
 
     def run(self, seconds: float | None = None) -> None:
         """Take steps until the time is over, or for ever."""
@@ -330,6 +338,11 @@ class LiveSession:
                 pace = k * self.face.step / max(done - began, 1e-9)
                 self._publish(moved, activation, k, (done - arrived, done - begun, lost, pace))
                 for text in filter(None, (note, moved.note)):
+                    self.note(k * self.face.step, text)
+                behind = done - arrived
+                if self.face.real_time and behind > LEFT_OUT and isinstance(self.drive, Sliders):
+                    began = self._continue(k)
+                    text = f"The computer was busy: {behind:.2f} s were left out."
                     self.note(k * self.face.step, text)
         finally:
             self.ended = True
@@ -368,18 +381,16 @@ class LiveSession:
         self.log.add(row, activation, moved.markers)
         if self._further:
             self._further(activation, moved.markers)
-        frame = frame_of(row, activation, moved, self._centre)
         with self._new:
-            self._frame, self._number = frame, self._number + 1
+            self._newest, self._number = (row, activation, moved), self._number + 1
             self._new.notify_all()
 
     def note(self, at: float, text: str) -> None:
         """Report a sentence to the pages and the log, once until another one follows."""
-        if self.log.notes and self.log.notes[-1][1] == text:
+        notes = self.log.notes
+        if (notes and notes[-1][1] == text) or len(notes) >= MOST_NOTES:
             return
-        self.log.notes.append((round(at, 4), text))
-        with self._new:
-            self._notes.append(text)
+        notes.append((round(at, 4), text))
 
 
 def frame_of(row: Floats, activation: Floats, moved: Moved, centre: Floats) -> bytes:

@@ -424,3 +424,59 @@ def test_curves_and_time_of_the_page(served, opened, tmp_path):
         "fetch('curves', {method: 'POST', body: 'x,y'}).then(r => r.json()).then(done)"
     )
     assert "expected time" in found["why"]
+
+
+class Waiting(Page):
+    """Page that stays open until it is closed."""
+
+    def receive(self):
+        self._more.acquire()
+        self.open = False
+
+    def close(self):
+        self._more.release()
+
+
+def test_every_page_hears_the_notes(coarse, skin):
+    """Two pages at once; each hears a note once, and is sent frames."""
+    session = session_of(coarse, skin)
+    session.face._note = "A step failed."
+    pages = [Waiting(), Waiting()]
+    threads = [threading.Thread(target=session.talk, args=(page,), daemon=True) for page in pages]
+    for one in threads:
+        one.start()
+    session.run(0.5)
+    for page, thread in zip(pages, threads, strict=True):
+        page.close()
+        thread.join(10.0)
+        texts = [json.loads(m)["text"] for m in page.received if isinstance(m, str)]
+        assert texts == ["A step failed."]
+        assert any(isinstance(m, bytes) for m in page.received)
+
+
+def test_a_step_is_not_delayed_by_drawing(coarse, skin, monkeypatch):
+    """Without a page, no frame is encoded."""
+    monkeypatch.setattr("emgface.view.live.frame_of", lambda *given: pytest.fail("encoded"))
+    session = session_of(coarse, skin)
+    session.run(0.1)
+    assert len(session.log.rows) == 10
+
+
+def test_missed_time_is_left_out_and_told(coarse, skin):
+    """A step that takes long is followed by steps at their time, not by a series of late ones."""
+    session = session_of(coarse, skin)
+    whole, calls = session.face, []
+
+    class Slow(Shifted):
+        def __call__(self, activation):
+            calls.append(time.perf_counter())
+            if len(calls) == 6:  # the first loads the kernels
+                time.sleep(1.0)
+            return whole(activation)
+
+    session.face = Slow(coarse, skin)
+    session.run(0.3)
+    assert len(session.log.rows) == 30
+    assert [text[:21] for _, text in session.log.notes][:1] == ["The computer was busy"]
+    # Making up for it would need no time; the 24 steps that are left take their own.
+    assert calls[-1] - calls[6] > 0.2

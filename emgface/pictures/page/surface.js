@@ -157,7 +157,10 @@ const FRAGMENT = `
   }`;
 
 function webgl() {
-  const renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true, powerPreference: "low-power" });
+  // Where the processor draws, smooth edges and further pixels would double or quadruple its work.
+  const fine = !emulated || asked.has("smooth");
+  canvas.dataset.fine = fine;
+  const renderer = new THREE.WebGLRenderer({ canvas, antialias: fine, alpha: true, powerPreference: "low-power" });
   const scene = new THREE.Scene();
   const eye = new THREE.OrthographicCamera(-1, 1, 1, -1, 1, 2000);
   eye.up.set(0, 0, 1);
@@ -190,7 +193,7 @@ function webgl() {
   }
   return (points) => {
     const width = canvas.clientWidth, height = canvas.clientHeight;
-    renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
+    renderer.setPixelRatio(fine ? Math.min(window.devicePixelRatio || 1, 2) : 1);
     renderer.setSize(width, height, false);
     const { frame, middle, half, shift } = camera(width, height);
     material.uniforms.shift.value = shift;
@@ -258,11 +261,15 @@ function plain() {
   };
 }
 
+const asked = new URLSearchParams(location.search);
+let emulated = false;  // true if WebGL is a program without a graphics unit
 function hasWebGL() {
-  if (new URLSearchParams(location.search).has("plain")) return false;
+  if (asked.has("plain")) return false;
   try {
     const probe = document.createElement("canvas").getContext("webgl2");
     if (!probe) return false;
+    const named = probe.getExtension("WEBGL_debug_renderer_info");
+    emulated = /swiftshader|llvmpipe|softpipe|software|basic render/i.test(probe.getParameter(named ? named.UNMASKED_RENDERER_WEBGL : probe.RENDERER));
     probe.getExtension("WEBGL_lose_context")?.loseContext();
     return true;
   } catch { return false; }

@@ -11,6 +11,14 @@ const fullName = (k) => setup.names[k] + ({ _L: ", left", _R: ", right" }[side(k
 let socket = null;
 function say(message) { if (socket && socket.readyState === 1) socket.send(JSON.stringify(message)); }
 function told(text) { $("told").textContent = text; }
+// Answer of the program to a text, or a sentence `why` there is none.
+async function posted(name, body) {
+  try {
+    const answer = await fetch(name, { method: "POST", body });
+    if (answer.status === 413) return { why: "The text is larger than 1 MB." };
+    return answer.ok ? await answer.json() : { why: `The program answered with an error (${answer.status}).` };
+  } catch { return { why: "The program has ended or does not answer." }; }
+}
 
 function show() {
   let skin, markers;
@@ -203,8 +211,8 @@ function value(rows, t) {
 }
 function plotted() {
   const ratio = window.devicePixelRatio || 1, w = plot.clientWidth, h = plot.clientHeight;
-  plot.width = w * ratio; plot.height = h * ratio;
-  const pen = plot.getContext("2d"), css = getComputedStyle(document.documentElement);
+  if (plot.width !== Math.round(w * ratio) || plot.height !== Math.round(h * ratio)) { plot.width = Math.round(w * ratio); plot.height = Math.round(h * ratio); }
+  const pen = plot.getContext("2d", { willReadFrequently: true }), css = getComputedStyle(document.documentElement);
   const ink = css.getPropertyValue("--ink"), soft = css.getPropertyValue("--soft"), lineColour = css.getPropertyValue("--line"), blue = css.getPropertyValue("--blue"), orange = css.getPropertyValue("--orange");
   pen.setTransform(ratio, 0, 0, ratio, 0, 0);
   pen.clearRect(0, 0, w, h);
@@ -292,8 +300,7 @@ function curveEditor() {
   $("load").addEventListener("change", async () => {
     const file = $("load").files[0];
     if (!file) return;
-    const answer = await fetch("curves", { method: "POST", body: await file.text() });
-    const found = await answer.json();
+    const found = await posted("curves", await file.text());
     if (found.why) { told(found.why); return; }
     past(); edit.knots = found.knots; $("duration").value = found.duration; $("interpolation").value = found.interpolation;
     edit.chosen = -1; plotted(); ask(false);
@@ -357,13 +364,18 @@ function workspace() {
   Object.assign(view, kept.view);
   $("keep").addEventListener("click", async () => {
     const body = JSON.stringify({ curves: { knots: edit.knots, duration: end(), interpolation: $("interpolation").value }, view, notes: $("notes").value });
-    const found = await (await fetch("workspace", { method: "POST", body })).json();
+    const found = await posted("workspace", body);
     told(found.why || `Saved in ${found.wrote}.`);
     canvas.dataset.kept = found.wrote || "";
   });
 }
 
 function connect() {
+  if (!location.protocol.startsWith("http")) {
+    $("state").textContent = "This page is a copy without its program: start emgface live.";
+    canvas.dataset.connected = "no";
+    return;
+  }
   socket = new WebSocket(`ws://${location.host}${location.pathname}socket`);
   socket.binaryType = "arraybuffer";
   socket.onopen = () => { $("state").textContent = setup.words; canvas.dataset.connected = "yes"; };

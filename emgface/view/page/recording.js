@@ -1,5 +1,7 @@
 // Recording browser: channels as smallest and largest values per pixel column, markers, spectra, marks.
 const data = JSON.parse(document.getElementById("data").textContent);
+// A copy of the page without its program has the data of the page, and passes the mapping to the browser.
+if (!location.protocol.startsWith("http")) data.served = data.saves = false;
 const $ = (id) => document.getElementById(id);
 const { emg, markers } = data;
 const canvas = $("traces"), overview = $("overview");
@@ -102,8 +104,8 @@ function detail() {
   const mine = ++asking, used = way();
   setTimeout(async () => {
     if (mine !== asking) return;
-    const answer = await fetch(`span?start=${begin}&stop=${end}&columns=4096&filtered=${used === "filtered" ? 1 : 0}`);
-    if (!answer.ok) return;
+    const answer = await fetch(`span?start=${begin}&stop=${end}&columns=4096&filtered=${used === "filtered" ? 1 : 0}`).catch(() => null);
+    if (!answer || !answer.ok) { say("The program has ended or does not answer; the page shows its own data."); return; }
     const buffer = await answer.arrayBuffer(), [n, size] = new Int32Array(buffer.slice(0, 8));
     const values = new Int16Array(buffer.slice(8)), half = values.length / 2;
     if (mine !== asking) return;
@@ -375,7 +377,7 @@ async function save() {
   const text = mapping();
   if (!text) { say("Nothing has been named or marked."); return; }
   if (data.saves) {
-    const answer = await (await fetch("mapping", { method: "POST", body: text })).json();
+    const answer = await fetch("mapping", { method: "POST", body: text }).then((one) => one.json()).catch(() => ({ why: "The program has ended or does not answer: nothing was saved." }));
     say(answer.why ?? `Wrote ${answer.wrote}.`);
     canvas.dataset.saved = answer.wrote ?? "";
     return;
