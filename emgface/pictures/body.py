@@ -26,8 +26,10 @@ COLOURS: Final = {
 MOUTH: Final = (0.165, 0.062, 0.058)  #: colour of back faces
 TEETH: Final = (0.880, 0.860, 0.805)
 GUMS: Final = (0.640, 0.370, 0.365)
+NOSTRIL: Final = (0.290, 0.150, 0.130)
 CROWN: Final = 9.5e-3  #: height of the crowns of the teeth [m]; an arch is drawn as gums beyond it
 
+DOWNWARD: Final = -0.45  #: largest vertical part of the normal of the base of the nose
 MOST_NODES: Final = 4500
 """Largest number of nodes of the surface; more are merged along the shortest edges."""
 ENOUGH: Final = 5000  #: number of points up to which the surface is refined, at most twice
@@ -117,7 +119,9 @@ def make_body(rest: NDArray[np.floating], skin: Skin, arches: Sequence[Arch]) ->
         for rules in new:
             values = np.concatenate([values, follow(rules, values)[len(values) :]])
     tissue = len(values)
-    triangle, colour = [triangles(facet, values)], [_point_colours(facet, part, tissue)]
+    dark = nostrils(values, facet, part)[:, None]
+    coloured = (1.0 - dark) * _point_colours(facet, part, tissue) + dark * np.array(NOSTRIL)
+    triangle, colour = [triangles(facet, values)], [coloured]
     loop = rim(facet, values)
     if len(loop) > 2:  # closed at the back, so that the oral cavity is dark
         cap, height = strip(len(loop)), values[loop, 2]
@@ -140,6 +144,36 @@ def make_body(rest: NDArray[np.floating], skin: Skin, arches: Sequence[Arch]) ->
         np.concatenate(colour),
         tissue,
     )
+
+
+def nostrils(position: Floats, facet: Indices, part: Indices) -> Floats:
+    """Share (n,) of the colour of a nostril at points (n, 3) [m], 0 for a surface without a nose.
+
+    Meshes of faces have closed nostrils. They are drawn as an ellipse on each half of the base of the
+    nose, the facets of the skin above the upper lip that face downward; a quarter of the base in width
+    and half of it in length. Nothing is drawn unless the base is on both sides of the mouth's middle
+    and narrower than the mouth.
+    """
+    share, lips, skin = np.zeros(len(position)), part == VERMILION, facet[part == SKIN]
+    if not lips.any() or not len(skin):
+        return share
+    red = position[facet[lips]].reshape(-1, 3)
+    middle, mouth = red[:, 0].mean(), np.ptp(red[:, 0])
+    across, along = (position[skin[:, k + 2]] - position[skin[:, k]] for k in (0, 1))
+    normal = np.cross(across, along)
+    size = np.maximum(np.linalg.norm(normal, axis=1), np.finfo(np.float64).tiny)
+    centre = position[skin].mean(axis=1)
+    base = (normal[:, 2] < DOWNWARD * size) & (centre[:, 2] > red[:, 2].max())
+    base &= np.abs(centre[:, 0] - middle) < 0.5 * mouth
+    for side in (-1.0, 1.0):
+        own = base & (side * (centre[:, 0] - middle) > 0.0)
+        if own.sum() < 4:
+            return np.zeros(len(position))
+        middle_of_base = np.average(centre[own], axis=0, weights=size[own])
+        half = np.maximum(np.ptp(centre[own], axis=0) * (0.22, 0.27, 0.5), 1e-4)
+        far = np.sqrt((((position - middle_of_base) / half) ** 2).sum(axis=1))
+        share = np.maximum(share, np.clip((1.25 - far) / 0.5, 0.0, 1.0))
+    return share
 
 
 def _point_colours(facet: Indices, part: Indices, n: int) -> Floats:

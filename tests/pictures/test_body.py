@@ -10,11 +10,13 @@ from emgface.pictures.body import (
     ENOUGH,
     LINING,
     MOUTH,
+    NOSTRIL,
     SKIN,
     VERMILION,
     Skin,
     body_of,
     make_body,
+    nostrils,
     skin_of,
 )
 from emgface.pictures.subdivision import follow, refined
@@ -122,3 +124,29 @@ def test_a_closed_surface_gets_no_back() -> None:
     skin = Skin(np.arange(8), cube, np.zeros(6, dtype=np.int64))
     body = make_body(position, skin, ())
     assert body.tissue == len(body.colour)
+
+
+def test_nostrils_are_drawn_on_the_base_of_the_nose(face):
+    """Dark on both sides, above the lips, facing downward; nowhere else, and not without lips."""
+    skin = skin_of(face)
+    rest = face["position"].values[skin.node]
+    body = body_of(face, skin)
+    points = body.points(rest)[: body.tissue]
+    n, facet, part = len(rest), skin.facet, skin.part
+    share = nostrils(rest, facet, part)
+    assert share.shape == (n,) and share.max(initial=0.0) <= 1.0
+    dark = np.abs(body.colour[: body.tissue] - np.array(NOSTRIL)).max(axis=1) < 0.05
+    assert 4 <= dark.sum() < 0.01 * body.tissue
+    lips = np.unique(facet[part == VERMILION])
+    middle = rest[lips, 0].mean()
+    for side in (-1.0, 1.0):
+        own = points[dark][side * (points[dark, 0] - middle) > 0.0]
+        assert 0.3 * dark.sum() < len(own)
+        assert np.ptp(own[:, 0]) < 0.012 and np.ptp(own[:, 1]) < 0.02
+    assert points[dark, 2].min() > rest[lips, 2].max()
+    # The template is symmetrical.
+    np.testing.assert_allclose(points[dark, 0].mean(), middle, atol=1e-6)
+    assert not nostrils(rest, facet, np.full_like(part, SKIN)).any()
+    # A face that looks upward has no base of a nose above its lips.
+    turned = rest * np.array([1.0, 1.0, -1.0])
+    assert not nostrils(turned, facet[:, ::-1], part).any()
