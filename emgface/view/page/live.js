@@ -266,7 +266,7 @@ function change(alter) {
 function curveEditor() {
   setup.muscles.forEach((m, k) => $("muscle").append(Object.assign(document.createElement("option"), { value: m, textContent: fullName(k) })));
   edit.knots = structuredClone(setup.curves.knots || {});
-  $("duration").value = setup.curves.duration || 1.6;
+  $("duration").value = Number((setup.curves.duration || 1.6).toFixed(4));
   $("interpolation").value = setup.curves.interpolation || "linear";
   for (const id of ["muscle", "interpolation", "duration"]) $(id).addEventListener("change", () => { edit.chosen = -1; plotted(); ask(false); });
   plot.addEventListener("pointerdown", (event) => { edit.chosen = nearest(event); if (edit.chosen >= 0) { past(); edit.grip = true; plot.setPointerCapture(event.pointerId); } plotted(); });
@@ -302,7 +302,7 @@ function curveEditor() {
     if (!file) return;
     const found = await posted("curves", await file.text());
     if (found.why) { told(found.why); return; }
-    past(); edit.knots = found.knots; $("duration").value = found.duration; $("interpolation").value = found.interpolation;
+    past(); edit.knots = found.knots; $("duration").value = Number(found.duration.toFixed(4)); $("interpolation").value = found.interpolation;
     edit.chosen = -1; plotted(); ask(false);
   });
   new ResizeObserver(plotted).observe(plot);
