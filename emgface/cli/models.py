@@ -47,6 +47,14 @@ def build(
             "repeatable."
         ),
     ] = None,
+    part_file: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--model",
+            help="File of a part of a head in place of a generated one, such as face=person.nc (face, "
+            "jaw or tongue); repeatable.",
+        ),
+    ] = None,
 ) -> None:
     """Generate a face, jaw, tongue or head from published measures of a person."""
     from emgface.models.kinds import Person, kind_named
@@ -62,8 +70,21 @@ def build(
         parts=None if parts is None else tuple(name.strip() for name in parts.split(",")),
         contacts=contacts,
         rings={muscle: words for muscle, _, words in given} or None,
+        models=_files(part_file),
     )
     _write(chosen, chosen.build(person), out_path)
+
+
+def _files(given: list[str] | None) -> dict[str, Path] | None:
+    """Files by part, of options such as face=person.nc; None without options."""
+    return {part: Path(file) for part, _, file in map(_parted, given or [])} or None
+
+
+def _parted(text: str) -> tuple[str, str, str]:
+    part, equals, file = text.partition("=")
+    if not (part and file):
+        raise typer.BadParameter(f"--model {text}: expected PART=FILE, such as face=person.nc")
+    return part, equals, file
 
 
 def import_(

@@ -21,6 +21,7 @@ def build(person: Person) -> Head:
     from emgface.anatomy.head.build import build_head
     from emgface.anatomy.jaw.template.measures import parse_settings
     from emgface.face.template.muscles import parse_ring
+    from emgface.models.kinds import kind_named
 
     return build_head(
         list(person.parts or PARTS),
@@ -30,6 +31,10 @@ def build(person: Person) -> Head:
         resolution=person.resolution or "coarse",
         contacts=None if person.contacts is None else list(person.contacts),
         rings={muscle: parse_ring(words) for muscle, words in (person.rings or {}).items()},
+        models={
+            part: kind_named(part).functions.read(path)
+            for part, path in (person.models or {}).items()
+        },
     )
 
 

@@ -32,6 +32,7 @@ class Person:
     parts: tuple[str, ...] | None = None  #: of a head
     contacts: tuple[str, ...] | None = None  #: of a head
     rings: Mapping[str, str] | None = None  #: of orbicularis oris, of a head
+    models: Mapping[str, Path] | None = None  #: files of parts of a head in place of generated ones
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ class Kind:
         return self.functions.build(person)
 
 
-OF_HEADS: Final = ("parts", "contacts", "rings")
+OF_HEADS: Final = ("parts", "contacts", "rings", "models")
 KINDS: Final[Mapping[str, Kind]] = {
     kind.name: kind
     for kind in (

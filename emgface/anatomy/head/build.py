@@ -1,12 +1,14 @@
 """Generated head of a person: its parts, attachments and contact pairs."""
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
+from typing import Final
 
 import numpy as np
 import xarray as xr
 
-from emgface.anatomy.head.model import CONTACTS, FLOOR, PARTS, Head, build_lists
+from emgface.anatomy.head.model import CONTACTS, FLOOR, KINDS, PARTS, Head, build_lists
 from emgface.anatomy.head.scene import TONGUE
 from emgface.anatomy.jaw.exciters import exciters_of
 from emgface.anatomy.jaw.template import template_jaw
@@ -19,9 +21,12 @@ from emgface.face.parts import MANDIBLE, SKULL, Arch, Integers, arches_of
 from emgface.face.quality import element_quality
 from emgface.face.template import Measures, template_face
 from emgface.face.template.muscles import Ring
+from emgface.fit.registration import SmoothMap
+from emgface.fit.similarity import similarity
 from emgface.schema.validation import validate
 
 HYOID = ("hyoid", "thyroid", "cricoid")
+SAME: Final = 1e-6  #: largest difference of two frames that are the same [m, 1]
 
 
 def build_head(
@@ -34,6 +39,7 @@ def build_head(
     tongue_resolution: str | int | None = None,
     contacts: Sequence[str] | None = None,
     rings: Mapping[str, Ring] | None = None,
+    models: Mapping[str, xr.Dataset] | None = None,
 ) -> Head:
     """Generate the head of a person from named parts.
 
@@ -46,11 +52,13 @@ def build_head(
         Of face and tongue, by default the same name.
     contacts : pairs of `emgface.anatomy.head.model.CONTACTS`, by default all of the named parts.
     rings : parts of orbicularis oris that differ from those of the template face.
+    models : "face", "jaw" (with hyoid and larynx) or "tongue" in place of generated ones, such as parts
+        fitted to one person in one frame.
 
     Raises
     ------
     HeadError
-        A part or contact pair is unknown.
+        A part or contact pair is unknown, or models were fitted in different frames.
     FaceError, JawError, TongueError
         As of the parts.
     """
@@ -59,36 +67,81 @@ def build_head(
         found = unknown[0] if unknown else ",".join(parts)
         raise HeadError(f"parts {found!r}, expected different names of {', '.join(PARTS)}")
     named = [part for part in PARTS if part in parts]
+    models = _checked(models or {}, named)
     who = {"preset": preset, "seed": seed}
     found = dict[str, xr.Dataset]()
     attachments = dict[str, Integers]()
     if "face" in named:
         own = {field.name for field in fields(Measures)}
         given = {k: v for k, v in (measures or {}).items() if k in own}
-        face = template_face(measures=given, resolution=resolution, rings=rings, **who)
+        face = models.get("face")
+        if face is None:
+            face = template_face(measures=given, resolution=resolution, rings=rings, **who)
         for bone, name in ((MANDIBLE, "face-jaw"), (SKULL, "face-skull")):
             attachments[name] = np.flatnonzero(face["fixed"].values == bone)
         found["face"] = face
     if "jaw" in named or "hyoid" in named:
-        jaw = template_jaw(measures=measures, **who)
+        jaw = models.get("jaw")
+        jaw = template_jaw(measures=measures, **who) if jaw is None else jaw
         found["jaw"] = moving(jaw, named)
     if "tongue" in named:
         size = resolution if tongue_resolution is None else tongue_resolution
-        found["tongue"] = template_tongue(measures=measures, resolution=size, **who)
+        found["tongue"] = (
+            models["tongue"]
+            if "tongue" in models
+            else template_tongue(measures=measures, resolution=size, **who)
+        )
         for body, nodes in attached_nodes(found["tongue"]).items():
             attachments[f"tongue-{body}"] = nodes
     if "tongue" in found and "jaw" in found:
         found["jaw"] = without_floor_of(found["tongue"], found["jaw"])
     wanted = [p for p, needs in CONTACTS.items() if set(needs) <= set(named)]
     label = preset if seed is None else f"{preset}, volunteer {seed}"
+    if models:
+        label = ", ".join(str(model.attrs["name"]) for model in models.values())
     return build_lists(
         parts=found,
         named=named,
         attachments=attachments,
         contacts=wanted if contacts is None else contacts,
         shells=_shells(found, measures, preset, seed),
-        name=f"template head ({label}: {', '.join(named)})",
+        name=f"{'head' if models else 'template head'} ({label}: {', '.join(named)})",
+        origin="fitted" if _fitted(models) else "generated",
     )
+
+
+def _fitted(models: Mapping[str, xr.Dataset]) -> bool:
+    return any(model.attrs.get("origin") == "fitted" for model in models.values())
+
+
+def _checked(models: Mapping[str, xr.Dataset], named: Sequence[str]) -> dict[str, xr.Dataset]:
+    """Models of the named parts in one frame; HeadError otherwise."""
+    owner = {"face": ("face",), "jaw": ("jaw", "hyoid"), "tongue": ("tongue",)}
+    for part, model in models.items():
+        if part not in owner or not set(owner[part]) & set(named):
+            raise HeadError(
+                f"a model of {part!r} is given, expected face, jaw or tongue, among the "
+                f"parts {', '.join(named)}"
+            )
+        validate(model, KINDS[part])
+    frames = {
+        part: np.array(json.loads(model.attrs["fit_frame"]))
+        for part, model in models.items()
+        if "fit_frame" in model.attrs
+    }
+    first = next(iter(frames), None)
+    for part, frame in frames.items():
+        if np.abs(frame - frames[str(first)]).max() > SAME:
+            raise HeadError(
+                f"{first} and {part} were fitted in different frames, expected one: fit the {part} with "
+                "the fitted face as its frame"
+            )
+    if _fitted(models) and "tongue" in named and "tongue" not in models:
+        raise HeadError(
+            "a generated tongue does not fit in fitted bones, expected a model of the tongue: fit it "
+            "to the jaw, or omit the part"
+        )
+    return dict(models)
 
 
 def without_floor_of(tongue: xr.Dataset, jaw: xr.Dataset) -> xr.Dataset:
@@ -172,5 +225,17 @@ def _shells(
     teeth = arches_of(parts["face"]) if "face" in parts else arches
     shells = {"mandible" if arch.bone == MANDIBLE else "maxilla": arch for arch in teeth}
     if "tongue" in parts:
-        shells["palate"] = palate(places, arches)
+        shells["palate"] = _with_teeth(palate(places, arches), arches, teeth)
     return shells
+
+
+def _with_teeth(roof: Arch, before: Sequence[Arch], after: Sequence[Arch]) -> Arch:
+    """Palate moved as the teeth of a fitted face were."""
+    one, two = ({a.bone: a.points for a in arches}[SKULL] for arches in (before, after))
+    if one.shape != two.shape or np.array_equal(one, two):
+        return roof
+    pick = np.arange(0, len(one), max(1, len(one) // 500))
+    moved = SmoothMap.through(
+        similarity(one[pick], two[pick]), one[pick], two[pick], np.full(len(pick), 0.5e-3)
+    )
+    return replace(roof, points=moved(roof.points))

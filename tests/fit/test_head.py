@@ -1,0 +1,144 @@
+"""Head of fitted parts: tongue carried by bones, one frame, what is refused; simulated persons."""
+
+import json
+
+import numpy as np
+import pytest
+
+from emgface.anatomy.head.build import build_head
+from emgface.anatomy.head.model import read_head, write_head
+from emgface.anatomy.jaw.template import template_jaw
+from emgface.anatomy.tongue.template.build import template_tongue
+from emgface.errors import FitError, HeadError
+from emgface.face.quality import element_quality
+from emgface.face.surface import boundary_faces, triangles
+from emgface.face.template import template_face
+from emgface.fit.bones import fit_jaw, points_of_jaw, surfaces_of
+from emgface.fit.inputs import points_of_face
+from emgface.fit.person import fit_face
+from emgface.fit.tongue import fit_tongue
+from tests.fit.conftest import MOTION
+
+SEED = 8
+
+
+def _moved(points):
+    return points @ MOTION[0].T + MOTION[1]
+
+
+@pytest.fixture(scope="module")
+def parts():
+    """Face, jaw and tongue fitted to one simulated person, in the frame of the face."""
+    own_face = template_face(resolution="coarse", seed=SEED)
+    marks = {k: _moved(v) for k, v in points_of_face(own_face).items()}
+    face = fit_face(template_face(resolution="coarse"), marks, simulated=True).face
+    generic, own_jaw = template_jaw(), template_jaw(seed=SEED)
+    scans = {
+        k: (_moved(s.points), s.triangles)
+        for k, s in surfaces_of(own_jaw).items()
+        if k in ("jaw", "hyoid", "skull")
+    }
+    jaw = fit_jaw(
+        generic, landmarks={k: _moved(v) for k, v in points_of_jaw(own_jaw).items()},
+        surfaces=scans, frame=face, simulated=True,
+    ).jaw  # fmt: skip
+    return {"face": face, "jaw": jaw}, generic
+
+
+@pytest.fixture(scope="module")
+def tongues():
+    return (
+        template_tongue(resolution="coarse"),
+        template_tongue(resolution="coarse", seed=SEED),
+    )
+
+
+def _truth(jaw, points):
+    rows = np.array(json.loads(jaw.attrs["fit_frame"])).reshape(3, 4)
+    return _moved(points) @ rows[:, :3].T + rows[:, 3]
+
+
+def test_bones_and_a_surface_bring_the_tongue_to_that_of_the_person(parts, tongues):
+    models, generic = parts
+    tongue, own = tongues
+    faces, _ = boundary_faces(own["connectivity"].values.astype(np.int64))
+    skin = triangles(faces, own["position"].values)
+    used, corner = np.unique(skin, return_inverse=True)
+    scan = _moved(own["position"].values[used]), corner.reshape(-1, 3).astype(np.int64)
+    by_bones = fit_tongue(tongue, generic, models["jaw"])
+    found = fit_tongue(tongue, generic, models["jaw"], surface=scan)
+    truth = _truth(models["jaw"], own["position"].values)
+    errors = [
+        np.median(np.linalg.norm(t["position"].values - truth, axis=1))
+        for t in (tongue, by_bones, found)
+    ]
+    assert errors[1] < 0.5 * errors[0] and errors[2] < 0.4 * errors[0], errors
+    for one in (by_bones, found):
+        quality = element_quality(one["position"].values, one["connectivity"].values)
+        assert (quality.smallest_det > 0).all()
+        assert one.attrs["origin"] == "fitted" and one.attrs["fit_of"] == "simulated"
+    for name in ("connectivity", "bundle_index", "attachment_node", "exciter_gain"):
+        np.testing.assert_array_equal(found[name].values, tongue[name].values)
+    fibres = [t["fibre_position"].values for t in (tongue, found, own)]
+    start, end = (
+        np.median(np.linalg.norm(f - _truth(models["jaw"], fibres[2]), axis=1)) for f in fibres[:2]
+    )
+    assert end < 0.5 * start
+
+
+def test_a_head_of_fitted_parts_is_written_and_read(parts, tongues, tmp_path):
+    models, generic = parts
+    tongue = fit_tongue(tongues[0], generic, models["jaw"])
+    head = build_head(models={**models, "tongue": tongue})
+    assert head.lists.attrs["origin"] == "fitted" and "fitted face" in head.lists.attrs["name"]
+    np.testing.assert_array_equal(
+        head.parts["face"]["position"].values, models["face"]["position"].values
+    )
+    # the palate has moved with the upper teeth
+    generic_palate = build_head(resolution="coarse").shell("palate").points
+    assert np.abs(head.shell("palate").points - generic_palate).max() > 5e-4
+    write_head(head, tmp_path / "head.nc")
+    again = read_head(tmp_path / "head.nc")
+    assert again.parts["jaw"].attrs["fit_of"] == "simulated"
+    from emgface.anatomy.head.run import raised, simulate_head
+
+    motion = simulate_head(again, raised({"bi_GGP": 0.1}), duration=0.01)
+    assert np.isfinite(motion["body_position"].values).all()
+
+
+def test_parts_that_do_not_belong_together_are_refused(parts):
+    models, generic = parts
+    with pytest.raises(HeadError, match="a generated tongue does not fit"):
+        build_head(models=models)
+    elsewhere = models["jaw"].copy()
+    frame = np.array(json.loads(elsewhere.attrs["fit_frame"]))
+    elsewhere.attrs["fit_frame"] = json.dumps([float(v) for v in frame + 1e-3])
+    with pytest.raises(HeadError, match="different frames"):
+        build_head(["face", "jaw"], models={**models, "jaw": elsewhere})
+    with pytest.raises(HeadError, match="a model of 'tongue'"):
+        build_head(["face", "jaw"], models={"tongue": generic})
+    with pytest.raises(FitError, match="no attribute fit_frame"):
+        fit_jaw(generic, landmarks=points_of_jaw(generic), frame=template_face(resolution="coarse"))
+    with pytest.raises(FitError, match="the jaw is not fitted"):
+        fit_tongue(template_tongue(resolution="coarse"), generic, generic)
+
+
+def test_the_command_builds_a_head_of_files(parts, tmp_path):
+    from typer.testing import CliRunner
+
+    from emgface.cli import app
+    from emgface.face.file import save_face
+    from emgface.schema.netcdf import write_netcdf
+
+    models, _ = parts
+    save_face(models["face"], tmp_path / "f.nc")
+    write_netcdf(models["jaw"], tmp_path / "j.nc", "jaw_model")
+    done = CliRunner().invoke(
+        app,
+        ["build", "head", "--parts", "face,jaw", "--model", f"face={tmp_path / 'f.nc'}", "--model",
+         f"jaw={tmp_path / 'j.nc'}", "--out", str(tmp_path / "head.nc")],
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    assert read_head(tmp_path / "head.nc").lists.attrs["origin"] == "fitted"
+    done = CliRunner().invoke(app, ["build", "head", "--model", "face", "--out", "x.nc"])
+    assert done.exit_code != 0 and "PART=FILE" in done.output
