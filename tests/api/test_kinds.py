@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 import typer
-from click.testing import Result
 from packaging.version import Version
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from emgface.cli import LISTED, app
 from emgface.cli.aliases import ALIASES, table, translated

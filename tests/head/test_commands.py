@@ -3,8 +3,7 @@
 from pathlib import Path
 
 import pytest
-from click.testing import Result
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import write_head
