@@ -25,8 +25,7 @@ from emgface.face.template import template_face, volunteer_face
 from emgface.fit.inputs import points_of_face
 from emgface.fit.person import fit_face
 from emgface.fit.targets import sheets
-from emgface.study.axes import Axis
-from emgface.study.configuration import StudyConfiguration
+from emgface.study.configuration import Axis, StudyConfiguration
 from emgface.study.run import run_study
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.simulate import make_volunteers

@@ -12,7 +12,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 from emgface.run.digest import dataset_digest
 from emgface.run.store import damage_of
-from emgface.study.reproduced import content
+from emgface.study.audit import content
 from emgface.volunteers.settings import VolunteerParameters
 from emgface.volunteers.simulate import make_volunteers
 

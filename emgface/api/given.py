@@ -40,8 +40,7 @@ def study_of(given: Given) -> "StudyConfiguration":
     Raises ConfigurationError if the file cannot be read, or a name or value in it is not valid.
     """
     from emgface.study.configuration import StudyConfiguration
-    from emgface.study.file import load_study
-    from emgface.study.variants import check_axes
+    from emgface.study.file import check_axes, load_study
 
     if given is None:
         return StudyConfiguration()
@@ -104,7 +103,7 @@ def face_of(given: Data | None, study: "StudyConfiguration") -> xr.Dataset:
     Raises FaceError or SchemaError if it is not valid; a dataset is checked against its schema.
     """
     from emgface.face.file import load_face
-    from emgface.study.faces import study_face
+    from emgface.study.file import study_face
 
     if given is None:
         return study_face(study.face)

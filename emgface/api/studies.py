@@ -65,8 +65,8 @@ def study(
     from emgface.api.progress import shown
     from emgface.errors import ConfigurationError
     from emgface.run.cluster import DaskWorkers
+    from emgface.study.file import check_axes
     from emgface.study.run import run_study
-    from emgface.study.variants import check_axes
 
     if out is None:
         raise ConfigurationError(

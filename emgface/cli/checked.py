@@ -7,13 +7,13 @@ import pandas as pd
 import xarray as xr
 
 from analysis.tables import origin_of
+from emgface.api.readiness import refusals
 from emgface.cli.console import frame, out, say, show_table
 from emgface.errors import DataError, EmgfaceError
 from emgface.recordings.check import check_recording, problems
 from emgface.recordings.quality.plausible import doubtful_gains
 from emgface.schema.rules import one_line
 from emgface.signals.parameters import SignalChain
-from emgface.study.readiness import refusals
 
 COLUMNS = ("name", "signal", "rate", "duration", "unit", "finite", "longest_gap", "rms", "verdict",
            "reason")  # fmt: skip

@@ -12,7 +12,7 @@ from emgface.cli.console import BAD_INPUT, fail, frame, out, say, show_table
 if TYPE_CHECKING:
     import xarray as xr
 
-    from emgface.study.exclusions import Exclusion
+    from emgface.recordings.exclusions import Exclusion
 
 FORMATS = (
     "netCDF (.nc), C3D (.c3d), TRC (.trc), EDF and BDF (.edf, .bdf), Poly5 (.poly5, .s00), "
@@ -69,9 +69,9 @@ def check(
     from emgface.errors import EmgfaceError
     from emgface.files import refuse_existing, write_text
     from emgface.recordings.dataset import find_recordings, read_recordings
+    from emgface.recordings.exclusions import Exclusion, exclusions_text
     from emgface.recordings.folder import told
     from emgface.signals.parameters import SignalChain
-    from emgface.study.exclusions import Exclusion, exclusions_text
 
     paths = [path for path in paths if not _model_checked(path)]
     if not paths:
@@ -142,7 +142,7 @@ def _model_checked(path: Path) -> bool:
 
 def _exclusion(recording: "xr.Dataset", bad: list[str], name: str) -> "list[Exclusion]":
     """Exclude a trial, if it is identified."""
-    from emgface.study.exclusions import Exclusion
+    from emgface.recordings.exclusions import Exclusion
 
     attrs = recording.attrs
     if any(key not in attrs for key in ("volunteer", "instruction", "repetition")):

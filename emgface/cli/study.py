@@ -12,9 +12,9 @@ from emgface.cli.options import AccuracyOption, OutPath, SchedulerOption, Worker
 
 if TYPE_CHECKING:
     from emgface.report.kept import KeptReport, Page
+    from emgface.report.study_tables import Report
     from emgface.run.runner import Workers
     from emgface.study.configuration import StudyConfiguration
-    from emgface.study.report import Report
     from emgface.study.run import StudyResult
     from emgface.volunteers.settings import VolunteerParameters
 
@@ -27,7 +27,7 @@ def template(
 ) -> None:
     """Write a study file with every parameter, its default, unit and source."""
     from emgface.run.store import write_text
-    from emgface.study.template import study_template
+    from emgface.study.file import study_template
 
     if out_path is None:
         typer.echo(study_template(), nl=False)
@@ -105,7 +105,7 @@ def _results(
     stopping: Callable[[], bool] = lambda: False,
 ) -> "tuple[StudyResult, Report]":
     """Run a study and write its tables."""
-    from emgface.study.report import write_report
+    from emgface.report.study_tables import write_report
     from emgface.study.run import run_study
 
     announce_compilation()
@@ -164,7 +164,7 @@ def _tables(folder: Path, kept: "KeptReport") -> "Report | None":
     text, written = kept.text(), None
     if text is None:
         from emgface.report.results import study_cube
-        from emgface.study.report import write_report
+        from emgface.report.study_tables import write_report
 
         written = write_report(study_cube(folder), folder)
         text = "\n".join([*(table.text() for table in written.tables.values()), *written.meaning])
@@ -207,18 +207,17 @@ def demo(
     """Simulate two volunteers, run a study of them and write its report with the moving face."""
     from emgface.run.runner import kept_processes
 
-    with kept_processes(cores(), ("emgface.volunteers.simulate", "emgface.study.workers")):
+    with kept_processes(cores(), ("emgface.volunteers.simulate", "emgface.study.outcomes")):
         raise typer.Exit(_demo(out_path, full, accuracy))
 
 
 def _demo(out_path: Path, full: bool, accuracy: str | None) -> int:
     """Run the demonstration in the waiting processes and return the exit code."""
+    from emgface.api.demonstration import SHORT, STRATEGIES, demo_study, demo_volunteers
     from emgface.face.file import save_face
     from emgface.files import write_text
     from emgface.muscles import INSTRUCTIONS
-    from emgface.study.demo import SHORT, STRATEGIES, demo_study, demo_volunteers
-    from emgface.study.faces import study_face
-    from emgface.study.template import study_template
+    from emgface.study.file import study_face, study_template
 
     plan = demo_study(out_path, instructions=tuple(INSTRUCTIONS) if full else SHORT)
     plan, settings = _as_accurate(plan, accuracy), demo_volunteers()
@@ -253,9 +252,9 @@ def _simulate_volunteers(
     plan: "StudyConfiguration", settings: "VolunteerParameters", out_path: Path
 ) -> None:
     """Write the recordings of the demonstration, unless they exist, and a page of the first trial."""
+    from emgface.api.demonstration import volunteers_digest
     from emgface.files import write_text
-    from emgface.study.demo import volunteers_digest
-    from emgface.study.first_motion import FirstMotion
+    from emgface.report.first_motion import FirstMotion
     from emgface.volunteers.simulate import make_volunteers
 
     folder = out_path / "volunteers"

@@ -138,7 +138,7 @@ def reproduce(
     seed: Annotated[int, typer.Option(help="Seed of the draw.")] = 0,
 ) -> None:
     """Compute trials again and compare every result with the stored one, bit for bit."""
-    from emgface.study.reproduced import reproduce
+    from emgface.study.audit import reproduce
 
     configuration, words = _study(folder, study), _words(trial)
     compared = reproduce(
@@ -164,8 +164,7 @@ def _study(folder: Path, path: Path | None) -> "StudyConfiguration":
     """Study of a file, or else of the cube in its folder, which may have been moved."""
     from emgface.report.results import study_cube
     from emgface.study.configuration import StudyConfiguration
-    from emgface.study.file import load_study
-    from emgface.study.paths import placed
+    from emgface.study.file import load_study, placed
 
     if path is not None:
         return load_study(path)

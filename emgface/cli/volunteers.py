@@ -120,8 +120,7 @@ def _simulated(
     from emgface.face.file import load_face
     from emgface.face.simulation_parameters import SimulationParameters
     from emgface.study.configuration import StudyConfiguration
-    from emgface.study.faces import study_face
-    from emgface.study.file import load_study
+    from emgface.study.file import load_study, study_face
     from emgface.volunteers.settings import VolunteerParameters
     from emgface.volunteers.simulate import make_volunteers
     from emgface.volunteers.world import world_of

@@ -20,9 +20,9 @@ from emgface.run.runner import Workers
 from emgface.run.store import Result, Stage, Store
 from emgface.run.tasks import run_table
 from emgface.study.configuration import StudyConfiguration
+from emgface.study.outcomes import on_laboratory
 from emgface.study.stage_code import INVERSE
 from emgface.study.stages import Laboratory
-from emgface.study.workers import on_laboratory
 from sim.state import Array
 from sim.threads import one_blas_thread
 

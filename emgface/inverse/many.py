@@ -22,9 +22,9 @@ from emgface.run.store import Stage, Store
 from emgface.run.tasks import run_table
 from emgface.schema.netcdf import write_netcdf
 from emgface.study.configuration import StudyConfiguration
+from emgface.study.outcomes import on_laboratory
 from emgface.study.stage_code import INVERSE
 from emgface.study.stages import Laboratory
-from emgface.study.workers import on_laboratory
 from sim.state import Array
 from sim.threads import one_blas_thread
 

@@ -16,12 +16,11 @@ from emgface.run.state import read_state
 from emgface.run.store import Result, Store
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.configuration import StudyConfiguration
+from emgface.study.file import placed, variants
 from emgface.study.intake import Intake, take_in
-from emgface.study.paths import placed
 from emgface.study.run import feature_extents
 from emgface.study.stages import Laboratory, StoredFailure
 from emgface.study.table import Place, Recording
-from emgface.study.variants import variants
 from sim.errors import SimulationError
 
 FAILURES = (EmgfaceError, AnalysisError, SimulationError, StoredFailure, OSError)

@@ -24,8 +24,8 @@ from emgface.report.methods import methods, parameter_rows
 from emgface.report.motion import moving_faces
 from emgface.report.results import Results, open_results
 from emgface.report.simulated import simulated_limits
+from emgface.report.study_tables import Report
 from emgface.run.store import write_text
-from emgface.study.report import Report
 from sim.threads import one_blas_thread
 
 

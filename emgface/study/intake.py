@@ -13,6 +13,7 @@ import xarray as xr
 from emgface.errors import DataError, EmgfaceError
 from emgface.muscles import INSTRUCTIONS
 from emgface.recordings.dataset import absent, candidates, none_found, read_recordings
+from emgface.recordings.exclusions import Exclusion, Place, reason_to_exclude
 from emgface.recordings.labels import read_label_map
 from emgface.recordings.trial_names import is_pattern
 from emgface.run.digest import code_version, file_digest, text_digest
@@ -22,9 +23,8 @@ from emgface.run.provenance import CODE
 from emgface.run.runner import Workers, run_jobs
 from emgface.schema.validation import schema_folder
 from emgface.study.configuration import RecordingsConfiguration
-from emgface.study.exclusions import Exclusion, Place, reason_to_exclude
+from emgface.study.outcomes import begin_reading, identified
 from emgface.study.table import Recording
-from emgface.study.workers import begin_reading, identified
 
 PER_JOB: Final = 32  #: recordings that a worker reads at a time; fewer are read in this process
 SETTLED: Final = 2.0

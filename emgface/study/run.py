@@ -21,13 +21,12 @@ from emgface.schema.netcdf import read_netcdf
 from emgface.study.assembly import Computed, write_cube
 from emgface.study.baselines import compute_baselines
 from emgface.study.configuration import StudyConfiguration
+from emgface.study.file import variants
 from emgface.study.formants import compute_formants
 from emgface.study.intake import Intake, take_in, take_in_references
-from emgface.study.outcomes import Entries, Run
+from emgface.study.outcomes import Entries, Run, compute_trials
 from emgface.study.stages import Laboratory
 from emgface.study.table import PlannedTrial, Recording, plan_trials
-from emgface.study.variants import variants
-from emgface.study.workers import compute_trials
 from sim.described import Described
 from sim.threads import one_blas_thread
 

@@ -12,9 +12,9 @@ import xarray as xr
 from emgface.errors import DataError, EmgfaceError, RecordingChanged
 from emgface.muscles import INSTRUCTIONS
 from emgface.recordings.dataset import read_recording
+from emgface.recordings.exclusions import Place
 from emgface.run.digest import dataset_digest
 from emgface.schema.validation import validate
-from emgface.study.exclusions import Place
 
 if TYPE_CHECKING:  # signals are checked without the mechanics
     from emgface.study.configuration import RecordingsConfiguration

@@ -13,7 +13,7 @@ from benchmarks.report import markdown
 from emgface.errors import FeatureWarning, SignalError
 from emgface.run.store import Store
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.faces import study_face
+from emgface.study.file import study_face
 from emgface.study.intake import take_in
 from emgface.study.run import feature_extents
 from emgface.study.stages import Laboratory

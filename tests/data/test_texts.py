@@ -10,10 +10,9 @@ import xarray as xr
 
 from emgface.errors import ConfigurationError, DataError
 from emgface.recordings.dataset import read_recording
+from emgface.recordings.exclusions import read_exclusions
 from emgface.recordings.labels import read_label_map
-from emgface.study.exclusions import read_exclusions
-from emgface.study.file import load_study
-from emgface.study.template import study_template
+from emgface.study.file import load_study, study_template
 from emgface.texts import DEEPEST, EXPANDED, read_text, read_toml
 from tests.data.test_mutations import FORMATS
 

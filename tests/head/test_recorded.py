@@ -21,7 +21,7 @@ from emgface.muscles import FACE_MARKERS, LIP_MARKERS
 from emgface.report import jaw as report_of_jaw
 from emgface.run.store import Store
 from emgface.study.configuration import FaceConfiguration, StudyConfiguration
-from emgface.study.faces import study_face
+from emgface.study.file import study_face
 from emgface.study.incisor import with_incisor
 from emgface.study.stages import Laboratory
 

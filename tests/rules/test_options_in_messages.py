@@ -23,7 +23,7 @@ STATED_BY: dict[str, tuple[str, ...]] = {
     "emgface/study/": ("study run",),
     "emgface/run/": ("study run",),
     "emgface/run/retention.py": ("study gc",),
-    "emgface/study/exclusions.py": ("check",),
+    "emgface/recordings/exclusions.py": ("check",),
 }
 """Commands that state the messages of a module; the longest name counts."""
 OTHER_PROGRAMS = {"--tls-ca-file", "--scheduler-file", "--contact"}  #: of dask and the benchmarks

@@ -29,7 +29,7 @@ INTERNAL = {
     "emgface/anatomy/jaw/published_files.py": "names in a published model, which are only read",
     "emgface/anatomy/jaw/template/build.py": "no path: a quotient",
     "emgface/anatomy/tongue/published.py": "names of the published files, declared in the module",
-    "emgface/study/workers.py": "digest",
+    "emgface/study/outcomes.py": "digest",
     "emgface/face/waypoints.py": "the time of a state, a number",
     "emgface/view/curves.py": "names of muscles, checked",
     "emgface/volunteers/simulate.py": "S01 and so on, and one of the known instructions",
@@ -46,7 +46,7 @@ INTERNAL = {
     "emgface/schema/validation.py": "names of kinds, checked against the declared ones",
     "emgface/run/journal.py": "date, host and process",
     "emgface/run/retention.py": "digest",
-    "emgface/study/report.py": "names of tables",
+    "emgface/report/study_tables.py": "names of tables",
     "emgface/run/store.py": "process and random digits",
 }
 """Modules that compose the name of a file, and of what."""

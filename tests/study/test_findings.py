@@ -108,7 +108,7 @@ def test_a_range_of_another_rate_is_refused_where_it_changes_the_feature(other: 
 
 
 def test_a_trial_of_a_study_states_the_findings() -> None:
-    from emgface.study.report import _failures
+    from emgface.report.study_tables import _failures
 
     cube = xr.Dataset(
         {

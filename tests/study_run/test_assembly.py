@@ -15,8 +15,8 @@ from emgface.run.journal import Journal
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.schema.parts import write_netcdf_parts
 from emgface.study import assembly
+from emgface.study.assembly import Origins
 from emgface.study.baselines import MOST_OTHERS, others_of
-from emgface.study.description import Origins
 from emgface.study.outcomes import Entries
 
 TRIALS = planned(2 * 72 + 3)

@@ -19,9 +19,8 @@ from emgface.run.lines import lines, run_files, written
 from emgface.run.retention import export, unused_files
 from emgface.run.state import read_state
 from emgface.run.store import write_netcdf
-from emgface.study.audit import explain
+from emgface.study.audit import explain, reproduce
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.reproduced import reproduce
 from emgface.study.run import run_study
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")

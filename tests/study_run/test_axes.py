@@ -15,10 +15,8 @@ from emgface.report.results import open_results
 from emgface.report.write import render
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.file import load_study
+from emgface.study.file import load_study, study_template, variants
 from emgface.study.run import run_study
-from emgface.study.template import study_template
-from emgface.study.variants import variants
 from tests.study_run.conftest import MECHANICS
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")

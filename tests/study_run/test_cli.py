@@ -18,7 +18,7 @@ from emgface.face.file import load_face
 from emgface.face.template import random_measures
 from emgface.recordings.dataset import read_recording
 from emgface.schema.netcdf import read_netcdf, write_netcdf
-from emgface.study.template import study_template
+from emgface.study.file import study_template
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 STUDY = """
@@ -179,7 +179,9 @@ def test_a_trial_stage_by_stage_gives_the_scores_of_the_study(
     assert (tmp_path / "study" / "tables" / "trials.csv").read_text().startswith("origin,")
     # Unchanged, the tables are those that were kept, and require no statistics.
     with monkeypatch.context() as patched:
-        patched.setattr("emgface.study.report.write_report", lambda *_: pytest.fail("computed"))
+        patched.setattr(
+            "emgface.report.study_tables.write_report", lambda *_: pytest.fail("computed")
+        )
         again = run("report", tmp_path / "study")
         assert again.exit_code == 0 and again.stdout == report.stdout
     cube.close()
@@ -392,7 +394,7 @@ def test_a_partial_study_exits_1_and_names_each_failure_once(
 
 
 def test_an_interruption_is_reported_and_exits_130(laboratory, tmp_path, monkeypatch) -> None:
-    from emgface.study import workers
+    from emgface.study import outcomes as workers
 
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt

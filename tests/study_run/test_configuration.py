@@ -16,11 +16,8 @@ from emgface.choices import configure
 from emgface.errors import ConfigurationError
 from emgface.face.template import template_face
 from emgface.run.digest import dataset_digest
-from emgface.study.comparison import AlignmentParameters, ScoreParameters
-from emgface.study.configuration import StudyConfiguration
-from emgface.study.faces import study_face
-from emgface.study.file import load_study
-from emgface.study.template import study_template
+from emgface.study.configuration import AlignmentParameters, ScoreParameters, StudyConfiguration
+from emgface.study.file import load_study, study_face, study_template
 
 
 def written(folder: Path, text: str) -> Path:

@@ -10,12 +10,11 @@ from analysis.tables import descriptive_table
 from emgface.choices import configure
 from emgface.errors import ConfigurationError
 from emgface.recordings.dataset import read_recording, write_recording
+from emgface.recordings.exclusions import Exclusion, exclusions_text, read_exclusions
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.exclusions import Exclusion, exclusions_text, read_exclusions
-from emgface.study.file import load_study
+from emgface.study.file import load_study, study_template
 from emgface.study.run import run_study
-from emgface.study.template import study_template
 from tests.study_run.test_cli import one_sentence, run
 
 WHY = 'the electrode "ZYG_L" fell off, 3 µV left; \\ tab\tand\x7f'

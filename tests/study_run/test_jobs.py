@@ -25,7 +25,7 @@ from emgface.run.store import Store
 from emgface.schema.netcdf import read_netcdf
 from emgface.signals.activation import feature_range
 from emgface.signals.parameters import SignalChain
-from emgface.study import workers
+from emgface.study import outcomes as workers
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.stages import Laboratory
 from tests.study_run.conftest import MECHANICS

@@ -14,9 +14,8 @@ from emgface.run.digest import dataset_digest
 from emgface.run.store import Store
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.audit import explain, planned_trials
-from emgface.study.axes import Axis
-from emgface.study.configuration import StudyConfiguration
-from emgface.study.faces import face_file, study_face
+from emgface.study.configuration import Axis, StudyConfiguration
+from emgface.study.file import face_file, study_face
 from emgface.study.run import run_study
 from emgface.volunteers.person import person_face
 from tests.study_run.conftest import MECHANICS

@@ -28,6 +28,7 @@ from emgface.pictures.body import merged, skin_of
 from emgface.pictures.encoding import ABSENT, QUANTUM, deltas, whole
 from emgface.pictures.page import THREE, resource
 from emgface.report import contents, write
+from emgface.report.first_motion import FirstMotion
 from emgface.report.kept import study_folder
 from emgface.report.methods import methods
 from emgface.report.results import Results, open_results, representative
@@ -36,7 +37,6 @@ from emgface.report.write import render, write_page
 from emgface.run.lines import lines, run_files
 from emgface.schema.netcdf import write_netcdf
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.first_motion import FirstMotion
 from emgface.study.run import run_study
 from tests.study_run.test_run import configured
 

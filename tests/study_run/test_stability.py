@@ -10,7 +10,7 @@ import xarray as xr
 import sim
 from analysis.cube import build_cube
 from emgface.face.stability import NOTICED, rounding_sensitivity, stability_warning
-from emgface.study.report import write_report
+from emgface.report.study_tables import write_report
 from tests.analysis.synthetic_cubes import results
 from tests.verification.test_rounding import buckled, column
 

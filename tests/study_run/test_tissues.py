@@ -17,7 +17,7 @@ from emgface.face.tissue import LAWS, Tissue, material_axes
 from emgface.muscles import MUSCLES
 from emgface.report.methods import methods
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.template import study_template
+from emgface.study.file import study_template
 from sim import compile_scene
 from sim.laws import ISOCHORIC_LAWS, TENSOR_LAWS
 
