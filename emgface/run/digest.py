@@ -16,6 +16,8 @@ if TYPE_CHECKING:  # importing xarray takes longer than an unchanged report
     import xarray as xr
 
 DIGEST_LENGTH: Final = 32  #: number of hexadecimal digits of a digest: 128 bits
+DERIVED: Final = frozenset({"index_order"})
+"""Attributes that follow from the values, without which a digest equals that of earlier files."""
 
 
 def canonical_json(value: Any) -> str:
@@ -70,6 +72,7 @@ def _plain(attrs: Mapping[Any, Any]) -> dict[str, Any]:
     return {
         str(key): value.tolist() if isinstance(value, np.ndarray | np.generic) else value
         for key, value in attrs.items()
+        if key not in DERIVED
     }
 
 
