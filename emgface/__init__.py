@@ -1,8 +1,8 @@
 """sEMG-driven experiments with a finite-element face.
 
 ``import emgface as ef`` offers one function for every stage: `read` a recording or a result,
-`activate` (sEMG to muscle activation), `face`, `fit`, `treat`, `reduce`, `simulate`, `score`, `study`
-and `show`.
+`check`, `activate` (sEMG to muscle activation), `build`, `face`, `fit`, `treat`, `reduce`, `simulate`,
+`invert`, `sound`, `score`, `study`, `report` and `show`.
 They take and return plain xarray, and import what they need when they are first called. Importing
 this package also gives xarray objects the accessor ``semg`` (`emgface.signals.accessor`).
 """
@@ -22,24 +22,45 @@ for _name, _value in {
     _os.environ.setdefault(_name, _value)
 
 if TYPE_CHECKING:
-    from emgface.api import activate, face, fit, read, reduce, score, show, simulate, study, treat
+    from emgface.api import (
+        activate,
+        build,
+        check,
+        face,
+        fit,
+        invert,
+        read,
+        reduce,
+        report,
+        score,
+        show,
+        simulate,
+        sound,
+        study,
+        treat,
+    )
 
     __version__: str
 
 __all__ = [
     "activate",
+    "build",
+    "check",
     "face",
     "fit",
+    "invert",
     "read",
     "reduce",
+    "report",
     "score",
     "show",
     "simulate",
+    "sound",
     "study",
     "treat",
 ]
 
-_CALLABLE_PACKAGES = ("face", "fit", "study")
+_CALLABLE_PACKAGES = ("face", "fit", "report", "study")
 """Functions that share their name with a subpackage, which can be called (`emgface._callable`)."""
 
 

@@ -5,22 +5,31 @@ study file (``emgface study template``). Files and datasets are both accepted. O
 imported in the functions, so that importing this module is fast.
 """
 
+from emgface.api.checks import check
 from emgface.api.faces import face, reduce, simulate
 from emgface.api.fits import fit
+from emgface.api.inversions import invert
+from emgface.api.models import build
 from emgface.api.recordings import activate, read, score
-from emgface.api.studies import study
+from emgface.api.sounds import sound
+from emgface.api.studies import report, study
 from emgface.api.treatments import treat
 from emgface.api.views import show
 
 __all__ = [
     "activate",
+    "build",
+    "check",
     "face",
     "fit",
+    "invert",
     "read",
     "reduce",
+    "report",
     "score",
     "show",
     "simulate",
+    "sound",
     "study",
     "treat",
 ]

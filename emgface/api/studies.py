@@ -1,4 +1,4 @@
-"""The function that runs a whole study."""
+"""Functions that run a whole study, and write its page."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -85,3 +85,47 @@ def study(
             return run_study(plan, Path(out), workers=chosen, observer=line)
         finally:
             chosen.end()
+
+
+def report(
+    folder: "File", out: "File | None" = None, *, faces: bool = True, tables: bool = True
+) -> Path:
+    """Write the tables of a finished study and its report, one page that opens without a network.
+
+    Parameters
+    ----------
+    folder : path-like
+        Folder of the results of `study`.
+    out : path-like, optional
+        Page to write (HTML); default: ``report.html`` in the folder.
+    faces : bool
+        Moving and drawn faces are part of the page; they require one simulation per instruction and
+        strategy, which is stored.
+    tables : bool
+        Tables are written to ``folder/tables`` as CSV, Markdown and LaTeX.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    DataError
+        The folder has no cube, or it cannot be read.
+    StoreError
+        The page or a table cannot be written.
+
+    Examples
+    --------
+    >>> import emgface as ef
+    >>> ef.report("results", "report.html")  # doctest: +SKIP
+    """
+    from emgface.report.results import study_cube
+    from emgface.report.study_tables import write_report
+    from emgface.report.write import write_page
+
+    place = Path(folder)
+    known = write_report(study_cube(place), place) if tables else None
+    page = place / "report.html" if out is None else Path(out)
+    return write_page(place, page, faces=faces, known=known).path

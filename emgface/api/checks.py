@@ -1,0 +1,71 @@
+"""Function that examines a recording or a model before it is used."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from emgface.api.given import Data, File
+
+
+def check(
+    given: "Data", *, study: bool = False, mapping: "Mapping[str, Any] | File | None" = None
+) -> "dict[str, pd.DataFrame]":
+    """Examine every channel and marker of a recording, or the counts and measures of a model.
+
+    Parameters
+    ----------
+    given : Dataset or path-like
+        Recording of any supported format, or the file of a face, jaw, tongue or head.
+    study : bool
+        Channels and markers of the study that the recording lacks are problems as well.
+    mapping : mapping or path-like, optional
+        Assigns names to a recording's labels, as in `read`.
+
+    Returns
+    -------
+    dict of str to DataFrame
+        Tables by their titles. Of a recording: ``channels and markers`` with rate [Hz], gaps [s],
+        size and verdict; ``problems`` that prevent its use; ``later steps`` that would refuse it,
+        each with its reason. The last two are empty if it can be used. Of a model: ``model``, its
+        name and size, and tables of its counts and measures.
+
+    Raises
+    ------
+    DataError
+        The file is absent, damaged, or of an unknown format or content.
+    ConfigurationError
+        The mapping is not valid.
+
+    Examples
+    --------
+    >>> import emgface as ef
+    >>> ef.check("V1_A_1.c3d")["problems"]  # doctest: +SKIP
+    """
+    import pandas as pd
+    import xarray as xr
+
+    from emgface.api.given import recording_of
+    from emgface.api.readiness import refusals
+    from emgface.models.kinds import KINDS
+    from emgface.recordings.check import check_recording, problems
+    from emgface.schema.netcdf import kind_of
+    from emgface.signals.parameters import SignalChain
+
+    if not isinstance(given, xr.Dataset) and Path(given).suffix.lower() == ".nc":
+        declared = kind_of(Path(given))
+        for kind in KINDS.values():
+            if kind.model == declared:
+                model = kind.functions.read(Path(given))
+                told = pd.DataFrame({"description": [kind.functions.told(model)]})
+                return {"model": told, **dict(kind.functions.check(model))}
+    recording = recording_of(given, mapping)
+    report = check_recording(recording, study=study)
+    refused = refusals(recording, SignalChain())
+    return {
+        "channels and markers": report,
+        "problems": pd.DataFrame({"problem": problems(report)}, dtype=object),
+        "later steps": pd.DataFrame(refused.items(), columns=["step", "reason"]),
+    }
