@@ -1,7 +1,7 @@
 """Functions on faces: generation and simulation."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -152,6 +152,7 @@ def simulate(
     solver_threads: int = 1,
     waypoints: "tuple[File, float] | None" = None,
     branch: "tuple[File, float] | None" = None,
+    calibrate: "Sequence[File]" = (),
     **choices: Any,
 ) -> "xr.Dataset":
     """Simulate the motion of a face for an activation.
@@ -187,6 +188,9 @@ def simulate(
     branch : (path-like, float), optional
         Folder of way points, and the time [s] of the one at which the motion begins. With the
         activation of the motion that wrote them, it repeats its rest bit for bit.
+    calibrate : sequence of path-like
+        Other recordings of the volunteer: sigma_max is the value at which face and volunteer move
+        equally far in them (`emgface.study.calibrated`), with the strategy of the activation.
     **choices : Any
         Parameters of the table ``[simulation]`` of a study file, such as ``sigma_max=100e3`` [Pa] or
         ``contact={"method": "none"}``.
@@ -221,16 +225,23 @@ def simulate(
     from emgface.pictures.surface import SurfaceProbe, with_surface
     from emgface.recordings.findings import ATTRIBUTE, findings_in
     from emgface.recordings.repeated import warn_of
+    from emgface.study.calibrated import calibrated_for
     from emgface.study.policy import lower_sigma_max
 
     plan = study_of(study)
     parameters = simulation_of(plan.simulation, accuracy, choices)
+    model = face_of(face, plan)
     if isinstance(activation, xr.DataArray):
         drive, told = activation, activation.attrs
     else:
         given = dataset_of(activation, "activation", "activation")
         drive, told = given["activation"], given.attrs
         warn_of(findings_in(given))
+    if calibrate:
+        trained = plan.model_copy(update={"simulation": parameters})
+        training = [Path(path) for path in calibrate]
+        update = {"sigma_max": calibrated_for(told, training, model, trained)}
+        parameters = parameters.model_copy(update=update)
     stress = float(told.get("sigma_max", parameters.sigma_max))
     if abs(stress / parameters.sigma_max - 1.0) > 1e-6:
         warnings.warn(
@@ -238,7 +249,6 @@ def simulate(
             f"{parameters.sigma_max:g} Pa: set sigma_max to the value of the inversion",
             stacklevel=2,
         )
-    model = face_of(face, plan)
     skin = skin_of(model) if surface else None
     further = (*probes, SurfaceProbe(skin.node)) if skin else probes
     kept = None if waypoints is None else WayPoints(Path(waypoints[0]), waypoints[1])

@@ -36,6 +36,30 @@ ModelPath = Annotated[
         help="Face, jaw, tongue or head; default: the face of the study, or the template.",
     ),
 ]
+
+
+def stress(text: str) -> float:
+    """Stress [Pa], or the published start by its name."""
+    from emgface.face.muscle_parameters import PUBLISHED_START
+
+    if text == "published":
+        return PUBLISHED_START
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(
+            f"{text!r}: expected a stress in Pa such as 100e3, or published (300e3)"
+        ) from None
+
+
+SigmaMaxOption = Annotated[
+    float | None,
+    typer.Option(
+        parser=stress,
+        metavar="<Pa>",
+        help="Largest muscle stress at the start [Pa]; 'published' is 300e3, the default 100e3.",
+    ),
+]
 AccuracyOption = Annotated[
     str | None,
     typer.Option(

@@ -47,8 +47,13 @@ def simulate(
     ] = None,
     step: Annotated[float | None, typer.Option(help="Largest time step in s.")] = None,
     settings: options.SettingOption = None,
-    sigma_max: Annotated[
-        float | None, typer.Option(help="Largest muscle stress at the start [Pa].")
+    sigma_max: options.SigmaMaxOption = None,
+    calibrate: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Other recordings of the volunteer, from whose markers sigma_max is calibrated; "
+            "the option may be repeated."
+        ),
     ] = None,
     solver: Annotated[
         str | None,
@@ -122,6 +127,7 @@ def simulate(
     if kind is not None and model_path is not None and kind.name != "face":
         of_faces = {
             "--vtk": vtk, "--surface": surface, "--sigma-max": sigma_max, "--solver": solver,
+            "--calibrate": calibrate,
             "--reduced": reduced, "--check-contact": check_contact, "--no-contact": not contact,
             "--solver-threads": solver_threads != 1, "--waypoints": waypoints, "--branch": branch,
         }  # fmt: skip
@@ -137,6 +143,8 @@ def simulate(
         changes["contact"] = {"method": "none"}
     if check_contact:
         changes["check_contact"] = True
+    if calibrate:
+        changes["calibrate"] = calibrate
     if waypoints is not None:
         changes["waypoints"] = (waypoints, waypoint_every)
     if branch is not None:

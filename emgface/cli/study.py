@@ -8,7 +8,15 @@ import typer
 
 from emgface.cli.console import BAD_INPUT, PARTIAL, Bar, progress, say, tell
 from emgface.cli.machine import announce_compilation, cores, executing, graceful_stop, show_page
-from emgface.cli.options import AccuracyOption, OutPath, SchedulerOption, WorkersOption
+from emgface.cli.options import (
+    AccuracyOption,
+    ContactSwitch,
+    FacePath,
+    MappingOption,
+    OutPath,
+    SchedulerOption,
+    WorkersOption,
+)
 
 if TYPE_CHECKING:
     from emgface.report.kept import KeptReport, Page
@@ -67,6 +75,61 @@ def run(
     configuration = _as_accurate(load_study(path), accuracy)
     with executing(workers, scheduler) as chosen:
         raise typer.Exit(_run(configuration, out_path, chosen, store, objects))
+
+
+@app.command()
+def published(
+    folder: Annotated[Path, typer.Argument(help="Folder with the recordings of the study.")],
+    out_path: Annotated[Path, typer.Option("--out", help="Folder of the results.")],
+    mapping: MappingOption = None,
+    offset: Annotated[
+        float,
+        typer.Option(help="Start of the clock of the markers on that of the EMG [s]."),
+    ] = 0.0,
+    face: FacePath = None,
+    accuracy: AccuracyOption = None,
+    contact: ContactSwitch = True,
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+) -> None:
+    """Run the study of Eskes et al. 2017 on its recordings, and compare it with the printed values.
+
+    Files of EMG and of markers of the same volunteer, instruction and repetition are joined.
+    """
+    from emgface.study.published import join_recordings, published_study
+
+    joined = join_recordings(folder, out_path / "recordings", mapping=mapping, offset=offset)
+    for text in joined.omitted:
+        say(f"Omitted: {text}")
+    say(f"Joined {len(joined.paths)} trials in {out_path / 'recordings'}.")
+    changes: dict[str, dict[str, object]] = {"face": {}, "simulation": {}}
+    if face is not None:
+        changes["face"]["path"] = face.resolve()
+    if not contact:
+        changes["simulation"]["contact"] = {"method": "none"}
+    study = published_study(out_path / "recordings", **changes)
+    with executing(workers, scheduler) as chosen:
+        code = _run(_as_accurate(study, accuracy), out_path, chosen, None, None)
+    _beside_printed(out_path)
+    raise typer.Exit(code)
+
+
+def _beside_printed(folder: Path) -> None:
+    """Print and write the comparison with the printed values."""
+    from analysis.published import printed_statements, printed_table, used_stress
+    from emgface.run.store import write_text
+    from emgface.schema.netcdf import read_netcdf
+
+    cube = read_netcdf(folder / "cube.nc", "cube")
+    table = printed_table(cube)
+    tell(table.text())
+    write_text(folder / "tables" / "printed.csv", table.csv())
+    write_text(folder / "tables" / "printed.md", table.markdown())
+    for statement, verdict, numbers in printed_statements(cube):
+        tell(f"Printed: {statement}. Here: {verdict} ({numbers}).")
+    for volunteer, (low, high) in used_stress(cube).items():
+        span = f"{low / 1e3:.4g}" if low == high else f"{low / 1e3:.4g} to {high / 1e3:.4g}"
+        tell(f"sigma_max of {volunteer}: {span} kPa, lowered from 300 kPa; no value is printed.")
 
 
 def _as_accurate(configuration: "StudyConfiguration", accuracy: str | None) -> "StudyConfiguration":

@@ -76,9 +76,7 @@ def compare(
     ] = None,
     mapping: options.MappingOption = None,
     accuracy: options.AccuracyOption = "draft",
-    sigma_max: Annotated[
-        float | None, typer.Option(help="Largest muscle stress at the start [Pa].")
-    ] = None,
+    sigma_max: options.SigmaMaxOption = None,
     contact: options.ContactSwitch = True,
 ) -> None:
     """Simulate two faces under the same activations, and compare their movement.

@@ -1,13 +1,17 @@
 """Parameters of the muscles of the face."""
 
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from emgface.choices import BLEMKER, ESKES, STAVNESS, Parameters, choice, parameter, positive
 
 SIGMA_MAX: Final = 100e3
 """Largest active stress of the published lip and expression simulations [Pa] (Stavness et al.)."""
+
+
+PUBLISHED_START: Final = 300e3
+"""Value from which the published study lowers sigma_max [Pa] (Eskes et al. 2017); "published"."""
 
 
 class SigmaMaxPolicy(Parameters):
@@ -35,16 +39,24 @@ class SigmaMaxPolicy(Parameters):
         unit="Pa",
         note="a tenth of the published initial value",
     )
+    calibration: Literal["none", "repetitions"] = choice(
+        "none",
+        "Initial value: that of the parameter sigma_max, or for each volunteer, repetition and strategy "
+        "the one at which face and volunteer move equally far in the volunteer's other repetitions.",
+        note="between 50 and 300 kPa; the markers of a repetition do not affect its own value",
+    )
 
 
 class MuscleParameters(Parameters):
     """Parameters of the muscle force."""
 
     sigma_max: float = positive(
-        300e3,
+        SIGMA_MAX,
         "Initial value of the largest active muscle stress.",
         unit="Pa",
-        source=f"{ESKES}, Finite element face model",
+        source=f"{STAVNESS}",
+        note="'published' is 300e3, the start of Eskes et al. 2017, with which faces move farther than "
+        "people",
     )
     sigma_max_policy: SigmaMaxPolicy = Field(
         default=SigmaMaxPolicy(),
@@ -92,3 +104,9 @@ class MuscleParameters(Parameters):
     P2: float = parameter(
         6.6, "Uncrimping factor of the passive fibre stress.", source=f"{ESKES}; {BLEMKER}", ge=0
     )
+
+    @field_validator("sigma_max", mode="before")
+    @classmethod
+    def _named(cls, value: Any) -> Any:
+        """Replace the name "published" by its value."""
+        return PUBLISHED_START if value == "published" else value

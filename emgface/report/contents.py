@@ -12,6 +12,7 @@ from analysis.axes import further_axes
 from analysis.cube import TRIAL_DIMS
 from analysis.errors import AnalysisError
 from analysis.listing import counts, trials
+from analysis.robustness import levels_of, robustness, robustness_sentences, robustness_table
 from analysis.sensitivity import sensitivity
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.statistics.summary import conclusions, statistics_table, study_statistics
@@ -200,6 +201,18 @@ def varied(cube: xr.Dataset, notes: list[str]) -> xr.Dataset | None:
     except AnalysisError as error:
         notes.append(f"The open choices could not be compared: {error}")
         return None
+
+
+def conclusions_held(cube: xr.Dataset, notes: list[str]) -> tuple[list[str], Table] | None:
+    """Compare the conclusions under every choice and without flagged trials; None if nothing varies."""
+    if not np.isfinite(cube["rho"].values).any() or len(levels_of(cube)) < 2:
+        return None
+    try:
+        found = robustness(cube)
+    except AnalysisError as error:
+        notes.append(f"The conclusions under other choices could not be compared: {error}")
+        return None
+    return robustness_sentences(found), robustness_table(found)
 
 
 def exclusions(results: Results) -> Table:

@@ -146,6 +146,11 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
         f"sigma_max was initially {s.sigma_max / 1e3:g} kPa and was multiplied by "
         f"{s.sigma_max_policy.factor:g} after each simulation that failed"
     )
+    if s.sigma_max_policy.calibration != "none":
+        policy = (
+            "sigma_max was calibrated for each volunteer, repetition and strategy by the amplitude of "
+            "the markers in the volunteer's other repetitions"
+        )
     if s.muscle_form == "lines":
         told.append(
             f"Muscles were modelled as lines that each exert {s.line_force:g} N at full activation."

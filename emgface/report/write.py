@@ -77,6 +77,7 @@ def render(
     tables = {} if empty else report_tables(cube)
     listed = tables.pop("trials", None)
     change = contents.varied(results.cube, results.notes)
+    held = None if empty else contents.conclusions_held(results.cube, results.notes)
     tested = contents.inference(cube, known=known.statistics if known else None)
     meaning, compared = (known.compared if known else comparison(cube)) if scored else ([], {})
     values = {
@@ -105,6 +106,8 @@ def render(
         "choices": figures.choices_figure(results, change) if change is not None else [],
         "choices_table": cells(choices_table(change)) if change is not None else None,
         "choices_summary": str(change.attrs["summary"]) if change is not None else "",
+        "held": held[0] if held else [],
+        "held_table": cells(held[1]) if held else None,
         "tested": tested,
         "test_table": cells(tested.table) if tested.table else None,
         "exclusions": cells(contents.exclusions(results)),

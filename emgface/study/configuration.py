@@ -364,6 +364,16 @@ class StudyConfiguration(Parameters):
             raise ValueError("strategies must contain at least one strategy, and each only once")
         return values
 
+    @model_validator(mode="after")
+    def _calibrated(self) -> "StudyConfiguration":
+        followed = [name for name in self.strategies if name in ("inverse", "assisted")]
+        if self.simulation.sigma_max_policy.calibration != "none" and followed:
+            raise ValueError(
+                f"simulation.sigma_max_policy.calibration = 'repetitions' cannot be combined with the "
+                f"strategy {followed[0]}, whose activations are relative to sigma_max: omit one of them"
+            )
+        return self
+
     @property
     def strategy_names(self) -> tuple[str, ...]:
         """Strategies along the dim of the cube."""

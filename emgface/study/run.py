@@ -20,6 +20,7 @@ from emgface.run.store import Event, Result, Store
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.assembly import Computed, write_cube
 from emgface.study.baselines import compute_baselines
+from emgface.study.calibrated import with_calibrated
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.file import variants
 from emgface.study.formants import compute_formants
@@ -178,8 +179,11 @@ def _run_trials(
     extents: dict[str, Result],
 ) -> Entries:
     """Compute all trials, with one sigma_max per volunteer if requested."""
+    policy = laboratory.study.simulation.sigma_max_policy
+    if policy.calibration != "none":
+        trials = with_calibrated(run, laboratory, trials, extents)
     done = _through_stages(run, laboratory, trials, extents)
-    if laboratory.study.simulation.sigma_max_policy.scope == "trial":
+    if policy.scope == "trial" or policy.calibration != "none":
         return done
     while again := sigma_max_to_share((place[0], entry) for place, entry in done.items()):
         for volunteer, lowest in again.items():
@@ -220,10 +224,16 @@ def _through_stages(
     """Outcomes of trials under one configuration."""
     return run.outcomes(
         trials,
-        [laboratory.trial_key(trial, extents.get(trial.place[0])) for trial in trials],
+        [_key(laboratory, trial, extents.get(trial.place[0])) for trial in trials],
         lambda left: compute_trials(laboratory, left, extents, run.workers, run.starting),
         laboratory.store.folder,
     )
+
+
+def _key(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None) -> str:
+    """Digest of all inputs of a trial, with its calibrated sigma_max if it has one."""
+    stress = trial.sigma_max
+    return (laboratory if stress is None else laboratory.lowered(stress)).trial_key(trial, extent)
 
 
 def feature_extents(

@@ -157,8 +157,11 @@ class Laboratory:
         return self.study.score.model_dump(include={"smallest_motion", "smallest_snr"})
 
     def lowered(self, sigma_max: float) -> "Laboratory":
-        """Return the same laboratory with another initial sigma_max [Pa]."""
-        simulation = self.study.simulation.model_copy(update={"sigma_max": sigma_max})
+        """Return the same laboratory with another initial sigma_max [Pa], not calibrated."""
+        given = self.study.simulation
+        policy = given.sigma_max_policy.model_copy(update={"calibration": "none"})
+        changes = {"sigma_max": sigma_max, "sigma_max_policy": policy}
+        simulation = given.model_copy(update=changes)
         study = self.study.model_copy(update={"simulation": simulation})
         return Laboratory(self.store, self.face, study, self.report, self.muted, self.own)
 
@@ -251,6 +254,9 @@ class Laboratory:
         of the volunteer. Raises StoredFailure if no value of sigma_max down to its minimum can be
         simulated.
         """
+        calibrated = self.study.simulation.sigma_max_policy.calibration != "none"
+        if sigma_max is not None and calibrated:
+            return self.lowered(sigma_max).motion(activation, label)
         result = self.store.get_or_compute(
             MOTION if self.head_of(activation) is None else MOTION_OF_HEAD,
             {**self.moved, "activation": activation_digest(activation)},
@@ -337,6 +343,8 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
     `extent` is the range of the features if the normalisation is not that of the trial. Raises
     StoreError if results cannot be read or written.
     """
+    if trial.sigma_max is not None:
+        laboratory = laboratory.lowered(trial.sigma_max)
     labels, laboratory = (*trial.place, trial.strategy), laboratory.of(trial.place[0])
     recording, origin = trial.recording, origin_of(trial)
     if recording is None:

@@ -55,6 +55,7 @@ class PlannedTrial:
     place: Place
     strategy: str
     recording: Recording | None
+    sigma_max: float | None = None  #: initial value calibrated for the trial [Pa]
 
     @property
     def label(self) -> str:

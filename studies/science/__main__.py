@@ -2,8 +2,10 @@
 
     python -m studies.science [--out docs/science] [--store FOLDER] [--volunteers 6] [--workers 2]
                               [--instructions ABCDEF] [--accuracy draft] [--finished]
+                              [--only SECTION ...]
 
-Stored results are not computed again. With --finished, the cube of a finished study is used
+With --only, the named sections are printed and their tables and figures are written, without the
+page. Stored results are not computed again. With --finished, the cube of a finished study is used
 irrespective of the code that computed it.
 """
 
@@ -17,7 +19,7 @@ import pandas as pd
 from emgface.files import replace_file
 from emgface.run.observer import Silent
 from emgface.run.runner import kept_processes
-from studies.science.sections import SECTIONS
+from studies.science.sections import NEED_STUDIES, SECTIONS
 from studies.science.setup import (
     REPETITIONS,
     RESOLUTION,
@@ -48,6 +50,7 @@ FIGURES = (
     ("baselines_matched.svg", "all", BASELINES.format("matched")),
     ("baselines_mismatched.svg", "all", BASELINES.format("mismatched")),
     ("normalisation.png", "subset", "rho and silent muscles with Eq. 8 per trial and per session"),
+    ("strength.png", "subset", "amplitude ratio, rho and lowered trials over sigma_max"),
     ("inference.svg", "drawn", "size and coverage of claims about instructions in general"),
     ("contrasts.svg", "all", "differences of the strategies, these instructions and in general"),
 )
@@ -86,6 +89,7 @@ def main() -> None:
     parser.add_argument("--accuracy", default=plan.accuracy)
     parser.add_argument("--workers", type=int, default=plan.workers)
     parser.add_argument("--finished", action="store_true")
+    parser.add_argument("--only", nargs="+", choices=tuple(SECTIONS), default=())
     given = parser.parse_args()
     plan.store, plan.volunteers, plan.workers = given.store, given.volunteers, given.workers
     plan.observer, plan.finished = Told(), given.finished
@@ -93,12 +97,17 @@ def main() -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     studies: dict[str, Path] = {}
     made: list[str] = []
-    for world in WORLDS:
+    for world in WORLDS if not given.only or {*given.only} & NEED_STUDIES else ():
         with timed(f"{world} world"), kept_processes(plan.workers):
             studies[world] = run_world(world)
     for name, make in SECTIONS.items():
+        if given.only and name not in given.only:
+            continue
         with timed(f"section {name}"), kept_processes(plan.workers):
             made.append(make(studies, given.out))
+    if given.only:
+        print("\n".join(made))
+        return
     head = HEAD.format(
         command=_command(given),
         volunteers=given.volunteers,

@@ -8,8 +8,9 @@ heading of the second level.
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Final
 
-from studies.science import baselines, inference, normalisation, worlds
+from studies.science import baselines, choices, inference, normalisation, strength, worlds
 
 Section = Callable[[Mapping[str, Path], Path], str]
 
@@ -17,5 +18,10 @@ SECTIONS: dict[str, Section] = {
     "worlds": worlds.make,
     "baselines": baselines.make,
     "normalisation": normalisation.make,
+    "strength": strength.make,
+    "choices": choices.make,
     "inference": inference.make,
 }
+
+NEED_STUDIES: Final = frozenset({"worlds", "baselines", "normalisation", "inference"})
+"""Sections that use the finished studies of all worlds; the others require volunteers only."""

@@ -38,6 +38,7 @@ def subset_study(
     of those that are not part of the subset.
     """
     part: dict[str, Any] = {"instructions": subset(), "repetitions": [1]}
+    part |= changes.pop("recordings", {})
     if session:
         part["reference_folder"] = recordings.resolve()
         changes["signals"] = {"normalisation": {"reach": "reference", "silent": "zero"}}

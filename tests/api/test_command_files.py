@@ -17,6 +17,7 @@ from emgface.schema.netcdf import write_netcdf
 from tests.api.test_command_numbers import commands
 
 READ = {
+    "calibrate",
     *("activation", "after", "areas", "baseline", "before", "bone", "branch", "calibration"),
     *("compare", "curves", "events", "face", "folder", "folders", "forget", "head_path", "inner"),
     *(

@@ -3,8 +3,11 @@
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.stats import ttest_1samp
+import xarray as xr
+from scipy.stats import binomtest, ttest_1samp
 
+from studies.science.strength import per_volunteer as of_strength
+from studies.science.strength import stress_of_equal_motion, wilson
 from studies.science.subset import mean_interval, told
 from studies.science.worlds import PERSON, TRUE, WORLDS, effects, per_volunteer, reading
 
@@ -41,3 +44,33 @@ def test_effects_of_worlds_are_paired() -> None:
     assert set(changes[TRUE]) == {"+0.00 (+0.00 to +0.00)"}
     text = reading(levels, per_volunteer(found, "median shift [s]")["act_3"].median(axis=1))
     assert "changes from 0 to -40 ms" in text
+
+
+@pytest.mark.parametrize(("count", "of"), [(0, 18), (3, 18), (9, 18), (18, 18)])
+def test_the_interval_of_a_share_is_that_of_wilson(count: int, of: int) -> None:
+    exact = binomtest(count, of).proportion_ci(0.95, method="wilson")
+    assert wilson(count, of) == pytest.approx((exact.low, exact.high), abs=1e-6)
+
+
+def test_equal_motion_is_found_for_a_power_law() -> None:
+    """Ratio (s / s0)^0.4 with s0 of 80, 125 and 1000 kPa: the geometric mean of s0 is 215 kPa."""
+    levels, own = np.array([50e3, 100e3, 200e3, 300e3]), np.array([80e3, 125e3, 1000e3])
+    ratio = (levels[:, None] / own) ** 0.4
+    shape = (len(levels), len(own), 1, 1)
+    cube = xr.Dataset(
+        {
+            "amplitude_ratio": (("simulation_sigma_max", "volunteer", "trial", "marker"),
+                                ratio.reshape(shape)),
+            "rho": (("simulation_sigma_max", "volunteer", "trial", "marker"), np.full(shape, 0.5)),
+            "status": (("simulation_sigma_max", "volunteer", "trial"), np.full(shape[:3], "ok")),
+            "sigma_max": (("simulation_sigma_max", "volunteer", "trial"),
+                          np.broadcast_to(levels[:, None, None], shape[:3]).copy()),
+        },
+        coords={"simulation_sigma_max": levels, "volunteer": ["a", "b", "c"]},
+    )  # fmt: skip
+    cube["sigma_max"][3, 2, 0] = 270e3
+    cube["status"][0, 0, 0] = "failed:InvertedElement"
+    found = of_strength(cube, "slab")
+    assert found["lowered"].sum() == 1 and found["failed"].sum() == 1
+    equal, reached = stress_of_equal_motion(found)
+    assert equal == pytest.approx(np.exp(np.log(own).mean())) and reached == 2

@@ -172,7 +172,8 @@ FINE = {"solver": "sdirk2", "step": 1e-3, "iteration_tolerance": 1e-6}
 def test_muscles_that_are_active_from_the_start_keep_their_strength(face):
     """A jump of the load at the first instant does not lower sigma_max."""
     time = np.linspace(0.0, 0.06, 7)
-    drive, base = drive_of(face, time, np.full(7, 0.3), ""), FREE | {"gravity": False}
+    drive = drive_of(face, time, np.full(7, 0.3), "")
+    base = FREE | {"gravity": False, "sigma_max": "published"}
 
     def run(values):
         return simulate_face(face, drive, configure(SimulationParameters, base | values))
@@ -211,7 +212,7 @@ def test_a_burst_between_two_steps_moves_the_face(face, at):
 @pytest.mark.parametrize("name", ["jump", "burst"])
 def test_contact_lowers_neither_accuracy_nor_strength(face, name):
     """All muscles from the start, or one burst of 5 ms, with contact of lips and teeth."""
-    parameters = SimulationParameters()
+    parameters = configure(SimulationParameters, {"sigma_max": "published"})
     group, values = {"jump": ("", [0.3] * 7), "burst": ("OOP", [0.0, 0, 1, 0, 0, 0, 0])}[name]
     drive = drive_of(face, 0.005 * np.arange(7.0), np.array(values), group)
 

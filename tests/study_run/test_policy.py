@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from emgface.choices import configure
 from emgface.face.motion import simulate_face
 from emgface.face.simulation_parameters import SigmaMaxPolicy, SimulationParameters
 from emgface.face.stability import stability_warning
@@ -15,7 +16,7 @@ from sim.errors import InvertedElement, NotConverged, SingularSystem, ToleranceM
 from tests.study_run.conftest import MECHANICS
 from tests.study_run.test_run import configured
 
-PARAMETERS = SimulationParameters()
+PARAMETERS = configure(SimulationParameters, {"sigma_max": "published"})
 
 
 def fails_above(limit: float, tried: list[float]):
@@ -43,7 +44,7 @@ def test_a_successful_trial_is_not_changed() -> None:
 
 def test_below_the_minimum_the_last_failure_is_raised_with_the_attempts() -> None:
     tried: list[float] = []
-    parameters = SimulationParameters(sigma_max_policy=SigmaMaxPolicy(minimum=200e3))
+    parameters = PARAMETERS.model_copy(update={"sigma_max_policy": SigmaMaxPolicy(minimum=200e3)})
     with pytest.raises(InvertedElement) as caught:
         lower_sigma_max(fails_above(0.0, tried), parameters)
     assert tried == pytest.approx([300e3, 270e3, 243e3, 218.7e3])

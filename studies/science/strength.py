@@ -1,0 +1,292 @@
+"""Amplitude of the motion, rho and lost stability over the largest muscle stress sigma_max.
+
+    python -m studies.science --only strength
+
+One study with sigma_max as an axis for each face: the generated one, and the published one where the
+folder EMGFACE_SHARED has it. The smile of the generated face is compared with published excursions of
+the mouth corners, which do not depend on how the volunteers were simulated.
+"""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+import emgface as ef
+from analysis.figures.style import COLOURS, MARKS, blank, save, styled
+from benchmarks.report import markdown
+from emgface.face.file import save_face
+from emgface.face.muscle_parameters import PUBLISHED_START, SIGMA_MAX
+from emgface.muscles import RELEVANT
+from emgface.volunteers.world import world_of
+from studies.science.setup import finished_study, opened, people, plan, simulation
+from studies.science.subset import mean_interval, subset, subset_study, told
+
+LEVELS: Final = (50e3, 75e3, 100e3, 150e3, 200e3, 300e3)  #: [Pa]
+OF_PUBLISHED: Final = (100e3, 300e3)
+INSTRUCTION: Final = "D"
+"""Levels [Pa] and instruction of the published face, of which a trial takes about 30 times as long."""
+STRATEGY: Final = "act_rel"
+SMILE: Final = (7.0, 14.0, 22.0)
+"""Least, mean and largest excursion of a mouth corner in a full smile of adults [mm]: Paletz,
+Manktelow and Chaban 1994, Plastic and Reconstructive Surgery 93:784-789."""
+DRAWN_AT: Final = (80e3, 150e3)  #: range from which sigma_max of simulated volunteers is drawn [Pa]
+
+
+def make(studies: Mapping[str, Path], out: Path) -> str:
+    """Sweep sigma_max on every face, write tables and figure, and describe them."""
+    folder = people(world_of("mismatched"), plan.store / "mismatched", subset())
+    parts = [_sweep(name, path, folder) for name, path in faces().items()]
+    found = pd.concat(parts, ignore_index=True)
+    smiles = _smiles()
+    found.to_csv(out / "strength.csv", index=False)
+    smiles.to_csv(out / "strength_smile.csv", index=False)
+    save(_draw(found, smiles), out / "strength.png", dpi=130)
+    return "\n".join(
+        [
+            "## Amplitude and the largest muscle stress",
+            "",
+            f"Volunteers of the mismatched world ({found['volunteer'].nunique()}, instructions "
+            f"{', '.join(subset())}, first repetition) are simulated with every sigma_max, strategy "
+            f"{STRATEGY}. The amplitude ratio is the motion of the face over that of the volunteer, "
+            "median over instructions and markers. **lowered**: share of the trials that could not be "
+            "simulated with this value, so that sigma_max was lowered by 10 % until they could; "
+            "**failed**: share without a score.",
+            "",
+            markdown(_table(found), ".2f"),
+            "",
+            "*Mean over volunteers with 95 % interval (Student's t); shares with 95 % intervals of "
+            "Wilson (simulated; [values of each volunteer](strength.csv)).*",
+            "",
+            "![Amplitude ratio, rho and lowered trials over sigma_max, and the excursion of the mouth "
+            "corners in a smile (simulated)](strength.png)",
+            "",
+            _reading(found, smiles),
+        ]
+    )
+
+
+def faces() -> dict[str, Path | None]:
+    """Faces of the sweep: the generated one (None), and the file of the published one."""
+    found: dict[str, Path | None] = {"generated": None}
+    shared = Path(os.environ.get("EMGFACE_SHARED", "../shared")) / "artisynth_models"
+    if shared.is_dir():
+        from emgface.face.artisynth import import_artisynth
+
+        path = plan.store / "published_face.nc"
+        if not path.is_file():
+            save_face(import_artisynth(shared), path)
+        found["published"] = path
+    return found
+
+
+def _sweep(name: str, path: Path | None, recordings: Path) -> pd.DataFrame:
+    """Scores of one face with every sigma_max, one row per volunteer."""
+    levels = LEVELS if path is None else OF_PUBLISHED
+    changes: dict[str, Any] = {}
+    if path is not None:
+        changes = {
+            "face": {"template": None, "path": path},
+            "recordings": {"instructions": INSTRUCTION},
+        }
+    study = subset_study(
+        recordings,
+        f"sigma_max, {name} face",
+        strategies=[STRATEGY],
+        axis=[{"parameters": ["simulation.sigma_max"], "levels": list(levels)}],
+        simulation={"sigma_max_policy": {"scope": "trial"}},
+        **changes,
+    )
+    cube = opened(finished_study(study, plan.store / f"strength-{name}"))
+    return per_volunteer(cube.sel(strategy=STRATEGY), name)
+
+
+def per_volunteer(cube: xr.Dataset, face: str) -> pd.DataFrame:
+    """Median amplitude ratio and rho, and trials lowered or failed, per volunteer and sigma_max."""
+    rows: list[dict[str, Any]] = []
+    for stress in cube["simulation_sigma_max"].values.tolist():
+        for volunteer in cube["volunteer"].values.tolist():
+            one = cube.sel(simulation_sigma_max=stress, volunteer=volunteer)
+            scored = one["status"].values == "ok"
+            used = one["sigma_max"].values
+            rows.append(
+                {
+                    "face": face,
+                    "sigma_max [Pa]": stress,
+                    "volunteer": volunteer,
+                    "amplitude ratio": _median(one["amplitude_ratio"].values),
+                    "rho": _median(one["rho"].values),
+                    "trials": scored.size,
+                    "lowered": int((used[scored] < stress * (1 - 1e-9)).sum()),
+                    "failed": int((~scored).sum()),
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def _median(values: np.ndarray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else np.nan
+
+
+def wilson(count: int, of: int, z: float = 1.959964) -> tuple[float, float]:
+    """Interval of a share, Wilson 1927: (p + z^2/2n +- z sqrt(p (1-p)/n + z^2/4n^2)) / (1 + z^2/n)."""
+    p, ratio = count / of, z * z / of
+    middle = (p + 0.5 * ratio) / (1.0 + ratio)
+    reach = z * np.sqrt(p * (1.0 - p) / of + 0.25 * ratio / of) / (1.0 + ratio)
+    return max(0.0, middle - reach), min(1.0, middle + reach)
+
+
+def stress_of_equal_motion(found: pd.DataFrame) -> tuple[float, int]:
+    """sigma_max [Pa] at which the geometric mean of the ratio is 1, and how many volunteers reach 1.
+
+    Linear in the logarithms of sigma_max and ratio; NaN if the mean is not 1 within the levels.
+    """
+    wide = found.pivot_table(index="sigma_max [Pa]", columns="volunteer", values="amplitude ratio")
+    log_ratio = np.log(wide.to_numpy())
+    stress = np.log(wide.index.to_numpy(dtype=np.float64))
+    mean = np.maximum.accumulate(log_ratio.mean(axis=1))
+    reached = (log_ratio.min(axis=0) <= 0.0) & (log_ratio.max(axis=0) >= 0.0)
+    return float(np.exp(np.interp(0.0, mean, stress, np.nan, np.nan))), int(reached.sum())
+
+
+def _smiles() -> pd.DataFrame:
+    """Excursion of the mouth corners of the generated face in a full smile, by sigma_max."""
+    face = ef.face(resolution="coarse")
+    muscles = face["muscle"].values.tolist()
+    time = np.linspace(0.0, 0.8, 41)
+    full = np.isin([m.rpartition("_")[0] for m in muscles], list(RELEVANT["D"])).astype(float)
+    activation = xr.DataArray(
+        np.outer(full, np.clip(time / 0.4, 0.0, 1.0)),
+        coords={"muscle": muscles, "time": time},
+        dims=("muscle", "time"),
+    )
+    rows: list[dict[str, float]] = []
+    for stress in LEVELS:
+        values = simulation(sigma_max=stress).model_dump(exclude_unset=True)
+        motion = ef.simulate(activation, face, progress=False, **values)
+        own = motion["position"].sel(marker=["corner_left", "corner_right"])
+        path = np.linalg.norm(own.values - own.values[..., :1], axis=1)
+        used = float(motion.attrs["sigma_max"])
+        excursion = 1e3 * float(path.max(axis=1).mean())
+        rows.append({"sigma_max [Pa]": stress, "used [Pa]": used, "excursion [mm]": excursion})
+    return pd.DataFrame(rows)
+
+
+def _table(found: pd.DataFrame) -> pd.DataFrame:
+    rows: list[dict[str, object]] = []
+    for (face, stress), own in found.groupby(["face", "sigma_max [Pa]"], sort=False):
+        row: dict[str, object] = {
+            "face (simulated)": face,
+            "sigma_max [kPa]": f"{float(str(stress)) / 1e3:.0f}",
+        }
+        for name in ("amplitude ratio", "rho"):
+            mean, low, high = mean_interval(own[name].to_numpy())
+            row[name] = f"{mean:.2f} ({low:.2f} to {high:.2f})"
+        for name in ("lowered", "failed"):
+            count, of = int(own[name].sum()), int(own["trials"].sum())
+            low, high = wilson(count, of)
+            row[name] = f"{count} of {of} ({low:.0%} to {high:.0%})"
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+@styled
+def _draw(found: pd.DataFrame, smiles: pd.DataFrame):
+    """Draw ratio, rho and lowered trials over sigma_max with volunteers, and the smile."""
+    figure = blank(9.0, 6.4)
+    panels = figure.subplots(2, 2)
+    quantities = (("amplitude ratio", panels[0, 0]), ("rho", panels[0, 1]))
+    for k, (face, of) in enumerate(found.groupby("face", sort=False)):
+        colour, shift = COLOURS[(4, 5)[k]], (1.0, 1.02)[k]
+        levels = of["sigma_max [Pa]"].unique()
+        for name, panel in quantities:
+            wide = of.pivot_table(index="sigma_max [Pa]", columns="volunteer", values=name)
+            mean, low, high = np.array([mean_interval(row) for row in wide.to_numpy()]).T
+            panel.errorbar(levels / 1e3 * shift, mean, [mean - low, high - mean], color=colour,
+                           marker=MARKS[k], capsize=3, label=f"{face} face")  # fmt: skip
+            panel.plot(levels / 1e3 * shift, wide.to_numpy(), ".", color=colour, alpha=0.4)
+        shares = of.groupby("sigma_max [Pa]")[["lowered", "failed", "trials"]].sum()
+        lost = (shares["lowered"] + shares["failed"]).to_numpy()
+        share = lost / shares["trials"].to_numpy()
+        bounds = np.array(
+            [wilson(int(n), int(m)) for n, m in zip(lost, shares["trials"], strict=True)]
+        )
+        panels[1, 0].errorbar(levels / 1e3 * shift, share,
+                              [share - bounds[:, 0], bounds[:, 1] - share], color=colour,
+                              marker=MARKS[k], capsize=3)  # fmt: skip
+    panels[0, 0].set_yscale("log")
+    panels[0, 0].set_yticks([0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0], [0.3, 0.5, 0.7, 1, 1.5, 2, 3])
+    panels[0, 0].minorticks_off()
+    panels[0, 0].axhline(1.0, color="0.5", linewidth=0.8)
+    panels[0, 0].axvspan(*(v / 1e3 for v in DRAWN_AT), color="0.92", zorder=0,
+                         label="volunteers (drawn)")  # fmt: skip
+    panels[0, 0].set_ylabel("motion of face / motion of volunteer")
+    panels[0, 0].legend(fontsize=7.5)
+    panels[0, 1].set_ylabel("median rho of a volunteer")
+    panels[1, 0].set_ylabel("share of trials lowered or failed")
+    panels[1, 0].set_ylim(-0.02, 1.02)
+    panels[1, 1].plot(smiles["sigma_max [Pa]"] / 1e3, smiles["excursion [mm]"], MARKS[0] + "-",
+                      color=COLOURS[4], label="generated face, full smile")  # fmt: skip
+    panels[1, 1].axhspan(SMILE[0], SMILE[2], color="0.92", zorder=0, label="adults (published)")
+    panels[1, 1].axhline(SMILE[1], color="0.5", linewidth=0.8)
+    panels[1, 1].set_ylim(0.0)
+    panels[1, 1].set_ylabel("excursion of the mouth corners [mm]")
+    panels[1, 1].legend(fontsize=7.5, loc="lower right")
+    for panel in panels.ravel():
+        panel.set_xlabel("sigma_max [kPa]")
+        panel.axvline(SIGMA_MAX / 1e3, color=COLOURS[2], linewidth=0.8, linestyle=":")
+        panel.axvline(PUBLISHED_START / 1e3, color="0.3", linewidth=0.8, linestyle=":")
+    figure.suptitle(
+        "Largest muscle stress (SIMULATED); dotted: default and published start of 300 kPa"
+    )
+    return figure
+
+
+def _reading(found: pd.DataFrame, smiles: pd.DataFrame) -> str:
+    """Describe the table in sentences with its numbers."""
+    sentences: list[str] = []
+    for face, own in found.groupby("face", sort=False):
+        equal, reached = stress_of_equal_motion(own)
+        at = f"at {equal / 1e3:.0f} kPa" if np.isfinite(equal) else "at no value of the sweep"
+        start, default = (
+            own[own["sigma_max [Pa]"] == level] for level in (PUBLISHED_START, SIGMA_MAX)
+        )
+        sentences.append(
+            f"* **{str(face).capitalize()} face:** on average (geometric mean) it moves as far as the "
+            f"volunteers {at}; {reached} of {own['volunteer'].nunique()} volunteers have a ratio of 1 "
+            f"within the sweep. Ratio and rho are {told(default['amplitude ratio'])} and "
+            f"{told(default['rho'])} with {SIGMA_MAX / 1e3:.0f} kPa, and "
+            f"{told(start['amplitude ratio'])} and {told(start['rho'])} with "
+            f"{PUBLISHED_START / 1e3:.0f} kPa. From the latter to the former, rho changes by "
+            f"{told(default['rho'].to_numpy() - start['rho'].to_numpy(), '+.2f')}."
+        )
+    within = smiles[smiles["excursion [mm]"].between(SMILE[0], SMILE[2])]["sigma_max [Pa]"] / 1e3
+    usual = float(np.interp(SIGMA_MAX, smiles["sigma_max [Pa]"], smiles["excursion [mm]"]))
+    most = float(smiles["excursion [mm]"].iloc[-1])
+    fits = ", ".join(f"{value:.0f}" for value in within) or "none"
+    sentences.append(
+        f"* **Compared with persons:** in a full smile of the generated face the corners move "
+        f"{usual:.1f} mm at {SIGMA_MAX / 1e3:.0f} kPa and {most:.1f} mm at "
+        f"{PUBLISHED_START / 1e3:.0f} kPa; those of adults move {SMILE[0]:.0f} to {SMILE[2]:.0f} mm, "
+        f"mean {SMILE[1]:.0f} mm (Paletz et al. 1994). Levels within this range: {fits} kPa."
+    )
+    sentences.append(
+        f"* **The default is {SIGMA_MAX / 1e3:.0f} kPa**, the value of published simulations of lips "
+        'and expressions (Stavness et al.); `sigma_max = "published"` is the start of 300 kPa of '
+        "Eskes et al. 2017."
+    )
+    sentences.append(
+        "* **What no world can tell:** sigma_max of the volunteers is drawn from "
+        f"{DRAWN_AT[0] / 1e3:.0f} to {DRAWN_AT[1] / 1e3:.0f} kPa, so that the ratio of motions follows "
+        "from an assumption. Only the comparison of the smile with persons, and markers of a person "
+        "(`sigma_max_policy.calibration`), are evidence about people. rho does not depend on the "
+        "amplitude, but on the shape of the motion, which changes with sigma_max. The activations of "
+        "Eq. 8 reach 1 in every trial, those of the volunteers do not; sigma_max and the scale of the "
+        "activation cannot be told apart by the markers."
+    )
+    return "\n".join(sentences) + "\n"
