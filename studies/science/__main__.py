@@ -4,14 +4,15 @@
                               [--instructions ABCDEF] [--accuracy draft] [--finished]
                               [--only SECTION ...]
 
-With --only, the named sections are printed and their tables and figures are written, without the
-page. Stored results are not computed again. With --finished, the cube of a finished study is used
-irrespective of the code that computed it.
+With --only, the named sections are printed, their tables and figures are written, and they replace
+those of the page, if there is one. Stored results are not computed again. With --finished, the cube of
+a finished study is used irrespective of the code that computed it.
 """
 
 import argparse
 import os
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -105,8 +106,12 @@ def main() -> None:
             continue
         with timed(f"section {name}"), kept_processes(plan.workers):
             made.append(make(studies, given.out))
+    page = given.out / "README.md"
     if given.only:
         print("\n".join(made))
+        if page.is_file():
+            text = replaced(page.read_text(encoding="utf-8"), made)
+            replace_file(page, lambda path: path.write_text(text, encoding="utf-8"))
         return
     head = HEAD.format(
         command=_command(given),
@@ -119,8 +124,23 @@ def main() -> None:
         step=1e3 * STEP,
     )
     text = "\n".join([head, _figures(), *made, _cost(times())])
-    replace_file(given.out / "README.md", lambda path: path.write_text(text, encoding="utf-8"))
-    print(f"wrote {given.out / 'README.md'}")
+    replace_file(page, lambda path: path.write_text(text, encoding="utf-8"))
+    print(f"wrote {page}")
+
+
+def replaced(page: str, sections: Sequence[str]) -> str:
+    """Page with sections in place of those with the same heading, new ones before the last section."""
+    head, *blocks = page.split("\n## ")
+    titles = [block.partition("\n")[0] for block in blocks]
+    for section in sections:
+        block = section.removeprefix("## ").rstrip("\n") + "\n"
+        title = block.partition("\n")[0]
+        if title in titles:
+            blocks[titles.index(title)] = block
+        else:
+            blocks.insert(len(blocks) - 1, block)
+            titles.insert(len(titles) - 1, title)
+    return "\n## ".join([head, *blocks])
 
 
 def _figures() -> str:

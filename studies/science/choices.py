@@ -15,9 +15,8 @@ from analysis.figures import save, sensitivity_plot
 from analysis.robustness import robustness, robustness_sentences, robustness_table
 from analysis.sensitivity import choices_table, sensitivity
 from analysis.tables import Table
-from emgface.volunteers.world import world_of
-from studies.science.setup import finished_study, opened, people, plan
-from studies.science.subset import subset, subset_study
+from studies.science.setup import finished_study, opened, plan
+from studies.science.subset import mismatched_people, subset, subset_study
 
 AXES: Final[tuple[dict[str, Any], ...]] = (
     {"parameters": ["simulation.sigma_max"], "levels": [100e3, 50e3, 200e3, 300e3]},
@@ -37,9 +36,8 @@ VARIABLES: Final = ("rho", "amplitude_ratio")
 
 def make(studies: Mapping[str, Path], out: Path) -> str:
     """Run the study of all choices, write its tables and figures, and describe them."""
-    recordings = people(world_of("mismatched"), plan.store / "mismatched", subset())
     study = subset_study(
-        recordings,
+        mismatched_people(plan.store / "choices"),
         "choices",
         axis=list(AXES),
         simulation={"sigma_max_policy": {"scope": "trial"}},

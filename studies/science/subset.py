@@ -12,7 +12,8 @@ from scipy.stats import t
 
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from emgface.study.configuration import StudyConfiguration
-from studies.science.setup import plan, study_of
+from emgface.volunteers.world import world_of
+from studies.science.setup import people, plan, study_of
 
 INSTRUCTIONS: Final = ("A", "D", "E")
 """Instructions of the experiments with many simulations, which limit the run time of the page: the
@@ -27,6 +28,17 @@ def subset() -> tuple[str, ...]:
 def of_subset(cube: xr.Dataset) -> xr.Dataset:
     """Cut the instructions and the first repetition of the subset out of a cube."""
     return cube.sel(instruction=list(subset()), repetition=[1])
+
+
+def mismatched_people(study: Path) -> Path:
+    """Simulate the volunteers of the mismatched world for the subset; return their recordings.
+
+    With ``--finished``, they are not simulated again for a finished study in the folder `study`.
+    """
+    folder = plan.store / "mismatched"
+    if plan.finished and (study / "cube.nc").is_file():
+        return folder / "recordings"
+    return people(world_of("mismatched"), folder, subset())
 
 
 def subset_study(

@@ -6,6 +6,7 @@ import pytest
 import xarray as xr
 from scipy.stats import binomtest, ttest_1samp
 
+from studies.science.__main__ import replaced
 from studies.science.strength import per_volunteer as of_strength
 from studies.science.strength import stress_of_equal_motion, wilson
 from studies.science.subset import mean_interval, told
@@ -74,3 +75,12 @@ def test_equal_motion_is_found_for_a_power_law() -> None:
     assert found["lowered"].sum() == 1 and found["failed"].sum() == 1
     equal, reached = stress_of_equal_motion(found)
     assert equal == pytest.approx(np.exp(np.log(own).mean())) and reached == 2
+
+
+def test_sections_replace_those_of_the_same_heading() -> None:
+    page = "# Page\n\nhead\n\n## One\n\nold\n\n## Two\n\nkept\n\n## Cost\n\nminutes\n"
+    made = replaced(page, ["## One\n\nnew\n", "## Three\n\nadded\n"])
+    heads = [line for line in made.splitlines() if line.startswith("#")]
+    assert heads == ["# Page", "## One", "## Two", "## Three", "## Cost"]
+    assert "old" not in made and "new" in made and "kept" in made and made.endswith("minutes\n")
+    assert replaced(made, ["## Three\n\nadded\n"]) == made
