@@ -42,7 +42,7 @@ def curve_of(laboratory: Laboratory, job: Job) -> Curve:
     recording, strategy, extent = job
     found: list[float] = []
     for stress in LEVELS:
-        at = laboratory.lowered(stress)
+        at = laboratory.lowered(stress).of(recording.place[0])
         try:
             activation = at.activation(recording, strategy, extent).dataset["activation"]
             label = f"{recording.label} {strategy}, {stress / 1e3:g} kPa"
