@@ -12,7 +12,7 @@ import xarray as xr
 from analysis.axes import reference_cube
 from analysis.descriptives import descriptives
 from analysis.tables import Column, Table, origin_of, recordings
-from analysis.typed import texts
+from analysis.typed import selected, texts
 
 PRINTED: Final = {
     "act_all": {"median": 0.45, "mean": 0.26, "standard_deviation": 0.63},
@@ -31,7 +31,7 @@ def printed_table(cube: xr.Dataset) -> Table:
     for strategy, printed in PRINTED.items():
         known = strategy in found["strategy"].values
         for name, value in printed.items():
-            own = float(found[name].sel(strategy=strategy)) if known else np.nan
+            own = float(selected(found[name], {"strategy": strategy})) if known else np.nan
             rows.append((strategy, name.replace("_", " "), value, own, own - value))
     origin = origin_of(base)
     columns = (
@@ -68,15 +68,15 @@ def printed_statements(cube: xr.Dataset) -> list[tuple[str, str, str]]:
 
     compare(
         "lateral markers have a higher rho than central ones",
-        _median(rho.sel(marker=lateral)),
-        _median(rho.sel(marker=central)),
+        _median(selected(rho, {"marker": lateral})),
+        _median(selected(rho, {"marker": central})),
     )
     compare(
         "markers of the upper lip have a higher rho than those of the lower lip",
-        _median(rho.sel(marker=upper)),
-        _median(rho.sel(marker=lower)),
+        _median(selected(rho, {"marker": upper})),
+        _median(selected(rho, {"marker": lower})),
     )
-    of = {str(i): _median(rho.sel(instruction=i)) for i in base["instruction"].values}
+    of = {str(i): _median(selected(rho, {"instruction": i})) for i in base["instruction"].values}
     best = [of[i] for i in ("E", "F") if i in of]
     rest = [value for i, value in of.items() if i not in ("E", "F")]
     compare(
@@ -88,8 +88,8 @@ def printed_statements(cube: xr.Dataset) -> list[tuple[str, str, str]]:
         both = other in strategies and "act_all" in strategies
         compare(
             f"{other} has a higher rho than act_all",
-            _median(rho.sel(strategy=other)) if both else np.nan,
-            _median(rho.sel(strategy="act_all")) if both else np.nan,
+            _median(selected(rho, {"strategy": other})) if both else np.nan,
+            _median(selected(rho, {"strategy": "act_all"})) if both else np.nan,
         )
     moved = _median(ratio)
     found.append(
@@ -113,7 +113,7 @@ def used_stress(cube: xr.Dataset) -> dict[str, tuple[float, float]]:
     used = base["sigma_max"].where(texts(base["status"]) == "ok")
     found: dict[str, tuple[float, float]] = {}
     for volunteer in base["volunteer"].values.tolist():
-        values = used.sel(volunteer=volunteer).values
+        values = selected(used, {"volunteer": volunteer}).values
         values = values[np.isfinite(values)]
         if values.size:
             found[str(volunteer)] = float(values.min()), float(values.max())

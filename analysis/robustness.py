@@ -40,7 +40,7 @@ def levels_of(cube: xr.Dataset) -> dict[Place, xr.Dataset]:
     if flagged.any():
         found[WITHOUT_FLAGGED] = base.assign(
             rho=base["rho"].where(~flagged),
-            status=base["status"].where(~flagged, "excluded").astype(str),
+            status=texts(base["status"].where(~flagged, "excluded")),
         )
     return found
 
@@ -78,13 +78,15 @@ def robustness(cube: xr.Dataset, *, draws: int = 1000) -> xr.Dataset:
         ok = texts(one["status"]) == "ok"
         rho = one["rho"].where(ok)
         trials = rho.notnull().any("marker")
-        medians = np.array([_median(rho.sel(strategy=name).values) for name in strategies])
+        medians = np.array(
+            [_median(selected(rho, {"strategy": name}).values) for name in strategies]
+        )
         order = np.argsort(np.argsort(-np.nan_to_num(medians, nan=-np.inf), kind="stable")) + 1.0
         gain, bounds = np.full(len(strategies), np.nan), np.full((len(strategies), 2), np.nan)
         if has_baselines(one) and bool(trials.any()):
             skill = against_baselines(one, draws=draws)
             gain, bounds = skill["gain_template"].values, skill["gain_template_interval"].values
-        counts = [int(trials.sel(strategy=name).sum()) for name in strategies]
+        counts = [int(selected(trials, {"strategy": name}).sum()) for name in strategies]
         parts.append(
             xr.Dataset(
                 {
@@ -174,7 +176,7 @@ def robustness_sentences(found: xr.Dataset) -> list[str]:
         ]
         told.append("Range of the medians over all choices: " + ", ".join(spans) + ".")
     for name in found["strategy"].values.tolist():
-        bounds = found["gain_interval"].sel(strategy=name).values
+        bounds = selected(found["gain_interval"], {"strategy": name}).values
         said = [_said(low, high) for low, high in bounds.tolist()]
         if said[0] == "":
             continue
