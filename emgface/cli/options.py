@@ -57,7 +57,7 @@ SigmaMaxOption = Annotated[
     typer.Option(
         parser=stress,
         metavar="<Pa>",
-        help="Largest muscle stress at the start [Pa]; 'published' is 300e3, the default 100e3.",
+        help="Largest muscle stress at the start [Pa]; 'published' is 300e3, the default.",
     ),
 ]
 AccuracyOption = Annotated[

@@ -51,12 +51,11 @@ class MuscleParameters(Parameters):
     """Parameters of the muscle force."""
 
     sigma_max: float = positive(
-        SIGMA_MAX,
+        PUBLISHED_START,
         "Initial value of the largest active muscle stress.",
         unit="Pa",
-        source=f"{STAVNESS}",
-        note="'published' is 300e3, the start of Eskes et al. 2017, with which faces move farther than "
-        "people",
+        source=f"{ESKES}, Finite element face model",
+        note="'published' is this start; persons have 80e3 to 150e3",
     )
     sigma_max_policy: SigmaMaxPolicy = Field(
         default=SigmaMaxPolicy(),

@@ -91,7 +91,7 @@ def doubts(found: xr.Dataset) -> list[str]:
         told.append(
             f"the intervals are for a person whose muscles have about the {sigma_max / 1e3:.0f} kPa of "
             f"the face, but persons have {least / 1e3:.0f} to {most / 1e3:.0f} kPa (Eskes et al. 2017): "
-            "leave simulation.sigma_max in the study file at its default of 100e3, or set 115e3"
+            "set simulation.sigma_max in the study file to 115e3"
         )
     if not found.attrs.get("converged", 1):
         told.append(

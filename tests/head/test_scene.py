@@ -77,7 +77,7 @@ def test_coupled_tissues_have_the_forces_of_each_part(head: Head, still: sim.Sys
     f = _forces(still, q)
     face = compose_scene(
         head.parts["face"],
-        SimulationParameters(sigma_max=300e3, contact={"method": "none"}, gravity=False),  # pyright: ignore[reportArgumentType]
+        SimulationParameters(contact={"method": "none"}, gravity=False),  # pyright: ignore[reportArgumentType]
     )
     faces = sim.compile_scene(face)
     k = head.parts["face"].sizes["node"]

@@ -13,8 +13,6 @@ from emgface.choices import configure
 from emgface.cli import options
 from emgface.errors import ConfigurationError, DataError
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.inverse.assumptions import STRESSES
-from emgface.inverse.doubts import doubts
 from emgface.recordings.dataset import read_recording, write_recording
 from emgface.report.methods import methods
 from emgface.study.calibrated import LEVELS, stress_of
@@ -122,11 +120,7 @@ def test_strategies_that_follow_markers_are_refused(laboratory: Path) -> None:
         calibrated(laboratory, strategies=["act_rel", "assisted"])
 
 
-def test_the_default_is_within_the_range_of_persons_and_published_has_a_name() -> None:
-    default = SimulationParameters().sigma_max
-    assert STRESSES[0] <= default <= STRESSES[1]
-    attrs = {"rest_ratio": 0.0, "misfit_ratio": 0.1, "interval": 0.9, "sigma_max": default}
-    assert doubts(xr.Dataset(attrs=attrs)) == []  # an inversion does not warn of its own default
+def test_the_published_stress_has_a_name() -> None:
     named = configure(SimulationParameters, {"sigma_max": "published"})
     assert named.sigma_max == 300e3
     with pytest.raises(ConfigurationError, match="sigma_max"):

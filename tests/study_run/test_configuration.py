@@ -29,7 +29,7 @@ def written(folder: Path, text: str) -> Path:
 def test_an_empty_file_is_the_published_study(tmp_path: Path) -> None:
     study = load_study(written(tmp_path, ""))
     assert study.strategies == ("act_all", "act_3", "act_rel")
-    assert study.simulation.sigma_max == 100e3
+    assert study.simulation.sigma_max == 300e3
     assert study.simulation.sigma_max_policy.factor == 0.9
     assert (study.simulation.C10, study.simulation.C20, study.simulation.kappa) == (
         2500.0, 1175.0, 25e3,

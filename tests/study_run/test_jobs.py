@@ -184,7 +184,7 @@ def test_command_inverts_one_recording_and_keeps_its_result(
     # its strength is kept, because the same activation of another one is another motion
     assert found.attrs["sigma_max"] == STUDY.simulation.sigma_max
     same, other = MECHANICS, MECHANICS | {"sigma_max": 115e3}
-    with pytest.warns(UserWarning, match="relative to a largest stress of 100000 Pa"):
+    with pytest.warns(UserWarning, match="relative to a largest stress of 300000 Pa"):
         ef.simulate(found, laboratory / "face.nc", **other)
     with warnings.catch_warnings():
         warnings.simplefilter("error")

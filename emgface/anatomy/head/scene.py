@@ -13,7 +13,6 @@ from emgface.anatomy.head.tissues import Tissue, join
 from emgface.anatomy.jaw.scene import JawScene, jaw_scene
 from emgface.anatomy.tongue.parameters import TongueParameters
 from emgface.anatomy.tongue.scene import TonguePart, tongue_part
-from emgface.choices import configure
 from emgface.errors import HeadError
 from emgface.face.contact import contact_pairings, declared_contact
 from emgface.face.lips import lining
@@ -27,8 +26,6 @@ from sim.embedding import Embedding
 from sim.kinematics.members import Member
 from sim.scene import Term
 
-FACE = configure(SimulationParameters, {"sigma_max": "published"})
-"""Parameters of the face of a head, whose documented motions were simulated with 300 kPa."""
 TONGUE = TongueParameters(sigma_max=100e3, damping_tangent="rest")
 """Tongue of a generated head: the published law with the active stress of the chapter (11.2.2.3), and
 the damping of the face, whose matrix stays positive with active muscles."""
@@ -73,7 +70,7 @@ def head_scene(
     ----------
     head : Head
     face : SimulationParameters, optional
-        Tissue, muscles, damping and contact of the face; default: `FACE`.
+        Tissue, muscles, damping and contact of the face.
     tongue : TongueParameters
     law : muscle law of the jaw, as of `jaw_scene`.
     gravity : bool
@@ -85,7 +82,7 @@ def head_scene(
     FaceError, TongueError, JawError, SceneError, ContactFailure
         As of the parts.
     """
-    p = (face or FACE).model_copy(update={"gravity": False})
+    p = (face or SimulationParameters()).model_copy(update={"gravity": False})
     own = p.model_copy(update={"contact": p.contact.model_copy(update={"method": "none"})})
     parts, first, n = head.parts, dict[str, int](), 0
     tissues = list[Tissue]()

@@ -15,7 +15,7 @@ from emgface.anatomy.head.model import Head, read_head, write_head
 from emgface.anatomy.head.outcomes import Measure, outcomes
 from emgface.anatomy.head.plan import Run, Setting, labels, nested, read_plan
 from emgface.anatomy.head.run import raised, simulate_head
-from emgface.anatomy.head.scene import FACE, TONGUE, HeadScene, head_scene
+from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
 from emgface.anatomy.tongue.parameters import TongueParameters
 from emgface.choices import configure
 from emgface.errors import HeadError
@@ -206,9 +206,7 @@ class _Heads:
             scene = head_scene(
                 head,
                 face=configure(
-                    SimulationParameters,
-                    {"sigma_max": FACE.sigma_max} | nested(run.face),
-                    where=f"run {run.name!r}, face",
+                    SimulationParameters, nested(run.face), where=f"run {run.name!r}, face"
                 ),
                 tongue=configure(
                     TongueParameters,
