@@ -10,7 +10,7 @@ from typing import Final
 from emgface.recordings.findings import Finding
 
 BEFORE: Final = 20  #: lines before the last that it is compared with
-_NUMBER: Final = re.compile(r"[+-]?(\d*)(?:[.,](\d*))?(?:[eE]([+-]?\d*))?", re.ASCII)
+_NUMBER: Final = re.compile(r"[+-]?(?=[.,\d]|$)(\d*)(?:[.,](\d*))?(?:[eE]([+-]?\d*))?", re.ASCII)
 
 
 def cut_line(text: str, delimiter: str) -> list[Finding]:

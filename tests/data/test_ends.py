@@ -114,6 +114,10 @@ def test_a_line_end_and_numbers_of_all_lengths_are_no_finding() -> None:
     assert not cut_line("\n".join([*rows, "0.5,1.0"]), ",")
 
 
+def test_labels_that_look_like_exponents_are_no_numbers() -> None:
+    assert cut_line("\n".join(["E1,E2", *ROWS, "2.2500,1."]), ",")
+
+
 def test_exponents_count() -> None:
     rows = [f"{k},{1.5 * k:.6e}" for k in range(1, 9)]
     assert cut_line("\n".join([*rows, "9,1.350000e"]), ",")
