@@ -158,7 +158,7 @@ def _refusals(inputs):
             "lower_incisor|hyoid",
         ),
         "unnamed": (marks, {"femur": scans["jaw"]}, "no surface of femur"),
-        "other bone": (marks, {"hyoid": scans["jaw"]}, "misses"),
+        "other bone": (marks, {"hyoid": scans["jaw"]}, "misses|is near only"),
         "large": (marks, {"jaw": (1e3 * points, triangles)}, "misses|agreeing|unit|large"),
         "nothing": (None, {}, "no landmarks and no surface"),
     }  # fmt: skip
