@@ -38,7 +38,6 @@ ARCHIVES: dict[str, dict[str, tuple[str, ...]]] = {
         "survival": (),
         "tongue": ("kink",),
         "tongue_limits": (),
-        "treatment": (),
     },
 }
 """Tags of git with finished research, whose pages and figures are kept: archived measurements.

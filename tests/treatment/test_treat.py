@@ -17,7 +17,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.schema.validation import schema_folder
 from emgface.treatment.motions import gestures
 from emgface.treatment.plan import NOT_VALIDATED, Plan, plan_schema_text, read_plan
-from tests.treatment.volume import sampled_volume
+from emgface.treatment.sampled_volume import sampled_volume
 
 FREE = {"contact": {"method": "none"}}
 QUICK = configure(SimulationParameters, {"accuracy": "draft", **FREE, "sigma_max": 100e3})

@@ -1,0 +1,466 @@
+"""Acceptance checks of virtual treatment: volumes, closure, symmetry, trends, random plans.
+
+    python -m benchmarks treatment
+    python -m benchmarks treatment --only slit --only volume
+    python -m benchmarks treatment --only random --plans 200
+
+Every check prints what it measured beside what is required. The faces are generated, coarse unless
+stated. Simulated data; a research model, not validated on patients.
+"""
+
+import time
+from collections.abc import Callable
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+import xarray as xr
+from scipy.spatial import KDTree
+
+import emgface as ef
+import sim
+from emgface.api.given import simulation_of, study_of
+from emgface.errors import EmgfaceError
+from emgface.face.motion import settle_face, simulate_face
+from emgface.face.template import template_face
+from emgface.face.template.build import volunteer_face
+from emgface.treatment.closure import drawn_together, relaxed, ties
+from emgface.treatment.motions import compared, gestures
+from emgface.treatment.outcomes import outcome_table, smile_asymmetry
+from emgface.treatment.sampled_volume import sampled_volume
+from sim.grids import grid_mesh
+
+Row = tuple[str, str, str, bool]  #: what, measured, required, met
+MIRROR = np.array([-1.0, 1.0, 1.0])
+
+
+def wedge(**given: Any) -> dict[str, Any]:
+    """Plan of one wedge of the lower lip."""
+    step = {"kind": "wedge", "shape": "V", "width": 12.0, "height": 11.0} | given
+    return {"step": [step]}
+
+
+def parameters(**given: Any) -> Any:
+    """Parameters of draft accuracy."""
+    return simulation_of(study_of(None).simulation, "draft", given)
+
+
+def motion(face: xr.Dataset, name: str, **given: Any) -> xr.Dataset:
+    """Motion of a face under the gesture of a name."""
+    p = parameters(**given)
+    return simulate_face(face, gestures(face)[name], p, settled=settle_face(face, p))
+
+
+def volume() -> list[Row]:
+    """Removed volume against that sampled in the untreated elements, and mass."""
+    rows: list[Row] = []
+    for resolution in ("coarse", "medium"):
+        face = template_face(resolution=resolution)
+        for shape in ("V", "W", "shield", "rectangle"):
+            for method in ("conforming", "elements"):
+                plan = wedge(shape=shape, width=14.0, place=0.46, method=method, scar=False)
+                try:
+                    treated = ef.treat(face, plan)
+                except EmgfaceError as error:
+                    told = f"{resolution}, {shape}, {method}"
+                    rows.append((told, str(error), "reported", method == "elements"))
+                    continue
+                report = _report(treated)
+                expected = 1e9 * sampled_volume(face, plan["step"][0])
+                error = report["removed_volume_mm3"] / expected - 1.0
+                met = abs(error) < 0.02 or method == "elements"
+                rows.append(
+                    (
+                        f"{resolution}, {shape}, {method}: "
+                        f"removed {report['removed_volume_mm3']:.0f} mm3",
+                        f"{100 * error:+.2f} % of {expected:.0f} mm3",
+                        "2 %" if method == "conforming" else "reported",
+                        met,
+                    )
+                )
+                masses = [_mass(face), _mass(treated)]
+                lost = (masses[0] - masses[1]) / (1040e-9 * report["removed_volume_mm3"]) - 1.0
+                rows.append(("   mass that is lost, relative to it", f"{100 * lost:+.3f} %", "2 %",
+                             abs(lost) < 0.02))  # fmt: skip
+    return rows
+
+
+def _mass(face: xr.Dataset) -> float:
+    from emgface.face.recipe import compose_scene
+
+    scene = compose_scene(face, parameters(contact={"method": "none"}))
+    return sum(
+        float(t.node_mass(scene.mesh).sum()) for t in scene.terms if isinstance(t, sim.Solid)
+    )
+
+
+def _report(face: xr.Dataset) -> dict[str, Any]:
+    import json
+
+    return json.loads(face.attrs["treatment"])[-1]["steps"][-1]
+
+
+def zero() -> list[Row]:
+    """A wedge of no size, and a cut without removal."""
+    face = template_face(resolution="coarse")
+    before = motion(face, "A")
+    rows: list[Row] = []
+    for what, plan in (("width 0", wedge(width=0.0)), ("height 0", wedge(height=0.0))):
+        after = motion(ef.treat(face, plan), "A")
+        same = bool((before["position"].values == after["position"].values).all())
+        rows.append((f"wedge of {what}: same bits of the motion", str(same), "True", same))
+    for place, method in ((0.42, "elements"), (0.5, "conforming"), (0.42, "conforming")):
+        step = {"kind": "incision", "place": place, "scar": False, "method": method}
+        treated = ef.treat(face, {"step": [step]})
+        for name in ("A", "D"):
+            first = before if name == "A" else motion(face, name)
+            moved = motion(treated, name)["position"].values - first["position"].values
+            apart = 1e3 * float(np.linalg.norm(moved, axis=1).max())
+            rows.append(
+                (f"incision at {place:g} ({method}), {name}: difference of a marker",
+                 f"{apart:.4f} mm", "0.05 mm", apart < 0.05)
+            )  # fmt: skip
+    return rows
+
+
+def sheet(
+    cells: int = 20, width: float = 16.0, opening: float = 1e-3
+) -> tuple[float, float, float, float]:
+    """Force that closes a lens in a sheet, its closed form [N], the final gap [m], and imbalance [N].
+
+    A crack of length 2 a under the stress s opens by 4 s/E sqrt(a^2 - x^2); a lens of this shape is
+    therefore closed by the uniform traction s, with the force 2 a t s = E d t/2 for the opening d in
+    its middle. Plane stress, small strain, a = 1 m, thickness t = 0.05 m.
+    """
+    E, t = 1e4, 0.05
+    inner = np.linspace(0.0, 1.0, cells + 1)
+    ratio, outer = 1.25, [1.0]
+    while outer[-1] < width:
+        outer.append(
+            outer[-1] + (outer[-1] - (outer[-2] if len(outer) > 1 else 1.0 - inner[1])) * ratio
+        )
+    half = np.append(inner, outer[1:])
+    x = np.append(-half[:0:-1], half)
+    blocks: list[Any] = []
+    for sign in (1.0, -1.0):
+        y = half if sign > 0 else -half[::-1]
+        X, Y, Z = np.meshgrid(x, y, [0.0, t], indexing="ij")
+        lens = 0.5 * opening * np.sqrt(np.maximum(1.0 - X**2, 0.0)) * np.exp(-np.abs(Y))
+        blocks.append(grid_mesh(np.stack([X, Y + sign * lens, Z], axis=-1)))
+    n = blocks[0].n_nodes
+    X = np.concatenate([b.X for b in blocks])
+    hexahedra = np.concatenate([blocks[0].blocks[0].nodes, blocks[1].blocks[0].nodes + n])
+    tree = KDTree(X[n:] * [1.0, 0.0, 1.0])
+    low = np.flatnonzero(np.abs(blocks[0].X[:, 1]) < opening)
+    high = np.flatnonzero(np.abs(X[n:, 1]) < opening)
+    partner = high[KDTree(X[n:][high][:, [0, 2]]).query(X[low][:, [0, 2]])[1]] + n
+    del tree
+    outside = np.abs(X[low, 0]) >= 1.0 - 1e-9
+    welded = ties(np.stack([low[outside], partner[outside]], axis=1), 2 * n)
+    used, number = np.unique(welded, return_inverse=True)
+    elements, at = number[hexahedra], X[used]
+    pairs = number[np.stack([low[~outside], partner[~outside]], axis=1)]
+    solid = sim.Solid((sim.Material(sim.LinearElastic(E, 0.3)),))
+    held = sim.Fixed(np.flatnonzero(np.abs(at[:, 1]) > half[-1] - 1e-9))
+    scene = sim.Scene(sim.mesh_from_arrays(at, hex8=elements), (solid,), (held,))
+    same = ties(pairs, len(at))
+    met = drawn_together(scene, same, steps=2)
+    gap = float(np.linalg.norm(met[pairs[:, 0]] - met[pairs[:, 1]], axis=1).max())
+    kept, merged = np.unique(same, return_inverse=True)
+    tied = merged[elements]
+    free = at[elements]
+    mesh = sim.mesh_from_arrays(met[kept], hex8=tied)
+    from dataclasses import replace
+
+    both = sim.Scene(
+        mesh, (replace(solid, stress_free=free),),
+        (sim.Fixed(np.flatnonzero(np.abs(mesh.X[:, 1]) > half[-1] - 1e-9)),),
+    )  # fmt: skip
+    side = np.arange(len(tied)) < len(tied) // 2
+    suture = np.unique(merged[pairs[:, 0]])
+    closed = relaxed(both, mesh.X, side, suture)
+    force = float(np.abs(closed.traction[suture, 1].sum()))
+    return force, 0.5 * E * opening * t, gap, closed.imbalance
+
+
+def slit() -> list[Row]:
+    """Closure of a lens in a sheet against its closed form, for two meshes."""
+    rows: list[Row] = []
+    for cells in (10, 20, 40):
+        force, exact, gap, imbalance = sheet(cells)
+        error = force / exact - 1.0
+        rows.append((f"sheet, {cells} elements over half the slit: force", f"{100 * error:+.2f} %",
+                     "3 % (finest)", abs(error) < 0.03 or cells < 40))  # fmt: skip
+    rows.append(("edges meet within", f"{1e3 * gap:.2g} mm", "1e-3 mm", gap < 1e-6))
+    rows.append(("largest force on a free node", f"{imbalance:.2g} N", "1e-9 N", imbalance < 1e-9))
+    return rows
+
+
+def mirror() -> list[Row]:
+    """Mirrored plans give mirrored faces and motions."""
+    face = template_face(resolution="coarse")
+    rows: list[Row] = []
+    names = [str(m) for m in face["marker"].values]
+    other = [
+        names.index(n.replace("left", "RIGHT").replace("right", "left").replace("RIGHT", "right"))
+        for n in names
+    ]
+    for place, gesture in ((0.5, "A"), (0.36, "D")):
+        one = ef.treat(face, wedge(place=place))
+        two = ef.treat(face, wedge(place=1.0 - place))
+        away = KDTree(one["position"].values * MIRROR).query(two["position"].values)[0].max()
+        rows.append((f"wedge at {place:g} and its mirror image: nodes", f"{1e3 * away:.2g} mm",
+                     "1e-6 m", away < 1e-6))  # fmt: skip
+        moved = [
+            motion(f, gesture)["position"].transpose("time", "marker", "axis").values
+            for f in (one, two)
+        ]
+        apart = float(np.abs(moved[0][:, other] * MIRROR - moved[1]).max())
+        rows.append((f"   motion of {gesture}", f"{1e3 * apart:.2g} mm", "1e-6 m", apart < 1e-6))
+    return rows
+
+
+def trends(resolution: str = "coarse") -> list[Row]:
+    """Outcomes against the width of the wedge, and closure of 30 and 50 % at 300 kPa."""
+    face = template_face(resolution=resolution)
+    p = parameters(sigma_max=100e3)
+    drives = gestures(face, ("A", "opening", "closing"))
+    found: dict[float, dict[str, float]] = {}
+    for width in (0.0, 8.0, 12.0, 16.0):
+        treated = ef.treat(face, wedge(width=width, height=12.0))
+        table = outcome_table(face, treated, compared(face, treated, drives, p, source=""))
+        found[width] = dict(zip(table["outcome"], table["after"], strict=True))
+    rows: list[Row] = []
+    for name in ("mouth width", "length of the lower lip margin", "lower vermilion height",
+                 "pursing, amplitude", "pursing, narrowing", "lip opening",
+                 "pursing, protrusion"):  # fmt: skip
+        values = [found[width][name] for width in found]
+        falls = bool((np.diff(values) < 0.0).all())
+        free = name == "pursing, protrusion"  # a shorter ring is pressed forward by the teeth
+        rows.append(
+            (f"{name} at 0, 8, 12, 16 mm", ", ".join(f"{v:.2f}" for v in values),
+             "reported" if free else "falls", falls or free)
+        )  # fmt: skip
+    for share in (0.3, 0.5):
+        width = share * 52.9
+        told, met = _closes(face, wedge(width=width, height=14.0))
+        rows.append((f"{100 * share:.0f} % of the lower lip, 300 kPa", told, "closes" if share < 0.4
+                     else "closes, or a sentence", met or share > 0.4))  # fmt: skip
+    return rows
+
+
+def _closes(face: xr.Dataset, plan: dict[str, Any]) -> tuple[str, bool]:
+    try:
+        treated = ef.treat(face, plan, sigma_max=300e3)
+    except EmgfaceError as error:
+        return str(error)[:160], False
+    return f"closes, smallest J {_report(treated)['smallest_J']:.2f}", True
+
+
+def joining() -> list[Row]:
+    """Closing with joined and not joined fibres, and a sweep of the stiffness of the scar."""
+    face = template_face(resolution="coarse")
+    p, drives = (
+        parameters(sigma_max=100e3),
+        gestures(template_face(resolution="coarse"), ("closing", "A")),
+    )
+    rows: list[Row] = []
+
+    def value(**given: Any) -> dict[str, float]:
+        treated = ef.treat(face, wedge(**given))
+        table = outcome_table(face, treated, compared(face, treated, drives, p, source=""))
+        return dict(zip(table["outcome"], table["after"], strict=True))
+
+    both = [value(rejoin=choice)["residual gap when closing"] for choice in ("all", "none")]
+    rows.append(("residual gap, joined and not joined", f"{both[0]:.2f}, {both[1]:.2f} mm2",
+                 "larger if not joined", both[1] > both[0]))  # fmt: skip
+    sweep = [value(scar={"stiffness": s})["pursing, narrowing"] for s in (1.0, 3.0, 10.0)]
+    steps = np.diff(sweep)
+    rows.append(("pursing, narrowing, for scar 1, 3, 10", ", ".join(f"{v:.3f}" for v in sweep),
+                 "monotone", bool((steps > 0).all() or (steps < 0).all())))  # fmt: skip
+    return rows
+
+
+def palsy() -> list[Row]:
+    """Asymmetry of the smile against the degree of a weakness of one side."""
+    face = template_face(resolution="coarse")
+    found: dict[str, list[float]] = {}
+    for side in ("left", "right"):
+        found[side] = []
+        for degree in (0.0, 0.25, 0.5, 0.75, 1.0):
+            treated = ef.treat(face, {"step": [{"kind": "palsy", "side": side, "degree": degree}]})
+            found[side].append(smile_asymmetry(treated, motion(treated, "D", sigma_max=100e3)))
+    left, right = (np.array(found[s]) for s in ("left", "right"))
+    return [
+        ("asymmetry of the smile, left 0 to 1", ", ".join(f"{v:.3f}" for v in left), "rises",
+         bool((np.diff(left) > 0).all())),
+        ("   right side, mirrored", f"{np.abs(left + right).max():.2g}", "1e-6",
+         float(np.abs(left + right).max()) < 1e-6),
+    ]  # fmt: skip
+
+
+def jaw() -> list[Row]:
+    """Rest and opening of a jaw after resection of one side, with its variants."""
+    from emgface.anatomy.jaw.outcomes import outcome
+    from emgface.anatomy.jaw.run import run_task
+    from emgface.anatomy.jaw.tasks import task_of
+    from emgface.anatomy.jaw.template import template_jaw
+    from emgface.treatment.plan import Resection
+    from emgface.treatment.resection import resect
+
+    whole = template_jaw()
+
+    def deviation(**given: Any) -> float:
+        treated, _ = resect(whole, Resection(**given))
+        return outcome(run_task(treated, task_of("open")))["right"]
+
+    left, right = deviation(), deviation(side="right")
+    sweep = [deviation(scar_stiffness=k) for k in (0.0, 100.0, 800.0, 3000.0)]
+    graft, plate = deviation(reconstruction="graft"), deviation(reconstruction="plate")
+    return [
+        ("opening, left resection: incisor to the right", f"{left:.2f} mm", "to the left", left < 0.0),
+        ("right resection", f"{right:.2f} mm", "mirrored to 0.05 mm", abs(left + right) < 0.05),
+        ("scar of 0, 100, 800, 3000 N/m", ", ".join(f"{v:.2f}" for v in sweep),
+         "larger with 800 than 0", abs(sweep[2]) > abs(sweep[0])),
+        ("plate, graft", f"{plate:.2f}, {graft:.2f} mm", "graft less than none",
+         abs(graft) < abs(left)),
+    ]  # fmt: skip
+
+
+def compensation() -> list[Row]:
+    """Activations of the operated face for the intact motion."""
+    from emgface.face.template.gestures import gesture_activation
+    from emgface.treatment.compensation import compensated
+
+    face = template_face(resolution="coarse")
+    treated = ef.treat(face, wedge(place=0.4))
+    rows: list[Row] = []
+    for name in ("A", "D"):
+        found = compensated(face, treated, gesture_activation(name), parameters(sigma_max=100e3))
+        a = found["activation"].values
+        last = found.isel(time=-1)
+        before, left = (1e3 * float(last[k]) for k in ("uncompensated", "residual"))
+        rows.append((f"{name}: rms distance of a marker, same and found activations",
+                     f"{before:.3f}, {left:.3f} mm of {1e3 * float(last['motion']):.2f}",
+                     "less", left < before))  # fmt: skip
+        rows.append(("   activations", f"{a.min():.3f} to {a.max():.3f}", "0 to 1",
+                     bool(a.min() >= 0.0 and a.max() <= 1.0)))  # fmt: skip
+    return rows
+
+
+def random(plans: int = 20, seed: int = 0) -> list[Row]:
+    """Random plans over generated faces: how they end, and the longest time."""
+    rng = np.random.default_rng(seed)
+    faces = [volunteer_face(2017, k + 1, resolution="coarse")[0] for k in range(min(20, plans))]
+    ended: dict[str, int] = {}
+    silent, longest, unstated = 0, 0.0, 0
+    for k in range(plans):
+        plan = random_plan(rng)
+        start = time.process_time()
+        try:
+            treated = ef.treat(faces[k % len(faces)], plan)
+            settle_face(treated, parameters(contact={"method": "none"}))
+            how = "unchanged" if treated is faces[k % len(faces)] else "treated"
+        except EmgfaceError as error:
+            how = _kind(str(error))
+            unstated += how == "other"
+            if how == "other":
+                print(plan, error)
+        except sim.SimulationError as error:
+            how = f"equilibrium under gravity: {type(error).__name__}"
+            silent += 1
+            print(plan, error)
+        except Exception as error:  # a defect, which is counted
+            how = f"defect: {type(error).__name__}"
+            silent += 1
+            print(plan, repr(error))
+        ended[how] = ended.get(how, 0) + 1
+        longest = max(longest, time.process_time() - start)
+    return [
+        (f"{plans} random plans over {len(faces)} faces",
+         "; ".join(f"{v} {k}" for k, v in sorted(ended.items())), "treated, or a sentence", silent == 0),
+        ("refusals without a known reason", str(unstated), "0", unstated == 0),
+        ("longest", f"{longest:.1f} s", "no hang", longest < 120.0),
+    ]  # fmt: skip
+
+
+REASONS = {
+    "too wide": ("too wide", "cannot be sutured"),
+    "at the commissure": ("corner of the mouth",),
+    "tumour outside": ("the centre of the tumour", "the tumour with its margin"),
+    "attached to bone": ("attached to bone",),
+    "too small for the mesh": (
+        "no element",
+        "no node",
+        "nodes, expected at least one node",
+    ),
+    "leaves the lip": ("divides the lip", "does not begin and end", "does not face"),
+    "degenerate elements": ("degenerate", "inverted at rest"),
+    "nothing left": ("has no element",),
+    "at an earlier suture": ("not layered",),
+}
+
+
+def _kind(message: str) -> str:
+    return next((k for k, words in REASONS.items() if any(w in message for w in words)), "other")
+
+
+def random_plan(rng: np.random.Generator) -> dict[str, Any]:
+    """Random plan of one to three steps, also with sizes that no lip has."""
+    steps: list[dict[str, Any]] = []
+    for kind in rng.choice(["wedge", "wedge", "wedge", "tumour", "incision", "change", "palsy"],
+                           rng.integers(1, 4)):  # fmt: skip
+        lip = str(rng.choice(["lower", "lower", "upper"]))
+        cut = {"lip": lip, "place": float(rng.uniform(0.05, 0.95)),
+               "rejoin": str(rng.choice(["all", "none"]))}  # fmt: skip
+        if kind == "wedge":
+            cut |= {"shape": str(rng.choice(["V", "W", "shield", "rectangle"])),
+                    "width": float(rng.uniform(0.0, 35.0)), "height": float(rng.uniform(2.0, 25.0)),
+                    "method": str(rng.choice(["conforming", "elements"])),
+                    "layers": str(rng.choice(["all", "all", "outer", "outer and centre"]))}  # fmt: skip
+        elif kind == "tumour":
+            centre = [float(rng.uniform(-30, 30)), 98.0, float(rng.uniform(-15, 15))]
+            radii = [float(r) for r in rng.uniform(1.0, 6.0, 3)]
+            cut = {"lip": lip, "centre": centre, "radii": radii}
+        elif kind == "incision":
+            cut["height"] = float(rng.uniform(1.0, 15.0))
+        elif kind == "change":
+            cut = {
+                "lip": lip,
+                "stiffness": float(rng.uniform(0.3, 5.0)),
+                "strength": float(rng.uniform(0, 1)),
+            }
+        else:
+            cut = {"side": str(rng.choice(["left", "right"])), "degree": float(rng.uniform(0, 1))}
+        steps.append({"kind": str(kind), **cut})
+    return {"step": steps}
+
+
+CHECKS: dict[str, Callable[..., list[Row]]] = {
+    "volume": volume,
+    "zero": zero,
+    "slit": slit,
+    "mirror": mirror,
+    "trends": trends,
+    "joining": joining,
+    "palsy": palsy,
+    "jaw": jaw,
+    "compensation": compensation,
+    "random": random,
+}
+
+
+def main(
+    only: Annotated[list[str] | None, typer.Option(help="Check to run; repeatable.")] = None,
+    plans: Annotated[int, typer.Option(help="Number of random plans.")] = 20,
+) -> None:
+    missed = 0
+    for name, check in CHECKS.items():
+        if only and name not in only:
+            continue
+        rows = check(plans) if name == "random" else check()
+        print(f"\n{name}: {(check.__doc__ or '').splitlines()[0]}")
+        for what, measured, required, met in rows:
+            missed += not met
+            print(f"  {what:62s} {measured}   [{required}] {'' if met else 'MISSED'}", flush=True)
+    print(f"\n{missed} requirements missed; simulated, research model, not validated on patients.")
