@@ -84,7 +84,7 @@ def published(
     mapping: MappingOption = None,
     offset: Annotated[
         float,
-        typer.Option(help="Start of the clock of the markers on that of the EMG [s]."),
+        typer.Option(help="Start of the clock of the markers on that of the EMG, in s."),
     ] = 0.0,
     face: FacePath = None,
     accuracy: AccuracyOption = None,
