@@ -20,11 +20,11 @@ from scipy.interpolate import CubicSpline
 
 from analysis.components import first_component
 from analysis.errors import AlignmentError
-from analysis.lag import Array, within
+from analysis.lag import Array, within_lags
 from analysis.matching import (
     CLEAR_COSINE,
+    ComponentPair,
     Options,
-    Pair,
     Scaling,
     Sign,
     scale_at_bound,
@@ -160,11 +160,11 @@ def align(
     b_s, u_s, explained_s = first_component(model.values, centred=centred)
     cosine = float((u_m * u_s).sum())
     nominal = 1.0 if scaling == "none" else _length_ratio(t_whole, t_s)
-    pair = Pair((t_m, b_m), (t_s, b_s), float(t_whole[0]), nominal)
+    pair = ComponentPair((t_m, b_m), (t_s, b_s), float(t_whole[0]), nominal)
     chosen, best, clear, disagrees = signed_match(pair, cosine, options)
 
     source = t_whole[0] + (t_s - t_s[0] - best.shift) / best.scale
-    inside, source = within(source, t_m)
+    inside, source = within_lags(source, t_m)
     overlap, matched = float(inside.mean()), chosen * best.r
     numbers = {
         "scale": best.scale,

@@ -26,7 +26,7 @@ VARIABLES: Final = {
 """Unit and meaning of the variables of formants."""
 
 
-def with_formants(
+def cube_with_formants(
     cube: xr.Dataset,
     found: Mapping[tuple[str, str, int, str], xr.Dataset],
     assumptions: str,

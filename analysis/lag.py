@@ -168,7 +168,7 @@ class Search:
 
     def at(self, shift: float, scale: float, at_bound: bool = False) -> Match:
         """Return the agreement at any shift and scale, over the covered simulated samples."""
-        inside, source = within((self.grid - shift) / scale - self.offset, self.t_m)
+        inside, source = within_lags((self.grid - shift) / scale - self.offset, self.t_m)
         if inside.sum() < 2:
             return Match(shift, scale, 0.0, 1.0, at_bound)
         x = self.x[inside] - self.x[inside].mean()
@@ -207,7 +207,7 @@ def _peaks(loss: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     return inner, np.isfinite(loss) & inner & (loss <= padded[:-2]) & (loss <= padded[2:])
 
 
-def within(source: Array, t_m: Array) -> tuple[NDArray[np.bool_], Array]:
+def within_lags(source: Array, t_m: Array) -> tuple[NDArray[np.bool_], Array]:
     """Find the instants within the measured time, with rounding removed."""
     slack = 1e-9 * float(t_m[-1] - t_m[0])
     inside = (source >= t_m[0] - slack) & (source <= t_m[-1] + slack)

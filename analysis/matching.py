@@ -104,7 +104,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Pair:
+class ComponentPair:
     """Two coefficient vectors with their instants [s].
 
     A shift is counted from `start`, the first instant of the measured trial, which precedes the
@@ -117,7 +117,7 @@ class Pair:
     nominal: float
 
 
-def _search(pair: Pair, options: Options, sign: int | None) -> Search:
+def _search(pair: ComponentPair, options: Options, sign: int | None) -> Search:
     """Agreement of the vectors for one sign of the measured one, or for the better of both."""
     return Search(
         pair.measured,
@@ -132,7 +132,7 @@ def _search(pair: Pair, options: Options, sign: int | None) -> Search:
     )
 
 
-def best_match(pair: Pair, options: Options, *, sign: int | None) -> Match:
+def best_match(pair: ComponentPair, options: Options, *, sign: int | None) -> Match:
     """Find shift and scale, for one sign of the measured vector or for the better of both.
 
     Raises AlignmentError if no shift leaves enough overlap.
@@ -158,7 +158,9 @@ def best_match(pair: Pair, options: Options, *, sign: int | None) -> Match:
     return best
 
 
-def signed_match(pair: Pair, cosine: float, options: Options) -> tuple[int, Match, bool, bool]:
+def signed_match(
+    pair: ComponentPair, cosine: float, options: Options
+) -> tuple[int, Match, bool, bool]:
     """Determine the sign of the measured vector and its match.
 
     `cosine` is that between the two components, of arbitrary sign [1]. Returns the sign, 1 or -1;

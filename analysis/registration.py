@@ -13,7 +13,7 @@ from scipy.interpolate import CubicSpline
 
 from analysis.align import align
 from analysis.errors import AlignmentError, AnalysisError
-from analysis.lag import within
+from analysis.lag import within_lags
 from analysis.trajectory import SMALLEST_MOTION, checked, measured_span
 from analysis.trajectory import motion as motion_of
 from analysis.typed import coordinates, relabelled
@@ -128,7 +128,7 @@ def retimed(
     the first and after the last sample.
     """
     t_m, t = position["time"].values, np.asarray(time.values, dtype=np.float64)
-    _, source = within(t_m[0] + (t - t[0] - shift) / scale, t_m)
+    _, source = within_lags(t_m[0] + (t - t[0] - shift) / scale, t_m)
     values = CubicSpline(t_m, position.transpose("marker", "axis", "time").values, axis=2)(source)
     moved = xr.DataArray(values, dims=("marker", "axis", "time"), attrs=dict(position.attrs))
     labels = coordinates(position)

@@ -14,16 +14,16 @@ from analysis.errors import StatisticsError
 from analysis.statistics.equivalence import normality
 from analysis.statistics.finding import (
     INDEPENDENT,
-    Finding,
+    StatisticalFinding,
     check_level,
     holm,
-    judged,
+    judged_tests,
     persons,
     shown_p,
     untestable,
     without_spread,
 )
-from analysis.statistics.paired import LIMIT, Paired, Scale, described, paired
+from analysis.statistics.paired import LIMIT, PairedScores, Scale, described, paired
 from analysis.statistics.power import detectable
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.statistics.sign_flip import sign_flip_p, sign_patterns
@@ -104,7 +104,7 @@ def sensitivity(
                 f"{names([str(each) for each in cube[axis].values]) if axis in found else names(found)}"
             )
     used: Scale = scale if scale is not None else ("z" if variable == "rho" else "raw")
-    data: list[Paired] = []
+    data: list[PairedScores] = []
     of: list[tuple[str, str, str]] = []
     strategies = [str(label) for label in cube["strategy"].values]
     for axis in chosen:
@@ -122,14 +122,16 @@ def sensitivity(
                 )
                 words = f"{axis} = {_words(label)}, {strategy}"
                 data.append(
-                    Paired(words, each.differences, each.means, each.counts, each.unit, each.factor)
+                    PairedScores(
+                        words, each.differences, each.means, each.counts, each.unit, each.factor
+                    )
                 )
                 of.append((axis, _words(label), strategy))
     return _result(data, of, base, cube, variable=variable, scale=used, level=level)
 
 
 def _result(
-    data: list[Paired], of: list[tuple[str, str, str]], base: Mapping[str, Any], cube: xr.Dataset,
+    data: list[PairedScores], of: list[tuple[str, str, str]], base: Mapping[str, Any], cube: xr.Dataset,
     *, variable: str, scale: Scale, level: float,
 ) -> xr.Dataset:  # fmt: skip
     alpha = 1.0 - level
@@ -138,7 +140,7 @@ def _result(
     adjusted = {each.label: float(one) for each, one in zip(data, holm(p), strict=True)}
     attrs = described(cube, variable, scale)
     attrs["reference"] = ", ".join(f"{axis} = {_words(label)}" for axis, label in base.items())
-    result = judged(
+    result = judged_tests(
         data,
         lambda each: _finding(each, adjusted[each.label], tests, level),
         lambda each: (INDEPENDENT, normality(each.values)),
@@ -159,7 +161,7 @@ def _result(
     return result
 
 
-def _t_test(data: Paired) -> tuple[float, float]:
+def _t_test(data: PairedScores) -> tuple[float, float]:
     """Standard error and p of the mean difference; NaN for too few volunteers.
 
     If the difference is the same in all of them, p is 1 for a difference of zero and otherwise NaN.
@@ -174,7 +176,7 @@ def _t_test(data: Paired) -> tuple[float, float]:
     return error, 2.0 * float(t.sf(abs(mean) / error, n - 1))
 
 
-def _finding(data: Paired, adjusted: float, tests: int, level: float) -> Finding:
+def _finding(data: PairedScores, adjusted: float, tests: int, level: float) -> StatisticalFinding:
     values = data.values
     n, mean = len(values), float(values.mean())
     error, p = _t_test(data)
@@ -194,7 +196,7 @@ def _finding(data: Paired, adjusted: float, tests: int, level: float) -> Finding
     if not values.any():
         sentence = f"no difference in any of {persons(n)}."
     further = {"p_sign_flip": exact, "rises": float(up), "detectable": smallest}
-    return Finding(mean, mean - reach, mean + reach, p, 0.0, sentence, further)
+    return StatisticalFinding(mean, mean - reach, mean + reach, p, 0.0, sentence, further)
 
 
 def choices_table(found: xr.Dataset) -> Table:
@@ -241,7 +243,7 @@ def _words(label: Any) -> str:
     return f"{label:g}" if isinstance(label, float) else str(label)
 
 
-def _summary(result: xr.Dataset, first: Paired | None, alpha: float) -> str:
+def _summary(result: xr.Dataset, first: PairedScores | None, alpha: float) -> str:
     """List the significant changes, and the smallest detectable change of the others."""
     variable = str(result.attrs["variable"])
     p, n = result["p_holm"].values, result["n"].values

@@ -20,7 +20,7 @@ import sim
 from benchmarks.report import finish, say
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import Head
-from emgface.anatomy.head.run import activation_of, probes, raised
+from emgface.anatomy.head.run import probes, raised, scene_activation
 from emgface.anatomy.head.scene import HeadScene, head_scene
 from sim.integrators import Integrator
 
@@ -33,7 +33,7 @@ LEVELS: Final = {"face": {"bi_OOP": 0.2}, "jaw": {"bi_open": 0.1}, "tongue": {"b
 def _drive(head: Head, system: sim.System) -> sim.Activation:
     """Lips, openers and tongue of a head, as far as it has them."""
     levels = {k: v for part, own in LEVELS.items() if part in head.named for k, v in own.items()}
-    return activation_of(head, system, raised(levels, jaw=len(head.named) > 1))[0]
+    return scene_activation(head, system, raised(levels, jaw=len(head.named) > 1))[0]
 
 
 SCENES: Final = {

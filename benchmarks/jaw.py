@@ -24,11 +24,11 @@ import sim
 from benchmarks.jaw_published import checks, reference
 from benchmarks.report import finish
 from emgface.anatomy.jaw.emg import WEIGHTS, excitation_of
-from emgface.anatomy.jaw.outcomes import displacement, interincisal, outcome
+from emgface.anatomy.jaw.outcomes import interincisal, outcome, point_displacement
 from emgface.anatomy.jaw.recorded import PICKUP, score_motion, simulated_recording
 from emgface.anatomy.jaw.run import run_excitation, run_task
 from emgface.anatomy.jaw.series import Excitation, excitation_in
-from emgface.anatomy.jaw.tasks import TASKS, Task
+from emgface.anatomy.jaw.tasks import TASKS, JawTask
 from emgface.anatomy.jaw.template import JAW_NORMS, template_jaw
 from emgface.choices import configure
 from emgface.errors import EmgfaceError
@@ -55,7 +55,7 @@ def steps() -> pd.DataFrame:
     The time per step is the difference of motions of 0.2 and 0.04 s, without the layout of the scene.
     """
     jaw = template_jaw(preset="woman")
-    task = Task("", 0.2, {"bi_ad": [(0.0, 0.0), (0.1, 0.5)], "bi_ip": [(0.0, 0.0), (0.1, 0.3)]})
+    task = JawTask("", 0.2, {"bi_ad": [(0.0, 0.0), (0.1, 0.5)], "bi_ip": [(0.0, 0.0), (0.1, 0.3)]})
 
     def end(integrator: Any, step: float, duration: float = 0.2) -> tuple[np.ndarray, float]:
         began = time.process_time()
@@ -104,7 +104,7 @@ def stability() -> pd.DataFrame:
     weightless["body_inertia"][:] = 0.0
     off = jaw.copy(deep=True)
     off["joint_origin"][0] = off["joint_origin"][0] + [0.0, 0.0, 1e-3]
-    both = Task("", 0.4, {"bi_open": [(0.0, 1.0)], "bi_close": [(0.0, 1.0)]})
+    both = JawTask("", 0.4, {"bi_open": [(0.0, 1.0)], "bi_close": [(0.0, 1.0)]})
     cases = {
         "stiffness of springs x 100, opening": (stiff, TASKS["open"], {"duration": 0.4}),
         "passive stiffness of muscles x 100, opening": (tense, TASKS["open"], {"duration": 0.4}),
@@ -127,7 +127,7 @@ def stability() -> pd.DataFrame:
         row: dict[str, Any] = {"case": name}
         try:
             motion = run_task(model, task, output=0.05, **options, check=False)
-            d = displacement(motion, "lower_incisor")
+            d = point_displacement(motion, "lower_incisor")
             half = len(d) // 2
             row |= {
                 "result": "finished",
@@ -180,7 +180,7 @@ def extremes() -> pd.DataFrame:
             }
             outside = [n for n, (low, high) in NORMS.items() if not low <= found[n] <= high]
             sideways = max(
-                float(np.abs(displacement(m, n)[:, 0]).max())
+                float(np.abs(point_displacement(m, n)[:, 0]).max())
                 for m in (gape, forward)
                 for n in ("lower_incisor", "hyoid", "thyroid")
             )

@@ -22,12 +22,12 @@ import xarray as xr
 import sim
 from benchmarks.bodies_accuracy import moving, run
 from emgface.anatomy.jaw.model import Floats
-from emgface.anatomy.jaw.outcomes import displacement, interincisal, separation
+from emgface.anatomy.jaw.outcomes import interincisal, point_displacement, separation
 from emgface.anatomy.jaw.picture import moved_points
 from emgface.anatomy.jaw.published import import_jaw
 from emgface.anatomy.jaw.run import run_task, simulate_jaw
 from emgface.anatomy.jaw.series import Excitation, ramps, read_probes
-from emgface.anatomy.jaw.tasks import TASKS, Task
+from emgface.anatomy.jaw.tasks import TASKS, JawTask
 from sim.kinematics import rotations
 
 SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
@@ -63,7 +63,9 @@ def outcomes(jaw: xr.Dataset) -> dict[str, float | str]:
     """Openings and chewing cycle [mm]; the name of the error of a task that did not finish."""
     found = dict[str, float | str]()
 
-    def measure(task: Task, read: Callable[[xr.Dataset], dict[str, float]], **options: Any) -> None:
+    def measure(
+        task: JawTask, read: Callable[[xr.Dataset], dict[str, float]], **options: Any
+    ) -> None:
         try:
             values = read(run_task(jaw, task, **options, check=False))
             found.update({name: round(float(x), 3) for name, x in values.items()})
@@ -78,18 +80,18 @@ def outcomes(jaw: xr.Dataset) -> dict[str, float | str]:
 
 def chewed(motion: xr.Dataset) -> dict[str, float]:
     """Incisor at the largest opening, largest lateral displacement, and hyoid [mm]."""
-    d = displacement(motion, "lower_incisor")
+    d = point_displacement(motion, "lower_incisor")
     k = int(np.argmin(d[:, 2]))
     found = {"down": -d[k, 2], "back": -d[k, 1], "lateral": abs(d[k, 0])}
     found |= {"time s": float(motion["time"][k]), "largest lateral": np.abs(d[:, 0]).max()}
-    hyoid = displacement(motion, "hyoid")[: k + 1]
+    hyoid = point_displacement(motion, "hyoid")[: k + 1]
     found |= {"hyoid up": hyoid[:, 2].max(), "hyoid forward": hyoid[:, 1].max()}
     return {f"chew, {name}": x for name, x in found.items()}
 
 
 def _nothing(jaw: xr.Dataset) -> xr.Dataset:
     """A motion of two instants, whose outcomes have the names of those of a task."""
-    return run_task(jaw, Task("", 5e-3, {"bi_close": [(0.0, 4e-4)]}), step=5e-3, check=False)
+    return run_task(jaw, JawTask("", 5e-3, {"bi_close": [(0.0, 4e-4)]}), step=5e-3, check=False)
 
 
 TO_MM = np.array([-1e3, -1e3, 1e3])
@@ -223,10 +225,10 @@ def ramp(jaw: xr.Dataset, every: float = 1e-2) -> np.ndarray:
     """Displacement (n, 3) of the incisor under the stored force at the stored times [mm]."""
     time, force, _ = stored_pull()
     drive = Excitation(time, {"pull": force / force.max()})
-    task = Task("", float(time[-1]))
+    task = JawTask("", float(time[-1]))
     model = with_pull(jaw, float(force.max()))
     motion = run_task(model, task, excitation=drive, output=every, check=False)
-    return displacement(motion, "lower_incisor")
+    return point_displacement(motion, "lower_incisor")
 
 
 def on_branches(moved: np.ndarray) -> dict[str, np.ndarray]:
@@ -353,7 +355,7 @@ def in_variant(jaw: xr.Dataset, name: str) -> dict[str, Any]:
 
 def at_rest(jaw: xr.Dataset, *, planar: bool, free: bool) -> dict[str, Any]:
     """Drift of the condyles in 10 s, and the force that remains on the jaw at rest (check 2)."""
-    task = Task("", 10.0, {"bi_close": [(0.0, 4e-4)]})
+    task = JawTask("", 10.0, {"bi_close": [(0.0, 4e-4)]})
     motion = run_task(jaw, task, output=0.05, check=False)
     found = dict[str, Any]()
     if planar:
@@ -383,8 +385,8 @@ def closing(jaw: xr.Dataset) -> dict[str, Any]:
     """Separation at rest over the activity of the closers (check 4)."""
     gaps = list[tuple[float, float, float]]()
     for level in LEVELS:
-        motion = run_task(jaw, Task("", 3.0, {"bi_close": [(0.0, level)]}), check=False)
-        down = -float(displacement(motion, "lower_incisor")[-1, 2])
+        motion = run_task(jaw, JawTask("", 3.0, {"bi_close": [(0.0, level)]}), check=False)
+        down = -float(point_displacement(motion, "lower_incisor")[-1, 2])
         gaps.append((separation(motion)[-1], interincisal(motion)[-1], down))
     apart = np.array(gaps)
     k = LEVELS.index(4e-4)
@@ -418,8 +420,10 @@ def mirror_error(jaw: xr.Dataset, duration: float, **options: Any) -> float:
     names = {n: n[:-1] + {"L": "R", "R": "L"}[n[-1]] for n in series.values}
     other = Excitation(series.time, {names[n]: u for n, u in series.values.items()})
     a, b = (
-        displacement(
-            run_task(jaw, Task("", duration, morsel=side), excitation=own, check=False, **options),
+        point_displacement(
+            run_task(
+                jaw, JawTask("", duration, morsel=side), excitation=own, check=False, **options
+            ),
             "lower_incisor",
         )
         for side, own in (("L", series), ("R", other))
@@ -448,8 +452,8 @@ def swallowing(jaw: xr.Dataset) -> dict[str, Any]:
         return {}
     without = {n: c for n, c in task.excitation.items() if n != "bi_suprahyoid"}
     still = run_task(jaw, replace(task, excitation=without), **times)
-    d = displacement(motion, "thyroid")
-    left = d[-1] - displacement(still, "thyroid")[-1]
+    d = point_displacement(motion, "thyroid")
+    left = d[-1] - point_displacement(still, "thyroid")[-1]
     return {
         "7 thyroid up": round(d[:, 2].max(), 2),
         "7 thyroid forward": round(d[:, 1].max(), 2),
@@ -474,7 +478,7 @@ def chewing_with_stored_parameters() -> dict[str, Any]:
     tone = np.full(len(series.time), TONE)
     drive = Excitation(series.time, {**series.values, "bi_close": tone})
     motion = run_task(
-        jaw, Task("", 0.7, morsel="L"), excitation=drive, resistance=MORSEL, check=False
+        jaw, JawTask("", 0.7, morsel="L"), excitation=drive, resistance=MORSEL, check=False
     )
     late = motion["time"].values >= 0.56 - 1e-9
     apart = float(separation(motion)[late].max())

@@ -28,7 +28,7 @@ from benchmarks.recorded_bones import (
 )
 from benchmarks.tongue import SHARED, published
 from emgface.anatomy.head.published import import_head
-from emgface.anatomy.head.tissues import Tissue, join
+from emgface.anatomy.head.tissues import HeadTissue, joined_tissues
 from emgface.anatomy.tongue.model import attached_nodes
 from emgface.anatomy.tongue.parameters import variant
 from emgface.anatomy.tongue.published import SHIFT, TURN
@@ -135,7 +135,12 @@ def recorded_head(
     """
     model = recorded_model(name)
     files = SHARED / "artisynth_reference" / "coupled"
-    tissues, first, held, at_start = list[Tissue](), dict[str, int](), dict[str, list[int]](), []
+    tissues, first, held, at_start = (
+        list[HeadTissue](),
+        dict[str, int](),
+        dict[str, list[int]](),
+        [],
+    )
     arrays = dict(np.load(files / f"model_{name}.npz")) if model.get("fems") else {}
     outside, on_bone, n = np.empty((0, 3)), list[int](), 0
     rigid = model["rigid"]
@@ -150,7 +155,7 @@ def recorded_head(
     if "tongue_rest" in arrays:
         tongue = _tongue(name)
         part = tongue_part(tongue, VARIANTS[name], before=n)
-        tissues.append(Tissue(part.mesh, part.terms, part.damping, part.constraints))
+        tissues.append(HeadTissue(part.mesh, part.terms, part.damping, part.constraints))
         first["tongue"], n = n, n + part.mesh.n_nodes
         start = arrays["tongue_position_at_start"]
         at_start.append(
@@ -172,7 +177,7 @@ def recorded_head(
     for c in rigid["connectors"]:
         points[c["name"]] = add(c["body"], start_of(model, c))
     terms: list[Term] = [muscle_of(m, points) for m in rigid["muscles"] if m["enabled"]]
-    whole = join(tissues)
+    whole = joined_tissues(tissues)
     touching, carried = list[Pairing](), ()
     if contact:
         touching, bone, carried = _touching(
@@ -208,7 +213,7 @@ def _tongue(name: str) -> xr.Dataset:
     return tongue.assign(moved)
 
 
-def _face(model: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Tissue:
+def _face(model: Mapping[str, Any], arrays: Mapping[str, Floats]) -> HeadTissue:
     """Recorded face: constant element volumes, lines along all fibres, and OOP in elements."""
     (fem,) = (f for f in model["fems"] if f["name"] == "badinface")
     X, cells = arrays["badinface_rest"] @ TO_M.T, arrays["badinface_elements"].astype(np.int64)
@@ -245,7 +250,7 @@ def _face(model: Mapping[str, Any], arrays: Mapping[str, Floats]) -> Tissue:
             for segment, share in zip(ends, force, strict=True)
         ]
     lines = tuple(f"{n}:line" if n in own else n for n in names)
-    return Tissue(
+    return HeadTissue(
         mesh,
         (
             sim.Solid((tissue,), muscles=muscles),

@@ -29,7 +29,7 @@ from emgface.anatomy.tongue.model import attached_nodes
 from emgface.anatomy.tongue.parameters import TongueParameters, variant
 from emgface.anatomy.tongue.published import TURN, import_tongue
 from emgface.anatomy.tongue.run import simulate_tongue
-from emgface.anatomy.tongue.scene import activation_of, tongue_scene
+from emgface.anatomy.tongue.scene import tongue_activation, tongue_scene
 from emgface.errors import TongueError
 from sim.linear import linear_solver
 
@@ -129,7 +129,7 @@ def repeated(
     values = excitation.activation(tongue)[0].transpose("time", "muscle").values
     motion, _ = sim.simulate(
         system,
-        sim.Activation(excitation.time, activation_of(tongue, system, values)),
+        sim.Activation(excitation.time, tongue_activation(tongue, system, values)),
         duration=case["t_end_s"] if until is None else until,
         steps=sim.FixedStep(case["h_s"]),
         every=case["output_interval_s"],

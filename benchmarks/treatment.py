@@ -25,7 +25,7 @@ from emgface.face.motion import settle_face, simulate_face
 from emgface.face.template import template_face
 from emgface.face.template.build import volunteer_face
 from emgface.treatment.closure import drawn_together, relaxed, ties
-from emgface.treatment.motions import compared, gestures
+from emgface.treatment.motions import compared_motions, gestures
 from emgface.treatment.outcomes import outcome_table, smile_asymmetry
 from emgface.treatment.sampled_volume import sampled_volume
 from sim.grids import grid_mesh
@@ -228,7 +228,7 @@ def trends(resolution: str = "coarse") -> list[Row]:
     found: dict[float, dict[str, float]] = {}
     for width in (0.0, 8.0, 12.0, 16.0):
         treated = ef.treat(face, wedge(width=width, height=12.0))
-        table = outcome_table(face, treated, compared(face, treated, drives, p, source=""))
+        table = outcome_table(face, treated, compared_motions(face, treated, drives, p, source=""))
         found[width] = dict(zip(table["outcome"], table["after"], strict=True))
     rows: list[Row] = []
     for name in ("mouth width", "length of the lower lip margin", "lower vermilion height",
@@ -268,7 +268,7 @@ def joining() -> list[Row]:
 
     def value(**given: Any) -> dict[str, float]:
         treated = ef.treat(face, wedge(**given))
-        table = outcome_table(face, treated, compared(face, treated, drives, p, source=""))
+        table = outcome_table(face, treated, compared_motions(face, treated, drives, p, source=""))
         return dict(zip(table["outcome"], table["after"], strict=True))
 
     both = [value(rejoin=choice)["residual gap when closing"] for choice in ("all", "none")]

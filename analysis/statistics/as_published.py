@@ -27,7 +27,7 @@ import xarray as xr
 from analysis.errors import StatisticsError
 from analysis.statistics.finding import holm
 from analysis.statistics.mixed_model import cell_means
-from analysis.statistics.paired import LIMIT, Comparison, Scale, scaled
+from analysis.statistics.paired import LIMIT, Comparison, Scale, on_scale
 
 FACTORS = ("strategy", "instruction")
 LEAST = 2  #: volunteers of an analysis of variance
@@ -45,7 +45,7 @@ def repeated_measures(
     """
     AnovaRM: Any = import_module("statsmodels.stats.anova").AnovaRM
 
-    data = scaled(cube, variable, scale, limit).mean(
+    data = on_scale(cube, variable, scale, limit).mean(
         [dim for dim in ("repetition", "marker") if dim in cube[variable].dims]
     )
     whole = data.notnull().all([dim for dim in data.dims if dim != "volunteer"])

@@ -11,14 +11,14 @@ from analysis.arguments import count, generator
 from analysis.errors import StatisticsError
 from analysis.statistics.finding import (
     Check,
-    Finding,
+    StatisticalFinding,
     check_level,
-    judged,
+    judged_tests,
     persons,
     untestable,
     without_spread,
 )
-from analysis.statistics.paired import Array, Comparison, Paired
+from analysis.statistics.paired import Array, Comparison, PairedScores
 from analysis.typed import selected
 
 Statistic = Literal["median", "mean"]
@@ -56,7 +56,7 @@ def hierarchical_bootstrap(
         )
     if count("the number of bootstrap samples", draws, least=1) < 100:
         raise StatisticsError(f"{draws} bootstrap samples give no interval, expected 100 or more")
-    return judged(
+    return judged_tests(
         data.pairs,
         lambda each: _finding(each, statistic, interval, level, draws, seed),
         lambda each: _checks(len(each.values)),
@@ -111,8 +111,13 @@ def _checks(n: int) -> tuple[Check, ...]:
 
 
 def _finding(
-    data: Paired, statistic: Statistic, interval: Interval, level: float, draws: int, seed: int
-) -> Finding:
+    data: PairedScores,
+    statistic: Statistic,
+    interval: Interval,
+    level: float,
+    draws: int,
+    seed: int,
+) -> StatisticalFinding:
     n = len(data.values)
     kept = selected(data.differences, {"volunteer": data.volunteers})
     cells = kept.transpose("volunteer", "instruction", "repetition", ...).values
@@ -128,4 +133,4 @@ def _finding(
         f"{persons(n)} (bootstrap {data.shown_interval(lower, upper, level)})."
     )
     further = {"standard_error": float(np.std(drawn, ddof=1))}
-    return Finding(estimate, lower, upper, sentence=sentence, further=further)
+    return StatisticalFinding(estimate, lower, upper, sentence=sentence, further=further)

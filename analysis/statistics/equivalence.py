@@ -9,15 +9,15 @@ from analysis.errors import StatisticsError
 from analysis.statistics.finding import (
     INDEPENDENT,
     Check,
-    Finding,
+    StatisticalFinding,
     check_level,
-    judged,
+    judged_tests,
     persons,
     shown_p,
     untestable,
     without_spread,
 )
-from analysis.statistics.paired import Array, Comparison, Paired
+from analysis.statistics.paired import Array, Comparison, PairedScores
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 
 
@@ -40,7 +40,7 @@ def equivalence(data: Comparison, *, margin: float, alpha: float = 0.05) -> xr.D
     if not 0 < alpha < 0.5:
         raise StatisticsError(f"alpha is {alpha}, expected between 0 and 0.5")
     check_level(1.0 - 2.0 * alpha)
-    return judged(
+    return judged_tests(
         data.pairs,
         lambda each: _finding(each, margin, alpha),
         lambda each: (INDEPENDENT, normality(each.values)),
@@ -63,7 +63,7 @@ def normality(values: Array) -> Check:
     return Check(name, "doubtful" if p < 0.05 else "met", text)
 
 
-def _finding(data: Paired, margin: float, alpha: float) -> Finding:
+def _finding(data: PairedScores, margin: float, alpha: float) -> StatisticalFinding:
     values = data.values
     n, estimate = len(values), float(values.mean())
     error = float(values.std(ddof=1)) / math.sqrt(n)
@@ -81,4 +81,6 @@ def _finding(data: Paired, margin: float, alpha: float) -> Finding:
         f"{shown_p(p)}, {persons(n)})."
     )
     further = {"p_above": above, "p_below": below}
-    return Finding(estimate, estimate - reach, estimate + reach, p, 0.0, sentence, further)
+    return StatisticalFinding(
+        estimate, estimate - reach, estimate + reach, p, 0.0, sentence, further
+    )

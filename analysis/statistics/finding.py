@@ -11,7 +11,7 @@ import xarray as xr
 
 from analysis.arguments import number
 from analysis.errors import StatisticsError
-from analysis.statistics.paired import WHY, Array, Paired
+from analysis.statistics.paired import WHY, Array, PairedScores
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 
 Verdict = Literal["met", "by design", "doubtful", "violated", "not checked"]
@@ -29,7 +29,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Finding:
+class StatisticalFinding:
     """Result of a method for one contrast; NaN where it is undefined.
 
     Contrast, number of volunteers, counts and assumptions are set by `judged`.
@@ -49,10 +49,10 @@ class Finding:
     checks: tuple[Check, ...] = ()
 
 
-def judged(
-    pairs: Sequence[Paired],
-    judge: Callable[[Paired], Finding],
-    checks: Callable[[Paired], tuple[Check, ...]],
+def judged_tests(
+    pairs: Sequence[PairedScores],
+    judge: Callable[[PairedScores], StatisticalFinding],
+    checks: Callable[[PairedScores], tuple[Check, ...]],
     *,
     further: Sequence[str],
     method: str,
@@ -67,7 +67,7 @@ def judged(
     method and their checks. `further` are the names of the quantities of this method only, NaN
     where undefined; `method`, `level` and `attrs` are those of `collected`.
     """
-    findings: list[Finding] = []
+    findings: list[StatisticalFinding] = []
     for data in pairs:
         n = len(data.values)
         found = judge(data) if n >= least else _too_few(data, least)
@@ -86,7 +86,7 @@ def judged(
 
 
 def collected(
-    findings: Sequence[Finding], *, method: str, level: float, attrs: Mapping[str, Any]
+    findings: Sequence[StatisticalFinding], *, method: str, level: float, attrs: Mapping[str, Any]
 ) -> xr.Dataset:
     """Combine the findings of a method, one per contrast, in one labelled Dataset.
 
@@ -155,14 +155,14 @@ def without_spread(values: Array, scale: float = 0.0) -> bool:
     return float(np.ptp(values)) <= EQUAL * size
 
 
-def untestable(data: Paired) -> Finding:
+def untestable(data: PairedScores) -> StatisticalFinding:
     """Finding of a contrast whose differences are the same in all volunteers, and not zero."""
     estimate = float(data.values.mean())
     text = (
         f"{data.shown(estimate)} in each of {persons(len(data.values))}; without variation between "
         "them, there is no test and no interval."
     )
-    return Finding(estimate, sentence=text)
+    return StatisticalFinding(estimate, sentence=text)
 
 
 def check_level(level: float) -> None:
@@ -208,21 +208,21 @@ def _lost(counts: Mapping[str, int]) -> str:
     return f" {total} of {total + counts['pairs']} pairs are missing ({listed})."
 
 
-def _too_few(data: Paired, least: int) -> Finding:
+def _too_few(data: PairedScores, least: int) -> StatisticalFinding:
     """Finding of a contrast with fewer volunteers than a method needs."""
     n = len(data.values)
     if not n:
-        return Finding(sentence="no pair of scored trials.")
+        return StatisticalFinding(sentence="no pair of scored trials.")
     estimate = float(data.values.mean())
     why = f"over {persons(n)}; no test and no interval, which require {least} or more."
     if n == 1:
         why = (
             "in the only volunteer with a pair; one volunteer does not allow a test or an interval."
         )
-    return Finding(estimate, sentence=f"{data.shown(estimate)} {why}")
+    return StatisticalFinding(estimate, sentence=f"{data.shown(estimate)} {why}")
 
 
-def _left_out(data: Paired) -> Check:
+def _left_out(data: PairedScores) -> Check:
     """Check the missing pairs of a contrast."""
     gone = sum(data.counts[f"lost_{why}"] for why in WHY)
     absent = data.means.sizes["volunteer"] - len(data.values)

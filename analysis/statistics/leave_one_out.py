@@ -5,8 +5,14 @@ import math
 import numpy as np
 import xarray as xr
 
-from analysis.statistics.finding import INDEPENDENT, Finding, judged, persons, shown_p
-from analysis.statistics.paired import Array, Comparison, Paired
+from analysis.statistics.finding import (
+    INDEPENDENT,
+    StatisticalFinding,
+    judged_tests,
+    persons,
+    shown_p,
+)
+from analysis.statistics.paired import Array, Comparison, PairedScores
 from analysis.statistics.sign_flip import (
     MOST_EXACT,
     TIED,
@@ -34,7 +40,7 @@ def leave_one_volunteer_out(data: Comparison) -> xr.Dataset:
         estimates[row, kept] = (values.sum() - values) / (len(kept) - 1)
         chances[row, kept] = _without(values)
     rows = {each.label: row for row, each in enumerate(data.pairs)}
-    result = judged(
+    result = judged_tests(
         data.pairs,
         lambda each: _finding(each, estimates[rows[each.label]], chances[rows[each.label]]),
         lambda _: (INDEPENDENT,),
@@ -67,7 +73,7 @@ def _without(values: Array) -> Array:
     return p
 
 
-def _finding(data: Paired, estimates: np.ndarray, chances: np.ndarray) -> Finding:
+def _finding(data: PairedScores, estimates: np.ndarray, chances: np.ndarray) -> StatisticalFinding:
     values = data.values
     n, estimate = len(values), float(values.mean())
     low, high = float(np.nanmin(estimates)), float(np.nanmax(estimates))
@@ -82,4 +88,4 @@ def _finding(data: Paired, estimates: np.ndarray, chances: np.ndarray) -> Findin
         f"largest {shown_p(p)} of {persons(n - 1)} (smallest possible {2.0 ** (2 - n):.2g})."
     )
     least, further = min(1.0, 2.0 ** (2 - n)), {"sign_changes": float(changes)}
-    return Finding(estimate, low, high, p, least, sentence, further)
+    return StatisticalFinding(estimate, low, high, p, least, sentence, further)

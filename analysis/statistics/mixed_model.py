@@ -12,15 +12,15 @@ from analysis.errors import StatisticsError
 from analysis.statistics.crossed import Fit, fit_crossed
 from analysis.statistics.finding import (
     Check,
-    Finding,
+    StatisticalFinding,
     check_level,
-    judged,
+    judged_tests,
     persons,
     shown_p,
     untestable,
     without_spread,
 )
-from analysis.statistics.paired import Array, Comparison, Paired
+from analysis.statistics.paired import Array, Comparison, PairedScores
 from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS, Scope, told_scope
 from analysis.trajectory import names
 
@@ -71,7 +71,7 @@ def mixed_model(
             f"the scope is {scope!r}, expected 'instructions' or 'these instructions'"
         )
     fitted = {each.label: fit_differences(cell_means(each), scope) for each in data.pairs}
-    result = judged(
+    result = judged_tests(
         data.pairs,
         lambda each: _finding(each, fitted[each.label], level),
         lambda each: _checks(fitted[each.label], len(cell_means(each))),
@@ -95,7 +95,7 @@ def mixed_model(
     )
 
 
-def cell_means(data: Paired) -> Array:
+def cell_means(data: PairedScores) -> Array:
     """Differences averaged over repetitions, then markers, shape (volunteers, instructions).
 
     Volunteers and instructions without a pair are omitted; other gaps are NaN.
@@ -140,13 +140,13 @@ def fit_differences(
     return _Fitted(fit, float(weights @ fit.beta), error, fit.degrees_of_freedom(weights))
 
 
-def _finding(data: Paired, fitted: _Fitted | str, level: float) -> Finding:
+def _finding(data: PairedScores, fitted: _Fitted | str, level: float) -> StatisticalFinding:
     n, instructions = cell_means(data).shape
     over = f"{persons(n)} and {instructions} instruction{'s' if instructions > 1 else ''}"
     if not isinstance(fitted, _Fitted):
         estimate = float(data.values.mean())
         text = f"{data.shown(estimate)} over {over}; no test and no interval: {fitted}."
-        return Finding(estimate, sentence=text)
+        return StatisticalFinding(estimate, sentence=text)
     if without_spread(data.values) and data.values.any():
         return untestable(data)
     estimate, error, freedom = fitted.estimate, fitted.error, fitted.freedom
@@ -160,7 +160,9 @@ def _finding(data: Paired, fitted: _Fitted | str, level: float) -> Finding:
         f"{shown_p(p_wald)}{' is too small for so few volunteers' if n < MANY else ''})."
     )
     further = {"standard_error": error, "degrees_of_freedom": freedom, "p_wald": p_wald}
-    return Finding(estimate, estimate - reach, estimate + reach, p, 0.0, sentence, further)
+    return StatisticalFinding(
+        estimate, estimate - reach, estimate + reach, p, 0.0, sentence, further
+    )
 
 
 def _checks(fitted: _Fitted | str, people: int) -> tuple[Check, ...]:

@@ -32,7 +32,7 @@ WHY: Final = ("failed", "excluded", "missing", "undefined")
 
 
 @dataclass(frozen=True)
-class Paired:
+class PairedScores:
     """Differences of one contrast."""
 
     label: str  #: "first - second"
@@ -112,7 +112,7 @@ def require_sound(cube: xr.Dataset, variable: str) -> None:
             )
 
 
-def scaled(cube: xr.Dataset, variable: str, scale: Scale, limit: float) -> xr.DataArray:
+def on_scale(cube: xr.Dataset, variable: str, scale: Scale, limit: float) -> xr.DataArray:
     """Return the values of scored trials on the scale of the analysis, NaN elsewhere."""
     if variable not in cube or "marker" not in cube[variable].dims:
         known = [str(name) for name, data in cube.data_vars.items() if "marker" in data.dims]
@@ -155,12 +155,12 @@ def paired(
     variable: str = "rho",
     scale: Scale = "z",
     limit: float = LIMIT,
-) -> Paired:
+) -> PairedScores:
     """Compute the differences first - second between two labels of `dim`, within trial and marker.
 
     `variable`, `scale` and `limit` are those of `compare`.
     """
-    data = scaled(cube, variable, scale, limit)
+    data = on_scale(cube, variable, scale, limit)
     status = texts(cube["status"]).broadcast_like(data).transpose(*data.dims)
     sides = [selected(data, {dim: label}).drop_vars(dim) for label in (first, second)]
     kinds = [selected(status, {dim: label}).drop_vars(dim).values for label in (first, second)]
@@ -184,7 +184,7 @@ def paired(
     _, unit, factor, _ = SHOWN.get(variable, ("1", "1", 1.0, 2))
     unit = " in z" if scale == "z" else "" if unit == "1" else f" {unit}"
     label = f"{first} - {second}"
-    return Paired(label, differences, volunteer_means(differences), counts, unit, factor)
+    return PairedScores(label, differences, volunteer_means(differences), counts, unit, factor)
 
 
 def volunteer_means(data: xr.DataArray, *keep: str) -> xr.DataArray:
@@ -199,7 +199,7 @@ class Comparison:
     """Contrasts of the strategies of a cube."""
 
     values: xr.DataArray  #: values of scored trials on the scale of the analysis, NaN elsewhere
-    pairs: tuple[Paired, ...]  #: one per contrast
+    pairs: tuple[PairedScores, ...]  #: one per contrast
     attrs: dict[str, Any]  #: attributes of every result: variable, scale, units, origin, scope
 
 
@@ -220,7 +220,7 @@ def compare(
     levels are not repetitions of each other.
     """
     used: Scale = scale if scale is not None else ("z" if variable == "rho" else "raw")
-    data = scaled(cube, variable, used, limit)
+    data = on_scale(cube, variable, used, limit)
     extra = [str(dim) for dim in data.dims[len(MARKER_DIMS) :]]
     if extra:
         raise StatisticsError(

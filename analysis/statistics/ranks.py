@@ -13,14 +13,14 @@ from scipy.stats import chi2, norm, rankdata
 from analysis.statistics.finding import (
     INDEPENDENT,
     Check,
-    Finding,
+    StatisticalFinding,
     check_level,
     collected,
-    judged,
+    judged_tests,
     persons,
     shown_p,
 )
-from analysis.statistics.paired import Array, Comparison, Paired, volunteer_means
+from analysis.statistics.paired import Array, Comparison, PairedScores, volunteer_means
 
 MOST_EXACT: Final = 200
 """Largest number of volunteers of the exact distribution of signed ranks; beyond, it is normal."""
@@ -49,7 +49,7 @@ def wilcoxon(data: Comparison, *, level: float = 0.95) -> xr.Dataset:
         "not checked",
         "Required for p and interval; it cannot be verified with few volunteers.",
     )
-    return judged(
+    return judged_tests(
         data.pairs,
         lambda each: _signed_ranks(each, level, len(data.pairs)),
         lambda _: (INDEPENDENT, symmetric),
@@ -195,7 +195,7 @@ def friedman_p(table: Array) -> tuple[float, float, float, bool]:
     return statistic, min(1.0, float(p)), p_chi2, True
 
 
-def _signed_ranks(data: Paired, level: float, contrasts: int) -> Finding:
+def _signed_ranks(data: PairedScores, level: float, contrasts: int) -> StatisticalFinding:
     values = data.values
     n, zeros = len(values), int((values == 0).sum())
     statistic, p = wilcoxon_p(values)
@@ -211,10 +211,10 @@ def _signed_ranks(data: Paired, level: float, contrasts: int) -> Finding:
     if reach > 1.0 - level:
         sentence += f" This test therefore cannot reach {1.0 - level:.2g}, whatever the data."
     further = {"statistic": statistic, "zeros": float(zeros), "coverage": coverage}
-    return Finding(estimate, lower, upper, p, least, sentence, further)
+    return StatisticalFinding(estimate, lower, upper, p, least, sentence, further)
 
 
-def _friedman(table: Array, counts: dict[str, int]) -> Finding:
+def _friedman(table: Array, counts: dict[str, int]) -> StatisticalFinding:
     n, k = table.shape
     gone = counts["lost_undefined"]
     name = "all strategies"
@@ -227,7 +227,7 @@ def _friedman(table: Array, counts: dict[str, int]) -> Finding:
     if n < 2:
         text = f"{name}: {persons(n)} with values of all strategies; there is no ranking."
         further = {"statistic": math.nan, "p_chi2": math.nan, "exact": math.nan}
-        return Finding(
+        return StatisticalFinding(
             sentence=text, further=further, contrast=name, n=n, counts=counts,
             checks=(INDEPENDENT, complete),
         )  # fmt: skip
@@ -239,7 +239,7 @@ def _friedman(table: Array, counts: dict[str, int]) -> Finding:
         f"(Friedman chi-square {statistic:.2f}, {shown_p(p)} "
         f"{'by enumeration' if exact else 'by the chi-square limit'}). {complete.check}"
     )
-    return Finding(
+    return StatisticalFinding(
         agreement, p=p, smallest_p=least, sentence=sentence,
         further={"statistic": statistic, "p_chi2": p_chi2, "exact": float(exact)},
         contrast=name, n=n, counts=counts, checks=(INDEPENDENT, complete),

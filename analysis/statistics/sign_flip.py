@@ -12,13 +12,13 @@ from analysis.arguments import generator
 from analysis.statistics.finding import (
     INDEPENDENT,
     Check,
-    Finding,
+    StatisticalFinding,
     check_level,
-    judged,
+    judged_tests,
     persons,
     shown_p,
 )
-from analysis.statistics.paired import Array, Comparison, Paired
+from analysis.statistics.paired import Array, Comparison, PairedScores
 
 MOST_EXACT: Final = 16  #: largest number of volunteers for which all sign patterns are enumerated
 
@@ -58,7 +58,7 @@ def sign_flip(
         "The interval and the joint p require it in addition; it cannot be verified with "
         "few volunteers.",
     )
-    return judged(
+    return judged_tests(
         data.pairs,
         lambda each: _finding(each, joint[each.label], level, draws, seed),
         lambda _: (INDEPENDENT, symmetric),
@@ -127,7 +127,9 @@ def sign_flip_interval(values: Array, patterns: Signs, level: float) -> tuple[fl
     return low, high, 1.0 - (rank + always - 1) / len(patterns)
 
 
-def _finding(data: Paired, joint: float, level: float, draws: int, seed: int) -> Finding:
+def _finding(
+    data: PairedScores, joint: float, level: float, draws: int, seed: int
+) -> StatisticalFinding:
     """Test one contrast; `joint` is its p over all contrasts."""
     values = data.values
     n, estimate = len(values), float(values.mean())
@@ -146,7 +148,7 @@ def _finding(data: Paired, joint: float, level: float, draws: int, seed: int) ->
     further = {
         "p_joint": joint, "coverage": coverage, "standard_deviation": float(values.std(ddof=1)),
     }  # fmt: skip
-    return Finding(estimate, lower, upper, p, least, sentence, further)
+    return StatisticalFinding(estimate, lower, upper, p, least, sentence, further)
 
 
 def joint_p(means: Sequence[Array], draws: int, seed: int) -> Array:

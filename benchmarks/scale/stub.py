@@ -30,7 +30,7 @@ from emgface.run.observer import Silent
 from emgface.run.runner import Workers, run_jobs
 from emgface.run.store import Stage, Store
 from emgface.run.tasks import PAUSE, Done
-from emgface.study.outcomes import Run
+from emgface.study.outcomes import StudyRun
 from emgface.study.table import PlannedTrial
 
 MOTION = Stage("motion", ("benchmarks.scale.stub",))
@@ -134,7 +134,7 @@ def run(folder: Path, count: int, workers: int | Workers, seconds: float = 0.0) 
 
     outcome_ = "failed"
     with graceful_stop() as stopping:
-        study = Run(journal, StoredFiles(store), workers, watch, stopping)
+        study = StudyRun(journal, StoredFiles(store), workers, watch, stopping)
         known = len(journal.known)
         try:
             keys = [text_digest(trial.label) for trial in trials]

@@ -10,7 +10,7 @@ from scipy.signal import butter, sosfiltfilt
 import emgface as ef
 from emgface.acoustics import Folds
 from emgface.anatomy.airway.area_function import ideal_vowel, lips_of_trial, with_lips
-from emgface.anatomy.airway.figure import write_figure
+from emgface.anatomy.airway.figure import write_sound_figure
 from emgface.anatomy.airway.sound import synthesise, with_formants, write_wave
 from emgface.muscles import MUSCLES
 from emgface.schema.netcdf import read_netcdf, write_netcdf
@@ -102,7 +102,7 @@ def main(out: Path) -> None:
     sound = synthesise(tract, voice(float(closed[0]), float(closed[-1]), float(time[-1])))
     write_netcdf(sound, out / "apa-sound.nc", "sound")
     write_wave(sound, out / "apa.wav")
-    write_figure(sound, out / "apa.png", "apa: lips moved by muscles before a fixed tract")
+    write_sound_figure(sound, out / "apa.png", "apa: lips moved by muscles before a fixed tract")
     for name, value in measures(sound).items():
         print(f"{name}: {value:.3g}")
 

@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -30,7 +31,7 @@ from emgface.face.quality import element_quality
 from emgface.face.template import PRESETS, norms_table, random_measures, template_face
 from emgface.face.template.actions import muscle_actions, steady_positions
 from emgface.face.template.build import shaped_positions
-from emgface.face.template.gestures import GESTURES, gesture_positions
+from emgface.face.template.gestures import GESTURES, gesture_activation
 from emgface.face.template.grid import Grid, make_grid, refined_grid
 from emgface.pictures.stills import face_figure, states_figure, write_figure
 
@@ -39,6 +40,14 @@ RESOLUTIONS = ("coarse", "medium", "fine", 11_520)
 REFINEMENTS = (1, 2, 4, 8)
 """Factors of refinement of the coarse grid; each halves the edges of the previous grid."""
 VOLUNTEERS = 1000
+
+
+def gesture_positions(
+    face: xr.Dataset, instructions: tuple[str, ...] = tuple(GESTURES)
+) -> dict[str, Any]:
+    """Positions of the nodes [m] in held gestures: 100 kPa, without gravity, with contact."""
+    positions, _ = steady_positions(face, [gesture_activation(one) for one in instructions])
+    return dict(zip(instructions, positions, strict=True))
 
 
 def shrink(path: Path) -> None:

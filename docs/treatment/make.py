@@ -9,7 +9,7 @@ from emgface.choices import configure
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 from emgface.pictures.stills import write_figure
-from emgface.treatment.motions import compared, gestures
+from emgface.treatment.motions import compared_motions, gestures
 from emgface.treatment.pages import states_of
 
 HERE = Path(__file__).parent
@@ -27,7 +27,9 @@ def main() -> None:
         SimulationParameters,
         {"accuracy": "draft", "sigma_max": 100e3, "contact": {"method": "none"}},
     )
-    motions = compared(face, treated, gestures(face, ("A", "D")), parameters, source="gestures")
+    motions = compared_motions(
+        face, treated, gestures(face, ("A", "D")), parameters, source="gestures"
+    )
     path = write_figure(states_of(treated, motions, ("A", "D")), HERE / "treated.png", dpi=110)
     with Image.open(path) as picture:
         picture.convert("RGB").save(path.with_suffix(".jpg"), quality=88, optimize=True)

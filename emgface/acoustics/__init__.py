@@ -5,7 +5,7 @@ which is valid up to 4 to 5 kHz; side branches other than the nasal tract are ab
 """
 
 from emgface.acoustics.matrix import formants, lossless_formants, transfer
-from emgface.acoustics.medium import LOSSLESS, SMALLEST, Branch, Medium
+from emgface.acoustics.medium import LOSSLESS, SMALLEST, LineBranch, Medium
 from emgface.acoustics.resonances import resonances
 from emgface.acoustics.sources import SILENT, Flow, Folds, Source, Turbulence, rosenberg
 from emgface.acoustics.wall_pressure import wall_pressure
@@ -15,7 +15,7 @@ __all__ = [
     "LOSSLESS",
     "SILENT",
     "SMALLEST",
-    "Branch",
+    "LineBranch",
     "Flow",
     "Folds",
     "Medium",

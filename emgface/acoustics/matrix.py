@@ -12,7 +12,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
 from emgface.acoustics.errors import AcousticsError
-from emgface.acoustics.medium import LOSSLESS, Branch, Complex, Floats, Medium, shapes
+from emgface.acoustics.medium import LOSSLESS, Complex, Floats, LineBranch, Medium, shapes
 
 LOWEST: Final = 40.0  #: lowest frequency at which formants are sought [Hz]
 DEGREE: Final = 100
@@ -42,7 +42,7 @@ def _end(s: Complex, area: float, medium: Medium) -> tuple[Complex, Complex]:
 
 
 def _denominator(
-    s: Complex, areas: Floats, length: float, medium: Medium, branch: Branch | None
+    s: Complex, areas: Floats, length: float, medium: Medium, branch: LineBranch | None
 ) -> tuple[Complex, Complex, Complex]:
     """Flow at the glottis, at the lips and at the nostrils up to a common factor."""
     p, u = _end(s, float(areas[-1]), medium)
@@ -72,7 +72,7 @@ def transfer(
     length: float,
     *,
     medium: Medium | None = None,
-    branch: Branch | None = None,
+    branch: LineBranch | None = None,
 ) -> Complex:
     """Flow out of mouth and nose divided by the flow into the glottis.
 
@@ -86,7 +86,7 @@ def transfer(
         Of the tube [m].
     medium : Medium, optional
         With all losses by default.
-    branch : Branch, optional
+    branch : LineBranch, optional
         Nasal tract.
 
     Returns
@@ -115,7 +115,7 @@ def formants(
     length: float,
     *,
     medium: Medium | None = None,
-    branch: Branch | None = None,
+    branch: LineBranch | None = None,
     highest: float = 5000.0,
 ) -> tuple[Floats, Floats]:
     """Formants of a tube: the poles of its transfer function.

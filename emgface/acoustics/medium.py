@@ -95,7 +95,7 @@ LOSSLESS: Final = Medium(friction=0.0, yielding=0.0, radiates=False)
 
 
 @dataclass(frozen=True, eq=False)
-class Branch:
+class LineBranch:
     """Side branch with an open end, such as the nasal tract."""
 
     #: (m,) areas from the branching point to the open end [m^2]; the first is the opening of the velum

@@ -18,7 +18,7 @@ from scipy.signal import resample_poly
 
 from emgface.acoustics._kernels import tube
 from emgface.acoustics.errors import AcousticsError, CourantError
-from emgface.acoustics.medium import SMALLEST, Branch, Floats, Medium, Shapes, shapes
+from emgface.acoustics.medium import SMALLEST, Floats, LineBranch, Medium, Shapes, shapes
 from emgface.acoustics.sources import SILENT, Source, Turbulence
 
 kernels: Any = tube
@@ -126,7 +126,7 @@ class _Layout:
     tube: Shapes
     medium: Medium
     sections: int
-    branch: Branch | None
+    branch: LineBranch | None
     ends: tuple[int, int]
     node: int
 
@@ -181,7 +181,7 @@ class _Layout:
 
 
 def _layout(
-    tube: Shapes, medium: Medium, sections: int, branch: Branch | None, dt: float
+    tube: Shapes, medium: Medium, sections: int, branch: LineBranch | None, dt: float
 ) -> _Layout:
     shortest = float(tube.length.min()) / sections
     if branch is None:
@@ -207,7 +207,7 @@ def simulate_tube(
     sections: int = 60,
     substeps: int | None = None,
     medium: Medium | None = None,
-    branch: Branch | None = None,
+    branch: LineBranch | None = None,
     turbulence: Turbulence = SILENT,
     seed: int = 0,
     progress: Callable[[int, int], None] | None = None,
@@ -234,7 +234,7 @@ def simulate_tube(
         Steps per sample; by default the smallest number that satisfies the Courant limit by 2 %.
     medium : Medium, optional
         Air, walls and openings; with all losses by default.
-    branch : Branch, optional
+    branch : LineBranch, optional
         Nasal tract.
     turbulence : Turbulence
         Noise; none by default.

@@ -67,7 +67,7 @@ def muscle_variables(
             "expected weights for all muscles or for none"
         )
     if weighted:
-        weight = np.concatenate([floats(b.weight) for b in bundles if b.weight is not None])
+        weight = np.concatenate([float_array(b.weight) for b in bundles if b.weight is not None])
         found["bundle_weight"] = ("bundle_element", weight)
     return found
 
@@ -86,10 +86,10 @@ def facet_variables(facets: Mapping[str, Integers] | None) -> dict[str, Variable
 
 def stacked(parts: Sequence[Floats]) -> Floats:
     """Rows (n, 3) of all parts."""
-    return np.concatenate([floats(part) for part in parts]) if parts else np.empty((0, 3))
+    return np.concatenate([float_array(part) for part in parts]) if parts else np.empty((0, 3))
 
 
-def floats(values: Floats) -> Floats:
+def float_array(values: Floats) -> Floats:
     """Contiguous numbers of double precision."""
     return np.ascontiguousarray(values, dtype=np.float64)
 

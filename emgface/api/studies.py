@@ -122,10 +122,10 @@ def report(
     >>> ef.report("results", "report.html")  # doctest: +SKIP
     """
     from emgface.report.results import study_cube
-    from emgface.report.study_tables import write_report
+    from emgface.report.study_tables import write_tables
     from emgface.report.write import write_page
 
     place = Path(folder)
-    known = write_report(study_cube(place), place) if tables else None
+    known = write_tables(study_cube(place), place) if tables else None
     page = place / "report.html" if out is None else Path(out)
     return write_page(place, page, faces=faces, known=known).path

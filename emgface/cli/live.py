@@ -270,7 +270,7 @@ def _conclude(session: "LiveSession", log: Path | None, source: str) -> None:
     import pandas as pd
 
     from emgface.files import write_text
-    from emgface.reduced.live import summary
+    from emgface.reduced.live import live_summary
     from emgface.schema.netcdf import write_netcdf
     from emgface.view.live import HEAD
 
@@ -278,7 +278,7 @@ def _conclude(session: "LiveSession", log: Path | None, source: str) -> None:
         return
     table = pd.DataFrame(session.log.rows, columns=list(HEAD))
     step = session.face.step
-    numbers = pd.DataFrame(summary(table, step).items(), columns=["quantity", "value"])
+    numbers = pd.DataFrame(live_summary(table, step).items(), columns=["quantity", "value"])
     title = f"{source}, {len(table)} frames of {1e3 * step:g} ms, times in s"
     show_table(frame(numbers), title)
     for at, note in session.log.notes[:20]:

@@ -165,7 +165,7 @@ def sweep(
     study status` shows the state of the folder that has the name of the table.
     """
     from emgface.anatomy.head.model import read_head
-    from emgface.anatomy.head.sweep import STEP_ERROR, Setting, read_plan
+    from emgface.anatomy.head.sweep import STEP_ERROR, Setting, read_sweep_plan
     from emgface.anatomy.head.sweep import sweep as sweep_of
 
     setting = Setting(
@@ -178,7 +178,7 @@ def sweep(
         step=step,
         gravity=gravity,
     )
-    runs = read_plan(plan)
+    runs = read_sweep_plan(plan)
     head = None if head_path is None else read_head(head_path)
     announce_compilation()
     with executing(workers, scheduler) as chosen, graceful_stop() as stopping:

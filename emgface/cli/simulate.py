@@ -330,13 +330,13 @@ def _browse(path: Path, mapping: Path | None, save: Path) -> None:
     from emgface.files import refuse_existing
     from emgface.recordings.dataset import read_recording
     from emgface.recordings.labels import read_label_map
-    from emgface.view.recording import RecordingPage, findings_of
+    from emgface.view.recording import RecordingPage, findings_shown
     from emgface.view.server import LocalServer
 
     refuse_existing(save)
     given = read_label_map(mapping).of_file(path)
     data = read_recording(path, mapping=given)
-    page = RecordingPage(data, path.name, findings_of(data), save, given)
+    page = RecordingPage(data, path.name, findings_shown(data), save, given)
     server = LocalServer(
         page.html(served=True), get={"span": page.span}, post={"mapping": page.save}
     )

@@ -233,9 +233,9 @@ def _finish(
     if out_path is not None:
         say(f"Wrote {write_netcdf(data, out_path, 'sound')}.")
     if plot is not None:
-        from emgface.anatomy.airway.figure import write_figure
+        from emgface.anatomy.airway.figure import write_sound_figure
 
-        say(f"Wrote {write_figure(data, plot, title)}.")
+        say(f"Wrote {write_sound_figure(data, plot, title)}.")
     values = data["formant_frequency"].values, data["formant_bandwidth"].values
     chosen = sorted({0, len(data["time"]) // 2, len(data["time"]) - 1})
     cells = [

@@ -34,13 +34,13 @@ def template(
     out_path: OutPath = None,
 ) -> None:
     """Write a study file with every parameter, its default, unit and source."""
-    from emgface.run.store import write_text
+    from emgface.run.store import store_text
     from emgface.study.file import study_template
 
     if out_path is None:
         typer.echo(study_template(), nl=False)
         return
-    write_text(out_path, study_template())
+    store_text(out_path, study_template())
     say(f"Wrote {out_path}.")
 
 
@@ -117,14 +117,14 @@ def published(
 def _beside_printed(folder: Path) -> None:
     """Print and write the comparison with the printed values."""
     from analysis.published import printed_statements, printed_table, used_stress
-    from emgface.run.store import write_text
+    from emgface.run.store import store_text
     from emgface.schema.netcdf import read_netcdf
 
     cube = read_netcdf(folder / "cube.nc", "cube")
     table = printed_table(cube)
     tell(table.text())
-    write_text(folder / "tables" / "printed.csv", table.csv())
-    write_text(folder / "tables" / "printed.md", table.markdown())
+    store_text(folder / "tables" / "printed.csv", table.csv())
+    store_text(folder / "tables" / "printed.md", table.markdown())
     for statement, verdict, numbers in printed_statements(cube):
         tell(f"Printed: {statement}. Here: {verdict} ({numbers}).")
     for volunteer, (low, high) in used_stress(cube).items():
@@ -168,7 +168,7 @@ def _results(
     stopping: Callable[[], bool] = lambda: False,
 ) -> "tuple[StudyResult, Report]":
     """Run a study and write its tables."""
-    from emgface.report.study_tables import write_report
+    from emgface.report.study_tables import write_tables
     from emgface.study.run import run_study
 
     announce_compilation()
@@ -182,7 +182,7 @@ def _results(
             objects=objects,
             stopping=stopping,
         )
-    return result, write_report(result.cube, out_path)
+    return result, write_tables(result.cube, out_path)
 
 
 def _code(result: "StudyResult", report: "Report") -> int:
@@ -227,9 +227,9 @@ def _tables(folder: Path, kept: "KeptReport") -> "Report | None":
     text, written = kept.text(), None
     if text is None:
         from emgface.report.results import study_cube
-        from emgface.report.study_tables import write_report
+        from emgface.report.study_tables import write_tables
 
-        written = write_report(study_cube(folder), folder)
+        written = write_tables(study_cube(folder), folder)
         text = "\n".join([*(table.text() for table in written.tables.values()), *written.meaning])
         kept.keep_text(text + "\n")
     tell(text.rstrip("\n"))

@@ -89,7 +89,7 @@ def compare(
     from emgface.pictures.stills import write_figure
     from emgface.run.store import Store
     from emgface.treatment.dose import read_cases, with_intervals
-    from emgface.treatment.motions import TASKS, compared, gestures, recorded
+    from emgface.treatment.motions import TASKS, compared_motions, gestures, recorded
     from emgface.treatment.outcomes import movement_table, outcome_table
     from emgface.treatment.pages import compare_page, states_of
 
@@ -104,7 +104,7 @@ def compare(
         source = f"The activations are those of the recordings in {recordings.name}."
     announce_compilation()
     with progress("simulating") as bar:
-        motions = compared(
+        motions = compared_motions(
             intact, treated, activations, parameters, source=source, progress=bar.show,
             store=Store(out_path.with_suffix("").absolute() / "store", report=say),
         )  # fmt: skip
@@ -179,36 +179,36 @@ def dose(
     """
     from emgface.files import write_text
     from emgface.pictures.stills import write_figure
-    from emgface.run.store import write_netcdf
-    from emgface.treatment import dose as of
+    from emgface.run.store import store_netcdf
+    from emgface.treatment import dose
     from emgface.treatment.motions import TASKS
     from emgface.treatment.plan import NOT_VALIDATED, read_plan
 
-    setting = of.Setting(
+    setting = dose.DoseSetting(
         resolution=resolution, movements=_words(movements), sigma_max=sigma_max, contact=contact
     )
     if unknown := [m for m in setting.movements if m not in (*"ABCDEF", *TASKS)]:
         raise typer.BadParameter(f"movement {unknown[0]!r}: expected A to F, {', '.join(TASKS)}")
     if plan is not None:
-        every = of.cases_of_plan(persons, draws, read_plan(plan))
+        every = dose.cases_of_plan(persons, draws, read_plan(plan))
     else:
-        every = of.cases(
+        every = dose.cases(
             persons, draws, _words(shapes), _numbers(shares, "--shares", 0.75),
             _numbers(places, "--places", 1.0), _words(rejoin),
         )  # fmt: skip
     announce_compilation()
     with executing(workers, scheduler) as chosen, graceful_stop() as stopping:
         with progress("treating") as bar:
-            table = of.dose_table(
+            table = dose.dose_table(
                 every, setting, out_path.with_suffix(""), workers=chosen, observer=bar,
                 stopping=stopping,
             )  # fmt: skip
     write_text(out_path, "# simulated\n" + table.to_csv(index=False, float_format="%.6g"))
     if cube is not None:
-        write_netcdf(of.cube_of(table, setting), cube)
+        store_netcdf(dose.cube_of(table, setting), cube)
     if figure is not None:
-        write_figure(of.dose_figure(table), figure)
-    show_table(frame(of.intervals(table).dropna().round(3)), "change, simulated")
+        write_figure(dose.dose_figure(table), figure)
+    show_table(frame(dose.intervals_by_dose(table).dropna().round(3)), "change, simulated")
     refused = table[table["end"] != "reached"]
     for row in refused.to_dict("records"):
         say(f"Person {row['person']}, {row['shape']} {100 * row['share']:g} %: {row['end']}")

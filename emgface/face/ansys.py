@@ -56,7 +56,7 @@ def read_nodes(path: Path) -> NodeList:
     rows: list[tuple[float, float, float]] = []
     digits: int | None = None
     by_column = False
-    for number, line in lines(path):
+    for number, line in ansys_lines(path):
         if digits is None:
             by_column = len(line) == NODE_LINE_WIDTH
             digits = _digits(line[-COORDINATE_WIDTH:])
@@ -87,7 +87,7 @@ def read_elements(path: Path) -> ElementList:
     nodes: list[list[int]] = []
     types: list[int] = []
     width: int | None = None
-    for number, line in lines(path):
+    for number, line in ansys_lines(path):
         width = len(line) if width is None else width
         if len(line) < width:
             raise FaceError(
@@ -144,7 +144,7 @@ def read_ids(path: Path, *, base: int) -> NDArray[np.int64]:
     if base not in (0, 1):
         raise ValueError(f"base is {base}, expected 0 or 1")
     ids: list[int] = []
-    for number, line in lines(path):
+    for number, line in ansys_lines(path):
         match = _INTEGER.fullmatch(line)
         if match is None or int(match[1]) < base:
             raise garbled(path, number, line, f"one integer not below {base}")
@@ -188,7 +188,7 @@ def _real(text: str) -> float:
     return float(text.replace("D", "E").replace("d", "e"))
 
 
-def lines(path: Path) -> Iterator[tuple[int, str]]:
+def ansys_lines(path: Path) -> Iterator[tuple[int, str]]:
     """Lines of a text file that are not blank, with numbers; FaceError if it cannot be read."""
     try:
         text = read_text(path, "ascii")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emgface.errors import FaceError
-from emgface.face.ansys import MILLIMETRE, garbled, lines
+from emgface.face.ansys import MILLIMETRE, ansys_lines, garbled
 from emgface.face.artisynth_files import PublishedFiles
 from emgface.face.closed import check_closed
 from emgface.face.parts import LIPS, MANDIBLE, SKULL, Arch
@@ -82,7 +82,7 @@ def read_obj(path: Path) -> tuple[Floats, Integers]:
     points: list[list[float]] = []
     triangles: list[list[int]] = []
     at: list[tuple[int, str]] = []
-    for number, line in lines(path):
+    for number, line in ansys_lines(path):
         kind, *rest = line.split()
         try:
             if kind == "v":
@@ -109,7 +109,7 @@ def read_triangles(path: Path) -> Integers:
     Raises FaceError if a line is not `f a b c`, or there are none.
     """
     found: list[tuple[int, ...]] = []
-    for number, line in lines(path):
+    for number, line in ansys_lines(path):
         match = _LISTED.fullmatch(line.strip())
         if match is not None:
             found.append(tuple(int(node) for node in match.groups()))

@@ -13,7 +13,7 @@ from emgface.anatomy.mesh_model import (
     Variable,
     codes,
     facet_variables,
-    floats,
+    float_array,
     integers,
     muscle_variables,
     stacked,
@@ -64,7 +64,7 @@ def build_face(
     element_id = np.arange(1, len(connectivity) + 1) if element_id is None else element_id
     ds = xr.Dataset(
         {
-            "position": (("node", "axis"), floats(position)),
+            "position": (("node", "axis"), float_array(position)),
             "node_id": ("node", integers(node_id)),
             "connectivity": (("element", "element_node"), integers(connectivity)),
             "element_id": ("element", integers(element_id)),
@@ -72,7 +72,7 @@ def build_face(
             "fixed": ("node", codes(fixed)),
             **muscle_variables(fibres, bundles, MUSCLES, len(connectivity), FaceError),
             "marker_node": ("marker", integers(marker_node)),
-            "face_marker_position": (("face_marker", "axis"), floats(face_marker_position)),
+            "face_marker_position": (("face_marker", "axis"), float_array(face_marker_position)),
             "lip_opening_node": ("lip", integers(lip_opening_node)),
         },
         coords={

@@ -202,7 +202,7 @@ def _masses(jaw: xr.Dataset, found: xr.Dataset, moved: SmoothMap) -> None:
         if str(body) in before:
             one, two = before[str(body)].points, after[str(body)].points
             A = np.linalg.lstsq(one - one.mean(axis=0), two - two.mean(axis=0), rcond=None)[0].T
-            ratio = volume(after[str(body)]) / volume(before[str(body)])
+            ratio = surface_volume(after[str(body)]) / surface_volume(before[str(body)])
         else:
             A = moved.gradient(centre)
             ratio = float(np.linalg.det(A))
@@ -219,7 +219,7 @@ def _masses(jaw: xr.Dataset, found: xr.Dataset, moved: SmoothMap) -> None:
             found["body_centre"].values[k] = moved(centre[None])[0]
 
 
-def volume(surface: Surface) -> float:
+def surface_volume(surface: Surface) -> float:
     """Volume of a closed surface, or of the cone from the centre of an open one [m3]."""
     corners = (surface.points - surface.points.mean(axis=0))[surface.triangles]
     return float(np.linalg.det(corners).sum() / 6.0)

@@ -8,7 +8,7 @@ import numpy as np
 
 from emgface.fit.corners import Corners
 from emgface.fit.loops import along
-from emgface.fit.mechanics import FINE, Tissue
+from emgface.fit.mechanics import FINE, FitTissue
 from emgface.fit.similarity import Similarity, similarity, thin_plate
 from emgface.fit.springs import Rows, at_nodes
 from emgface.fit.targets import LandmarkPoints, Pull, Target, pulling
@@ -74,7 +74,7 @@ def deform(
     tell("spline by mechanics", 1, total)
     nodes = np.arange(len(source))
     guide = at_nodes(nodes, spline, np.tile(TO_SPLINE * np.eye(3), (len(nodes), 1, 1)))
-    tissue = Tissue.at_rest(corners, start)
+    tissue = FitTissue.at_rest(corners, start)
     q = stages["mechanics"] = tissue.settle(guide)
     iterations = tissue.iterations
     stiffness = LANDMARK * (NOISE / noise) ** 2
@@ -86,7 +86,7 @@ def deform(
         return rows.joined(marks, *([held(q)] if held else []))
 
     if targets:
-        tissue = Tissue.at_rest(corners, q)
+        tissue = FitTissue.at_rest(corners, q)
         for k, pull in enumerate(PULLS):
             tell("fit to the surfaces", 2 + k, total)
             rows = pulled(tissue.q, Pull(pull.stiffness, pull.tangential, pull.along_curve, seed=k))
@@ -95,7 +95,7 @@ def deform(
         iterations += tissue.iterations
     for k in range(ROUNDS):
         tell("relaxation of the elements", total - ROUNDS + k, total)
-        tissue = Tissue.toward_rectangles(corners, q, below=BELOW, stiffening=STIFFENING)
+        tissue = FitTissue.toward_rectangles(corners, q, below=BELOW, stiffening=STIFFENING)
         pull = Pull(RELAXING.stiffness, RELAXING.tangential, RELAXING.along_curve, 0.5, 50 + k)
         q = tissue.settle(pulled(q, pull), 0.5 * FINE)
         iterations += tissue.iterations

@@ -124,7 +124,9 @@ def match(
     return Matched(tuple(names), source, target, motion, notes)
 
 
-def pair(face: xr.Dataset, given: Landmarks, on_face: Landmarks | None, noise: float) -> Paired:
+def pair_points(
+    face: xr.Dataset, given: Landmarks, on_face: Landmarks | None, noise: float
+) -> Paired:
     """Pair landmarks of a person with those of a face; errors as of `match`."""
     found = match(points_of_face(face), given, on_face, noise, "face")
     to_face, source = found.rigid, found.source

@@ -23,7 +23,7 @@ STIFFEST = 50.0  #: largest factor on the stiffness of small corners
 
 
 @dataclass
-class Tissue:
+class FitTissue:
     """Tissue in a configuration (n_nodes, 3) [m], moved from equilibrium to equilibrium.
 
     Every accepted configuration has a positive determinant at every corner of every element.
@@ -35,7 +35,7 @@ class Tissue:
     iterations: int = 0
 
     @classmethod
-    def at_rest(cls, corners: Corners, rest: Floats) -> "Tissue":
+    def at_rest(cls, corners: Corners, rest: Floats) -> "FitTissue":
         """Homogeneous tissue whose rest is a configuration without inverted corner."""
         material = sim.Material(sim.NeoHooke(SHEAR), sim.LogarithmicBulk(BULK))
         return cls._of(corners, rest, sim.Solid((material,)))
@@ -43,7 +43,7 @@ class Tissue:
     @classmethod
     def toward_rectangles(
         cls, corners: Corners, q: Floats, *, below: float, stiffening: float
-    ) -> "Tissue":
+    ) -> "FitTissue":
         """Tissue in q whose elements with a scaled Jacobian `below` are at rest with right angles.
 
         Their corners are stiffer by `stiffening`; stiffness is divided by volume, so that small
@@ -67,7 +67,7 @@ class Tissue:
         return cls._of(corners, q, sim.Solid(materials, region, prestretch=A @ np.linalg.inv(W)))
 
     @classmethod
-    def _of(cls, corners: Corners, q: Floats, solid: sim.Solid) -> "Tissue":
+    def _of(cls, corners: Corners, q: Floats, solid: sim.Solid) -> "FitTissue":
         mesh = sim.mesh_from_arrays(q, tet4=corners.nodes)
         system = sim.compile_scene(sim.Scene(mesh, terms=(solid, Springs())))
         return cls(system, sim.Workspace(system), np.ascontiguousarray(q))

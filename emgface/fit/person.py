@@ -22,7 +22,7 @@ from emgface.fit.inputs import (
     check_landmarks_on,
     facing,
     in_face_frame,
-    pair,
+    pair_points,
 )
 from emgface.fit.measures import distances, quality_rows
 from emgface.fit.readers.landmarks import Landmarks, landmarks_of
@@ -108,7 +108,7 @@ def fit_face(
         for kind, given in (("skin", skin), ("inner", inner), ("bone", bone))
         if given is not None
     }
-    paired = pair(face, marks, places, noise)
+    paired = pair_points(face, marks, places, noise)
     notes = list(paired.notes)
     targets = _targets(face, scans, paired, notes)
     source = face["position"].values

@@ -27,11 +27,11 @@ STAGES = {
 def write_report(fitted: Fitted, path: str | os.PathLike[str]) -> Path:
     """Write the page (HTML without network requests); DataError if it cannot be written."""
     path = Path(path)
-    write_text(path, render(fitted))
+    write_text(path, render_fit(fitted))
     return path
 
 
-def render(fitted: Fitted) -> str:
+def render_fit(fitted: Fitted) -> str:
     """Render the page."""
     face = fitted.face
     origin = str(face.attrs["fit_of"])

@@ -19,7 +19,7 @@ from emgface.fit.carry import element_gradients
 from emgface.fit.corners import Corners
 from emgface.fit.deform import PULLS, TO_SPLINE
 from emgface.fit.inputs import facing, in_face_frame
-from emgface.fit.mechanics import FINE, Tissue
+from emgface.fit.mechanics import FINE, FitTissue
 from emgface.fit.person import Given, scan_of
 from emgface.fit.registration import CONTROLS, SmoothMap
 from emgface.fit.similarity import rigid_of, similarity
@@ -55,7 +55,7 @@ def fit_tongue(
         )
     X, moved = tongue["position"].values, _map_of_bones(before, after)
     corners = Corners.of(tongue["connectivity"].values.astype(np.int64))
-    tissue = Tissue.at_rest(corners, moved.similarity(X))
+    tissue = FitTissue.at_rest(corners, moved.similarity(X))
     held = tongue["attachment_node"].values.astype(np.int64)
     stiffness = np.full(len(X), TO_SPLINE)
     stiffness[held] = WITH_BONE
@@ -122,7 +122,7 @@ def _pulled(
     with_bone = _springs(
         held, moved(tongue["position"].values[held]), np.full(len(held), WITH_BONE)
     )
-    tissue = Tissue.at_rest(corners, q)
+    tissue = FitTissue.at_rest(corners, q)
     for k, pull in enumerate(PULLS):
         rows = pulling(tissue.q, [target], replace(pull, seed=k)).joined(with_bone)
         tissue.settle(rows, *((FINE,) if k >= len(PULLS) - 2 else ()))

@@ -68,10 +68,10 @@ def calibrate(
         for one in recordings
     ]
     found = estimate(trials, p, session, mixing=mixing, cross_talk=cross_talk)
-    return described(found, volunteer, simulation, origin)
+    return described_calibration(found, volunteer, simulation, origin)
 
 
-def described(
+def described_calibration(
     data: xr.Dataset, volunteer: str, simulation: SimulationParameters, origin: str
 ) -> Calibration:
     """Calibration of a volunteer on a face, of trials that are measured or simulated."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import xarray as xr
 
 from emgface.errors import DataError, StoreError
-from emgface.inverse.calibrate import described, estimate, volunteer_of
+from emgface.inverse.calibrate import described_calibration, estimate, volunteer_of
 from emgface.inverse.calibration import Calibration, over_session
 from emgface.inverse.calibration_trial import CalibrationTrial, fit_trial
 from emgface.inverse.kept import Kept
@@ -30,7 +30,7 @@ FITTED = Stage("calibration_trial", (*INVERSE.modules, "emgface.inverse.calibrat
 
 
 @dataclass(frozen=True)
-class Job:
+class CalibrationJob:
     """One trial, and what all trials share."""
 
     name: str
@@ -41,7 +41,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedTrial:
     """Outcome of one trial: its name, "ok" and the digest of its fit, or "failed:" and the reason."""
 
     name: str
@@ -94,7 +94,7 @@ def calibrate_all(
     names = [path.stem for path in recordings]
     names = names if len({*names}) == len(names) else [str(path) for path in recordings]
     jobs = [
-        Job(name, path.absolute(), mapped, p, session)
+        CalibrationJob(name, path.absolute(), mapped, p, session)
         for name, path in zip(names, recordings, strict=True)
     ]
     laboratory.rest(study.simulation)  # computed once, instead of by every worker
@@ -120,10 +120,10 @@ def calibrate_all(
         )
     trials = [_stored(store, one) for one in found]
     data = estimate(trials, p, session.dataset, mixing=mixing, cross_talk=cross_talk)
-    return described(data, volunteer, study.simulation, origin)
+    return described_calibration(data, volunteer, study.simulation, origin)
 
 
-def _stored(store: Store, one: Fitted) -> CalibrationTrial:
+def _stored(store: Store, one: FittedTrial) -> CalibrationTrial:
     stored = store.read(FITTED.name, one.digest)
     if stored is None:
         raise StoreError(
@@ -132,7 +132,7 @@ def _stored(store: Store, one: Fitted) -> CalibrationTrial:
     return CalibrationTrial.of_dataset(stored)
 
 
-def fit_one(laboratory: Laboratory, job: Job) -> Fitted:
+def fit_one(laboratory: Laboratory, job: CalibrationJob) -> FittedTrial:
     """Fit one trial, or take its stored fit."""
     study, p = laboratory.study, job.parameters
     recording = read_recording(job.path, mapping=job.mapping)
@@ -161,11 +161,11 @@ def fit_one(laboratory: Laboratory, job: Job) -> Fitted:
     kept.remove()
     for text in dict.fromkeys(str(one.message) for one in caught):
         laboratory.report(f"{job.name}: {text}")
-    return Fitted(job.name, result.digest)
+    return FittedTrial(job.name, result.digest)
 
 
-def _failed(job: Job, error: Exception) -> Fitted:
-    return Fitted(job.name, "", f"failed:{type(error).__name__}", str(error))
+def _failed(job: CalibrationJob, error: Exception) -> FittedTrial:
+    return FittedTrial(job.name, "", f"failed:{type(error).__name__}", str(error))
 
 
 __all__ = ["calibrate_all"]

@@ -32,7 +32,7 @@ INVERTED = Stage("inverted", INVERSE.modules)
 
 
 @dataclass(frozen=True)
-class Job:
+class InversionJob:
     """One recording, the file of its result, and what all recordings share."""
 
     path: Path
@@ -114,7 +114,10 @@ def invert_all(
     store = Store(out / "store", report=(observer or Silent()).message)
     laboratory = Laboratory(store, face, study, store.report)
     given = (None if mapping is None else mapping.absolute(), p, calibration, mixing)
-    jobs = [Job(path.absolute(), out.absolute() / f"{path.stem}.nc", *given) for path in recordings]
+    jobs = [
+        InversionJob(path.absolute(), out.absolute() / f"{path.stem}.nc", *given)
+        for path in recordings
+    ]
     if workers != 1:
         laboratory.rest(study.simulation)  # computed once, instead of by every worker
     return run_table(
@@ -131,7 +134,7 @@ def invert_all(
     )
 
 
-def invert_one(laboratory: Laboratory, job: Job) -> Inverted:
+def invert_one(laboratory: Laboratory, job: InversionJob) -> Inverted:
     """Invert one recording and write the file of its result."""
     name, kept = job.path.stem, Kept.beside(job.out)
     with warnings.catch_warnings(record=True) as caught:
@@ -153,7 +156,7 @@ def invert_one(laboratory: Laboratory, job: Job) -> Inverted:
     return Inverted(name, "ok", "", misfit, ratio, width)
 
 
-def _inverted(laboratory: Laboratory, job: Job, kept: Kept) -> xr.Dataset:
+def _inverted(laboratory: Laboratory, job: InversionJob, kept: Kept) -> xr.Dataset:
     """Return the stored result of a recording, computing it if it is absent."""
     study, recording = laboratory.study, read_recording(job.path, mapping=job.mapping)
     inputs = {"recording": dataset_digest(recording), "face": laboratory.face_digest}
@@ -178,7 +181,7 @@ def _inverted(laboratory: Laboratory, job: Job, kept: Kept) -> xr.Dataset:
     ).dataset  # fmt: skip
 
 
-def _failed(job: Job, error: Exception) -> Inverted:
+def _failed(job: InversionJob, error: Exception) -> Inverted:
     job.out.unlink(missing_ok=True)
     return Inverted(job.path.stem, f"failed:{type(error).__name__}", str(error))
 

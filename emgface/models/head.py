@@ -113,7 +113,7 @@ def _is_recording(path: Path) -> bool:
 
 def _followed(head: Head, path: Path, drive: Drive, progress: Progress) -> Moved:
     """Motion by a recording, and its scores."""
-    from emgface.anatomy.head.recorded import Drive as Recorded
+    from emgface.anatomy.head.recorded import RecordedDrive as Recorded
     from emgface.anatomy.head.recorded import move_as_recorded, score_head
     from emgface.api.given import recording_of, study_of
 
@@ -156,7 +156,7 @@ def scored(
     recording: xr.Dataset, motion: Path, options: Mapping[str, Any]
 ) -> tuple[xr.Dataset, pd.DataFrame, str]:
     """Score the lips and the incisor of a motion."""
-    from emgface.anatomy.head.recorded import Drive as Recorded
+    from emgface.anatomy.head.recorded import RecordedDrive as Recorded
     from emgface.anatomy.head.recorded import score_head
     from emgface.anatomy.head.run import read_motion
     from emgface.api.given import study_of

@@ -151,11 +151,13 @@ def table(
     jaw: xr.Dataset, settings: Mapping[str, str], progress: Progress
 ) -> tuple[str, pd.DataFrame]:
     """Run all tasks, and tabulate the results beside the published ones."""
-    from emgface.anatomy.jaw.outcomes import outcome_table
+    from emgface.anatomy.jaw.outcomes import task_outcome_table
 
     series = settings.get("series")
-    options = chosen(outcome_table, {k: v for k, v in settings.items() if k != "series"}, "step")
-    found = outcome_table(jaw, series, progress=progress, **options)
+    options = chosen(
+        task_outcome_table, {k: v for k, v in settings.items() if k != "series"}, "step"
+    )
+    found = task_outcome_table(jaw, series, progress=progress, **options)
     return f"{jaw.attrs['name']}, simulated", found
 
 
@@ -163,11 +165,11 @@ def scored(
     recording: xr.Dataset, motion: Path, options: Mapping[str, Any]
 ) -> "tuple[xr.Dataset, Table, str]":
     """Score every recorded point of the jaw beside motions by other excitations."""
-    from emgface.anatomy.jaw.compared import compared
+    from emgface.anatomy.jaw.compared import compared_jaws
     from emgface.anatomy.jaw.recorded import score_motion
 
     moved = read_netcdf(motion, "jaw_motion")
-    found = compared(recording, moved, baselines(options.get("baseline") or ()))
+    found = compared_jaws(recording, moved, baselines(options.get("baseline") or ()))
     return score_motion(recording, moved), found, found.note
 
 

@@ -68,7 +68,7 @@ def move(tongue: xr.Dataset, drive: Drive, progress: Progress) -> Moved:
     Exciters with levels rise and fall. Settings are ``variant`` and ``gravity``.
     """
     from emgface.anatomy.jaw.series import read_excitation
-    from emgface.anatomy.tongue.actions import DURATION, LEVEL, raised
+    from emgface.anatomy.tongue.actions import DURATION, LEVEL, raised_muscles
     from emgface.anatomy.tongue.published import read_gesture
     from emgface.anatomy.tongue.run import OUTPUT, simulate_tongue
 
@@ -89,7 +89,10 @@ def move(tongue: xr.Dataset, drive: Drive, progress: Progress) -> Moved:
             )
         duration = DURATION if duration is None else duration
         level = next(iter(levels.values()), LEVEL)
-        excitation, name = raised(*levels, level=level, duration=duration), " and ".join(levels)
+        excitation, name = (
+            raised_muscles(*levels, level=level, duration=duration),
+            " and ".join(levels),
+        )
     parameters = _variant(**chosen(_variant, drive.settings, "variant", "gravity"))
     step: dict[str, Any] = {} if drive.step is None else {"step": drive.step}
     motion = simulate_tongue(

@@ -116,7 +116,7 @@ def render(
     on_screen = np.stack(
         [(seen[:, 0] - window.left) * scale, (window.top - seen[:, 1]) * scale], axis=1
     )
-    pixel, face, weight = nearest(on_screen, seen[:, 2], triangle, size)
+    pixel, face, weight = nearest_layer(on_screen, seen[:, 2], triangle, size)
     # Light is computed at the points, which are dense, and interpolated.
     lit = shaded(paint, normal @ axes_of(view).T)[triangle]
     a, b, c = (on_screen[triangle[:, k]] for k in range(3))
@@ -149,7 +149,7 @@ def shaded(colour: Floats, normal: Floats) -> Floats:
     return np.clip(colour * warm * bright[:, None] + shine[:, None], 0.0, 1.0)
 
 
-def nearest(
+def nearest_layer(
     points: Floats, depth: Floats, triangle: Indices, size: tuple[int, int]
 ) -> tuple[Indices, Indices, Floats]:
     """Find the triangle nearest to the camera in every covered pixel.

@@ -32,7 +32,7 @@ def midline_faces(face: xr.Dataset) -> NDArray[np.int64]:
     return faces[first]
 
 
-def cut(points: Floats, triangles: NDArray[np.integer]) -> Floats:
+def cut_section(points: Floats, triangles: NDArray[np.integer]) -> Floats:
     """Segments (n, 2, 2) in y and z in which triangles (m, 3) intersect the plane x = 0."""
     corners = points[triangles]
     ahead = np.roll(corners, -1, axis=1)
@@ -61,7 +61,7 @@ def draw_sections(
     for place, (name, position) in enumerate(shown.items(), start=1):
         axes = figure.add_subplot(1, len(shown), place)
         for arch in arches_of(face):
-            segments = cut(arch.points, arch.triangles) * MM
+            segments = cut_section(arch.points, arch.triangles) * MM
             axes.add_collection(LineCollection(list(segments), colors="#8a8060", linewidths=1.6))
         axes.add_collection(
             PolyCollection(

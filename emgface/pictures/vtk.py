@@ -54,7 +54,7 @@ def write_vtk(
     ends = np.cumsum(np.where(wedge, 6, 8))
     rows: list[tuple[float, int, str]] = []
     for k, (time, position) in enumerate(zip(times, positions, strict=True)):
-        text = grid(
+        text = vtk_grid(
             position, cells, ends, kinds,
             points={"displacement": position - rest, "fixed": face["fixed"].values.astype(np.uint8)},
             cells_data={"layer": face["layer"].values.astype(np.uint8)},
@@ -67,7 +67,7 @@ def write_vtk(
         before = np.cumsum([0, *(len(arch.points) for arch in arches)])
         corners = [a.triangles + n for a, n in zip(arches, before, strict=False)]
         flat = np.concatenate(corners).ravel()
-        text = grid(
+        text = vtk_grid(
             np.concatenate([arch.points for arch in arches]),
             flat,
             np.arange(3, len(flat) + 1, 3),
@@ -84,7 +84,7 @@ def write_vtk(
     return path
 
 
-def grid(
+def vtk_grid(
     position: NDArray[np.floating],
     connectivity: NDArray[np.integer],
     ends: NDArray[np.integer],

@@ -14,7 +14,7 @@ DOCUMENTS: Final = ("readme", "license", "licence", "changes", "origin", "codebo
 """Names of text files that describe others."""
 
 
-def left_out(folder: str | Path) -> dict[Path, str]:
+def left_out_files(folder: str | Path) -> dict[Path, str]:
     """Return the files that may contain signals and are not read, sorted, with the reasons.
 
     They are tables and arrays that no sidecar in their folder describes, files of other kinds in the
@@ -64,7 +64,7 @@ def told(folder: str | Path, most: int = 6) -> str:
     root = Path(folder)
     if not root.is_dir():
         raise DataError(f"No folder {root}; expected recordings in it: check the path.")
-    found = left_out(root)
+    found = left_out_files(root)
     if not found:
         return ""
     named = [f"{path.relative_to(root)} ({reason})" for path, reason in found.items()]

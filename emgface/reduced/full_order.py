@@ -14,8 +14,8 @@ import sim._kernels as kernels
 from emgface.face.motion import settle_face
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.reduced.model import Floats, without_contact
-from emgface.reduced.plan import Drive
+from emgface.reduced.model import Floats, free_of_contact
+from emgface.reduced.plan import TrainingDrive
 from emgface.run.digest import dataset_digest, text_digest
 from emgface.run.store import Stage, Store
 from emgface.study.mechanics import MECHANICS
@@ -84,13 +84,13 @@ class FullOrder:
         """Compile the face and find its rest, unless it is given."""
         parameters = with_steps(parameters)
         system = compile_scene(compose_scene(face, parameters))
-        tissue = compile_scene(compose_scene(face, without_contact(parameters)))
+        tissue = compile_scene(compose_scene(face, free_of_contact(parameters)))
         if rest is not None:
             return cls(face, parameters, system, tissue, rest)
         start = settle_face(face, parameters)["node_position"].values
         return cls(face, parameters, system, tissue, start)
 
-    def motion(self, drive: Drive, every: float) -> xr.Dataset:
+    def motion(self, drive: TrainingDrive, every: float) -> xr.Dataset:
         """Positions of nodes [m] at every snapshot, and of markers at every step, of one drive.
 
         A drive that inverts an element, or brings lips into contact whose distance at rest exceeds the
@@ -105,7 +105,7 @@ class FullOrder:
                 scale *= WEAKER
         return xr.Dataset(attrs={"scale": 0.0})
 
-    def _motion(self, drive: Drive, every: float) -> xr.Dataset:
+    def _motion(self, drive: TrainingDrive, every: float) -> xr.Dataset:
         stride = max(1, round(every / STEP))
         activation = Activation(drive.time, drive.values)
         work = Workspace(self.system, self.parameters.linear_solver)
@@ -136,7 +136,7 @@ class FullOrder:
 
 
 def stored_motion(
-    store: Store, full: FullOrder, drive: Drive, every: float
+    store: Store, full: FullOrder, drive: TrainingDrive, every: float
 ) -> tuple[xr.Dataset, str]:
     """Motion of a drive and its digest, from the store if it is there."""
     parameters = full.parameters.model_dump(mode="json")

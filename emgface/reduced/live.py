@@ -11,7 +11,7 @@ from scipy.signal import butter, sosfilt
 
 from emgface.errors import SignalError
 from emgface.reduced.model import Floats, ReducedFace
-from emgface.reduced.stream import Source, frames_of
+from emgface.reduced.stream import SignalSource, frames_of
 from emgface.reduced.trained import response_size
 from emgface.signals.mapping import mapping_matrix
 from sim import Control, State, Workspace
@@ -133,7 +133,7 @@ def weights_of(channels: Sequence[str], muscles: Sequence[str]) -> Floats:
 
 
 def live(
-    source: Source,
+    source: SignalSource,
     reduced: ReducedFace,
     between: tuple[Floats, Floats],
     *,
@@ -174,7 +174,7 @@ def live(
         )
 
 
-def summary(log: pd.DataFrame, step: float) -> dict[str, float]:
+def live_summary(log: pd.DataFrame, step: float) -> dict[str, float]:
     """Latency [s] (median, 95th percentile, largest), its jitter, and late frames of a log.
 
     A frame is late if its markers follow the arrival of its last sample by more than a step.

@@ -68,7 +68,7 @@ def _mechanics(dataset: xr.Dataset) -> dict[str, Any]:
     return absent | json.loads(dataset.attrs["mechanics"])
 
 
-def without_contact(parameters: SimulationParameters) -> SimulationParameters:
+def free_of_contact(parameters: SimulationParameters) -> SimulationParameters:
     """The same parameters without contact."""
     return parameters.model_copy(update={"contact": NO_CONTACT})
 
@@ -150,7 +150,7 @@ class ReducedFace:
     @cached_property
     def model(self) -> ReducedModel:
         """Reduced model with the chosen elements."""
-        system = compile_scene(compose_scene(self.face, without_contact(self.parameters)))
+        system = compile_scene(compose_scene(self.face, free_of_contact(self.parameters)))
         sample = self.dataset["sampled_element"].values, self.dataset["sampled_weight"].values
         modes = self.modes.reshape(-1, self.modes.shape[2])
         return reduce_system(system, self.rest, modes, self.moving, sample)

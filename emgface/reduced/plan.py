@@ -29,7 +29,7 @@ SAMPLE: Final = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class TrainingDrive:
     """Activation (n, n_muscles) [1] of all muscles at times (n,) [s].
 
     ``purpose`` is "training", "calibration" or "test".
@@ -40,12 +40,12 @@ class Drive:
     time: Floats
     values: Floats
 
-    def scaled(self, factor: float) -> "Drive":
+    def scaled(self, factor: float) -> "TrainingDrive":
         """The same drive with a smaller activation."""
-        return Drive(self.label, self.purpose, self.time, factor * self.values)
+        return TrainingDrive(self.label, self.purpose, self.time, factor * self.values)
 
 
-Sequences = Callable[[Sequence[str], int, str, int], list[Drive]]
+Sequences = Callable[[Sequence[str], int, str, int], list[TrainingDrive]]
 """Drives for muscles, in some number, for a purpose and with a seed."""
 
 
@@ -57,7 +57,7 @@ def training_plan(
     ramps: bool = True,
     sequences: int = 36,
     calibration: int = 39,
-) -> list[Drive]:
+) -> list[TrainingDrive]:
     """Drives of the training and of the calibration, for muscles named with their side."""
     names = list(dict.fromkeys(m.rsplit("_", 1)[0] for m in muscles))
     groups = [[i] for i in range(len(muscles))]
@@ -67,7 +67,7 @@ def training_plan(
     return plan + drives(muscles, calibration, "calibration", seed)
 
 
-def random_drives(muscles: Sequence[str], n: int, purpose: str, seed: int) -> list[Drive]:
+def random_drives(muscles: Sequence[str], n: int, purpose: str, seed: int) -> list[TrainingDrive]:
     """Random sequences; those of different purposes are independent."""
     stream = PURPOSES.index(purpose)
     return [
@@ -81,15 +81,17 @@ def random_drives(muscles: Sequence[str], n: int, purpose: str, seed: int) -> li
     ]
 
 
-def _ramp(muscles: Sequence[str], active: Sequence[int]) -> Drive:
+def _ramp(muscles: Sequence[str], active: Sequence[int]) -> TrainingDrive:
     time = np.array([0.0, 0.1, 0.25, 0.35, RAMP])
     values = np.zeros((len(time), len(muscles)))
     values[1:3, active] = 1.0
     label = "ramp of " + " and ".join(muscles[i] for i in active)
-    return Drive(label, "training", time, values)
+    return TrainingDrive(label, "training", time, values)
 
 
-def _random(muscles: Sequence[str], label: str, purpose: str, rng: np.random.Generator) -> Drive:
+def _random(
+    muscles: Sequence[str], label: str, purpose: str, rng: np.random.Generator
+) -> TrainingDrive:
     time: Floats = SAMPLE * np.arange(round(RANDOM / SAMPLE) + 1, dtype=np.float64)
     names = list(dict.fromkeys(m.rsplit("_", 1)[0] for m in muscles))
     count = int(rng.choice([1, 2, 3, len(names) // 2, len(names)], p=[0.1, 0.1, 0.3, 0.2, 0.3]))
@@ -107,7 +109,7 @@ def _random(muscles: Sequence[str], label: str, purpose: str, rng: np.random.Gen
         noise = np.convolve(rng.normal(size=len(time) + 4), np.ones(5) / 5**0.5, "valid")
         side = rng.uniform(0.5, 1.0)
         values[:, i] = level[name] * side * shape * (1.0 + 0.25 * noise)
-    return Drive(label, purpose, time, np.clip(values, 0.0, 1.0))
+    return TrainingDrive(label, purpose, time, np.clip(values, 0.0, 1.0))
 
 
 def _smooth(s: Floats) -> Floats:

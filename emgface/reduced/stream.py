@@ -20,7 +20,7 @@ SILENT: Final = 1.0
 """Time without samples after which a stream has ended [s]."""
 
 
-class Source(Protocol):
+class SignalSource(Protocol):
     """Interface of sources of samples at a rate [1/s], with the channel names of the montage."""
 
     rate: float

@@ -15,7 +15,7 @@ import numpy as np
 
 from emgface.errors import FeatureWarning
 from emgface.muscles import INSTRUCTIONS
-from emgface.reduced.plan import PURPOSES, SAMPLE, Drive, Floats, Sequences, random_drives
+from emgface.reduced.plan import PURPOSES, SAMPLE, Floats, Sequences, TrainingDrive, random_drives
 from emgface.signals.activation import activation_of
 from emgface.signals.parameters import SignalChain
 from emgface.volunteers.emg import synthesise_emg
@@ -39,7 +39,7 @@ def sequences_of(activations: str) -> Sequences:
     return {"study": study_drives, "random": random_drives}[activations]
 
 
-def study_drives(muscles: Sequence[str], n: int, purpose: str, seed: int) -> list[Drive]:
+def study_drives(muscles: Sequence[str], n: int, purpose: str, seed: int) -> list[TrainingDrive]:
     """Activations of n trials, each of another simulated volunteer."""
     world = VolunteerParameters().world.without("pick-up")
     settings = VolunteerParameters(world=world, emg="noise", duration=DURATION)
@@ -59,7 +59,7 @@ def _drive(
     strategy: str,
     purpose: str,
     settings: VolunteerParameters,
-) -> Drive:
+) -> TrainingDrive:
     """Activation of one trial from its time 0 on."""
     snr = draw_mismatch(person.seed, person.index, settings.world).snr
     assert snr is not None  # The mismatched world has it.
@@ -85,4 +85,4 @@ def _drive(
     time: Floats = SAMPLE * np.arange(int(since[-1] / SAMPLE + 1e-9) + 1, dtype=np.float64)
     values = np.array([np.interp(time, since, row) for row in given.values.T]).T
     label = f"{purpose} {person.index % PEOPLE} {instruction} {strategy}"
-    return Drive(label, purpose, time, np.clip(values, 0.0, 1.0))
+    return TrainingDrive(label, purpose, time, np.clip(values, 0.0, 1.0))

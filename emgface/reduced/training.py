@@ -17,7 +17,7 @@ from emgface.reduced.model import (
 )
 from emgface.reduced.motion import simulate_reduced
 from emgface.reduced.parameters import ReductionParameters
-from emgface.reduced.plan import Drive, training_plan
+from emgface.reduced.plan import TrainingDrive, training_plan
 from emgface.reduced.study_plan import sequences_of
 from emgface.reduced.trained import (
     changes,
@@ -129,8 +129,8 @@ def reduce_face(
 
 
 def _of(
-    plan: list[Drive], motions: list[xr.Dataset], purpose: str
-) -> list[tuple[Drive, xr.Dataset]]:
+    plan: list[TrainingDrive], motions: list[xr.Dataset], purpose: str
+) -> list[tuple[TrainingDrive, xr.Dataset]]:
     """Drives of a purpose with their motions, with the activation that was used."""
     pairs = zip(plan, motions, strict=True)
     return [
@@ -141,7 +141,10 @@ def _of(
 
 
 def _reduced(
-    full: FullOrder, reduction: ReductionParameters, plan: list[Drive], motions: list[xr.Dataset]
+    full: FullOrder,
+    reduction: ReductionParameters,
+    plan: list[TrainingDrive],
+    motions: list[xr.Dataset],
 ) -> xr.Dataset:
     """Modes, chosen elements, and the range of the training."""
     system, rest, mass = full.tissue, full.rest, full.tissue.node_mass
@@ -196,7 +199,7 @@ def _reduced(
     return data.assign_attrs(largest_distance=float(whitened_size(levels, root).max()))
 
 
-def _steps(drive: Drive) -> Floats:
+def _steps(drive: TrainingDrive) -> Floats:
     """Changes of the activation in each step of a drive that begins at rest."""
     ends: Floats = STEP * np.arange(1, round(float(drive.time[-1]) / STEP) + 1, dtype=np.float64)
     return changes(ends, Activation(drive.time, drive.values).at_all(ends), STEP)
@@ -220,7 +223,7 @@ def _projection_errors(
 
 
 def marker_errors(
-    reduced: ReducedFace, drive: Drive, motion: xr.Dataset
+    reduced: ReducedFace, drive: TrainingDrive, motion: xr.Dataset
 ) -> tuple[Floats, xr.Dataset]:
     """Distance (time, marker) [m] of a reduced motion from that of full order, and the motion."""
     found = simulate_reduced(
@@ -231,7 +234,7 @@ def marker_errors(
 
 
 def _correct(
-    full: FullOrder, data: xr.Dataset, plan: list[Drive], motions: list[xr.Dataset]
+    full: FullOrder, data: xr.Dataset, plan: list[TrainingDrive], motions: list[xr.Dataset]
 ) -> None:
     """Fit the correction of the markers to the motions of the training."""
     reduced = ReducedFace(data, full.face, full.parameters)
@@ -266,7 +269,7 @@ def _calibrate(
     full: FullOrder,
     data: xr.Dataset,
     coverage: float,
-    plan: list[Drive],
+    plan: list[TrainingDrive],
     motions: list[xr.Dataset],
 ) -> None:
     """Set the factor of the estimated error from the motions of the calibration.

@@ -32,7 +32,7 @@ from emgface.pictures.body import Body
 from emgface.pictures.page import svg_of
 from emgface.report.faces import study_faces
 from emgface.report.jaw import Incisors
-from emgface.report.results import FAILURES, Results, Trial, representative
+from emgface.report.results import FAILURES, ReportedTrial, Results, representative
 from emgface.signals.activation import feature_before_normalisation
 from emgface.signals.features import MuteFeature, feature_of
 from emgface.signals.filters import bandpass
@@ -115,7 +115,7 @@ def incisor_figure(results: Results, found: Incisors) -> list[Drawn]:
     return _drawn(results, "incisor", "Lower incisor", text, lambda: found.figure)
 
 
-def face_figure(results: Results, faces: xr.Dataset, body: Body) -> list[Drawn]:
+def scored_face_figure(results: Results, faces: xr.Dataset, body: Body) -> list[Drawn]:
     """Draw the faces at their largest displacements."""
     text = (
         "Simulated faces at the instant of the largest marker displacement, after Fig. 4 of Eskes et "
@@ -190,7 +190,7 @@ def trial_figures(results: Results) -> list[Drawn]:
     return drawn
 
 
-def _emg(results: Results, trial: Trial) -> Figure:
+def _emg(results: Results, trial: ReportedTrial) -> Figure:
     assert results.study is not None
     recording, chain = trial.recording.dataset, results.study.signals
     filtered = bandpass(recording["emg"], chain.filter)

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from analysis.figures import marker_traces
 from analysis.tables import Column, Table
-from emgface.anatomy.jaw.compared import compared
+from emgface.anatomy.jaw.compared import compared_jaws
 from emgface.anatomy.jaw.recorded import aligned, score_motion
 from emgface.report.results import FAILURES, Results, representative
 from emgface.study.incisor import incisor_pair
@@ -43,7 +43,7 @@ def incisors(results: Results) -> Incisors | None:
                 pair = incisor_pair(recording, motion, face, frame)
                 if pair is None:
                     continue
-                found = compared(*pair)
+                found = compared_jaws(*pair)
             except FAILURES as error:
                 label = " ".join(map(str, (*place, strategy)))
                 results.notes.append(f"The incisor of {label} is omitted: {error}")

@@ -19,7 +19,7 @@ from emgface.pictures.encoding import (
     scaling,
     whole,
 )
-from emgface.report.results import FAILURES, Results, Trial, representative
+from emgface.report.results import FAILURES, ReportedTrial, Results, representative
 
 LARGEST: Final = 9_000_000
 """Limit of the characters of all motions, above which every second frame is omitted."""
@@ -42,7 +42,7 @@ def moving_faces(
     chosen = representative(results.base)
     strategies = [str(s) for s in results.base["strategy"].values]
     wanted = [(place, strategy) for place in chosen.values() for strategy in strategies]
-    shown: list[tuple[Trial, xr.Dataset]] = []
+    shown: list[tuple[ReportedTrial, xr.Dataset]] = []
     for done, (place, strategy) in enumerate(wanted):
         label = " ".join(map(str, (*place, strategy)))
         if say:
@@ -77,7 +77,7 @@ def moving_faces(
 
 
 def _farthest(
-    shown: list[tuple[Trial, xr.Dataset]],
+    shown: list[tuple[ReportedTrial, xr.Dataset]],
     skin: Skin,
     instructions: list[str],
     strategies: list[str],
@@ -111,7 +111,7 @@ def _farthest(
 
 
 def _encoded(
-    shown: list[tuple[Trial, xr.Dataset]], skin: Skin, body: Body, results: Results
+    shown: list[tuple[ReportedTrial, xr.Dataset]], skin: Skin, body: Body, results: Results
 ) -> dict[str, Any]:
     """Surface and motions as JSON, with fewer frames if they would be too large."""
     assert results.laboratory is not None
@@ -134,7 +134,7 @@ def _encoded(
 
 
 def _with_frames(
-    shown: list[tuple[Trial, xr.Dataset]], centre: NDArray[np.float64], every: int
+    shown: list[tuple[ReportedTrial, xr.Dataset]], centre: NDArray[np.float64], every: int
 ) -> list[dict[str, Any]]:
     trials: list[dict[str, Any]] = []
     for trial, moved in shown:
@@ -158,7 +158,7 @@ def _with_frames(
     return trials
 
 
-def _about(trial: Trial) -> str:
+def _about(trial: ReportedTrial) -> str:
     """Describe the motion in a sentence."""
     rho = trial.scores["rho"].values
     median = f"{np.nanmedian(rho):.2f}" if np.isfinite(rho).any() else "undefined"

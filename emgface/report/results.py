@@ -28,7 +28,7 @@ FAILURES = (EmgfaceError, AnalysisError, SimulationError, StoredFailure, OSError
 
 
 @dataclass(frozen=True)
-class Trial:
+class ReportedTrial:
     """Stored results of one trial."""
 
     place: Place
@@ -63,7 +63,7 @@ class Results:
         """Cube with every further axis at its reference, the first label."""
         return reference_cube(self.cube)
 
-    def trial(self, place: Place, strategy: str) -> Trial:
+    def trial(self, place: Place, strategy: str) -> ReportedTrial:
         """Read the results of one trial from the store, or compute missing ones.
 
         Raises DataError if there is no such recording, and the errors of a stage that cannot be
@@ -83,7 +83,7 @@ class Results:
         motion = laboratory.predicted(recording, strategy, drive, label, extent, sigma_max)
         aligned = laboratory.aligned(recording, motion, label)
         scores = laboratory.scores(recording, aligned, motion, label)
-        return Trial(
+        return ReportedTrial(
             place,
             strategy,
             recording,

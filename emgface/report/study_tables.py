@@ -14,7 +14,7 @@ from analysis.listing import trials
 from analysis.sensitivity import choices_table, sensitivity
 from analysis.statistics.summary import statistics_table, study_statistics
 from analysis.tables import Table, report_tables
-from emgface.run.store import write_text
+from emgface.run.store import store_text
 from emgface.signals.montage import COMPLETE
 
 
@@ -35,7 +35,7 @@ class Report:
     statistics: dict[str, xr.Dataset] | None
 
 
-def write_report(cube: xr.Dataset, out: Path) -> Report:
+def write_tables(cube: xr.Dataset, out: Path) -> Report:
     """Write the tables of a cube as CSV, Markdown and LaTeX to the folder ``out/tables``.
 
     If choices were varied, the tables show their reference, and an additional table lists the
@@ -53,9 +53,9 @@ def write_report(cube: xr.Dataset, out: Path) -> Report:
         with suppress(AnalysisError):
             tables["choices"] = choices_table(sensitivity(cube))
     for name, table in tables.items():
-        write_text(folder / f"{name}.csv", table.csv())
-        write_text(folder / f"{name}.md", table.markdown())
-        write_text(folder / f"{name}.tex", table.latex())
+        store_text(folder / f"{name}.csv", table.csv())
+        store_text(folder / f"{name}.md", table.markdown())
+        store_text(folder / f"{name}.tex", table.latex())
     montage = str(base.attrs.get("montage", COMPLETE.sentence))
     if montage != COMPLETE.sentence:
         meaning = [f"The montage is incomplete: {montage}.", *meaning]

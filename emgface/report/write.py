@@ -25,7 +25,7 @@ from emgface.report.motion import moving_faces
 from emgface.report.results import Results, open_results
 from emgface.report.simulated import simulated_limits
 from emgface.report.study_tables import Report
-from emgface.run.store import write_text
+from emgface.run.store import store_text
 from sim.threads import one_blas_thread
 
 
@@ -54,14 +54,14 @@ def write_page(
     if page := kept.page(out, faces=faces):
         return page
     results = open_results(folder)
-    text = render(results, faces=faces, known=known, say=say)
+    text = render_report(results, faces=faces, known=known, say=say)
     if not results.notes:
         text = kept.keep_page(text, faces=faces)
-    write_text(out, text)
+    store_text(out, text)
     return Page(out, out.stat().st_size, results.notes)
 
 
-def render(
+def render_report(
     results: Results,
     *,
     faces: bool = True,
@@ -100,7 +100,7 @@ def render(
         "incisor_figure": figures.incisor_figure(results, incisor) if incisor else [],
         "formants": cells(table) if scored and (table := formant_table(cube)) else None,
         "formant_figure": figures.formant_figure(results) if scored else [],
-        "face_figures": figures.face_figure(results, *moving[:2]) if moving else [],
+        "face_figures": figures.scored_face_figure(results, *moving[:2]) if moving else [],
         "trial_figures": figures.trial_figures(results) if scored else [],
         "least_volunteers": LEAST_VOLUNTEERS,
         "choices": figures.choices_figure(results, change) if change is not None else [],

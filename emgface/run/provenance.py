@@ -27,7 +27,7 @@ CODE: Final = ("analysis", "emgface", "sim")
 
 
 @cache
-def environment() -> str:
+def computing_environment() -> str:
     """Describe the environment of this process as a JSON object.
 
     It contains ``emgface``, ``python``, ``packages`` (versions), ``blas`` (of numpy), ``platform``,

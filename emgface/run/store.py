@@ -28,7 +28,7 @@ from emgface.errors import DataError, StoreError
 from emgface.files import plain_files, replace_file, result_file
 from emgface.run.digest import canonical_json, code_version, file_digest, text_digest
 from emgface.run.objects import Objects
-from emgface.run.provenance import environment, now
+from emgface.run.provenance import computing_environment, now
 
 SCHEMA_VERSION = 1
 
@@ -62,7 +62,7 @@ class Result:
     """Stored dataset, its digest (the input of later stages) and its event.
 
     `computed` is the UTC date of its computation and `environment` describes its computation
-    (`emgface.run.provenance.environment`); both are empty if unknown.
+    (`emgface.run.provenance.computing_environment`); both are empty if unknown.
     """
 
     dataset: xr.Dataset
@@ -175,7 +175,7 @@ class Store:
             return str(error), None
         if index is None:
             return "", None
-        write_text(path.with_suffix(".json"), index)
+        store_text(path.with_suffix(".json"), index)
         return self._stored(path, key)
 
     def read(self, stage: str, digest: str) -> xr.Dataset | None:
@@ -192,7 +192,7 @@ class Store:
     ) -> None:
         own = path.with_name(f".{path.name}.{os.getpid()}.{os.urandom(4).hex()}.part")
         try:
-            write_netcdf(dataset, own)
+            store_netcdf(dataset, own)
             if damage_of(path, key) is None:
                 return  # another process has written the same result meanwhile
             _put(own, path, keep=not path.with_suffix(".json").exists())
@@ -207,9 +207,9 @@ class Store:
             "bytes": path.stat().st_size,
             "sha256": file_digest(path),
             "key": key,
-            "environment": json.loads(environment()),
+            "environment": json.loads(computing_environment()),
         }
-        write_text(path.with_suffix(".json"), json.dumps(index, indent=2) + "\n")
+        store_text(path.with_suffix(".json"), json.dumps(index, indent=2) + "\n")
 
 
 def damage_of(path: Path, key: Mapping[str, Any] | None = None) -> str | None:
@@ -278,7 +278,7 @@ def _load(path: Path) -> xr.Dataset:
     return dataset
 
 
-def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
+def store_netcdf(dataset: xr.Dataset, path: Path) -> None:
     """Write a dataset atomically: a reader finds the old or the complete new file.
 
     Raises StoreError if the folder cannot be written or netCDF cannot represent the dataset.
@@ -286,7 +286,7 @@ def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
     _replace(path, lambda temporary: dataset.to_netcdf(temporary, engine="netcdf4"))
 
 
-def write_text(path: Path, text: str) -> None:
+def store_text(path: Path, text: str) -> None:
     """Write a text file atomically; raises StoreError if the folder cannot be written."""
     _replace(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))
 
@@ -316,7 +316,7 @@ def add_owner(store: Path, study: Path) -> None:
     path = store / OWNERS / f"{text_digest(place)}.txt"
     if path.is_file():
         return
-    write_text(path, f"{place}\n")
+    store_text(path, f"{place}\n")
 
 
 def owners(store: Path) -> dict[Path, Path]:

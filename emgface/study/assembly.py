@@ -99,7 +99,7 @@ def montages(recordings: Sequence[Recording], parameters: MontageParameters) -> 
     )
 
 
-def described(
+def described_cube(
     attrs: Mapping[str, Any],
     *,
     name: str,
@@ -213,7 +213,7 @@ def write_cube(
 
     def attrs() -> dict[str, Any]:
         face = computed[0].laboratory
-        return described(
+        return described_cube(
             common | ({"world": intake.world} if intake.world else {}),
             name=study.name,
             face={

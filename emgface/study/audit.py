@@ -188,7 +188,7 @@ MEASURED: Final = ("run_time", "run_time_s")
 
 
 @dataclass(frozen=True)
-class Compared:
+class ComparedTrial:
     """Comparison of one trial: label, number of equal results, and one sentence per difference."""
 
     label: str
@@ -205,7 +205,7 @@ def reproduce(
     seed: int = 0,
     wanted: Sequence[str] = (),
     report: Callable[[str], None] = print,
-) -> list[Compared]:
+) -> list[ComparedTrial]:
     """Compute trials again in an empty store and compare all results with the stored ones.
 
     `count` trials are drawn with `seed`, or all of them if it is None. Results are equal if names,
@@ -229,7 +229,7 @@ def reproduce(
         return [_compared(one, fresh, store, cube) for one in planned]
 
 
-def _compared(one: Planned, fresh: Store, store: Path, cube: xr.Dataset | None) -> Compared:
+def _compared(one: Planned, fresh: Store, store: Path, cube: xr.Dataset | None) -> ComparedTrial:
     assert one.last is not None, "only computed trials are compared"
     laboratory, last = one.laboratory, one.last
     if last["key"] != one.key and last["sigma_max"] is not None:
@@ -260,7 +260,7 @@ def _compared(one: Planned, fresh: Store, store: Path, cube: xr.Dataset | None) 
             equal += 1
     found += [f"{stage['stage']}: it was not computed again" for stage in told]
     change = "" if cube is None else _change_of_cell(cube, trial, one.labels)
-    return Compared(one.label, equal, [*found, f"cube: {change}"] if change else found)
+    return ComparedTrial(one.label, equal, [*found, f"cube: {change}"] if change else found)
 
 
 def _change_of_cell(cube: xr.Dataset, trial: Trial, labels: Mapping[str, Label]) -> str:

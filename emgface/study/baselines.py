@@ -26,7 +26,7 @@ from emgface.run.journal import Entry
 from emgface.run.store import Result, Stage
 from emgface.study.against_baselines import Person, Recorded, compared
 from emgface.study.motions import StoredMotion, stored, stored_file
-from emgface.study.outcomes import Run
+from emgface.study.outcomes import StudyRun
 from emgface.study.stage_code import ALIGNED, SCORES
 from emgface.study.stages import Laboratory
 from emgface.study.table import PlannedTrial
@@ -77,7 +77,7 @@ def compute_baselines(
     planned: Sequence[PlannedTrial],
     entries: Mapping[tuple[str, str, int, str], Entry],
     extents: Mapping[str, Result],
-    run: Run,
+    run: StudyRun,
 ) -> dict[str, list[str]]:
     """Store the baselines of all trials, computed from stored motions; digests by volunteer.
 

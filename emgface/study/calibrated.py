@@ -21,7 +21,7 @@ from emgface.run.store import Result, Store
 from emgface.run.tasks import EXPECTED, OF_THE_MACHINE
 from emgface.signals.parameters import StrategyName
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.outcomes import Run
+from emgface.study.outcomes import StudyRun
 from emgface.study.stages import Laboratory, StoredFailure
 from emgface.study.table import PlannedTrial, Recording, load_recording
 
@@ -79,7 +79,7 @@ def stress_of(curves: Sequence[Curve]) -> float:
 
 
 def with_calibrated(
-    run: Run,
+    run: StudyRun,
     laboratory: Laboratory,
     trials: Sequence[PlannedTrial],
     extents: Mapping[str, Result],

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
-from analysis.formants import FORMANTS, INSTANTS, with_formants
+from analysis.formants import FORMANTS, INSTANTS, cube_with_formants
 from emgface.anatomy.airway import sound
 from emgface.anatomy.airway.area_function import lips_of_trial, tract_of, with_lips
 from emgface.face.lip_shape import has_mouth
@@ -14,7 +14,7 @@ from emgface.run.digest import dataset_digest
 from emgface.run.journal import Entry
 from emgface.run.store import Result, Stage
 from emgface.study.motions import StoredMotion, stored
-from emgface.study.outcomes import Run
+from emgface.study.outcomes import StudyRun
 from emgface.study.stages import Laboratory
 from emgface.study.table import PlannedTrial
 
@@ -40,7 +40,7 @@ def compute_formants(
     planned: Sequence[PlannedTrial],
     entries: Mapping[tuple[str, str, int, str], Entry],
     extents: Mapping[str, Result],
-    run: Run,
+    run: StudyRun,
 ) -> dict[tuple[str, str, int, str], str] | None:
     """Store the formants of every scored trial, if the study specifies a tract; digests by trial.
 
@@ -58,11 +58,11 @@ def compute_formants(
         for trial, place in zip(planned, places, strict=True)
         if entries[place].status == "ok"
     ]
-    found = run.computed(formants, laboratory, jobs, "formants")
+    found = run.computed(trial_formants, laboratory, jobs, "formants")
     return {(*job[0].place, job[0].strategy): one for job, one in zip(jobs, found, strict=True)}
 
 
-def formants(laboratory: Laboratory, job: tuple[PlannedTrial, Entry, Result | None]) -> str:
+def trial_formants(laboratory: Laboratory, job: tuple[PlannedTrial, Entry, Result | None]) -> str:
     """Store the formants of one trial and return their digest."""
     trial, entry, extent = job
     parameters = laboratory.study.tract
@@ -80,9 +80,9 @@ def formants(laboratory: Laboratory, job: tuple[PlannedTrial, Entry, Result | No
 def with_stored_formants(
     cube: xr.Dataset, laboratory: Laboratory, digests: Mapping[tuple[str, str, int, str], str]
 ) -> xr.Dataset:
-    """Add stored formants to the cube of their trials (`analysis.formants.with_formants`)."""
+    """Add stored formants to the cube of their trials (`analysis.formants.cube_with_formants`)."""
     assert laboratory.study.tract is not None, "a study with formants specifies a tract"
-    return with_formants(
+    return cube_with_formants(
         cube,
         {place: stored(laboratory, SOUND, digest) for place, digest in digests.items()},
         tract_of(laboratory.study.tract).attrs["assumptions"],

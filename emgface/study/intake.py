@@ -89,7 +89,7 @@ def take_in(
     read_label_map(configuration.mapping)
     listed = time.time()
     listed_files = candidates(configuration.folder)
-    files = [file_of(path) for path in listed_files if path.exists()]
+    files = [recorded_file(path) for path in listed_files if path.exists()]
     reader = reader_digest(configuration.mapping)
     known = {} if study is None else _known(study, reader, configuration.mapping)
     results: dict[File, Recording | EmgfaceError | None] = {
@@ -171,7 +171,7 @@ def _read(
     return found
 
 
-def file_of(path: Path) -> File:
+def recorded_file(path: Path) -> File:
     """Describe a file without opening it."""
     path = path.absolute()  # workers may have another working folder
     try:

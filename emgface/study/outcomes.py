@@ -26,8 +26,15 @@ from emgface.run.runner import Workers
 from emgface.run.store import Result, Store
 from emgface.run.tasks import Done, Job, Outcome, Task
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.stages import Laboratory, origin_of, run_trial
-from emgface.study.table import Place, PlannedTrial, Recording, as_recording, checked, place_of
+from emgface.study.stages import Laboratory, origin_of_trial, run_trial
+from emgface.study.table import (
+    Place,
+    PlannedTrial,
+    Recording,
+    as_recording,
+    checked_recording,
+    place_of,
+)
 
 
 def on_laboratory(
@@ -97,7 +104,7 @@ def _of_place(job: TrialJob) -> Hashable:
 
 def _lost(job: TrialJob, error: Exception) -> Judged:
     trial = job[0]
-    return Trial.failed(*trial.place, trial.strategy, error, origin=origin_of(trial)), False
+    return Trial.failed(*trial.place, trial.strategy, error, origin=origin_of_trial(trial)), False
 
 
 def _kept_face(store: Path, digest: str) -> xr.Dataset:
@@ -155,7 +162,7 @@ def _identified(path: Path) -> Recording | EmgfaceError | None:
     except EmgfaceError as error:
         return error
     try:
-        return as_recording(checked(given), path, _mapping)
+        return as_recording(checked_recording(given), path, _mapping)
     except DataError as lacking:
         return as_recording(given, path, _mapping, type(lacking)(f"{path.name}: {lacking}"))
 
@@ -199,7 +206,7 @@ Entries = dict[tuple[str, str, int, str], Entry]
 
 
 @dataclass
-class Run:
+class StudyRun:
     """Journal and execution of one run, and the outcomes of all its trials.
 
     `stopping` returns True if no further trial should begin; `variant` is the label of the present

@@ -25,7 +25,7 @@ from emgface.study.configuration import StudyConfiguration
 from emgface.study.file import variants
 from emgface.study.formants import compute_formants
 from emgface.study.intake import Intake, take_in, take_in_references
-from emgface.study.outcomes import Entries, Run, compute_trials
+from emgface.study.outcomes import Entries, StudyRun, compute_trials
 from emgface.study.stages import Laboratory
 from emgface.study.table import PlannedTrial, Recording, plan_trials
 from sim.described import Described
@@ -134,7 +134,7 @@ def run_study(
     journal = Journal(out, facts)
     for line in intake.read:
         journal.write("recording", **line)
-    run = Run(journal, StoredFiles(kept.folder), workers, observer, stopping)
+    run = StudyRun(journal, StoredFiles(kept.folder), workers, observer, stopping)
     computed: list[Computed] = []
     outcome = "failed"
     try:
@@ -173,7 +173,7 @@ def run_study(
 
 
 def _run_trials(
-    run: Run,
+    run: StudyRun,
     laboratory: Laboratory,
     trials: Sequence[PlannedTrial],
     extents: dict[str, Result],
@@ -216,7 +216,7 @@ def sigma_max_to_share(entries: Iterable[tuple[str, Entry]]) -> dict[str, float]
 
 
 def _through_stages(
-    run: Run,
+    run: StudyRun,
     laboratory: Laboratory,
     trials: Sequence[PlannedTrial],
     extents: dict[str, Result],
@@ -237,7 +237,7 @@ def _key(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None) -> 
 
 
 def feature_extents(
-    laboratory: Laboratory, intake: Intake, run: Run | None = None
+    laboratory: Laboratory, intake: Intake, run: StudyRun | None = None
 ) -> dict[str, Result]:
     """Range of the features per volunteer, if Eq. 8 does not use the range of the trial.
 

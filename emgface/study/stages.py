@@ -346,7 +346,7 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
     if trial.sigma_max is not None:
         laboratory = laboratory.lowered(trial.sigma_max)
     labels, laboratory = (*trial.place, trial.strategy), laboratory.of(trial.place[0])
-    recording, origin = trial.recording, origin_of(trial)
+    recording, origin = trial.recording, origin_of_trial(trial)
     if recording is None:
         return Trial(*labels, status="missing", reason="there is no recording of this trial")
     if recording.excluded:
@@ -366,7 +366,7 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
         known = {
             "sigma_max": float(attrs["sigma_max"]),
             "run_time": float(attrs["run_time_s"]),
-            "steps": steps_of(motion.dataset),
+            "steps": steps_of_motion(motion.dataset),
             "numerical_error": float(attrs.get("numerical_error", np.nan)),
             "motion": largest_motion(motion.dataset),
             "reduced": float(attrs.get("reduced", np.nan)),
@@ -398,7 +398,7 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
     return Trial(*labels, scores=scores.dataset, origin=origin, **known, **_provenance(stages))
 
 
-def origin_of(trial: PlannedTrial) -> Origin | None:
+def origin_of_trial(trial: PlannedTrial) -> Origin | None:
     """Origin of the recording of a trial, None without a recording."""
     if trial.recording is None:
         return None
@@ -415,7 +415,7 @@ def _provenance(stages: list[Result]) -> dict[str, Any]:
     }
 
 
-def steps_of(motion: xr.Dataset) -> float:
+def steps_of_motion(motion: xr.Dataset) -> float:
     """Number of time steps of a motion, including rejected ones if they were counted."""
     if "steps" in motion:
         return float(np.nansum(motion["steps"].values))

@@ -82,7 +82,9 @@ def plan_trials(recordings: Sequence[Recording], strategies: Sequence[str]) -> l
 def load_recording(path: Path, configuration: "RecordingsConfiguration") -> Recording:
     """Describe one recording as `take_in` does."""
     return as_recording(
-        checked(read_recording(path, mapping=configuration.mapping)), path, configuration.mapping
+        checked_recording(read_recording(path, mapping=configuration.mapping)),
+        path,
+        configuration.mapping,
     )
 
 
@@ -109,7 +111,7 @@ def as_recording(
 @lru_cache(maxsize=4)
 def _content(path: Path, mapping: Path | None, digest: str) -> xr.Dataset:
     try:
-        dataset = checked(read_recording(path, mapping=mapping))
+        dataset = checked_recording(read_recording(path, mapping=mapping))
     except EmgfaceError as error:
         raise RecordingChanged(
             f"{path.name} could be read when the study began, and now it cannot ({error}): make it "
@@ -123,7 +125,7 @@ def _content(path: Path, mapping: Path | None, digest: str) -> xr.Dataset:
     return dataset
 
 
-def checked(recording: xr.Dataset) -> xr.Dataset:
+def checked_recording(recording: xr.Dataset) -> xr.Dataset:
     """Check a recording for a study; the montage treats missing channels."""
     return validate(recording, "recording", study=True, partial=("channel",))
 

@@ -37,7 +37,7 @@ _ACROSS_WEDGE: Final = {
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class TissueColumns:
     """Columns of elements beneath the facets of the skin.
 
     `corner` (columns, 4) are the nodes of the facets, counter-clockwise from outside, with -1 in the
@@ -59,7 +59,7 @@ class Columns:
         return [int(n) for n in self.corner[column] if n >= 0]
 
 
-def columns_of(face: xr.Dataset, near: NDArray[np.bool_] | None = None) -> Columns:
+def columns_of(face: xr.Dataset, near: NDArray[np.bool_] | None = None) -> TissueColumns:
     """Find the columns of a face, or only those whose nodes of the skin are all in `near` (nodes,).
 
     Raises FaceError if the elements there are not layered: a facet of the skin is the side of a
@@ -91,7 +91,7 @@ def columns_of(face: xr.Dataset, near: NDArray[np.bool_] | None = None) -> Colum
         raise _not_layered(face, int(owner[0]), "columns have different numbers of layers")
     if not elements:
         raise FaceError("the face has no skin there, expected a place on the skin of the lips")
-    return Columns(np.array(corners), np.array(elements), stack)
+    return TissueColumns(np.array(corners), np.array(elements), stack)
 
 
 def _down(

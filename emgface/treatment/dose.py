@@ -47,7 +47,7 @@ DRAWN: Final = {
 
 
 @dataclass(frozen=True)
-class Setting:
+class DoseSetting:
     """Settings of all cases: seed of the random draws, resolution, movements, persons and stress."""
 
     seed: int = 2026
@@ -113,7 +113,7 @@ def cases_of_plan(persons: int, draws: int, plan: Plan) -> list[Case]:
     return whole + [Case(w.person, w.draw, "plan", 1.0, steps=steps) for w in whole]
 
 
-def drawn(draw: int, seed: int) -> dict[str, float]:
+def drawn_persons(draw: int, seed: int) -> dict[str, float]:
     """Values of the unknown parameters of a draw; empty for 0, the defaults."""
     if draw == 0:
         return {}
@@ -124,9 +124,9 @@ def drawn(draw: int, seed: int) -> dict[str, float]:
     }
 
 
-def plan_of(case: Case, setting: Setting, margin: float) -> Plan:
+def plan_of(case: Case, setting: DoseSetting, margin: float) -> Plan:
     """Plan of a case on a face whose margin of the lip has a length [m]."""
-    values = drawn(case.draw, setting.seed)
+    values = drawn_persons(case.draw, setting.seed)
     steps: list[dict[str, Any]] = []
     if values:
         steps.append({"kind": "change", "stiffness": values["stiffness"]})
@@ -157,7 +157,7 @@ def _person(seed: int, index: int, resolution: str) -> xr.Dataset:
     return volunteer_face(seed, index, resolution=resolution)[0]
 
 
-def computed(case: Case, setting: Setting) -> xr.Dataset:
+def computed(case: Case, setting: DoseSetting) -> xr.Dataset:
     """Outcomes of a case in their units; NaN where a movement fails, or all if the plan is refused.
 
     The attribute ``end`` is "reached", or contains the reason.
@@ -200,11 +200,11 @@ def _row(values: dict[str, float], end: str) -> xr.Dataset:
 
 @dataclass(frozen=True)
 class _Worker:
-    setting: Setting
+    setting: DoseSetting
     store: Store
 
 
-def _prepared(given: tuple[Setting, Path], report: Callable[[str], None]) -> _Worker:
+def _prepared(given: tuple[DoseSetting, Path], report: Callable[[str], None]) -> _Worker:
     setting, store = given
     return _Worker(setting, Store(store, report=report))
 
@@ -231,7 +231,7 @@ def _status(row: dict[str, Any]) -> tuple[str, str]:
 @one_blas_thread
 def dose_table(
     every: Iterable[Case],
-    setting: Setting,
+    setting: DoseSetting,
     folder: Path,
     *,
     workers: Any = 1,
@@ -259,7 +259,7 @@ def dose_table(
     return pd.DataFrame(rows)
 
 
-def changes(table: pd.DataFrame) -> pd.DataFrame:
+def changes_by_dose(table: pd.DataFrame) -> pd.DataFrame:
     """Change of every outcome from the untreated face of the same person and draw, in long form."""
     names = [c for c in table.columns if c not in (*AXES, "end")]
     whole = table[table["share"] == 0.0].set_index(["person", "draw"])[names]
@@ -269,7 +269,7 @@ def changes(table: pd.DataFrame) -> pd.DataFrame:
     return found.melt([*AXES], names, "outcome", "change")
 
 
-def cube_of(table: pd.DataFrame, setting: Setting) -> xr.Dataset:
+def cube_of(table: pd.DataFrame, setting: DoseSetting) -> xr.Dataset:
     """Cube of ``before``, ``after`` (axes, outcome) and ``end`` (axes)."""
     names = [c for c in table.columns if c not in (*AXES, "end")]
     cut = table[table["share"] > 0.0].set_index([*AXES])
@@ -287,9 +287,9 @@ def cube_of(table: pd.DataFrame, setting: Setting) -> xr.Dataset:
     )  # fmt: skip
 
 
-def intervals(table: pd.DataFrame) -> pd.DataFrame:
+def intervals_by_dose(table: pd.DataFrame) -> pd.DataFrame:
     """Median change and its 5 and 95 % over persons (draw 0) and over draws (mean over persons)."""
-    long = changes(table)
+    long = changes_by_dose(table)
     keys = ["shape", "share", "place", "rejoin", "outcome"]
     persons = long[long["draw"] == 0].groupby(keys, sort=False)["change"]
     drawn_means = long[long["draw"] > 0].groupby([*keys, "draw"], sort=False)["change"].mean()
@@ -318,7 +318,7 @@ def read_cases(path: Path) -> pd.DataFrame:
 
 def with_intervals(outcomes: pd.DataFrame, table: pd.DataFrame) -> pd.DataFrame:
     """Outcomes of one face with the intervals of the change in a table of the same plan."""
-    found = intervals(table).drop(columns=["n", "median"])
+    found = intervals_by_dose(table).drop(columns=["n", "median"])
     found = found.drop(columns=[axis for axis in AXES if axis in found])
     found = found.rename(columns={c: f"change, {c}" for c in found.columns if c != "outcome"})
     if found["outcome"].duplicated().any():
@@ -337,7 +337,7 @@ SHOWN: Final = (
 
 def dose_figure(table: pd.DataFrame) -> Figure:
     """Change of outcomes against the share removed: median, persons (band), parameters (bars)."""
-    found = intervals(table)
+    found = intervals_by_dose(table)
     units = {o.name: o.unit for o in OUTCOMES}
     shown = [name for name in SHOWN if found.loc[found["outcome"] == name, "median"].notna().any()]
     figure = Figure(figsize=(10.5, 6.2), layout="constrained")

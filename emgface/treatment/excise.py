@@ -12,14 +12,14 @@ from emgface.errors import FaceError
 from emgface.face.lip_shape import lip_rim
 from emgface.face.parts import FREE
 from emgface.face.quality import element_quality
-from emgface.treatment.columns import Chart, Columns, columns_of
+from emgface.treatment.columns import Chart, TissueColumns, columns_of
 from emgface.treatment.outline import Outline
-from emgface.treatment.pairing import chains, flat_tips, nearest_edges, paired
+from emgface.treatment.pairing import chains, flat_tips, nearest_edges, paired_surfaces
 from emgface.treatment.plane import (
+    CutSurface,
     Degenerate,
-    Surface,
     containing,
-    cut,
+    cut_by_plane,
     inverse_bilinear,
     triangulated,
 )
@@ -91,7 +91,7 @@ def excise(
             surface = _surface(face, outline.chart, columns)
             if snap is not None:
                 lines = list(outline.corners), list(outline.sides)
-                cut(surface, *lines, snap=snap, still=kept)
+                cut_by_plane(surface, *lines, snap=snap, still=kept)
             margin = np.union1d(rim.upper, rim.lower)
             return _opened(face, outline, columns, surface, margin, fans)
         except Degenerate as error:
@@ -102,7 +102,7 @@ def excise(
     )
 
 
-def _slit(face: xr.Dataset, outline: Outline, columns: Columns, method: str) -> Wound:
+def _slit(face: xr.Dataset, outline: Outline, columns: TissueColumns, method: str) -> Wound:
     """Cut that removes nothing, whose edges meet where they were.
 
     The tied edges have no gap, so that the displacement is continuous across the cut, and the elements
@@ -165,14 +165,14 @@ def near_nodes(face: xr.Dataset, outline: Outline, lip: str) -> NDArray[np.bool_
     return near & (away[0] <= away[1] + 1e-9)
 
 
-def _surface(face: xr.Dataset, chart: Chart, columns: Columns) -> Surface:
+def _surface(face: xr.Dataset, chart: Chart, columns: TissueColumns) -> CutSurface:
     """Cells of the skin that face the chart, with local numbers of vertices."""
     position = face["position"].values
     nodes = sorted(columns.stack)
     local = {n: k for k, n in enumerate(nodes)}
     stack = [position[list(columns.stack[n])].copy() for n in nodes]
     flat = list(chart.flat(position[nodes]))
-    surface = Surface(flat, stack, [], [])
+    surface = CutSurface(flat, stack, [], [])
     for k in range(len(columns.corner)):
         cell = [local[n] for n in columns.nodes(k)]
         if surface.area(cell) > 0.0:
@@ -186,8 +186,8 @@ def _surface(face: xr.Dataset, chart: Chart, columns: Columns) -> Surface:
 def _opened(
     face: xr.Dataset,
     outline: Outline,
-    columns: Columns,
-    surface: Surface,
+    columns: TissueColumns,
+    surface: CutSurface,
     margin: Integers,
     folded: frozenset[int],
 ) -> Wound:
@@ -204,7 +204,7 @@ def _opened(
         )
     edges = chains(surface, inside)
     at_margin = set(np.flatnonzero(np.isin(nodes, margin)).tolist())
-    pairs, aims = paired(surface, inside, edges, outline, at_margin)
+    pairs, aims = paired_surfaces(surface, inside, edges, outline, at_margin)
     depth = columns.layers if outline.layers is None else min(outline.layers, columns.layers)
     made = _Elements(face, columns, surface, nodes, outline.chart)
     fans = flat_tips(surface, inside, pairs)
@@ -230,8 +230,8 @@ class _Elements:
     def __init__(
         self,
         face: xr.Dataset,
-        columns: Columns,
-        surface: Surface,
+        columns: TissueColumns,
+        surface: CutSurface,
         nodes: list[int],
         chart: Chart,
     ) -> None:

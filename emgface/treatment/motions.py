@@ -33,7 +33,7 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class ComparedMotions:
     """Motions of an intact and a treated face, by the name of the movement.
 
     `words` describe every movement, `source` the activations, and `failed` the movements that could
@@ -102,7 +102,7 @@ def words_of(name: str, activation: xr.DataArray) -> str:
     return GESTURES[name][0] if activation.attrs.get("gesture") else INSTRUCTIONS[name]
 
 
-def compared(
+def compared_motions(
     intact: xr.Dataset,
     treated: xr.Dataset,
     activations: Mapping[str, xr.DataArray],
@@ -111,7 +111,7 @@ def compared(
     source: str,
     progress: Progress | None = None,
     store: Store | None = None,
-) -> Compared:
+) -> ComparedMotions:
     """Simulate both faces for every activation, with the same sigma_max in a movement.
 
     With a `store`, complete motions are kept there, and a repeated call computes only the others. A
@@ -166,4 +166,4 @@ def compared(
     if progress is not None:
         progress(len(activations), len(activations))
     words = {name: words_of(name, given) for name, given in activations.items()}
-    return Compared(found[0], found[1], words, source, failed)
+    return ComparedMotions(found[0], found[1], words, source, failed)

@@ -14,7 +14,7 @@ from emgface.acoustics.matrix import formants
 from emgface.face.lip_shape import lip_rim
 from emgface.face.surface import face_areas
 from emgface.muscles import LIP_MARKERS
-from emgface.treatment.motions import Compared
+from emgface.treatment.motions import ComparedMotions
 
 Floats = NDArray[np.float64]
 
@@ -184,7 +184,9 @@ OUTCOMES: Final = (
 FACTOR: Final = {"mm": 1e3, "mm2": 1e6, "1": 1.0, "Hz": 1.0}
 
 
-def outcome_table(intact: xr.Dataset, treated: xr.Dataset, motions: Compared) -> pd.DataFrame:
+def outcome_table(
+    intact: xr.Dataset, treated: xr.Dataset, motions: ComparedMotions
+) -> pd.DataFrame:
     """Table with ``outcome``, ``unit``, ``before``, ``after`` and ``change``; NaN where undefined.
 
     For every movement, amplitude ratio and rho of the treated to the intact face follow, medians over
@@ -206,7 +208,7 @@ def outcome_table(intact: xr.Dataset, treated: xr.Dataset, motions: Compared) ->
     return table
 
 
-def movement_table(motions: Compared) -> pd.DataFrame:
+def movement_table(motions: ComparedMotions) -> pd.DataFrame:
     """Agreement of each movement after with before the treatment: amplitude ratio and rho.
 
     Both are medians over the lip markers; the displacements from the start of each face are compared.

@@ -28,7 +28,7 @@ from emgface.pictures.encoding import (
 from emgface.pictures.page import as_json, cells, environment, policy, style, viewer_script
 from emgface.pictures.render import VIEWS
 from emgface.pictures.stills import body_figure
-from emgface.treatment.motions import Compared
+from emgface.treatment.motions import ComparedMotions
 from emgface.treatment.outcomes import OUTCOMES
 from emgface.treatment.outline import outline_of
 from emgface.treatment.plan import CUTS, NOT_VALIDATED, Plan
@@ -46,9 +46,12 @@ NO_SENSATION: Final = (
 
 
 def side_by_side(
-    intact: xr.Dataset, treated: xr.Dataset, motions: Compared, activations: dict[str, xr.DataArray],
+    intact: xr.Dataset,
+    treated: xr.Dataset,
+    motions: ComparedMotions,
+    activations: dict[str, xr.DataArray],
     folder: Path,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Surfaces and motions of both faces as data of the viewer."""
     names = list(motions.intact)
     bodies = [_drawn_plan(intact, treated, folder), _drawn_suture(treated)]
@@ -71,7 +74,7 @@ def side_by_side(
 
 
 def _trial(
-    name: str, motions: Compared, activation: xr.DataArray, centre: Floats
+    name: str, motions: ComparedMotions, activation: xr.DataArray, centre: Floats
 ) -> dict[str, Any]:
     pair = motions.intact[name], motions.treated[name]
     n = min(m.sizes["frame"] for m in pair)
@@ -176,7 +179,7 @@ def _drawn_suture(treated: xr.Dataset) -> Body:
     return body
 
 
-def states_of(treated: xr.Dataset, motions: Compared, names: tuple[str, ...]) -> Figure:
+def states_of(treated: xr.Dataset, motions: ComparedMotions, names: tuple[str, ...]) -> Figure:
     """Draw the treated face from three sides, at rest and at the largest displacement of movements."""
     body, skin = _drawn_suture(treated), skin_of(treated)
     shown: dict[str, NDArray[np.floating]] = {"closed wound": treated["position"].values[skin.node]}
@@ -201,7 +204,7 @@ def _table(frame: pd.DataFrame, title: str, note: str = "") -> dict[str, Any]:
 def compare_page(
     intact: xr.Dataset,
     treated: xr.Dataset,
-    motions: Compared,
+    motions: ComparedMotions,
     activations: dict[str, xr.DataArray],
     tables: tuple[pd.DataFrame, pd.DataFrame],
     *,

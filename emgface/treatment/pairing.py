@@ -9,14 +9,14 @@ from scipy.sparse.csgraph import dijkstra
 
 from emgface.errors import FaceError
 from emgface.treatment.outline import Outline
-from emgface.treatment.plane import Degenerate, Surface
+from emgface.treatment.plane import CutSurface, Degenerate
 
 Floats = NDArray[np.float64]
 
 MATCH: Final = 0.4  #: fraction of a segment within which nodes of both edges are paired as they are
 
 
-def chains(surface: Surface, inside: NDArray[np.bool_]) -> list[list[int]]:
+def chains(surface: CutSurface, inside: NDArray[np.bool_]) -> list[list[int]]:
     """Edges of the wound as chains of vertices, with the tissue on their left."""
     gone: set[tuple[int, int]] = set()
     for cell, out in zip(surface.cells, inside.tolist(), strict=True):
@@ -44,7 +44,7 @@ def chains(surface: Surface, inside: NDArray[np.bool_]) -> list[list[int]]:
     return chains
 
 
-def nearest_edges(surface: Surface, start: Floats, tip: Floats) -> list[int]:
+def nearest_edges(surface: CutSurface, start: Floats, tip: Floats) -> list[int]:
     """Vertices from the tip of a slit to the margin, along the edges of cells nearest to it."""
     counted = surface.edges()
     x = np.array(surface.flat)
@@ -76,8 +76,8 @@ def nearest_edges(surface: Surface, start: Floats, tip: Floats) -> list[int]:
     return path
 
 
-def paired(
-    surface: Surface,
+def paired_surfaces(
+    surface: CutSurface,
     inside: NDArray[np.bool_],
     chains: list[list[int]],
     outline: Outline,
@@ -115,7 +115,7 @@ def paired(
     return pairs, aims
 
 
-def _middle(surface: Surface, part: list[int], tip: Floats) -> int:
+def _middle(surface: CutSurface, part: list[int], tip: Floats) -> int:
     """Place of the tip in a chain: of the nodes about as close, the one nearest to half its length."""
     x = np.array([surface.flat[v] for v in part])
     length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(x, axis=0), axis=1)))
@@ -125,7 +125,7 @@ def _middle(surface: Surface, part: list[int], tip: Floats) -> int:
     return int(near[np.argmin(np.round(np.abs(length[near] / length[-1] - 0.5), 9))])
 
 
-def _aims(surface: Surface, pairs: list[tuple[int, int]]) -> Floats:
+def _aims(surface: CutSurface, pairs: list[tuple[int, int]]) -> Floats:
     """Positions (pairs, layers + 1, 3) at which the pairs of a suture meet [m].
 
     They lie on the line of the middles of the pairs, at the mean arc length along both edges, so that
@@ -147,7 +147,7 @@ def _aims(surface: Surface, pairs: list[tuple[int, int]]) -> Floats:
 
 
 def _matched(
-    surface: Surface, inside: NDArray[np.bool_], left: list[int], right: list[int]
+    surface: CutSurface, inside: NDArray[np.bool_], left: list[int], right: list[int]
 ) -> list[tuple[int, int]]:
     """Pairs along two edges of a wound from their common tip, by normalised arc length."""
 
@@ -185,7 +185,7 @@ def _matched(
 
 
 def _owners(
-    surface: Surface, inside: NDArray[np.bool_], arm: list[int]
+    surface: CutSurface, inside: NDArray[np.bool_], arm: list[int]
 ) -> dict[frozenset[int], int]:
     """Index of the piece of tissue at every edge of an arm."""
     wanted = {frozenset(pair) for pair in zip(arm[:-1], arm[1:], strict=True)}
@@ -199,7 +199,7 @@ def _owners(
 
 
 def _inserted(
-    surface: Surface, owners: dict[frozenset[int], int], a: int, b: int, share: float
+    surface: CutSurface, owners: dict[frozenset[int], int], a: int, b: int, share: float
 ) -> int:
     """Add a vertex on the edge from a to b of a piece."""
     piece = owners.pop(frozenset((a, b)))
@@ -214,7 +214,7 @@ def _inserted(
 
 
 def flat_tips(
-    surface: Surface, inside: NDArray[np.bool_], pairs: list[tuple[int, int]]
+    surface: CutSurface, inside: NDArray[np.bool_], pairs: list[tuple[int, int]]
 ) -> frozenset[int]:
     """Tips of the wound at which the corner of an element would become straight when it is closed.
 

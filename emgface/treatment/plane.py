@@ -25,7 +25,7 @@ class Degenerate(FaceError):
 
 
 @dataclass(eq=False)
-class Surface:
+class CutSurface:
     """Cells of a surface, vertices with coordinates in the chart and stacks, and parents.
 
     `flat` are the coordinates [m] and `stack` the positions (layers + 1, 3) [m] of every vertex. A
@@ -70,8 +70,8 @@ class Surface:
         return count
 
 
-def cut(
-    surface: Surface,
+def cut_by_plane(
+    surface: CutSurface,
     corners: list[Point],
     segments: list[tuple[Point, Point]],
     *,
@@ -93,7 +93,7 @@ def cut(
     _split(surface, ends)
 
 
-def _snap_corner(surface: Surface, at: Floats, rim: set[int], locked: set[int]) -> None:
+def _snap_corner(surface: CutSurface, at: Floats, rim: set[int], locked: set[int]) -> None:
     """Move the nearest vertex of the cell that contains a corner onto it."""
     here = containing(surface, at)
     if here is None:
@@ -117,7 +117,7 @@ def _snap_corner(surface: Surface, at: Floats, rim: set[int], locked: set[int]) 
     )
 
 
-def _around(surface: Surface) -> dict[int, list[int]]:
+def _around(surface: CutSurface) -> dict[int, list[int]]:
     """Cells at every vertex."""
     found: dict[int, list[int]] = {}
     for k, cell in enumerate(surface.cells):
@@ -127,7 +127,7 @@ def _around(surface: Surface) -> dict[int, list[int]]:
 
 
 def _moved(
-    surface: Surface, vertex: int, weights: dict[int, float], around: dict[int, list[int]]
+    surface: CutSurface, vertex: int, weights: dict[int, float], around: dict[int, list[int]]
 ) -> bool:
     """Move a vertex unless a cell would lose most of its area or become concave."""
     before = surface.flat[vertex], surface.stack[vertex]
@@ -142,13 +142,13 @@ def _moved(
     return good
 
 
-def _convex(surface: Surface, cell: list[int]) -> bool:
+def _convex(surface: CutSurface, cell: list[int]) -> bool:
     x = np.array([surface.flat[v] for v in cell])
     a, b = x - np.roll(x, 1, axis=0), np.roll(x, -1, axis=0) - x
     return bool((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0] > -1e-12).all())
 
 
-def containing(surface: Surface, at: Floats) -> int | None:
+def containing(surface: CutSurface, at: Floats) -> int | None:
     """Return the first cell that contains a point of the chart (2,), or None."""
     for k, cell in enumerate(surface.cells):
         x = np.array([surface.flat[v] for v in cell])
@@ -177,7 +177,7 @@ def inverse_bilinear(corners: Floats, at: Floats) -> Floats:
 
 
 def _crossings(
-    surface: Surface, segment: tuple[Floats, Floats], edges: NDArray[np.int64]
+    surface: CutSurface, segment: tuple[Floats, Floats], edges: NDArray[np.int64]
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Place on every edge (n, 2), place on the segment, and mask of the edges crossed inside."""
     a, b = segment
@@ -194,7 +194,7 @@ def _crossings(
 
 
 def _warp(
-    surface: Surface,
+    surface: CutSurface,
     segments: list[tuple[Floats, Floats]],
     rim: set[int],
     locked: set[int],
@@ -239,7 +239,7 @@ def on_segment(point: Floats, segment: tuple[Floats, Floats]) -> bool:
     return bool(np.linalg.norm(point - a - along * (b - a)) < ON)
 
 
-def _split(surface: Surface, segments: list[tuple[Floats, Floats]]) -> None:
+def _split(surface: CutSurface, segments: list[tuple[Floats, Floats]]) -> None:
     """Divide the cells along the segments."""
     edges = np.array(sorted(surface.edges()), dtype=np.int64)
     on: list[set[int]] = [
@@ -276,7 +276,7 @@ def _with_added(
 
 
 def _divided(
-    surface: Surface, piece: list[int], on: set[int], segment: tuple[Floats, Floats]
+    surface: CutSurface, piece: list[int], on: set[int], segment: tuple[Floats, Floats]
 ) -> list[list[int]]:
     """Divide a convex piece by the chord between two of its vertices on a segment, if any."""
     a, b = segment
@@ -296,7 +296,7 @@ def _divided(
 
 
 def triangulated(
-    surface: Surface, piece: list[int], fans: frozenset[int] = frozenset()
+    surface: CutSurface, piece: list[int], fans: frozenset[int] = frozenset()
 ) -> list[list[int]]:
     """Divide a piece into convex quadrilaterals and triangles with the largest smallest quality.
 

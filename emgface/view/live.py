@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from emgface.errors import DataError, SignalError
 from emgface.pictures.encoding import QUANTUM
 from emgface.reduced.live import CausalFeature, weights_of
-from emgface.reduced.stream import Source
+from emgface.reduced.stream import SignalSource
 from emgface.view.curves import Curves, curves_from
 from emgface.view.moving import Moved, Moving
 from emgface.view.server import Connection
@@ -72,7 +72,7 @@ class Sliders:
 
     def set(self, values: Any) -> None:
         """Set all sliders; DataError if the values are not one number in 0-1 for each muscle."""
-        self.wanted = levels_of(values, len(self._muscles))
+        self.wanted = slider_levels(values, len(self._muscles))
 
     def start(self) -> None:
         """Begin now."""
@@ -103,7 +103,11 @@ class Semg:
     """
 
     def __init__(
-        self, source: Source, muscles: Sequence[str], between: tuple[Floats, Floats], name: str
+        self,
+        source: SignalSource,
+        muscles: Sequence[str],
+        between: tuple[Floats, Floats],
+        name: str,
     ) -> None:
         self.name, self._source = name, source
         self._low, high = between
@@ -147,7 +151,7 @@ class Semg:
         return value, arrived, lost, note
 
 
-def levels_of(values: Any, count: int) -> Floats:
+def slider_levels(values: Any, count: int) -> Floats:
     """Activations (count,) of a message; DataError if they are not numbers in 0-1."""
     try:
         found = np.asarray(values, dtype=np.float64)

@@ -59,7 +59,7 @@ def live_page(
     }
     data = body_data(body_of(face, skin), rest)
     data |= {"markers": [str(m) for m in face["marker"].values], "live": live}
-    script = viewer_script(resource("live.js"))
+    script = viewer_script(view_resource("live.js"))
     return environment("emgface.view").get_template("live.html").render(
         title=str(face.attrs.get("name", "")) or "face",
         words=words,
@@ -67,7 +67,7 @@ def live_page(
         views=VIEWS,
         version=__version__,
         style=style(),
-        own_style=Markup(resource("live.css")),
+        own_style=Markup(view_resource("live.css")),
         script=Markup(script),
         policy=policy(script, connects=True),
     )  # fmt: skip
@@ -100,6 +100,6 @@ def stem_of(muscle: str) -> str:
     return stem if stem and side in ("L", "R") else muscle
 
 
-def resource(name: str) -> str:
+def view_resource(name: str) -> str:
     """Text of a file of this package's pages."""
     return packaged(f"page/{name}", "emgface.view")

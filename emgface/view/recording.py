@@ -20,7 +20,7 @@ from emgface.pictures.page import as_json, environment, policy, style
 from emgface.recordings.labels import LabelMap, read_label_map
 from emgface.signals.filters import bandpass, sampling_rate
 from emgface.signals.parameters import FilterParameters
-from emgface.view.page import resource
+from emgface.view.page import view_resource
 from emgface.view.pyramid import COLUMNS, GAP, as_data, bins_of, coarse_enough
 from emgface.view.server import Answer
 
@@ -35,10 +35,10 @@ MICROMETRES: Final = 50.0e-6  #: unit of the positions of markers in a page [m]
 def recording_page(recording: xr.Dataset) -> str:
     """Write the page of a recording as HTML without network requests."""
     name = str(recording.attrs.get("source", "")) or "recording"
-    return RecordingPage(recording, Path(name).name, findings_of(recording)).html()
+    return RecordingPage(recording, Path(name).name, findings_shown(recording)).html()
 
 
-def findings_of(recording: xr.Dataset) -> list[dict[str, Any]]:
+def findings_shown(recording: xr.Dataset) -> list[dict[str, Any]]:
     """Findings of `emgface.recordings.check` for the page."""
     from emgface.recordings.check import check_recording
     from emgface.recordings.findings import findings_in
@@ -100,7 +100,7 @@ class RecordingPage:
         """The page; with `served` it asks its server for details and saves the mapping there."""
         from emgface import __version__
 
-        script = resource("traces.js") + resource("recording.js")
+        script = view_resource("traces.js") + view_resource("recording.js")
         return environment("emgface.view").get_template("recording.html").render(
             title=self._name,
             badge=f"{self._recording.attrs.get('origin', 'measured')} recording",
@@ -108,7 +108,7 @@ class RecordingPage:
             data=as_json(self._data(served=served)),
             version=__version__,
             style=style(),
-            own_style=Markup(resource("live.css") + resource("recording.css")),
+            own_style=Markup(view_resource("live.css") + view_resource("recording.css")),
             script=Markup(script),
             policy=policy(script, connects=served),
         )  # fmt: skip

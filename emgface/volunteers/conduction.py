@@ -39,7 +39,7 @@ LIPS: Final = {"OOP": ("OOS", "OOI"), "OOM": ("OOS", "OOI")}
 
 
 @dataclass(frozen=True)
-class Source:
+class CurrentSource:
     """A population of motor units of a `muscle` (with side).
 
     `home` is the channel of the nearest electrodes by name; it distinguishes the two lips.
@@ -57,7 +57,7 @@ class Conduction:
     the middle of the fibre, along it, to the point nearest to the electrodes.
     """
 
-    sources: tuple[Source, ...]
+    sources: tuple[CurrentSource, ...]
     distance: np.ndarray
     along: np.ndarray
 
@@ -92,7 +92,7 @@ def face_conduction(face: xr.Dataset) -> Conduction:
     """Compute the paths from all sources to all electrodes of a face."""
     skin = _skin(face)
     sources = tuple(
-        Source(f"{muscle}_{side}", f"{home}_{side}")
+        CurrentSource(f"{muscle}_{side}", f"{home}_{side}")
         for side in SIDES
         for muscle in MODELLED
         for home in LIPS.get(muscle, (_home(muscle),))

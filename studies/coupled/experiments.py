@@ -14,7 +14,7 @@ import xarray as xr
 from scipy.spatial import KDTree
 
 from emgface.anatomy.head.model import Head
-from emgface.anatomy.head.sweep import Measure, Run, Setting, outcomes
+from emgface.anatomy.head.sweep import Measure, PlannedRun, Setting, outcomes
 from emgface.face.muscle_parameters import SIGMA_MAX
 from emgface.face.parts import facets_of
 from studies.mechanics.expressions import EXPRESSIONS, landmarks
@@ -31,34 +31,36 @@ class Experiment:
     """A sweep with its title and section, the columns of its table, and its figure."""
 
     title: str
-    runs: tuple[Run, ...]
+    runs: tuple[PlannedRun, ...]
     shown: tuple[str, ...]
     drawn: tuple[str, ...]
     setting: Setting = FACE
     measure: Measure = outcomes
 
 
-def _stiffening() -> Iterator[Run]:
+def _stiffening() -> Iterator[PlannedRun]:
     for factor, level in itertools.product((1.0, 3.0, 10.0, 20.0), (0.25, 0.5, 1.0)):
-        yield Run(
+        yield PlannedRun(
             f"factor {factor:g}, OOP {level:g}", {"bi_OOP": level}, {**LAW, "stiffening": factor}
         )
 
 
-def _shape() -> Iterator[Run]:
+def _shape() -> Iterator[PlannedRun]:
     rings = ("marginal", "intermediate", "peripheral")
     for layer, ring in itertools.product(("deep", "middle", "superficial"), rings):
-        yield Run(f"{ring} {layer}", {"bi_OOP": 0.5}, STIFF, rings={"OOP": f"{ring} {layer}"})
+        yield PlannedRun(
+            f"{ring} {layer}", {"bi_OOP": 0.5}, STIFF, rings={"OOP": f"{ring} {layer}"}
+        )
     for gaps in (0.2, 0.4):
         words = f"peripheral deep gaps={gaps}"
-        yield Run(words, {"bi_OOP": 0.5}, STIFF, rings={"OOP": words})
+        yield PlannedRun(words, {"bi_OOP": 0.5}, STIFF, rings={"OOP": words})
 
 
-def _teeth() -> Iterator[Run]:
+def _teeth() -> Iterator[PlannedRun]:
     pairs = {"teeth": ("lip-lip", "lips-teeth"), "no teeth": ("lip-lip",)}
     for factor, level, name in itertools.product((1.0, 10.0), (0.5, 1.0), pairs):
         values = {**LAW, "stiffening": factor}
-        yield Run(
+        yield PlannedRun(
             f"factor {factor:g}, OOP {level:g}, {name}",
             {"bi_OOP": level},
             values,
@@ -80,18 +82,20 @@ CLOSING: Final[Mapping[str, tuple[Mapping[str, float], Mapping[str, str]]]] = {
 OPENERS: Final = (0.0, 0.05, 0.1, 0.3)
 
 
-def _closing() -> Iterator[Run]:
+def _closing() -> Iterator[PlannedRun]:
     for (name, (drive, rings)), level in itertools.product(CLOSING.items(), OPENERS):
         jaw = {"bi_open": level} if level else {"bi_close": 0.02}
-        yield Run(
+        yield PlannedRun(
             f"{name}, openers {level:g}", {**drive, **jaw}, LAW, rings=rings, contacts=("lip-lip",)
         )
 
 
-def _expressions() -> Iterator[Run]:
+def _expressions() -> Iterator[PlannedRun]:
     for stiffness, (name, muscles) in itertools.product((1.0, 4.0), EXPRESSIONS.items()):
         drive = {f"bi_{muscle}": level for muscle, level in muscles.items()}
-        yield Run(f"{name}, skin x {stiffness:g}", drive, {**LAW, "skin.stiffness": stiffness})
+        yield PlannedRun(
+            f"{name}, skin x {stiffness:g}", drive, {**LAW, "skin.stiffness": stiffness}
+        )
 
 
 def moved_most(motion: xr.Dataset, head: Head) -> dict[str, Any]:
@@ -110,7 +114,7 @@ def moved_most(motion: xr.Dataset, head: Head) -> dict[str, Any]:
     }
 
 
-def _coupling() -> Iterator[Run]:
+def _coupling() -> Iterator[PlannedRun]:
     drives: dict[str, dict[str, float]] = {
         "rest": {},
         "GGP 0.5": {"bi_GGP": 0.5},
@@ -120,7 +124,7 @@ def _coupling() -> Iterator[Run]:
         "openers 0.2": {"bi_open": 0.2},
     }
     for name, drive in drives.items():
-        yield Run(name, drive, contacts=())
+        yield PlannedRun(name, drive, contacts=())
 
 
 LABIALS: Final[Mapping[str, Mapping[str, float]]] = {
@@ -140,10 +144,10 @@ OWN_LABIALS: Final[Mapping[str, Mapping[str, float]]] = {
 """Levels found by trial for the generated face; the closure has a superficial peripheral ring."""
 
 
-def _labials() -> Iterator[Run]:
+def _labials() -> Iterator[PlannedRun]:
     for name, levels in (LABIALS | OWN_LABIALS).items():
         rings = {"OOP": "peripheral superficial"} if name == "own closure" else {}
-        yield Run(name, {f"bi_{m}": level for m, level in levels.items()}, LAW, rings=rings)
+        yield PlannedRun(name, {f"bi_{m}": level for m, level in levels.items()}, LAW, rings=rings)
 
 
 MIDLINE: Final = 6e-3  #: largest distance from the midline of incisors, and of the lip at them [m]

@@ -8,7 +8,7 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
-from emgface.anatomy.head.sweep import Run, Setting, outcomes
+from emgface.anatomy.head.sweep import PlannedRun, Setting, outcomes
 from emgface.face.muscle_parameters import SIGMA_MAX
 from studies.coupled.experiments import FACE, LABIALS, LAW, STIFF, Experiment, with_teeth
 from studies.coupled.findings import Finding, Results, Value, every, labial_findings
@@ -25,34 +25,34 @@ generated coarse face of an adult [N]: 1 N per line there, otherwise 100 kPa on 
 elements over the length of the fibres."""
 
 
-def _faces() -> Iterator[Run]:
+def _faces() -> Iterator[PlannedRun]:
     for ring, factor in itertools.product(BACK, (1.0, 10.0)):
         words, law = {"OOP": ring}, {**LAW, "stiffening": factor}
-        yield Run(f"{ring}, factor {factor:g}", {"bi_OOP": 0.5}, law, rings=words)
+        yield PlannedRun(f"{ring}, factor {factor:g}", {"bi_OOP": 0.5}, law, rings=words)
     for factor in (1.0, 10.0):
         words, law = {"OOP": "peripheral superficial"}, {**STRONG, "stiffening": factor}
         name = f"strong ring, no teeth, factor {factor:g}"
-        yield Run(name, {"bi_OOP": 1.0}, law, rings=words, contacts=("lip-lip",))
+        yield PlannedRun(name, {"bi_OOP": 1.0}, law, rings=words, contacts=("lip-lip",))
     for ring in RINGS:
         words = {"OOP": f"{ring} superficial"}
-        yield Run(f"{ring} superficial, OOP 0.05", {"bi_OOP": 0.05}, STIFF, rings=words)
-    yield Run("rest", {}, LAW)
+        yield PlannedRun(f"{ring} superficial, OOP 0.05", {"bi_OOP": 0.05}, STIFF, rings=words)
+    yield PlannedRun("rest", {}, LAW)
     for name in ("closure", "fricative", "approximant"):
         levels = {
             f"bi_{m}": round(level * FORCES[m][0] / FORCES[m][1], 3)
             for m, level in LABIALS[name].items()
         }
-        yield Run(f"equal forces {name}", levels, LAW)
+        yield PlannedRun(f"equal forces {name}", levels, LAW)
         one = levels | {"bi_OOP": min(1.0, round(3.0 * levels["bi_OOP"], 3))}
         words = {"OOP": "peripheral middle"}
-        yield Run(f"middle layer {name}", one, LAW, rings=words)
+        yield PlannedRun(f"middle layer {name}", one, LAW, rings=words)
 
 
-def _open() -> Iterator[Run]:
+def _open() -> Iterator[PlannedRun]:
     for ring in RINGS:
         drive = {"bi_OOP": 0.5, "bi_open": 0.1}
         words = {"OOP": f"{ring} superficial"}
-        yield Run(f"{ring} superficial", drive, STIFF, rings=words, contacts=("lip-lip",))
+        yield PlannedRun(f"{ring} superficial", drive, STIFF, rings=words, contacts=("lip-lip",))
 
 
 def _explained(at: Results) -> Iterator[Finding]:

@@ -16,7 +16,7 @@ from emgface.anatomy.airway.area_function import (
     read_areas,
     with_lips,
 )
-from emgface.anatomy.airway.figure import write_figure
+from emgface.anatomy.airway.figure import write_sound_figure
 from emgface.anatomy.airway.muscles import formants_by_muscle
 from emgface.anatomy.airway.sections import centre_line, sections
 from emgface.anatomy.airway.sound import source_of, synthesise, with_formants, write_wave
@@ -203,7 +203,7 @@ def test_sound_files_and_figures(tmp_path):
     assert pressure == pytest.approx(sound["sound"].values, abs=1e-4 * sound.attrs["full_scale"])
     path = write_netcdf(sound, tmp_path / "a.nc", "sound")
     xr.testing.assert_allclose(read_netcdf(path, "sound")["sound"], sound["sound"])
-    assert write_figure(sound, tmp_path / "a.png", "a").stat().st_size > 10_000
+    assert write_sound_figure(sound, tmp_path / "a.png", "a").stat().st_size > 10_000
     again = synthesise(tract, str(tmp_path / "a.wav"), duration=0.05)
     assert float(np.abs(again["sound"]).max()) > 0.0
     silent = synthesise(tract, "folds", duration=0.02, lung=0.0)

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import brentq
 
 from benchmarks.acoustic_shapes import AH, EE, TABLE, tubes
-from emgface.acoustics import LOSSLESS, Branch, Medium, formants, lossless_formants, transfer
+from emgface.acoustics import LOSSLESS, LineBranch, Medium, formants, lossless_formants, transfer
 from emgface.acoustics.errors import AcousticsError
 
 
@@ -37,7 +37,7 @@ def test_a_branch_satisfies_the_closed_form_of_three_tubes():
     """S_b tan(k l_b) = S_f cot(k l_f) + S_n cot(k l_n) where three lossless tubes meet."""
     lb, lf, ln, Sb, Sf, Sn = 0.09, 0.08, 0.11, 3e-4, 5e-4, 2e-4
     areas = np.repeat([Sb, Sf], [9, 8])
-    branch = Branch(np.full(5, Sn), ln, lb)
+    branch = LineBranch(np.full(5, Sn), ln, lb)
 
     def equation(f):
         b, q, n = (2 * np.pi * f / 350.0 * length for length in (lb, lf, ln))
@@ -55,7 +55,7 @@ def test_a_branch_satisfies_the_closed_form_of_three_tubes():
 
 
 def test_a_closed_velum_leaves_the_formants_of_the_mouth():
-    branch = Branch(np.array([0.0, 2e-4, 3e-4]), 0.11, 0.085)
+    branch = LineBranch(np.array([0.0, 2e-4, 3e-4]), 0.11, 0.085)
     mouth, _ = formants(*AH)
     assert np.abs(formants(*AH, branch=branch)[0][:, None] - mouth).min(axis=0).max() < 0.5
 
@@ -125,4 +125,4 @@ def test_frequencies_and_branches_are_checked():
     with pytest.raises(AcousticsError, match="above 0"):
         transfer([0.0], *AH)
     with pytest.raises(AcousticsError, match="within the"):
-        transfer([100.0], *AH, branch=Branch(np.full(3, 1e-4), 0.1, 0.3))
+        transfer([100.0], *AH, branch=LineBranch(np.full(3, 1e-4), 0.1, 0.3))

@@ -9,7 +9,7 @@ import xarray as xr
 from analysis.cube import build_cube
 from analysis.errors import FigureError
 from analysis.figures import formant_plot
-from analysis.formants import INSTANTS, VARIABLES, formant_table, with_formants
+from analysis.formants import INSTANTS, VARIABLES, cube_with_formants, formant_table
 from analysis.listing import trials
 from analysis.trial import Trial
 from emgface.anatomy.airway import sound
@@ -19,7 +19,7 @@ from emgface.errors import StoreError
 from emgface.run.journal import Entry
 from emgface.run.store import Store
 from emgface.schema.validation import validate
-from emgface.study.formants import formants, formants_of, with_stored_formants
+from emgface.study.formants import formants_of, trial_formants, with_stored_formants
 from emgface.study.stage_code import MOTION
 from emgface.study.table import PlannedTrial
 
@@ -48,7 +48,7 @@ def cube(closing):
     )
     found = build_cube([trial], strategies=["act_all", "act_3"], origin="simulated")
     tract = ideal_vowel("u")
-    return with_formants(
+    return cube_with_formants(
         found, {PLACE: formants_of(closing, tract, 0.01)}, tract.attrs["assumptions"]
     )
 
@@ -74,7 +74,7 @@ def test_the_cube_reads_the_formants_that_a_worker_stored(closing, cube, tmp_pat
     tract = TractParameters(vowel="u", lips=0.01)
     laboratory = SimpleNamespace(store=store, study=SimpleNamespace(tract=tract))
     entry = Entry(tmp_path, 0, "ok", 3e5, False, (("motion", motion.digest, 0, 0),))
-    digest = formants(laboratory, (PlannedTrial(PLACE[:3], PLACE[3], None), entry, None))
+    digest = trial_formants(laboratory, (PlannedTrial(PLACE[:3], PLACE[3], None), entry, None))
     bare = cube.drop_vars([*VARIABLES, "formant", "instant"])
     bare.attrs.pop("tract")
     found = with_stored_formants(bare, laboratory, {PLACE: digest})

@@ -7,9 +7,9 @@ from benchmarks.acoustic_shapes import AH, EE, TABLE, tubes
 from emgface.acoustics import (
     LOSSLESS,
     SILENT,
-    Branch,
     Flow,
     Folds,
+    LineBranch,
     Medium,
     Turbulence,
     formants,
@@ -51,7 +51,7 @@ def test_frequencies_and_bandwidths_agree_with_the_matrix_method(tube):
 
 
 def test_a_nasal_branch_agrees_with_the_matrix_method():
-    branch = Branch(np.array([1.0, 2.0, 4.0, 2.0, 1.0]) * 1e-4, 0.11, 0.085)
+    branch = LineBranch(np.array([1.0, 2.0, 4.0, 2.0, 1.0]) * 1e-4, 0.11, 0.085)
     expected, width = formants(*AH, branch=branch)
     sharp = expected[(width < 250.0) & (expected < 3500.0)]
     assert len(sharp) > 3  # more formants than without the branch
@@ -166,7 +166,7 @@ def test_steps_beyond_the_courant_limit_are_refused():
         ({"sections": 1}, "at least 2"),
         ({"sections": 600}, "at most 503"),
         ({"source": Flow(np.array([np.nan]), 44_100.0)}, "finite samples"),
-        ({"branch": Branch(np.full(2, 1e-4), 0.1, 0.5)}, "within the tube"),
+        ({"branch": LineBranch(np.full(2, 1e-4), 0.1, 0.5)}, "within the tube"),
         ({"source": Folds(lung=np.inf)}, "lung pressure"),
         ({"source": Folds(m1=0.0)}, "positive constants"),
         ({"source": Folds(rest_area=0.05)}, "check its unit"),

@@ -17,7 +17,7 @@ from emgface.recordings.dataset import (
     readers,
     write_recording,
 )
-from emgface.recordings.folder import left_out, told
+from emgface.recordings.folder import left_out_files, told
 from emgface.recordings.inventory import inventory_table
 from emgface.study.configuration import RecordingsConfiguration
 from emgface.study.intake import take_in
@@ -71,7 +71,7 @@ def test_a_sidecar_of_any_encoding_keeps_its_recording(
     sidecar.write_bytes(SIDECAR.format("b.csv").encode(encoding))
     ((path, found),) = read_recordings(tmp_path)
     assert path == sidecar and isinstance(found, xr.Dataset)
-    assert not left_out(tmp_path)
+    assert not left_out_files(tmp_path)
 
 
 def test_a_damaged_sidecar_is_listed(tmp_path: Path) -> None:
@@ -92,7 +92,9 @@ def test_files_that_are_left_out_are_named(tmp_path: Path) -> None:
     (folder / "README.txt").write_text("what it is")
     (tmp_path / "more").mkdir()
     (folder / "linked").symlink_to(tmp_path / "more", target_is_directory=True)
-    found = {path.relative_to(folder).as_posix(): why for path, why in left_out(folder).items()}
+    found = {
+        path.relative_to(folder).as_posix(): why for path, why in left_out_files(folder).items()
+    }
     assert found == {
         ".d.nc": "hidden",
         "linked": "a link to a folder, which is not followed",

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import sim
 from emgface.anatomy.jaw.template import template_jaw
 from emgface.errors import FitError
-from emgface.fit.bones import fit_jaw, moved_jaw, points_of_jaw, surfaces_of, volume
+from emgface.fit.bones import fit_jaw, moved_jaw, points_of_jaw, surface_volume, surfaces_of
 from emgface.fit.registration import SmoothMap
 from emgface.fit.similarity import Similarity
 from tests.fit.conftest import MOTION
@@ -74,10 +74,10 @@ def test_surfaces_are_reached_and_masses_follow_their_volumes(fitted, jaw, own):
     assert (last < 0.5).all()
     generic, found, true = (surfaces_of(m) for m in (jaw, fitted.jaw, own))
     mass = fitted.jaw["body_mass"].sel(body="jaw").item()
-    ratio = volume(found["jaw"]) / volume(generic["jaw"])
+    ratio = surface_volume(found["jaw"]) / surface_volume(generic["jaw"])
     assert mass == pytest.approx(ratio * jaw["body_mass"].sel(body="jaw").item())
-    assert volume(found["jaw"]) == pytest.approx(volume(true["jaw"]), rel=0.03)
-    assert volume(found["hyoid"]) == pytest.approx(volume(true["hyoid"]), rel=0.03)
+    assert surface_volume(found["jaw"]) == pytest.approx(surface_volume(true["jaw"]), rel=0.03)
+    assert surface_volume(found["hyoid"]) == pytest.approx(surface_volume(true["hyoid"]), rel=0.03)
 
 
 def test_a_similarity_carries_every_quantity_in_closed_form(jaw):

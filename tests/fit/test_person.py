@@ -164,12 +164,12 @@ def test_command_and_function_give_the_same_face(tmp_path, generic, person):
 
 def test_an_interrupted_command_leaves_no_file(tmp_path, person, monkeypatch):
     from emgface.cli import app
-    from emgface.fit.mechanics import Tissue
+    from emgface.fit.mechanics import FitTissue
 
     def interrupt(*args, **kwargs):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Tissue, "settle", interrupt)
+    monkeypatch.setattr(FitTissue, "settle", interrupt)
     marks, _ = person.write(tmp_path)
     before = set(tmp_path.iterdir())
     done = CliRunner().invoke(

@@ -12,7 +12,12 @@ from scipy.spatial.transform import Rotation
 
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import Head, write_head
-from emgface.anatomy.head.recorded import Drive, excitation_of_head, move_as_recorded, score_head
+from emgface.anatomy.head.recorded import (
+    RecordedDrive,
+    excitation_of_head,
+    move_as_recorded,
+    score_head,
+)
 from emgface.anatomy.head.run import simulate_head
 from emgface.anatomy.jaw.series import ramps
 from emgface.choices import configure
@@ -102,7 +107,7 @@ def effort(recording: xr.Dataset) -> xr.Dataset:
 def test_levels_of_face_and_jaw_share_their_time(
     head: Head, recording: xr.Dataset, effort: xr.Dataset
 ) -> None:
-    drive = Drive(STUDY, "act_all", effort=[effort])
+    drive = RecordedDrive(STUDY, "act_all", effort=[effort])
     levels = excitation_of_head(recording, head, drive)
     peak = {name: levels.time[np.argmax(u)] for name, u in levels.values.items()}
     assert levels.recorded_start is not None
@@ -122,7 +127,7 @@ def test_levels_of_face_and_jaw_share_their_time(
 def test_recorded_motion_is_followed_and_scored(
     head: Head, recording: xr.Dataset, effort: xr.Dataset
 ) -> None:
-    drive = Drive(STUDY, "act_all", effort=[effort])
+    drive = RecordedDrive(STUDY, "act_all", effort=[effort])
     motion = move_as_recorded(recording, head, drive, step=1e-2)
     assert motion["time"].values[0] == 0.0 and motion.attrs["origin"] == "simulated"
     scores = score_head(recording, motion, head, drive)

@@ -19,7 +19,7 @@ from benchmarks.tongue import postures
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.outcomes import outcomes
 from emgface.anatomy.head.published import import_head
-from emgface.anatomy.head.run import activation_of, raised, simulate_head
+from emgface.anatomy.head.run import raised, scene_activation, simulate_head
 from emgface.anatomy.head.scene import TONGUE, head_scene
 from emgface.anatomy.tongue.actions import action_table
 from emgface.anatomy.tongue.parameters import variant
@@ -207,7 +207,7 @@ def palate() -> Results:
     free = np.unique(system.free // 3)
     for muscle, level in (("SL", 1.0), ("SL", 0.1), ("STY", 1.0)):
         levels = {"bi_GGP": 1.0, f"bi_{muscle}": level}
-        drive, _, _ = activation_of(head, system, raised(levels, jaw=False))
+        drive, _, _ = scene_activation(head, system, raised(levels, jaw=False))
         motion, end = sim.simulate(
             system, drive, duration=0.6, steps=sim.HalvingStep(1e-2), every=2e-2,
             integrator=sim.LinearlyImplicitEuler(), probes=(sim.Contacts(PAIRINGS),),

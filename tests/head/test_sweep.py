@@ -9,13 +9,17 @@ from typer.testing import CliRunner
 
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import Head, write_head
-from emgface.anatomy.head.sweep import Run, Setting, outcomes, read_plan, sweep
+from emgface.anatomy.head.sweep import PlannedRun, Setting, outcomes, read_sweep_plan, sweep
 from emgface.cli import app
 from emgface.errors import ConfigurationError, FaceError, HeadError
 from emgface.run.state import read_state
 
 JAW = Setting(parts=("jaw",), duration=0.08, rise=0.04, step=1e-2)
-RUNS = (Run("open", {"bi_open": 0.3}), Run("left", {"ip_L": 0.3}), Run("right", {"ip_R": 0.3}))
+RUNS = (
+    PlannedRun("open", {"bi_open": 0.3}),
+    PlannedRun("left", {"ip_L": 0.3}),
+    PlannedRun("right", {"ip_R": 0.3}),
+)
 
 
 @pytest.fixture(scope="module")
@@ -97,25 +101,28 @@ def test_rows_do_not_depend_on_the_number_of_workers(jaw: Head, tmp_path: Path) 
 def test_plan_of_a_command_and_its_refusals(jaw: Head, tmp_path: Path) -> None:
     plan, out = tmp_path / "plan.csv", tmp_path / "table.csv"
     plan.write_text("name,bi_open,contact,tongue.sigma_max,ring.OOP\na,0.3,none,2e5,\n,,,,deep\n")
-    first, second = read_plan(plan)
-    assert first == Run("a", {"bi_open": 0.3}, {}, {"sigma_max": 2e5}, {}, ())
-    assert second == Run("run 2", {}, {}, {}, {"OOP": "deep"}, None)
+    first, second = read_sweep_plan(plan)
+    assert first == PlannedRun("a", {"bi_open": 0.3}, {}, {"sigma_max": 2e5}, {}, ())
+    assert second == PlannedRun("run 2", {}, {}, {}, {"OOP": "deep"}, None)
     for text, words in (("bi_open\n3\n", "level from 0 to 1"), ("bi_open\n", "no rows")):
         plan.write_text(text)
         with pytest.raises(HeadError, match=words):
-            read_plan(plan)
+            read_sweep_plan(plan)
     with pytest.raises(HeadError, match="is not a plan"):
-        read_plan(tmp_path / "absent.csv")
+        read_sweep_plan(tmp_path / "absent.csv")
     for run, error, words in (
-        (Run("a", {"bi_nose": 0.1}), HeadError, "no exciter 'bi_nose'"),
-        (Run("a", {}, rings={"OOP": "deep"}), HeadError, "expected a generated head"),
-        (Run("a", {}, contacts=("lip-lip",)), HeadError, "no contact 'lip-lip'"),
-        (Run("a", {}, face={"stiff": 2.0}), ConfigurationError, "stiffening"),
+        (PlannedRun("a", {"bi_nose": 0.1}), HeadError, "no exciter 'bi_nose'"),
+        (PlannedRun("a", {}, rings={"OOP": "deep"}), HeadError, "expected a generated head"),
+        (PlannedRun("a", {}, contacts=("lip-lip",)), HeadError, "no contact 'lip-lip'"),
+        (PlannedRun("a", {}, face={"stiff": 2.0}), ConfigurationError, "stiffening"),
     ):
         with pytest.raises(error, match=words):
             sweep([run], JAW, head=jaw)
     with pytest.raises(FaceError, match="at least one layer"):
-        sweep([Run("a", {}, rings={"OOP": "marginal"})], Setting(parts=("face",), resolution=400))
+        sweep(
+            [PlannedRun("a", {}, rings={"OOP": "marginal"})],
+            Setting(parts=("face",), resolution=400),
+        )
     plan.write_text("bi_open\n0.3\n")
     head = write_head(jaw, tmp_path / "head.nc")
     options = ["--head", str(head), "--out", str(out), "--duration", "0.04", "--workers", "1"]

@@ -8,7 +8,7 @@ from analysis.tables import Table
 from emgface.anatomy.jaw.compared import Beside, beside
 from emgface.anatomy.jaw.recorded import SHIFT, in_skull_of, score_motion, simulated_recording
 from emgface.anatomy.jaw.run import run_task
-from emgface.anatomy.jaw.tasks import TASKS, Task
+from emgface.anatomy.jaw.tasks import TASKS, JawTask
 from emgface.anatomy.jaw.template import template_jaw
 from emgface.cli import app
 from emgface.recordings.dataset import write_recording
@@ -61,7 +61,7 @@ def test_a_driven_motion_is_not_matched_with_another_repetition(truth, recording
 
 def test_the_recorded_point_turns_with_the_head():
     """A point that was recorded relative to the skull is drawn where the turned skull carries it."""
-    motion = run_task(small_jaw(), Task("", 0.3, {"bi_all": [(0.0, 0.0)]}, head=15.0), step=5e-3)
+    motion = run_task(small_jaw(), JawTask("", 0.3, {"bi_all": [(0.0, 0.0)]}, head=15.0), step=5e-3)
     x = in_skull_of(motion, "lower_incisor")
     path = motion["position"].sel(marker=["lower_incisor"]).transpose("marker", "axis", "time")
     drawn = Beside(path.copy(data=x.T[None]), Table("", (), (), "")).at(motion)

@@ -7,10 +7,10 @@ import xarray as xr
 from typer.testing import CliRunner
 
 import sim
-from emgface.anatomy.jaw.outcomes import displacement, separation
+from emgface.anatomy.jaw.outcomes import point_displacement, separation
 from emgface.anatomy.jaw.run import run_task, simulate_jaw
 from emgface.anatomy.jaw.series import ramps, read_excitation, read_probe, read_probes
-from emgface.anatomy.jaw.tasks import TASKS, HeadTurn, Task, task_of
+from emgface.anatomy.jaw.tasks import TASKS, HeadTurn, JawTask, task_of
 from emgface.cli import app
 from emgface.cli.simulate import tell_motion
 from emgface.errors import FeatureWarning, JawError
@@ -121,17 +121,17 @@ def test_free_fall_ends_at_the_teeth_and_muscles_hold_the_weight():
     motion = simulate_jaw(jaw, drive, duration=0.1, step=5e-3)
     assert motion.attrs["origin"] == "simulated"
     for side in "LR":  # the teeth stay in contact, the jaw slides freely along them
-        assert np.abs(displacement(motion, f"bite_{side}")[:, 2]).max() < 1e-9
-    assert np.abs(displacement(motion, "lower_incisor")[:, 0]).max() < 1e-9
+        assert np.abs(point_displacement(motion, f"bite_{side}")[:, 2]).max() < 1e-9
+    assert np.abs(point_displacement(motion, "lower_incisor")[:, 0]).max() < 1e-9
     row = motion.sel(muscle="close_L")
     law = sim.Peck(10.0, stretch_max=1.3)
     rest = float(row["muscle_length"][0])
     _, expected, _ = law.evaluate(row["muscle_length"].values, rest, row["activation"].values)
     np.testing.assert_allclose(row["muscle_force"][-1], expected[-1], rtol=1e-3)
     open_ = simulate_jaw(jaw, ramps({"bi_all": [(0.0, 0.0)]}), duration=0.1, step=5e-3)
-    assert displacement(open_, "lower_incisor")[-1, 2] < -1.0
+    assert point_displacement(open_, "lower_incisor")[-1, 2] < -1.0
     pulled = run_task(jaw, TASKS["pull"], duration=0.1, step=5e-3)
-    drop = [displacement(m, "lower_incisor")[-1, 2] for m in (open_, pulled)]
+    drop = [point_displacement(m, "lower_incisor")[-1, 2] for m in (open_, pulled)]
     assert drop[1] < drop[0] - 0.5
     assert separation(open_)[-1] > 1.0
 
@@ -145,8 +145,10 @@ def test_rotation_of_the_head_lifts_the_front_and_is_removed_from_displacements(
     t = 2.0 * np.cross(r, chin)
     assert (position + chin + w * t + np.cross(r, t))[2] > chin[2] + 0.02
     np.testing.assert_allclose(turn(0.0)[0], 0.0, atol=1e-18)
-    motion = run_task(small_jaw(), Task("", 0.02, {"bi_all": [(0.0, 0.5)]}, head=15.0), step=5e-3)
-    assert np.abs(displacement(motion, "upper_incisor")).max() < 1e-9
+    motion = run_task(
+        small_jaw(), JawTask("", 0.02, {"bi_all": [(0.0, 0.5)]}, head=15.0), step=5e-3
+    )
+    assert np.abs(point_displacement(motion, "upper_incisor")).max() < 1e-9
 
 
 def test_command_moves_a_jaw_by_a_table(tmp_path):

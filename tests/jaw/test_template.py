@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from emgface.anatomy.jaw.outcomes import displacement, interincisal, outcome, separation
+from emgface.anatomy.jaw.outcomes import interincisal, outcome, point_displacement, separation
 from emgface.anatomy.jaw.run import run_task, simulate_jaw
 from emgface.anatomy.jaw.series import ramps
 from emgface.anatomy.jaw.tasks import TASKS
@@ -72,8 +72,8 @@ def test_symmetric_drive_moves_symmetrically(jaw):
         jaw, ramps({"bi_ad": [(0.0, 0.0), (0.1, 0.6)], "bi_ip": [(0.0, 0.4)]}), duration=0.25
     )
     for name in ("lower_incisor", "hyoid", "thyroid"):
-        assert np.abs(displacement(motion, name)[:, 0]).max() < 1e-9
-    left, right = (displacement(motion, f"condyle_{s}") for s in "LR")
+        assert np.abs(point_displacement(motion, name)[:, 0]).max() < 1e-9
+    left, right = (point_displacement(motion, f"condyle_{s}") for s in "LR")
     assert np.abs(left * MIRROR - right).max() < 1e-9
     assert right[-1, 1] > 3.0
 
@@ -135,14 +135,14 @@ def test_steps_too_long_for_the_muscles_are_refused(jaw):
     ):
         run_task(jaw, TASKS["effort"], step=25e-3)
     motion = run_task(jaw, TASKS["effort"], step=1e-2)
-    assert np.linalg.norm(displacement(motion, "lower_incisor"), axis=1).max() < 25.0
+    assert np.linalg.norm(point_displacement(motion, "lower_incisor"), axis=1).max() < 25.0
 
 
 @pytest.mark.parametrize("law", ["hill", "pennate", "spring"])
 def test_laws_are_exchangeable(jaw, law):
     motion = simulate_jaw(jaw, ramps({"bi_ad": [(0.0, 0.5)]}), duration=0.1, law=law, step=2.5e-3)
     assert motion.attrs["law"] == law
-    assert displacement(motion, "lower_incisor")[-1, 2] < -1.0
+    assert point_displacement(motion, "lower_incisor")[-1, 2] < -1.0
     assert np.isfinite(motion["muscle_force"].values).all()
 
 
@@ -180,7 +180,7 @@ def test_norms_are_complete_and_impossible_measures_refused():
 def test_the_generated_jaw_chews(preset):
     """It opens, returns along the side of the morsel, which it crushes, and closes."""
     motion = run_task(template_jaw(preset=preset), TASKS["chew"], step=5e-3, check=False)
-    d, apart = displacement(motion, "lower_incisor"), separation(motion)
+    d, apart = point_displacement(motion, "lower_incisor"), separation(motion)
     k, aside = int(np.argmin(d[:, 2])), int(np.argmax(np.abs(d[:, 0])))
     assert 12.0 < -d[k, 2] < 25.0
     assert -10.0 < d[aside, 0] < -3.0  # the morsel is on the left, at negative x

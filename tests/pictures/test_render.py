@@ -8,7 +8,7 @@ from emgface.pictures.render import (
     VIEWS,
     Window,
     axes_of,
-    nearest,
+    nearest_layer,
     normals,
     project,
     render,
@@ -81,14 +81,14 @@ def test_the_nearest_triangle_is_seen_and_neighbours_share_no_pixel() -> None:
     points = np.array([[0, 0], [8, 0], [8, 8], [0, 8], [0, 0], [4, 0], [4, 8], [0, 8.0]])
     depth = np.array([0, 0, 0, 0, 1, 1, 1, 1.0])
     triangle = np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
-    pixel, face, weight = nearest(points, depth, triangle, (8, 8))
+    pixel, face, weight = nearest_layer(points, depth, triangle, (8, 8))
     assert sorted(pixel) == [*range(64)]
     column = pixel % 8
     assert (face[column < 4] >= 2).all() and (face[column >= 4] < 2).all()
     np.testing.assert_allclose(weight.sum(axis=1), 1.0)
     at = np.einsum("pk,pkd->pd", weight, points[triangle[face]])
     np.testing.assert_allclose(at, np.stack([column + 0.5, pixel // 8 + 0.5], axis=1), atol=1e-12)
-    outside, _, _ = nearest(points - 100.0, depth, triangle, (8, 8))
+    outside, _, _ = nearest_layer(points - 100.0, depth, triangle, (8, 8))
     assert len(outside) == 0
 
 

@@ -16,11 +16,11 @@ from emgface.face.file import save_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS, RELEVANT
 from emgface.reduced import training
-from emgface.reduced.live import LiveFace, heard, live, summary
+from emgface.reduced.live import LiveFace, heard, live, live_summary
 from emgface.reduced.model import ReducedFace, parameters_of
 from emgface.reduced.motion import simulate_reduced
 from emgface.reduced.parameters import ReductionParameters
-from emgface.reduced.plan import Drive, random_drives, training_plan
+from emgface.reduced.plan import TrainingDrive, random_drives, training_plan
 from emgface.reduced.stream import Played
 from emgface.reduced.study_plan import study_drives
 from emgface.run.store import Store
@@ -42,7 +42,7 @@ def short(muscles, *_, **__):
     ):
         level = np.where(right, a, b)
         values = np.array([0.0 * level, level, level])
-        drives.append(Drive(str(k), "training" if k < 3 else "calibration", time, values))
+        drives.append(TrainingDrive(str(k), "training" if k < 3 else "calibration", time, values))
     return drives
 
 
@@ -57,14 +57,14 @@ def face(coarse) -> xr.Dataset:
     ids=lambda error: type(error).__name__,
 )
 def test_a_drive_that_fails_is_repeated_with_a_weaker_one(failure, monkeypatch) -> None:
-    def moved(_, drive: Drive, every: float) -> xr.Dataset:
+    def moved(_, drive: TrainingDrive, every: float) -> xr.Dataset:
         if drive.values.max() > 0.7:
             raise failure
         return xr.Dataset(attrs={"largest": float(drive.values.max())})
 
     monkeypatch.setattr(training.FullOrder, "_motion", moved)
     full = object.__new__(training.FullOrder)
-    drive = Drive("a", "training", np.array([0.0, 1.0]), np.ones((2, 1)))
+    drive = TrainingDrive("a", "training", np.array([0.0, 1.0]), np.ones((2, 1)))
     motion = full.motion(drive, 0.01)
     assert motion.attrs["scale"] == motion.attrs["largest"] == pytest.approx(0.64)
     assert full.motion(drive.scaled(10.0), 0.01).attrs["scale"] == 0.0
@@ -327,7 +327,7 @@ def test_a_live_face_moves_as_one_that_is_simulated_with_the_same_activation(fac
     between = heard(recording, 0.01, reduced.model.system.muscles)
     frames = list(live(source, reduced, between, seconds=0.1, step=0.01))
     log = pd.DataFrame([row for _, _, row in frames])
-    found = summary(log, 0.01)
+    found = live_summary(log, 0.01)
     assert found["frames"] == 10 and found["late frames"] == 0 and now[0] == pytest.approx(0.1)
     values = np.array([0.0 * frames[0][0], *(a for a, _, _ in frames)])
     assert values.max() > 0.05

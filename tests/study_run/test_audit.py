@@ -18,7 +18,7 @@ from emgface.run.digest import file_digest
 from emgface.run.lines import lines, run_files, written
 from emgface.run.retention import export, unused_files
 from emgface.run.state import read_state
-from emgface.run.store import write_netcdf
+from emgface.run.store import store_netcdf
 from emgface.study.audit import explain, reproduce
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.run import run_study
@@ -179,7 +179,7 @@ def test_reproduce_passes_and_detects_a_planted_change(folder: Path) -> None:
     path = store / "motion" / f"{digest}.nc"
     motion = xr.load_dataset(path, decode_times=False).drop_encoding()
     motion["position"][2, 1, 5] += 1e-9
-    write_netcdf(motion, path)
+    store_netcdf(motion, path)
     index = json.loads(path.with_suffix(".json").read_text())
     index |= {"bytes": path.stat().st_size, "sha256": file_digest(path)}
     path.with_suffix(".json").write_text(json.dumps(index))

@@ -12,7 +12,7 @@ from analysis.sensitivity import choices_table, sensitivity
 from emgface.choices import configure
 from emgface.errors import ConfigurationError
 from emgface.report.results import open_results
-from emgface.report.write import render
+from emgface.report.write import render_report
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.file import load_study, study_template, variants
@@ -138,7 +138,7 @@ def test_cube_has_the_axes_as_dims(varied: Path) -> None:
 
 
 def test_report_shows_what_choices_change(varied: Path) -> None:
-    text = render(open_results(varied), faces=False)
+    text = render_report(open_results(varied), faces=False)
     assert 'id="figure-choices"' in text and "as_printed" in text
     assert "There is one strategy, act_rel; there is no comparison." in text
 

@@ -180,7 +180,7 @@ def test_a_trial_stage_by_stage_gives_the_scores_of_the_study(
     # Unchanged, the tables are those that were kept, and require no statistics.
     with monkeypatch.context() as patched:
         patched.setattr(
-            "emgface.report.study_tables.write_report", lambda *_: pytest.fail("computed")
+            "emgface.report.study_tables.write_tables", lambda *_: pytest.fail("computed")
         )
         again = run("report", tmp_path / "study")
         assert again.exit_code == 0 and again.stdout == report.stdout

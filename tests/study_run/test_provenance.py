@@ -14,7 +14,7 @@ from emgface import __version__
 from emgface.face.file import load_face
 from emgface.report import provenance as shown
 from emgface.report.results import open_results
-from emgface.report.write import render
+from emgface.report.write import render_report
 from emgface.run import provenance, store
 from emgface.run.digest import dataset_digest
 from emgface.schema.netcdf import read_netcdf
@@ -34,15 +34,15 @@ def made(laboratory: Path, tmp_path_factory):
 
 def another_version(monkeypatch, **changes) -> None:
     """Replace the environment reported by the store."""
-    other = json.loads(provenance.environment()) | {"emgface": "9.9"} | changes
-    monkeypatch.setattr(store, "environment", lambda: json.dumps(other))
+    other = json.loads(provenance.computing_environment()) | {"emgface": "9.9"} | changes
+    monkeypatch.setattr(store, "computing_environment", lambda: json.dumps(other))
 
 
 def test_the_cube_states_its_computing_environment(made) -> None:
     cube = read_netcdf(made.path, "cube")
     listed = json.loads(cube.attrs["environments"])
     (name,) = set(cube["computed_with"].values.flat)
-    assert listed == {name: json.loads(provenance.environment())}
+    assert listed == {name: json.loads(provenance.computing_environment())}
     one = listed[name]
     assert one["emgface"] == __version__ and one["packages"]["numpy"] == np.__version__
     assert {"blas", "platform", "processor", "python", "settings", "code"} <= set(one)
@@ -54,11 +54,11 @@ def test_the_cube_states_its_computing_environment(made) -> None:
 
 def test_the_threads_of_element_loops_are_no_other_environment(monkeypatch) -> None:
     """They change no bit of a result, and differ between a process and its workers."""
-    before = provenance.environment()
+    before = provenance.computing_environment()
     monkeypatch.setenv(
         "NUMBA_NUM_THREADS", "1" if os.environ.get("NUMBA_NUM_THREADS") != "1" else "2"
     )
-    assert provenance.environment.__wrapped__() == before
+    assert provenance.computing_environment.__wrapped__() == before
 
 
 def test_the_cube_states_recordings_face_and_conventions(made, laboratory: Path) -> None:
@@ -108,7 +108,7 @@ def test_the_version_is_stored_per_trial_of_a_resumed_study(
     results = open_results(out)
     table = shown.mixture(results.cube)
     assert table is not None and len(table.rows) == 2
-    page = text_of(render(results, faces=False))
+    page = text_of(render_report(results, faces=False))
     assert "2 different environments (emgface of versions" in page
     assert "Trials by computing environment".lower() in page.lower()
 
@@ -119,7 +119,7 @@ def test_the_report_states_the_versions_of_cube_and_page(
     """A report by a later version states both versions."""
     monkeypatch.setattr(shown, "__version__", "7.7")
     results = open_results(made.path.parent)
-    page = text_of(render(results, faces=False))
+    page = text_of(render_report(results, faces=False))
     computed, written = page.split("Environment of the cube")[1].split("Environment of this report")
     assert f"emgface {__version__}" in computed and "7.7" not in computed
     assert "emgface 7.7" in written
@@ -137,7 +137,7 @@ def test_the_store_states_date_and_version(tmp_path: Path) -> None:
 
     path = stored().path.with_suffix(".json")
     known = json.loads(path.read_text())
-    assert known["environment"] == json.loads(provenance.environment())
+    assert known["environment"] == json.loads(provenance.computing_environment())
     assert known["written"].endswith("Z")
     del known["environment"]
     path.write_text(json.dumps(known))

@@ -33,7 +33,7 @@ from emgface.report.kept import study_folder
 from emgface.report.methods import methods
 from emgface.report.results import Results, open_results, representative
 from emgface.report.simulated import simulated_limits
-from emgface.report.write import render, write_page
+from emgface.report.write import render_report, write_page
 from emgface.run.lines import lines, run_files
 from emgface.schema.netcdf import write_netcdf
 from emgface.study.configuration import StudyConfiguration
@@ -190,7 +190,7 @@ def test_a_planted_difference_is_found_and_no_other_is_claimed() -> None:
 def alone(cube: xr.Dataset, folder: Path) -> str:
     """Words of the report of a cube without configuration."""
     write_netcdf(cube, folder / "cube.nc", "cube")
-    return text_of(render(open_results(folder)))
+    return text_of(render_report(open_results(folder)))
 
 
 def test_empty_cube(tmp_path: Path) -> None:
@@ -429,7 +429,7 @@ def test_a_page_is_rendered_again_only_after_a_change(
         drawn.append(faces)
         return '<div id="motions">' if faces else "<div>"
 
-    monkeypatch.setattr(write, "render", counted)
+    monkeypatch.setattr(write, "render_report", counted)
     copy = tmp_path / "copy.html"
     assert write_page(page.parent, copy).size == page.stat().st_size
     assert copy.read_bytes() == page.read_bytes()

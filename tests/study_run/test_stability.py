@@ -10,7 +10,7 @@ import xarray as xr
 import sim
 from analysis.cube import build_cube
 from emgface.face.stability import NOTICED, rounding_sensitivity, stability_warning
-from emgface.report.study_tables import write_report
+from emgface.report.study_tables import write_tables
 from tests.analysis.synthetic_cubes import results
 from tests.verification.test_rounding import buckled, column
 
@@ -61,9 +61,9 @@ def test_the_warning_names_times_and_size_and_is_silent_where_nothing_changes() 
 def test_the_summary_of_a_study_names_scored_trials_that_rounding_decides(tmp_path: Path) -> None:
     trials = results()
     scored = next(k for k, trial in enumerate(trials) if trial.status == "ok")
-    before = write_report(build_cube(trials), tmp_path).failures
+    before = write_tables(build_cube(trials), tmp_path).failures
     trials[scored] = replace(trials[scored], reason="the motion there depends on rounding")
-    after = write_report(build_cube(trials), tmp_path).failures
+    after = write_tables(build_cube(trials), tmp_path).failures
     one = trials[scored]
     label = f"{one.volunteer} {one.instruction} {one.repetition} {one.strategy}"
     assert [told for told in after if told not in before] == [

@@ -23,7 +23,7 @@ from emgface.signals.parameters import SignalChain
 from emgface.signals.truth import true_activation_of
 from emgface.study.configuration import RecordingsConfiguration
 from emgface.study.intake import take_in
-from emgface.volunteers.conduction import NEAR, VELOCITY, Conduction, Source, face_conduction
+from emgface.volunteers.conduction import NEAR, VELOCITY, Conduction, CurrentSource, face_conduction
 from emgface.volunteers.emg import draw_pools, synthesise_emg
 from emgface.volunteers.instructions import strongest_muscle
 from emgface.volunteers.mismatch import draw_mismatch, world_parameters
@@ -277,7 +277,7 @@ def test_recruitment_departs_from_the_table_in_each_person() -> None:
 
 
 def one_source(distance: float, along: float) -> Conduction:
-    sources = tuple(Source("MEN_L", channel) for channel in CHANNELS)
+    sources = tuple(CurrentSource("MEN_L", channel) for channel in CHANNELS)
     far = np.full((14, 14), 0.2)
     np.fill_diagonal(far, NEAR)
     ways = np.zeros((14, 14))

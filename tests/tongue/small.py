@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 import sim
-from emgface.anatomy.tongue.actions import raised
+from emgface.anatomy.tongue.actions import raised_muscles
 from emgface.anatomy.tongue.model import build_tongue
 from emgface.anatomy.tongue.run import simulate_tongue
 from emgface.face.parts import Bundle, Fibre
@@ -55,7 +55,7 @@ def small_tongue(n: int = 3, **changes: object) -> xr.Dataset:
 
 @cache
 def _motion() -> xr.Dataset:
-    return simulate_tongue(small_tongue(1), raised("bi_GGP", duration=0.02), duration=0.02)
+    return simulate_tongue(small_tongue(1), raised_muscles("bi_GGP", duration=0.02), duration=0.02)
 
 
 def small_tongue_motion() -> xr.Dataset:

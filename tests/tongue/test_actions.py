@@ -1,6 +1,6 @@
 """Actions of the muscles of the published tongue, with its variants, and stored shapes."""
 
-from emgface.anatomy.tongue.actions import action, raised
+from emgface.anatomy.tongue.actions import action, raised_muscles
 from emgface.anatomy.tongue.parameters import variant
 from emgface.anatomy.tongue.run import simulate_tongue
 
@@ -8,7 +8,7 @@ STEP = 0.02  # s
 
 
 def moved(tongue, *muscles, name="elements", level=0.3):
-    excitation = raised(*muscles, level=level, duration=0.4)
+    excitation = raised_muscles(*muscles, level=level, duration=0.4)
     p = variant(name, gravity=False)
     motion = simulate_tongue(tongue, excitation, duration=0.4, parameters=p, step=STEP, output=0.1)
     return action(motion)

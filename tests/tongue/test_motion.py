@@ -6,10 +6,10 @@ from typer.testing import CliRunner
 
 import sim
 from emgface.anatomy.jaw.series import ramps
-from emgface.anatomy.tongue.actions import action, raised
+from emgface.anatomy.tongue.actions import action, raised_muscles
 from emgface.anatomy.tongue.parameters import variant
 from emgface.anatomy.tongue.run import simulate_tongue
-from emgface.anatomy.tongue.scene import activation_of, segment_forces, tongue_scene
+from emgface.anatomy.tongue.scene import segment_forces, tongue_activation, tongue_scene
 from emgface.cli import app
 from emgface.errors import JawError, TongueError
 from emgface.face.parts import Bundle, Fibre
@@ -32,7 +32,7 @@ def test_forces_of_segments_follow_the_volume_around_them():
 def test_a_muscle_that_leaves_the_mesh_pulls_at_its_end_towards_the_bone(name):
     tongue = small_tongue()
     system = system_of(name, tongue, sigma_max=1e-9, stiffening=1.0)
-    values = activation_of(tongue, system, np.array([[0.0, 0.5]]))[0]
+    values = tongue_activation(tongue, system, np.array([[0.0, 0.5]]))[0]
     f = system.force(system.mesh.X, system.control(values)).f
     end = int(tongue["fibre_node"][5])
     along = np.array([0.0, SIZE, SIZE]) / np.hypot(SIZE, SIZE)
@@ -72,7 +72,7 @@ def test_a_motion_is_labelled_and_survives_its_file(tmp_path):
     tongue = small_tongue()
     motion = simulate_tongue(
         tongue,
-        raised("bi_GGP", duration=0.2),
+        raised_muscles("bi_GGP", duration=0.2),
         duration=0.2,
         parameters=variant("elements"),
         output=0.05,
@@ -91,7 +91,7 @@ def test_a_motion_is_labelled_and_survives_its_file(tmp_path):
 def test_lines_keep_the_volume_of_every_element():
     motion = simulate_tongue(
         small_tongue(),
-        raised("bi_GGP", level=0.03, duration=0.1),
+        raised_muscles("bi_GGP", level=0.03, duration=0.1),
         duration=0.1,
         parameters=variant("lines", gravity=False),
     )
@@ -125,7 +125,7 @@ def test_what_cannot_be_simulated_is_refused():
     with pytest.raises(TongueError, match="no variant 'strong', expected one of elements, lines"):
         variant("strong")
     with pytest.raises(JawError, match="no exciter is called 'GGP'"):
-        simulate_tongue(small_tongue(), raised("GGP"), duration=0.1)
+        simulate_tongue(small_tongue(), raised_muscles("GGP"), duration=0.1)
     along = np.array([[0.5, 0.5, 0.5], [0.5, 2.5, 0.5]]) * SIZE
     forward = np.array([[0.0, 1.0, 0.0]])
     inside = small_tongue(

@@ -13,11 +13,11 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.run.store import Store
 from emgface.treatment import dose
 from emgface.treatment import motions as of_motions
-from emgface.treatment.motions import compared, gestures
+from emgface.treatment.motions import compared_motions, gestures
 from emgface.treatment.outcomes import CLOSED, LIPS, OUTCOMES, TRACT, formant_of_lips
 from emgface.treatment.plan import Plan
 
-SETTING = dose.Setting(movements=(), contact=False)
+SETTING = dose.DoseSetting(movements=(), contact=False)
 
 
 def invented(case, setting):
@@ -46,9 +46,9 @@ def table(monkeypatch, tmp_path):
 
 
 def test_changes_are_from_the_same_person_and_draw(table):
-    own = dose.changes(table).query("outcome == 'mouth width'")
+    own = dose.changes_by_dose(table).query("outcome == 'mouth width'")
     np.testing.assert_allclose(own["change"], -10.0 * own["share"] + 2.0 * (own["draw"] > 0))
-    found = dose.intervals(table).query("outcome == 'mouth width' and shape == 'V'")
+    found = dose.intervals_by_dose(table).query("outcome == 'mouth width' and shape == 'V'")
     np.testing.assert_allclose(found["median"], [-1.0, -4.0])
     np.testing.assert_allclose(found["parameters 95 %"], [1.0, -2.0])
 
@@ -96,10 +96,10 @@ def test_a_case_is_treated_and_an_impossible_one_is_refused_with_its_reason():
 
 
 def test_draws_differ_and_the_default_has_none():
-    assert dose.drawn(0, 1) == {}
+    assert dose.drawn_persons(0, 1) == {}
     seed = SETTING.seed
-    one, two = dose.drawn(1, seed), dose.drawn(2, seed)
-    assert one != two and dose.drawn(1, seed) == one
+    one, two = dose.drawn_persons(1, seed), dose.drawn_persons(2, seed)
+    assert one != two and dose.drawn_persons(1, seed) == one
     for name, (low, high) in dose.DRAWN.items():
         assert low <= one[name] <= high
     plan = dose.plan_of(dose.Case(1, 1, "V", 0.2), SETTING, 50e-3)
@@ -128,14 +128,14 @@ def test_an_interrupted_comparison_continues(coarse, tmp_path, monkeypatch):
     weak = ef.treat(coarse, {"step": [{"kind": "palsy", "degree": 0.5}]})
     drives = gestures(coarse, ("A",))
     store = Store(tmp_path)
-    first = compared(coarse, weak, drives, p, source="", store=store)
+    first = compared_motions(coarse, weak, drives, p, source="", store=store)
 
     def fails(*given, **named):
         raise AssertionError("a stored motion is not simulated again")
 
     monkeypatch.setattr(of_motions, "simulate_face", fails)
-    again = compared(coarse, weak, drives, p, source="", store=store)
+    again = compared_motions(coarse, weak, drives, p, source="", store=store)
     xr.testing.assert_equal(first.treated["A"], again.treated["A"])
     with pytest.raises(AssertionError):  # another face is computed
-        compared(coarse, coarse, drives, p.model_copy(update={"sigma_max": 6e4}), source="",
+        compared_motions(coarse, coarse, drives, p.model_copy(update={"sigma_max": 6e4}), source="",
                  store=store)  # fmt: skip

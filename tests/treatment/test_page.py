@@ -9,7 +9,7 @@ from PIL import Image
 import emgface as ef
 from emgface.choices import configure
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.treatment.motions import compared, gestures
+from emgface.treatment.motions import compared_motions, gestures
 from emgface.treatment.outcomes import movement_table, outcome_table
 from emgface.treatment.pages import compare_page, states_of
 from emgface.treatment.plan import NOT_VALIDATED
@@ -26,7 +26,7 @@ def made(coarse):
     step = {"kind": "wedge", "place": 0.42, "width": 12.0, "height": 11.0}
     treated = ef.treat(coarse, {"name": "<b>V</b>", "step": [step]})
     drives = gestures(coarse, ("A",))
-    motions = compared(coarse, treated, drives, QUICK, source="Gestures.")
+    motions = compared_motions(coarse, treated, drives, QUICK, source="Gestures.")
     tables = outcome_table(coarse, treated, motions), movement_table(motions)
     return coarse, treated, motions, drives, tables
 
@@ -53,7 +53,7 @@ def test_outcomes_are_those_of_the_faces(made):
     assert 1.0 < row["before"] - row["after"] < 12.0
     assert np.isnan(outcomes.set_index("outcome").loc["lip opening", "after"])
     assert 0.5 < movements.iloc[0]["rho"] <= 1.0
-    own = compared(coarse, coarse, gestures(coarse, ("A",)), QUICK, source="")
+    own = compared_motions(coarse, coarse, gestures(coarse, ("A",)), QUICK, source="")
     same = movement_table(own).iloc[0]
     assert same["rho"] == pytest.approx(1.0) and same["amplitude ratio"] == pytest.approx(1.0)
 

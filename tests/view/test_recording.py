@@ -19,7 +19,7 @@ from emgface.schema.netcdf import write_netcdf
 from emgface.signals.filters import bandpass
 from emgface.signals.parameters import FilterParameters
 from emgface.view.pyramid import BUDGET, GAP, bins_of, coarse_enough
-from emgface.view.recording import RecordingPage, findings_of, recording_page
+from emgface.view.recording import RecordingPage, findings_shown, recording_page
 from emgface.view.server import LocalServer
 from tests.browser import needs_browser, started, until
 from tests.data.made_recordings import emg, noise
@@ -185,7 +185,7 @@ def test_marks_of_the_page_reach_every_command(stored, recording, browser, tmp_p
     """A channel is marked in the browser, the mapping saved; `activate` and a study use it."""
     target, given = tmp_path / "mapping.toml", read_label_map({"volunteer": "V7"})
     data = read_recording(stored, mapping=given)
-    page = RecordingPage(data, "trial", findings_of(data), target, given)
+    page = RecordingPage(data, "trial", findings_shown(data), target, given)
     server = LocalServer(
         page.html(served=True), get={"span": page.span}, post={"mapping": page.save}
     )

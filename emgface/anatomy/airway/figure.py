@@ -75,6 +75,6 @@ def _formants(panel: Any, data: xr.Dataset) -> list[Any]:
     return lines
 
 
-def write_figure(data: xr.Dataset, path: Path, title: str) -> Path:
+def write_sound_figure(data: xr.Dataset, path: Path, title: str) -> Path:
     """Write the figure of `draw_sound`."""
     return save(draw_sound(data, title), path, dpi=130)

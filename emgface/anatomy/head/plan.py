@@ -14,7 +14,7 @@ from emgface.texts import open_text
 
 
 @dataclass(frozen=True)
-class Run:
+class PlannedRun:
     """One row of a sweep."""
 
     name: str
@@ -45,7 +45,7 @@ class Setting:
     gravity: bool = True
 
 
-def labels(run: Run) -> dict[str, Any]:
+def labels(run: PlannedRun) -> dict[str, Any]:
     """Columns that describe a run, as those of a plan."""
     contacts = {} if run.contacts is None else {"contact": " ".join(run.contacts) or "none"}
     return {
@@ -58,7 +58,7 @@ def labels(run: Run) -> dict[str, Any]:
     }
 
 
-def read_plan(path: str | Path) -> tuple[Run, ...]:
+def read_sweep_plan(path: str | Path) -> tuple[PlannedRun, ...]:
     """Runs of a CSV table, one per row.
 
     Columns are exciters with their levels, ``name``, ``contact`` (pairs with spaces between, or
@@ -78,7 +78,7 @@ def read_plan(path: str | Path) -> tuple[Run, ...]:
     return tuple(_run(row, k) for k, row in enumerate(table.to_dict("records"), start=1))
 
 
-def _run(row: Mapping[Any, Any], number: int) -> Run:
+def _run(row: Mapping[Any, Any], number: int) -> PlannedRun:
     kinds: dict[str, dict[str, Any]] = {"face": {}, "tongue": {}, "ring": {}, "": {}}
     name, contacts = f"run {number}", None
     for column, value in row.items():
@@ -96,7 +96,7 @@ def _run(row: Mapping[Any, Any], number: int) -> Run:
     for exciter, level in kinds[""].items():
         if not isinstance(level, (int, float)) or not 0.0 <= level <= 1.0:
             raise HeadError(f"row {number}: {exciter} = {level}, expected a level from 0 to 1")
-    return Run(name, kinds[""], kinds["face"], kinds["tongue"], kinds["ring"], contacts)
+    return PlannedRun(name, kinds[""], kinds["face"], kinds["tongue"], kinds["ring"], contacts)
 
 
 def nested(values: Mapping[str, Any]) -> dict[str, Any]:

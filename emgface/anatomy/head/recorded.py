@@ -29,7 +29,7 @@ SETTLING = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class RecordedDrive:
     """Recordings that determine the levels of a head."""
 
     study: StudyConfiguration = field(
@@ -43,7 +43,9 @@ class Drive:
     silent in the recording is amplified to full range."""
 
 
-def excitation_of_head(recording: xr.Dataset, head: Head, drive: Drive | None = None) -> Excitation:
+def excitation_of_head(
+    recording: xr.Dataset, head: Head, drive: RecordedDrive | None = None
+) -> Excitation:
     """Levels of the muscles of face and jaw from one recording, from time 0 of the activation.
 
     Activations are those of `emgface.signals.activation.activation_of`, excitations of the jaw
@@ -51,7 +53,7 @@ def excitation_of_head(recording: xr.Dataset, head: Head, drive: Drive | None = 
     jaw at rest. Raises HeadError if the head lacks face or jaw, or the recording a channel of the
     jaw.
     """
-    given = drive or Drive()
+    given = drive or RecordedDrive()
     require_face_and_jaw(head)
     if not has_jaw(map(str, recording["channel"].values) if "emg" in recording else ()):
         raise HeadError(
@@ -83,7 +85,7 @@ def activation_of_head(
     Those of the jaw follow their channels, normalised by the range of the recording itself.
     """
     study = StudyConfiguration(signals=chain)
-    levels = _with_jaw(activation["activation"], recording, head, Drive(study))
+    levels = _with_jaw(activation["activation"], recording, head, RecordedDrive(study))
     given, _ = levels.activation(head.lists)
     of_face = {str(m) for m in activation["muscle"].values}
     others = [str(m) for m in given["muscle"].values if str(m) not in of_face]
@@ -101,7 +103,7 @@ def activation_of_head(
 
 
 def _with_jaw(
-    activation: xr.DataArray, recording: xr.Dataset, head: Head, given: Drive
+    activation: xr.DataArray, recording: xr.Dataset, head: Head, given: RecordedDrive
 ) -> Excitation:
     """Levels of the muscles of the face and of the exciters of the jaw, from time 0."""
     jaw = excitation_in(excitation_of(recording, given.study.signals, reference=given.effort))
@@ -124,7 +126,7 @@ def _with_jaw(
 def move_as_recorded(
     recording: xr.Dataset,
     head: Head,
-    drive: Drive | None = None,
+    drive: RecordedDrive | None = None,
     *,
     step: float = STEP,
     progress: Callable[[int, int], None] | None = None,
@@ -134,7 +136,7 @@ def move_as_recorded(
     Tissue, muscles and contact of the face are those of the study; step and solver are not, because
     a moving jaw requires linearly implicit steps.
     """
-    given = drive or Drive()
+    given = drive or RecordedDrive()
     levels = excitation_of_head(recording, head, given)
     simulation = given.study.simulation
     scene = head_scene(head, face=simulation, gravity=simulation.gravity)
@@ -223,10 +225,10 @@ def trajectory_of_head(
 
 
 def score_head(
-    recording: xr.Dataset, motion: xr.Dataset, head: Head, drive: Drive | None = None
+    recording: xr.Dataset, motion: xr.Dataset, head: Head, drive: RecordedDrive | None = None
 ) -> xr.Dataset:
     """Align the measured lip markers, and the lower incisor if it was recorded, and score each."""
-    plan = (drive or Drive()).study
+    plan = (drive or RecordedDrive()).study
     lips = motion.sel(marker=list(LIP_MARKERS))
     measured = measured_during(recording, lips, head.parts["face"], plan.signals.head_frame)
     aligned = align(

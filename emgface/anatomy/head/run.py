@@ -89,7 +89,7 @@ def simulate_head(
         )
     parts = scene or head_scene(head, face=face, tongue=tongue, law=law, gravity=gravity)
     system = parts.system
-    drive, given, negative = activation_of(head, system, excitation)
+    drive, given, negative = scene_activation(head, system, excitation)
     motion, _ = sim.simulate(
         system,
         drive,
@@ -124,7 +124,7 @@ def simulate_head(
     return validate(motion, "head_motion")
 
 
-def activation_of(
+def scene_activation(
     head: Head, system: sim.System, excitation: Excitation
 ) -> tuple[sim.Activation, xr.DataArray, float]:
     """Activation of the muscles of the scene and of the head, and the clipped excitation."""
@@ -182,7 +182,7 @@ def read_motion(path: str | Path) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
 __all__ = [
     "OUTPUT",
     "STEP",
-    "activation_of",
+    "scene_activation",
     "probes",
     "raised",
     "read_motion",

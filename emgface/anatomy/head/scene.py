@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 import sim
 from emgface.anatomy.head.model import Head
-from emgface.anatomy.head.tissues import Tissue, join
+from emgface.anatomy.head.tissues import HeadTissue, joined_tissues
 from emgface.anatomy.jaw.scene import JawScene, jaw_scene
 from emgface.anatomy.tongue.parameters import TongueParameters
 from emgface.anatomy.tongue.scene import TonguePart, tongue_part
@@ -85,15 +85,15 @@ def head_scene(
     p = (face or SimulationParameters()).model_copy(update={"gravity": False})
     own = p.model_copy(update={"contact": p.contact.model_copy(update={"method": "none"})})
     parts, first, n = head.parts, dict[str, int](), 0
-    tissues = list[Tissue]()
+    tissues = list[HeadTissue]()
     if "face" in parts:
         scene = compose_scene(parts["face"], own)
-        tissues.append(Tissue(scene.mesh, scene.terms, scene.damping, scene.constraints))
+        tissues.append(HeadTissue(scene.mesh, scene.terms, scene.damping, scene.constraints))
         first["face"], n = n, n + scene.mesh.n_nodes
     part: TonguePart | None = None
     if "tongue" in parts:
         part = tongue_part(parts["tongue"], tongue, before=n)
-        tissues.append(Tissue(part.mesh, part.terms, part.damping, part.constraints))
+        tissues.append(HeadTissue(part.mesh, part.terms, part.damping, part.constraints))
         first["tongue"], n = n, n + part.mesh.n_nodes
     points = [np.empty((0, 3)) if part is None else part.points]
     n += len(points[0])
@@ -107,7 +107,7 @@ def head_scene(
     teeth, surfaces = _teeth(head, bodies, n)
     members: list[Member] = [*_attached(head, part, first, bodies), *teeth[1]]
     points.append(teeth[0])
-    whole = join(tissues, DAMPING[p.damping_tangent])
+    whole = joined_tissues(tissues, DAMPING[p.damping_tangent])
     terms: list[Term] = list(whole.terms)
     pairings = _pairings(head, first, surfaces)
     if pairings and p.contact.method != "none":

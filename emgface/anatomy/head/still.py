@@ -24,7 +24,7 @@ HALF = {"front": "front", "left": "left", "right": "right: the inside"}
 def jaw_model_figure(jaw: xr.Dataset) -> "Figure":
     """Draw bones and line muscles of a jaw_model; without surfaces of the bones, its muscles."""
     bodies = tuple(str(name) for name in jaw["body"].values)
-    rest = at_rest({"jaw": jaw}).assign(drawn(jaw, bodies))
+    rest = head_at_rest({"jaw": jaw}).assign(drawn(jaw, bodies))
     if "surface_position" not in jaw:
         rest = rest.assign(
             surface_position=(("vertex", "axis"), np.zeros((0, 3))),
@@ -43,16 +43,18 @@ def tongue_model_figure(tongue: xr.Dataset) -> "Figure":
     """Draw the left half of a tongue_model with the fibres of both halves."""
     parts = {"tongue": tongue}
     return _figure(
-        head_geometry(at_rest(parts), parts), tongue.attrs["name"], "left half, fibres", HALF
+        head_geometry(head_at_rest(parts), parts), tongue.attrs["name"], "left half, fibres", HALF
     )
 
 
 def head_model_figure(lists: xr.Dataset, parts: Parts) -> "Figure":
     """Draw the left half of a head_model: skin, bones, teeth, tongue and muscles."""
-    return _figure(head_geometry(at_rest(parts), parts), lists.attrs["name"], "left half", HALF)
+    return _figure(
+        head_geometry(head_at_rest(parts), parts), lists.attrs["name"], "left half", HALF
+    )
 
 
-def at_rest(parts: Parts) -> xr.Dataset:
+def head_at_rest(parts: Parts) -> xr.Dataset:
     """Positions of tissues and bodies of models at rest, as a motion with one output."""
     tissues = [name for name in parts if name != "jaw"]
     nodes = [parts[name]["position"].values for name in tissues]
@@ -89,4 +91,4 @@ def _figure(geometry: Drawn, name: str, what: str, views: Mapping[str, str]) -> 
     return figure
 
 
-__all__ = ["at_rest", "head_model_figure", "jaw_model_figure", "tongue_model_figure"]
+__all__ = ["head_at_rest", "head_model_figure", "jaw_model_figure", "tongue_model_figure"]

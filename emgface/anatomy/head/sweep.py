@@ -13,7 +13,7 @@ import sim
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import Head, read_head, write_head
 from emgface.anatomy.head.outcomes import Measure, outcomes
-from emgface.anatomy.head.plan import Run, Setting, labels, nested, read_plan
+from emgface.anatomy.head.plan import PlannedRun, Setting, labels, nested, read_sweep_plan
 from emgface.anatomy.head.run import raised, simulate_head
 from emgface.anatomy.head.scene import TONGUE, HeadScene, head_scene
 from emgface.anatomy.tongue.parameters import TongueParameters
@@ -39,7 +39,7 @@ ROW: Final = Stage("sweep", (*MECHANICS, "emgface.anatomy", "emgface.choices", "
 
 @one_blas_thread
 def sweep(
-    runs: Sequence[Run],
+    runs: Sequence[PlannedRun],
     setting: Setting | None = None,
     *,
     table: Path | None = None,
@@ -125,11 +125,11 @@ def sweep(
 
 def _stored_head(head: Head, store: Store) -> Path:
     """File of a head in the store, from which the workers read it."""
-    path = store.folder / "head" / f"{digest_of(head)}.nc"
+    path = store.folder / "head" / f"{digest_of_parts(head)}.nc"
     return path if path.is_file() else write_head(head, path)
 
 
-def digest_of(head: Head) -> str:
+def digest_of_parts(head: Head) -> str:
     """Digest of the content of a head."""
     parts = {name: dataset_digest(part) for name, part in head.parts.items()}
     return text_digest(canonical_json({"lists": dataset_digest(head.lists), "parts": parts}))
@@ -152,13 +152,13 @@ def _bench(
     return _Bench(_Heads(setting, head), measure, Store(store, report=report))
 
 
-def _row_of(bench: _Bench, run: Run) -> dict[str, Any]:
+def _row_of(bench: _Bench, run: PlannedRun) -> dict[str, Any]:
     """Return the row of a run, from the store if it is there."""
     heads, measure = bench.heads, bench.measure
     stage = Stage(ROW.name, tuple(dict.fromkeys((*ROW.modules, measure.__module__))))
     result = bench.store.get_or_compute(
         stage,
-        {} if heads.given is None else {"head": digest_of(heads.given)},
+        {} if heads.given is None else {"head": digest_of_parts(heads.given)},
         {"run": asdict(run), "setting": asdict(heads.setting), "measure": measure.__qualname__},
         lambda: _as_dataset(_row(run, heads, measure)),
         label=run.name,
@@ -166,7 +166,7 @@ def _row_of(bench: _Bench, run: Run) -> dict[str, Any]:
     return {**labels(run), **_as_row(result.dataset), "key": result.digest}
 
 
-def _of_head(run: Run) -> str:
+def _of_head(run: PlannedRun) -> str:
     """Text that is equal for runs with the same head and scene."""
     return repr((run.face, run.tongue, run.rings, run.contacts))
 
@@ -192,7 +192,7 @@ class _Heads:
         self.setting, self.given = setting, given
         self.kept: dict[str | int, tuple[object, Head, HeadScene]] = {}
 
-    def of(self, run: Run, resolution: str | int) -> tuple[Head, HeadScene]:
+    def of(self, run: PlannedRun, resolution: str | int) -> tuple[Head, HeadScene]:
         """Head and compiled scene of a run."""
         key = _of_head(run)
         if resolution not in self.kept or self.kept[resolution][0] != key:
@@ -218,7 +218,7 @@ class _Heads:
             self.kept[resolution] = key, head, scene
         return self.kept[resolution][1:]
 
-    def _head(self, run: Run, resolution: str | int) -> Head:
+    def _head(self, run: PlannedRun, resolution: str | int) -> Head:
         s = self.setting
         if self.given is None:
             return build_head(
@@ -237,7 +237,7 @@ class _Heads:
         return self.given if run.contacts is None else self.given.touching(run.contacts)
 
 
-def _row(run: Run, heads: _Heads, measure: Measure) -> dict[str, Any]:
+def _row(run: PlannedRun, heads: _Heads, measure: Measure) -> dict[str, Any]:
     """Outcomes of a run with their errors."""
     s = heads.setting
     try:
@@ -259,7 +259,7 @@ def _row(run: Run, heads: _Heads, measure: Measure) -> dict[str, Any]:
 
 
 def _simulated(
-    run: Run, heads: _Heads, resolution: str | int, step: float, measure: Measure
+    run: PlannedRun, heads: _Heads, resolution: str | int, step: float, measure: Measure
 ) -> dict[str, float]:
     s, (head, scene) = heads.setting, heads.of(run, resolution)
     drive = raised(dict(run.drive), rise=s.rise, jaw="bi_close" in head.lists["exciter"].values)
@@ -269,4 +269,4 @@ def _simulated(
     return dict(measure(motion, head))
 
 
-__all__ = ["Run", "Setting", "outcomes", "read_plan", "sweep"]
+__all__ = ["PlannedRun", "Setting", "outcomes", "read_sweep_plan", "sweep"]

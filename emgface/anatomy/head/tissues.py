@@ -11,7 +11,7 @@ from sim.scene import Constraint, Damping, Term
 
 
 @dataclass(frozen=True, eq=False)
-class Tissue:
+class HeadTissue:
     """Mesh, terms, damping and constraints of one tissue."""
 
     mesh: sim.Mesh
@@ -20,7 +20,9 @@ class Tissue:
     constraints: tuple[Constraint, ...]
 
 
-def join(tissues: Sequence[Tissue], damping: Callable[..., Damping] = sim.Rayleigh) -> Tissue:
+def joined_tissues(
+    tissues: Sequence[HeadTissue], damping: Callable[..., Damping] = sim.Rayleigh
+) -> HeadTissue:
     """Join tissues without common nodes, in the order of their nodes; one alone remains as it is.
 
     Terms and constant volumes are restricted to the blocks of their own tissue. The `damping` of the
@@ -29,7 +31,7 @@ def join(tissues: Sequence[Tissue], damping: Callable[..., Damping] = sim.Raylei
     if len(tissues) == 1:
         return tissues[0]
     if not tissues:
-        return Tissue(sim.NO_TISSUE, (), None, ())
+        return HeadTissue(sim.NO_TISSUE, (), None, ())
     X, blocks, terms, constraints = (
         list[np.ndarray](),
         list[Block](),
@@ -47,4 +49,4 @@ def join(tissues: Sequence[Tissue], damping: Callable[..., Damping] = sim.Raylei
         for name in ("alpha", "beta")
     ]
     mesh = sim.Mesh(np.concatenate(X), tuple(blocks))
-    return Tissue(mesh, tuple(terms), damping(*values), tuple(constraints))
+    return HeadTissue(mesh, tuple(terms), damping(*values), tuple(constraints))

@@ -66,10 +66,10 @@ def beside(
     own = model["position"].transpose("marker", "axis", "time")
     placed = found + (own - found).mean("time")
     path = placed.reindex(time=motion["time"].values).assign_attrs(units="m")
-    return Beside(path, compared(recording, motion, baselines))
+    return Beside(path, compared_jaws(recording, motion, baselines))
 
 
-def compared(
+def compared_jaws(
     recording: xr.Dataset, motion: xr.Dataset, baselines: Mapping[str, xr.Dataset] | None = None
 ) -> Table:
     """Scores of a motion, and of baselines that are aligned and scored in the same way.

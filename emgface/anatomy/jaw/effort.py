@@ -30,7 +30,7 @@ CLOSER, UNEQUAL = 0.5, 0.2
 difference that is more than chance (of the logarithm)."""
 
 
-def levels(filtered: xr.DataArray) -> Floats:
+def effort_levels(filtered: xr.DataArray) -> Floats:
     """Weakest, median and strongest window (3, channel) of filtered sEMG (channel, time_emg) [V]."""
     rms = root_mean_square(filtered, window=WINDOW).transpose("channel", "time").values
     return np.array([rms.min(axis=1), np.median(rms, axis=1), rms.max(axis=1)])

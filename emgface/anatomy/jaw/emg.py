@@ -13,7 +13,7 @@ import xarray as xr
 
 from emgface.anatomy.jaw.effort import (
     at_rest,
-    levels,
+    effort_levels,
     require_effort,
     tell_exchanged_sides,
 )
@@ -98,12 +98,12 @@ def excitation_of(
     _tell_rate(own, chain)
     extent = _range([_feature(one, chain) for one in others])
     if others:
-        most = [levels(one) for one in others]
-        require_effort(held, levels(own), most)
-        tell_exchanged_sides(held, levels(own), most)
+        most = [effort_levels(one) for one in others]
+        require_effort(held, effort_levels(own), most)
+        tell_exchanged_sides(held, effort_levels(own), most)
         quiet = list[str]()
     else:
-        quiet = at_rest(held, levels(own))
+        quiet = at_rest(held, effort_levels(own))
     _require_threshold(feature, extent, chain)
     normalised = normalise(feature, extent, chain.normalisation)
     normalised = normalised.where(~normalised["channel"].isin(quiet), 0.0).assign_attrs(

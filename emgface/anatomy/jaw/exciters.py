@@ -47,7 +47,7 @@ def exciters_of(muscles: Iterable[str], groups: Groups) -> dict[str, dict[str, f
     return found
 
 
-def muscle_activation(jaw: xr.Dataset, excitation: Mapping[str, Floats]) -> tuple[Floats, float]:
+def excited_activation(jaw: xr.Dataset, excitation: Mapping[str, Floats]) -> tuple[Floats, float]:
     """Activation (n, muscles) that excitations [1] of exciters over the same times add up to.
 
     a_m = min(1, sum_e gain_em max(0, u_e)); also returns the most negative excitation that was set

@@ -88,7 +88,7 @@ def verdicts(task: str, found: Mapping[str, float], *, generated: bool) -> tuple
     return "; ".join(said), "; ".join(dict.fromkeys(basis))
 
 
-def displacement(motion: xr.Dataset, marker: str) -> Floats:
+def point_displacement(motion: xr.Dataset, marker: str) -> Floats:
     """Displacement (time, axis) of a point since the start, in the frame of the skull [mm].
 
     A prescribed rotation of the head is removed.
@@ -120,7 +120,7 @@ def outcome(motion: xr.Dataset) -> dict[str, float]:
     the end; ``gape`` is the separation, ``interincisal`` the distance of the incisal edges there,
     ``widest_s`` the time of the largest gape, ``lateral`` the largest sideways displacement.
     """
-    d, gape = displacement(motion, "lower_incisor"), separation(motion)
+    d, gape = point_displacement(motion, "lower_incisor"), separation(motion)
     k = int(np.argmax(gape))
     return {
         "gape": gape[k],
@@ -133,12 +133,12 @@ def outcome(motion: xr.Dataset) -> dict[str, float]:
         "end_right": d[-1, 0],
         "end_forward": d[-1, 1],
         "end_down": -d[-1, 2],
-        "hyoid_forward": displacement(motion, "hyoid")[:, 1].max(),
-        "hyoid_up": displacement(motion, "hyoid")[:, 2].max(),
+        "hyoid_forward": point_displacement(motion, "hyoid")[:, 1].max(),
+        "hyoid_up": point_displacement(motion, "hyoid")[:, 2].max(),
     }
 
 
-def outcome_table(
+def task_outcome_table(
     jaw: xr.Dataset,
     series: str | os.PathLike[str] | None = None,
     *,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from analysis.figures.style import COLOURS, blank, grid, styled
 from emgface.anatomy.jaw.compared import Beside
 from emgface.anatomy.jaw.model import Floats
-from emgface.anatomy.jaw.outcomes import displacement
+from emgface.anatomy.jaw.outcomes import point_displacement
 from emgface.anatomy.jaw.skull import rotated
 from emgface.anatomy.jaw.template.muscles import MUSCLES
 from emgface.errors import JawError
@@ -252,7 +252,7 @@ def jaw_figure(motion: xr.Dataset, beside: Beside | None = None) -> "Figure":
         (panels[0][1], 0, "to the right [mm]", "from the front"),
     ):
         for (name, marker), colour in zip(names, COLOURS[3:], strict=False):
-            d = displacement(motion, marker)
+            d = point_displacement(motion, marker)
             line = "--" if name.startswith("left") else "-"
             panel.plot(d[:, axis], d[:, 2], line, color=colour, label=name)
             panel.plot(*d[0, [axis, 2]], "o", color=colour, markersize=4)

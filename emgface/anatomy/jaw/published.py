@@ -16,7 +16,7 @@ import sim
 from emgface.anatomy.jaw import published_parameters as given
 from emgface.anatomy.jaw.exciters import exciters_of
 from emgface.anatomy.jaw.model import Floats, JawBody, JawJoint, JawLine, build_jaw
-from emgface.anatomy.jaw.published_files import MM, PublishedFiles
+from emgface.anatomy.jaw.published_files import MM, PublishedJawFiles
 from emgface.anatomy.jaw.thinning import thinned
 from emgface.errors import JawError
 
@@ -73,7 +73,7 @@ def import_jaw(
     ):
         if chosen not in allowed:
             raise JawError(f"{option} = {chosen!r}, expected one of {allowed}")
-    files = PublishedFiles(Path(folder))
+    files = PublishedJawFiles(Path(folder))
     free = variant == "larynx"
     condyle = condyle or ("curved" if free else "planar")
     points = _points(files)
@@ -93,7 +93,7 @@ def import_jaw(
     )
 
 
-def _surfaces(files: PublishedFiles, free: bool) -> list[tuple[str, Floats, np.ndarray]]:
+def _surfaces(files: PublishedJawFiles, free: bool) -> list[tuple[str, Floats, np.ndarray]]:
     """Surfaces of the bodies, thinned; those that are absent are left out."""
     names = {"skull": "maxilla.obj"} | {n: stated.surface for n, stated in given.BODIES.items()}
     return [
@@ -107,7 +107,7 @@ def _mm(point: tuple[float, float, float] | Floats) -> Floats:
     return np.asarray(point, dtype=np.float64) * MM
 
 
-def _bodies(files: PublishedFiles, free: bool, values: Values) -> list[JawBody]:
+def _bodies(files: PublishedJawFiles, free: bool, values: Values) -> list[JawBody]:
     found = [JawBody("skull", moves=False), JawBody("sternum", moves=False)]
     for name, stated in given.BODIES.items():
         if not free and name in ("thyroid", "cricoid"):
@@ -140,7 +140,7 @@ def _bodies(files: PublishedFiles, free: bool, values: Values) -> list[JawBody]:
     return found
 
 
-def _points(files: PublishedFiles) -> dict[str, tuple[str, Floats]]:
+def _points(files: PublishedJawFiles) -> dict[str, tuple[str, Floats]]:
     jaw = files.landmarks("jawFixedMarkers")
     middle = np.array([0.0, 1.0, 1.0])
     condyle = jaw[np.argmax(jaw[:, 2])] - [0.0, 0.0, 1e-3 * given.CONDYLE_DROP]
@@ -159,7 +159,7 @@ def _points(files: PublishedFiles) -> dict[str, tuple[str, Floats]]:
     }
 
 
-def _muscles(files: PublishedFiles, free: bool) -> list[JawLine]:
+def _muscles(files: PublishedJawFiles, free: bool) -> list[JawLine]:
     listed = [row[0] for row in files.lines("muscleListAll.txt" if free else "muscleList.txt")]
     info = {row[0]: row for row in files.lines("muscleInfo.txt")}
     fixed = {"cranium": "skull", "maxilla": "skull"}
@@ -182,7 +182,7 @@ def _muscles(files: PublishedFiles, free: bool) -> list[JawLine]:
     return found
 
 
-def _springs(files: PublishedFiles) -> list[JawLine]:
+def _springs(files: PublishedJawFiles) -> list[JawLine]:
     found = list[JawLine]()
     for name, (a, b, raised) in given.MEMBRANES.items():
         ends = files.landmarks(f"l{name}").reshape(-1, 2, 3)

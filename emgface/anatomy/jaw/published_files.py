@@ -14,7 +14,7 @@ MM = np.array([-1e-3, -1e-3, 1e-3])
 """From millimetres in the frame of the files to metres in that of the package."""
 
 
-class PublishedFiles:
+class PublishedJawFiles:
     """Files of the published model."""
 
     def __init__(self, folder: Path) -> None:

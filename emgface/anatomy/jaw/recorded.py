@@ -142,12 +142,12 @@ def aligned(recording: xr.Dataset, motion: xr.Dataset) -> tuple[xr.Dataset, xr.D
     The time of a motion that a recording drives is known, so that it is shifted by at most `SHIFT`:
     a movement that is repeated would otherwise match another repetition.
     """
-    given, model = paired(recording, motion)
+    given, model = paired_incisors(recording, motion)
     most = SHIFT if "recorded_start" in motion.attrs else None
     return align(given, model, max_shift=most), model
 
 
-def paired(recording: xr.Dataset, motion: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
+def paired_incisors(recording: xr.Dataset, motion: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
     """Recorded and simulated ``position`` (marker, axis, time) of the points that both have [m].
 
     The recorded ``position`` is relative to the skull, in axes parallel to those of the motion. A

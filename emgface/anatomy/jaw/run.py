@@ -10,8 +10,8 @@ from emgface.anatomy.jaw.model import AXES, Floats
 from emgface.anatomy.jaw.probes import Lines, Resistance
 from emgface.anatomy.jaw.scene import JawScene, jaw_scene
 from emgface.anatomy.jaw.series import Excitation
-from emgface.anatomy.jaw.step_error import Jumps, with_error
-from emgface.anatomy.jaw.tasks import Task, turned_head
+from emgface.anatomy.jaw.step_error import Jumps, with_step_error
+from emgface.anatomy.jaw.tasks import JawTask, turned_head
 from emgface.errors import JawError
 from emgface.schema.validation import validate
 from sim.integrators import Integrator
@@ -131,7 +131,7 @@ def simulate_jaw(
 
     if check or tolerance is not None:
         power = scheme.order if isinstance(scheme, TimeIntegrator) else 1
-        motion = with_error(run, step, power, tolerance)
+        motion = with_step_error(run, step, power, tolerance)
     else:
         motion = run(step)
     motion = motion.drop_vars([v.name for probe in effort for v in probe.variables()])
@@ -155,7 +155,7 @@ def simulate_jaw(
     return validate(motion, "jaw_motion")
 
 
-def run_task(jaw: xr.Dataset, task: Task, **options: object) -> xr.Dataset:
+def run_task(jaw: xr.Dataset, task: JawTask, **options: object) -> xr.Dataset:
     """Simulate a task; options as of `simulate_jaw`, with ``excitation`` for a task with series.
 
     Exciters that the model lacks, such as those of muscles below a fixed hyoid, are left out; the

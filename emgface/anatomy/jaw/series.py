@@ -12,7 +12,7 @@ import pandas as pd
 import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 
-from emgface.anatomy.jaw.exciters import muscle_activation
+from emgface.anatomy.jaw.exciters import excited_activation
 from emgface.anatomy.jaw.model import Floats
 from emgface.errors import DataError, FeatureWarning, JawError
 from emgface.schema.rules import one_line
@@ -52,7 +52,7 @@ class Excitation:
 
     def activation(self, jaw: xr.Dataset) -> tuple[xr.DataArray, float]:
         """Activation (muscle, time) of a jaw model, and the most negative value set to zero."""
-        a, negative = muscle_activation(jaw, self.values)
+        a, negative = excited_activation(jaw, self.values)
         a = np.broadcast_to(a, (len(self.time), jaw.sizes["muscle"]))  # also without any exciter
         coords = {"muscle": jaw["muscle"].values, "time": ("time", self.time, {"units": "s"})}
         return xr.DataArray(a.T, coords, ("muscle", "time"), attrs={"units": "1"}), negative

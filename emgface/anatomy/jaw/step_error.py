@@ -52,7 +52,7 @@ def estimated_error(motion: xr.Dataset, finer: xr.Dataset, order: int) -> Floats
     return np.asarray(found + np.maximum.accumulate(motion["jump"].values), dtype=np.float64)
 
 
-def with_error(
+def with_step_error(
     run: Callable[[float, bool], xr.Dataset], step: float, order: int, tolerance: float | None
 ) -> xr.Dataset:
     """Motion with ``numerical_error``; `run` makes one, or its positions alone, with a step [s].

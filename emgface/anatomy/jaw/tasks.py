@@ -15,7 +15,7 @@ RISE = 0.2
 
 
 @dataclass(frozen=True)
-class Task:
+class JawTask:
     """One movement.
 
     Attributes
@@ -80,27 +80,27 @@ stronger and faster. Levels and times are chosen."""
 _OPENERS = {"bi_ad": 1.0, "bi_my": 1.0, "bi_ip": 1.0}
 
 TASKS = {
-    "rest": Task(
+    "rest": JawTask(
         "rest under gravity, closers at 0.04 %", 2.0, {"bi_close": [(0.0, 4e-4)]}, settles=True
     ),
-    "close": Task("closing, closers at 0.4 %", 1.0, {"bi_close": [(0.0, 4e-3)]}, settles=True),
-    "open": Task("wide opening, head still", 1.0, _rising(**_OPENERS)),
-    "open_head": Task("wide opening, head 15 degrees back", 1.0, _rising(**_OPENERS), head=15.0),
-    "gape": Task(
+    "close": JawTask("closing, closers at 0.4 %", 1.0, {"bi_close": [(0.0, 4e-3)]}, settles=True),
+    "open": JawTask("wide opening, head still", 1.0, _rising(**_OPENERS)),
+    "open_head": JawTask("wide opening, head 15 degrees back", 1.0, _rising(**_OPENERS), head=15.0),
+    "gape": JawTask(
         "wide opening, with depressors and retractors of the hyoid",
         1.0,
         _rising(**_OPENERS, bi_infrahyoid=0.3, bi_retracthyoid=0.35),
     ),
-    "protrude": Task(
+    "protrude": JawTask(
         "protrusion, inferior lateral pterygoids", 1.0, _rising(bi_ip=1.0, bi_close=2e-2)
     ),
-    "lateral": Task(
+    "lateral": JawTask(
         "movement to the right, left inferior lateral pterygoid",
         1.0,
         _rising(ip_L=0.5, bi_close=1e-2),
     ),
-    "clench": Task("clenching, closers at 10 %", 0.6, _rising(bi_close=0.1)),
-    "effort": Task(
+    "clench": JawTask("clenching, closers at 10 %", 0.6, _rising(bi_close=0.1)),
+    "effort": JawTask(
         "maximum effort: clenching, then opening",
         1.2,
         {
@@ -108,7 +108,7 @@ TASKS = {
             "bi_open": [(0.7, 0.0), (0.8, 1.0), (1.1, 1.0), (1.2, 0.0)],
         },
     ),
-    "cycles": Task(
+    "cycles": JawTask(
         "opening and closing twice",
         2.0,
         {
@@ -123,8 +123,8 @@ TASKS = {
             )
         },
     ),
-    "chew": Task("chewing a morsel on the left", 1.0, _CHEWING, morsel="L", series=True),
-    "swallow": Task(
+    "chew": JawTask("chewing a morsel on the left", 1.0, _CHEWING, morsel="L", series=True),
+    "swallow": JawTask(
         "swallowing, suprahyoid muscles for 0.5 s",
         1.5,
         {
@@ -132,7 +132,7 @@ TASKS = {
             "bi_suprahyoid": [(0.3, 0.0), (0.5, 0.1), (0.8, 0.1), (1.0, 0.0)],
         },
     ),
-    "pull": Task(
+    "pull": JawTask(
         "pull on the incisor, muscles inactive", 2.0, load=(0.0, 0.0, -4.56), settles=True
     ),
 }
@@ -140,7 +140,7 @@ TASKS = {
 are ours."""
 
 
-def task_of(name: str) -> Task:
+def task_of(name: str) -> JawTask:
     """Task of a name, or JawError."""
     if name not in TASKS:
         raise JawError(f"no task is called {name!r}, expected one of {', '.join(TASKS)}")
@@ -153,7 +153,7 @@ SIDES = ("L", "R", "none")
 
 def with_series(
     name: str, series: str | os.PathLike[str] | None, *, morsel: str | None = None
-) -> tuple[Task, dict[str, object]]:
+) -> tuple[JawTask, dict[str, object]]:
     """Task of a name, and its excitations as an option of `run_task` if they are read from a folder.
 
     `morsel` is one of `SIDES`. By default the side is that of the series, or of the task without series.

@@ -25,7 +25,7 @@ def muscle_exciters(tongue: xr.Dataset) -> list[str]:
     return [f"bi_{name}" if f"bi_{name}" in known else name for name in names]
 
 
-def raised(*exciters: str, level: float = LEVEL, duration: float = DURATION) -> Excitation:
+def raised_muscles(*exciters: str, level: float = LEVEL, duration: float = DURATION) -> Excitation:
     """Excitations that rise linearly from 0 to a level and fall back within a duration [s]."""
     twice = sorted({name for name in exciters if exciters.count(name) > 1})
     if twice:
@@ -82,7 +82,11 @@ def action_table(
         row: dict[str, object] = {"muscle": name.removeprefix("bi_")}
         try:
             motion = simulate_tongue(
-                tongue, raised(name, level=level), duration=DURATION, parameters=p, step=step
+                tongue,
+                raised_muscles(name, level=level),
+                duration=DURATION,
+                parameters=p,
+                step=step,
             )
             row |= {key: round(value, 4) for key, value in action(motion).items()}
         except sim.SimulationError as error:

@@ -18,7 +18,7 @@ from emgface.anatomy.mesh_model import (
     check_muscles,
     check_references,
     facet_variables,
-    floats,
+    float_array,
     integers,
     muscle_variables,
 )
@@ -87,7 +87,7 @@ def build_tongue(
     }
     held = [len(nodes) for nodes in attachments.values()]
     variables: dict[str, Variable] = {
-        "position": (("node", "axis"), floats(position)),
+        "position": (("node", "axis"), float_array(position)),
         "node_id": ("node", integers(node_id)),
         "connectivity": (("element", "element_node"), integers(connectivity)),
         "element_id": ("element", integers(element_id)),
@@ -95,8 +95,8 @@ def build_tongue(
         "attachment_body": ("attachment", integers(np.repeat(np.arange(len(held)), held))),
         **muscle_variables(fibres, bundles, muscles, len(connectivity), TongueError),
         **_places(fibres, bodies),
-        "muscle_force_max": ("muscle", floats(np.array(list(force_max.values())))),
-        "exciter_gain": (("exciter", "muscle"), floats(gain)),
+        "muscle_force_max": ("muscle", float_array(np.array(list(force_max.values())))),
+        "exciter_gain": (("exciter", "muscle"), float_array(gain)),
         "marker_node": ("marker", integers(list(markers.values()))),
         **facet_variables(facets),
     }
@@ -113,7 +113,7 @@ def build_tongue(
         variables["contour_node"] = ("contour", integers(contour))
     if postures:
         coords["posture"] = list(postures)
-        shapes = floats(np.array(list(postures.values())))
+        shapes = float_array(np.array(list(postures.values())))
         variables["posture_displacement"] = (("posture", "node", "axis"), shapes)
     described = {"name": name, "origin": origin, "source": source, "frame": FRAME}
     ds = xr.Dataset(

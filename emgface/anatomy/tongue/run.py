@@ -8,7 +8,7 @@ import xarray as xr
 import sim
 from emgface.anatomy.jaw.series import Excitation
 from emgface.anatomy.tongue.parameters import TongueParameters
-from emgface.anatomy.tongue.scene import activation_of, tongue_scene
+from emgface.anatomy.tongue.scene import tongue_activation, tongue_scene
 from emgface.face.parts import Floats
 from emgface.face.quality import element_quality
 from emgface.schema.validation import validate
@@ -73,7 +73,7 @@ def simulate_tongue(
     markers = tuple(map(str, tongue["marker"].values))
     motion, _ = sim.simulate(
         system,
-        sim.Activation(excitation.time, activation_of(tongue, system, values)),
+        sim.Activation(excitation.time, tongue_activation(tongue, system, values)),
         duration=duration,
         steps=sim.HalvingStep(step),
         every=output,

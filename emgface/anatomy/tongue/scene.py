@@ -128,7 +128,7 @@ def tongue_scene(
     )
 
 
-def activation_of(tongue: xr.Dataset, system: sim.System, values: Floats) -> Floats:
+def tongue_activation(tongue: xr.Dataset, system: sim.System, values: Floats) -> Floats:
     """Activation (time, muscles of the scene) from that of the muscles of a tongue (time, muscle).
 
     Muscles of the scene that are not of the tongue are not active.
@@ -238,4 +238,4 @@ def _outside_lines(tongue: xr.Dataset, numbers: Indices, p: TongueParameters) ->
     return [sim.LineMuscles(names, fibres, sim.ConstantForce(1.0))]
 
 
-__all__ = ["TonguePart", "activation_of", "segment_forces", "tongue_part", "tongue_scene"]
+__all__ = ["TonguePart", "tongue_activation", "segment_forces", "tongue_part", "tongue_scene"]

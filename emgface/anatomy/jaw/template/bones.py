@@ -23,7 +23,7 @@ RINGS, AROUND = 22, 12
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
-class Surface(NamedTuple):
+class BoneSurface(NamedTuple):
     """Triangles of a body: its name, vertices (n, 3) [m], and triangles (m, 3), outward."""
 
     body: str
@@ -41,7 +41,7 @@ class _Station(NamedTuple):
 
 def surfaces(
     places: Mapping[str, Floats], jaw: JawMeasures, arches: tuple[Arch, Arch]
-) -> list[Surface]:
+) -> list[BoneSurface]:
     """Surfaces of all bodies; the first of each body is the one whose volume has its mass."""
     p = places
     hyoid, horn = p["hyoid"], p["horn"]
@@ -53,8 +53,8 @@ def surfaces(
     ring = 5e2 * jaw.cricoid_diameter
     cricoid = p["cricoid"]
     found = [
-        Surface("jaw", *_arched(_mandible(p))),
-        Surface(
+        BoneSurface("jaw", *_arched(_mandible(p))),
+        BoneSurface(
             "hyoid",
             *_arched(
                 [
@@ -65,7 +65,7 @@ def surfaces(
                 ]
             ),
         ),
-        Surface(
+        BoneSurface(
             "thyroid",
             *_arched(
                 [
@@ -77,7 +77,7 @@ def surfaces(
                 ]
             ),
         ),
-        Surface(
+        BoneSurface(
             "cricoid",
             *_arched(
                 [
@@ -94,15 +94,17 @@ def surfaces(
         ),
     ]
     for arch in arches:
-        found.append(Surface("skull" if arch.bone == SKULL else "jaw", arch.points, arch.triangles))
+        found.append(
+            BoneSurface("skull" if arch.bone == SKULL else "jaw", arch.points, arch.triangles)
+        )
     for body, stations in (
         ("jaw", _coronoid(p)),
         ("skull", _cheek(p)),
         ("skull", _eminence(p, jaw)),
     ):
         points, triangles = _tube(*_sections(stations))
-        found.append(Surface(body, points, triangles))
-        found.append(Surface(body, points * _MIRROR, triangles[:, ::-1]))
+        found.append(BoneSurface(body, points, triangles))
+        found.append(BoneSurface(body, points * _MIRROR, triangles[:, ::-1]))
     return found
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import sim
 from emgface.anatomy.jaw.exciters import exciters_of
 from emgface.anatomy.jaw.model import JawBody, build_jaw
-from emgface.anatomy.jaw.template.bones import Surface, surfaces
+from emgface.anatomy.jaw.template.bones import BoneSurface, surfaces
 from emgface.anatomy.jaw.template.joints import joints, springs
 from emgface.anatomy.jaw.template.landmarks import landmarks
 from emgface.anatomy.jaw.template.measures import JAW_NORMS, jaw_measures
@@ -119,7 +119,7 @@ def _points(places: Mapping[str, Floats]) -> dict[str, tuple[str, Floats]]:
     return found
 
 
-def _bodies(shapes: list[Surface], scale: float) -> list[JawBody]:
+def _bodies(shapes: list[BoneSurface], scale: float) -> list[JawBody]:
     """Bodies with the stated masses, uniformly distributed within the first surface of each."""
     found = [JawBody("skull", moves=False), JawBody("sternum", moves=False)]
     for name, adult in MASSES.items():

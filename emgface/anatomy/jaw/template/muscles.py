@@ -22,7 +22,7 @@ from emgface.anatomy.jaw.model import JawLine
 Floats = NDArray[np.float64]
 
 
-class Muscle(NamedTuple):
+class JawMuscle(NamedTuple):
     """Bodies, places and architecture of the muscle of a side.
 
     A place is a landmark and the displacement from it to the right, forward and up [mm]; the first
@@ -47,45 +47,45 @@ the middle of 2.27 to 2.55 um in masseters of closed jaws (van Eijden and Raadsh
 
 # fmt: off
 MUSCLES: Final = {
-    "at": Muscle("anterior temporalis", ("skull", "jaw"),
+    "at": JawMuscle("anterior temporalis", ("skull", "jaw"),
                  ("condyle", 9, 40, 62), ("coronoid", -1, 2, -1), 158.0, 30, CLOSED),
-    "mt": Muscle("middle temporalis", ("skull", "jaw"),
+    "mt": JawMuscle("middle temporalis", ("skull", "jaw"),
                  ("condyle", 16, 10, 66), ("coronoid", 0, 0, -2), 95.6, 30, CLOSED),
-    "pt": Muscle("posterior temporalis", ("skull", "jaw"),
+    "pt": JawMuscle("posterior temporalis", ("skull", "jaw"),
                  ("condyle", 17, -24, 44), ("coronoid", 0, -3, -4), 75.6, 28, CLOSED),
-    "sm": Muscle("superficial masseter", ("skull", "jaw"),
+    "sm": JawMuscle("superficial masseter", ("skull", "jaw"),
                  ("zygoma", 2, 1, -2), ("gonion", 3, 8, 8), 190.4, 26, CLOSED),
-    "dm": Muscle("deep masseter", ("skull", "jaw"),
+    "dm": JawMuscle("deep masseter", ("skull", "jaw"),
                  ("arch", 0, 2, -2), ("gonion", 5, 16, 22), 81.6, 20, CLOSED),
-    "mp": Muscle("medial pterygoid", ("skull", "jaw"),
+    "mp": JawMuscle("medial pterygoid", ("skull", "jaw"),
                  ("condyle", -29, 32, -11), ("gonion", -4, 9, 6), 174.8, 18, CLOSED),
-    "sp": Muscle("superior lateral pterygoid", ("skull", "jaw"),
+    "sp": JawMuscle("superior lateral pterygoid", ("skull", "jaw"),
                  ("condyle", -25, 29, 5), ("condyle", -3, 3, -1), 28.7, 22),
-    "ip": Muscle("inferior lateral pterygoid", ("skull", "jaw"),
+    "ip": JawMuscle("inferior lateral pterygoid", ("skull", "jaw"),
                  ("condyle", -29, 30, -13), ("condyle", -3, 3, -6), 66.9, 24),
-    "ad": Muscle("anterior digastric", ("jaw", "hyoid"),
+    "ad": JawMuscle("anterior digastric", ("jaw", "hyoid"),
                  ("chin_back", 5, 1, -2), ("hyoid", 12, -4, 1), 40.0, 34),
-    "am": Muscle("anterior mylohyoid", ("jaw", "hyoid"),
+    "am": JawMuscle("anterior mylohyoid", ("jaw", "hyoid"),
                  ("chin_back", 16, -6, 13), ("hyoid", 3, 1, 0), 18.0, 30),
-    "pm": Muscle("posterior mylohyoid", ("jaw", "hyoid"),
+    "pm": JawMuscle("posterior mylohyoid", ("jaw", "hyoid"),
                  ("gonion", -10, 33, 1), ("hyoid", 7, -2, 0), 18.0, 32),
-    "gh": Muscle("geniohyoid", ("jaw", "hyoid"),
+    "gh": JawMuscle("geniohyoid", ("jaw", "hyoid"),
                  ("chin_back", 2, 2, 7), ("hyoid", 4, 1, 1), 18.0, 36),
-    "pd": Muscle("posterior digastric", ("skull", "hyoid"),
+    "pd": JawMuscle("posterior digastric", ("skull", "hyoid"),
                  ("condyle", 2, -21, -22), ("hyoid", 13, -5, 1), 40.0, 42),
-    "sh": Muscle("stylohyoid", ("skull", "hyoid"),
+    "sh": JawMuscle("stylohyoid", ("skull", "hyoid"),
                  ("condyle", -13, -7, -22), ("hyoid", 12, -6, 0), 10.5, 40),
-    "th": Muscle("thyrohyoid", ("hyoid", "thyroid"),
+    "th": JawMuscle("thyrohyoid", ("hyoid", "thyroid"),
                  ("hyoid", 12, -9, -1), ("notch", 13, -12, -6), 20.0, 18),
-    "stet": Muscle("sternothyroid", ("thyroid", "sternum"),
+    "stet": JawMuscle("sternothyroid", ("thyroid", "sternum"),
                    ("notch", 13, -13, -9), ("sternum", 9, -2, 0), 20.0, 52),
-    "steh": Muscle("sternohyoid", ("hyoid", "sternum"),
+    "steh": JawMuscle("sternohyoid", ("hyoid", "sternum"),
                    ("hyoid", 5, 0, -2), ("sternum", 12, 1, 0), 50.0, 70),
-    "oh": Muscle("omohyoid, superior belly", ("hyoid", "sternum"),
+    "oh": JawMuscle("omohyoid, superior belly", ("hyoid", "sternum"),
                  ("hyoid", 11, -3, -2), ("sternum", 27, -20, 38), 50.0, 45),
-    "act": Muscle("anterior cricothyroid", ("thyroid", "cricoid"),
+    "act": JawMuscle("anterior cricothyroid", ("thyroid", "cricoid"),
                   ("thyroid_low", 7, -6, 1), ("cricoid", 4, 11, 2), 20.0, 8),
-    "pct": Muscle("posterior cricothyroid", ("thyroid", "cricoid"),
+    "pct": JawMuscle("posterior cricothyroid", ("thyroid", "cricoid"),
                   ("thyroid_low", 12, -15, 1), ("cricoid", 8, 8, -2), 20.0, 9),
 }
 # fmt: on

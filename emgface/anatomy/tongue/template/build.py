@@ -9,7 +9,7 @@ import xarray as xr
 from emgface.anatomy.jaw.template.landmarks import landmarks
 from emgface.anatomy.jaw.template.measures import jaw_measures
 from emgface.anatomy.tongue.model import build_tongue
-from emgface.anatomy.tongue.template.muscles import place_muscles
+from emgface.anatomy.tongue.template.muscles import place_tongue_muscles
 from emgface.anatomy.tongue.template.palate import palate
 from emgface.anatomy.tongue.template.shape import Index, TongueMesh, tongue_mesh
 from emgface.face.parts import Arch, Floats, Integers
@@ -56,7 +56,7 @@ def template_tongue(
     """
     places, arches = person(measures, preset, seed)
     mesh = tongue_mesh(places, arches, resolution)
-    fibres, bundles, force = place_muscles(mesh, places)
+    fibres, bundles, force = place_tongue_muscles(mesh, places)
     middle = mesh.shape[2] // 2
     contour = mesh.node[:, -1, middle]
     heights = mesh.position[contour, 2]

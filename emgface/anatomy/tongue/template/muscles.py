@@ -38,7 +38,7 @@ class _Here(NamedTuple):
     horn: Floats
 
 
-class Muscle(NamedTuple):
+class TongueMuscle(NamedTuple):
     """Region u, v, |w| of a muscle, fraction of its elements, course, and drawn lines of nodes.
 
     ``lines`` has the direction of the lines (0, 1, 2 along u, v, w) and two coordinates of each.
@@ -63,32 +63,33 @@ def _along(axis: int) -> _Course:
 
 # fmt: off
 MUSCLES: Final = {
-    "GGA": Muscle("anterior genioglossus", (0.0, 0.34), (0.2, 0.86), FIRST, 0.45, _from("genial"),
+    "GGA": TongueMuscle("anterior genioglossus", (0.0, 0.34), (0.2, 0.86), FIRST, 0.45, _from("genial"),
                   (1, ((0.1, 0.2), (0.25, 0.2)))),
-    "GGM": Muscle("middle genioglossus", (0.34, 0.62), (0.2, 0.86), FIRST, 0.45, _from("genial"),
+    "GGM": TongueMuscle("middle genioglossus", (0.34, 0.62), (0.2, 0.86), FIRST, 0.45, _from("genial"),
                   (1, ((0.4, 0.2), (0.55, 0.2)))),
-    "GGP": Muscle("posterior genioglossus", (0.62, 1.0), (0.2, 1.0), FIRST, 0.45, _from("genial"),
+    "GGP": TongueMuscle("posterior genioglossus", (0.62, 1.0), (0.2, 1.0), FIRST, 0.45, _from("genial"),
                   (1, ((0.7, 0.2), (0.85, 0.2)))),
-    "GH": Muscle("geniohyoid", ALL, (0.0, 0.2), FIRST, 0.6, _along(0), (0, ((0.0, 0.2),))),
-    "MH": Muscle("mylohyoid", ALL, (0.0, 0.2), ALL, 0.35, _along(2), (2, ((0.25, 0.0), (0.55, 0.0)))),
-    "HG": Muscle("hyoglossus", (0.5, 1.0), (0.0, 0.86), SECOND, 0.3, _from("horn"),
-                 (1, ((0.7, 0.8), (0.85, 0.8)))),
-    "STY": Muscle("styloglossus", (0.1, 0.8), (0.6, 0.86), (0.6, 1.0), 0.25, _along(0),
+    "GH": TongueMuscle("geniohyoid", ALL, (0.0, 0.2), FIRST, 0.6, _along(0), (0, ((0.0, 0.2),))),
+    "MH": TongueMuscle("mylohyoid", ALL, (0.0, 0.2), ALL, 0.35, _along(2),
+                  (2, ((0.25, 0.0), (0.55, 0.0)))),
+    "HG": TongueMuscle("hyoglossus", (0.5, 1.0), (0.0, 0.86), SECOND, 0.3, _from("horn"),
+                  (1, ((0.7, 0.8), (0.85, 0.8)))),
+    "STY": TongueMuscle("styloglossus", (0.1, 0.8), (0.6, 0.86), (0.6, 1.0), 0.25, _along(0),
                   (0, ((0.75, 1.0),))),
-    "IL": Muscle("inferior longitudinal", (0.05, 0.9), (0.2, 0.5), (0.3, 0.7), 0.35, _along(0),
+    "IL": TongueMuscle("inferior longitudinal", (0.05, 0.9), (0.2, 0.5), (0.3, 0.7), 0.35, _along(0),
                  (0, ((0.4, 0.5),))),
-    "VERT": Muscle("verticalis", (0.0, 0.7), (0.5, 0.86), (0.2, 1.0), 0.2, _along(1),
+    "VERT": TongueMuscle("verticalis", (0.0, 0.7), (0.5, 0.86), (0.2, 1.0), 0.2, _along(1),
                    (1, ((0.2, 0.6), (0.4, 0.6)))),
-    "TRANS": Muscle("transversus", (0.0, 0.85), (0.5, 0.86), ALL, 0.25, _along(2),
+    "TRANS": TongueMuscle("transversus", (0.0, 0.85), (0.5, 0.86), ALL, 0.25, _along(2),
                     (2, ((0.2, 0.7), (0.4, 0.7), (0.6, 0.7)))),
-    "SL": Muscle("superior longitudinal", ALL, (0.86, 1.0), ALL, 0.5, _along(0),
+    "SL": TongueMuscle("superior longitudinal", ALL, (0.86, 1.0), ALL, 0.5, _along(0),
                  (0, ((1.0, 0.0), (1.0, 0.5)))),
 }
 # fmt: on
 """Muscles of a side by their usual abbreviation."""
 
 
-def place_muscles(
+def place_tongue_muscles(
     mesh: TongueMesh, places: Mapping[str, Floats]
 ) -> tuple[list[Fibre], list[Bundle], dict[str, float]]:
     """Fibres, bundles and largest forces [N] of the muscles of both sides, exact mirror images.
@@ -132,7 +133,7 @@ def _even(v: Floats, layer: float) -> Floats:
 
 
 def _lines(
-    mesh: TongueMesh, name: str, muscle: Muscle, sign: float, condyle: Floats
+    mesh: TongueMesh, name: str, muscle: TongueMuscle, sign: float, condyle: Floats
 ) -> list[Fibre]:
     """Lines of nodes through the region; those of styloglossus go on to the styloid process."""
     axis, at = muscle.lines

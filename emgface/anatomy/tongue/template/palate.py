@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from emgface.anatomy.tongue.template.shape import Floats, fitted
+from emgface.anatomy.tongue.template.shape import Floats, fitted_shape
 from emgface.face.parts import SKULL, Arch
 from emgface.face.template.arches import inner_wall
 
@@ -27,7 +27,7 @@ def palate(places: Mapping[str, Floats], arches: tuple[Arch, Arch]) -> Arch:
     z = r + (z_m - r) (1 - |x/W|^2.5)^(1/2) over its rim r.
     """
     drawn = np.array([(0.0, y, z) for y, z in VAULT]) * 1e-3
-    middle = fitted(drawn, places, arches)
+    middle = fitted_shape(drawn, places, arches)
     at = np.linspace(0.0, 1.0, STATIONS) * (len(drawn) - 1)
     y, z = (np.interp(at, np.arange(len(drawn)), middle[:, k]) for k in (1, 2))
     wall = inner_wall(next(arch for arch in arches if arch.bone == SKULL))

@@ -130,7 +130,7 @@ def tongue_mesh(
     lateral = np.abs(w)[:, None] ** power[:, None]
     drawn = middle[:, :, None] + lateral * (side - middle)[:, :, None]
     drawn[..., 0] = side[:, :, None, 0] * w
-    position = fitted(drawn.reshape(-1, 3), places, arches)
+    position = fitted_shape(drawn.reshape(-1, 3), places, arches)
     node = np.arange(len(position)).reshape(nu + 1, nv + 1, nw + 1)
     a, b = node[:-1, :, :], node[1:, :, :]  # along u
     corners = [
@@ -176,7 +176,7 @@ BONE: Final = 10e-3
 """Height above the centre of the hyoid in which the outline follows its surface [m]."""
 
 
-def fitted(points: Floats, places: Mapping[str, Floats], arches: tuple[Arch, Arch]) -> Floats:
+def fitted_shape(points: Floats, places: Mapping[str, Floats], arches: tuple[Arch, Arch]) -> Floats:
     """Points of the outline (n, 3) for a person [m].
 
     x is scaled by the width between the teeth and y is mapped piecewise linearly through `Frame.y`.
