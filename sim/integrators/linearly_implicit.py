@@ -132,12 +132,13 @@ def linear_step(
         start = kinematics.at(pose0, t1)
         bent = concave(kinematics, start, lambda: missed.here.f, pose, f_at_end)
         swing = None
-        if not (
-            kinematics.matrix_varies or system.rows or conditions or missed.D.offset is not None
-        ):
+        if system.mesh.n_elements or not kinematics.matrix_varies:
             assert found.roughly is not None  # Set by every solution of a step.
             at_end = at_end or system.force(pose.q, missed.line.at(1.0))
-            step = Turned(state, pose, v1, moves, missed.line, missed.D.times, found.roughly)
+            reaction = under.reaction if under else None
+            step = Turned(
+                state, pose, v1, moves, missed.line, missed.D.force, found.roughly, reaction
+            )
             pushed = under.pushed if under else np.zeros_like(pose.q)
             swing = swing_of(system, step, missed.here.f, at_end.f, pushed)
     remembered = {**system.remember(pose.q), **(under.memory if under else {})}

@@ -6,7 +6,6 @@ from typing import Final
 
 import numpy as np
 
-from sim.kinematics import Kinematics
 from sim.state import Array, Line, Pose, State, Swing
 from sim.system import System
 from sim.vectors import dot
@@ -28,8 +27,9 @@ class Turned:
     w1: Array  #: velocities at the end
     theta: float
     line: Line
-    times_D: Callable[[Array], Array]  #: product with the damping matrix
-    solve: Callable[[Array], Array]  #: with the matrix of the step
+    damping: Callable[[Array], Array]  #: force (n,) for velocities
+    solve: Callable[[Array], Array]  #: with the matrix of the step, under the rows and constraints
+    reaction: Array | None  #: (m,) forces of the rows of joints [N], [N m]
 
 
 def swing_of(system: System, step: Turned, f0: Array, f1: Array, pushed: Array) -> Swing:
@@ -41,29 +41,42 @@ def swing_of(system: System, step: Turned, f0: Array, f1: Array, pushed: Array) 
     step do not show it, since the tissue has turned by then. One more iteration with the same matrix
     releases the stretch; the forces there leave the momentum u that the step has lost, and w'u is the
     energy that a second iteration would give back. It is computed only for a step that lost more than
-    `OF_KINETIC` and `OF_DAMPED` of both energies. Bodies and joints are not examined.
+    `OF_KINETIC` and `OF_DAMPED` of both energies.
+
+    Bodies have their momentum at both ends. Forces of joints are those of the solution; rigid ones and
+    those of constant volumes do no work on velocities that satisfy them, and the iteration satisfies
+    them, too. A limit that is hit takes momentum, but no energy of the velocities after it.
     """
     h, theta, kinematics = step.line.h, step.theta, system.kinematics
     w0, w1 = kinematics.velocities(step.state), step.w1
     start = step.state.pose
-    momentum = kinematics.apply_mass(w1 - w0, step.end)
+    if kinematics.matrix_varies:
+        u = kinematics.inertial(w1, step.end) - kinematics.inertial(w0, start)
+        momentum = kinematics.momentum(u, step.end)
+    else:
+        momentum = kinematics.apply_mass(w1 - w0, step.end)
     kinetic = 0.5 * dot(w1, kinematics.apply_mass(w1, step.end))
     before = 0.5 * dot(w0, kinematics.apply_mass(w0, start))
     mean = (1.0 - theta) * w0 + theta * w1
-    damped = h * dot(mean, step.times_D(mean))
-    F0, F1 = (_generalised(kinematics, f + pushed, start) for f in (f0, f1))
+    damped = h * dot(mean, step.damping(mean))
+    joints = _of_joints(system, step)
+    F0, F1 = (
+        kinematics.generalised_force(f + pushed, pose) + joints
+        for f, pose in ((f0, start), (f1, step.end))
+    )
     work = 0.5 * h * dot(mean, F0 + F1)
     lost = before + work - damped - kinetic
     if not lost > OF_KINETIC * kinetic + OF_DAMPED * max(damped, 0.0):
         return Swing(kinetic, damped)
 
     def missing(F: Array, change: Array) -> Array:
-        ends = (1.0 - theta) * (F0 - step.times_D(w0)) + theta * (F - step.times_D(w1 + change))
+        ends = (1.0 - theta) * (F0 - step.damping(w0)) + theta * (F - step.damping(w1 + change))
         return h * ends - momentum - kinematics.apply_mass(change, step.end)
 
     change = step.solve(missing(F1, np.zeros_like(w1)))
     released = kinematics.advance(step.end, theta * h * change, step.end.t)
-    F2 = _generalised(kinematics, system.force(released.q, step.line.at(1.0)).f + pushed, start)
+    f2 = system.force(released.q, step.line.at(1.0)).f + pushed
+    F2 = kinematics.generalised_force(f2, released) + joints
     u = missing(F2, change)
     given_back = min(max(dot(w1, u), 0.0), lost)
     if given_back == 0.0:
@@ -72,5 +85,10 @@ def swing_of(system: System, step: Turned, f0: Array, f1: Array, pushed: Array) 
     return Swing(kinetic, damped, given_back, node)
 
 
-def _generalised(kinematics: Kinematics, f: Array, pose: Pose) -> Array:
-    return kinematics.generalised_force(f, pose)
+def _of_joints(system: System, step: Turned) -> Array:
+    """Generalised forces (n,) of the rows of joints, those of the solution."""
+    force = np.zeros_like(step.w1)
+    if system.rows is not None and step.reaction is not None:
+        at = system.rows.evaluate(system.kinematics.at(step.state.pose, step.end.t))
+        force[system.rows.columns] = at.G.T @ step.reaction
+    return force
