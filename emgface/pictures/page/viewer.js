@@ -97,16 +97,17 @@ function tracks() {
   pen.font = "11px system-ui, sans-serif";
   const x = (t) => left + ((t - trial.time[0]) / end) * (w - left - 8);
   const top = motion.activation ? h * 0.48 : 4;
-  const line = (time, values, from, most, y0, y1, colour, dash, width) => {
-    pen.strokeStyle = colour; pen.lineWidth = width; pen.setLineDash(dash); pen.beginPath();
+  const line = (time, values, from, most, y0, y1, stroke, dash, width) => {
+    pen.strokeStyle = stroke; pen.lineWidth = width; pen.setLineDash(dash); pen.beginPath();
     let open = false;
     for (let f = 0; f < time.length; f++) { const v = values(f); if (!(v === v)) { open = false; continue; } const y = y1 - ((v - from) / most) * (y1 - y0); if (open) pen.lineTo(x(time[f]), y); else pen.moveTo(x(time[f]), y); open = true; }
     pen.stroke(); pen.setLineDash([]);
   };
-  pen.fillStyle = "#55636f";
+  const look = getComputedStyle(plot), colour = (name) => look.getPropertyValue(name);
+  pen.fillStyle = colour("--soft");
   if (motion.activation) {
     const n = data.muscles.length;
-    data.muscles.forEach((m, k) => line(trial.time, (f) => motion.activation[f * n + k] / 255, 0, 1, 6, top - 8, m.id === state.muscle ? "#0072b2" : "#b9c3cc", m.id.endsWith("_R") ? [3, 2] : [], m.id === state.muscle ? 2.2 : 1));
+    data.muscles.forEach((m, k) => line(trial.time, (f) => motion.activation[f * n + k] / 255, 0, 1, 6, top - 8, m.id === state.muscle ? colour("--blue") : colour("--faint"), m.id.endsWith("_R") ? [3, 2] : [], m.id === state.muscle ? 2.2 : 1));
     pen.fillText("1", 28, 12); pen.fillText("0", 28, top - 6);
     const named = data.muscles.find((m) => m.id === state.muscle);
     pen.fillText(named ? `${named.name}, ${named.id}` : "activations, right dashed", left + 4, 12);
@@ -116,12 +117,12 @@ function tracks() {
   const other = state.other ? moves(state.other.motion.simulated, state.other.trial.time.length, m) : null;
   let most = 0.1;
   for (const all of [own, measured, other]) if (all) for (const v of all) if (v > most) most = v;
-  line(trial.time, (f) => own[f], 0, most, top + 4, h - 16, "#0072b2", [], 2);
-  if (measured) line(trial.time, (f) => measured[f], 0, most, top + 4, h - 16, "#b84a00", [5, 3], 1.6);
-  if (other) line(state.other.trial.time, (f) => other[f], 0, most, top + 4, h - 16, "#00734f", [2, 2], 1.6);
+  line(trial.time, (f) => own[f], 0, most, top + 4, h - 16, colour("--blue"), [], 2);
+  if (measured) line(trial.time, (f) => measured[f], 0, most, top + 4, h - 16, colour("--orange"), [5, 3], 1.6);
+  if (other) line(state.other.trial.time, (f) => other[f], 0, most, top + 4, h - 16, colour("--green"), [2, 2], 1.6);
   pen.fillText(`${most.toFixed(1)}`, 4, top + 12); pen.fillText("mm", 4, top + 24); pen.fillText("0", 28, h - 15);
   for (let k = 0; k <= 4; k++) { const t = trial.time[0] + (k / 4) * end; pen.fillText(`${t.toFixed(2)} s`, Math.min(x(t), w - 40), h - 3); }
-  pen.strokeStyle = "#1c2733"; pen.lineWidth = 1; pen.beginPath(); pen.moveTo(x(trial.time[frame]), 0); pen.lineTo(x(trial.time[frame]), h - 14); pen.stroke();
+  pen.strokeStyle = colour("--ink"); pen.lineWidth = 1; pen.beginPath(); pen.moveTo(x(trial.time[frame]), 0); pen.lineTo(x(trial.time[frame]), h - 14); pen.stroke();
   plot.setAttribute("aria-valuemax", trial.time[count - 1].toFixed(2));
   plot.setAttribute("aria-valuenow", trial.time[frame].toFixed(2));
 }
