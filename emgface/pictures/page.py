@@ -73,7 +73,7 @@ def motion_page(
     centre = middle_of(frames[0])
     trial = _motion_trial(motion, frames, centre)
     data = body_data(body, frames[0]) | _single(trial, motion["marker"].values)
-    origin = ""
+    origin, driven = "", ""
     if activation is not None:
         pace, start = motion.attrs["recorded_pace"], motion.attrs["recorded_start"]
         trial["activation"] = levels(
@@ -81,7 +81,7 @@ def motion_page(
         )
         data["muscles"] = muscle_names(activation["muscle"].values)
         data["scaling"] = scaling(activation)
-        origin = str(activation.attrs.get("origin", ""))
+        origin, driven = driven_by(activation)
     if aligned is not None:
         origin = str(aligned.attrs.get("origin", origin))
         sampled = motion.sel(time=motion["frame_time"].values, method="nearest")
@@ -102,10 +102,19 @@ def motion_page(
         data["trials"].append(second)
         data["strategies"] = list(names)
     title = trial_name(motion)
-    words = "The motion of the face is simulated by a finite-element model"
-    words += f" from the sEMG of a {origin} recording." if origin else "."
+    words = f"The motion of the face is simulated by a finite-element model{driven}."
     badge = "simulated motion" + (f", {origin} recording" if origin else "")
     return page_of(data, title=title, badge=badge, words=words, simulated=True)
+
+
+def driven_by(activation: xr.Dataset) -> tuple[str, str]:
+    """Origin of the recording of an activation, '' without one, and what drives the face in words."""
+    origin = str(activation.attrs.get("origin", ""))
+    if "montage" in activation.attrs:
+        return origin, f" from the sEMG of a {origin or 'stored'} recording"
+    if activation.attrs.get("strategy") == "true":
+        return origin, " from the true activation of a simulated recording"
+    return "", " from specified muscle activations"
 
 
 def _motion_trial(

@@ -18,7 +18,7 @@ from emgface.errors import DataError
 from emgface.face.file import save_face
 from emgface.muscles import MUSCLES
 from emgface.pictures import show as module
-from emgface.pictures.page import motion_page
+from emgface.pictures.page import driven_by, motion_page
 from emgface.pictures.show import draw, figure, kind, page
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.signals.parameters import SignalChain
@@ -73,6 +73,21 @@ def test_faces_and_motions_have_turning_pages(face: xr.Dataset, motion: xr.Datas
     assert "simulated motion" in moving and "S01 D (voluntary smile)" in moving
     assert "default-src 'none'" in moving.replace("&#39;", "'")
     assert "sigma_max 100 kPa" in moving
+
+
+@pytest.mark.parametrize(
+    ("attrs", "badge", "words"),
+    [
+        ("measured act_rel all", "measured", "from the sEMG of a measured recording"),
+        ("simulated true", "simulated", "from the true activation of a simulated recording"),
+        ("simulated levels", "", "from specified muscle activations"),
+        ("", "", "from specified muscle activations"),
+    ],
+)  # fmt: skip
+def test_page_names_a_recording_only_if_there_was_one(attrs: str, badge: str, words: str) -> None:
+    named = zip(("origin", "strategy", "montage"), attrs.split(), strict=False)
+    origin, driven = driven_by(xr.Dataset(attrs=dict(named)))
+    assert (origin, driven.strip()) == (badge, words)
 
 
 @pytest.mark.parametrize(("reach", "own"), [("trial", True), ("session", False)])
