@@ -107,7 +107,7 @@ def _write(kind: "Kind", model: Any, out_path: Path) -> None:
 
 def tabulate(
     path: Annotated[Path, typer.Argument(help="Jaw, tongue or face (netCDF).")],
-    out_path: Annotated[Path | None, typer.Option("--out", help="Table to write (csv).")] = None,
+    out_table: Annotated[Path | None, typer.Option("--out", help="Table to write (csv).")] = None,
     settings: options.SettingOption = None,
 ) -> None:
     """Run all tasks of a jaw, or raise every muscle of a tongue, and tabulate the outcomes."""
@@ -120,8 +120,8 @@ def tabulate(
     with progress("simulating") as bar:
         title, table = kind.functions.table(model, parsed(settings or ()), bar.show)
     show_table(frame(table), title)
-    if out_path is not None:
-        write_text(out_path, table.to_csv(index=False))
+    if out_table is not None:
+        write_text(out_table, table.to_csv(index=False))
 
 
 def sweep(
@@ -132,7 +132,7 @@ def sweep(
             "tongue.sigma_max, ring.OOP, contact, name."
         ),
     ],
-    out_path: Annotated[
+    out_table: Annotated[
         Path, typer.Option("--out", help="Table of outcomes (csv); completed runs are kept.")
     ],
     head_path: Annotated[
@@ -184,14 +184,14 @@ def sweep(
     with executing(workers, scheduler) as chosen, graceful_stop() as stopping:
         with progress("simulating runs") as bar:
             table = sweep_of(
-                runs, setting, table=out_path, head=head, workers=chosen, observer=bar,
+                runs, setting, table=out_table, head=head, workers=chosen, observer=bar,
                 stopping=stopping,
             )  # fmt: skip
     shown = [c for c in table.columns if not c.endswith(("_error", "key"))]
     show_table(frame(table[shown]), "Outcomes, simulated")
     largest = table.filter(like=STEP_ERROR).max(numeric_only=True).max()
     failed = int((table["end"] != "reached").sum())
-    say(f"Wrote {out_path}: {len(table)} runs, {failed} failed; largest step error {largest:.2g}.")
+    say(f"Wrote {out_table}: {len(table)} runs, {failed} failed; largest step error {largest:.2g}.")
 
 
 def reduce(

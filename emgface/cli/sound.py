@@ -166,7 +166,7 @@ def muscles(
     activation: Annotated[
         float, typer.Option(min=0.001, max=1.0, help="Activation of both muscles of a pair.")
     ] = 0.1,
-    out_path: Annotated[Path | None, typer.Option("--out", help="Table to write (CSV).")] = None,
+    out_table: Annotated[Path | None, typer.Option("--out", help="Table to write (CSV).")] = None,
 ) -> None:
     """Compute the change of lips and formants per activation of every muscle pair, from rest."""
     from emgface.anatomy.airway.muscles import formants_by_muscle
@@ -176,11 +176,11 @@ def muscles(
     found = formants_by_muscle(face_of(face, study_of(None)), tract, activation=activation)
     units = {"area": "area [mm2]", "protrusion": "protrusion [mm]"}
     table = found.rename(columns=lambda name: units.get(name, f"{name} [Hz]")).round(3)
-    if out_path is not None:
+    if out_table is not None:
         from emgface.files import replace_file
 
-        replace_file(out_path, lambda path: table.to_csv(path))
-        say(f"Wrote {out_path}.")
+        replace_file(out_table, lambda path: table.to_csv(path))
+        say(f"Wrote {out_table}.")
     show_table(frame(table), "at rest, and changes per activation of 1 (simulated)")
     say(f"Assumptions: {tract.attrs['assumptions']}.")
 

@@ -147,7 +147,7 @@ def _numbers(text: str, option: str, high: float) -> tuple[float, ...]:
 
 
 def dose(
-    out_path: Annotated[
+    out_table: Annotated[
         Path,
         typer.Option("--out", help="Table of all cases to write (csv); its folder keeps them."),
     ],
@@ -200,10 +200,10 @@ def dose(
     with executing(workers, scheduler) as chosen, graceful_stop() as stopping:
         with progress("treating") as bar:
             table = dose.dose_table(
-                every, setting, out_path.with_suffix(""), workers=chosen, observer=bar,
+                every, setting, out_table.with_suffix(""), workers=chosen, observer=bar,
                 stopping=stopping,
             )  # fmt: skip
-    write_text(out_path, "# simulated\n" + table.to_csv(index=False, float_format="%.6g"))
+    write_text(out_table, "# simulated\n" + table.to_csv(index=False, float_format="%.6g"))
     if cube is not None:
         store_netcdf(dose.cube_of(table, setting), cube)
     if figure is not None:
@@ -212,4 +212,4 @@ def dose(
     refused = table[table["end"] != "reached"]
     for row in refused.to_dict("records"):
         say(f"Person {row['person']}, {row['shape']} {100 * row['share']:g} %: {row['end']}")
-    say(f"Wrote {out_path}: {len(table)} cases, {len(refused)} not reached. {NOT_VALIDATED}.")
+    say(f"Wrote {out_table}: {len(table)} cases, {len(refused)} not reached. {NOT_VALIDATED}.")

@@ -8,15 +8,24 @@ import typer
 _OWN = (
     "cube exclude figure log movie page picture plain plot report save table vtk waypoints".split()
 )
-WRITTEN = {"out_path": "--out", "wave": "--out", **{name: f"--{name}" for name in _OWN}}
+WRITTEN = {
+    "out_path": "--out",
+    "out_table": "--out",
+    "wave": "--out",
+    **{name: f"--{name}" for name in _OWN},
+}
 """Option of every parameter by which a command is told what to write; other paths are read."""
+
+_DATA = ".nc .h5 .hdf5 .mat .npz .c3d .trc .edf .bdf .poly5 .xdf .vhdr .eeg".split()
+_TEXT_OR_PICTURE = set(_OWN) - {"cube", "log"}
 
 
 def spare_inputs(values: Mapping[str, object]) -> None:
-    """Raise BadParameter if a command would write a file that it reads, or one file twice.
+    """Raise BadParameter if a command would write a file that it reads, one twice, or a wrong kind.
 
     `values` are the arguments of the command. Links count as the file to which they lead. Folders
-    may be both read and written, because the names of the files in them differ.
+    may be both read and written, because the names of the files in them differ. Tables, pages and
+    pictures are not written under suffixes of data, under which no command could read them.
     """
     read = [
         path
@@ -39,6 +48,20 @@ def spare_inputs(values: Mapping[str, object]) -> None:
                     f"{other} and {option} are both {path}, so that one would replace the other, "
                     "expected different names: rename one of them"
                 )
+            _require_suffix(name, option, path)
+
+
+def _require_suffix(name: str, option: str, path: Path) -> None:
+    suffix = path.suffix.lower()
+    if name == "out_table" and suffix != ".csv":
+        raise typer.BadParameter(
+            f"{option} {path} is a table, expected a name that ends in .csv: specify another name"
+        )
+    if name in _TEXT_OR_PICTURE and suffix in _DATA:
+        raise typer.BadParameter(
+            f"{option} {path} has the suffix of a file of data, but a table, page or picture is "
+            "written, expected its own suffix, such as .csv, .html or .png: specify another name"
+        )
 
 
 def _paths(value: object) -> Iterable[Path]:

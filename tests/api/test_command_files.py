@@ -105,3 +105,38 @@ def test_a_conversion_never_replaces_its_recording(tmp_path):
     with pytest.raises(DataError, match="would be replaced by what is computed from it"):
         new_files({other: "", source: ""}, replace=True, sources=[Path(source)])
     new_files({other: ""}, replace=True, sources=[source])
+
+
+DATA = {
+    "out_path",
+    "wave",
+    "cube",
+    "log",
+}  # options that write data, sounds or pages by their suffix
+
+
+@pytest.mark.parametrize(
+    ("callback", "out"),
+    [
+        pytest.param(callback, name, id=f"{command} {name}")
+        for command, callback, names in paths()
+        for name in names
+        if name in WRITTEN and name not in DATA
+    ],
+)
+def test_a_table_or_page_is_not_written_under_the_suffix_of_data(callback, out, tmp_path):
+    """It is refused before the command runs, and no file that exists is replaced."""
+    target = tmp_path / "face.nc"
+    target.write_bytes(b"model")
+    every = dict.fromkeys(inspect.signature(callback).parameters) | {out: target}
+    with pytest.raises(typer.BadParameter, match=r"is a table|has the suffix of a file of data"):
+        callback(**every)
+    assert target.read_bytes() == b"model"
+
+
+@pytest.mark.parametrize("name", ["dose", "dose.txt", "dose.html"])
+def test_tables_end_in_csv(name, tmp_path):
+    """The folder of the cases of a dose has its name without suffix."""
+    found = CliRunner().invoke(app, ["dose", "--out", str(tmp_path / name)])
+    assert found.exit_code == 2 and "ends in .csv" in " ".join(found.output.split())
+    assert not list(tmp_path.iterdir())
