@@ -1,0 +1,61 @@
+"""Examples of the page of commands, executed one after the other as they are printed."""
+
+import os
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from emgface.cli import app
+from emgface.schema.netcdf import read_netcdf
+from tests.api.test_kinds import examples
+
+NOT_HERE = {
+    "import": "files of a published model",
+    "map": "a C3D file, as `test_command_files`",
+    "convert": "a C3D file",
+    "cut": "a session with events",
+    "fit": "tests/fit",
+    "treat": "tests/treatment",
+    "compare": "tests/treatment",
+    "dose": "tests/treatment",
+    "reduce": "tests/reduced",
+    "tabulate": "tests/jaw",
+    "sweep": "tests/head",
+    "live": "serves until it is interrupted; tests/view",
+    "demo": "the main job of the README",
+    "invert": "tests/inverse",
+    "record": "a motion of a jaw; tests/jaw",
+    "study": "tests/study_run/test_cli.py",
+    "volunteers": "simulates for minutes; tests/study_run/test_cli.py",
+    "report": "tests/study_run/test_cli.py",
+}
+"""Commands whose examples need other files or minutes, and where they run."""
+
+ORDER = ["check", "inventory", "features", "describe", "activate", "simulate", "score", "show", "build",
+         "sound", "schema"]  # fmt: skip
+
+
+def test_examples_run_as_they_are_printed(
+    laboratory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every example runs here, or the table says where its command does."""
+    lines = {shlex.split(line)[1]: shlex.split(line)[1:] for line in examples()}
+    assert set(lines) == {*ORDER, *NOT_HERE}
+
+    (tmp_path / "recordings").mkdir()
+    for path in (laboratory / "recordings").glob("*_B_*.nc"):
+        shutil.copy(path, tmp_path / "recordings")
+    shutil.copy(path, tmp_path / "trial.nc")
+    shutil.copy(laboratory / "face.nc", tmp_path)
+    emg = read_netcdf(path, "recording")["emg"].transpose("time_emg", "channel")
+    emg.to_pandas().rename_axis("time").to_csv(tmp_path / "emg.csv")
+    monkeypatch.chdir(tmp_path)
+    for name in ORDER:
+        found = CliRunner().invoke(app, lines[name])
+        assert found.exit_code == 0, (name, found.output, found.exception)
+        if "--out" in lines[name]:
+            out = tmp_path / lines[name][lines[name].index("--out") + 1]
+            assert os.path.getsize(out) > 0, name
