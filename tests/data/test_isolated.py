@@ -4,6 +4,7 @@ import ctypes
 import os
 import sys
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import scipy.io
 from emgface.errors import DataError
 from emgface.recordings.readers import _isolated
 from emgface.recordings.readers._arrays import read_array
-from emgface.recordings.readers._isolated import isolated
+from emgface.recordings.readers._isolated import isolated, parsed
 
 
 def crash() -> None:
@@ -26,6 +27,11 @@ def leave() -> None:
 
 def fill(count: int) -> int:
     return np.ones(count).size
+
+
+def doubt() -> int:
+    warnings.warn("returned data may be corrupt", stacklevel=1)
+    return 1
 
 
 def echo(value: object) -> object:
@@ -76,6 +82,22 @@ def test_a_parser_that_requests_all_memory_is_stopped(file: Path) -> None:
     with pytest.raises(MemoryError):
         isolated(file, fill, 1 << 32)
     assert isolated(file, fill, 1000) == 1000
+
+
+def test_data_that_the_parser_doubts_are_refused(file: Path) -> None:
+    with pytest.raises(DataError, match=r"a\.bin cannot be read .*may be corrupt"):
+        parsed(file, doubt)
+
+
+def test_matlab_4_in_an_unknown_byte_order_is_refused(tmp_path: Path) -> None:
+    """The first number states the order; scipy warns of that of VAX, and returns other data."""
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"emg": np.random.default_rng(1).normal(size=(6, 3))}, format="4")
+    whole = path.read_bytes()
+    assert read_array(path, "emg").shape == (6, 3)
+    path.write_bytes((2000).to_bytes(4, "little") + whole[4:])
+    with pytest.raises(DataError, match=r"a\.mat cannot be read"):
+        read_array(path, "emg")
 
 
 def test_a_damaged_nested_tag_of_matlab_becomes_an_error(tmp_path: Path) -> None:

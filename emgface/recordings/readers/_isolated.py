@@ -15,6 +15,7 @@ import signal
 import subprocess
 import sys
 import threading
+import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -155,6 +156,8 @@ def serve() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles interruptions
     requests, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # the output of parsers must not enter the pipe
+    # A parser that doubts what it reads, such as data in a byte order it does not know, has failed.
+    warnings.simplefilter("error", UserWarning)
     while True:
         try:
             name, arguments, options, size = receive(requests)
