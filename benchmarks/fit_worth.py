@@ -1,4 +1,4 @@
-"""What the fit of a face is worth: scores of simulated persons with generic, fitted and own geometry.
+"""Compare the scores of simulated persons with generic, fitted and own geometry of the face.
 
 Every person is recorded with a face of his or her own (`emgface.volunteers`), in the matched and the
 mismatched world. The study has the face as an axis: the generic face; that fitted to 20 landmarks; that

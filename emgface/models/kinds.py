@@ -37,7 +37,7 @@ class Person:
 
 @dataclass(frozen=True)
 class Drive:
-    """What moves a model: a file, or names with levels, or a task; and the options of the motion.
+    """Input that moves a model (a file, names with levels, or a task), and the options of the motion.
 
     Attributes
     ----------

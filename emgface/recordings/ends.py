@@ -1,4 +1,4 @@
-"""Whether the last line of a table of numbers was cut, as by a full disk or a lost connection.
+"""Test if the last line of a table of numbers is incomplete, for example because the disk was full.
 
 A cut within a line leaves no line end, and usually fewer cells, or fewer decimals or digits in the
 last cell than the lines before have. The number is then valid text, but its value is wrong.

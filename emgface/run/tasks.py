@@ -34,7 +34,7 @@ Labels = tuple[str, ...]
 
 
 class Place(Protocol):
-    """What a process prepares once for its jobs."""
+    """Data that a process prepares once and uses for all of its jobs."""
 
     @property
     def store(self) -> Store:
