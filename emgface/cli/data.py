@@ -73,8 +73,10 @@ def check(
     from emgface.recordings.folder import told
     from emgface.signals.parameters import SignalChain
 
-    paths = [path for path in paths if not _model_checked(path)]
+    paths, unusable = _without_models(paths)
     if not paths:
+        if unusable:
+            raise typer.Exit(BAD_INPUT)
         return
     refuse_existing(exclude)
     chain = options.chain_with(
@@ -118,18 +120,40 @@ def check(
     if exclude is not None:
         write_text(exclude, exclusions_text(excluded))
         say(f"Wrote {exclude}: {len(excluded)} trials; check it before using it in a study.")
-    if n_good < n_all:
+    if n_good < n_all or unusable:
         raise typer.Exit(BAD_INPUT)
+
+
+def _without_models(paths: list[Path]) -> tuple[list[Path], bool]:
+    """Check the models among the files; return the other files, and whether a model is unusable.
+
+    A file that cannot be opened is among the others, so that it does not end the check.
+    """
+    from emgface.errors import EmgfaceError
+
+    rest, unusable = list[Path](), False
+    for path in paths:
+        try:
+            if not _model_checked(path):
+                rest.append(path)
+        except EmgfaceError as error:
+            fail(error)
+            unusable = True
+    return rest, unusable
 
 
 def _model_checked(path: Path) -> bool:
     """Report counts and measures of the model in a file; return False for another file."""
     if path.suffix.lower() != ".nc" or not path.is_file():
         return False
+    from emgface.errors import EmgfaceError
     from emgface.models.kinds import KINDS
     from emgface.schema.netcdf import kind_of
 
-    declared = kind_of(path)
+    try:
+        declared = kind_of(path)
+    except EmgfaceError:  # told by the reader of recordings
+        return False
     kind = next((one for one in KINDS.values() if one.model == declared), None)
     if kind is None:
         return False

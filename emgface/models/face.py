@@ -67,6 +67,11 @@ def activation_for(face: xr.Dataset, drive: Drive) -> xr.Dataset:
     path = Path(drive.source)
     if not names_file(drive.source):
         return _constant(face, levels_of(drive.source, LEVEL), drive.duration or DURATION)
+    if drive.duration is not None:
+        raise ConfigurationError(
+            f"--duration {drive.duration:g} cannot be applied to {path.name}, whose times are its own, "
+            "expected levels of muscles with it: leave it out, or cut the recording"
+        )
     if path.suffix.lower() == ".nc":
         with open_netcdf(path) as opened:
             is_activation = "activation" in opened.variables

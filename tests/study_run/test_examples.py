@@ -59,3 +59,25 @@ def test_examples_run_as_they_are_printed(
         if "--out" in lines[name]:
             out = tmp_path / lines[name][lines[name].index("--out") + 1]
             assert os.path.getsize(out) > 0, name
+
+
+def test_a_damaged_file_does_not_end_a_check(laboratory: Path, tmp_path: Path) -> None:
+    """Neither among recordings nor among models; every other file is examined."""
+    trial = next((laboratory / "recordings").glob("*_B_*.nc"))
+    cut, face = tmp_path / "cut.nc", laboratory / "face.nc"
+    for whole in (trial, face):
+        cut.write_bytes(whole.read_bytes()[:3000])
+        found = CliRunner().invoke(app, ["check", str(cut), str(face), str(trial)])
+        text = " ".join(found.output.split())
+        assert found.exit_code == 2 and "cut.nc" in text
+        assert "face.nc:" in text and "1 of 2 recordings can be used" in text
+
+
+def test_a_duration_is_refused_where_the_file_has_its_own_times(
+    laboratory: Path, tmp_path: Path
+) -> None:
+    trial = next((laboratory / "recordings").glob("*_B_*.nc"))
+    line = ["simulate", str(trial), "--model", str(laboratory / "face.nc"), "--duration", "0.1"]
+    found = CliRunner().invoke(app, [*line, "--out", str(tmp_path / "m.nc")])
+    assert found.exit_code != 0 and not (tmp_path / "m.nc").exists()
+    assert "cannot be applied" in str(found.exception) + found.output
