@@ -56,6 +56,11 @@ def test_examples_run_as_they_are_printed(
     for name in ORDER:
         found = CliRunner().invoke(app, lines[name])
         assert found.exit_code == 0, (name, found.output, found.exception)
+        if name == "score":  # without --face, the head markers are those of the template
+            assert "of the face" not in found.output
+            given = [word for word in lines[name] if word not in ("--face", "face.nc")]
+            again = CliRunner().invoke(app, given)
+            assert "the motion is of the face 'slab'" in " ".join(again.output.split())
         if "--out" in lines[name]:
             out = tmp_path / lines[name][lines[name].index("--out") + 1]
             assert os.path.getsize(out) > 0, name
