@@ -1,21 +1,22 @@
 """Tissue laws of a face by layer, muscle and element."""
 
 import re
-from dataclasses import replace
-from typing import Any, Literal
+from dataclasses import is_dataclass, replace
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from pydantic import field_validator, model_validator
+from pydantic import AfterValidator, WithJsonSchema, field_validator, model_validator
 from scipy.spatial import KDTree
 
 from emgface.choices import Parameters, choice, parameter, positive
-from emgface.errors import FaceError
+from emgface.errors import ConfigurationError, FaceError
 from emgface.face.parts import CENTRE, INNER, OUTER
 from emgface.face.quality import element_centres
 from emgface.face.tension_lines import skin_axes
 from emgface.muscles import MUSCLES
+from emgface.plugins import names_schema, plugins, require_name
 from sim import CoRotational, LinearElastic, Material, Prony, SceneError
 from sim.laws import ISOCHORIC_LAWS, TENSOR_LAWS, BulkLaw, IsochoricLaw, TensorLaw
 from sim.laws.parameters import units
@@ -41,7 +42,11 @@ class Tissue(Parameters):
         (), "Muscles, with side, to any of which the elements belong; empty: all elements."
     )
     elements: tuple[int, ...] = choice((), "Ids of elements of the face model; empty: all.")
-    law: Literal[tuple(LAWS)] = choice(  # pyright: ignore[reportInvalidTypeForm]
+    law: Annotated[
+        str,
+        AfterValidator(lambda name: require_name("law", name, LAWS)),
+        WithJsonSchema(names_schema(LAWS)),
+    ] = choice(
         "mooney_rivlin",
         "Law of the passive tissue.",
         note="the first axis of 'fung' is the tension line of the nearest skin; 'linear' is "
@@ -84,7 +89,7 @@ class Tissue(Parameters):
 
     @model_validator(mode="after")
     def _possible(self) -> "Tissue":
-        names = units(LAWS[self.law])
+        names = units(law_named(self.law))
         unknown = [name for name in self.coefficients if name not in names]
         if unknown:
             raise ValueError(
@@ -104,7 +109,7 @@ class Tissue(Parameters):
 
     def passive_law(self) -> IsochoricLaw | TensorLaw:
         """Law with its coefficients, times the stiffness."""
-        law = LAWS[self.law](**self.coefficients)
+        law = law_named(self.law)(**self.coefficients)
         if self.stiffness == 1.0:
             return law
         moduli = [name for name, unit in units(law).items() if unit == "Pa"]
@@ -174,6 +179,24 @@ class Tissue(Parameters):
                 "the tissue"
             )
         return chosen
+
+
+def law_named(name: str) -> Any:
+    """Class of a law of this package or of another one.
+
+    Raises ConfigurationError if that of another package is no dataclass of quantities with a law of
+    `sim` as its base, whose element loop computes it.
+    """
+    if name in LAWS:
+        return LAWS[name]
+    plugin = plugins("law")[name]
+    law = plugin.load()
+    if not (isinstance(law, type) and is_dataclass(law) and issubclass(law, tuple(LAWS.values()))):
+        raise ConfigurationError(
+            f"the law '{name}' of {plugin.packages} is {law!r}, expected a dataclass with a law of sim "
+            f"as its base ({', '.join(one.__name__ for one in LAWS.values())}): use another law"
+        )
+    return law
 
 
 def scaled(material: Material, factor: float) -> Material:

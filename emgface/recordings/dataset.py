@@ -16,7 +16,8 @@ from typing import Any, NoReturn, Protocol, cast
 import xarray as xr
 
 import emgface.recordings.readers
-from emgface.errors import DataError, EmgfaceError
+from emgface.errors import ConfigurationError, DataError, EmgfaceError
+from emgface.plugins import Plugin, plugins
 from emgface.recordings.fillers import without_fillers
 from emgface.recordings.labels import LabelMap, apply_labels, constant_value, read_label_map
 from emgface.schema.netcdf import write_netcdf
@@ -54,7 +55,7 @@ class Reader(Protocol):
 
 @cache
 def readers() -> dict[str, Reader]:
-    """Return the readers by file suffix.
+    """Return the readers by file suffix, also those of other packages (`emgface.plugins`).
 
     Examples
     --------
@@ -68,7 +69,32 @@ def readers() -> dict[str, Reader]:
                 Reader, importlib.import_module(f"emgface.recordings.readers.{info.name}")
             )
             found.update(dict.fromkeys(module.SUFFIXES, module))
+    for name, plugin in plugins("reader").items():
+        found[f".{name}"] = cast(Reader, _OfPackage(plugin, own=f".{name}" in found))
     return found
+
+
+class _OfPackage:
+    """Reader of another package, which is imported when it reads or examines a file."""
+
+    def __init__(self, plugin: Plugin, own: bool) -> None:
+        self._plugin, self._own = plugin, own
+        self.SUFFIXES = (f".{plugin.name}",)
+        self.FORMAT = f"{plugin.name} by {plugin.packages}"
+
+    def __getattr__(self, name: str) -> Any:
+        if self._own:
+            raise ConfigurationError(
+                f"the reader of .{self._plugin.name} of {self._plugin.packages} has the suffix of one "
+                "of emgface, expected another suffix: uninstall the package"
+            )
+        module = self._plugin.load()
+        if name == "read" and not callable(getattr(module, name, None)):
+            raise ConfigurationError(
+                f"the reader of .{self._plugin.name} of {self._plugin.packages} has no function "
+                "read(path, units), expected one: uninstall the package"
+            )
+        return getattr(module, name)
 
 
 def read_recording(

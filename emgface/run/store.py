@@ -26,6 +26,7 @@ import xarray as xr
 
 from emgface.errors import DataError, StoreError
 from emgface.files import plain_files, replace_file, result_file
+from emgface.plugins import versions
 from emgface.run.digest import canonical_json, code_version, file_digest, text_digest
 from emgface.run.objects import Objects
 from emgface.run.provenance import computing_environment, now
@@ -100,11 +101,14 @@ class Store:
         self, stage: Stage, inputs: Mapping[str, str], parameters: Mapping[str, Any]
     ) -> dict[str, Any]:
         """All inputs of a result, as plain data."""
+        code = {"modules": list(stage.modules), "version": code_version(stage.modules)}
+        if of_others := versions(parameters):
+            code["plugins"] = of_others
         return {
             "stage": stage.name,
             "inputs": dict(inputs),
             "parameters": json.loads(canonical_json(dict(parameters))),
-            "code": {"modules": list(stage.modules), "version": code_version(stage.modules)},
+            "code": code,
         }
 
     def path(self, key: Mapping[str, Any]) -> Path:

@@ -4,15 +4,22 @@ If the publication is silent or contradicts itself, the choice is a parameter he
 contains one `SignalChain`.
 """
 
-from typing import Any, Literal
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, WithJsonSchema, model_validator
 
 from emgface.choices import ESKES, Parameters, choice, parameter
+from emgface.plugins import names_schema, require_name
 from emgface.signals.feature_parameters import FeatureParameters, FilterParameters, give_way
 from emgface.signals.montage import MontageParameters
 
-StrategyName = Literal["act_all", "act_3", "act_rel", "act_threshold"]
+STRATEGIES: Final = ("act_all", "act_3", "act_rel", "act_threshold")  #: those of this package
+StrategyName = Annotated[
+    str,
+    AfterValidator(lambda name: require_name("strategy", name, STRATEGIES)),
+    WithJsonSchema(names_schema(STRATEGIES)),
+]
+"""Name of a strategy of this package or of another one."""
 
 
 class MappingParameters(Parameters):

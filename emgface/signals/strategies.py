@@ -3,17 +3,14 @@
 Source: Eskes et al. 2017, Methods, Table 1; act_threshold follows a proposal of its Discussion.
 """
 
-import difflib
-from typing import get_args
-
 import numpy as np
 import xarray as xr
 
 from emgface.errors import ConfigurationError, SchemaError
 from emgface.muscles import INSTRUCTIONS, MODELLED, RELEVANT
-from emgface.signals.parameters import StrategyName, StrategyParameters
-
-STRATEGIES: tuple[StrategyName, ...] = get_args(StrategyName)  #: names of all strategies
+from emgface.plugins import plugins, require_name
+from emgface.schema.rules import one_line
+from emgface.signals.parameters import STRATEGIES, StrategyParameters
 
 
 def bilateral_mean(feature: xr.DataArray) -> xr.DataArray:
@@ -40,12 +37,7 @@ def needed_muscles(strategy: str, instruction: str | None) -> tuple[str, ...]:
 
     Raises ConfigurationError if the strategy or the instruction is unknown.
     """
-    if strategy not in STRATEGIES:
-        near = difflib.get_close_matches(str(strategy), STRATEGIES, n=1, cutoff=0.4)
-        raise ConfigurationError(
-            f"unknown strategy '{strategy}', "
-            + (f"did you mean '{near[0]}'?" if near else f"expected one of {', '.join(STRATEGIES)}")
-        )
+    require_name("strategy", strategy, STRATEGIES)
     if strategy != "act_rel":
         return MODELLED
     if instruction not in RELEVANT:
@@ -69,8 +61,12 @@ def select_muscles(
     `emgface.muscles.MODELLED`; ``"act_rel"`` those of Table 1 for the instruction;
     ``"act_threshold"`` those whose standard deviation of the bilateral mean exceeds
     `parameters.threshold` times the largest. The order is that of `MODELLED`, except for act_3:
-    most active first. Raises ConfigurationError if strategy or instruction is unknown, and
-    SchemaError if the montage contains none of the muscles that act_rel activates.
+    most active first. A strategy of another package is the function of its entry point
+    (`emgface.plugins`).
+
+    Raises ConfigurationError if strategy or instruction is unknown, or the function of another
+    package does not select some of the muscles, and SchemaError if the montage contains none of the
+    muscles that act_rel activates.
     """
     present = {str(name).rpartition("_")[0] for name in feature["muscle"].values}
     wanted = needed_muscles(strategy, instruction)
@@ -82,6 +78,8 @@ def select_muscles(
             f"{', '.join(sorted(present)) or 'no muscle'}): use another strategy, or record "
             "these muscles"
         )
+    if strategy not in STRATEGIES:
+        return _selected_by_plugin(feature, strategy, instruction, parameters, names)
     if strategy == "act_3":
         variance = bilateral_variance(feature).values
         order = np.argsort(-variance, kind="stable")
@@ -90,4 +88,29 @@ def select_muscles(
         deviation = np.sqrt(bilateral_variance(feature).values)
         active = deviation > parameters.threshold * deviation.max()
         return tuple(name for name, on in zip(names, active, strict=True) if on)
+    return names
+
+
+def _selected_by_plugin(
+    feature: xr.DataArray,
+    strategy: str,
+    instruction: str | None,
+    parameters: StrategyParameters,
+    present: tuple[str, ...],
+) -> tuple[str, ...]:
+    """Muscles that the function of another package selects among those present."""
+    plugin = plugins("strategy")[strategy]
+    select = plugin.load()
+    try:
+        names = tuple(map(str, select(feature.copy(), instruction, parameters)))
+    except Exception as error:
+        raise ConfigurationError(
+            f"the strategy '{strategy}' of {plugin.packages} failed ({one_line(error)}), expected "
+            "names of muscles: report it to its authors, or use another strategy"
+        ) from error
+    if not names or len(set(names)) < len(names) or not set(names) <= set(present):
+        raise ConfigurationError(
+            f"the strategy '{strategy}' of {plugin.packages} selected {', '.join(names) or 'nothing'}, "
+            f"expected some of {', '.join(present)}, each once: use another strategy"
+        )
     return names

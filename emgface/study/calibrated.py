@@ -10,16 +10,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final, get_args
+from typing import Any, Final
 
 import numpy as np
 import xarray as xr
 
 from emgface.errors import ConfigurationError, DataError
 from emgface.face.muscle_parameters import PUBLISHED_START
+from emgface.plugins import plugins
 from emgface.run.store import Result, Store
 from emgface.run.tasks import EXPECTED, OF_THE_MACHINE
-from emgface.signals.parameters import StrategyName
+from emgface.signals.parameters import STRATEGIES
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.outcomes import StudyRun
 from emgface.study.stages import Laboratory, StoredFailure
@@ -147,10 +148,10 @@ def calibrated_for(
         )
     place = (str(trial["volunteer"]), str(trial["instruction"]), int(trial["repetition"]))
     strategy = str(trial["strategy"])
-    if strategy not in get_args(StrategyName):
+    if strategy not in STRATEGIES and strategy not in plugins("strategy"):
         raise ConfigurationError(
             f"sigma_max cannot be calibrated for the strategy {strategy}, expected one of "
-            f"{', '.join(get_args(StrategyName))}, which do not follow the markers"
+            f"{', '.join(STRATEGIES)}, which do not follow the markers"
         )
     recordings = [load_recording(path, study.recordings) for path in training]
     for one in recordings:

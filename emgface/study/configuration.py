@@ -1,9 +1,9 @@
 """Configuration of a study, immutable and validated: comparison, varied choices, all parameters."""
 
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, WithJsonSchema, field_validator, model_validator
 
 from analysis.baselines import VARIABLES
 from analysis.cube import MARKER_DIMS, OF_INCISOR, PER_MARKER, PER_TRIAL
@@ -19,8 +19,9 @@ from emgface.face.template.resolution import Resolution
 from emgface.face.template.volunteers import PRESETS, preset_measures
 from emgface.inverse.configuration import InverseConfiguration
 from emgface.muscles import INSTRUCTIONS
+from emgface.plugins import names_schema, require_name
 from emgface.recordings.exclusions import Exclusion
-from emgface.signals.parameters import SignalChain
+from emgface.signals.parameters import STRATEGIES, SignalChain
 from emgface.signals.truth import TRUE_STRATEGY
 
 
@@ -193,8 +194,13 @@ def _file_label(name: str) -> str:
 
 VOLUNTEER = "{volunteer}"  #: part of a path that stands for the name of a volunteer
 STUDY_VERSION = 1  #: version of the format of a study file
-StudyStrategy = Literal["act_all", "act_3", "act_rel", "act_threshold", "inverse", "assisted"]
+OF_STUDIES: Final = (*STRATEGIES, "inverse", "assisted")
 """Strategies of the signal chain, and those that follow the markers."""
+StudyStrategy = Annotated[
+    str,
+    AfterValidator(lambda name: require_name("strategy", name, OF_STUDIES)),
+    WithJsonSchema(names_schema(OF_STUDIES)),
+]
 
 
 class RecordingsConfiguration(Parameters):

@@ -12,6 +12,7 @@ import xarray as xr
 
 from emgface.errors import DataError, EmgfaceError
 from emgface.muscles import INSTRUCTIONS
+from emgface.plugins import plugins
 from emgface.recordings.dataset import absent, candidates, none_found, read_recordings
 from emgface.recordings.exclusions import Exclusion, Place, reason_to_exclude
 from emgface.recordings.labels import read_label_map
@@ -192,6 +193,7 @@ def _mapping_digest(mapping: Path | None) -> str:
 def reader_digest(mapping: Path | None) -> str:
     """Digest of what determines the description of a recording besides its file."""
     code = code_version(("emgface.recordings", "emgface.schema", "emgface.study.table"))
+    code += "".join(f" {one.version()}" for one in plugins("reader").values())
     declared = file_digest(schema_folder() / "recording.json")
     return text_digest(f"{code} {declared} {_mapping_digest(mapping)}")
 

@@ -176,7 +176,7 @@ def test_act_threshold_selects_relative_to_the_most_active():
 
 def test_unknown_strategy_and_instruction():
     feature = feature_with({})
-    with pytest.raises(ConfigurationError, match="unknown strategy 'act_al', did you mean"):
+    with pytest.raises(ConfigurationError, match="unknown strategy 'act_al' .did you mean"):
         select_muscles(feature, "act_al", None, StrategyParameters())
     for instruction in ("G", None):
         with pytest.raises(ConfigurationError, match="has no row in the table"):

@@ -76,7 +76,7 @@ def test_the_template_writes_the_values_of_a_study() -> None:
         ("[simulation]\nsigma_mx = 1e5\n", "'simulation.sigma_mx', did you mean 'sigma_max'"),
         ("[alignmnt]\n", "'alignmnt', did you mean 'alignment'"),
         ("[signals.filter]\nhgh = 400.0\n", "'signals.filter.hgh', did you mean 'high'"),
-        ("strategies = ['act_5']\n", "'strategies.0' = 'act_5'.*act_all.*act_rel"),
+        ("strategies = ['act_5']\n", "strategies.0: unknown strategy 'act_5'.*act_all.*act_rel"),
         ("[simulation]\nstep = -0.01\n", "'simulation.step' = -0.01.*greater than 0"),
         ("[simulation]\nstep = nan\n", "simulation.step.*finite"),
         ("[simulation]\nsolver = 'newton'\n", "'newton'.*converged.*linearly_implicit"),

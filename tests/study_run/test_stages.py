@@ -17,6 +17,7 @@ from emgface.volunteers.motions import MOTION, REST
 
 PACKAGES = ("emgface", "sim", "analysis")
 PASSIVE = {
+    "emgface.plugins",  # finds the code of other packages, which enters the digest by itself
     "emgface.errors",  # names of failures, which are not stored
     "analysis.errors",
     "emgface.muscles",  # names that stand in the datasets themselves
