@@ -300,31 +300,58 @@ def palsy() -> list[Row]:
 
 
 def jaw() -> list[Row]:
-    """Rest and opening of a jaw after resection of one side, with its variants."""
-    from emgface.anatomy.jaw.outcomes import outcome
-    from emgface.anatomy.jaw.run import run_task
-    from emgface.anatomy.jaw.tasks import task_of
+    """Opening of a jaw after resection of one side, by muscles and by a load, with its variants.
+
+    Deviations are those of the incisor to the right at equal gape; at the largest gape, a stiff scar
+    deviates less because it opens less.
+    """
     from emgface.anatomy.jaw.template import template_jaw
+    from emgface.treatment.jaw_outcomes import deviation_at, opened_by_load, opened_by_muscles
     from emgface.treatment.plan import Resection
     from emgface.treatment.resection import resect
 
     whole = template_jaw()
+    scars, gape = (0.0, 100.0, 800.0), 5.0
 
-    def deviation(**given: Any) -> float:
-        treated, _ = resect(whole, Resection(**given))
-        return outcome(run_task(treated, task_of("open")))["right"]
+    def deviations(
+        drive: Callable[[xr.Dataset], Any] = opened_by_muscles, **given: Any
+    ) -> list[float]:
+        treated = (resect(whole, Resection(scar_stiffness=k, **given))[0] for k in scars)
+        return [deviation_at(drive(one), gape) for one in treated]
 
-    left, right = deviation(), deviation(side="right")
-    sweep = [deviation(scar_stiffness=k) for k in (0.0, 100.0, 800.0, 3000.0)]
-    graft, plate = deviation(reconstruction="graft"), deviation(reconstruction="plate")
-    return [
-        ("opening, left resection: incisor to the right", f"{left:.2f} mm", "to the left", left < 0.0),
-        ("right resection", f"{right:.2f} mm", "mirrored to 0.05 mm", abs(left + right) < 0.05),
-        ("scar of 0, 100, 800, 3000 N/m", ", ".join(f"{v:.2f}" for v in sweep),
-         "larger with 800 than 0", abs(sweep[2]) > abs(sweep[0])),
-        ("plate, graft", f"{plate:.2f}, {graft:.2f} mm", "graft less than none",
-         abs(graft) < abs(left)),
-    ]  # fmt: skip
+    def told(values: list[float]) -> str:
+        return ", ".join("not reached" if np.isnan(v) else f"{v:+.2f}" for v in values)
+
+    rows: list[Row] = []
+    head = f"incisor to the right at {gape:g} mm, scars of 0, 100, 800 N/m"
+    found = {kind: deviations(reconstruction=kind) for kind in ("none", "plate", "graft")}
+    loaded = {kind: deviations(opened_by_load, reconstruction=kind) for kind in found}
+    for kind, values in found.items():
+        rows.append((f"{kind}, by muscles: {head}" if kind == "none" else f"{kind}, by muscles",
+                     told(values) + " mm", "to the left, more with scar",
+                     bool((np.diff(values) < 0.0).all()) and values[-1] < 0.0))  # fmt: skip
+    for kind, values in loaded.items():
+        rows.append((f"{kind}, by a load on the incisor", told(values) + " mm",
+                     "to the left with scar", values[-1] < 0.0 and values[-1] < values[0]))  # fmt: skip
+    right = deviations(side="right")
+    apart = float(np.nanmax(np.abs(np.add(right, found["none"]))))
+    rows.append(("right side, mirrored", f"{apart:.3f} mm", "0.05 mm", apart < 0.05))
+    graft, none = found["graft"], found["none"]
+    rows.append(("graft and none without scar", f"{graft[0]:+.2f}, {none[0]:+.2f} mm",
+                 "graft deviates less", abs(graft[0]) < abs(none[0])))  # fmt: skip
+    rows.append(("graft and none, scar of 800 N/m", f"{graft[2]:+.2f}, {none[2]:+.2f} mm",
+                 "reported", True))  # fmt: skip
+    silent = deviations(
+        lambda one: opened_by_muscles(one, without="bi_ip"), reconstruction="graft", hyoid="fixed"
+    )
+    held = deviations(reconstruction="graft", hyoid="fixed")
+    rows.append(("graft, fixed hyoid, with and without lateral pterygoids, 800 N/m",
+                 f"{held[2]:+.2f}, {silent[2]:+.2f} mm", "reported", True))  # fmt: skip
+    border = deviations(scar_place="border")
+    rows.append(
+        ("none, scars at the lower border of the ramus", told(border) + " mm", "reported", True)
+    )
+    return rows
 
 
 def compensation() -> list[Row]:

@@ -52,8 +52,8 @@ def treat(
 
 
 def compare(
-    before: Annotated[Path, typer.Argument(help="Face before the treatment (netCDF).")],
-    after: Annotated[Path, typer.Argument(help="Face after the treatment (netCDF).")],
+    before: Annotated[Path, typer.Argument(help="Face or jaw before the treatment (netCDF).")],
+    after: Annotated[Path, typer.Argument(help="Face or jaw after the treatment (netCDF).")],
     recordings: Annotated[
         Path | None,
         typer.Argument(help="Folder with recordings of the instructions; default: their gestures."),
@@ -81,18 +81,22 @@ def compare(
 ) -> None:
     """Simulate two faces under the same activations, and compare their movement.
 
-    Complete motions are kept beside the page, and a repeated command computes only the others.
+    Complete motions are kept beside the page, and a repeated command computes only the others. Of two
+    jaws, the outcomes are printed and written as a table, without a page.
     """
     from emgface.api.given import simulation_of, study_of
     from emgface.face.file import load_face
     from emgface.files import write_text
     from emgface.pictures.stills import write_figure
     from emgface.run.store import Store
+    from emgface.schema.netcdf import kind_of
     from emgface.treatment.dose import read_cases, with_intervals
     from emgface.treatment.motions import TASKS, compared_motions, gestures, recorded
     from emgface.treatment.outcomes import movement_table, outcome_table
     from emgface.treatment.pages import compare_page, states_of
 
+    if before.is_file() and kind_of(before) == "jaw_model":
+        return _compare_jaws(before, after, table)
     chosen: dict[str, Any] = {} if sigma_max is None else {"sigma_max": sigma_max}
     if not contact:
         chosen["contact"] = {"method": "none"}
@@ -127,6 +131,23 @@ def compare(
     for name, reason in motions.failed.items():
         say(f"The movement {name} could not be simulated: {reason}")
     say(f"Wrote {out_path}" + (f" and {plain}." if plain else "."))
+
+
+def _compare_jaws(before: Path, after: Path, table: Path | None) -> None:
+    """Print the outcomes of a jaw before and after its treatment, and write them."""
+    from emgface.files import write_text
+    from emgface.schema.netcdf import read_netcdf
+    from emgface.treatment.jaw_outcomes import jaw_outcome_table
+    from emgface.treatment.plan import NOT_VALIDATED
+
+    jaws = [read_netcdf(path, "jaw_model") for path in (before, after)]
+    announce_compilation()
+    with progress("simulating") as bar:
+        found = jaw_outcome_table(*jaws, progress=bar.show)
+    if table is not None:
+        write_text(table, "# simulated\n" + found.to_csv(index=False, float_format="%.6g"))
+    show_table(frame(found.round(3)), "outcomes of the jaw, simulated")
+    say(f"{NOT_VALIDATED.capitalize()}.")
 
 
 def _words(text: str) -> tuple[str, ...]:

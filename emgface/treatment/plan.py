@@ -211,8 +211,8 @@ class Resection(Parameters):
     side: Literal["left", "right"] = choice("left", "Side of the subject.")
     reconstruction: Literal["none", "plate", "graft"] = choice(
         "none",
-        "'none' leaves the joint of that side out; 'plate' restores it, 'graft' also masseter and "
-        "temporalis.",
+        "'none' leaves the segment of bone and the joint of that side out; 'plate' restores both, "
+        "'graft' also the middle and posterior temporalis.",
         source="resection models of the published collection",
     )
     scar_stiffness: float = parameter(
@@ -223,6 +223,17 @@ class Resection(Parameters):
         note="vary it",
         ge=0,
         le=1e5,
+    )
+    scar_place: Literal["ramus", "border"] = choice(
+        "ramus",
+        "Scars along the ramus, between molar and condyle, or at its lower 'border', as in the "
+        "published demonstration.",
+        note="the direction of the opening depends on it: vary it",
+    )
+    hyoid: Literal["free", "fixed"] = choice(
+        "free",
+        "'free' leaves hyoid and larynx as they are in the jaw model; 'fixed' holds them, as the "
+        "published demonstration does.",
     )
 
 

@@ -309,6 +309,79 @@ def test_a_resection_of_the_jaw_is_mirrored_and_loses_muscles_and_joint(tmp_path
         treat_jaw(jaw, configure(Plan, {"step": [{"kind": "palsy"}]}))
 
 
+def test_the_clipped_part_of_a_surface_is_closed_and_has_its_closed_form():
+    import sim
+    from emgface.treatment.resection import clipped
+
+    # a brick of 4 x 2 x 3 about the origin; one corner lies exactly in the plane of a cut
+    x, y, z = (np.array([-0.5, 0.5]) * size for size in (4.0, 2.0, 3.0))
+    corners = np.array([[a, b, c] for a in x for b in y for c in z])
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    for limit in (1.0, -0.5, 1.75):
+        points, triangles = clipped(corners, faces, limit)
+        part = sim.body_of_surface("brick", points, triangles, 1.0)  # refuses open surfaces
+        length = 2.0 + abs(limit)
+        assert part.mass == pytest.approx(6.0 * length)
+        middle = np.sign(limit) * 0.5 * (abs(limit) - 2.0)
+        np.testing.assert_allclose(part.centre, [middle, 0.0, 0.0], atol=1e-12)
+        about = 6.0 * length / 12.0 * (np.array([2.0, length, length]) ** 2 + [9.0, 9.0, 4.0])
+        np.testing.assert_allclose(part.inertia, np.diag(about), atol=1e-9)
+    points, triangles = clipped(corners, faces, 2.0)  # a plane that only touches
+    assert sim.body_of_surface("brick", points, triangles, 1.0).mass == pytest.approx(24.0)
+
+
+def test_deviation_of_a_resected_jaw_grows_with_its_scar_at_equal_gape():
+    from emgface.anatomy.jaw.template import template_jaw
+    from emgface.errors import JawError
+    from emgface.treatment.jaw_outcomes import (
+        deviation_at,
+        jaw_outcome_table,
+        opened_by_muscles,
+        resected_side,
+    )
+    from emgface.treatment.plan import Resection
+    from emgface.treatment.resection import resect
+
+    jaw = template_jaw()
+    assert deviation_at((np.array([0.0, 2.0, 6.0]), np.array([0.0, 1.0, 3.0])), 5.0) == 2.5
+    found = []
+    for side, stiffness in (("left", 0.0), ("left", 800.0), ("right", 800.0)):
+        one, _ = resect(jaw, Resection(side=side, scar_stiffness=stiffness))
+        found.append(deviation_at(opened_by_muscles(one), 5.0))
+    assert found[1] < found[0] < 0.0  # towards the resected side, -x
+    assert found[2] == pytest.approx(-found[1], abs=0.02)
+    with pytest.raises(JawError, match="molars of 0 sides"):
+        resected_side(jaw)
+    treated, _ = resect(jaw, Resection(hyoid="fixed"))
+    assert not treated["body_moves"].sel(body="hyoid")
+    table = jaw_outcome_table(jaw, treated).set_index("outcome")
+    assert np.isfinite(table["after"]).all()
+    assert table.loc["rest, incisor to the right", "before"] == pytest.approx(0.0, abs=0.05)
+
+
+def test_a_resected_jaw_has_its_mass_in_the_bone_that_remains():
+    from emgface.anatomy.jaw.template import template_jaw
+    from emgface.treatment.plan import Resection
+    from emgface.treatment.resection import CUT, resect
+
+    jaw = template_jaw()
+    treated, told = resect(jaw, Resection(side="left"))
+    plate, _ = resect(jaw, Resection(side="left", reconstruction="plate"))
+    body = {"body": "jaw"}
+    assert float(treated["body_mass"].sel(body)) == float(jaw["body_mass"].sel(body))
+    way = (treated["body_centre"] - jaw["body_centre"]).sel(body).values
+    assert way[0] > 10e-3 and told["moved_centre_of_mass_mm"] == pytest.approx(
+        1e3 * np.linalg.norm(way)
+    )
+    assert (np.linalg.eigvalsh(treated["body_inertia"].sel(body).values) > 0.0).all()
+    np.testing.assert_array_equal(plate["body_centre"], jaw["body_centre"])
+    number = list(map(str, treated["body"].values)).index("jaw")
+    bone = treated["surface_position"].values[treated["surface_body"].values == number]
+    limit = CUT * float(jaw["point_position"].sel(point="bite_L", axis="x"))
+    assert bone[:, 0].min() == pytest.approx(limit)  # the bone ends at the cut
+
+
 def test_a_resection_is_refused_for_a_face(coarse):
     with pytest.raises(FaceError, match="applies to a jaw model"):
         ef.treat(coarse, {"step": [{"kind": "resection"}]})
