@@ -114,7 +114,7 @@ def clipped(points: Floats, triangles: Integers, limit: float) -> tuple[Floats, 
 
     kept, rim = list[tuple[int, int, int]](), list[tuple[int, int]]()
     for row in triangles.tolist():
-        inside = [depth[k] > 0.0 for k in row]
+        inside = [bool(depth[k] > 0.0) for k in row]
         if all(inside):
             kept.append((row[0], row[1], row[2]))
         elif any(inside):
@@ -165,8 +165,12 @@ def _without_segment(jaw: xr.Dataset, limit: float) -> tuple[xr.Dataset, float]:
     bodies = np.concatenate([owner[others], np.full(len(part[0]), body)])
     kept = jaw.drop_dims([d for d in ("vertex", "triangle") if d in jaw.dims])
     values = {"surface_body": bodies, "surface_position": at, "surface_triangle": corners}
-    drawn = {v: (jaw[v].dims, x.astype(jaw[v].dtype), jaw[v].attrs) for v, x in values.items()}
-    kept = kept.assign(body_inertia=inertia, body_centre=centre, body_damped_at=damped, **drawn)
+    drawn: dict[str, Any] = {
+        v: (jaw[v].dims, x.astype(jaw[v].dtype), jaw[v].attrs) for v, x in values.items()
+    }
+    kept = kept.assign(
+        drawn | {"body_inertia": inertia, "body_centre": centre, "body_damped_at": damped}
+    )
     return kept, float(np.linalg.norm(shift))
 
 
