@@ -55,7 +55,8 @@ class MuscleParameters(Parameters):
         "Initial value of the largest active muscle stress.",
         unit="Pa",
         source=f"{ESKES}, Finite element face model",
-        note="'published' is this start; persons have 80e3 to 150e3",
+        note="'published' is this start; simulated volunteers have 80e3 to 150e3, and what persons "
+        "have is not published",
     )
     sigma_max_policy: SigmaMaxPolicy = Field(
         default=SigmaMaxPolicy(),

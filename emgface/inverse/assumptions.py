@@ -9,8 +9,6 @@ from sim.state import Array
 
 FIRST_ERROR = 0.2
 """Error of the model over the motion before it is estimated."""
-STRESSES = (80e3, 150e3)
-"""Published range of the largest stresses of persons [Pa] (Eskes et al. 2017)."""
 PRESCRIBED = 0.01
 """Standard deviation of a prescribed activation [1]."""
 
@@ -28,8 +26,8 @@ class Assumptions:
         displacement of the markers [1]; by default estimated from the misfit of the recording.
     strength : float
         Standard deviation of the logarithm of the strength of a muscle of the person over that of the
-        face, which the motion does not determine [1]. 0.35 represents the range `STRESSES` about the
-        value of the face, and unequal muscles.
+        face, which the motion does not determine [1]. 0.35 represents half the range of
+        simulated volunteers (80 to 150 kPa) about the value of the face, and unequal muscles.
     model_memory, emg_memory : float
         Times within which this difference, and the error of the sEMG, are correlated [s].
     mean, size : float

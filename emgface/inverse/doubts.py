@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from emgface.inverse.assumptions import STRESSES
 from emgface.inverse.problem import Problem
 from emgface.recordings.quality import swapped_sides
 from sim.state import Array
@@ -86,13 +85,6 @@ def _mean(squares: Array) -> Array:
 def doubts(found: xr.Dataset) -> list[str]:
     """Sentences on what a result of `emgface.inverse.run.invert` contradicts, empty if nothing."""
     told: list[str] = []
-    sigma_max, (least, most) = found.attrs["sigma_max"], STRESSES
-    if "interval" in found.attrs and not least <= sigma_max <= most:
-        told.append(
-            f"the intervals are for a person whose muscles have about the {sigma_max / 1e3:.0f} kPa of "
-            f"the face, but persons have {least / 1e3:.0f} to {most / 1e3:.0f} kPa (Eskes et al. 2017): "
-            "set simulation.sigma_max in the study file to 115e3"
-        )
     if not found.attrs.get("converged", 1):
         told.append(
             "the fit did not converge: its activations still change, or no step lowers the objective. "
