@@ -52,8 +52,10 @@ FIGURES = (
     ("baselines_mismatched.svg", "all", BASELINES.format("mismatched")),
     ("normalisation.png", "subset", "rho and silent muscles with Eq. 8 per trial and per session"),
     ("strength.png", "subset", "amplitude ratio, rho and lowered trials over sigma_max"),
+    ("excursions.png", "faces", "excursions of the lips per instruction, beside those of persons"),
     ("inference.svg", "drawn", "size and coverage of claims about instructions in general"),
     ("contrasts.svg", "all", "differences of the strategies, these instructions and in general"),
+    ("inverse.png", "inverted", "activations from motion, nulls, and deviations of persons"),
 )
 """Figures of the page, the trials on which each is based, and their contents."""
 
@@ -150,6 +152,8 @@ def _figures() -> str:
         "all": f"{every}, {REPETITIONS} repetitions",
         "subset": f"{plan.volunteers} volunteers, {', '.join(subset())}, 1 repetition",
         "drawn": "scores drawn at random",
+        "faces": "no volunteers: fully activated muscles",
+        "inverted": f"{plan.volunteers} volunteers, A, D, 1 repetition",
     }
     rows = [f"| [{name}]({name}) | {basis[of]} | {shows} |" for name, of, shows in FIGURES]
     return "\n".join(["| figure | trials (simulated) | shows |", "|---|---|---|", *rows, ""])

@@ -10,7 +10,15 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Final
 
-from studies.science import baselines, choices, inference, normalisation, strength, worlds
+from studies.science import (
+    baselines,
+    choices,
+    inference,
+    inverse,
+    normalisation,
+    strength,
+    worlds,
+)
 
 Section = Callable[[Mapping[str, Path], Path], str]
 
@@ -21,6 +29,7 @@ SECTIONS: dict[str, Section] = {
     "strength": strength.make,
     "choices": choices.make,
     "inference": inference.make,
+    "inverse": inverse.make,
 }
 
 NEED_STUDIES: Final = frozenset({"worlds", "baselines", "normalisation", "inference"})

@@ -1,0 +1,330 @@
+"""What markers and sEMG tell about a person's own activation, beside estimates that cannot know it.
+
+    python -m studies.science --only inverse
+
+Volunteers of the mismatched world are inverted on the template face. Estimates are compared with the
+true activation, and with nulls that contain neither markers nor sEMG of the trial: the sEMG-driven
+activation of the other volunteers, and random activations that no table of instructions made. The
+deviations from the mean of the other volunteers (`studies.science.deviations`) remove what all persons
+share in an instruction.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+import emgface as ef
+from analysis.figures.style import COLOURS, blank, save, styled
+from benchmarks.report import markdown
+from emgface.inverse.many import invert_all
+from emgface.inverse.parameters import InverseParameters
+from emgface.recordings.dataset import read_recording
+from emgface.recordings.head import in_head_frame
+from emgface.schema.netcdf import read_netcdf
+from emgface.signals.parameters import HeadFrameParameters
+from studies.science.deviations import (
+    Floats,
+    Trials,
+    agreement,
+    deviation_agreement,
+    explained,
+    mean_of_others,
+    of_other_volunteers,
+    random_activations,
+    with_known_agreement,
+)
+from studies.science.setup import RESOLUTION, plan, study_of
+from studies.science.subset import mean_interval, mismatched_people, told
+
+INSTRUCTIONS: Final = ("A", "D")
+REPETITION: Final = 1
+SETTINGS: Final = ("step:motion", "step:assisted", "trajectory:motion", "trajectory:assisted")
+BEFORE: Final = 0.5
+AFTER: Final = 1.0
+STEP: Final = 0.02
+"""Time around the onset of the motion in which activations are compared, and its sampling [s]."""
+ONSET: Final = 0.5  #: share of the largest displacement that defines the onset
+INFERRED: Final = ("LAO", "BUC", "OOM", "DLI")
+"""Muscles without electrodes, whose sEMG is that of others (Eqs 2-6)."""
+DRAWS: Final = 200
+KNOWN: Final = (0.1, 0.2, 0.3, 0.5, 0.8)  #: correlations of the positive control
+SEMG: Final = "sEMG alone"
+
+
+def make(studies: Mapping[str, Path], out: Path) -> str:
+    """Invert the volunteers, write table and figure, and describe them."""
+    estimates, truth, trials, muscles = estimated()
+    table = scores(estimates, truth, trials, muscles)
+    power = controls(truth, trials)
+    gains = increments(estimates, truth, trials, muscles)
+    table.to_csv(out / "inverse.csv", index=False)
+    power.to_csv(out / "inverse_controls.csv", index=False)
+    gains.to_csv(out / "inverse_gains.csv", index=False)
+    save(_draw(table), out / "inverse.png", dpi=130)
+    return text(table, power, gains, trials)
+
+
+def estimated() -> tuple[dict[str, Floats], Floats, Trials, list[str]]:
+    """Estimates of every setting and the truth (trial, muscle, sample), with trials and muscles."""
+    recordings = mismatched_people(plan.store / "inverse" / SETTINGS[-1].replace(":", "_"))
+    files = sorted(
+        path
+        for path in recordings.glob(f"*_{REPETITION}.nc")
+        if path.stem.split("_")[1] in INSTRUCTIONS
+    )
+    study = study_of(recordings, "inverse")
+    face = ef.face(resolution=RESOLUTION)
+    found: dict[str, list[Floats]] = {}
+    for setting in SETTINGS:
+        form, variant = setting.split(":")
+        folder = plan.store / "inverse" / setting.replace(":", "_")
+        parameters = InverseParameters(form=form, variant=variant)  # pyright: ignore[reportArgumentType]
+        invert_all(
+            files, face, study, folder, parameters, workers=plan.workers, observer=plan.observer
+        )
+        found[setting] = []
+    found[SEMG], truth, labels = [], list[Floats](), list[tuple[str, str]]()
+    names = [str(m) for m in face["muscle"].values]
+    for path in files:
+        results = {s: plan.store / "inverse" / s.replace(":", "_") / path.name for s in SETTINGS}
+        if not all(one.is_file() for one in results.values()):
+            continue  # a trial that a setting could not invert is compared in none
+        recording = read_recording(path)
+        at = onset(recording) + np.arange(-BEFORE, AFTER + 0.5 * STEP, STEP)
+        for setting, file in results.items():
+            one = read_netcdf(file, "activation")
+            found[setting].append(sampled(one["activation"].sel(muscle=names), at))
+        semg = read_netcdf(results[SETTINGS[-1]], "activation")["emg_activation"]
+        found[SEMG].append(sampled(semg.sel(muscle=names), at))
+        true = recording["true_activation"].rename(time_true="time").sel(muscle=names)
+        truth.append(sampled(true, at))
+        labels.append((str(recording.attrs["volunteer"]), str(recording.attrs["instruction"])))
+    trials = Trials(tuple(v for v, _ in labels), tuple(i for _, i in labels))
+    return {k: np.array(v) for k, v in found.items()}, np.array(truth), trials, names
+
+
+def onset(recording: xr.Dataset) -> float:
+    """Time at which the lip markers have made half of their largest displacement [s]."""
+    lips = in_head_frame(recording["position"], HeadFrameParameters())
+    time = lips["time_marker"].values
+    moved = lips - lips.isel(time_marker=time <= time[0] + 0.1).mean("time_marker")
+    size = np.sqrt((moved**2).sum("axis")).mean("marker").values
+    return float(time[int((size > ONSET * np.nanmax(size)).argmax())])
+
+
+def sampled(activation: xr.DataArray, at: Floats) -> Floats:
+    """Activation (muscle, sample) at times [s], 0 outside of the trial."""
+    values = activation.transpose("muscle", "time")
+    time = values["time"].values
+    return np.array([np.interp(at, time, row, left=0.0, right=0.0) for row in values.values])
+
+
+def scores(
+    estimates: Mapping[str, Floats], truth: Floats, trials: Trials, muscles: Sequence[str]
+) -> pd.DataFrame:
+    """Correlations of estimates and nulls with the truth, one row per estimate and volunteer."""
+    rng = np.random.default_rng(46)
+    free = [k for k, m in enumerate(muscles) if m.rpartition("_")[0] in INFERRED]
+    own = [k for k in range(len(muscles)) if k not in free]
+    semg, n = estimates[SEMG], len(trials.persons)
+    made: dict[str, list[Floats]] = {name: [one] for name, one in estimates.items()}
+    made["null: sEMG of the others, mean"] = [mean_of_others(semg, trials)]
+    made["null: sEMG of another volunteer"] = [
+        of_other_volunteers(semg, trials, k) for k in range(n - 1)
+    ]
+    made["null: true mean of the others"] = [mean_of_others(truth, trials)]
+    made["null: random activations"] = [
+        random_activations(truth.shape, rng)  # pyright: ignore[reportArgumentType]
+        for _ in range(DRAWS)
+    ]
+    rows: list[dict[str, Any]] = []
+    for name, drawn in made.items():
+        columns: dict[str, Callable[[Floats], Floats]] = {
+            "correlation": lambda e: agreement(e, truth, trials),
+            "of deviations": lambda e: deviation_agreement(e, truth, trials),
+            "of deviations, with electrode": lambda e: deviation_agreement(e, truth, trials, own),
+            "of deviations, without": lambda e: deviation_agreement(e, truth, trials, free),
+        }
+        # The mean of the others contains nothing of the person: its deviations are not defined.
+        constant = name in ("null: sEMG of the others, mean", "null: true mean of the others")
+        values = {
+            column: np.full(n, np.nan)
+            if constant and column != "correlation"
+            else np.mean([score(e) for e in drawn], axis=0)
+            for column, score in columns.items()
+        }
+        rows += [
+            {"estimate": name, "volunteer": person, **{c: v[k] for c, v in values.items()}}
+            for k, person in enumerate(trials.persons)
+        ]
+    return pd.DataFrame(rows)
+
+
+def increments(
+    estimates: Mapping[str, Floats], truth: Floats, trials: Trials, muscles: Sequence[str]
+) -> pd.DataFrame:
+    """Share of the true deviations predicted by sEMG, by motion and by both, per volunteer."""
+    motion = estimates["trajectory:motion"]
+    free = [k for k, m in enumerate(muscles) if m.rpartition("_")[0] in INFERRED]
+    own = [k for k in range(len(muscles)) if k not in free]
+    rows: list[dict[str, Any]] = []
+    for label, at in (("all", None), ("with electrode", own), ("without electrode", free)):
+        share = {
+            "sEMG": explained({"s": estimates[SEMG]}, truth, trials, at),
+            "motion": explained({"m": motion}, truth, trials, at),
+            "both": explained({"s": estimates[SEMG], "m": motion}, truth, trials, at),
+        }
+        rows += [
+            {"muscles": label, "volunteer": person, **{k: v[i] for k, v in share.items()}}
+            for i, person in enumerate(trials.persons)
+        ]
+    return pd.DataFrame(rows)
+
+
+def controls(truth: Floats, trials: Trials) -> pd.DataFrame:
+    """Share of draws in which deviations are found (interval above 0), by their true correlation.
+
+    The correlation 0 is the negative control: random activations, which know nothing of the person.
+    """
+    rng = np.random.default_rng(47)
+    rows: list[dict[str, float]] = []
+    for rho in (0.0, *KNOWN):
+        found: list[tuple[float, bool]] = []
+        for _ in range(DRAWS):
+            estimate = (
+                with_known_agreement(truth, trials, rho, rng)
+                if rho
+                else random_activations(truth.shape, rng)  # pyright: ignore[reportArgumentType]
+            )
+            mean, low, _ = mean_interval(deviation_agreement(estimate, truth, trials))
+            found.append((mean, low > 0.0))
+        means, above = np.array(found, dtype=np.float64).T
+        rows.append({"true": rho, "measured": float(means.mean()), "found": float(above.mean())})
+    return pd.DataFrame(rows)
+
+
+def text(table: pd.DataFrame, power: pd.DataFrame, gains: pd.DataFrame, trials: Trials) -> str:
+    """Describe tables and figure in sentences with their numbers."""
+    shown: list[dict[str, object]] = []
+    for name, own in table.groupby("estimate", sort=False):
+        cells = {c: _cell(own[c].to_numpy()) for c in table.columns[2:]}
+        shown.append({"estimate (simulated)": name, **cells})
+    shares: list[dict[str, object]] = []
+    for label, own in gains.groupby("muscles", sort=False):
+        cells = {c: told(own[c].to_numpy()) for c in ("sEMG", "motion", "both")}
+        cells["motion adds"] = told((own["both"] - own["sEMG"]).to_numpy(), "+.2f")
+        cells["sEMG adds"] = told((own["both"] - own["motion"]).to_numpy(), "+.2f")
+        shares.append({"muscles": label, **cells})
+    return "\n".join(
+        [
+            "## Activations from motion, and what a person's own share is",
+            "",
+            f"{len(trials.persons)} volunteers of the mismatched world, instructions "
+            f"{', '.join(dict.fromkeys(trials.instruction))}, repetition {REPETITION} "
+            f"({len(trials.volunteer)} trials), are inverted on the template face with the stress "
+            "of the study of this page; sEMG alone is the strategy act_all. Correlations "
+            f"are over instructions, muscles and time from {BEFORE:g} s before to {AFTER:g} s after the "
+            "onset of the motion. The correlation of deviations is that of estimate and truth after "
+            "the mean of the other volunteers in the same instruction was subtracted from both.",
+            "",
+            markdown(pd.DataFrame(shown)),
+            "",
+            "*Mean over volunteers with 95 % interval (Student's t; simulated; [values of each "
+            "volunteer](inverse.csv)). Nulls contain neither markers nor sEMG of the trial.*",
+            "",
+            "![Correlation with the true activation, and of deviations (simulated)](inverse.png)",
+            "",
+            f"* {verdict(table)}",
+            _best(table),
+            "",
+            "Share of the true deviations that is predicted with coefficients from the other "
+            "volunteers (1 is all, 0 none, negative is worse than none), motion by the trajectory form:",
+            "",
+            markdown(pd.DataFrame(shares)),
+            "",
+            "*[Values of each volunteer](inverse_gains.csv); simulated.*",
+            "",
+            "* **Controls:** " + _power(power),
+            "* **What no world can tell:** the true activations of the volunteers are drawn about one "
+            "table of instructions; how far persons deviate from each other is an assumption, and "
+            "sEMG and markers of a person have no known truth.",
+            "",
+        ]
+    )
+
+
+def _cell(values: Floats) -> str:
+    return told(values) if np.isfinite(values).any() else "not defined"
+
+
+def verdict(table: pd.DataFrame) -> str:
+    """Sentence on assisted inversion against sEMG alone on the deviations."""
+    wide = table.pivot_table(index="volunteer", columns="estimate", values="of deviations")
+    difference = (wide["trajectory:assisted"] - wide[SEMG]).to_numpy()
+    mean, low, high = mean_interval(difference)
+    said = (
+        "estimates a person's own deviations better than sEMG alone"
+        if low > 0.0
+        else "estimates a person's own deviations worse than sEMG alone"
+        if high < 0.0
+        else "is not shown to estimate a person's own deviations better than sEMG alone"
+    )
+    return (
+        f"**The assisted inversion (trajectory) {said}:** the correlation of deviations is "
+        f"{told(wide['trajectory:assisted'].to_numpy())}, compared with {told(wide[SEMG].to_numpy())}; "
+        f"the difference is {mean:+.2f} ({low:+.2f} to {high:+.2f}) in {len(difference)} simulated "
+        "volunteers."
+    )
+
+
+def _best(table: pd.DataFrame) -> str:
+    mean = table.groupby("estimate", sort=False)["correlation"].mean()
+    nulls = mean[mean.index.str.startswith("null")]
+    own = mean.drop(nulls.index)
+    return (
+        f"* The correlation itself does not show what is known of a person: the best estimate reaches "
+        f"{own.max():.2f} ({own.idxmax()}), {nulls.idxmax().removeprefix('null: ')} "
+        f"{nulls.max():.2f}, the mean sEMG of the others "
+        f"{nulls['null: sEMG of the others, mean']:.2f}, and random activations "
+        f"{nulls['null: random activations']:.2f}."
+    )
+
+
+def _power(power: pd.DataFrame) -> str:
+    none, known = power.iloc[0], power.iloc[1:]
+    each = ", ".join(f"{row['true']:g} in {row['found']:.0%}" for _, row in known.iterrows())
+    return (
+        f"in {DRAWS} draws, estimates with a known correlation of deviations are found (interval above "
+        f"0) as follows: {each}. Random activations, which know nothing of the person, are found in "
+        f"{none['found']:.0%} (2.5 % are expected), with a mean correlation of {none['measured']:+.2f}."
+    )
+
+
+@styled
+def _draw(table: pd.DataFrame):
+    """Draw both correlations of every estimate, with volunteers and intervals."""
+    figure = blank(10.0, 3.8)
+    panels = figure.subplots(1, 2, sharey=True)
+    names = list(dict.fromkeys(table["estimate"]))
+    columns = ("correlation", "of deviations")
+    for panel, column in zip(panels, columns, strict=True):
+        for k, name in enumerate(names):
+            values = table[table["estimate"] == name][column].to_numpy()
+            if not np.isfinite(values).any():
+                panel.text(0.02, k, "not defined", fontsize=7, va="center")
+                continue
+            mean, low, high = mean_interval(values)
+            colour = "0.4" if name.startswith("null") else COLOURS[4]
+            panel.errorbar(mean, k, xerr=[[mean - low], [high - mean]], fmt="o", color=colour,
+                           capsize=3)  # fmt: skip
+            panel.plot(values, np.full(values.size, k + 0.2), ".", color=colour, alpha=0.5)
+        panel.axvline(0.0, color="0.6", linewidth=0.8)
+        panel.set_xlabel(f"correlation {column}" if column.startswith("of") else column)
+    panels[0].set_yticks(range(len(names)), names)
+    panels[0].invert_yaxis()
+    figure.suptitle("Estimated and true activation (SIMULATED)")
+    return figure
