@@ -36,6 +36,8 @@ from sim.linear import linear_solver
 SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
 RECORDED = {"line": "lines", "element": "elements", "stable": "stable"}
 """Variant by its name in the recorded motions."""
+MEDIAN, TIP = 1.0, 1.5
+"""Largest distances of all nodes (median) and of the tip from a stored shape [mm]."""
 EULER = sim.LinearlyImplicitEuler(tolerance=1e-9)
 
 
@@ -358,12 +360,20 @@ def compared(tongue: xr.Dataset, posture: str, d: np.ndarray) -> dict[str, Any]:
     stored = 1e3 * tongue["posture_displacement"].sel(posture=posture).values @ TURN
     ours, tip = 1e3 * d @ TURN, int(tongue["marker_node"][0])
     apart = np.linalg.norm(ours - stored, axis=1)
+    judged = {
+        "median": np.median(apart) <= MEDIAN,
+        "tip": apart[tip] <= TIP,
+        "signs": (ours[tip, [0, 2]] * stored[tip, [0, 2]] > 0.0).all(),
+    }
+    missed = [name for name, met in judged.items() if not met]
     return {
         "median": round(float(np.median(apart)), 2),
         "largest": round(float(apart.max()), 2),
         "tip apart": round(float(apart[tip]), 2),
         "tip x, z": f"{ours[tip, 0]:.2f}, {ours[tip, 2]:.2f}",
         "stored": f"{stored[tip, 0]:.2f}, {stored[tip, 2]:.2f}",
+        "basis": "free",
+        "met": f"{', '.join(missed)} no" if missed else "yes",
     }
 
 
