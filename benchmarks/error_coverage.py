@@ -227,15 +227,16 @@ def main(
     check: int = 0,
     workers: int = 2,
     hard: bool = False,
+    seed: int = 0,
 ) -> None:
     """Measure recordings of a second, store after every trial, print.
 
     `trials` limits their number (0: all, 40 with `hard`). `check_contact` repeats every motion, as the
-    parameter of a study does.
+    parameter of a study does. `seed` selects another set of `hard` drives.
     """
     warnings.simplefilter("ignore")
     muscles = template_face(resolution="coarse")["muscle"].values.tolist() if hard else []
-    drives = hard_drives(muscles) if hard else emg_trials()
+    drives = hard_drives(muscles, seed) if hard else emg_trials()
     chosen = enumerate(islice(drives, trials or (40 if hard else None)))
     marked: Iterator[Job] = (
         (label, drive, truth, k < check) for k, (label, drive, truth) in chosen

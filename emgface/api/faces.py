@@ -219,11 +219,13 @@ def simulate(
 
     from emgface.api.given import dataset_of, face_of, simulation_of, study_of
     from emgface.api.progress import shown
+    from emgface.face.identity import DIGEST
     from emgface.face.motion import settle_face, simulate_face
     from emgface.face.waypoints import Branch, WayPoints
     from emgface.pictures.body import skin_of
     from emgface.pictures.surface import SurfaceProbe, with_surface
-    from emgface.recordings.findings import ATTRIBUTE, findings_in
+    from emgface.recordings.belonging import TRIAL, of_face
+    from emgface.recordings.findings import ATTRIBUTE, findings_in, with_findings
     from emgface.recordings.repeated import warn_of
     from emgface.study.calibrated import calibrated_for
     from emgface.study.policy import lower_sigma_max
@@ -237,6 +239,8 @@ def simulate(
         given = dataset_of(activation, "activation", "activation")
         drive, told = given["activation"], given.attrs
         warn_of(findings_in(given))
+    other = of_face(told, model, "activation") if DIGEST in told else []
+    warn_of(other)
     if calibrate:
         trained = plan.model_copy(update={"simulation": parameters})
         training = [Path(path) for path in calibrate]
@@ -273,6 +277,6 @@ def simulate(
         trajectory = lower_sigma_max(once, parameters, report=line.message)
     if skin:
         trajectory = with_surface(trajectory, model, skin)
-    keep = ("volunteer", "instruction", "repetition", "strategy", "montage", ATTRIBUTE)
+    keep = (*TRIAL, "source_digest", "strategy", "montage", ATTRIBUTE)
     trajectory.attrs |= {name: told[name] for name in keep if name in told}
-    return trajectory
+    return with_findings(trajectory, other) if other else trajectory

@@ -266,6 +266,7 @@ def aligned_and_scored(
     from analysis.align import align
     from analysis.scores import score as score_trial
     from emgface.api.given import changed, dataset_of, face_of, recording_of, study_of
+    from emgface.recordings.belonging import of_face, of_recording
     from emgface.recordings.findings import findings_in
     from emgface.recordings.repeated import for_scores, stored_with, warn_of
     from emgface.study.measured import measured_during
@@ -275,9 +276,14 @@ def aligned_and_scored(
     score_choices = changed(plan.score, score or {}, "score")
     motion = dataset_of(trajectory, "trajectory", "position")
     given = recording_of(recording, mapping)
-    found = for_scores(given)
+    model = face_of(face, plan)
+    found = [
+        *for_scores(given),
+        *of_face(motion.attrs, model, "motion"),
+        *of_recording(motion.attrs, given.attrs),
+    ]
     warn_of([*findings_in(motion), *found])
-    measured = measured_during(given, motion, face_of(face, plan), plan.signals.head_frame)
+    measured = measured_during(given, motion, model, plan.signals.head_frame)
     aligned = align(
         measured,
         motion,

@@ -27,6 +27,7 @@ def show(
     recording: "Data | None" = None,
     compare: "Data | None" = None,
     mapping: "Mapping[str, Any] | File | None" = None,
+    face: "Data | None" = None,
     baseline: "Sequence[File]" = (),
 ) -> "View":
     """Show a recording, activation, motion, scores, cube, model or sound.
@@ -47,6 +48,9 @@ def show(
         Second trajectory of the same face, whose markers are shown with those of the first.
     mapping : mapping or path-like, optional
         As for `read`, if `shown` is a recording, or for `recording`.
+    face : Dataset or path-like, optional
+        Face of the trajectory, whose face markers place the head of `recording`; default: the generated
+        face.
     baseline : sequence of path-like, optional
         Motions of a jaw by other excitations, which are scored by the recording, too.
 
@@ -75,7 +79,8 @@ def show(
         path_of(shown, "something to show")
     named = os.fspath(mapping) if isinstance(mapping, os.PathLike) else mapping
     data, parts = opened(shown, named)
-    further = _further(data, recording, compare, mapping, baseline)
+    further = _further(data, recording, compare, mapping, face, baseline)
+    _warn_of_others(data, activation, further.get("compared"))
     view = View(data, kind(data), activation, parts, further)
     if out is not None:
         view.save(out)
@@ -87,6 +92,7 @@ def _further(
     recording: "Data | None",
     compare: "Data | None",
     mapping: "Mapping[str, Any] | File | None",
+    face: "Data | None",
     baseline: "Sequence[File]",
 ) -> dict[str, Any]:
     """Measured markers, scores and the second motion of a page, or what a jaw is compared with."""
@@ -111,10 +117,25 @@ def _further(
     if recording is not None:
         from emgface.api.recordings import aligned_and_scored
 
-        found["aligned"], found["scores"] = aligned_and_scored(recording, motion, mapping=mapping)
+        found["aligned"], found["scores"] = aligned_and_scored(
+            recording, motion, face=face, mapping=mapping
+        )
     if compare is not None:
         found["compared"] = dataset_of(compare, "trajectory", "position")
     return found
+
+
+def _warn_of_others(
+    motion: "xr.Dataset", activation: "xr.Dataset | None", compared: "xr.Dataset | None"
+) -> None:
+    """Warn if the activation or the second motion shown with a motion is of another face or trial."""
+    from emgface.recordings.belonging import of_recording, of_two
+    from emgface.recordings.repeated import warn_of
+
+    if compared is not None:
+        warn_of(of_two(compared.attrs, motion.attrs, "second motion"), stacklevel=4)
+    if activation is not None:
+        warn_of(of_recording(motion.attrs, activation.attrs), stacklevel=4)
 
 
 class View:

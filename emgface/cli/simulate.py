@@ -296,6 +296,10 @@ def show(
     compare: Annotated[
         Path | None, typer.Option(help="Second motion of the same face, shown with the first.")
     ] = None,
+    face: Annotated[
+        Path | None,
+        typer.Option(help="Face of the motion, whose markers place the head of the recording."),
+    ] = None,
     baseline: options.BaselineOption = None,
     save: Annotated[
         Path | None,
@@ -317,6 +321,7 @@ def show(
         activation=None if activation is None else ef.read(activation),
         recording=recording,
         compare=compare,
+        face=face,
         baseline=baseline or (),
     )
     say(f"Wrote {view.open() if out_path is None else view.save(out_path)}.")

@@ -132,19 +132,10 @@ def score(
         return
     import emgface as ef
     from analysis.flags import FLAGS, flags_of
-    from emgface.api.given import face_of, study_of
     from emgface.cli.tables import score_rows
-    from emgface.schema.netcdf import read_netcdf
 
     scores = ef.score(recording, motion, face=face, study=study, mapping=mapping)
     write_netcdf(scores, out_path, "scores")
-    moved = str(read_netcdf(motion, "trajectory").attrs.get("face", ""))
-    own = str(face_of(face, study_of(study)).attrs["name"])
-    if moved and moved != own:
-        say(
-            f"Warning: the motion is of the face {moved!r}, but the head markers are those of {own!r}: "
-            "specify the face of the motion by --face."
-        )
     title = f"{recording.name} ({scores.attrs['origin']}), shift {float(scores['shift']):.3f} s"
     show_table(score_rows(scores), title)
     for name in flags_of(scores):

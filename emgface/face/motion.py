@@ -19,6 +19,7 @@ from emgface.face.event_error import (
     event_error,
     in_other_steps,
 )
+from emgface.face.identity import belongs, require_face
 from emgface.face.integration import integrator_of, steps_of
 from emgface.face.lip_shape import UP, has_mouth
 from emgface.face.mouth import Mouth
@@ -79,7 +80,7 @@ def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Datase
             state = _settled(face, parameters, system, work)
     speed = float(np.linalg.norm(state.v, axis=1).max())
     moved = np.linalg.norm(state.q - face["position"].values, axis=1).max()
-    return xr.Dataset(
+    at_rest = xr.Dataset(
         {"node_position": (("node", "axis"), state.q, {"units": "m"})},
         coords={"axis": face["axis"].values},
         attrs={
@@ -89,6 +90,7 @@ def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Datase
             "origin": "simulated",
         },
     )
+    return belongs(at_rest, face)
 
 
 def _settled(
@@ -164,9 +166,9 @@ def simulate_face(
     then 1, or 0 if the motion was not trusted and is that of full order (``reduction_doubt``).
 
     Raises ActivationError if a muscle of the face has no activation, a name is unknown, or there
-    are fewer than two samples; ControlError if a value is not finite or outside 0-1;
-    InvertedElement (``element`` is the id in the face model), NotConverged or SingularSystem if a
-    step fails; ToleranceMissed if `error_tolerance` cannot be met.
+    are fewer than two samples; FaceError if `settled` belongs to another face; ControlError if a
+    value is not finite or outside 0-1; InvertedElement (``element`` is the id in the face model),
+    NotConverged or SingularSystem if a step fails; ToleranceMissed if `error_tolerance` cannot be met.
     """
     doubt, points = None, waypoints or (branch and branch.points)
     if parameters.reduced.file is not None:
@@ -249,7 +251,9 @@ def _start(
     settled: xr.Dataset | None,
 ) -> sim.State:
     """State of a face at rest."""
-    settled = settle_face(face, parameters) if settled is None else settled
+    if settled is None:
+        settled = settle_face(face, parameters)
+    require_face(settled.attrs, face, "equilibrium")
     rest = system.rest_state()
     return sim.State(
         0.0, np.ascontiguousarray(settled["node_position"].values), rest.v, rest.memory
@@ -270,12 +274,11 @@ def _described(
         "output": parameters.output,
         "sigma_max": parameters.sigma_max,
         "origin": "simulated",
-        "face": str(face.attrs.get("name", "")),
         "recorded_start": float(seconds(activation["time"])[0]),
         "recorded_pace": pace,
     }
     trajectory.attrs["motion"] = largest_motion(trajectory)
-    return trajectory
+    return belongs(trajectory, face)
 
 
 def _probes(face: xr.Dataset) -> tuple[Probe, ...]:

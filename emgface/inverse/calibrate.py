@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import DataError
+from emgface.face.identity import belongs
 from emgface.face.motion import settle_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.calibration import Calibration, over_session
@@ -68,16 +69,19 @@ def calibrate(
         for one in recordings
     ]
     found = estimate(trials, p, session, mixing=mixing, cross_talk=cross_talk)
-    return described_calibration(found, volunteer, simulation, origin)
+    return described_calibration(found, volunteer, face, simulation, origin)
 
 
 def described_calibration(
-    data: xr.Dataset, volunteer: str, simulation: SimulationParameters, origin: str
+    data: xr.Dataset,
+    volunteer: str,
+    face: xr.Dataset,
+    simulation: SimulationParameters,
+    origin: str,
 ) -> Calibration:
     """Calibration of a volunteer on a face, of trials that are measured or simulated."""
-    return Calibration(
-        data.assign_attrs(volunteer=volunteer, sigma_max=simulation.sigma_max, origin=origin)
-    )
+    about = {"volunteer": volunteer, "sigma_max": simulation.sigma_max, "origin": origin}
+    return Calibration(belongs(data.assign_attrs(about), face))
 
 
 @one_blas_thread

@@ -120,7 +120,7 @@ def calibrate_all(
         )
     trials = [_stored(store, one) for one in found]
     data = estimate(trials, p, session.dataset, mixing=mixing, cross_talk=cross_talk)
-    return described_calibration(data, volunteer, study.simulation, origin)
+    return described_calibration(data, volunteer, face, study.simulation, origin)
 
 
 def _stored(store: Store, one: FittedTrial) -> CalibrationTrial:

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import ConfigurationError
+from emgface.face.identity import belongs
 from emgface.face.recipe import named_elements
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.assumptions import Density, emg_precision
@@ -26,6 +27,9 @@ from emgface.inverse.refine import (
     refine,
 )
 from emgface.inverse.variants import trust_of
+from emgface.recordings.belonging import of_face
+from emgface.recordings.findings import with_findings
+from emgface.recordings.repeated import warn_of
 from emgface.signals.activation import IDENTITY
 from emgface.signals.parameters import SignalChain
 from sim import Activation
@@ -119,7 +123,11 @@ def invert(
             weight = emg_precision(p.assumed, error, trust, problem.h)
             density = p.assumed.density(values[1:], weight, problem.h, mixing)
             refined = fitted(problem, p, density, kept=kept, progress=progress)
-    result = _result(recording, found, problem, values, p, refined)
+    result = belongs(_result(recording, found, problem, values, p, refined), face)
+    if calibration is not None:
+        other = of_face(calibration.data.attrs, face, "calibration")
+        warn_of(other)
+        result = with_findings(result, other)
     return result.assign_attrs(
         signs(problem, recording, p.variant != "motion"),
         run_time_s=time.perf_counter() - begun,

@@ -190,6 +190,23 @@ _EMG: Final = {
         "left and right are exchanged",
     ),
 }
+_BELONGING: Final = {
+    "other_face": Meaning(
+        "warning",
+        "the {what} belongs to the face {own}, but the face {used} was used: specify the face of the "
+        "{what}",
+    ),
+    "face_unknown": Meaning(
+        "warning",
+        "the {what} states no digest of its face, as in files of earlier versions, so that it was not "
+        "verified that it belongs to the face {used}: compute it again",
+    ),
+    "other_trial": Meaning(
+        "warning",
+        "the motion was computed from {own}, but the recording is {used}: specify the recording from "
+        "which the activation was computed",
+    ),
+}
 _MARKERS: Final = {
     "still": Meaning("error", "does not move: check whether it is a copied frame"),
     "noise": Meaning("warning", "noise of {millimetres:.3g} mm: check calibration and light"),
@@ -215,5 +232,12 @@ _MARKERS: Final = {
     ),
 }
 
-CODES: Final[Mapping[str, Meaning]] = {**_CLOCK, **_FLAGS, **_FILLERS, **_EMG, **_MARKERS}
+CODES: Final[Mapping[str, Meaning]] = {
+    **_CLOCK,
+    **_FLAGS,
+    **_FILLERS,
+    **_EMG,
+    **_BELONGING,
+    **_MARKERS,
+}
 """Meaning of every code."""

@@ -18,6 +18,7 @@ MECHANICS: Final = (
     "emgface.face.lip_shape",
     "emgface.face.lips",
     "emgface.face.parts",
+    "emgface.face.identity",
     "emgface.face.motion",
     "emgface.face.mouth",
     "emgface.face.numerical_error",

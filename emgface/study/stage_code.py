@@ -99,6 +99,7 @@ INVERSE = Stage(
                 "emgface.inverse.signals",
                 "emgface.inverse.strategy",
                 "emgface.inverse.variants",
+                "emgface.recordings.belonging",
             )
         )
     ),

@@ -60,7 +60,7 @@ def test_examples_run_as_they_are_printed(
             assert "of the face" not in found.output
             given = [word for word in lines[name] if word not in ("--face", "face.nc")]
             again = CliRunner().invoke(app, given)
-            assert "the motion is of the face 'slab'" in " ".join(again.output.split())
+            assert "the motion belongs to the face 'slab'" in " ".join(again.output.split())
         if "--out" in lines[name]:
             out = tmp_path / lines[name][lines[name].index("--out") + 1]
             assert os.path.getsize(out) > 0, name

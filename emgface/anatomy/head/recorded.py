@@ -15,10 +15,14 @@ from emgface.anatomy.jaw.emg import CHANNELS, excitation_of
 from emgface.anatomy.jaw.recorded import INCISOR, score_motion
 from emgface.anatomy.jaw.series import Excitation, excitation_in
 from emgface.errors import HeadError
+from emgface.face.identity import belongs
 from emgface.face.numerical_error import largest_motion
 from emgface.face.parts import Integers
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import LIP_MARKERS
+from emgface.recordings.belonging import of_face, of_recording
+from emgface.recordings.findings import with_findings
+from emgface.recordings.repeated import warn_of
 from emgface.signals.activation import activation_of, feature_range
 from emgface.signals.parameters import SignalChain
 from emgface.study.configuration import StudyConfiguration
@@ -211,7 +215,6 @@ def trajectory_of_head(
         "output": p.output,
         "sigma_max": p.sigma_max,
         "origin": "simulated",
-        "face": str(face.attrs.get("name", "")),
         "head": str(head.lists.attrs["name"]),
         "recorded_start": start,
         "recorded_pace": 1.0,
@@ -221,7 +224,7 @@ def trajectory_of_head(
     trajectory.attrs["numerical_error"] = float(error.max())
     trajectory.attrs["incisor_error"] = float(((teeth[0] - teeth[1]) ** 2).sum("axis").max() ** 0.5)
     trajectory.attrs["inaccurate"] = int(float(error.max()) > 0.1 * moved)
-    return trajectory
+    return belongs(trajectory, face)
 
 
 def score_head(
@@ -229,6 +232,9 @@ def score_head(
 ) -> xr.Dataset:
     """Align the measured lip markers, and the lower incisor if it was recorded, and score each."""
     plan = (drive or RecordedDrive()).study
+    other = of_face(motion.attrs, head.parts["face"], "motion")
+    other += of_recording(motion.attrs, recording.attrs)
+    warn_of(other)
     lips = motion.sel(marker=list(LIP_MARKERS))
     measured = measured_during(recording, lips, head.parts["face"], plan.signals.head_frame)
     aligned = align(
@@ -238,7 +244,7 @@ def score_head(
         smallest_snr=plan.score.smallest_snr,
         **plan.alignment.arguments(),
     )
-    found = score(aligned, lips, **plan.score.model_dump())
+    found = with_findings(score(aligned, lips, **plan.score.model_dump()), other)
     if INCISOR not in recording["marker"].values:
         return found
     incisor = score_motion(recording.sel(marker=[INCISOR]), motion)

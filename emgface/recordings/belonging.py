@@ -1,0 +1,70 @@
+"""Findings where a result of one face or trial is used with another face, result or recording.
+
+Results state the digest of their face (`emgface.face.identity`). Those whose file states no digest, as
+of earlier versions, are compared by the name of the face, and the finding states that this is all that
+was compared.
+"""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import xarray as xr
+
+from emgface.face.identity import DIGEST, NAME, SHOWN
+from emgface.recordings.findings import Finding
+from emgface.run.digest import dataset_digest
+
+TRIAL: Final = ("volunteer", "instruction", "repetition")
+
+
+def of_face(result: Mapping[str, Any], face: xr.Dataset, what: str) -> list[Finding]:
+    """Finding if a result with these attributes belongs to another face, or does not state its face.
+
+    `what` names the result, such as "motion". Results that state neither name nor digest, as positions
+    that were not computed by this package, are found by "face_unknown".
+    """
+    name, digest = str(result.get(NAME, "")), str(result.get(DIGEST, ""))
+    own = str(face.attrs.get("name", ""))
+    if digest:
+        here = dataset_digest(face)
+        if digest == here:
+            return []
+        named = {"own": f"{name!r} ({digest[:SHOWN]})", "used": f"{own!r} ({here[:SHOWN]})"}
+        return [Finding("other_face", values={"what": what, **named})]
+    if name and own and name != own:
+        return [
+            Finding("other_face", values={"what": what, "own": repr(name), "used": repr(own)}),
+        ]
+    return [Finding("face_unknown", values={"what": what, "used": repr(own)})]
+
+
+def of_two(first: Mapping[str, Any], second: Mapping[str, Any], what: str) -> list[Finding]:
+    """Finding if two results state different faces."""
+    digests, names = ([str(one.get(key, "")) for one in (first, second)] for key in (DIGEST, NAME))
+    if all(digests) and digests[0] == digests[1]:
+        return []
+    if all(digests) or (all(names) and names[0] != names[1]):
+        own, used = (
+            f"{n!r}" + (f" ({d[:SHOWN]})" if d else "") for n, d in zip(names, digests, strict=True)
+        )
+        return [Finding("other_face", values={"what": what, "own": own, "used": used})]
+    return [Finding("face_unknown", values={"what": what, "used": repr(names[1])})]
+
+
+def of_recording(result: Mapping[str, Any], recording: Mapping[str, Any]) -> list[Finding]:
+    """Finding if a motion or activation was computed from another trial than a recording.
+
+    Both are compared by volunteer, instruction and repetition, as far as both state them, and by the
+    digest of the file where they state no trial.
+    """
+    both = [key for key in TRIAL if key in result and key in recording]
+    differ = [key for key in both if str(result[key]) != str(recording[key])]
+    if not both and "source_digest" in result and "source_digest" in recording:
+        differ = [] if result["source_digest"] == recording["source_digest"] else ["source"]
+    if not differ:
+        return []
+    own, used = (
+        ", ".join(f"{key} {one.get(key, 'unnamed')}" for key in differ)
+        for one in (result, recording)
+    )
+    return [Finding("other_trial", values={"own": own, "used": used})]
