@@ -1,5 +1,6 @@
 // Picking: the node under the pointer, as lines that fit, treat and mappings accept.
-const picks = { list: [], near: 18, told: new Map() };
+const picks = { lists: {}, near: 18, told: new Map() };
+const file = () => FILES[$("pick-kind").value], list = () => (picks.lists[file()] ??= []);
 const FILES = { node: "picked.py", element: "picked.py", muscle: "plan.toml", wedge: "plan.toml", landmark: "landmarks.csv", electrode: "mapping.toml" };
 const quoted = (text) => JSON.stringify(text).replaceAll("\u007f", "\\u007f");
 
@@ -42,15 +43,16 @@ function pick(i) {
   const line = i >= 0 && LINES[kind](own, i, name);
   canvas.dataset.picked = i >= 0 ? own.node[i] : "";
   if (!line) { $("picked").textContent = i < 0 ? "No node of the skin is here." : LACKS[kind]; return; }
-  if (picks.list.length && FILES[picks.list[0].kind] !== FILES[kind]) picks.list = [];
-  if (["landmark", "electrode"].includes(kind)) picks.list = picks.list.filter((one) => one.name !== name);
-  picks.list.push({ kind, name, line });
+  // A landmark or electrode has one place; lines of other files are kept until their kind is chosen again.
+  const same = ["landmark", "electrode"].includes(kind) ? list().findIndex((one) => one.name === name) : -1;
+  if (same >= 0) list().splice(same, 1);
+  list().push({ kind, name, line });
   $("picked").textContent = `Node ${own.node[i]}, element ${own.element[i]} (${own.layer[i]} layer)${own.muscle[i] ? `, ${own.muscle[i]}` : ""}${own.lip[i] ? `, ${own.lip[i]} lip` : ""}.`;
   written();
 }
 function written() {
-  const [first] = picks.list;
-  $("pick-text").value = first ? (HEADS[first.kind] || "") + picks.list.map((one) => one.line).join("\n") + "\n" : "";
+  const [first] = list();
+  $("pick-text").value = first ? (HEADS[first.kind] || "") + list().map((one) => one.line).join("\n") + "\n" : "";
   $("pick-save").textContent = first ? `Save ${FILES[first.kind]}` : "Save";
 }
 
@@ -65,16 +67,18 @@ function picking() {
   const typed = () => { const i = data.pick.node.indexOf(Number($("pick-node").value)); pick(i); };
   $("pick-add").addEventListener("click", typed);
   $("pick-node").addEventListener("keydown", (event) => { if (event.key === "Enter") typed(); });
-  $("pick-undo").addEventListener("click", () => { picks.list.pop(); written(); });
+  const none = () => { if (!list().length) $("picked").textContent = `Nothing has been picked for ${file()}.`; return !list().length; };
+  $("pick-kind").addEventListener("change", written);
+  $("pick-undo").addEventListener("click", () => { if (none()) return; list().pop(); written(); });
   $("pick-copy").addEventListener("click", async () => {
     $("pick-text").select();
     try { await navigator.clipboard.writeText($("pick-text").value); $("picked").textContent = "Copied."; }
     catch { document.execCommand("copy"); }
   });
   $("pick-save").addEventListener("click", () => {
-    if (!picks.list.length) return;
+    if (none()) return;
     const url = URL.createObjectURL(new Blob([$("pick-text").value], { type: "text/plain" }));
-    Object.assign(document.createElement("a"), { href: url, download: FILES[picks.list[0].kind] }).click();
+    Object.assign(document.createElement("a"), { href: url, download: file() }).click();
     URL.revokeObjectURL(url);
   });
   canvas.dataset.picks = "yes";

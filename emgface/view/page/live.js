@@ -9,6 +9,7 @@ const other = (k) => setup.muscles.findIndex((m) => stem(k) === m.replace(/_[LR]
 const fullName = (k) => setup.names[k] + ({ _L: ", left", _R: ", right" }[side(k)] || "");
 
 let socket = null;
+const NOTHING = "There is nothing to undo.";
 function say(message) { if (socket && socket.readyState === 1) socket.send(JSON.stringify(message)); }
 function told(text) { $("told").textContent = text; }
 // Answer of the program to a text, or a sentence `why` there is none.
@@ -170,11 +171,11 @@ function build() {
   for (const [letter, one] of Object.entries(setup.presets)) {
     const button = Object.assign(document.createElement("button"), { type: "button", textContent: one.name, title: `instruction ${letter}` });
     button.disabled = !setup.sliders;
-    button.addEventListener("click", () => { remember(); one.levels.forEach((a, k) => { inputs[k].value = a; }); send(); });
+    button.addEventListener("click", () => { told(`Activations of "${one.name}".`); remember(); one.levels.forEach((a, k) => { inputs[k].value = a; }); send(); });
     $("presets").append(button);
   }
   $("rest").addEventListener("click", () => { remember(); for (const i of inputs) i.value = 0; send(); say({ kind: "rest" }); });
-  $("undo").addEventListener("click", () => { const last = before.pop(); if (last) { last.forEach((a, k) => { inputs[k].value = a; }); send(); } });
+  $("undo").addEventListener("click", () => { const last = before.pop(); if (last) { last.forEach((a, k) => { inputs[k].value = a; }); send(); } else told(NOTHING); });
   for (const id of ["undo", "rest", "linked"]) $(id).disabled = !setup.sliders;
 }
 
@@ -290,12 +291,13 @@ function curveEditor() {
   $("later").addEventListener("click", () => shift(0.02));
   $("shorter").addEventListener("click", () => stretch(0.95));
   $("longer").addEventListener("click", () => stretch(1.05));
-  $("undo-curve").addEventListener("click", () => { const last = edit.past.pop(); if (last) { edit.knots = JSON.parse(last); edit.chosen = -1; plotted(); ask(false); } });
+  $("undo-curve").addEventListener("click", () => { const last = edit.past.pop(); if (last) { edit.knots = JSON.parse(last); edit.chosen = -1; plotted(); ask(false); } else told(NOTHING); });
   $("save").addEventListener("click", () => {
     const rows = Object.entries(edit.knots).flatMap(([name, all]) => all.map(([t, v]) => [name, t, v, $("interpolation").value, end()].join()));
     const text = ["muscle,time,value,interpolation,duration", ...rows].join("\n") + "\n";
     const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(new Blob([text], { type: "text/csv" })), download: "curves.csv" });
     link.click(); URL.revokeObjectURL(link.href);
+    told("The curves were passed to the browser as curves.csv.");
   });
   $("load").addEventListener("change", async () => {
     const file = $("load").files[0];

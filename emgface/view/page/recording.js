@@ -58,7 +58,7 @@ let source = {}, spectra = null, points = null, frame = 0;
 const keep = () => { past.push(JSON.stringify({ ...marks, hidden: [...marks.hidden], bad: [...marks.bad] })); if (past.length > 200) past.shift(); };
 function undo() {
   const one = past.pop();
-  if (!one) return;
+  if (!one) { say("There is nothing to undo."); return; }
   const old = JSON.parse(one);
   Object.assign(marks, { ...old, hidden: new Set(old.hidden), bad: new Set(old.bad) });
   listed(); refresh();
@@ -391,7 +391,7 @@ function toggleBad() { if (!emg) return; keep(); const k = view.chosen; if (mark
 function shift(by) {
   keep();
   const list = shown(), at = list.indexOf(view.chosen), other = list[at + by];
-  if (at < 0 || other === undefined) return;
+  if (at < 0 || other === undefined) { say("There is no shown channel to change places with."); return; }
   const a = marks.order.indexOf(view.chosen), b = marks.order.indexOf(other);
   [marks.order[a], marks.order[b]] = [marks.order[b], marks.order[a]];
   refresh();
