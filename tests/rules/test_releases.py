@@ -55,7 +55,7 @@ def kinds_of_changes(root: Path) -> list[str]:
 
 def test_every_change_is_a_file_of_one_kind_with_full_sentences(root: Path) -> None:
     kinds = "|".join(kinds_of_changes(root))
-    for path in sorted((root / "changes").iterdir()):
+    for path in sorted((root / "docs" / "changes").iterdir()):
         if path.name in ("template.md.jinja", ".gitkeep"):
             continue
         assert re.fullmatch(rf"[a-z0-9_-]+\.({kinds})\.md", path.name), path.name
@@ -67,10 +67,12 @@ def test_every_change_is_a_file_of_one_kind_with_full_sentences(root: Path) -> N
 
 def test_changes_are_assembled_above_those_of_earlier_versions(root: Path, tmp_path: Path) -> None:
     pytest.importorskip("towncrier")
-    for name in ("pyproject.toml", "CHANGELOG.md", "changes"):
+    for name in ("pyproject.toml", "CHANGELOG.md", "docs/changes"):
         source = root / name
         (shutil.copytree if source.is_dir() else shutil.copy)(source, tmp_path / name)
-    (tmp_path / "changes" / "some-matter.fixed.md").write_text("A matter is repaired,\nand told.\n")
+    (tmp_path / "docs" / "changes" / "some-matter.fixed.md").write_text(
+        "A matter is repaired,\nand told.\n"
+    )
     subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)  # it adds the file to one
     subprocess.run(
         [sys.executable, "-m", "towncrier", "build", "--yes", "--version", "9.0.0"],
