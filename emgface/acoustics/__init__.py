@@ -6,6 +6,7 @@ which is valid up to 4 to 5 kHz; side branches other than the nasal tract are ab
 
 from emgface.acoustics.matrix import formants, lossless_formants, transfer
 from emgface.acoustics.medium import LOSSLESS, SMALLEST, LineBranch, Medium
+from emgface.acoustics.printed import TransferFunction, read_transfer_function
 from emgface.acoustics.resonances import resonances
 from emgface.acoustics.sources import SILENT, Flow, Folds, Source, Turbulence, rosenberg
 from emgface.acoustics.wall_pressure import wall_pressure
@@ -20,11 +21,13 @@ __all__ = [
     "Folds",
     "Medium",
     "Source",
+    "TransferFunction",
     "TubeSound",
     "Turbulence",
     "formants",
     "kelly_lochbaum",
     "lossless_formants",
+    "read_transfer_function",
     "resonances",
     "rosenberg",
     "simulate_tube",

@@ -43,6 +43,8 @@ from studies.science.subset import mean_interval, mismatched_people, told
 INSTRUCTIONS: Final = ("A", "D")
 REPETITION: Final = 1
 SETTINGS: Final = ("step:motion", "step:assisted", "trajectory:motion", "trajectory:assisted")
+ITERATIONS: Final = 4
+"""Iterations of the trajectory form, as in the notebook on C3D files; at most 12 by default."""
 BEFORE: Final = 0.5
 AFTER: Final = 1.0
 STEP: Final = 0.02
@@ -82,7 +84,11 @@ def estimated() -> tuple[dict[str, Floats], Floats, Trials, list[str]]:
     for setting in SETTINGS:
         form, variant = setting.split(":")
         folder = plan.store / "inverse" / setting.replace(":", "_")
-        parameters = InverseParameters(form=form, variant=variant)  # pyright: ignore[reportArgumentType]
+        parameters = InverseParameters(
+            form=form,  # pyright: ignore[reportArgumentType]
+            variant=variant,  # pyright: ignore[reportArgumentType]
+            iterations=ITERATIONS,
+        )
         invert_all(
             files, face, study, folder, parameters, workers=plan.workers, observer=plan.observer
         )
@@ -226,7 +232,8 @@ def text(table: pd.DataFrame, power: pd.DataFrame, gains: pd.DataFrame, trials: 
             f"{len(trials.persons)} volunteers of the mismatched world, instructions "
             f"{', '.join(dict.fromkeys(trials.instruction))}, repetition {REPETITION} "
             f"({len(trials.volunteer)} trials), are inverted on the template face with the stress "
-            "of the study of this page; sEMG alone is the strategy act_all. Correlations "
+            "of the study of this page; sEMG alone is the strategy act_all; the "
+            f"trajectory form has {ITERATIONS} iterations. Correlations "
             f"are over instructions, muscles and time from {BEFORE:g} s before to {AFTER:g} s after the "
             "onset of the motion. The correlation of deviations is that of estimate and truth after "
             "the mean of the other volunteers in the same instruction was subtracted from both.",
