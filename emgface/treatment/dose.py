@@ -28,7 +28,7 @@ from emgface.run.observer import Observer, Silent
 from emgface.run.store import Stage, Store
 from emgface.run.tasks import Task, run_table
 from emgface.study.mechanics import MECHANICS
-from emgface.treatment.motions import gestures
+from emgface.treatment.motions import NO_PRESSURE, gestures, with_pressure
 from emgface.treatment.outcomes import FACTOR, OUTCOMES
 from emgface.treatment.plan import NOT_VALIDATED, Plan
 from emgface.treatment.treat import treat_face
@@ -176,7 +176,12 @@ def computed(case: Case, setting: DoseSetting) -> xr.Dataset:
     motions: dict[str, xr.Dataset] = {}
     for name, activation in gestures(face, setting.movements).items():
         try:
-            motions[name] = simulate_face(treated, activation, p, settled=settled)
+            motion = simulate_face(treated, activation, p, settled=settled)
+            motions[name] = (
+                with_pressure(motion, treated, p, settled) if name == "closing" else motion
+            )
+            if NO_PRESSURE in motions[name].attrs:
+                ends.append(f"pressure held: {motions[name].attrs[NO_PRESSURE]}")
         except SimulationError as error:
             ends.append(f"{name}: {error}")
     for outcome in OUTCOMES:
@@ -331,7 +336,7 @@ def with_intervals(outcomes: pd.DataFrame, table: pd.DataFrame) -> pd.DataFrame:
 
 SHOWN: Final = (
     "mouth width", "lower vermilion height", "lip opening", "pursing, amplitude",
-    "smile, excursion of the corners", "residual gap when closing",
+    "smile, excursion of the corners", "pressure held before the lips part",
 )  # fmt: skip
 
 

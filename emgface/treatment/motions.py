@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from emgface.errors import DataError
+from emgface.errors import DataError, FaceError
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.gestures import GESTURES, gesture_activation
@@ -20,8 +20,14 @@ from emgface.run.digest import dataset_digest
 from emgface.run.store import Stage, Store
 from emgface.study.mechanics import MECHANICS
 from emgface.study.policy import lower_sigma_max
+from emgface.treatment.pressure import pressure_held
 
-MOTION: Final = Stage("treatment_motion", (*MECHANICS, "emgface.treatment.motions"))
+MOTION: Final = Stage(
+    "treatment_motion", (*MECHANICS, "emgface.treatment.motions", "emgface.treatment.pressure")
+)
+PRESSURE: Final = "pressure_held_Pa"  #: attribute of a motion of closing
+PRESSURE_STEP: Final = "pressure_step_Pa"
+NO_PRESSURE: Final = "pressure_not_found"
 RISE, HOLD = 0.25, 0.25  #: time of the rise of a gesture and time at its level [s]
 TASKS: Final[Mapping[str, tuple[str, Mapping[str, float]]]] = {
     "opening": ("open the lips as far as possible", {"DLI": 1.0, "LLSAN": 1.0}),
@@ -102,6 +108,23 @@ def words_of(name: str, activation: xr.DataArray) -> str:
     return GESTURES[name][0] if activation.attrs.get("gesture") else INSTRUCTIONS[name]
 
 
+def with_pressure(
+    motion: xr.Dataset, face: xr.Dataset, parameters: SimulationParameters, settled: xr.Dataset
+) -> xr.Dataset:
+    """Add the pressure that the closed lips hold to a motion, or the reason why it was not found.
+
+    The attributes are `PRESSURE` [Pa], with `PRESSURE_STEP` [Pa], or `NO_PRESSURE`; without contact,
+    there is none.
+    """
+    if parameters.contact.method == "none":
+        return motion
+    try:
+        held = pressure_held(face, parameters, settled=settled)
+    except FaceError as error:
+        return motion.assign_attrs({NO_PRESSURE: str(error)})
+    return motion.assign_attrs({PRESSURE: held.pressure, PRESSURE_STEP: held.step})
+
+
 def compared_motions(
     intact: xr.Dataset,
     treated: xr.Dataset,
@@ -144,6 +167,8 @@ def compared_motions(
             face, activations[name], p, settled=settled[key],
             further=(SurfaceProbe(skins[which].node),),
         )  # fmt: skip
+        if name == "closing":
+            motion = with_pressure(motion, face, p, settled[key])
         return with_surface(motion, face, skins[which])
 
     found: tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]] = ({}, {})
@@ -163,6 +188,10 @@ def compared_motions(
             failed[name] = str(error)
             for one in found:
                 one.pop(name, None)
+    for which, when in enumerate(("before", "after")):
+        reason = found[which]["closing"].attrs.get(NO_PRESSURE) if "closing" in found[which] else ""
+        if reason:
+            failed[f"pressure held, {when}"] = str(reason)
     if progress is not None:
         progress(len(activations), len(activations))
     words = {name: words_of(name, given) for name, given in activations.items()}

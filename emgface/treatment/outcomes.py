@@ -14,7 +14,7 @@ from emgface.acoustics.matrix import formants
 from emgface.face.lip_shape import lip_rim
 from emgface.face.surface import face_areas
 from emgface.muscles import LIP_MARKERS
-from emgface.treatment.motions import ComparedMotions
+from emgface.treatment.motions import PRESSURE, ComparedMotions
 
 Floats = NDArray[np.float64]
 
@@ -139,6 +139,12 @@ def _lips_close(face: xr.Dataset, motion: xr.Dataset | None) -> float:
     return float(area <= CLOSED) if np.isfinite(area) else float("nan")
 
 
+def _pressure(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+    """Pressure in the mouth that the closed lips hold [Pa] (`emgface.treatment.pressure`)."""
+    assert motion is not None
+    return float(motion.attrs.get(PRESSURE, np.nan))
+
+
 def formant_of_lips(area: float) -> float:
     """First formant [Hz] of a uniform tract that ends in lips with an opening of an area [m^2].
 
@@ -174,6 +180,10 @@ OUTCOMES: Final = (
     Outcome(
         "lips close for /p b m/", "1", "closing", _lips_close, "closing the lips, as for p, b and m"
     ),
+    Outcome(
+        "pressure held before the lips part", "Pa", "closing", _pressure,
+        "the pressure in the mouth that the closed lips hold",
+    ),
     Outcome("rounding, smallest opening", "mm2", "A", _rounded, "the round opening of an “oo”"),
     Outcome("rounding, first formant of a uniform tract", "Hz", "A", _formant),
     Outcome("smile, excursion of the corners", "mm", "D", _smile, "how far the corners move in a smile"),
@@ -181,7 +191,7 @@ OUTCOMES: Final = (
 )  # fmt: skip
 """All outcomes; a new one is an entry."""
 
-FACTOR: Final = {"mm": 1e3, "mm2": 1e6, "1": 1.0, "Hz": 1.0}
+FACTOR: Final = {"mm": 1e3, "mm2": 1e6, "1": 1.0, "Hz": 1.0, "Pa": 1.0}
 
 
 def outcome_table(

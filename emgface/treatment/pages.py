@@ -39,6 +39,7 @@ Indices = NDArray[np.int64]
 CUT: Final = (0.62, 0.10, 0.16)  #: colour of the tissue that is removed
 STITCH: Final = ((0.98, 0.80, 0.25), (0.55, 0.05, 0.10))  #: suture, from no to the largest stress
 NEAR_SUTURE: Final = 1.3e-3  #: distance from the suture within which it is drawn [m]
+PLAIN_UNITS: Final = {"mm": "millimetres", "mm2": "square millimetres", "Pa": "pascals"}
 NO_SENSATION: Final = (
     "Sensation is not modelled. The activations after the treatment are those before it, which no "
     "person will repeat exactly. Scar, joining of fibres and their retraction have no measured values."
@@ -281,7 +282,7 @@ def plain_sentences(outcomes: pd.DataFrame, movements: pd.DataFrame) -> list[str
             found.append(f"In the model, {words[name]} stays about the same.")
             continue
         size = "more" if after > before else "less"
-        unit = "square millimetres" if row.unit == "mm2" else "millimetres"
+        unit = PLAIN_UNITS[str(row.unit)]
         found.append(
             f"In the model, {words[name]} is {size}: {after:.1f} instead of {before:.1f} {unit}."
         )

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial import KDTree
 
 import emgface as ef
+from emgface.api.given import simulation_of, study_of
 from emgface.choices import configure
 from emgface.errors import ConfigurationError, FaceError
 from emgface.face.file import load_face, save_face
@@ -380,6 +381,34 @@ def test_a_resected_jaw_has_its_mass_in_the_bone_that_remains():
     bone = treated["surface_position"].values[treated["surface_body"].values == number]
     limit = CUT * float(jaw["point_position"].sel(point="bite_L", axis="x"))
     assert bone[:, 0].min() == pytest.approx(limit)  # the bone ends at the cut
+
+
+def test_forces_of_a_pressure_are_those_of_its_closed_form():
+    from emgface.treatment.pressure import pressure_forces
+
+    q = np.array([[0.0, 0, 0], [2, 0, 0], [2, 3, 0], [0, 3, 0], [2, 0, 4], [0, 0, 4]])
+    faces = np.array([[0, 1, 2, 3], [0, 1, 4, 4]])  # a rectangle, and a triangle with a node twice
+    np.testing.assert_allclose(pressure_forces(q, faces[:1], 5.0).sum(axis=0), [0, 0, -30.0])
+    np.testing.assert_allclose(pressure_forces(q, faces[1:], 5.0).sum(axis=0), [0, 20.0, 0])
+
+
+def test_closed_lips_hold_a_pressure_that_converges_with_its_step(coarse):
+    from emgface.treatment.pressure import pressure_held
+
+    p = simulation_of(study_of(None).simulation, "draft", {"sigma_max": 100e3})
+    held = [pressure_held(coarse, p, step=step) for step in (200.0, 400.0, 800.0)]
+    values = [one.pressure for one in held]
+    assert all(one.closed and one.parted for one in held)
+    assert 800.0 < values[0] < 6000.0
+    assert abs(values[1] - values[0]) < abs(values[2] - values[1]) < 200.0
+    few = pressure_held(coarse, p, step=400.0, highest=800.0)
+    assert (few.pressure, few.parted) == (800.0, False)
+    paralysed = ef.treat(coarse, {"step": [{"kind": "palsy", "side": "both"}]})
+    open_lips = pressure_held(paralysed, p)
+    assert (open_lips.pressure, open_lips.closed) == (0.0, False)
+    without = p.model_copy(update={"contact": QUICK.contact})
+    with pytest.raises(FaceError, match="without contact"):
+        pressure_held(coarse, without)
 
 
 def test_a_resection_is_refused_for_a_face(coarse):
