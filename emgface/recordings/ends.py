@@ -1,16 +1,56 @@
-"""Test if the last line of a table of numbers is incomplete, for example because the disk was full.
+"""Lines of a table of numbers that were cut, for example because the disk was full, or written twice.
 
 A cut within a line leaves no line end, and usually fewer cells, or fewer decimals or digits in the
-last cell than the lines before have. The number is then valid text, but its value is wrong.
+last cell than the lines before have. The number is then valid text, but its value is wrong. A line that
+was written twice delays everything behind it by one sample.
 """
 
 import re
+from itertools import pairwise
 from typing import Final
 
 from emgface.recordings.findings import Finding
 
 BEFORE: Final = 20  #: lines before the last that it is compared with
 _NUMBER: Final = re.compile(r"[+-]?(?=[.,\d]|$)(\d*)(?:[.,](\d*))?(?:[eE]([+-]?\d*))?", re.ASCII)
+
+
+SEARCHED: Final = 2000  #: pairs of lines in which successive values are compared
+REPEATED: Final = (
+    2  #: most lines that are taken for written twice; more are values that stay the same
+)
+UNEQUAL: Final = 2  #: columns whose successive values must differ everywhere else
+
+
+def doubtful_lines(text: str, delimiter: str) -> list[Finding]:
+    """Findings on the lines of a table: its last one cut, or one written twice."""
+    return [*cut_line(text, delimiter), *repeated_line(text, delimiter)]
+
+
+def repeated_line(text: str, delimiter: str) -> list[Finding]:
+    """Return a finding if a line equals the one before, and nowhere else do successive values.
+
+    In at least `UNEQUAL` columns, successive values differ in all other pairs of lines (of the
+    `SEARCHED` nearest ones). Signals of few levels, or at rest, repeat values also elsewhere.
+    """
+    lines = text.rstrip("\x00\x1a\r\n").split("\n")
+    same = [k for k, (a, b) in enumerate(pairwise(lines)) if a == b and delimiter in a]
+    if not same or len(same) > REPEATED:
+        return []
+    first = max(0, same[0] - SEARCHED // 2)
+    near = [line.split(delimiter) for line in lines[first : first + SEARCHED]]
+    own = near[same[0] - first]
+    if not all(_NUMBER.fullmatch(cell.strip()) for cell in own):
+        return []
+    rows = [(k, cells) for k, cells in enumerate(near, first) if len(cells) == len(own)]
+    others = [(a, b) for (k, a), (_, b) in pairwise(rows) if k not in same]
+    unequal = sum(
+        bool(own[k].strip()) and all(a[k] != b[k] for a, b in others) for k in range(len(own))
+    )
+    if len(others) < BEFORE or unequal < UNEQUAL:
+        return []
+    values = {"line": same[0] + 2, "cells": unequal}
+    return [Finding("repeated_line", values=values)]
 
 
 def cut_line(text: str, delimiter: str) -> list[Finding]:

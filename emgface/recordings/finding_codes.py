@@ -46,6 +46,17 @@ _CLOCK: Final = {
         "the file ends with {line!r}, without a line end and with {why} than the lines before: it was "
         "probably cut, so that its last value may be wrong, copy or export it again",
     ),
+    "sample_count": Meaning(
+        "warning",
+        "contains {held:.0f} samples of a channel, but its header states {stated:.0f}: lines were lost, "
+        "repeated or left out, export it again",
+    ),
+    "repeated_line": Meaning(
+        "warning",
+        "line {line:.0f} of the table repeats the one before, while successive values of {cells:.0f} "
+        "columns differ everywhere else: it was probably written twice, and what follows is late by one "
+        "sample, export it again",
+    ),
     "too_few": Meaning("error", "has {samples:.0f} samples, expected at least two"),
     "uneven": Meaning("error", "intervals differ by over {allowed:.0%}: resample the recording"),
     "short_file": Meaning(

@@ -8,7 +8,7 @@ import pytest
 from emgface.errors import EmgfaceError
 from emgface.recordings.bids import write_bids
 from emgface.recordings.dataset import read_recording
-from emgface.recordings.ends import cut_line
+from emgface.recordings.ends import cut_line, repeated_line
 from emgface.recordings.exports import EXPORTS as LAYOUTS
 from emgface.recordings.findings import findings_in
 from emgface.texts import decoded
@@ -123,3 +123,62 @@ def test_exponents_count() -> None:
     assert cut_line("\n".join([*rows, "9,1.350000e"]), ",")
     assert cut_line("\n".join([*rows, "9,1.350000"]), ",")
     assert not cut_line("\n".join([*rows, "9,1.350000e-05"]), ",")
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_a_line_that_was_written_twice_is_a_finding_or_refused(name: str, tmp_path: Path) -> None:
+    """Readers with a column of times or a counter refuse it, or find it by these."""
+    path, target, units = READERS[name](tmp_path)
+    assert "repeated_line" not in codes(read_recording(path, mapping={"units": units}))
+    lines = decoded(target.read_bytes(), fallback="latin-1").splitlines(keepends=True)
+    sign = max("\t,;", key=lines[-5].count)
+    lines.insert(len(lines) - 5, lines[-5])
+    target.write_bytes("".join(lines).encode())
+    try:
+        found = codes(read_recording(path, mapping={"units": units}))
+    except EmgfaceError as error:
+        assert path.stem in str(error) or target.name in str(error)
+        return
+    several = len([c for c in lines[-5].strip().split(sign) if c.strip()]) > 2
+    assert found or not several, "a table of one signal may repeat a value"
+
+
+def codes(data) -> set[str]:
+    return {one.code for one in findings_in(data)} & {
+        "repeated_line", "sample_count", "cut", "rate", "gap", "gap_of_markers", "uneven", "reordered",
+    }  # fmt: skip
+
+
+def test_values_that_stay_the_same_are_not_written_twice() -> None:
+    rng = np.random.default_rng(0)
+    fine = [",".join(f"{v:.6f}" for v in row) for row in rng.normal(size=(500, 3))]
+    twice = [*fine[:200], fine[199], *fine[200:]]
+    assert [f.values["line"] for f in repeated_line("\n".join(twice), ",")] == [201]
+    assert not repeated_line("\n".join(fine), ",")
+    held = [*fine[:200], *[fine[199]] * 5, *fine[200:]]  # a dropout, which is found as a filler
+    assert not repeated_line("\n".join(held), ",")
+    assert not repeated_line("\n".join(line.split(",")[0] for line in twice), ","), "one column"
+
+
+def test_signals_of_few_levels_give_no_false_alarm() -> None:
+    """Converters of 6 to 12 bits at rest: lines that repeat by chance are no finding."""
+    rng = np.random.default_rng(1)
+    found = 0
+    for _ in range(200):
+        levels = 2.0 ** rng.uniform(0.0, 6.0)  # standard deviation in steps of the converter
+        values = np.round(levels * rng.normal(size=(1000, int(rng.integers(2, 6)))))
+        text = "\n".join(",".join(f"{0.1 * v:.4f}" for v in row) for row in values)
+        found += bool(repeated_line(text, ","))
+    assert found <= 2
+
+
+@pytest.mark.parametrize(("kept", "expected"), [(200, False), (199, True), (150, True)])
+def test_numbers_of_samples_are_compared_with_those_stated(kept, expected, tmp_path: Path) -> None:
+    """The header of AcqKnowledge states the number of samples of every channel."""
+    rows = [f"{a:.6f}\t{b:.6f}" for a, b in np.random.default_rng(0).normal(size=(200, 2))]
+    head = ["a.acq", "1 msec/sample", "2 channels", "ZYG_L", "mV", "ZYG_R", "mV", "CH1\tCH2"]
+    del rows[kept:]
+    (tmp_path / "a.txt").write_text("\n".join([*head, "200\t200", *rows]) + "\n")
+    found = [f for f in findings_in(read_recording(tmp_path / "a.txt")) if f.code == "sample_count"]
+    assert bool(found) == expected
+    assert not found or (found[0].values["held"], found[0].values["stated"]) == (kept, 200)

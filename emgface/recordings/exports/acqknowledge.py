@@ -24,6 +24,7 @@ from emgface.recordings.exports.contract import (
     seconds_in,
     split,
 )
+from emgface.recordings.findings import Finding
 
 NAME: str = "AcqKnowledge"
 DIGITAL, CALCULATED = 28, 40  #: first numbers of digital inputs, and of calculation channels
@@ -78,37 +79,43 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
             f"{path.name} declares {count} channels, and the row of their numbers is "
             f"{head[numbered][:60]!r}; expected CH1 and so on: the header is damaged, export it again."
         )
-    start = numbered + 1 + _has_counts(head[numbered + 1 :], delimiter, ahead)
+    stated = _counts(head[numbered + 1 :], delimiter, ahead)
+    start = numbered + 1 + (stated is not None)
     block = Block(path, text, start, delimiter, cells)
     time = None
     if ahead:
         unit = _CLOCKS.get(cells[0].lower(), cells[0])
         time = seconds_in(path, block.numbers(0), unit)
     columns: list[Column] = []
+    findings: list[Finding] = []
     for k, (label, unit) in enumerate(zip(labels, units, strict=True)):
         n = block.used(ahead + k)
         one = numbers[ahead + k]
         apart = _apart(int(one.group(1)) if one else 0)
         if n < block.n_rows and not apart:
             apart = f"has {n} of {block.n_rows} samples: it was recorded at another rate"
+        if stated is not None and k < len(stated) and stated[k] != n and not findings:
+            findings = [Finding("sample_count", values={"held": n, "stated": stated[k]})]
         values = block.numbers(ahead + k)[:n]
         columns.append(
             Column(label, unit, np.array(values), rate, None if time is None else time[:n], apart)
         )
-    return Export(columns, "BIOPAC")
+    return Export(columns, "BIOPAC", findings)
 
 
-def _has_counts(below: Sequence[str], delimiter: str, ahead: int) -> bool:
-    """Return True if the line below the channel numbers contains counts of samples."""
+def _counts(below: Sequence[str], delimiter: str, ahead: int) -> list[int] | None:
+    """Return the counts of samples in the line below the channel numbers, None if it has none."""
     if not below:
-        return False
+        return None
     cells = [cell for cell in split(below[0], delimiter) if cell]
     # With instants the first cell of this row is empty, and that of a row of numbers is not.
     whole = bool(cells) and all(re.fullmatch(r"\d+", cell) for cell in cells)
     led = not ahead or below[0].startswith(delimiter)
     following = [cell for cell in split(below[1], delimiter) if cell] if len(below) > 1 else []
     fractions = any(not re.fullmatch(r"[+-]?\d+", cell) for cell in following)
-    return whole and led and (min(map(int, cells)) > 1 or fractions)
+    if whole and led and (min(map(int, cells)) > 1 or fractions):
+        return list(map(int, cells))
+    return None
 
 
 def _apart(number: int) -> str:

@@ -11,7 +11,7 @@ import pandas as pd
 import xarray as xr
 
 from emgface.errors import DataError, listed
-from emgface.recordings.ends import cut_line
+from emgface.recordings.ends import doubtful_lines
 from emgface.recordings.findings import Finding
 from emgface.recordings.readers._arrays import read_array, read_texts
 from emgface.recordings.readers._beside import file_beside
@@ -54,7 +54,7 @@ def load_table(
     cut: list[Finding] = []
     if table.variable is None:
         frame = _table(sidecar, path, table)
-        cut = cut_line(read_text(path, table.encoding), table.delimiter)
+        cut = doubtful_lines(read_text(path, table.encoding), table.delimiter)
         # A sidecar that lists its channels may use the names that pandas gives to repeated labels.
         if wanted is None and not table.columns:
             _require_labels(sidecar, path, table)

@@ -20,7 +20,7 @@ from emgface.recordings.bids.sidecars import (
     start_times,
     world,
 )
-from emgface.recordings.ends import cut_line
+from emgface.recordings.ends import doubtful_lines
 from emgface.recordings.findings import Finding
 from emgface.recordings.readers._build import Part, assemble_parts, position_array, unique_labels
 from emgface.recordings.readers._flags import bad_rows, without_bad
@@ -211,4 +211,4 @@ def _values(path: Path, count: int) -> tuple[np.ndarray, list[Finding]]:
     last = text.rpartition("\n")[2]
     if last and last.count("\t") != count - 1:
         raise DataError(f"{path.name} ends within a row; expected complete rows: copy it again.")
-    return values, cut_line(text, "\t")
+    return values, doubtful_lines(text, "\t")

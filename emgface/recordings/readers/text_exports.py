@@ -16,7 +16,7 @@ import xarray as xr
 
 from emgface.errors import DataError, EmgfaceError, UnitsError
 from emgface.recordings import exports
-from emgface.recordings.ends import cut_line
+from emgface.recordings.ends import doubtful_lines
 from emgface.recordings.exports import EXPORTS, head_of, layout_in, layout_of
 from emgface.recordings.exports.contract import Column, Export, delimiter_of
 from emgface.recordings.findings import Finding
@@ -94,7 +94,7 @@ def export_of(path: Path) -> Export:
         raise DataError(needs_sidecar(path))
     export = layout.read(path, text, head)
     last = text.rstrip("\x00\x1a \n").rpartition("\n")[2]
-    return replace(export, findings=[*export.findings, *cut_line(text, delimiter_of(last))])
+    return replace(export, findings=[*export.findings, *doubtful_lines(text, delimiter_of(last))])
 
 
 def needs_sidecar(path: Path) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import DataError
-from emgface.recordings.ends import cut_line
+from emgface.recordings.ends import doubtful_lines
 from emgface.recordings.readers._build import (
     Part,
     assemble_parts,
@@ -51,7 +51,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
         )
     values = _values(path, table, count)
     base = _time_base(path, values[:, 0], values[:, 1], rate)
-    base = base.noting(cut_line(text, "\t" if "\t" in text else ","))
+    base = base.noting(doubtful_lines(text, "\t" if "\t" in text else ","))
     positions = values[:, 2:].reshape(frames, count, 3).transpose(1, 2, 0)
     unit = units.get("position", header["Units"])
     data = position_array(np.ascontiguousarray(positions), labels, base, unit)
