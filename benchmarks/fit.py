@@ -2,12 +2,12 @@
 
     python -m benchmarks fit --only damaged --inputs 300
     python -m benchmarks fit --only published
+    python -m benchmarks fit --only gap
     python -m benchmarks fit --only worth --persons 20 --workers 2
 
 Simulated persons; the published faces are read from the folder EMGFACE_SHARED.
 """
 
-import os
 import tempfile
 import time
 from collections import Counter
@@ -20,6 +20,7 @@ import typer
 import xarray as xr
 
 import sim
+from benchmarks.fit_gap import fitted_published, gap
 from benchmarks.fit_inputs import DAMAGES, damaged, person_of
 from benchmarks.fit_worth import worth
 from emgface.api.given import simulation_of, study_of
@@ -33,6 +34,7 @@ from emgface.fit.person import fit_face
 from emgface.fit.targets import Target, sheets
 from emgface.fit.triangulated import Surface
 
+LEVELS = {"OOP_L": 0.5, "OOP_R": 0.5}
 FAR = 1.2  #: distance from the skin of the person beyond which a fitted face is called wrong [mm]
 
 
@@ -75,17 +77,16 @@ def _true_skin(face: xr.Dataset, person: Any, fitted: Any) -> Target:
     return Target("skin", sheets(face)["skin"], Surface(moved, skin.triangles))
 
 
-def moved_markers(face: xr.Dataset, levels: dict[str, float], steps: int = 4) -> np.ndarray:
-    """Displacements (markers, 3) [m] at the equilibrium under levels, without contact and gravity."""
+def moved(face: xr.Dataset, steps: int = 4) -> np.ndarray:
+    """Displacements (n_nodes, 3) [m] in equilibrium under `LEVELS`, without contact and gravity."""
     given = {"sigma_max": 300e3, "gravity": False, "contact": {"method": "none"}}
     p = simulation_of(study_of(None).simulation, "draft", given)
     system = sim.compile_scene(replace(compose_scene(face, p), damping=None))
-    full = np.array([levels.get(str(m), 0.0) for m in face["muscle"].values])
+    full = np.array([LEVELS.get(str(m), 0.0) for m in face["muscle"].values])
     state, work = system.rest_state(), sim.Workspace(system)
     for k in range(1, steps + 1):
         state, _ = sim.Static().step(system, state, system.control(k / steps * full), 1.0, work)
-    nodes = face["marker_node"].values
-    return state.q[nodes] - face["position"].values[nodes]
+    return state.q - face["position"].values
 
 
 def published(further: int = 0) -> float:
@@ -94,40 +95,15 @@ def published(further: int = 0) -> float:
     Both carry the muscles of the reference, so that the difference is that of the geometry alone.
     `further` nodes of the rings of the lips are landmarks in addition to the 30.
     """
-    import csv
-
-    from emgface.face.ansys import read_nodes
-    from emgface.face.artisynth import import_artisynth
-    from emgface.fit.similarity import similarity
-
-    folder = Path(os.environ["EMGFACE_SHARED"]) / "artisynth_models"
-    face = import_artisynth(folder)
-    nodes = read_nodes(folder / "face_badin" / "badinface_oop_csa_midsagittal.node")
-    b = nodes.position[np.argsort(nodes.id)]
-    B = np.column_stack([b[:, 1], -b[:, 0], b[:, 2]])
-    with (folder / "face_reference" / "derived" / "landmarks.csv").open() as stream:
-        marks = {row["name"]: int(row["node"]) - 1 for row in csv.DictReader(stream)}
-    if further:
-        with (folder / "face_reference" / "derived" / "lip_ring_nodes.csv").open() as stream:
-            ring = [int(r["node"]) - 1 for r in csv.DictReader(stream) if int(r["ring"]) == 5]
-        for k in np.linspace(0, len(ring) - 1, further).round().astype(int):
-            marks[f"lip_{k}"] = ring[k]
-    X, own = face["position"].values, sheets(face)
-    found = fit_face(
-        face, {name: B[node] for name, node in marks.items()},
-        on_face={name: X[node] for name, node in marks.items()},
-        **{name: (B, sheet.triangles) for name, sheet in own.items()},
-    )  # fmt: skip
-    there = np.array([B[marks[name]] for name in found.deformed.landmarks.names])
-    truth = similarity(there, found.deformed.landmarks.target, scaled=False)(B)
-    levels = {"OOP_L": 0.5, "OOP_R": 0.5}
-    one, two = (moved_markers(f, levels) for f in (found.face, carry(face, truth).face))
+    found, truth = fitted_published(further)
+    nodes = found.face["marker_node"].values
+    one, two = (moved(f)[nodes] for f in (found.face, carry(found.source, truth).face))
     apart = 1e3 * float(np.sqrt((np.linalg.norm(one - two, axis=1) ** 2).mean()))
     size = 1e3 * np.linalg.norm(two, axis=1)
     q = found.face["position"].values
     print(
-        f"{len(marks)} landmarks: markers under OOP 0.5 at 300 kPa differ by {apart:.2f} mm rms [0.3], "
-        f"of {size.min():.1f} to {size.max():.1f} mm; nodes by "
+        f"{30 + further} landmarks: markers under OOP 0.5 at 300 kPa differ by {apart:.2f} mm rms "
+        f"[0.3], of {size.min():.1f} to {size.max():.1f} mm; nodes by "
         f"{1e3 * np.median(np.linalg.norm(q - truth, axis=1)):.2f} mm (median)",
         flush=True,
     )
@@ -135,7 +111,9 @@ def published(further: int = 0) -> float:
 
 
 def main(
-    only: Annotated[list[str] | None, typer.Option(help="damaged, published or worth.")] = None,
+    only: Annotated[
+        list[str] | None, typer.Option(help="damaged, published, gap or worth.")
+    ] = None,
     inputs: Annotated[int, typer.Option(help="Number of damaged inputs.")] = 36,
     first: Annotated[int, typer.Option(help="Number of the first of them.")] = 0,
     persons: Annotated[int, typer.Option(help="Number of simulated persons.")] = 20,
@@ -157,3 +135,5 @@ def main(
                 published(further)
             except EmgfaceError as error:  # landmarks far from a similarity are refused
                 print(f"{30 + further} landmarks: {error}", flush=True)
+    if not only or "gap" in only:
+        gap(moved)

@@ -1,11 +1,10 @@
-"""``emgface fit``: a face of a person from landmarks and surfaces."""
+"""``emgface fit``: a face, jaw or tongue of a person from landmarks, surfaces and labelled images."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from emgface.cli import options
 from emgface.cli.console import progress, say
 from emgface.cli.machine import announce_compilation
 
@@ -13,11 +12,20 @@ SurfaceHelp = "(.ply, .obj, .stl)"
 
 
 def fit(
+    out_path: Annotated[Path, typer.Option("--out", help="Fitted model to write (netCDF).")],
     landmarks: Annotated[
-        Path, typer.Option(help="Landmarks by name (.csv, .mrk.json, .fcsv, .landmarkAscii).")
-    ],
-    out_path: Annotated[Path, typer.Option("--out", help="Face model to write (netCDF).")],
-    face: options.FacePath = None,
+        Path | None,
+        typer.Option(help="Landmarks by name (.csv, .mrk.json, .fcsv, .landmarkAscii)."),
+    ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model",
+            "--face",
+            help="Face, jaw or tongue that is fitted, or face, jaw or tongue for the generated one; "
+            "default: face.",
+        ),
+    ] = None,
     skin: Annotated[Path | None, typer.Option(help=f"Scan of the skin {SurfaceHelp}.")] = None,
     inner: Annotated[
         Path | None, typer.Option(help=f"Inner surface of the soft tissue {SurfaceHelp}.")
@@ -25,12 +33,50 @@ def fit(
     bone: Annotated[
         Path | None, typer.Option(help=f"Bones to which the tissue is fixed {SurfaceHelp}.")
     ] = None,
+    surfaces: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--surface",
+            metavar="PART=FILE",
+            help=f"Surface of a part, such as jaw=jaw.stl or tongue=tongue.stl {SurfaceHelp}; "
+            "repeatable.",
+        ),
+    ] = None,
+    labels: Annotated[
+        Path | None,
+        typer.Option(
+            help="Labelled volume (NIfTI, NRRD, or a folder of DICOM) whose labels become surfaces."
+        ),
+    ] = None,
+    label: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PART=NUMBERS",
+            help="Part and its labels in the volume, such as skin=1,2,3 or jaw=4; repeatable.",
+        ),
+    ] = None,
     unit: Annotated[
         str | None, typer.Option(help="Unit of files that do not state it: mm, cm or m.")
     ] = None,
     on_face: Annotated[
         Path | None,
-        typer.Option(help="Places of the landmarks on the face that is fitted (as --landmarks)."),
+        typer.Option(
+            "--on-face",
+            "--on-model",
+            help="Places of the landmarks on the model that is fitted (as --landmarks).",
+        ),
+    ] = None,
+    frame: Annotated[
+        Path | None,
+        typer.Option(
+            help="Fitted model of the same person: the face (for a jaw) or the jaw (for a tongue)."
+        ),
+    ] = None,
+    before: Annotated[
+        Path | None,
+        typer.Option(
+            help="Jaw from which that of --frame was fitted (for a tongue); default: the generated one."
+        ),
     ] = None,
     noise: Annotated[float, typer.Option(help="Standard deviation of a landmark, in mm.")] = 0.8,
     thickness: Annotated[
@@ -39,7 +85,7 @@ def fit(
             help="Thickness where no data determine it, in standard deviations from the expected one."
         ),
     ] = 0.0,
-    name: Annotated[str | None, typer.Option(help="Name of the fitted face.")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the fitted model.")] = None,
     report: Annotated[
         Path | None, typer.Option(help="Page with distances, quality and uncertainty (HTML).")
     ] = None,
@@ -47,28 +93,58 @@ def fit(
         bool, typer.Option("--simulated", help="State that the inputs are simulated.")
     ] = False,
 ) -> None:
-    """Fit a face to a person by landmarks and, if present, surfaces."""
-    from emgface.api.given import face_of, study_of
-    from emgface.face.file import save_face
-    from emgface.fit.person import fit_face
-    from emgface.fit.report import summary, write_report
+    """Fit a face, jaw or tongue to a person by landmarks and, if present, surfaces."""
+    from emgface.models.kinds import KINDS, Evidence, Person, kind_of_model
 
+    given: dict[str, object] = dict(_parts("--surface", surfaces))
+    if labels is not None or label:
+        from emgface.fit.readers.volumes import labels_by_part, surfaces_of_labels
+
+        if labels is None or not label:
+            raise typer.BadParameter(
+                "--labels and --label belong together, expected a volume and at least one part such as "
+                "skin=1: specify both"
+            )
+        given |= surfaces_of_labels(labels, labels_by_part(_parts("--label", label)))
+    given |= {
+        k: v for k, v in {"skin": skin, "inner": inner, "bone": bone}.items() if v is not None
+    }
+    path = model or Path("face")
+    generated = not path.exists() and str(path) in KINDS
+    kind = KINDS[str(path)] if generated else kind_of_model(path)
     announce_compilation()
     with progress("fitting") as bar:
 
-        def tell(label: str, done: int, total: int) -> None:
-            bar.working(label)
+        def tell(what: str, done: int, total: int) -> None:
+            bar.working(what)
             bar.show(done, total)
 
-        fitted = fit_face(
-            face_of(face, study_of(None)), landmarks, skin=skin, inner=inner, bone=bone, unit=unit,
-            on_face=on_face, noise=1e-3 * noise, thickness=thickness,
-            name=name or out_path.stem, simulated=simulated, progress=tell,
+        found = kind.fit(
+            kind.build(Person()) if generated else kind.functions.read(path),
+            Evidence(
+                landmarks=landmarks, places=on_face, surfaces=given, unit=unit, noise=1e-3 * noise,
+                thickness=thickness, frame=frame, before=before, name=name or out_path.stem,
+                simulated=simulated,
+            ),
+            tell,
         )  # fmt: skip
-    save_face(fitted.face, out_path)
+    kind.functions.write(found.model, out_path)
     say(f"Wrote {out_path}.")
     if report is not None:
-        write_report(fitted, report)
+        found.report(report)
         say(f"Wrote {report}.")
-    for sentence in (*fitted.notes, *summary(fitted)):
+    for sentence in found.notes:
         say(sentence)
+
+
+def _parts(option: str, given: list[str] | None) -> dict[str, str]:
+    """Text by part, of options such as jaw=jaw.stl."""
+    found: dict[str, str] = {}
+    for text in given or []:
+        part, equals, value = (one.strip() for one in text.partition("="))
+        if not (part and equals and value):
+            raise typer.BadParameter(
+                f"{option} {text}: expected PART and a value, such as jaw=jaw.stl or jaw=4"
+            )
+        found[part] = value
+    return found

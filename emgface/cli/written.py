@@ -65,6 +65,7 @@ def _require_suffix(name: str, option: str, path: Path) -> None:
 
 
 def _paths(value: object) -> Iterable[Path]:
-    """Paths among the values of one parameter."""
+    """Paths among the values of one parameter, also of lists of texts such as jaw=jaw.stl."""
     every = value if isinstance(value, list | tuple) else (value,)
-    return (one for one in every if isinstance(one, Path))
+    named = (Path(one.partition("=")[2]) for one in every if isinstance(one, str) and "=" in one)
+    return [*(one for one in every if isinstance(one, Path)), *named]

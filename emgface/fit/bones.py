@@ -7,7 +7,6 @@ nearest to the motion of its surface and the ratio r of volumes, its mass is r m
 A M A' (M = tr(I)/2 - I). Largest forces of muscles are kept, because no input determines them.
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -18,18 +17,19 @@ import xarray as xr
 
 from emgface.errors import FitError, listed
 from emgface.fit.deform import NOISE
-from emgface.fit.inputs import Matched, facing, in_face_frame, match
+from emgface.fit.inputs import Matched, facing, frame_of_inputs, in_face_frame, match, provenance
 from emgface.fit.person import Given, Marks, scan_of
-from emgface.fit.readers.landmarks import Landmarks, landmarks_of
+from emgface.fit.readers.landmarks import landmarks_of
 from emgface.fit.readers.surfaces import Scan
 from emgface.fit.registration import SmoothMap, closest_points, smooth_map
-from emgface.fit.similarity import Similarity, rigid_of
+from emgface.fit.similarity import Similarity
 from emgface.fit.triangulated import Floats, Surface
 from emgface.schema.validation import validate
 
 MISSES: Final = (
     1.5e-3  #: largest mean distance of a fitted bone from its surface that is accepted [m]
 )
+UNMOVED: Final = Similarity(1.0, np.eye(3), np.zeros(3))
 POINTS: Final = (
     "point_position", "muscle_position", "spring_position", "joint_origin", "surface_position",
     "body_damped_at",
@@ -45,6 +45,9 @@ class FittedBones:
     landmarks: pd.DataFrame  #: distance at the landmarks [mm]
     bodies: pd.DataFrame  #: mass before and after [g], ratio of volumes
     notes: tuple[str, ...]
+    source: xr.Dataset  #: jaw that was fitted
+    targets: Mapping[str, Surface]  #: surfaces in the frame of the result, by body
+    crosses: Floats | None  #: landmarks of the person in the frame of the result [m]
 
 
 def fit_jaw(
@@ -79,7 +82,10 @@ def fit_jaw(
         raise FitError("no landmarks and no surface are given, expected at least one of them")
     also = None if on_jaw is None else landmarks_of(on_jaw)
     matched = None if marks is None else match(points_of_jaw(jaw), marks, also, noise, "jaw")
-    to_frame = _to_frame(frame, matched)
+    if frame is not None:
+        to_frame = frame_of_inputs(frame)
+    else:
+        to_frame = UNMOVED if matched is None else matched.rigid
     notes = [note for scan in scans.values() for note in scan.notes]
     targets: dict[str, Surface] = {}
     first = _of_landmarks(matched, to_frame)
@@ -94,12 +100,14 @@ def fit_jaw(
     pairs = [(own[body], target) for body, target in targets.items()]
     moved = smooth_map(motion, pairs, aims) if pairs or aims is not None else SmoothMap(motion)
     found = moved_jaw(jaw, moved)
-    found = found.assign_attrs(_attributes(jaw, name, marks, scans, to_frame, simulated))
+    inputs = {"landmarks": marks, **scans}
+    found = found.assign_attrs(provenance(jaw, name, inputs, to_frame, simulated))
     distance = _distances(own, found, targets, motion)
     _check(distance, scans)
     return FittedBones(
         validate(found, "jaw_model"), distance, _landmarks(matched, aims, moved),
-        _bodies(jaw, found), tuple(notes + (matched.notes if matched else [])),
+        _bodies(jaw, found), tuple(notes + (matched.notes if matched else [])), jaw, targets,
+        None if aims is None else aims[1],
     )  # fmt: skip
 
 
@@ -123,23 +131,10 @@ def surfaces_of(jaw: xr.Dataset) -> dict[str, Surface]:
     return found
 
 
-def _to_frame(frame: xr.Dataset | None, matched: Matched | None) -> Similarity:
-    if frame is not None:
-        if "fit_frame" not in frame.attrs:
-            raise FitError(
-                "the model whose frame is used has no attribute fit_frame, expected a face fitted to "
-                "the same person: fit the face first"
-            )
-        return rigid_of(np.array(json.loads(frame.attrs["fit_frame"])))
-    if matched is not None:
-        return matched.rigid
-    return Similarity(1.0, np.eye(3), np.zeros(3))
-
-
 def _of_landmarks(matched: Matched | None, to_frame: Similarity) -> Similarity:
     """Similarity of the landmarks in the frame of the result, none without landmarks."""
     if matched is None:
-        return Similarity(1.0, np.eye(3), np.zeros(3))
+        return UNMOVED
     motion = matched.motion
     return Similarity(
         motion.scale, to_frame.rotation @ motion.rotation,
@@ -223,28 +218,6 @@ def surface_volume(surface: Surface) -> float:
     """Volume of a closed surface, or of the cone from the centre of an open one [m3]."""
     corners = (surface.points - surface.points.mean(axis=0))[surface.triangles]
     return float(np.linalg.det(corners).sum() / 6.0)
-
-
-def _attributes(
-    jaw: xr.Dataset,
-    name: str,
-    marks: Landmarks | None,
-    scans: Mapping[str, Scan],
-    to_frame: Similarity,
-    simulated: bool,
-) -> dict[str, str]:
-    inputs = {} if marks is None else {"landmarks": f"{marks.source} {marks.digest}".strip()}
-    inputs |= {body: f"{scan.source} {scan.digest}".strip() for body, scan in scans.items()}
-    motion = np.column_stack([to_frame.rotation, to_frame.shift]).ravel()
-    kind = "simulated person" if simulated else "person"
-    return {
-        "name": name,
-        "origin": "fitted",
-        "source": f"{jaw.attrs['name']} ({jaw.attrs['source']}), fitted to a {kind}",
-        "fit_inputs": json.dumps(inputs),
-        "fit_of": "simulated" if simulated else "measured",
-        "fit_frame": json.dumps([float(v) for v in motion]),
-    }
 
 
 def _distances(

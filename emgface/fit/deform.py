@@ -1,7 +1,7 @@
 """Mesh of a person: similarity, spline, equilibria with the surfaces, relaxation of the elements."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -87,21 +87,29 @@ def deform(
 
     if targets:
         tissue = FitTissue.at_rest(corners, q)
-        for k, pull in enumerate(PULLS):
-            tell("fit to the surfaces", 2 + k, total)
-            rows = pulled(tissue.q, Pull(pull.stiffness, pull.tangential, pull.along_curve, seed=k))
-            tissue.settle(rows, *((FINE,) if k >= len(PULLS) - 2 else ()))
-        q = stages["surfaces"] = tissue.q
+        q = stages["surfaces"] = pull_to(
+            tissue, pulled, lambda k: tell("fit to the surfaces", 2 + k, total)
+        )
         iterations += tissue.iterations
     for k in range(ROUNDS):
         tell("relaxation of the elements", total - ROUNDS + k, total)
         tissue = FitTissue.toward_rectangles(corners, q, below=BELOW, stiffening=STIFFENING)
-        pull = Pull(RELAXING.stiffness, RELAXING.tangential, RELAXING.along_curve, 0.5, 50 + k)
-        q = tissue.settle(pulled(q, pull), 0.5 * FINE)
+        q = tissue.settle(pulled(q, replace(RELAXING, seed=50 + k)), 0.5 * FINE)
         iterations += tissue.iterations
     stages["relaxed"] = q
     tell("relaxation of the elements", total, total)
     return Deformed(stages, motion, landmarks, iterations)
+
+
+def pull_to(
+    tissue: FitTissue, rows: Callable[[Floats, Pull], Rows], tell: Callable[[int], None]
+) -> Floats:
+    """Equilibria with the springs `rows` of positions (n, 3) and a stage of `PULLS`, one by one."""
+    for k, pull in enumerate(PULLS):
+        tell(k)
+        last = (FINE,) if k >= len(PULLS) - 2 else ()
+        tissue.settle(rows(tissue.q, replace(pull, seed=k)), *last)
+    return tissue.q
 
 
 def _spline(

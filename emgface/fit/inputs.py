@@ -1,5 +1,6 @@
 """Landmarks and surfaces of a person compared with a face: pairs, sides, order, frame of the face."""
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -12,11 +13,13 @@ from emgface.face.landmarks import MIDLINE
 from emgface.face.parts import OUTER
 from emgface.fit.readers.landmarks import Landmarks, plain
 from emgface.fit.readers.surfaces import Scan
-from emgface.fit.similarity import Similarity, misfit, similarity
+from emgface.fit.similarity import Similarity, misfit, rigid_of, similarity
+from emgface.fit.strays import LEAST as ENOUGH
 from emgface.fit.strays import check_strays
 from emgface.fit.targets import LandmarkPoints, Sheet
 from emgface.fit.triangulated import Floats, Surface
 
+ORIGIN: Final = "fitted"  #: origin of a fitted model in its attributes
 LEAST: Final = 4  #: smallest number of landmarks
 FLAT: Final = 0.05  #: smallest extent of the landmarks across a plane, relative to the largest [1]
 MIRRORED: Final = 0.6  #: ratio of the misfits of improper and proper map of a mirrored input [1]
@@ -121,6 +124,11 @@ def match(
             f"{model}, expected {SCALE[0]} to {SCALE[1]}: check the unit"
         )
     check_strays(names, source, target, given.source, noise)
+    if len(names) < ENOUGH:
+        notes.append(
+            f"with {len(names)} landmarks, about half of the exchanges of two names remain undetected: "
+            f"check the names, or place at least {ENOUGH}"
+        )
     return Matched(tuple(names), source, target, motion, notes)
 
 
@@ -154,6 +162,38 @@ def _check_side(source: Floats, target: Floats, motion: Similarity, name: str) -
 def in_face_frame(scan: Scan, to_face: Similarity) -> Surface:
     """Surface of a scan in the frame of the face."""
     return Surface(to_face(scan.surface.points), scan.surface.triangles)
+
+
+def frame_of_inputs(model: xr.Dataset) -> Similarity:
+    """Rigid motion from the frame of the inputs to that of a fitted model; FitError if not fitted."""
+    if "fit_frame" not in model.attrs:
+        raise FitError(
+            f"the model {model.attrs.get('name', '')!r} whose frame is used has no attribute fit_frame, "
+            "expected one that was fitted to the same person: fit it first"
+        )
+    return rigid_of(np.array(json.loads(model.attrs["fit_frame"])))
+
+
+def provenance(
+    model: xr.Dataset,
+    name: str,
+    inputs: Mapping[str, Scan | Landmarks | None],
+    frame: Similarity,
+    simulated: bool,
+) -> dict[str, str]:
+    """Attributes of a fitted model: name, source, digests of the inputs, and its frame."""
+    motion = np.column_stack([frame.rotation, frame.shift]).ravel()
+    kind = "simulated person" if simulated else "person"
+    return {
+        "name": name,
+        "origin": ORIGIN,
+        "source": f"{model.attrs['name']} ({model.attrs['source']}), fitted to a {kind}",
+        "fit_inputs": json.dumps(
+            {key: f"{i.source} {i.digest}".strip() for key, i in inputs.items() if i is not None}
+        ),
+        "fit_of": "simulated" if simulated else "measured",
+        "fit_frame": json.dumps([float(v) for v in motion]),
+    }  # fmt: skip
 
 
 def check_landmarks_on(skin: Surface, points: LandmarkPoints, name: str) -> None:

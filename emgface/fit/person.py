@@ -1,6 +1,5 @@
 """Face of a person from landmarks and surfaces: the whole fit, its checks and its measures."""
 
-import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +22,7 @@ from emgface.fit.inputs import (
     facing,
     in_face_frame,
     pair_points,
+    provenance,
 )
 from emgface.fit.measures import distances, quality_rows
 from emgface.fit.readers.landmarks import Landmarks, landmarks_of
@@ -32,7 +32,6 @@ from emgface.fit.strays import left_out
 from emgface.fit.targets import Target, sheets
 from emgface.fit.triangulated import Floats
 
-ORIGIN: Final = "fitted"  #: origin of a fitted face in its attributes
 LARGEST_MISS: Final = {"skin": 1.0e-3, "inner": 1.5e-3, "bone": 1.5e-3}
 """Largest mean distance of the fitted face from a surface that is accepted [m].
 
@@ -131,9 +130,8 @@ def fit_face(
         held=thick if prior is not None and targets else None,
     )  # fmt: skip
     carried = carry(face, result.position)
-    inputs = {"landmarks": (marks.source, marks.digest)}
-    inputs |= {kind: (scan.source, scan.digest) for kind, scan in scans.items()}
-    found = carried.face.assign_attrs(_attributes(face, name, inputs, paired, simulated))
+    inputs = {"landmarks": marks, **scans}
+    found = carried.face.assign_attrs(provenance(face, name, inputs, paired.to_face, simulated))
     if thickness:
         found.attrs["fit_thickness_deviation"] = float(thickness)
     found.attrs.pop("muscle_radius", None)
@@ -178,27 +176,6 @@ def _targets(
         notes.extend([turned] if turned else [])
         targets.append(Target(kind, sheet, surface, held if kind == "bone" else None, side))
     return targets
-
-
-def _attributes(
-    face: xr.Dataset,
-    name: str,
-    inputs: Mapping[str, tuple[str, str]],
-    paired: Paired,
-    simulated: bool,
-) -> dict[str, str | float]:
-    motion = np.column_stack([paired.to_face.rotation, paired.to_face.shift]).ravel()
-    kind = "simulated person" if simulated else "person"
-    return {
-        "name": name,
-        "origin": ORIGIN,
-        "source": f"{face.attrs['name']} ({face.attrs['source']}), fitted to a {kind}",
-        "fit_inputs": json.dumps(
-            {purpose: f"{name} {digest}".strip() for purpose, (name, digest) in inputs.items()}
-        ),
-        "fit_of": "simulated" if simulated else "measured",
-        "fit_frame": json.dumps([float(v) for v in motion]),
-    }
 
 
 def _check_corners(corners: Corners, q: Floats) -> None:

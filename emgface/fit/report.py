@@ -2,11 +2,14 @@
 
 import json
 import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
 from emgface.files import write_text
 from emgface.fit.carry import CHANGED
@@ -14,6 +17,9 @@ from emgface.fit.columns import SPREAD
 from emgface.fit.person import Fitted
 from emgface.fit.picture import fit_figure
 from emgface.pictures.page import environment, policy, style, svg_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 STAGES = {
     "similarity": "after the similarity",
@@ -26,24 +32,52 @@ STAGES = {
 
 def write_report(fitted: Fitted, path: str | os.PathLike[str]) -> Path:
     """Write the page (HTML without network requests); DataError if it cannot be written."""
-    path = Path(path)
-    write_text(path, render_fit(fitted))
-    return path
+    return write_fit_page(fitted_face_page(fitted), path)
 
 
-def render_fit(fitted: Fitted) -> str:
+def write_fit_page(page: "FitPage", path: str | os.PathLike[str]) -> Path:
+    """Write the page of any fitted model; DataError if it cannot be written."""
+    write_text(Path(path), render_fit(page))
+    return Path(path)
+
+
+@dataclass(frozen=True)
+class FitPage:
+    """Contents of the page of a fitted model."""
+
+    model: xr.Dataset
+    summary: Sequence[str]
+    notes: Sequence[str]
+    title: str  #: of the figure
+    figure: "Figure"
+    caption: str
+    tables: Mapping[str, tuple[str, pd.DataFrame]]  #: title and table by identifier
+
+
+def fitted_face_page(fitted: Fitted) -> FitPage:
+    """Page of a fitted face."""
+    return FitPage(
+        fitted.face, summary(fitted), fitted.notes, "Surface and thickness", fit_figure(fitted),
+        "Colours end at the 98 % quantile. Crosses are the landmarks of the person. Grey skin has no "
+        "counterpart on the scan.", _tables(fitted),
+    )  # fmt: skip
+
+
+def render_fit(page: FitPage) -> str:
     """Render the page."""
-    face = fitted.face
-    origin = str(face.attrs["fit_of"])
+    told = page.model.attrs
+    inputs = json.loads(told["fit_inputs"])
+    sources = pd.DataFrame({"input": list(inputs), "file and SHA-256": list(inputs.values())})
+    tables = {**page.tables, "provenance": ("Provenance", sources)}
     values: dict[str, Any] = {
-        "title": str(face.attrs["name"]),
-        "origin": origin,
-        "summary": summary(fitted),
-        "notes": list(fitted.notes),
-        "figure": svg_of(
-            fit_figure(fitted), "maps", "Distance of the skin to the scan and thickness by colour"
-        ),
-        "tables": _tables(fitted),
+        "title": str(told["name"]),
+        "origin": str(told["fit_of"]),
+        "summary": list(page.summary),
+        "notes": list(page.notes),
+        "shown": page.title,
+        "caption": page.caption,
+        "figure": svg_of(page.figure, "maps", page.title),
+        "tables": {key: _cells(title, t) for key, (title, t) in tables.items() if len(t)},
         "style": style(),
         "policy": policy(""),
     }
@@ -84,7 +118,7 @@ def summary(fitted: Fitted) -> list[str]:
     return said
 
 
-def _tables(fitted: Fitted) -> dict[str, Any]:
+def _tables(fitted: Fitted) -> dict[str, tuple[str, pd.DataFrame]]:
     distance = fitted.distance.assign(
         stage=fitted.distance["stage"].map(STAGES), covered=100.0 * fitted.distance["covered"]
     ).rename(columns={"mean": "mean [mm]", "q95": "95 % [mm]", "largest": "largest [mm]",
@@ -96,16 +130,12 @@ def _tables(fitted: Fitted) -> dict[str, Any]:
         columns={"before": "before [mm]", "predicted": "affine prediction [mm]",
                  "after": "after [mm]", "change": "change [%]"}
     )  # fmt: skip
-    inputs = json.loads(fitted.face.attrs["fit_inputs"])
-    sources = pd.DataFrame({"input": list(inputs), "file and SHA-256": list(inputs.values())})
-    found = {
+    return {
         "distances": ("Distances from the surfaces by stage", distance),
         "quality": ("Elements before and after", fitted.quality.reset_index()),
         "landmarks": ("Landmarks", landmarks),
         "fibres": ("Lengths of the fibres", fibres),
-        "provenance": ("Provenance", sources),
     }
-    return {key: _cells(title, frame) for key, (title, frame) in found.items() if len(frame)}
 
 
 def _cells(title: str, frame: pd.DataFrame) -> dict[str, Any]:

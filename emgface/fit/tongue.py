@@ -6,10 +6,11 @@ that follow a bone stay with it. Fibres follow the elements and the bones, large
 """
 
 import json
-from dataclasses import replace
-from typing import Final
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from emgface.errors import FitError
@@ -17,20 +18,35 @@ from emgface.face.surface import boundary_faces, triangles
 from emgface.fit.bones import surfaces_of
 from emgface.fit.carry import element_gradients
 from emgface.fit.corners import Corners
-from emgface.fit.deform import PULLS, TO_SPLINE
-from emgface.fit.inputs import facing, in_face_frame
+from emgface.fit.deform import PULLS, TO_SPLINE, Progress, pull_to
+from emgface.fit.inputs import ORIGIN, facing, frame_of_inputs, in_face_frame, provenance
+from emgface.fit.measures import distances, quality_rows
 from emgface.fit.mechanics import FINE, FitTissue
 from emgface.fit.person import Given, scan_of
+from emgface.fit.readers.surfaces import Scan
 from emgface.fit.registration import CONTROLS, SmoothMap
-from emgface.fit.similarity import rigid_of, similarity
+from emgface.fit.similarity import Similarity, similarity
 from emgface.fit.springs import Rows, at_nodes
 from emgface.fit.targets import Sheet, Target, pulling
-from emgface.fit.triangulated import Floats, Surface
+from emgface.fit.triangulated import Floats
 from emgface.schema.validation import validate
 
 WITH_BONE: Final = 100.0  #: stiffness of the springs of a node that follows a bone [N/m]
 MISSES: Final = 1e-3  #: largest mean distance of the fitted tongue from its surface [m]
 BONES: Final = ("jaw", "hyoid", "skull")  #: bodies whose surfaces determine the map
+
+
+@dataclass(frozen=True)
+class FittedTongue:
+    """Fitted tongue with the measures of its report."""
+
+    tongue: xr.Dataset  #: checked tongue model
+    source: xr.Dataset  #: tongue that was fitted
+    target: Target | None  #: surface in the frame of the result
+    distance: pd.DataFrame  #: distances of the surface before and after the pull [mm]
+    quality: pd.DataFrame  #: quality of the elements before and after
+    fibres: pd.DataFrame  #: lengths of the muscles [mm]
+    notes: tuple[str, ...]
 
 
 def fit_tongue(
@@ -41,7 +57,8 @@ def fit_tongue(
     surface: Given | None = None,
     unit: str | None = None,
     name: str = "fitted tongue",
-) -> xr.Dataset:
+    progress: Progress | None = None,
+) -> FittedTongue:
     """Fit a tongue to a person whose bones are fitted; errors as of `emgface.fit.bones.fit_jaw`.
 
     `before` is the jaw to which the tongue belongs, `after` the same jaw fitted to the person
@@ -49,42 +66,88 @@ def fit_tongue(
     the inputs of that fit.
     """
     validate(tongue, "tongue_model")
-    if after.attrs.get("origin") != "fitted" or after.sizes["vertex"] != before.sizes["vertex"]:
-        raise FitError(
-            "the jaw is not fitted from the given one, expected the jaw before and after"
-        )
+    _check_jaws(before, after)
+    tell = progress or (lambda what, done, total: None)
+    tell("bones", 0, 1 + len(PULLS))
     X, moved = tongue["position"].values, _map_of_bones(before, after)
-    corners = Corners.of(tongue["connectivity"].values.astype(np.int64))
-    tissue = FitTissue.at_rest(corners, moved.similarity(X))
+    tissue = FitTissue.at_rest(
+        Corners.of(tongue["connectivity"].values.astype(np.int64)), moved.similarity(X)
+    )
     held = tongue["attachment_node"].values.astype(np.int64)
     stiffness = np.full(len(X), TO_SPLINE)
     stiffness[held] = WITH_BONE
-    guide = _springs(np.arange(len(X)), moved(X), stiffness)
-    q = tissue.settle(guide, FINE)
-    inputs: dict[str, str] = {"jaw": str(after.attrs["fit_inputs"])}
+    q = tissue.settle(_springs(np.arange(len(X)), moved(X), stiffness), FINE)
+    inputs: dict[str, Scan | None] = {}
+    target, rows, notes = None, list[dict[str, Any]](), list[str]()
     if surface is not None:
-        scan = scan_of(surface, unit)
-        q = _pulled(
-            tongue, corners, q, in_face_frame(scan, _frame(after)), scan.source, held, moved
+        inputs["tongue"] = scan = scan_of(surface, unit)
+        target, notes = _target(tongue, q, scan, frame_of_inputs(after))
+        rows.append({"stage": "with the bones", **distances(target, q)})
+        with_bone = _springs(held, moved(X[held]), np.full(len(held), WITH_BONE))
+        tissue = FitTissue.at_rest(Corners.of(tongue["connectivity"].values.astype(np.int64)), q)
+        q = pull_to(
+            tissue,
+            lambda q, pull: pulling(q, [target], pull).joined(with_bone),
+            lambda k: tell("fit to the surface", 1 + k, 1 + len(PULLS)),
         )
-        inputs["tongue"] = f"{scan.source} {scan.digest}".strip()
+        rows.append({"stage": "fitted", **distances(target, q)})
+        _check(rows[-1]["mean"], scan.source)
     found = _carried(tongue, q, moved)
-    kept = {key: after.attrs[key] for key in ("fit_of", "fit_frame")}
-    source = f"{tongue.attrs['name']} ({tongue.attrs['source']}), fitted to a person"
-    found = found.assign_attrs(
-        {
-            **kept,
-            "name": name,
-            "origin": "fitted",
-            "source": source,
-            "fit_inputs": json.dumps(inputs),
-        }
-    )
-    return validate(found, "tongue_model")
+    simulated = after.attrs["fit_of"] == "simulated"
+    attributes = provenance(tongue, name, inputs, frame_of_inputs(after), simulated)
+    told = {"jaw": str(after.attrs["fit_inputs"]), **json.loads(attributes["fit_inputs"])}
+    found = found.assign_attrs(attributes | {"fit_inputs": json.dumps(told)})
+    tell("fit to the surface", 1 + len(PULLS), 1 + len(PULLS))
+    return FittedTongue(
+        validate(found, "tongue_model"), tongue, target,
+        pd.DataFrame(rows, columns=["stage", "mean", "q95", "largest", "covered"]),
+        quality_rows(tongue, found), _muscles(tongue, found), tuple(notes),
+    )  # fmt: skip
 
 
-def _frame(after: xr.Dataset):
-    return rigid_of(np.array(json.loads(after.attrs["fit_frame"])))
+def _check_jaws(before: xr.Dataset, after: xr.Dataset) -> None:
+    if after.attrs.get("origin") != ORIGIN or after.sizes["vertex"] != before.sizes["vertex"]:
+        raise FitError(
+            "the jaw is not fitted from the given one, expected the jaw before and after its fit: "
+            "give both"
+        )
+
+
+def _target(
+    tongue: xr.Dataset, q: Floats, scan: Scan, to_frame: Similarity
+) -> tuple[Target, list[str]]:
+    """Surface of the tongue in the frame of the result, with outward normals."""
+    faces, _ = boundary_faces(tongue["connectivity"].values.astype(np.int64))
+    own = triangles(faces, tongue["position"].values)
+    sheet = Sheet(np.unique(own), own, ())
+    aim = in_face_frame(scan, to_frame)
+    aim, turned = facing(aim, sheet.at(q), sheet.nodes, 1.0, scan.source)
+    return Target("tongue", sheet, aim), [*scan.notes, *([turned] if turned else [])]
+
+
+def _check(miss: float, source: str) -> None:
+    if not miss <= 1e3 * MISSES:
+        raise FitError(
+            f"the fitted tongue misses {source} by {miss:.3g} mm in the mean, expected at most "
+            f"{1e3 * MISSES:.3g} mm: check that it is the tongue of the person in the pose of the bones"
+        )
+
+
+def _muscles(before: xr.Dataset, after: xr.Dataset) -> pd.DataFrame:
+    """Total lengths of the fibres of every muscle [mm]."""
+    owner = before["fibre_of_point"].values
+    same = owner[1:] == owner[:-1]
+    found = {
+        "before": before["fibre_position"].values, "after": after["fibre_position"].values
+    }  # fmt: skip
+    names = [str(m) for m in before["muscle"].values]
+    muscle = before["fibre_muscle"].values[owner[:-1]]
+    table: dict[str, Any] = {"muscle": names}
+    for stage, points in found.items():
+        length = np.where(same, np.linalg.norm(np.diff(points, axis=0), axis=1), 0.0)
+        table[stage] = 1e3 * np.bincount(muscle, length, minlength=len(names))
+    lengths = pd.DataFrame(table)
+    return lengths.assign(change=lengths["after"] / lengths["before"] - 1.0)
 
 
 def _map_of_bones(before: xr.Dataset, after: xr.Dataset) -> SmoothMap:
@@ -102,39 +165,6 @@ def _map_of_bones(before: xr.Dataset, after: xr.Dataset) -> SmoothMap:
 
 def _springs(nodes: np.ndarray, target: Floats, stiffness: Floats) -> Rows:
     return at_nodes(nodes, target, stiffness[:, None, None] * np.eye(3))
-
-
-def _pulled(
-    tongue: xr.Dataset,
-    corners: Corners,
-    q: Floats,
-    aim: Surface,
-    source: str,
-    held: np.ndarray,
-    moved: SmoothMap,
-) -> Floats:
-    """Nodes in equilibrium with springs to a surface; FitError if they miss it."""
-    faces, _ = boundary_faces(tongue["connectivity"].values.astype(np.int64))
-    own = triangles(faces, tongue["position"].values)
-    sheet = Sheet(np.unique(own), own, ())
-    aim, _ = facing(aim, sheet.at(q), sheet.nodes, 1.0, source)
-    target = Target("tongue", sheet, aim)
-    with_bone = _springs(
-        held, moved(tongue["position"].values[held]), np.full(len(held), WITH_BONE)
-    )
-    tissue = FitTissue.at_rest(corners, q)
-    for k, pull in enumerate(PULLS):
-        rows = pulling(tissue.q, [target], replace(pull, seed=k)).joined(with_bone)
-        tissue.settle(rows, *((FINE,) if k >= len(PULLS) - 2 else ()))
-    from emgface.fit.measures import distances
-
-    miss = distances(target, tissue.q)["mean"]
-    if not miss <= 1e3 * MISSES:
-        raise FitError(
-            f"the fitted tongue misses {source} by {miss:.3g} mm in the mean, expected at most "
-            f"{1e3 * MISSES:.3g} mm: check that it is the tongue of the person in the pose of the bones"
-        )
-    return tissue.q
 
 
 def _carried(tongue: xr.Dataset, q: Floats, moved: SmoothMap) -> xr.Dataset:

@@ -1,6 +1,7 @@
 """Faces as a kind of model (`emgface.models.kinds.Functions`)."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -8,10 +9,20 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from emgface.errors import ConfigurationError
+from emgface.errors import ConfigurationError, FitError, listed
 from emgface.face.file import load_face as read
 from emgface.face.file import save_face as write
-from emgface.models.kinds import Drive, Moved, Person, Progress, chosen, levels_of, names_file
+from emgface.models.kinds import (
+    Drive,
+    Evidence,
+    FittedModel,
+    Moved,
+    Person,
+    Progress,
+    chosen,
+    levels_of,
+    names_file,
+)
 
 LEVEL: Final = 0.3  #: of a muscle that is named without one
 RISE: Final = 0.1  #: time in which levels are reached [s]
@@ -36,6 +47,29 @@ def import_(folder: Path, settings: Mapping[str, str]) -> xr.Dataset:
 
     names = ("radius", "oop", "oom", "lao_fibres", "marker_ring_offset", "bones")
     return import_artisynth(folder, **chosen(import_artisynth, settings, *names))
+
+
+def fit(
+    face: xr.Dataset, evidence: Evidence, progress: Callable[[str, int, int], None]
+) -> FittedModel:
+    """Fit a face to landmarks and surfaces: ``skin``, ``inner``, ``bone``."""
+    from emgface.fit.person import LARGEST_MISS, fit_face
+    from emgface.fit.report import summary, write_report
+
+    if evidence.landmarks is None:
+        raise FitError(
+            "no landmarks are given, expected those of a person: a face cannot be placed without them"
+        )
+    if unknown := [name for name in evidence.surfaces if name not in LARGEST_MISS]:
+        raise FitError(
+            f"a face has no surface {listed(unknown)}, expected some of {listed(LARGEST_MISS)}"
+        )
+    found = fit_face(
+        face, evidence.landmarks, **evidence.surfaces, unit=evidence.unit,
+        on_face=evidence.places, noise=evidence.noise, thickness=evidence.thickness,
+        name=evidence.name, simulated=evidence.simulated, progress=progress,
+    )  # fmt: skip
+    return FittedModel(found.face, (*found.notes, *summary(found)), partial(write_report, found))
 
 
 def told(face: xr.Dataset) -> str:
@@ -140,6 +174,7 @@ __all__ = [
     "activation_for",
     "build",
     "check",
+    "fit",
     "import_",
     "move",
     "read",

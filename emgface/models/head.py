@@ -1,6 +1,6 @@
 """Heads of face, jaw, tongue and hyoid as a kind of model (`emgface.models.kinds.Functions`)."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,17 @@ from emgface.anatomy.head.model import Head
 from emgface.anatomy.head.model import read_head as read
 from emgface.anatomy.head.model import write_head as write
 from emgface.errors import HeadError
-from emgface.models.kinds import Drive, Moved, Person, Progress, chosen, levels_of, names_file
+from emgface.models.kinds import (
+    Drive,
+    Evidence,
+    FittedModel,
+    Moved,
+    Person,
+    Progress,
+    chosen,
+    levels_of,
+    names_file,
+)
 
 PARTS = ("face", "jaw", "tongue", "hyoid")
 
@@ -52,6 +62,14 @@ def import_(folder: Path, settings: Mapping[str, str]) -> Head:
     }
     rest = {name: text for name, text in settings.items() if name not in names}
     return import_head(folder, **names, **chosen(import_head, rest, "floor"))
+
+
+def fit(head: Head, evidence: Evidence, progress: Callable[[str, int, int], None]) -> FittedModel:
+    """Raise HeadError: a head is composed of fitted parts."""
+    raise HeadError(
+        "a head is not fitted as a whole, expected its parts: fit face, jaw and tongue, and compose "
+        "them by 'emgface build head --model face=FILE --model jaw=FILE --model tongue=FILE'"
+    )
 
 
 def told(head: Head) -> str:
@@ -169,5 +187,6 @@ def scored(
 
 
 __all__ = [
-    "build", "check", "import_", "move", "read", "scored", "table", "told", "write", "write_motion",
+    "build", "check", "fit", "import_", "move", "read", "scored", "table", "told", "write",
+    "write_motion",
 ]  # fmt: skip

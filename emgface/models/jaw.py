@@ -1,6 +1,6 @@
 """Jaws as a kind of model (`emgface.models.kinds.Functions`)."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from os import PathLike
 from pathlib import Path
@@ -11,7 +11,16 @@ import pandas as pd
 import xarray as xr
 
 from emgface.errors import JawError
-from emgface.models.kinds import Drive, Moved, Person, Progress, chosen, names_file
+from emgface.models.kinds import (
+    Drive,
+    Evidence,
+    FittedModel,
+    Moved,
+    Person,
+    Progress,
+    chosen,
+    names_file,
+)
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 
 if TYPE_CHECKING:
@@ -42,6 +51,25 @@ def read(path: Path) -> xr.Dataset:
 def write(jaw: xr.Dataset, path: Path) -> object:
     """Write a jaw."""
     return write_netcdf(jaw, path, "jaw_model")
+
+
+def fit(
+    jaw: xr.Dataset, evidence: Evidence, progress: Callable[[str, int, int], None]
+) -> FittedModel:
+    """Fit jaw, hyoid and larynx to landmarks and surfaces by the names of their bodies."""
+    from emgface.face.file import load_face
+    from emgface.fit.bones import fit_jaw
+    from emgface.fit.parts_report import bones_summary, fitted_bones_page, write_fit_page
+
+    progress("fit to the bones", 0, 1)
+    found = fit_jaw(
+        jaw, landmarks=evidence.landmarks, surfaces=evidence.surfaces, unit=evidence.unit,
+        on_jaw=evidence.places, frame=None if evidence.frame is None else load_face(evidence.frame),
+        noise=evidence.noise, name=evidence.name, simulated=evidence.simulated,
+    )  # fmt: skip
+    progress("fit to the bones", 1, 1)
+    notes = (*found.notes, *bones_summary(found))
+    return FittedModel(found.jaw, notes, partial(write_fit_page, fitted_bones_page(found)))
 
 
 def told(jaw: xr.Dataset) -> str:

@@ -1,4 +1,4 @@
-"""Kinds of models: face, jaw, tongue and head, each generated, imported, moved and scored in one way.
+"""Kinds of models (face, jaw, tongue, head): generated, imported, fitted, moved and scored in one way.
 
 A kind is a module with the functions of `Functions` and an entry of `KINDS`. Commands and the
 functions of ``import emgface as ef`` find it by its name, or by the kind that a file declares.
@@ -66,6 +66,43 @@ class Moved:
     tables: Sequence[tuple[str, "pd.DataFrame"]] = ()
 
 
+@dataclass(frozen=True)
+class Evidence:
+    """Inputs to which a model is fitted: landmarks and surfaces of a person.
+
+    Attributes
+    ----------
+    landmarks, places : files or values of landmarks, and of their places on the model.
+    surfaces : files or scans by the name of the part, such as "skin" or "jaw".
+    unit : unit of the files that do not state it.
+    noise : standard deviation of a landmark [m].
+    thickness : thickness where no data determine it, in standard deviations (face).
+    frame : fitted model of the same person: the face of a jaw, the jaw of a tongue.
+    before : jaw from which that of `frame` was fitted (tongue).
+    name, simulated : name of the result; the inputs are simulated.
+    """
+
+    landmarks: Any = None
+    places: Any = None
+    surfaces: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    unit: str | None = None
+    noise: float = 0.8e-3
+    thickness: float = 0.0
+    frame: Path | None = None
+    before: Path | None = None
+    name: str = "fitted"
+    simulated: bool = False
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """Fitted model, sentences about it, and the function that writes its page."""
+
+    model: "xr.Dataset"
+    notes: Sequence[str]
+    report: Callable[[Path], object]
+
+
 class Functions(Protocol):
     """Functions of the module of a kind."""
 
@@ -83,6 +120,12 @@ class Functions(Protocol):
 
     def write(self, model: Any, path: Path) -> object:
         """Write the file of a model."""
+        ...
+
+    def fit(
+        self, model: Any, evidence: Evidence, progress: Callable[[str, int, int], None]
+    ) -> FittedModel:
+        """Fit a model to a person."""
         ...
 
     def told(self, model: Any) -> str:
@@ -124,6 +167,8 @@ class Kind:
     home: str
     #: options of `Person` that the kind does not have
     without: tuple[str, ...] = ()
+    #: options of `Evidence` that the kind does not have
+    not_fitted: tuple[str, ...] = ()
 
     @property
     def functions(self) -> Functions:
@@ -139,17 +184,37 @@ class Kind:
             )
         return self.functions.build(person)
 
+    def fit(
+        self, model: Any, evidence: Evidence, progress: Callable[[str, int, int], None]
+    ) -> FittedModel:
+        """Fit a model to a person; ConfigurationError for inputs that its kind does not have."""
+        given = [name for name in self.not_fitted if getattr(evidence, name) not in (None, 0.0)]
+        if given:
+            raise ConfigurationError(
+                f"the fit of a {self.name} has no {listed(given)}, expected only inputs of its kind: "
+                "leave it out"
+            )
+        return self.functions.fit(model, evidence, progress)
+
 
 OF_HEADS: Final = ("parts", "contacts", "rings", "models")
 KINDS: Final[Mapping[str, Kind]] = {
     kind.name: kind
     for kind in (
-        Kind("face", "face_model", "trajectory", "emgface.models.face", OF_HEADS),
-        Kind("jaw", "jaw_model", "jaw_motion", "emgface.models.jaw", ("resolution", *OF_HEADS)),
-        Kind("tongue", "tongue_model", "tongue_motion", "emgface.models.tongue", OF_HEADS),
+        Kind(
+            "face", "face_model", "trajectory", "emgface.models.face", OF_HEADS, ("frame", "before")
+        ),
+        Kind(
+            "jaw", "jaw_model", "jaw_motion", "emgface.models.jaw", ("resolution", *OF_HEADS),
+            ("thickness", "before"),
+        ),
+        Kind(
+            "tongue", "tongue_model", "tongue_motion", "emgface.models.tongue", OF_HEADS,
+            ("thickness", "landmarks", "places"),
+        ),
         Kind("head", "head_model", "head_motion", "emgface.models.head"),
     )
-}
+}  # fmt: skip
 
 
 def kind_named(name: str) -> Kind:

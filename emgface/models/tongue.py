@@ -1,14 +1,25 @@
 """Tongues as a kind of model (`emgface.models.kinds.Functions`)."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 import xarray as xr
 
-from emgface.errors import TongueError
-from emgface.models.kinds import Drive, Moved, Person, Progress, chosen, levels_of, names_file
+from emgface.errors import FitError, TongueError, listed
+from emgface.models.kinds import (
+    Drive,
+    Evidence,
+    FittedModel,
+    Moved,
+    Person,
+    Progress,
+    chosen,
+    levels_of,
+    names_file,
+)
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 
 
@@ -40,6 +51,39 @@ def read(path: Path) -> xr.Dataset:
 def write(tongue: xr.Dataset, path: Path) -> object:
     """Write a tongue."""
     return write_netcdf(tongue, path, "tongue_model")
+
+
+def fit(
+    tongue: xr.Dataset, evidence: Evidence, progress: Callable[[str, int, int], None]
+) -> FittedModel:
+    """Fit a tongue to the fitted jaw of a person and, if there is one, the surface ``tongue``.
+
+    Without `Evidence.before`, the jaw was fitted from the generated one.
+    """
+    from emgface.anatomy.jaw.template import template_jaw
+    from emgface.fit.parts_report import fitted_tongue_page, tongue_summary, write_fit_page
+    from emgface.fit.tongue import fit_tongue
+
+    if evidence.frame is None:
+        raise FitError(
+            "no frame is given, expected the fitted jaw of the same person: the bones carry the "
+            "tongue, so fit the jaw first"
+        )
+    if unknown := [name for name in evidence.surfaces if name != "tongue"]:
+        raise FitError(f"a tongue has no surface {listed(unknown)}, expected 'tongue' or none")
+    after = read_netcdf(evidence.frame, "jaw_model")
+    before = (
+        template_jaw() if evidence.before is None else read_netcdf(evidence.before, "jaw_model")
+    )
+    found = fit_tongue(
+        tongue, before, after, surface=evidence.surfaces.get("tongue"), unit=evidence.unit,
+        name=evidence.name, progress=progress,
+    )  # fmt: skip
+    return FittedModel(
+        found.tongue,
+        (*found.notes, *tongue_summary(found)),
+        partial(write_fit_page, fitted_tongue_page(found)),
+    )
 
 
 def told(tongue: xr.Dataset) -> str:

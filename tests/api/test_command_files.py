@@ -21,6 +21,8 @@ READ = {
     *("activation", "after", "areas", "baseline", "before", "bone", "branch", "calibration"),
     *("compare", "curves", "events", "face", "folder", "folders", "forget", "head_path", "inner"),
     *(
+        "frame",
+        "labels",
         "landmarks",
         "mapping",
         "mixing",

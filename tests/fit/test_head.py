@@ -65,8 +65,8 @@ def test_bones_and_a_surface_bring_the_tongue_to_that_of_the_person(parts, tongu
     skin = triangles(faces, own["position"].values)
     used, corner = np.unique(skin, return_inverse=True)
     scan = _moved(own["position"].values[used]), corner.reshape(-1, 3).astype(np.int64)
-    by_bones = fit_tongue(tongue, generic, models["jaw"])
-    found = fit_tongue(tongue, generic, models["jaw"], surface=scan)
+    by_bones = fit_tongue(tongue, generic, models["jaw"]).tongue
+    found = fit_tongue(tongue, generic, models["jaw"], surface=scan).tongue
     truth = _truth(models["jaw"], own["position"].values)
     errors = [
         np.median(np.linalg.norm(t["position"].values - truth, axis=1))
@@ -88,7 +88,7 @@ def test_bones_and_a_surface_bring_the_tongue_to_that_of_the_person(parts, tongu
 
 def test_a_head_of_fitted_parts_is_written_and_read(parts, tongues, tmp_path):
     models, generic = parts
-    tongue = fit_tongue(tongues[0], generic, models["jaw"])
+    tongue = fit_tongue(tongues[0], generic, models["jaw"]).tongue
     head = build_head(models={**models, "tongue": tongue})
     assert head.lists.attrs["origin"] == "fitted" and "fitted face" in head.lists.attrs["name"]
     np.testing.assert_array_equal(
@@ -121,6 +121,72 @@ def test_parts_that_do_not_belong_together_are_refused(parts):
         fit_jaw(generic, landmarks=points_of_jaw(generic), frame=template_face(resolution="coarse"))
     with pytest.raises(FitError, match="the jaw is not fitted"):
         fit_tongue(template_tongue(resolution="coarse"), generic, generic)
+
+
+def test_commands_fit_every_part_and_build_the_head(tongues, tmp_path, monkeypatch):
+    """From files alone: a face, the jaw in its frame, the tongue on the jaw, and the head of them."""
+    import csv
+    import shlex
+
+    from typer.testing import CliRunner
+
+    from emgface.cli import app
+    from tests.fit.conftest import ply
+
+    def write_marks(name, points):
+        with (tmp_path / name).open("w", newline="") as stream:
+            rows = [[key, *np.round(1e3 * _moved(p), 4)] for key, p in points.items()]
+            csv.writer(stream).writerows([["name", "x_mm", "y_mm", "z_mm"], *rows])
+
+    own_jaw, own = template_jaw(seed=SEED), tongues[1]
+    write_marks("face.csv", points_of_face(template_face(resolution="coarse", seed=SEED)))
+    write_marks("jaw.csv", points_of_jaw(own_jaw))
+    for body, surface in surfaces_of(own_jaw).items():
+        scan = ply(1e3 * _moved(surface.points), surface.triangles)
+        (tmp_path / f"{body}.ply").write_text(scan)
+    faces, _ = boundary_faces(own["connectivity"].values.astype(np.int64))
+    used, corner = np.unique(triangles(faces, own["position"].values), return_inverse=True)
+    scan = ply(1e3 * _moved(own["position"].values[used]), corner.reshape(-1, 3))
+    (tmp_path / "tongue.ply").write_text(scan)
+    monkeypatch.chdir(tmp_path)
+    bones = "--surface jaw=jaw.ply --surface hyoid=hyoid.ply --surface skull=skull.ply --unit mm"
+    lines = (
+        "build tongue --resolution coarse --out generic.nc",
+        "fit --landmarks face.csv --out person.nc --simulated",
+        f"fit --model jaw --landmarks jaw.csv {bones} --frame person.nc --out j.nc --report j.html "
+        "--simulated",
+        "fit --model generic.nc --surface tongue=tongue.ply --unit mm --frame j.nc --out t.nc --report "
+        "t.html",
+        "build head --model face=person.nc --model jaw=j.nc --model tongue=t.nc --out head.nc",
+    )
+    for line in lines:
+        done = CliRunner().invoke(app, shlex.split(line))
+        assert done.exit_code == 0, (line, done.output, done.exception)
+    for page in ("j.html", "t.html"):
+        text = (tmp_path / page).read_text()
+        assert "fitted to simulated data" in text and "<svg" in text and "Provenance" in text
+        assert "http://" not in text.replace("http://www.w3.org", "")
+    assert "jaw.ply" in (tmp_path / "j.html").read_text()
+    head = read_head("head.nc")
+    assert head.lists.attrs["origin"] == "fitted"
+    for refused, why in (
+        ("fit --model jaw --landmarks jaw.csv --thickness 1 --out x.nc", "has no thickness"),
+        (
+            "fit --model tongue --surface tongue=tongue.ply --unit mm --out x.nc",
+            "no frame is given",
+        ),
+        ("fit --model head.nc --landmarks face.csv --out x.nc", "a head is not fitted as a whole"),
+        ("fit --model jaw --surface nose=jaw.ply --unit mm --out x.nc", "no surface of nose"),
+        ("fit --out x.nc", "no landmarks are given"),
+        (
+            "fit --model jaw --surface jaw=jaw.ply --unit mm --out jaw.ply",
+            "file that the command reads",
+        ),
+    ):
+        done = CliRunner().invoke(app, shlex.split(refused))
+        told = " ".join(f"{done.output} {done.exception}".replace("│", "").split())
+        assert done.exit_code != 0 and why in told, (refused, told)
+        assert not (tmp_path / "x.nc").exists()
 
 
 def test_the_command_builds_a_head_of_files(parts, tmp_path):

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from emgface.anatomy.jaw.template import template_jaw
 from emgface.cli import app
+from emgface.fit.bones import points_of_jaw
 from emgface.schema.netcdf import read_netcdf
 from tests.api.test_kinds import examples
 
@@ -17,7 +19,6 @@ NOT_HERE = {
     "map": "a C3D file, as `test_command_files`",
     "convert": "a C3D file",
     "cut": "a session with events",
-    "fit": "tests/fit",
     "treat": "tests/treatment",
     "compare": "tests/treatment",
     "dose": "tests/treatment",
@@ -35,13 +36,16 @@ NOT_HERE = {
 """Commands whose examples need other files or minutes, and where they run."""
 
 ORDER = ["check", "inventory", "features", "describe", "activate", "simulate", "score", "show", "build",
-         "sound", "schema"]  # fmt: skip
+         "fit", "sound", "schema"]  # fmt: skip
 
 
 def test_examples_run_as_they_are_printed(
     laboratory: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Every example runs here, or the table says where its command does."""
+    """Every example runs here, or the table says where its command does.
+
+    Of `fit`, that of a jaw runs here, and that of a face in tests/fit.
+    """
     lines = {shlex.split(line)[1]: shlex.split(line)[1:] for line in examples()}
     assert set(lines) == {*ORDER, *NOT_HERE}
 
@@ -50,6 +54,9 @@ def test_examples_run_as_they_are_printed(
         shutil.copy(path, tmp_path / "recordings")
     shutil.copy(path, tmp_path / "trial.nc")
     shutil.copy(laboratory / "face.nc", tmp_path)
+    points = points_of_jaw(template_jaw(seed=8))
+    rows = [f"{name},{','.join(f'{1e3 * x:.3f}' for x in point)}" for name, point in points.items()]
+    (tmp_path / "jaw.csv").write_text("\n".join(["name,x_mm,y_mm,z_mm", *rows]))
     emg = read_netcdf(path, "recording")["emg"].transpose("time_emg", "channel")
     emg.to_pandas().rename_axis("time").to_csv(tmp_path / "emg.csv")
     monkeypatch.chdir(tmp_path)

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -40,6 +41,16 @@ class Content:
                 f"{self.name} is not text in UTF-8 (byte {error.start}), expected a text file: "
                 "export it again"
             ) from error
+
+
+def digest_of_files(paths: Sequence[Path]) -> str:
+    """Digest (SHA-256) of the bytes of files, in the order of their names, read in pieces."""
+    found = hashlib.sha256()
+    for path in sorted(paths):
+        with path.open("rb") as stream:
+            while piece := stream.read(1 << 20):
+                found.update(piece)
+    return found.hexdigest()
 
 
 def content_of(path: str | os.PathLike[str], most: int) -> Content:

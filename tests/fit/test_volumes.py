@@ -1,0 +1,148 @@
+"""Labelled volumes: surfaces of phantoms with known shape, place and orientation; what is refused."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from benchmarks.fit_phantoms import box_around, filled, image_of
+from emgface.anatomy.jaw.template import template_jaw
+from emgface.errors import FitError
+from emgface.fit.bones import fit_jaw, points_of_jaw, surfaces_of
+from emgface.fit.readers.volumes import (
+    labels_by_part,
+    read_volume,
+    surface_of_mask,
+    surfaces_of_labels,
+    volume_of,
+)
+
+sitk = pytest.importorskip("SimpleITK")
+RADII = np.array([0.045, 0.03, 0.025])
+CENTRE = np.array([0.02, -0.13, 0.31])
+TURN = Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix()
+FRAMES = {
+    "upright": (np.array([1.0, 1.0, 1.0]), np.eye(3)),
+    "anisotropic": (np.array([0.5, 0.7, 2.0]), np.eye(3)),
+    "oblique": (np.array([0.8, 1.1, 1.6]), TURN),
+    "RAS axes": (np.array([1.0, 0.9, 1.2]), np.diag([-1.0, -1.0, 1.0])),
+    "left-handed axes": (np.array([1.0, 0.9, 1.2]), TURN @ np.diag([1.0, 1.0, -1.0])),
+}
+
+
+def _ellipsoid(spacing, rotation):
+    """Labels of an ellipsoid (3) in another tissue (1), and the map from indices to points."""
+    corners = CENTRE + RADII * np.array([[-1, -1, -1], [1, 1, 1], [-1, 1, 1], [1, -1, -1.0]])
+    ends = np.concatenate([corners, CENTRE + np.diag(RADII) * 1.2, CENTRE - np.diag(RADII) * 1.2])
+    affine, size = box_around(ends, 1e-3 * spacing, rotation)
+    k, j, i = np.meshgrid(*(np.arange(n) for n in size[::-1]), indexing="ij")
+    points = np.stack([i, j, k], axis=-1) @ affine[:3, :3].T + affine[:3, 3]
+    r = np.linalg.norm((points - CENTRE) / RADII, axis=-1)
+    return np.where(r < 1.0, 3, np.where(r < 1.15, 1, 0)).astype(np.uint8), affine
+
+
+@pytest.mark.parametrize("frame", FRAMES)
+@pytest.mark.parametrize("ending", [".nii.gz", ".nrrd"])
+def test_an_ellipsoid_is_found_where_it_is(frame, ending, tmp_path):
+    """Surface to a part of a voxel, volume, centre and outward normals, in LPS."""
+    spacing, rotation = FRAMES[frame]
+    labels, affine = _ellipsoid(spacing, rotation)
+    sitk.WriteImage(image_of(labels, affine), str(tmp_path / f"head{ending}"))
+    found = surfaces_of_labels(tmp_path / f"head{ending}", {"ball": (3,)})["ball"]
+    surface = found.surface
+    x = surface.points - CENTRE
+    r = np.linalg.norm(x / RADII, axis=1)
+    gradient = np.linalg.norm(x / RADII**2, axis=1)
+    off = 1e3 * np.abs((r**2 - 1.0) / (2.0 * gradient))  # distance from the ellipsoid, first order
+    assert off.mean() < 0.25 * spacing.max() and off.max() < 0.8 * spacing.max()
+    corners = x[surface.triangles]
+    volume = np.linalg.det(corners).sum() / 6.0
+    assert volume == pytest.approx(4.0 / 3.0 * np.pi * RADII.prod(), rel=0.03)
+    assert np.abs(surface.points.mean(axis=0) - CENTRE).max() < 0.4e-3
+    assert (np.einsum("ni,ni->n", surface.point_normals, x) > 0.0).mean() > 0.99
+    assert len(found.digest) == 64
+
+
+def test_labels_of_a_head_become_a_fitted_jaw(tmp_path):
+    """Jaw and hyoid of a generated person as labels, with landmarks in the frame of the scanner."""
+    own, generic = template_jaw(seed=8), template_jaw()
+    place = Rotation.from_rotvec([0.05, 0.1, np.pi]).as_matrix(), np.array([0.02, -0.1, 0.4])
+
+    def moved(points):
+        return points @ place[0].T + place[1]
+
+    parts = {n: s for n, s in surfaces_of(own).items() if n in ("jaw", "hyoid")}
+    scanned = {n: type(s)(moved(s.points), s.triangles) for n, s in parts.items()}
+    ends = np.concatenate([s.points for s in scanned.values()])
+    affine, size = box_around(ends, np.array([0.8e-3, 0.8e-3, 1.2e-3]), np.eye(3))
+    labels = np.zeros(size[::-1], dtype=np.uint8)
+    for value, surface in zip((4, 9), scanned.values(), strict=True):
+        labels[filled(surface, np.linalg.inv(affine), size)] = value
+    sitk.WriteImage(image_of(labels, affine), str(tmp_path / "head.nrrd"))
+    numbers = dict(zip(scanned, ((4,), (9,)), strict=True))
+    surfaces = surfaces_of_labels(tmp_path / "head.nrrd", numbers)
+    for name, scan in surfaces.items():
+        near = scanned[name].nearest(scan.surface.points).distance
+        assert 1e3 * near.mean() < 0.35, name
+    marks = {k: moved(v) for k, v in points_of_jaw(own).items()}
+    found = fit_jaw(generic, landmarks=marks, surfaces=surfaces, simulated=True)
+    assert (found.distance[found.distance["stage"] == "fitted"]["mean"] < 0.8).all()
+    assert "head.nrrd" in found.jaw.attrs["fit_inputs"]
+
+
+def test_a_part_at_the_border_is_open_there():
+    labels, affine = _ellipsoid(*FRAMES["upright"])
+    cut = labels[: labels.shape[0] // 2]
+    volume = volume_of(image_of(cut, affine), "head")
+    found = surface_of_mask(volume, cut == 3, "ball")
+    assert any("border of the volume" in note for note in found.notes)
+    assert len(found.surface.loops) == 1
+    off = np.linalg.norm((found.surface.points - CENTRE) / RADII, axis=1) - 1.0
+    assert np.abs(off).max() < 0.05  # no lid where the volume ends
+
+
+def test_volumes_that_cannot_be_used_are_refused(tmp_path):
+    labels, affine = _ellipsoid(*FRAMES["upright"])
+
+    def refused(image, match, parts=None):
+        with pytest.raises(FitError, match=match):
+            surfaces_of_labels(volume_of(image, "head"), parts or {"ball": (3,)})
+
+    refused(image_of(labels, affine), "no label 7 for ball, expected some of 1, 3", {"ball": (7,)})
+    refused(image_of(labels, affine), "no label 0", {"ball": (0,)})
+    tall = affine.copy()
+    tall[:3, :3] *= 1e3
+    refused(image_of(labels, tall), "spacing of .* mm, expected")
+    small = affine.copy()
+    small[:3, :3] *= 0.1
+    refused(image_of(labels, small), "extent of .* mm")
+    noisy = labels + np.random.default_rng(1).normal(size=labels.shape)
+    refused(image_of(noisy, affine), "no whole numbers, expected labels")
+    few = np.where(np.cumsum((labels == 3).ravel()).reshape(labels.shape) < 50, labels, 0)
+    refused(image_of(few.astype(np.uint8), affine), "voxels, expected at least 500")
+    refused(sitk.Image(8, 8, sitk.sitkUInt8), "2 dimensions")
+    with pytest.raises(FitError, match="whole numbers such as"):
+        labels_by_part({"skin": "1;2"})
+    for ending in (".nii.gz", ".nii", ".nrrd", ".mha"):
+        damaged = tmp_path / f"head{ending}"
+        sitk.WriteImage(image_of(labels, affine), str(damaged))
+        whole = damaged.read_bytes()
+        read_volume(damaged)
+        for kept in (len(whole) * 2 // 3, 600, 100):
+            damaged.write_bytes(whole[:kept])
+            with pytest.raises(FitError, match="cannot be read as a volume"):
+                read_volume(damaged)
+    with pytest.raises(FitError, match="unknown ending"):
+        (tmp_path / "x.txt").write_text("x")
+        read_volume(tmp_path / "x.txt")
+    with pytest.raises(FitError, match="0 DICOM series"):
+        (tmp_path / "empty").mkdir()
+        read_volume(tmp_path / "empty")
+    huge = tmp_path / "huge.nhdr"
+    huge.write_text(
+        "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 4000 4000 4000\nencoding: raw\n"
+        "space: left-posterior-superior\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n"
+        "space origin: (0,0,0)\ndata file: none.raw\n"
+    )
+    (tmp_path / "none.raw").write_bytes(bytes(1000))
+    with pytest.raises(FitError, match="64000 million voxels"):
+        read_volume(huge)
