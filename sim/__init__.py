@@ -28,6 +28,7 @@ from sim.errors import (
     SingularSystem,
     SlowStepsWarning,
     ToleranceMissed,
+    UnstableDamping,
 )
 from sim.grids import grid_cells, grid_mesh
 from sim.integrators import (
@@ -187,6 +188,7 @@ __all__ = [
     "SymplecticEuler",
     "System",
     "ToleranceMissed",
+    "UnstableDamping",
     "Trapezoidal",
     "Workspace",
     "body_of_surface",

@@ -87,6 +87,30 @@ class ToleranceMissed(SimulationError):
         )
 
 
+class UnstableDamping(NotConverged):
+    """Damping of the current tangent feeds the motion, which grows faster than steps can follow.
+
+    Active muscles may make the tangent indefinite; multiplied by beta it is then a negative damping.
+    Shorter steps do not prevent the growth, because it is a property of the equation of motion.
+
+    Attributes
+    ----------
+    rate : float
+        Growth of the velocities by the power of the damping [1/s].
+    time : float
+        Simulated time in seconds.
+    """
+
+    def __init__(self, rate: float, time: float) -> None:
+        self.rate, self.time, self.residuals = rate, time, ()
+        super(NotConverged, self).__init__(
+            f"the damping of the current tangent is negative at t = {time:.4g} s and multiplies the "
+            f"velocities by e every {1e3 / rate:.2g} ms, expected a power <= 0: use the tangent at rest "
+            "or without activation (RestRayleigh, PassiveRayleigh; damping_tangent = 'rest' or "
+            "'passive'), or a lower activation"
+        )
+
+
 class SlowStepsWarning(UserWarning):
     """Steps of a scene of bodies use the general method, which takes about a hundred times as long."""
 

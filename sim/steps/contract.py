@@ -5,11 +5,22 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
-from sim.errors import InvertedElement, NotConverged, SceneError, SingularSystem
+from sim.errors import (
+    InvertedElement,
+    NotConverged,
+    SceneError,
+    SingularSystem,
+    UnstableDamping,
+)
 from sim.integrators.contract import Integrator
 from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, Outputs, State, StepReport
+from sim.step_matrices import damping_matrix
 from sim.system import System
+
+GROWTH, DIVIDED = 1.0, 4
+"""Growth of velocities by negative damping within the largest step, relative to them, that ends a
+motion, and number of halvings of a step from which it is tested."""
 
 FAILURES = (InvertedElement, NotConverged, SingularSystem)
 """Failures of a step that a smaller step may avoid."""
@@ -33,6 +44,26 @@ class Motion:
         if contact is not None and len(contact.pushing(new)):
             report = replace(report, touching=1)
         return new, report
+
+
+def require_damped(motion: Motion, state: State, level: int, h: float) -> None:
+    """Refuse a motion that its damping feeds faster than steps of at most h [s] can follow.
+
+    Only damping by a current tangent can do so. With D the damping and M the mass, it multiplies the
+    kinetic energy by e^(2 r t), r = -w'Dw/(w'Mw). This is tested for steps of h/2^level, level >=
+    `DIVIDED`, to which a control divides its steps where such a motion has begun.
+
+    Raises UnstableDamping if r h exceeds `GROWTH`.
+    """
+    system = motion.system
+    law, kinematics = system.damping_law, system.kinematics
+    if level < DIVIDED or law is None or law.rest is not None:
+        return
+    D = damping_matrix(system, state.pose, state.v, motion.control(state.t))
+    w = kinematics.velocities(state)
+    fed, twice = -float(w @ D.times(w)), float(w @ kinematics.apply_mass(w, state.pose))
+    if fed * h > GROWTH * twice:
+        raise UnstableDamping(fed / twice, state.t)
 
 
 class StepControl(Protocol):

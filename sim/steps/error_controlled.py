@@ -11,7 +11,7 @@ from sim.indices import indices, kept_until_known
 from sim.integrators.contract import TimeIntegrator
 from sim.scene import Index
 from sim.state import Array, State, StepReport, united
-from sim.steps.contract import FAILURES, Motion, Watch, require_positive
+from sim.steps.contract import FAILURES, Motion, Watch, require_damped, require_positive
 
 MEMORY = "steps"
 """Name in the memory of a state of (halvings of the next step, accumulated error [m])."""
@@ -75,6 +75,8 @@ class ErrorControlledStep:
             An element inverted in the smallest step, or no step converges.
         ToleranceMissed
             The smallest step that converges misses the tolerance.
+        UnstableDamping
+            Steps were divided because the damping of the current tangent feeds the motion.
         SceneError
             The integrator has no order in time, such as `Static`.
         """
@@ -98,6 +100,7 @@ class ErrorControlledStep:
             share = 1.0 if level == self.max_halvings else np.sqrt(min(h / self.horizon, 1.0))
             allowed = share * (self.tolerance - kept)
             new, report, error = state, None, np.inf
+            require_damped(motion, state, level, self.h)
             try:
                 new, report, error = self._attempt(motion, state, h, gain)
                 if error > allowed and error > before / gain:

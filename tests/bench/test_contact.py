@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 
 import sim
+from benchmarks.closing import closed_by
 from benchmarks.contact import CLOSING, METHODS, contact_table, drive, measure
 from benchmarks.lip_probe import to_and_fro
 from emgface.face.accuracy import accuracy_settings
@@ -90,3 +91,19 @@ def test_cases() -> None:
     assert drive(CLOSING) == {"OOP_L": 1.0, "OOP_R": 1.0, "OOM_L": 1.0, "OOM_R": 1.0}
     assert drive("protrusion") == {"OOP_L": 1.0, "OOP_R": 1.0}
     assert drive("B") == {"LLSAN_L": 0.5, "LLSAN_R": 0.5}
+
+
+def test_lips_closed_by_strong_muscles_stay_whole_and_outside_each_other(
+    coarse: xr.Dataset,
+) -> None:
+    """Both parts of the orbicularis oris, fully active, at three times the usual stress."""
+    row = closed_by(coarse, "OOP+OOM", 300.0, 1.0, 0.1, "rest", "pointwise")
+    assert row["status"] == "ok"
+    assert row["smallest det F"] > 0.05
+    assert row["lips in lips um"] < 20.0
+
+
+def test_a_closing_that_negative_damping_feeds_is_given_up_early(coarse: xr.Dataset) -> None:
+    """With the damping of the published simulator the motion grows before the lips have closed."""
+    row = closed_by(coarse, "OOP+OOM", 100.0, 1.0, 0.1, "current", "pointwise")
+    assert str(row["status"]).startswith("UnstableDamping: the damping of the current tangent")

@@ -2,6 +2,7 @@
 
 import functools
 import inspect
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -175,6 +176,67 @@ def test_a_rejected_step_changes_nothing():
     for h in sizes:
         plain, _ = sim.ConvergedEuler(**exact).step(system, plain, control, h, work)
     np.testing.assert_allclose(state.q, plain.q, rtol=0, atol=1e-11)
+
+
+@dataclass(frozen=True)
+class Fed:
+    """Damping D = -rate M, by which velocities grow as e^(rate t)."""
+
+    rate: float
+    beta: float = 0.0
+    rest: None = None
+
+    def compile(self, layout, stiffness):
+        return replace(self, mass=layout.node_mass, pattern=layout.pattern)
+
+    mass: object = None
+    pattern: object = None
+
+    def __call__(self, q, control, K=None):
+        D = np.zeros(self.pattern.nnz)
+        D[self.pattern.diagonal] = -self.rate * self.mass[self.pattern.free // 3]
+        return D
+
+
+@pytest.mark.parametrize(("rate", "refused"), [(60.0, False), (400.0, True)])
+@pytest.mark.parametrize("control", ["error", "halving"])
+def test_damping_that_feeds_the_motion_ends_it(rate, refused, control):
+    """Velocities grow at a known rate; a motion that grows by less than e in 10 ms is simulated."""
+    mesh = grid((1, 1, 1))
+    system = sim.compile_scene(sim.Scene(mesh, (sim.Solid(),), damping=Fed(rate)))
+    start = sim.State(0.0, mesh.X, np.full(mesh.X.shape, 1e-3))
+    steps = sim.ErrorControlledStep(1e-7, H, horizon=10.0)
+    if control == "halving":
+        steps = sim.HalvingStep(H)
+
+    def run():
+        return sim.simulate(
+            system,
+            sim.Activation(np.zeros(1), np.zeros((1, 0))),
+            duration=0.05,
+            integrator=Fragile() if control == "halving" else sim.Sdirk2(),
+            steps=steps,
+            initial=start,
+        )[1]
+
+    if not refused:
+        grown = float(run().v[0, 0]) / 1e-3
+        assert grown == pytest.approx(np.exp(rate * 0.05), rel=0.02 if control == "error" else 0.4)
+        return
+    with pytest.raises(sim.UnstableDamping, match="damping_tangent = 'rest'") as caught:
+        run()
+    assert caught.value.rate == pytest.approx(rate, rel=1e-9)
+    assert isinstance(caught.value, sim.NotConverged)  # weaker muscles avoid it
+
+
+@dataclass(frozen=True)
+class Fragile(sim.ConvergedEuler):
+    """Steps above 0.5 ms fail."""
+
+    def step(self, system, state, control, h, work):
+        if h > 6e-4:
+            raise sim.NotConverged((1.0,), state.t, "made to fail")
+        return super().step(system, state, control, h, work)
 
 
 def test_error_control_of_a_static_solver_is_refused():
