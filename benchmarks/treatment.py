@@ -375,6 +375,42 @@ def compensation() -> list[Row]:
     return rows
 
 
+def convergence() -> list[Row]:
+    """Changes by a wedge against the resolution of the face, for both methods of cutting.
+
+    Movements without contact, whose cost allows three resolutions. The interval of the finest face
+    contains its two methods; a change that does not exceed it is not a result.
+    """
+    rows: list[Row] = []
+    found: dict[str, dict[str, float]] = {}
+    p = parameters(sigma_max=100e3, contact={"method": "none"})
+    resolutions = (576, 1200, 2448)
+    for resolution in resolutions:
+        face = template_face(resolution=resolution)
+        drives = gestures(face, ("A", "D", "opening"))
+        for method in ("conforming", "elements"):
+            try:
+                treated = ef.treat(face, wedge(width=14.0, height=12.0, method=method))
+            except EmgfaceError as error:
+                rows.append((f"{resolution} elements, {method}", str(error)[:90], "reported", True))
+                continue
+            table = outcome_table(
+                face, treated, compared_motions(face, treated, drives, p, source="")
+            )
+            found[f"{resolution} {method}"] = dict(
+                zip(table["outcome"], table["change"], strict=True)
+            )
+    rows.append(("changes by a V of 14 mm", ", ".join(found), "reported", True))
+    for name in next(iter(found.values())):
+        values = [one[name] for one in found.values()]
+        if not np.isfinite(values).any():
+            continue
+        own = [found[k][name] for k in found if k.startswith(str(resolutions[-1]))]
+        rows.append((name, ", ".join(f"{v:+.2f}" for v in values)
+                     + f"; finest {min(own):+.2f} to {max(own):+.2f}", "reported", True))  # fmt: skip
+    return rows
+
+
 def random(plans: int = 20, seed: int = 0) -> list[Row]:
     """Random plans over generated faces: how they end, and the longest time."""
     rng = np.random.default_rng(seed)
@@ -473,6 +509,7 @@ CHECKS: dict[str, Callable[..., list[Row]]] = {
     "palsy": palsy,
     "jaw": jaw,
     "compensation": compensation,
+    "convergence": convergence,
     "random": random,
 }
 

@@ -74,6 +74,14 @@ def compare(
         Path | None,
         typer.Option(help="Table of 'emgface dose --plan', whose intervals are shown (csv)."),
     ] = None,
+    both_cuts: Annotated[
+        bool,
+        typer.Option(
+            "--both-cuts",
+            help="Also cut by the other method, along the outline or by whole elements, and show the "
+            "interval of both.",
+        ),
+    ] = False,
     mapping: options.MappingOption = None,
     accuracy: options.AccuracyOption = "draft",
     sigma_max: options.SigmaMaxOption = None,
@@ -90,6 +98,7 @@ def compare(
     from emgface.pictures.stills import write_figure
     from emgface.run.store import Store
     from emgface.schema.netcdf import kind_of
+    from emgface.treatment.cut_difference import other_cut, with_cut_difference
     from emgface.treatment.dose import read_cases, with_intervals
     from emgface.treatment.motions import TASKS, compared_motions, gestures, recorded
     from emgface.treatment.outcomes import movement_table, outcome_table
@@ -113,6 +122,14 @@ def compare(
             store=Store(out_path.with_suffix("").absolute() / "store", report=say),
         )  # fmt: skip
     outcomes = outcome_table(intact, treated, motions)
+    if both_cuts:
+        other = other_cut(intact, treated, parameters, folder=after.parent)
+        with progress("simulating the other cut") as bar:
+            again = compared_motions(
+                intact, other, activations, parameters, source=source, progress=bar.show,
+                store=Store(out_path.with_suffix("").absolute() / "store", report=say),
+            )  # fmt: skip
+        outcomes = with_cut_difference(outcomes, outcome_table(intact, other, again))
     if spread is not None:
         outcomes = with_intervals(outcomes, read_cases(spread))
     tables = outcomes, movement_table(motions)

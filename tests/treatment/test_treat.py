@@ -411,6 +411,27 @@ def test_closed_lips_hold_a_pressure_that_converges_with_its_step(coarse):
         pressure_held(coarse, without)
 
 
+def test_the_other_cut_of_a_treated_face_is_that_of_its_plan(coarse, operated):
+    import pandas as pd
+
+    from emgface.treatment.cut_difference import other_cut, with_cut_difference, with_other_cut
+
+    other = other_cut(coarse, operated)
+    direct = ef.treat(coarse, wedge(method="elements"))
+    np.testing.assert_array_equal(other["position"].values, direct["position"].values)
+    with pytest.raises(FaceError, match="is not a treatment of"):
+        other_cut(operated, direct)
+    weak = configure(Plan, {"step": [{"kind": "palsy"}]})
+    with pytest.raises(FaceError, match="cuts nothing"):
+        with_other_cut(weak)
+    one = pd.DataFrame({"outcome": ["a", "b"], "change": [-1.0, np.nan]})
+    two = pd.DataFrame({"outcome": ["a", "b"], "change": [-3.0, 2.0]})
+    both = with_cut_difference(one, two)
+    assert list(both["change, lowest of both cuts"])[0] == -3.0
+    assert list(both["change, highest of both cuts"])[0] == -1.0
+    assert both["change, lowest of both cuts"].isna()[1]  # unknown if one method is
+
+
 def test_a_resection_is_refused_for_a_face(coarse):
     with pytest.raises(FaceError, match="applies to a jaw model"):
         ef.treat(coarse, {"step": [{"kind": "resection"}]})

@@ -1,0 +1,72 @@
+"""Difference of outcomes between both methods of cutting, the part of their error that a mesh causes."""
+
+import json
+from pathlib import Path
+from typing import Any, Final
+
+import pandas as pd
+import xarray as xr
+
+from emgface.errors import FaceError
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.run.digest import dataset_digest
+from emgface.treatment.closure import Progress
+from emgface.treatment.plan import CUTS, Plan
+from emgface.treatment.treat import treat_face
+
+OTHER: Final = {"conforming": "elements", "elements": "conforming"}
+
+
+def with_other_cut(plan: Plan) -> Plan:
+    """Plan whose cuts use the other method each; FaceError if it has no cut."""
+    if not any(isinstance(step, CUTS) for step in plan.step):
+        raise FaceError(
+            f"the plan {plan.name!r} cuts nothing, expected a wedge, tumour or incision: methods of "
+            "cutting differ only there"
+        )
+    steps: list[Any] = [
+        step.model_copy(update={"method": OTHER[step.method]}) if isinstance(step, CUTS) else step
+        for step in plan.step
+    ]
+    return plan.model_copy(update={"step": tuple(steps)})
+
+
+def other_cut(
+    intact: xr.Dataset,
+    treated: xr.Dataset,
+    parameters: SimulationParameters | None = None,
+    *,
+    folder: Path = Path(),
+    progress: Progress | None = None,
+) -> xr.Dataset:
+    """Treat a face again by the plans of a treated one, with the other method of every cut.
+
+    Raises FaceError if `treated` is not a treatment of `intact`, cuts nothing, or the other method
+    cannot close the wound.
+    """
+    earlier, entries = (json.loads(f.attrs.get("treatment", "[]")) for f in (intact, treated))
+    root = intact.attrs.get("parent") or dataset_digest(intact)
+    chained = entries[: len(earlier)] == earlier and len(entries) > len(earlier)
+    if treated.attrs.get("parent", "") != root or not chained:
+        raise FaceError(
+            f"{treated.attrs['name']!r} is not a treatment of {intact.attrs['name']!r}, expected the "
+            "face to which its plan was applied"
+        )
+    found = intact
+    for entry in entries[len(earlier) :]:
+        plan = with_other_cut(Plan.model_validate(entry["plan"]))
+        found = treat_face(found, plan, parameters, folder=folder, progress=progress)
+    return found
+
+
+def with_cut_difference(outcomes: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:
+    """Outcomes with the change by the other method, and the interval that contains both changes."""
+    found = outcomes.merge(
+        other[["outcome", "change"]].rename(columns={"change": "change, other cut"}),
+        "left",
+        "outcome",
+    )
+    both = found[["change", "change, other cut"]]
+    found["change, lowest of both cuts"] = both.min(axis=1, skipna=False)
+    found["change, highest of both cuts"] = both.max(axis=1, skipna=False)
+    return found
