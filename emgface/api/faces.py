@@ -221,6 +221,7 @@ def simulate(
     from emgface.api.progress import shown
     from emgface.face.identity import DIGEST
     from emgface.face.motion import settle_face, simulate_face
+    from emgface.face.sigma_max import lower_sigma_max
     from emgface.face.waypoints import Branch, WayPoints
     from emgface.pictures.body import skin_of
     from emgface.pictures.surface import SurfaceProbe, with_surface
@@ -228,7 +229,6 @@ def simulate(
     from emgface.recordings.findings import ATTRIBUTE, findings_in, with_findings
     from emgface.recordings.repeated import warn_of
     from emgface.study.calibrated import calibrated_for
-    from emgface.study.policy import lower_sigma_max
 
     plan = study_of(study)
     parameters = simulation_of(plan.simulation, accuracy, choices)

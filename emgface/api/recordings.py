@@ -266,10 +266,10 @@ def aligned_and_scored(
     from analysis.align import align
     from analysis.scores import score as score_trial
     from emgface.api.given import changed, dataset_of, face_of, recording_of, study_of
+    from emgface.face.measured import measured_during
     from emgface.recordings.belonging import of_face, of_recording
     from emgface.recordings.findings import findings_in
     from emgface.recordings.repeated import for_scores, stored_with, warn_of
-    from emgface.study.measured import measured_during
 
     plan = study_of(study)
     alignment_choices = changed(plan.alignment, alignment or {}, "alignment")

@@ -40,7 +40,7 @@ def stability_warning(motion: xr.Dataset) -> str:
 
     The trajectory has the attributes ``unstable_from_s``, ``unstable_until_s`` [s] and
     ``rounding_sensitivity`` [m] if its equilibrium lost stability, and ``lowered_after`` if that of
-    a run with a larger sigma_max did (`emgface.study.policy`), and ``repetition_failed`` if its
+    a run with a larger sigma_max did (`emgface.face.sigma_max`), and ``repetition_failed`` if its
     repetition did (`emgface.face.event_error`). The text is empty otherwise.
     """
     lowered = str(motion.attrs.get("lowered_after", ""))

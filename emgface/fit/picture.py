@@ -1,12 +1,16 @@
 """Figure of a fit: distance of the skin from the scan, thickness and its interval, from three sides."""
 
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, Final, Protocol, cast
 
 import numpy as np
+import pandas as pd
+import xarray as xr
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 
 from analysis.figures.style import blank, grid, styled
+from emgface.fit.deform import Deformed
+from emgface.fit.targets import Target
 from emgface.fit.triangulated import Floats, Surface
 from emgface.pictures.body import body_of, skin_of
 from emgface.pictures.render import DISPLACEMENT, MM, SIDES, VIEWS, window_of
@@ -15,14 +19,27 @@ from emgface.pictures.stills import marks, paint
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from emgface.fit.person import Fitted
-
 MISSING: Final = (0.62, 0.62, 0.62)  #: colour of skin without a counterpart on the surface
 SHARE: Final = 0.98  #: quantile at which the scale of colours ends
 
 
+class Drawn(Protocol):
+    """What the figure uses of a fitted face (`emgface.fit.person.Fitted`)."""
+
+    @property
+    def face(self) -> xr.Dataset: ...  # noqa: D102
+    @property
+    def targets(self) -> tuple[Target, ...]: ...  # noqa: D102
+    @property
+    def thickness(self) -> pd.DataFrame: ...  # noqa: D102
+    @property
+    def prior(self) -> object: ...  # noqa: D102
+    @property
+    def deformed(self) -> Deformed: ...  # noqa: D102
+
+
 @styled
-def fit_figure(fitted: "Fitted") -> "Figure":
+def fit_figure(fitted: Drawn) -> "Figure":
     """Draw the fitted skin from three sides: distance to the scan, thickness, width of its interval."""
     face = fitted.face
     skin = skin_of(face)

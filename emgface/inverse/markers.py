@@ -7,11 +7,11 @@ import xarray as xr
 
 from analysis.noise import marker_noise
 from emgface.errors import MarkerError, UnitsError
+from emgface.face.measured import check_lips
 from emgface.muscles import LIP_MARKERS
 from emgface.recordings.head import LARGEST_RATIO, in_head_frame
 from emgface.signals.parameters import HeadFrameParameters, SignalChain
 from emgface.signals.resampling import resample
-from emgface.study.measured import check_lips
 from sim.state import Array
 
 REST = 0.1

@@ -17,8 +17,8 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.reduced.model import Floats, free_of_contact
 from emgface.reduced.plan import TrainingDrive
 from emgface.run.digest import dataset_digest, text_digest
+from emgface.run.mechanics import MECHANICS
 from emgface.run.store import Stage, Store
-from emgface.study.mechanics import MECHANICS
 from sim import (
     Activation,
     ContactFailure,

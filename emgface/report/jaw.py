@@ -6,10 +6,10 @@ from matplotlib.figure import Figure
 
 from analysis.figures import marker_traces
 from analysis.tables import Column, Table
+from emgface.anatomy.head.incisor import incisor_pair
 from emgface.anatomy.jaw.compared import compared_jaws
 from emgface.anatomy.jaw.recorded import aligned, score_motion
 from emgface.report.results import FAILURES, Results, representative
-from emgface.study.incisor import incisor_pair
 
 
 @dataclass(frozen=True, eq=False)

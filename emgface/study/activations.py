@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Callable
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import xarray as xr
 
@@ -16,15 +15,13 @@ from emgface.run.digest import canonical_json, code_version, dataset_digest, tex
 from emgface.run.store import Result
 from emgface.signals.activation import activation_of
 from emgface.signals.truth import TRUE_STRATEGY, true_activation_of
+from emgface.study.laboratory import Setup
 from emgface.study.stage_code import ACTIVATION, ACTIVATION_OF_HEAD, INVERSE, MOTION
 from emgface.study.table import Recording
 
-if TYPE_CHECKING:
-    from emgface.study.stages import Laboratory
-
 
 def activation_from_emg(
-    at: "Laboratory", recording: Recording, strategy: str, extent: Result | None
+    at: Setup, recording: Recording, strategy: str, extent: Result | None
 ) -> Result:
     """Return the activation of all muscles, also of those of the jaw if a head moves.
 
@@ -99,10 +96,15 @@ def activation_digest(activation: xr.DataArray) -> str:
 
 
 class ByMarkers:
-    """Inversions of the recordings of a laboratory."""
+    """Inversions of the recordings of a laboratory.
 
-    def __init__(self, laboratory: "Laboratory") -> None:
-        self._laboratory = laboratory
+    `motion` simulates an activation with a label and a value of sigma_max [Pa] or None.
+    """
+
+    def __init__(
+        self, laboratory: Setup, motion: Callable[[xr.DataArray, str, float | None], Result]
+    ) -> None:
+        self._laboratory, self._motion = laboratory, motion
 
     @cached_property
     def digest(self) -> str:
@@ -160,7 +162,7 @@ class ByMarkers:
 
         def moved(limit: float | None) -> list[Result]:
             return [
-                at.motion(one.dataset["activation"], f"{label} without {out[0]}", limit)
+                self._motion(one.dataset["activation"], f"{label} without {out[0]}", limit)
                 for one, out in zip(drives, FOLDS, strict=True)
             ]
 

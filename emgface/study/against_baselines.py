@@ -19,8 +19,8 @@ from analysis.individual import (
     within_instruction,
 )
 from analysis.registration import mean_motion
+from emgface.face.measured import measured_during
 from emgface.muscles import LIP_MARKERS
-from emgface.study.measured import measured_during
 from emgface.study.motions import StoredMotion
 from emgface.study.stages import Laboratory
 from emgface.study.table import Recording

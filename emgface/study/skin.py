@@ -1,6 +1,6 @@
 """Motion of the skin of a face in a trial, stored when the trial is simulated."""
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import xarray as xr
 
@@ -8,11 +8,9 @@ from emgface.face.motion import simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.pictures.body import skin_of
 from emgface.pictures.surface import SurfaceProbe, frame_stride
+from emgface.run.mechanics import MECHANICS, OF_HEADS
 from emgface.run.store import Result, Stage
-from emgface.study.mechanics import MECHANICS, OF_HEADS
-
-if TYPE_CHECKING:
-    from emgface.study.stages import Laboratory
+from emgface.study.laboratory import Setup
 
 SKIN: Final = Stage(
     "skin",
@@ -30,7 +28,7 @@ SKIN_OF_HEAD: Final = Stage("skin", (*SKIN.modules, *OF_HEADS))
 class SkinMotions:
     """Simulations of a laboratory, which store the motions of skin and markers."""
 
-    def __init__(self, laboratory: "Laboratory") -> None:
+    def __init__(self, laboratory: Setup) -> None:
         self._laboratory, self._probe = laboratory, SurfaceProbe(skin_of(laboratory.face).node)
 
     def simulate(

@@ -1,7 +1,7 @@
 """Stages of one trial, each with the modules whose source determines its results."""
 
+from emgface.run.mechanics import MECHANICS, OF_HEADS
 from emgface.run.store import Stage
-from emgface.study.mechanics import MECHANICS, OF_HEADS
 
 _SIGNALS = (
     "emgface.signals.running",
@@ -29,7 +29,7 @@ _ALIGNMENT = (
     "emgface.recordings.head",
     "emgface.signals.resampling",
     "emgface.signals.filters",
-    "emgface.study.measured",
+    "emgface.face.measured",
 )
 
 _FINDINGS = (
@@ -55,8 +55,8 @@ _FINDINGS = (
 RANGE = Stage("range", tuple(dict.fromkeys((*_SIGNALS, *_FINDINGS))))
 ACTIVATION = Stage("activation", tuple(dict.fromkeys((*_SIGNALS, *_FINDINGS))))
 REST = Stage("rest", MECHANICS)
-MOTION = Stage("motion", (*MECHANICS, "emgface.study.policy"))
-MOTION_OF_HEAD = Stage("motion", (*OF_HEADS, "emgface.study.policy"))
+MOTION = Stage("motion", (*MECHANICS, "emgface.face.sigma_max"))
+MOTION_OF_HEAD = Stage("motion", (*OF_HEADS, "emgface.face.sigma_max"))
 ACTIVATION_OF_HEAD = Stage("activation", (*ACTIVATION.modules, "emgface.anatomy"))
 ALIGNED = Stage("aligned", _ALIGNMENT)
 SCORES = Stage(
@@ -72,7 +72,7 @@ SCORES_OF_HEAD = Stage(
     (
         *dict.fromkeys((*SCORES.modules, *_ALIGNMENT)),
         "emgface.anatomy.jaw",
-        "emgface.study.incisor",
+        "emgface.anatomy.head.incisor",
     ),
 )
 INVERSE = Stage(

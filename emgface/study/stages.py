@@ -1,8 +1,6 @@
 """Stages of the trials of a study, and the computation of one trial, with failures as results."""
 
 import time
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -12,9 +10,10 @@ import xarray as xr
 from analysis.align import align
 from analysis.scores import score
 from analysis.trial import Origin, Trial
-from emgface.anatomy.head.model import Head
-from emgface.face.motion import NOT_OF_REST, settle_face
+from emgface.anatomy.head.incisor import with_incisor
+from emgface.face.measured import measured_during
 from emgface.face.numerical_error import largest_motion
+from emgface.face.sigma_max import lower_sigma_max
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.stability import stability_warning
 from emgface.inverse.configuration import VARIANT
@@ -23,27 +22,18 @@ from emgface.recordings.repeated import for_scores, headline, stored_with
 from emgface.run.digest import (
     canonical_json,
     code_version,
-    dataset_digest,
-    file_digest,
     text_digest,
 )
-from emgface.run.store import Result, Store
+from emgface.run.store import Result
 from emgface.run.tasks import EXPECTED, OF_THE_MACHINE
-from emgface.signals.activation import feature_range
 from emgface.study.activations import ByMarkers, activation_digest, activation_from_emg
-from emgface.study.configuration import StudyConfiguration
-from emgface.study.file import study_face, study_head, volunteer_faces
-from emgface.study.incisor import with_incisor
-from emgface.study.measured import measured_during
-from emgface.study.policy import lower_sigma_max
+from emgface.study.laboratory import Setup
 from emgface.study.skin import SKIN, SkinMotions
 from emgface.study.stage_code import (
     ACTIVATION_OF_HEAD,
     ALIGNED,
     MOTION,
     MOTION_OF_HEAD,
-    RANGE,
-    REST,
     SCORES,
     SCORES_OF_HEAD,
     STAGES,
@@ -67,70 +57,8 @@ class StoredFailure(Exception):
         super().__init__(reason)
 
 
-@dataclass
-class Laboratory:
-    """Data common to the trials of a study: store, face, configuration.
-
-    `report` receives one sentence for the reader; `muted` collects recordings with a feature that
-    is zero or saturated for at least one muscle. `own` contains the faces of the volunteers if each
-    has one; `face` is then the first of them.
-    """
-
-    store: Store
-    face: xr.Dataset
-    study: StudyConfiguration
-    report: Callable[[str], None]
-    muted: set[str] = field(default_factory=set)
-    own: Mapping[str, xr.Dataset] = field(default_factory=dict[str, xr.Dataset])
-
-    @classmethod
-    def of_study(
-        cls,
-        store: Store,
-        study: StudyConfiguration,
-        report: Callable[[str], None],
-        volunteers: Iterable[str],
-    ) -> "Laboratory":
-        """Laboratory with the face of a study, or with those of the volunteers."""
-        own = volunteer_faces(study.face, volunteers)
-        face = next(iter(own.values())) if own else study_face(study.face)
-        return cls(store, face, study, report, own=own)
-
-    def of(self, volunteer: str) -> "Laboratory":
-        """Laboratory with the face of a volunteer."""
-        if volunteer not in self.own:
-            return self
-        if volunteer not in self._of:
-            own = Laboratory(self.store, self.own[volunteer], self.study, self.report, self.muted)
-            self._of[volunteer] = own
-        return self._of[volunteer]
-
-    @cached_property
-    def _of(self) -> dict[str, "Laboratory"]:
-        return {}
-
-    @cached_property
-    def face_digest(self) -> str:
-        """Digest of the face."""
-        return dataset_digest(self.face)
-
-    @cached_property
-    def moved(self) -> dict[str, str]:
-        """Digests of what moves: the face, and the reduced face or the head if there is one."""
-        files = {"reduced": self.study.simulation.reduced.file, "head": self.study.face.head}
-        others = {name: file_digest(file) for name, file in files.items() if file is not None}
-        return {"face": self.face_digest, **others}
-
-    @cached_property
-    def head(self) -> Head | None:
-        """Head of the study, if it has one."""
-        path = self.study.face.head
-        return None if path is None else study_head(path)
-
-    def head_of(self, activation: xr.DataArray) -> Head | None:
-        """Head that moves under an activation: that of the study, if its muscles are those of a head."""
-        own = set(self.face["muscle"].values.tolist())
-        return self.head if not own.issuperset(activation["muscle"].values.tolist()) else None
+class Laboratory(Setup):
+    """Stages of the trials of a study with one setup, each computed once and stored."""
 
     @cached_property
     def skin(self) -> SkinMotions:
@@ -140,43 +68,11 @@ class Laboratory:
     @cached_property
     def by_markers(self) -> ByMarkers:
         """Activations that follow the markers."""
-        return ByMarkers(self)
+        return ByMarkers(self, self.motion)
 
     def skin_motion(self, activation: xr.DataArray, sigma_max: float, label: str) -> Result:
         """Return the motion of the skin in a trial (`SkinMotions.motion`)."""
         return self.skin.motion(activation, sigma_max, activation_digest(activation), label)
-
-    @property
-    def alignment(self) -> dict[str, Any]:
-        """Options of `analysis.align.align`, equal for all motions compared with a recording."""
-        return {**self.study.alignment.arguments(), **self.limits}
-
-    @property
-    def limits(self) -> dict[str, Any]:
-        """Least motion and signal-to-noise ratio of a marker with a score."""
-        return self.study.score.model_dump(include={"smallest_motion", "smallest_snr"})
-
-    def lowered(self, sigma_max: float) -> "Laboratory":
-        """Return the same laboratory with another initial sigma_max [Pa], not calibrated."""
-        given = self.study.simulation
-        policy = given.sigma_max_policy.model_copy(update={"calibration": "none"})
-        changes = {"sigma_max": sigma_max, "sigma_max_policy": policy}
-        simulation = given.model_copy(update=changes)
-        study = self.study.model_copy(update={"simulation": simulation})
-        return Laboratory(self.store, self.face, study, self.report, self.muted, self.own)
-
-    def extent(
-        self, digests: Iterable[str], read: Callable[[], Iterable[xr.Dataset]], label: str
-    ) -> Result:
-        """Return minimum and maximum of the features over recordings with these digests."""
-        inputs = {f"recording_{k}": digest for k, digest in enumerate(digests)}
-        chain = self.study.signals
-        parameters = chain.model_dump(
-            mode="json", include={"filter", "feature", "mapping", "montage"}
-        )
-        return self.store.get_or_compute(
-            RANGE, inputs, parameters, lambda: feature_range(read(), chain), label=label
-        )
 
     def trial_key(self, trial: PlannedTrial, extent: Result | None) -> str:
         """Digest of everything that the outcome of a trial depends on; empty if it has no inputs."""
@@ -201,7 +97,7 @@ class Laboratory:
         )
         modules = {name for stage in (*STAGES, SKIN, *of_head) for name in stage.modules}
         chosen = self.study.model_dump(mode="json", include=tables)
-        here = (__name__, "emgface.study.activations")
+        here = (__name__, "emgface.study.activations", "emgface.study.laboratory")
         code = code_version((*sorted(modules), *here))
         return text_digest(f"{canonical_json(chosen)} {code}")
 
@@ -233,16 +129,6 @@ class Laboratory:
         if strategy not in VARIANT:
             return self.motion(activation, label, sigma_max)
         return self.by_markers.predicted(recording, strategy, label, extent, sigma_max)
-
-    def rest(self, parameters: SimulationParameters) -> Result:
-        """Return the face at its equilibrium under gravity."""
-        return self.store.get_or_compute(
-            REST,
-            {"face": self.face_digest},
-            parameters.model_dump(mode="json", exclude=set(NOT_OF_REST)),
-            lambda: settle_face(self.face, parameters),
-            label=f"rest, sigma_max {parameters.sigma_max / 1e3:.4g} kPa",
-        )
 
     def motion(
         self, activation: xr.DataArray, label: str, sigma_max: float | None = None

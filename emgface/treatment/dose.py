@@ -24,10 +24,10 @@ from emgface.face.motion import settle_face, simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.build import volunteer_face
 from emgface.run.digest import canonical_json
+from emgface.run.mechanics import MECHANICS
 from emgface.run.observer import Observer, Silent
 from emgface.run.store import Stage, Store
 from emgface.run.tasks import Task, run_table
-from emgface.study.mechanics import MECHANICS
 from emgface.treatment.motions import NO_PRESSURE, gestures, with_pressure
 from emgface.treatment.outcomes import FACTOR, OUTCOMES
 from emgface.treatment.plan import NOT_VALIDATED, Plan

@@ -11,15 +11,15 @@ from numpy.typing import NDArray
 
 from emgface.errors import DataError, FaceError
 from emgface.face.motion import settle_face, simulate_face
+from emgface.face.sigma_max import lower_sigma_max
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.gestures import GESTURES, gesture_activation
 from emgface.muscles import INSTRUCTIONS
 from emgface.pictures.body import skin_of
 from emgface.pictures.surface import SurfaceProbe, with_surface
 from emgface.run.digest import dataset_digest
+from emgface.run.mechanics import MECHANICS
 from emgface.run.store import Stage, Store
-from emgface.study.mechanics import MECHANICS
-from emgface.study.policy import lower_sigma_max
 from emgface.treatment.pressure import pressure_held
 
 MOTION: Final = Stage(

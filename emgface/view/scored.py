@@ -11,8 +11,8 @@ from analysis.align import align
 from analysis.errors import AnalysisError
 from analysis.scores import ROUNDING
 from emgface.errors import DataError
+from emgface.face.measured import measured_during
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.measured import measured_during
 
 Floats = NDArray[np.float64]
 

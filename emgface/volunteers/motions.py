@@ -5,14 +5,14 @@ from collections.abc import Callable
 import xarray as xr
 
 from emgface.face.motion import NOT_OF_REST, settle_face, simulate_face
+from emgface.face.sigma_max import lower_sigma_max
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.run.digest import dataset_digest
+from emgface.run.mechanics import MECHANICS
 from emgface.run.store import Stage, Store
-from emgface.study.mechanics import MECHANICS
-from emgface.study.policy import lower_sigma_max
 
 REST = Stage("volunteer_rest", MECHANICS)
-MOTION = Stage("volunteer_motion", (*MECHANICS, "emgface.study.policy"))
+MOTION = Stage("volunteer_motion", (*MECHANICS, "emgface.face.sigma_max"))
 
 
 class Mover:

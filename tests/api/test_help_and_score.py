@@ -8,9 +8,9 @@ import xarray as xr
 
 import emgface as ef
 from emgface.errors import MarkerError
+from emgface.face.measured import measured_during
 from emgface.muscles import LIP_MARKERS
 from emgface.signals.parameters import HeadFrameParameters
-from emgface.study.measured import measured_during
 
 
 @pytest.mark.parametrize("name", sorted(ef.__all__))

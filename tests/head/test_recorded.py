@@ -11,6 +11,7 @@ import xarray as xr
 from scipy.spatial.transform import Rotation
 
 from emgface.anatomy.head.build import build_head
+from emgface.anatomy.head.incisor import with_incisor
 from emgface.anatomy.head.model import Head, write_head
 from emgface.anatomy.head.recorded import (
     RecordedDrive,
@@ -27,7 +28,6 @@ from emgface.report import jaw as report_of_jaw
 from emgface.run.store import Store
 from emgface.study.configuration import FaceConfiguration, StudyConfiguration
 from emgface.study.file import study_face
-from emgface.study.incisor import with_incisor
 from emgface.study.stages import Laboratory
 
 RATE, START, DURATION = 2000.0, 10.0, 0.9

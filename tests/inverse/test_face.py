@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 
 from emgface.errors import ConfigurationError, MarkerError, SignalError, UnitsError
+from emgface.face.measured import check_lips
 from emgface.inverse.markers import marker_nodes, wanted_positions
 from emgface.inverse.parameters import InverseParameters
 from emgface.inverse.run import invert
@@ -12,7 +13,6 @@ from emgface.inverse.signals import estimated_activation
 from emgface.inverse.variants import VARIANTS, trust_of
 from emgface.muscles import LIP_MARKERS, MUSCLES
 from emgface.signals.parameters import HeadFrameParameters, SignalChain
-from emgface.study.measured import check_lips
 from tests.inverse.recordings import recording_of
 
 TIME = 0.01 * np.arange(121)

@@ -65,3 +65,39 @@ def test_kernels_do_not_assume_finite_values():
 def test_there_is_no_module_for_miscellaneous_functions(root):
     names = {path.stem for package in PACKAGES for path in modules(root, package)}
     assert not names & {"utils", "util", "helpers", "misc", "common"}
+
+
+def imported_modules(path: Path, known: set[str]) -> set[str]:
+    """Modules that a module imports anywhere, also in functions and for types alone."""
+    found = set[str]()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+            found |= {name if name in known else node.module for name in names}
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+    return found & known
+
+
+def circle_in(graph: dict[str, set[str]]) -> list[str]:
+    """Modules of a circle of imports, or of what leads into one; empty if there is none."""
+    left = {name: set(others) for name, others in graph.items()}
+    while free := {name for name, others in left.items() if not others}:
+        left = {name: others - free for name, others in left.items() if name not in free}
+    return sorted(left)
+
+
+@pytest.mark.parametrize("package", ["emgface", "analysis"])
+def test_no_module_imports_itself_through_others(root, package):
+    paths = {
+        ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in modules(root, package)
+    }
+    del paths[package]  # the names for users, which are imported when they are used
+    graph = {name: imported_modules(path, set(paths)) - {name} for name, path in paths.items()}
+    assert not circle_in(graph)
+
+
+def test_a_circle_is_found():
+    assert circle_in({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": set()}) == ["a", "b", "c"]
+    assert not circle_in({"a": {"b", "c"}, "b": {"c"}, "c": set()})

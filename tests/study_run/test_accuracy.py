@@ -9,8 +9,8 @@ from emgface.errors import ConfigurationError
 from emgface.face.accuracy import PRESETS
 from emgface.face.integration import INTEGRATORS, integrator_of
 from emgface.face.motion import simulate_face
+from emgface.face.sigma_max import lower_sigma_max
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.study.policy import lower_sigma_max
 from sim import Sdirk2
 
 FREE = {"contact": {"method": "none"}}

@@ -10,12 +10,12 @@ import xarray as xr
 from analysis.baselines import VARIABLES, scored
 from analysis.registration import mean_motion
 from emgface.choices import configure
+from emgface.face.measured import measured_during
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.recordings.dataset import read_recording, write_recording
 from emgface.report.results import open_results
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.measured import measured_during
 from emgface.study.run import run_study
 from emgface.volunteers.simulate import make_volunteers
 from tests.study_run.conftest import MECHANICS

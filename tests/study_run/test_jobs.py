@@ -57,6 +57,8 @@ def test_recordings_are_inverted_alike_by_any_number_of_workers_and_continued(
     alone = invert(
         read_recording(recordings[0]), slab, STUDY.simulation, STUDY.signals, STEPWISE
     ).drop_attrs()
+    called = ef.invert(recordings[0], slab, study=STUDY, variant="motion", form="step")
+    xr.testing.assert_identical(called.drop_attrs(), alone)
     for name, count in (("one", 1), ("two", 2)):
         good, bad = inverted(name, workers=count)
         assert good.status == "ok" and 0.0 < good.misfit_ratio < 0.5

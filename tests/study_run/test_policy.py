@@ -6,11 +6,11 @@ import xarray as xr
 
 from emgface.choices import configure
 from emgface.face.motion import simulate_face
+from emgface.face.sigma_max import lower_sigma_max
 from emgface.face.simulation_parameters import SigmaMaxPolicy, SimulationParameters
 from emgface.face.stability import stability_warning
 from emgface.report.results import open_results
 from emgface.study import skin
-from emgface.study.policy import lower_sigma_max
 from emgface.study.run import run_study
 from sim.errors import InvertedElement, NotConverged, SingularSystem, ToleranceMissed
 from tests.study_run.conftest import MECHANICS

@@ -11,10 +11,12 @@ from pathlib import Path
 from typing import get_args
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from typer.testing import CliRunner
 
+import emgface as ef
 from analysis.cube import build_cube
 from analysis.statistics.simulated import simulated_scores
 from analysis.tables import origin_of, report_tables
@@ -356,6 +358,13 @@ def test_command_writes_page_and_tables(page: Path, tmp_path: Path, without_figu
     assert "script-src 'none'" in html.unescape(text) and "Moving face" not in text_of(text)
     written = {path.name for path in (folder / "tables").iterdir()}
     assert {"strategy.csv", "strategy.md", "strategy.tex", "trials.csv"} <= written
+    (folder / "tables" / "strategy.csv").unlink()
+    called = ef.report(folder, tmp_path / "called.html", faces=False)
+    assert text_of(called.read_text(encoding="utf-8")) == text_of(text)
+    table = pd.read_csv(folder / "tables" / "strategy.csv").set_index("strategy")["median"]
+    rho = ef.read(folder / "cube.nc")["rho"]
+    for strategy in ("act_all", "act_rel"):
+        assert table[strategy] == pytest.approx(float(rho.sel(strategy=strategy).median()))
 
 
 def test_the_report_says_how_often_full_order_replaced_a_reduced_face() -> None:

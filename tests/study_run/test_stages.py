@@ -29,10 +29,10 @@ PASSIVE = {
     "sim._kernels.cache",  # location of compiled kernels
 }
 KEPT = {  # find and store inputs, whose digests are part of that of the result
-    *(f"emgface.run.{name}" for name in ("digest", "journal", "store")),
+    *(f"emgface.run.{name}" for name in ("digest", "journal", "mechanics", "store")),
     *(
         f"emgface.study.{name}"
-        for name in ("mechanics", "motions", "outcomes", "stage_code", "stages", "table")
+        for name in ("laboratory", "motions", "outcomes", "stage_code", "stages", "table")
     ),
 }
 TRACT = {  # make the tract, whose digest is part of that of formants, or what follows from these

@@ -16,6 +16,7 @@ from emgface.anatomy.jaw.recorded import INCISOR, score_motion
 from emgface.anatomy.jaw.series import Excitation, excitation_in
 from emgface.errors import HeadError
 from emgface.face.identity import belongs
+from emgface.face.measured import measured_during
 from emgface.face.numerical_error import largest_motion
 from emgface.face.parts import Integers
 from emgface.face.simulation_parameters import SimulationParameters
@@ -26,7 +27,6 @@ from emgface.recordings.repeated import warn_of
 from emgface.signals.activation import activation_of, feature_range
 from emgface.signals.parameters import SignalChain
 from emgface.study.configuration import StudyConfiguration
-from emgface.study.measured import measured_during
 
 SETTLING = 0.3
 """Time before the recording in which the head comes to rest under gravity at the first levels [s]."""

@@ -23,12 +23,12 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.muscles import parse_ring
 from emgface.files import write_text
 from emgface.run.digest import canonical_json, dataset_digest, text_digest
+from emgface.run.mechanics import MECHANICS
 from emgface.run.observer import Observer, Silent
 from emgface.run.runner import Workers
 from emgface.run.store import Stage, Store
 from emgface.run.tasks import Task, run_table
 from emgface.schema.rules import one_line
-from emgface.study.mechanics import MECHANICS
 from sim.threads import one_blas_thread
 
 STEP_ERROR, MESH_ERROR = "_step_error", "_mesh_error"
