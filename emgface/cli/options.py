@@ -113,7 +113,8 @@ SettingOption = Annotated[
     typer.Option(
         "--set",
         metavar="NAME=VALUE",
-        help="Parameter of the kind of model, such as law=hill or gravity=false; repeatable.",
+        help="Setting of the kind of model, such as law=hill or gravity=false; an unknown name lists "
+        "those that the model has. Repeatable.",
     ),
 ]
 GravityOption = Annotated[bool, typer.Option(help="Simulate gravity.")]

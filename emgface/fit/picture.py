@@ -23,7 +23,7 @@ MISSING: Final = (0.62, 0.62, 0.62)  #: colour of skin without a counterpart on 
 SHARE: Final = 0.98  #: quantile at which the scale of colours ends
 
 
-class Drawn(Protocol):
+class FittedSurface(Protocol):
     """What the figure uses of a fitted face (`emgface.fit.person.Fitted`)."""
 
     @property
@@ -39,7 +39,7 @@ class Drawn(Protocol):
 
 
 @styled
-def fit_figure(fitted: Drawn) -> "Figure":
+def fit_figure(fitted: FittedSurface) -> "Figure":
     """Draw the fitted skin from three sides: distance to the scan, thickness, width of its interval."""
     face = fitted.face
     skin = skin_of(face)

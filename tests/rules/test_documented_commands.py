@@ -136,3 +136,22 @@ def test_every_documented_command_exists() -> None:
 )
 def test_commands_that_do_not_exist_are_found(command: str, why: str) -> None:
     assert wrong(command.split()) == why
+
+
+def every_option() -> set[str]:
+    """Options of all commands, measurements, studies and makers of pages."""
+    found, left = {"--help", "--version", "--debug"}, [whole()]
+    while left:
+        one: Any = left.pop()
+        found |= {text for part in one.params for text in (*part.opts, *part.secondary_opts)}
+        left += getattr(one, "commands", {}).values()
+    modules = [f"benchmarks/{name}" for name in known_measurements()]
+    modules += [str(path.parent.relative_to(ROOT)) for path in ROOT.glob("studies/*/__main__.py")]
+    return found.union(*(options(module) for module in modules))
+
+
+def test_an_option_that_stands_alone_on_a_page_exists() -> None:
+    known = every_option()
+    alone = {(page, line.split()[0].split("=")[0]) for page, line in lines() if line[:2] == "--"}
+    assert len(alone) > 20
+    assert not {(page, name) for page, name in alone if name.rstrip(",.") not in known}
