@@ -84,7 +84,8 @@ def test_changes_are_assembled_above_those_of_earlier_versions(root: Path, tmp_p
     headings = re.findall(r"^## (.+)$", text, re.MULTILINE)
     before = re.findall(r"^## (.+)$", (root / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
     assert headings == ["9.0.0", *before]
-    assert "### Fixed\n\n- A matter is repaired,\n  and told.\n" in text.partition("## Unrel")[0]
+    added = text.partition("## Unreleased")[0]
+    assert "- A matter is repaired,\n  and told.\n" in added.partition("### Fixed\n\n")[2]
 
 
 @pytest.fixture(scope="module")
