@@ -28,7 +28,9 @@ def lines() -> Iterator[tuple[str, str]]:
     for path in sorted(
         {*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("studies/**/*.md")}
     ):
-        if "generated" in path.parts:  # by the building of the documentation
+        if {"generated", "changes"} & {
+            *path.parts
+        }:  # by the building of the documentation, or news
             continue
         text = path.read_text(encoding="utf-8")
         code = [block for kind, block in FENCED.findall(text) if kind in ("", "sh")]
