@@ -32,15 +32,17 @@ app = typer.Typer(no_args_is_help=True, help="Run studies, from recordings to th
 @app.command()
 def template(
     out_path: OutPath = None,
+    every: Annotated[bool, typer.Option("--all", help="Write every parameter.")] = False,
 ) -> None:
-    """Write a study file with every parameter, its default, unit and source."""
+    """Write a study file with the parameters that most studies decide, with default, unit and source."""
     from emgface.run.store import store_text
-    from emgface.study.file import study_template
+    from emgface.study.file import CHANGED, study_template
 
+    text = study_template(only=None if every else CHANGED)
     if out_path is None:
-        typer.echo(study_template(), nl=False)
+        typer.echo(text, nl=False)
         return
-    store_text(out_path, study_template())
+    store_text(out_path, text)
     say(f"Wrote {out_path}.")
 
 

@@ -6,13 +6,13 @@ Paths are relative to the file, also of a study whose folder was moved or copied
 import json
 import os
 import textwrap
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from glob import escape
 from itertools import product
 from pathlib import Path
-from typing import Any, TypeVar, get_args, get_origin
+from typing import Any, Final, TypeVar, get_args, get_origin
 
 import xarray as xr
 from pydantic import BaseModel
@@ -246,21 +246,44 @@ def placed(study: StudyConfiguration, folder: Path) -> tuple[StudyConfiguration,
     return with_paths(study, moved), list(notes)
 
 
-def study_template(study: StudyConfiguration | None = None) -> str:
+CHANGED: Final = (
+    "schema_version", "name", "strategies", "recordings.folder", "recordings.mapping",
+    "recordings.exclusions", "face.path", "face.head", "signals.filter.low", "signals.filter.high",
+    "signals.feature.threshold", "signals.montage.missing_side", "signals.montage.missing_muscle",
+    "signals.mapping.mapping_stage", "signals.mapping.oom", "signals.normalisation.reach",
+    "signals.normalisation.silent", "simulation.accuracy", "simulation.sigma_max",
+    "simulation.gravity", "simulation.sigma_max_policy.calibration", "simulation.contact.method",
+    "alignment.scaling", "alignment.sign",
+)  # fmt: skip
+"""Parameters that the short study file contains: those that most studies have to decide."""
+
+
+def study_template(
+    study: StudyConfiguration | None = None, *, only: Collection[str] | None = None
+) -> str:
     """TOML text of a study file with all parameters (default: their defaults) and descriptions.
 
+    `only` are the names of parameters, such as "recordings.folder", to which it is restricted.
     Parameters and tables without a value are comments.
     """
     head = (
         "# A study: every parameter with its default, unit and source.\n"
         "# Lines with defaults may be removed.\n"
+        if only is None
+        else "# A study: the parameters that most studies decide, with default, unit and source.\n"
+        "# 'emgface study template --all' lists every one; those that are absent have their default.\n"
     )
-    return head + "\n".join(_table(study or StudyConfiguration(), "")) + "\n"
+    return head + "\n".join(_table(study or StudyConfiguration(), "", only)) + "\n"
 
 
-def _table(model: BaseModel, name: str) -> list[str]:
+def _table(model: BaseModel, name: str, only: Collection[str] | None = None) -> list[str]:
     lines: list[str] = []
-    fields = type(model).model_fields
+    prefix = f"{name}." if name else ""
+    fields = {
+        key: field
+        for key, field in type(model).model_fields.items()
+        if only is None or any(f"{one}.".startswith(f"{prefix}{key}.") for one in only)
+    }
     rows_of = {key: _row(model, key) for key in fields if _row(model, key) is not None}
     tables = {key: _nested(model, key) for key in fields if _nested(model, key) is not None}
     if name:
@@ -275,7 +298,7 @@ def _table(model: BaseModel, name: str) -> list[str]:
     for key, nested in tables.items():
         path = f"{name}.{key}" if name else key
         title = textwrap.wrap(fields[key].description or "", 96)
-        rows = _table(nested, path)
+        rows = _table(nested, path, only)
         if getattr(model, key) is None:
             rows = [row if row.startswith("#") or not row else f"# {row}" for row in rows]
         lines += ["", *(f"# {line}" for line in title), *rows]

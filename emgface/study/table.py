@@ -138,8 +138,9 @@ def place_of(recording: xr.Dataset, name: str) -> Place:
     lacking = [n for n in ("volunteer", "instruction", "repetition") if n not in recording.attrs]
     if lacking:
         raise DataError(
-            f"{name} does not specify its {' and '.join(lacking)}, expected all three: set "
-            "the attributes or specify them in a mapping"
+            f"{name} does not specify its {' and '.join(lacking)}, expected all three: set the "
+            "attributes, or let the mapping state them, for example by the names of the files "
+            '(names = "{volunteer}_{instruction}_{repetition}")'
         )
     attrs = recording.attrs
     place = (str(attrs["volunteer"]), str(attrs["instruction"]), int(attrs["repetition"]))

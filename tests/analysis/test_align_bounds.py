@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from synthetic_trajectories import DURATION, once, there_and_back, trajectory
 
-from analysis.align import align
+from analysis.align import _length_ratio, align
 from analysis.errors import AlignmentError, TrajectoryError
 from analysis.flags import flags_of
 from analysis.lag import overlap_correlation
@@ -177,3 +177,13 @@ def test_no_allowed_shift() -> None:
     data = trajectory(late, duration=3.0, count=300)
     with pytest.raises(AlignmentError, match="no shift leaves an overlap"):
         align(data, trajectory(early), scaling="none", max_shift=0.1)
+
+
+def test_durations_that_differ_by_more_than_a_period_are_scaled() -> None:
+    def over(end: float) -> np.ndarray:
+        return np.arange(0.0, end + 1e-12, 0.01)
+
+    assert _length_ratio(over(1.0), over(1.0)) == 1.0
+    assert _length_ratio(over(1.0), over(1.01)) == 1.0  # one period, which the sampling explains
+    assert _length_ratio(over(1.0), over(1.02)) == pytest.approx(1.02)
+    assert _length_ratio(over(1.02), over(1.0)) == pytest.approx(1 / 1.02)

@@ -18,7 +18,8 @@ from emgface.face.file import load_face
 from emgface.face.template import random_measures
 from emgface.recordings.dataset import read_recording
 from emgface.schema.netcdf import read_netcdf, write_netcdf
-from emgface.study.file import study_template
+from emgface.study.configuration import StudyConfiguration
+from emgface.study.file import CHANGED, load_study, study_template
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 STUDY = """
@@ -106,9 +107,15 @@ def test_version() -> None:
 
 
 def test_the_template_is_printed_or_written(tmp_path: Path) -> None:
-    assert run("study", "template").stdout == study_template()
+    assert run("study", "template", "--all").stdout == study_template()
     assert run("study", "template", "--out", tmp_path / "s.toml").exit_code == 0
-    assert (tmp_path / "s.toml").read_text() == study_template()
+    short = (tmp_path / "s.toml").read_text()
+    assert short == study_template(only=CHANGED) and len(short.splitlines()) < 200
+    for name in CHANGED:
+        assert re.search(rf"^(# )?{name.rpartition('.')[2]} =", short, re.MULTILINE), name
+    assert load_study(tmp_path / "s.toml") == StudyConfiguration(
+        recordings={"folder": tmp_path / "recordings"}
+    )
 
 
 def test_a_face_is_generated_checked_and_drawn(tmp_path: Path) -> None:
