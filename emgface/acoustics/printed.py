@@ -15,6 +15,8 @@ import numpy as np
 
 from emgface.acoustics.errors import AcousticsError
 from emgface.acoustics.medium import Complex, Floats
+from emgface.errors import DataError
+from emgface.texts import read_text
 
 HEADINGS = ("frequency_hz", "magnitude", "phase_rad")
 DECIBEL = ("magnitude_db", "db", "magnitude[db]")
@@ -69,8 +71,8 @@ def read_transfer_function(path: str | Path) -> TransferFunction:
     """
     path = Path(path)
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeError) as error:
+        lines = read_text(path).splitlines()
+    except (OSError, UnicodeError, DataError) as error:
         raise AcousticsError(f"{path.name} cannot be read as a text ({error})") from error
     rows = [re.split(r"[,;\s]+", line.strip().strip(",;")) for line in lines if line.strip()]
     stated = None
