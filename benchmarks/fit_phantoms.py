@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from emgface.fit.readers.volumes import toolkit
 from emgface.fit.triangulated import Floats, Surface
 
 
@@ -36,9 +37,7 @@ def filled(surface: Surface, to_index: Floats, size: tuple[int, int, int]) -> np
 
 def image_of(values: np.ndarray, affine: Floats) -> Any:
     """SimpleITK image of values (k, j, i), with the map (4, 4) from (i, j, k) to LPS [m]."""
-    import SimpleITK
-
-    image: Any = SimpleITK.GetImageFromArray(values)
+    image: Any = toolkit().GetImageFromArray(values)
     spacing = np.linalg.norm(affine[:3, :3], axis=0)
     image.SetSpacing([float(s) for s in np.round(1e3 * spacing, 9)])
     image.SetDirection([float(d) for d in (affine[:3, :3] / spacing).ravel()])

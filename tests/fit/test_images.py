@@ -1,5 +1,7 @@
 """Images of phantoms: bias, three stacks, registration, contours and regions with known truth."""
 
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -14,8 +16,11 @@ from emgface.fit.images import (
     registered_images,
     without_bias,
 )
+from emgface.fit.readers.volumes import toolkit
 
-pytest.importorskip("SimpleITK")
+if find_spec("SimpleITK") is None:
+    pytest.skip("SimpleITK is not installed", allow_module_level=True)
+SimpleITK = toolkit()
 CENTRE = np.array([0.01, -0.02, 0.03])
 RADII = np.array([0.03, 0.022, 0.02])
 UNMOVED = np.eye(3), np.zeros(3)
@@ -60,8 +65,6 @@ def _stack(spacing, axes, motion=UNMOVED, noise=2.0, seed=0, margin=1.7):
 
 
 def _values(image):
-    import SimpleITK
-
     return SimpleITK.GetArrayFromImage(image)
 
 
@@ -70,8 +73,6 @@ def test_bias_is_removed():
     x = (points - CENTRE) / RADII
     field = np.exp(0.35 * x[..., 0] + 0.2 * x[..., 1] ** 2)
     biased = image * 1.0
-    import SimpleITK
-
     wrong = SimpleITK.GetImageFromArray((_values(image) * field).astype(np.float32))
     wrong.CopyInformation(biased)
     found = _values(without_bias(wrong))
@@ -84,8 +85,6 @@ def test_bias_is_removed():
 
 def test_three_stacks_are_combined_by_fiducials():
     """Slices of 2 mm in three planes; the combination is nearer to the truth than any stack."""
-    import SimpleITK
-
     rng = np.random.default_rng(3)
     points = CENTRE + rng.uniform(-1.0, 1.0, (6, 3)) * RADII
     stacks, marks, truth = [], [], []

@@ -1,5 +1,9 @@
 """Labelled volumes: surfaces of phantoms with known shape, place and orientation; what is refused."""
 
+import subprocess
+import sys
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -13,10 +17,13 @@ from emgface.fit.readers.volumes import (
     read_volume,
     surface_of_mask,
     surfaces_of_labels,
+    toolkit,
     volume_of,
 )
 
-sitk = pytest.importorskip("SimpleITK")
+if find_spec("SimpleITK") is None:
+    pytest.skip("SimpleITK is not installed", allow_module_level=True)
+sitk = toolkit()
 RADII = np.array([0.045, 0.03, 0.025])
 CENTRE = np.array([0.02, -0.13, 0.31])
 TURN = Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix()
@@ -146,3 +153,26 @@ def test_volumes_that_cannot_be_used_are_refused(tmp_path):
     (tmp_path / "none.raw").write_bytes(bytes(1000))
     with pytest.raises(FitError, match="64000 million voxels"):
         read_volume(huge)
+
+
+@pytest.mark.parametrize("first", ["ezc3d", "SimpleITK"])
+def test_c3d_files_are_written_in_a_process_with_simpleitk(root, tmp_path, first):
+    """In one table of types, ezc3d takes lists of texts for objects of SimpleITK, and crashes."""
+    steps = {"ezc3d": "import ezc3d", "SimpleITK": "itk = toolkit()"}
+    order = [steps[first], *(step for name, step in steps.items() if name != first)]
+    lines = [
+        "from emgface.fit.readers.volumes import toolkit",
+        *order,
+        "from pathlib import Path",
+        "from tests.data.test_c3d import make_c3d",
+        f"make_c3d(Path({str(tmp_path / 'a.c3d')!r}))",
+        "image = itk.Image([4, 4, 4], itk.sitkUInt8)",
+        f"itk.WriteImage(image, {str(tmp_path / 'a.nii.gz')!r})",
+        f"assert itk.ReadImage({str(tmp_path / 'a.nii.gz')!r}).GetSize() == (4, 4, 4)",
+        f"names = ezc3d.c3d({str(tmp_path / 'a.c3d')!r})['parameters']['POINT']['LABELS']['value']",
+        "assert names[0] == 'P1'",
+    ]
+    done = subprocess.run(
+        [sys.executable, "-c", "\n".join(lines)], cwd=root, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr[-2000:]

@@ -8,6 +8,7 @@ origin + D diag(spacing) (i, j, k). Surfaces are those of the value 1/2 of a mas
 
 import gzip
 import os
+import sys
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from emgface.fit.readers.guard import digest_of_files
 from emgface.fit.readers.surfaces import Scan, surface_of
 from emgface.fit.triangulated import Floats, Integers
 
+SWIG: Final = "swig_runtime_data"  #: start of the name of the module with the table of types
 ENDINGS: Final = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd")
 MOST_VOXELS: Final = 600_000_000
 MOST_OF_PART: Final = 120_000_000  #: voxels of the box around a part
@@ -47,7 +49,13 @@ class Volume:
 
 
 def toolkit() -> Any:
-    """Return SimpleITK; FitError if it is not installed."""
+    """Return SimpleITK; FitError if it is not installed.
+
+    SimpleITK and ezc3d are made by SWIG, whose modules share one table of C++ types by name. With
+    SimpleITK in the table of ezc3d, the latter takes lists of texts for objects of the former, and the
+    process ends in a segmentation fault when a C3D file is written. SimpleITK therefore has its own.
+    """
+    shared = {name: sys.modules.pop(name) for name in list(sys.modules) if name.startswith(SWIG)}
     try:
         import SimpleITK
     except ImportError as error:
@@ -55,6 +63,10 @@ def toolkit() -> Any:
             "volumes require SimpleITK and scikit-image: install the extra with "
             "pip install 'emgface[images]'"
         ) from error
+    finally:
+        for name in [name for name in sys.modules if name.startswith(SWIG)]:
+            del sys.modules[name]
+        sys.modules.update(shared)
     return SimpleITK
 
 
