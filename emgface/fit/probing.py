@@ -5,7 +5,7 @@ probe on its free top, a square with the area of the circular one, moves inward,
 all nodes under it; its force is the sum of theirs. The tissue may have a pre-stress along x and y, whose
 stretches follow from the law (`sim.prestretch.initial_stretch`); before the
 probe moves, the block is in equilibrium with it. The rim of the probe is a singularity: with the 10 x 10
-x 5 elements of the default, forces are about a third larger than those of a fine mesh.
+x 5 elements of the default, forces are about half larger than those of a fine mesh.
 """
 
 from collections.abc import Mapping, Sequence

@@ -147,6 +147,7 @@ def place_of(recording: xr.Dataset, name: str) -> Place:
     if place[1] not in INSTRUCTIONS:
         raise DataError(
             f"{name} is of instruction {place[1]!r}, expected one of "
-            f"{', '.join(INSTRUCTIONS)}: relabel it"
+            f"{', '.join(INSTRUCTIONS)}: name the file accordingly, or state its instruction in a "
+            f'mapping ([files."{name}"], instruction = "A")'
         )
     return place
