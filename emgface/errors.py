@@ -81,5 +81,9 @@ class WorkerDied(ExecutionError):
     """A process that executed a job was killed or ran out of memory."""
 
 
+class JournalWarning(UserWarning):
+    """The journal of a study has damaged lines, which are ignored."""
+
+
 class FeatureWarning(UserWarning):
     """A feature is zero, saturated, or of a narrowed pass-band, or a series begins late."""

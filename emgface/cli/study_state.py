@@ -39,6 +39,7 @@ def status(
             "stored": {
                 stage: {"results": n, "bytes": size} for stage, (n, size) in state.sizes.items()
             },
+            "damage": state.damage,
             "runs": [{"file": run.path.name, "state": run.state} for run in state.runs],
         }
         tell(json.dumps(told, indent=2))

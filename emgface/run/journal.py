@@ -16,7 +16,16 @@ import xarray as xr
 from analysis.trial import Trial
 from emgface.errors import StoreError
 from emgface.files import result_file
-from emgface.run.lines import FOLDER, FORMAT, Line, lines, parsed, run_files, run_number, written
+from emgface.run.lines import (
+    FOLDER,
+    FORMAT,
+    Line,
+    journal_files,
+    lines,
+    parsed,
+    run_number,
+    written,
+)
 from emgface.run.provenance import now
 from emgface.run.store import Event, add_owner
 
@@ -67,7 +76,7 @@ class Journal:
 
     def __init__(self, folder: Path, facts: Mapping[str, Any]) -> None:
         self.known: dict[str, Entry] = {}
-        earlier = run_files(folder)
+        earlier = journal_files(folder)
         for path in earlier:
             for offset, line in lines(path):
                 if line["event"] == "trial" and line["key"]:

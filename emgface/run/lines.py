@@ -15,10 +15,13 @@ larger than those of the runs that it found: clocks that differ or jump do not c
 
 import json
 import os
+import warnings
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
+
+from emgface.errors import JournalWarning
 
 FOLDER: Final = "runs"
 FORMAT: Final = 1
@@ -32,6 +35,35 @@ def run_files(folder: Path) -> list[Path]:
     """Files of the runs of a study in order; of simultaneous ones, that changed last at the end."""
     files = (folder / FOLDER).glob("*.jsonl")
     return sorted(files, key=lambda path: (run_number(path), path.stat().st_mtime_ns))
+
+
+def journal_files(folder: Path) -> list[Path]:
+    """Files of the runs of a study as `run_files`, for reading; warns of lines that will be ignored.
+
+    Every reader of a journal obtains its files here, so that none ignores damage in silence.
+    """
+    files = run_files(folder)
+    for sentence in damage(files):
+        warnings.warn(sentence, JournalWarning, stacklevel=1)
+    return files
+
+
+def damage(files: Iterable[Path]) -> list[str]:
+    """One sentence for each file of a journal that has damaged lines."""
+    told: list[str] = []
+    for path in files:
+        numbers = damaged_lines(path)
+        if not numbers:
+            continue
+        shown = ", ".join(map(str, numbers[:5])) + (", …" if len(numbers) > 5 else "")
+        one = len(numbers) == 1
+        told.append(
+            f"{'line' if one else 'lines'} {shown} of {path} "
+            f"{'is' if one else 'are'} damaged or of another version of emgface, expected lines with "
+            "their checksums: what they state is ignored, and the next 'emgface study run' reads or "
+            "computes it again"
+        )
+    return told
 
 
 def run_number(path: Path) -> int:

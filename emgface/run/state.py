@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from emgface.errors import DataError
-from emgface.run.lines import FOLDER, Line, lines, run_files
+from emgface.run.lines import FOLDER, Line, damage, journal_files, lines
 
 Name = tuple[str, tuple[str | int, ...]]
 """Variant, and volunteer, instruction, repetition and strategy."""
@@ -53,6 +53,8 @@ class State:
     #: number and bytes of the stored results of each stage
     sizes: dict[str, tuple[int, int]] = field(default_factory=dict)
     runs: list[Run] = field(default_factory=list)  #: in order
+    #: one sentence for each file of the journal with damaged lines, which are ignored
+    damage: list[str] = field(default_factory=list)
 
     def store(self, folder: Path) -> Path:
         """Store of the last run of the study in a folder."""
@@ -88,13 +90,13 @@ def read_state(folder: Path) -> State:
     of the study, that is, with other parameters, remains until they are computed again. Raises
     DataError if the folder has no journal.
     """
-    files = run_files(folder)
+    files = journal_files(folder)
     if not files:
         raise DataError(
             f"{folder} has no journal ({FOLDER}/*.jsonl), expected the folder of a study: specify "
             "that of 'emgface study run --out'"
         )
-    state = State()
+    state = State(damage=damage(files))
     trials: dict[Name, tuple[str, str]] = {}
     stored: dict[tuple[str, str], int] = {}
     for path in files:

@@ -16,7 +16,7 @@ from analysis.trial import Trial
 from emgface.errors import DataError
 from emgface.files import result_file
 from emgface.run.journal import Entry, StoredFiles
-from emgface.run.lines import Line, lines, run_files
+from emgface.run.lines import Line, journal_files, lines
 from emgface.run.store import Result, Stage, Store, damage_of
 from emgface.schema.netcdf import read_netcdf
 from emgface.study.configuration import Label, StudyConfiguration
@@ -83,7 +83,7 @@ def planned_trials(
     Raises DataError if no trial has that label.
     """
     last: dict[tuple[str, str], Line] = {}
-    for path in run_files(folder):
+    for path in journal_files(folder):
         for _, line in lines(path):
             if line["event"] == "trial":
                 last[line["variant"], " ".join(map(str, line["trial"]))] = line

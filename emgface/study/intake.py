@@ -18,7 +18,7 @@ from emgface.recordings.exclusions import Exclusion, Place, reason_to_exclude
 from emgface.recordings.labels import read_label_map
 from emgface.recordings.trial_names import is_pattern
 from emgface.run.digest import code_version, file_digest, text_digest
-from emgface.run.lines import Line, lines_of, run_files
+from emgface.run.lines import Line, journal_files, lines_of
 from emgface.run.observer import Observer, Silent
 from emgface.run.provenance import CODE
 from emgface.run.runner import Workers, run_jobs
@@ -224,7 +224,7 @@ def _line(file: File, reader: str, given: Recording | EmgfaceError | None) -> Li
 def _known(study: Path, reader: str, mapping: Path | None) -> dict[File, Recording]:
     """Recordings in the journal of a study that were read in the same way."""
     found: dict[File, Recording] = {}
-    for path in run_files(study):
+    for path in journal_files(study):
         for _, line in lines_of(path, "recording"):
             if line["reader"] == reader:
                 name, size, modified, changed = line["file"]

@@ -1,20 +1,26 @@
 """Studies and recordings from somebody else: what their files name does not lead out of the folder."""
 
+import json
 import multiprocessing
 import shutil
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+import emgface
 from emgface.cli import app
-from emgface.errors import StoreError
+from emgface.errors import JournalWarning, StoreError
 from emgface.recordings.dataset import read_recording, write_recording
+from emgface.report.results import open_results, study_cube
 from emgface.run.lines import damaged_lines, lines, run_files, written
 from emgface.run.retention import export, unused_files
 from emgface.run.runner import LocalProcesses, run_jobs
 from emgface.run.store import OWNERS, add_owner, owners
+from emgface.study.configuration import StudyConfiguration
+from emgface.study.run import run_study
 
 pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 
@@ -111,6 +117,66 @@ def test_one_flipped_bit_of_a_journal_stops_deletion(folder: Path) -> None:
         assert everything(folder / "store") == before
     path.write_bytes(whole)
     assert unused_files([folder]).files == []
+
+
+def damaged(folder: Path) -> Path:
+    """Flip a bit in the second line of the journal of a study."""
+    (path,) = run_files(folder)
+    whole = bytearray(path.read_bytes())
+    whole[whole.index(b"\n") + 31] ^= 4
+    path.write_bytes(whole)
+    return path
+
+
+def run_again(folder: Path) -> None:
+    text = str(study_cube(folder).attrs["configuration"])
+    run_study(StudyConfiguration.model_validate_json(text), folder)
+
+
+def asked(*words: str) -> str:
+    return CliRunner().invoke(app, ["study", *words]).output
+
+
+def warned(action: Callable[[], object]) -> str:
+    with pytest.warns(JournalWarning) as caught:
+        action()
+    return " ".join(str(one.message) for one in caught)
+
+
+READING = {
+    "status": lambda folder: asked("status", str(folder)),
+    "status --json": lambda folder: asked("status", str(folder), "--json"),
+    "explain": lambda folder: asked("explain", str(folder)),
+    "gc": lambda folder: asked("gc", str(folder)),
+    "export": lambda folder: asked("export", str(folder), "--out", str(folder.parent / "copy")),
+    "reproduce": lambda folder: asked("reproduce", str(folder)),
+    "report": lambda folder: warned(lambda: open_results(folder)),
+    "run": lambda folder: warned(lambda: run_again(folder)),
+}
+
+
+@pytest.mark.parametrize("command", READING)
+def test_every_command_that_reads_a_journal_states_its_damaged_lines(
+    folder: Path, command: str
+) -> None:
+    path = damaged(folder)
+    told = READING[command](folder)
+    assert f"line 2 of {path} is damaged" in told
+
+
+def test_status_lists_damaged_lines_in_json(folder: Path) -> None:
+    ask = ["study", "status", str(folder), "--json"]
+    assert json.loads(CliRunner().invoke(app, ask).stdout)["damage"] == []
+    path = damaged(folder)
+    (told,) = json.loads(CliRunner().invoke(app, ask).stdout)["damage"]
+    assert str(path) in told and "line 2" in told
+
+
+def test_nothing_reads_a_journal_without_stating_its_damage() -> None:
+    """Only `gc`, which refuses damage, obtains the files of runs without the warning."""
+    package = Path(emgface.__file__).parent
+    users = [path for path in package.rglob("*.py") if "run_files" in path.read_text("utf-8")]
+    assert sorted(path.name for path in users) == ["lines.py", "retention.py"]
 
 
 def test_a_store_without_a_list_and_with_other_studies_is_refused(
