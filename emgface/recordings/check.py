@@ -97,7 +97,7 @@ def _examined(recording: xr.Dataset, limit: float) -> tuple[list[dict[str, objec
                 rows.append(_other(row, signal))
                 continue
             rows.append(row | {"signal": "EMG"})
-            found += channel_findings(values, row, clock)
+            found += _not_marked(stored, channel_findings(values, row, clock))
     rows += _left_out(stored)
     if "position" in recording:
         position = recording["position"]
@@ -105,13 +105,19 @@ def _examined(recording: xr.Dataset, limit: float) -> tuple[list[dict[str, objec
         for label, values in zip(position["marker"].values, position.values, strict=True):
             row = row_of(str(label), "marker", "m", values, clock) | {"signal": "position"}
             rows.append(row)
-            found += marker_findings(values, row, clock, limit)
+            found += _not_marked(stored, marker_findings(values, row, clock, limit))
     named = [row["name"] for row in rows if row["signal"] == "EMG"]
     if "emg" in recording:
         recording = recording.sel(channel=named) if named else recording.drop_vars("emg")
     measures, further = findings(recording)
     rows = [{**row, **measures.get((str(row["kind"]), str(row["name"])), {})} for row in rows]
     return rows, found + further
+
+
+def _not_marked(stored: list[Finding], found: list[Finding]) -> list[Finding]:
+    """Leave out that a signal is never visible where a mark of the file is the reason."""
+    marked = {(f.kind, f.name) for f in stored if f.code in ("all_bad", "all_bad_frames")}
+    return [f for f in found if f.code != "invisible" or (f.kind, f.name) not in marked]
 
 
 def _judgeable(row: dict[str, object], kind: str) -> bool:

@@ -101,6 +101,16 @@ _FLAGS: Final = {
         "error",
         "marked as bad by {by} for {seconds:.4g} s at t = {at:.6g} s: treated as a gap",
     ),
+    "all_bad": Meaning(
+        "error",
+        "all of the {samples:.0f} samples are marked as bad by {by}: none remains, check whether this "
+        "mark applies, or remove it from the file",
+    ),
+    "all_bad_frames": Meaning(
+        "warning",
+        "all of the {samples:.0f} frames are marked as bad by {by}: none remains, check whether this "
+        "mark applies, or remove it from the file",
+    ),
     "bad_frames": Meaning(
         "warning",
         "marked as bad by {by} for {seconds:.4g} s at t = {at:.6g} s: treated as a gap",

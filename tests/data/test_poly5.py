@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from emgface.errors import DataError, UnitsError
+from emgface.recordings.check import check_recording
 from emgface.recordings.dataset import read_recording
+from emgface.recordings.findings import findings_in
 from emgface.recordings.labels import note
 
 PER_BLOCK = 16
@@ -183,3 +185,20 @@ def test_the_real_file_holds_ventilator_signals(shared: Path) -> None:
         pieces.append(np.frombuffer(data, "<f4", 2730 * 3, 217 + 6 * 136 + k * (86 + 32760) + 86))
     expected = np.concatenate(pieces).reshape(-1, 3)[:42000].T
     np.testing.assert_array_equal(trial["emg"], expected.astype(float) / 1e3)
+
+
+@pytest.mark.parametrize(("marked", "all_of_them"), [(slice(None), True), (slice(1, None), False)])
+def test_a_status_that_marks_all_samples_is_the_reason_that_is_stated(
+    tmp_path: Path, marked: slice, all_of_them: bool
+) -> None:
+    status = np.zeros(400, np.int16)
+    status[marked] = -1
+    path = make_poly5(tmp_path / "a.poly5", [*signals(400, 2), ("STATUS", b"Bit", status)])
+    trial = read_recording(path)
+    table = check_recording(trial).set_index("name")
+    said = "all of the 400 samples are marked as bad by bit 8 of 'STATUS'"
+    assert table.loc[["E1", "E2"], "reason"].str.contains(said).eq(all_of_them).all()
+    assert not table.loc[["E1", "E2"], "reason"].str.contains("never visible").any()
+    assert (table.loc[["E1", "E2"], "verdict"] == "error").all() or not all_of_them
+    codes = [f.code for f in findings_in(trial)]
+    assert codes[1:] == (["all_bad", "all_bad"] if all_of_them else ["bad_interval"])

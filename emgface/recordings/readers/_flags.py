@@ -74,6 +74,13 @@ def with_bad_samples(
         return part
     where = array[dim].isin(concerned) & array[time].copy(data=laid)
     data = part.data.assign({variable: array.where(~where).assign_attrs(array.attrs)})
+    if laid[base.places].all():
+        every = [
+            Finding("all_bad_frames" if dim == "marker" else "all_bad", dim, name,
+                    {"by": by, "samples": int(bad.sum())})
+            for name in concerned
+        ]  # fmt: skip
+        return part._replace(data=data, findings=[*part.findings, *every])
     edges = np.flatnonzero(np.diff(np.concatenate(([0], laid.astype(np.int8), [0]))))
     code = "bad_frames" if dim == "marker" else "bad_interval"
     told = [
