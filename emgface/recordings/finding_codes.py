@@ -120,6 +120,11 @@ _FLAGS: Final = {
         "{share:.0%} of the frames ({frames:.0f}) were interpolated or computed, not measured, by {by}",
     ),
     "left_out": Meaning("not EMG", "{why}"),
+    "no_repetition": Meaning(
+        "warning",
+        "its name contains run-{label}, but repetitions are numbered from 1: it has no repetition, "
+        "specify one or rename it",
+    ),
     "instruction": Meaning(
         "warning",
         "recorded as instruction {recorded!r}, but {given!r} was specified and used: omit it, or "

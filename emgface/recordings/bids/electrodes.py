@@ -8,7 +8,7 @@ from typing import Any, Final
 import pandas as pd
 
 from emgface.errors import DataError
-from emgface.recordings.bids.sidecars import read_json, read_tsv, sidecar_path
+from emgface.recordings.bids.sidecars import finite, read_json, read_tsv, sidecar_path
 
 LINKS: Final = ("signal_electrode", "reference", "target_muscle")
 """Columns of ``*_channels.tsv`` that are read for each channel."""
@@ -58,7 +58,7 @@ def _positions(table: Path) -> dict[str, list[float | None]]:
         for axis in AXES:
             cell = str(row.get(axis, "n/a"))
             try:
-                place.append(None if cell == "n/a" else float(cell))
+                place.append(None if cell == "n/a" else finite(cell))
             except ValueError as error:
                 raise DataError(
                     f"{table.name}: {axis} of the electrode {row['name']!r} is {cell!r}; expected a "

@@ -4,12 +4,95 @@ import re
 from pathlib import Path
 
 from emgface.errors import DataError
+from emgface.recordings.findings import Finding
 
 LABEL = re.compile(r"[0-9A-Za-z+]+")  #: allowed values of an entity, after its key and hyphen
 ORDER = ("sub", "ses", "task", "tracksys", "acq", "run", "recording")
 """Entities of EMG and motion files, in the order of the specification."""
 TRIAL = ("sub", "ses", "task", "acq", "run")
 """Entities that are equal for EMG and motion of one trial."""
+
+
+def labels(path: Path) -> dict[str, list[str]]:
+    """Return the labels of every entity in the name of a file, in order; empty for other names.
+
+    An entity that occurs twice has two labels, which `require_name` refuses.
+
+    Examples
+    --------
+    >>> labels(Path("sub-V01_run-01_run-02_emg.bdf"))
+    {'sub': ['V01'], 'run': ['01', '02']}
+    """
+    pairs = [part.partition("-") for part in _parts(path)]
+    if any(not hyphen or not label for _, hyphen, label in pairs):
+        return {}
+    found: dict[str, list[str]] = {}
+    for key, _, label in pairs:
+        found.setdefault(key, []).append(label)
+    return found
+
+
+def _parts(path: Path) -> list[str]:
+    """Parts of a name that are to be entities, without the suffix."""
+    return path.name.split(".")[0].split("_")[:-1]
+
+
+def faults(path: Path) -> list[str]:
+    """Return one clause for each entity of a file by which its trial cannot be identified.
+
+    These are parts of the name without key and label, entities that occur twice, a run that is no
+    number, and a volunteer or session that differs from that of the folder. A name without the
+    entity ``sub`` is none of BIDS and has no faults.
+    """
+    parts = _parts(path)
+    if not any(part.startswith("sub-") for part in parts):
+        return []
+    told = [
+        f"contains {part!r}, which is no entity; expected key and label, such as 'run-01'"
+        for part in parts
+        if not part.partition("-")[2] and _in_dataset(path)
+    ]
+    for key, values in labels(path).items():
+        if len(values) > 1:
+            shown = " and ".join(f"{key}-{value}" for value in values)
+            told.append(f"contains {shown}; expected the entity {key!r} once")
+        told += [
+            f"contains run-{value}; expected a number, such as run-01"
+            for value in values
+            if key == "run" and not (value.isascii() and value.isdecimal())
+        ]
+        folder = _folder_of(path, key) if key in ("sub", "ses") else None
+        if folder is not None and [folder] != values[:1]:
+            told.append(f"contains {key}-{values[0]}, but is in the folder {key}-{folder}")
+    return told
+
+
+def _in_dataset(path: Path) -> bool:
+    return bool(path.parent.name in ("emg", "motion") or _folder_of(path, "sub"))
+
+
+def _folder_of(path: Path, key: str) -> str | None:
+    """Label of an entity in the nearest folder of that kind, which is at most three above a file."""
+    for folder in list(path.absolute().parents)[:3]:
+        start, _, label = folder.name.partition("-")
+        if start == key and LABEL.fullmatch(label):
+            return label
+    return None
+
+
+def require_name(path: Path) -> None:
+    """Refuse a file whose name does not identify its trial, or contradicts its folder (DataError)."""
+    told = faults(path)
+    if told:
+        raise DataError(f"{path.name} {'; it '.join(told)}: rename it, or move it to its folder.")
+
+
+def name_findings(path: Path) -> list[Finding]:
+    """Return the findings on a name that BIDS allows and that does not number the repetition."""
+    label = entities(path).get("run", "1")
+    if label.isdecimal() and int(label) == 0:
+        return [Finding("no_repetition", values={"label": label})]
+    return []
 
 
 def entities(path: Path) -> dict[str, str]:
@@ -20,11 +103,12 @@ def entities(path: Path) -> dict[str, str]:
     >>> entities(Path("sub-V01_task-A_run-01_emg.bdf"))
     {'sub': 'V01', 'task': 'A', 'run': '01'}
     """
-    parts = path.name.split(".")[0].split("_")
-    pairs = [part.partition("-") for part in parts[:-1]]
-    if not pairs or any(not hyphen or not label for _, hyphen, label in pairs):
-        return {}
-    return {key: label for key, _, label in pairs}
+    return {key: values[-1] for key, values in labels(path).items()}
+
+
+def may_describe(path: Path, own: dict[str, str]) -> bool:
+    """Return True if every entity of a file has the label of another file, `own`, also if twice."""
+    return all(own.get(key) in values for key, values in labels(path).items())
 
 
 def file_name(found: dict[str, str], ending: str) -> str:
@@ -47,7 +131,11 @@ def file_name(found: dict[str, str], ending: str) -> str:
 
 
 def trial_of(path: Path) -> dict[str, str | int]:
-    """Return volunteer, instruction and repetition (sub, task and run) from the name of a file."""
+    """Return volunteer, instruction and repetition (sub, task and run) from the name of a file.
+
+    Raises DataError if the name does not identify the trial, or contradicts its folder.
+    """
+    require_name(path)
     found = entities(path)
     trial: dict[str, str | int] = {}
     if "sub" in found:

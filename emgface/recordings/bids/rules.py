@@ -10,9 +10,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
 
+import pandas as pd
+
 from emgface.errors import DataError
-from emgface.recordings.bids.names import LABEL, ORDER, entities
-from emgface.recordings.bids.sidecars import read_json, read_tsv, sidecar_path
+from emgface.recordings.bids.names import LABEL, ORDER, entities, labels
+from emgface.recordings.bids.sidecars import ROWS, read_json, read_tsv, sidecar_path
 from emgface.texts import read_text
 
 BIDS_VERSION: Final = "1.11.0"
@@ -52,7 +54,11 @@ def bids_problems(root: str | Path) -> list[str]:
     root = Path(root)
     if not root.is_dir():
         raise DataError(f"No folder {root}; expected a BIDS dataset: check the path.")
-    return [*_dataset(root), *(problem for kind in _SIGNALS for problem in _kind(root, kind))]
+    return [
+        *_dataset(root),
+        *_repeated(root),
+        *(problem for kind in _SIGNALS for problem in _kind(root, kind)),
+    ]
 
 
 def _dataset(root: Path) -> Iterator[str]:
@@ -66,15 +72,30 @@ def _dataset(root: Path) -> Iterator[str]:
     participants = root / "participants.tsv"
     if participants.is_file():
         yield from _columns(participants, PARTICIPANT_COLUMNS)
-        listed = set(read_tsv(participants).iloc[:, 0])
+        listed = set(_table(participants).iloc[:, 0])
         for folder in sorted(root.glob("sub-*")):
             if folder.is_dir() and folder.name not in listed:
                 yield f"participants.tsv does not list {folder.name}"
     for scans in sorted(root.rglob("*_scans.tsv")):
         yield from _columns(scans, SCAN_COLUMNS[:1])
-        for name in read_tsv(scans).iloc[:, 0]:
+        for name in _table(scans).iloc[:, 0]:
             if not (scans.parent / str(name)).is_file():
                 yield f"{scans.name} lists {name}, which does not exist"
+
+
+def _repeated(root: Path) -> Iterator[str]:
+    """Problems of tables that list a channel, an electrode, a participant or a file twice."""
+    for ending, key in ROWS.items():
+        for path in sorted({*root.glob(ending), *root.rglob(f"*_{ending}")}):
+            names = [str(name) for name in _table(path).get(key, ())]
+            what = "the channel " if ending == "channels.tsv" else ""
+            for name in sorted({name for name in names if names.count(name) > 1}):
+                yield f"{path.name} lists {what}{name!r} more than once"
+
+
+def _table(path: Path) -> pd.DataFrame:
+    """Table whose repeated names are problems among others."""
+    return read_tsv(path, repeated=True)
 
 
 def _kind(root: Path, kind: str) -> Iterator[str]:
@@ -96,7 +117,7 @@ def _kind(root: Path, kind: str) -> Iterator[str]:
     if kind == "emg":
         for path in sorted(root.rglob("emg/*_electrodes.tsv")):
             yield from _columns(path, ELECTRODE_COLUMNS)
-            if "coordinate_system" not in read_tsv(path).columns:
+            if "coordinate_system" not in _table(path).columns:
                 yield f"{path.name} lacks the column 'coordinate_system'"
             system = sidecar_path(path, "coordsystem.json")
             if system is None:
@@ -108,6 +129,9 @@ def _kind(root: Path, kind: str) -> Iterator[str]:
 def _name(path: Path, root: Path, kind: str) -> Iterator[str]:
     """Problems of the name and folder of a file."""
     found = entities(path)
+    for key, values in labels(path).items():
+        if len(values) > 1:
+            yield f"{path.name} has the entity {key!r} {len(values)} times"
     keys = list(found)
     if keys != [key for key in ORDER if key in found]:
         yield f"{path.name} has the entities {', '.join(keys)}; expected {', '.join(ORDER)}"
@@ -156,7 +180,7 @@ def _positive(value: object) -> bool:
 
 
 def _columns(path: Path, first: tuple[str, ...]) -> Iterator[str]:
-    found = [str(column) for column in read_tsv(path).columns]
+    found = [str(column) for column in _table(path).columns]
     if found[: len(first)] != list(first):
         yield f"{path.name} begins with the columns {', '.join(found)}; expected {', '.join(first)}"
 
@@ -164,10 +188,8 @@ def _columns(path: Path, first: tuple[str, ...]) -> Iterator[str]:
 def _channels(path: Path, table: Path, kind: str) -> Iterator[str]:
     """Problems of the table of channels, and of its agreement with the signals."""
     yield from _columns(table, EMG_COLUMNS if kind == "emg" else MOTION_COLUMNS)
-    channels = read_tsv(table)
+    channels = _table(table)
     names = list(channels["name"])
-    for name in sorted({str(n) for n in names if names.count(n) > 1}):
-        yield f"{table.name} lists the channel {name!r} more than once"
     for kind_of in sorted(set(channels.get("type", ())) - CHANNEL_TYPES[kind]):
         yield f"{table.name} has the type {kind_of!r}; expected a keyword of the specification"
     if kind == "emg":

@@ -1,18 +1,35 @@
 """Tables and JSON files that describe the signals of a BIDS dataset."""
 
+import csv
 import json
 from collections.abc import Sequence
 from datetime import datetime
+from math import isfinite
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import pandas as pd
 
 from emgface.errors import DataError, UnitsError
-from emgface.recordings.bids.names import ORDER, entities, file_name, trial_of
+from emgface.recordings.bids.names import (
+    ORDER,
+    entities,
+    file_name,
+    may_describe,
+    require_name,
+    trial_of,
+)
 from emgface.schema.rules import one_line
 from emgface.schema.units import spelling
 from emgface.texts import open_text, read_text
+
+ROWS: Final = {
+    "channels.tsv": "name",
+    "electrodes.tsv": "name",
+    "participants.tsv": "participant_id",
+    "scans.tsv": "filename",
+}
+"""Column of each table, by its ending, whose cells identify the rows."""
 
 
 class EmgSidecars(NamedTuple):
@@ -67,10 +84,12 @@ class EmgSidecars(NamedTuple):
 
     def rates(self, labels: Sequence[str]) -> dict[str, float | None]:
         """Return the sampling rates [Hz] that the JSON file and the table state, by their place."""
-        found = {"emg.json": _rate(self.description.get("SamplingFrequency"))}
+        told = self.description.get("SamplingFrequency")
+        found = {"emg.json": number(told, "emg.json", "SamplingFrequency")}
         if "sampling_frequency" in self.channels:
             rows = self.channels.loc[self.channels["name"].isin(labels), "sampling_frequency"]
-            told = [rate for rate in map(_rate, rows) if rate is not None]
+            rates = (number(cell, "channels.tsv", "sampling_frequency") for cell in rows)
+            told = [rate for rate in rates if rate is not None]
             if told:
                 found["channels.tsv"] = max(told, key=told.count)
         return found
@@ -78,8 +97,7 @@ class EmgSidecars(NamedTuple):
     @property
     def duration(self) -> float | None:
         """Duration of the recording [s], if it is specified."""
-        value = self.description.get("RecordingDuration")
-        return float(value) if isinstance(value, (int, float)) and value > 0 else None
+        return number(self.description.get("RecordingDuration"), "emg.json", "RecordingDuration")
 
     @property
     def origin(self) -> str:
@@ -102,13 +120,23 @@ class EmgSidecars(NamedTuple):
         return trial_of(self.path)
 
 
-def _rate(value: Any) -> float | None:
-    """Rate [Hz] as a number or text of a sidecar, None if there is none."""
-    try:
-        rate = float(value)
-    except (TypeError, ValueError):
+def number(value: Any, where: str, name: str) -> float | None:
+    """Return a number above 0 of a sidecar (a rate or a duration), None if it states none (n/a).
+
+    All numbers of sidecars that reading depends on are converted here. Raises DataError for anything
+    else than a number above 0 and below 1e9, also as a text.
+    """
+    if value is None or (isinstance(value, str) and value.strip() in ("", "n/a")):
         return None
-    return rate if 0.0 < rate < 1e9 else None
+    try:
+        found = float("nan") if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        found = float("nan")
+    if not 0.0 < found < 1e9:
+        raise DataError(
+            f"{where} has {name} {value!r}; expected a number above 0, or 'n/a': repair it."
+        )
+    return found
 
 
 def world(description: dict[str, Any]) -> dict[str, str]:
@@ -128,7 +156,10 @@ def emg_sidecars(path: Path) -> EmgSidecars | None:
 
     Raises DataError if one of them is damaged.
     """
-    if not path.stem.endswith("_emg") or "sub" not in entities(path):
+    if not path.stem.endswith("_emg"):
+        return None
+    require_name(path)
+    if "sub" not in entities(path):
         return None
     table = sidecar_path(path, "channels.tsv")
     if table is None:
@@ -149,24 +180,29 @@ def sidecar_path(path: Path, ending: str) -> Path | None:
         for candidate in folder.glob(f"*{ending}"):
             found = entities(candidate)
             named = candidate.name == ending or candidate.name.endswith(f"_{ending}")
-            if named and found.items() <= own.items() and (found or candidate.name == ending):
+            if named and may_describe(candidate, own) and (found or candidate.name == ending):
                 best.append((len(found), candidate))
         if best:
-            return max(best)[1]
+            chosen = max(best)[1]
+            require_name(chosen)
+            return chosen
         if (folder / "dataset_description.json").is_file():
             break
     return None
 
 
-def read_tsv(path: Path) -> pd.DataFrame:
+def read_tsv(path: Path, *, repeated: bool = False) -> pd.DataFrame:
     """Read a table of texts separated by tabs.
 
-    Raises DataError if it is not such a table, or a list of channels lacks the column ``name``.
+    Raises DataError if it is not such a table, if two columns or two rows have the same name (unless
+    `repeated` names are examined afterwards), or if a list of channels lacks the column ``name``.
     """
     try:
-        table = pd.read_csv(
-            open_text(path), sep="\t", dtype=str, keep_default_na=False, index_col=False
-        )
+        stream = open_text(path)
+        first = next((line for line in stream if line.strip()), "")
+        labels = next(csv.reader([first], delimiter="\t"), [])
+        stream.seek(0)
+        table = pd.read_csv(stream, sep="\t", dtype=str, keep_default_na=False, index_col=False)
     except (OSError, ValueError, pd.errors.ParserError) as error:
         raise DataError(
             f"{path.name} is not a table ({' '.join(str(error).split())}); expected columns separated "
@@ -177,13 +213,58 @@ def read_tsv(path: Path) -> pd.DataFrame:
             f"{path.name} has the columns {', '.join(map(str, table.columns))}; expected 'name' "
             "among them: repair it."
         )
+    if repeated:
+        return table
+    _require_different(path, "columns", [str(name) for name in labels])
+    for key in (key for ending, key in ROWS.items() if path.name.endswith(ending)):
+        if key in table.columns:
+            _require_different(path, "rows", [str(name) for name in table[key]])
     return table
 
 
+def _require_different(path: Path, what: str, names: Sequence[str]) -> None:
+    """Refuse names that occur twice, of which only one would be used."""
+    first: dict[str, int] = {}
+    for place, name in enumerate(names, 1):
+        if name.strip() and name in first:
+            raise DataError(
+                f"{path.name} has two {what} {name!r} ({first[name]} and {place}); expected different "
+                "names: rename or remove one."
+            )
+        first[name] = place
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Object of JSON whose keys are different; ValueError for others."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"the key {twice!r} occurs twice")
+    return found
+
+
+def finite(text: str) -> float:
+    """Number of JSON; ValueError for NaN and Infinity, which JSON lacks, and for 1e999."""
+    found = float(text)
+    if not isfinite(found):
+        raise ValueError(f"{text} is no finite number")
+    return found
+
+
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON file that contains an object; DataError if the file is absent or contains none."""
+    """Read a JSON file that contains an object.
+
+    Raises DataError if the file is absent or contains none, if a number is not finite, or if a key
+    occurs twice.
+    """
     try:
-        content = json.loads(read_text(path))
+        content = json.loads(
+            read_text(path),
+            parse_constant=finite,
+            parse_float=finite,
+            object_pairs_hook=_object,
+        )
     except (OSError, ValueError, RecursionError) as error:
         raise DataError(
             f"{path.name} cannot be read as JSON ({one_line(error)}); expected an object of keys and "

@@ -11,9 +11,17 @@ import xarray as xr
 
 from emgface.errors import DataError
 from emgface.muscles import AXES
-from emgface.recordings.bids.names import TRIAL, entities, trial_of
+from emgface.recordings.bids.names import (
+    TRIAL,
+    entities,
+    labels,
+    name_findings,
+    require_name,
+    trial_of,
+)
 from emgface.recordings.bids.sidecars import (
     device,
+    number,
     read_json,
     read_tsv,
     sidecar_path,
@@ -21,7 +29,7 @@ from emgface.recordings.bids.sidecars import (
     world,
 )
 from emgface.recordings.ends import doubtful_lines
-from emgface.recordings.findings import Finding
+from emgface.recordings.findings import Finding, with_findings
 from emgface.recordings.readers._build import Part, assemble_parts, position_array, unique_labels
 from emgface.recordings.readers._flags import bad_rows, without_bad
 from emgface.recordings.timebase import TimeBase, of_rate, of_stamps
@@ -49,6 +57,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     part, description = _load(path, units)
     origin = "simulated" if description.get("Origin") == "simulated" else "measured"
     united = assemble_parts([part], origin=origin, device=device(description))
+    united = with_findings(united, name_findings(path))
     return united.assign_attrs(world(description) | trial_of(path))
 
 
@@ -81,16 +90,26 @@ def _partners(path: Path, folder: str, endings: tuple[str, ...]) -> list[Path]:
     beside = path.parent.parent / folder
     if not own or not beside.is_dir():
         return []
-    return sorted(
+    partners = sorted(
         candidate
         for ending in endings
         for candidate in beside.glob(f"*_{ending}")
-        if {k: v for k, v in entities(candidate).items() if k in TRIAL} == own
+        if _same_trial(labels(candidate), own)
     )
+    for partner in partners:
+        require_name(partner)
+    return partners
+
+
+def _same_trial(found: dict[str, list[str]], own: dict[str, str]) -> bool:
+    """Return True if a name has the entities of a trial, also if it has others of them as well."""
+    named = {key: values for key, values in found.items() if key in TRIAL}
+    return named.keys() == own.keys() and all(own[key] in named[key] for key in own)
 
 
 def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
     """Return positions and the content of ``*_motion.json``."""
+    require_name(path)
     table, sidecar = sidecar_path(path, "channels.tsv"), sidecar_path(path, "motion.json")
     if table is None or sidecar is None:
         raise DataError(
@@ -104,19 +123,21 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
             f"{table.name} lacks the column {missing[0]!r}; expected name, component, type, "
             "tracked_point and units: repair it."
         )
-    rate = description.get("SamplingFrequencyEffective", description.get("SamplingFrequency"))
+    stated = [
+        number(description.get(key), sidecar.name, key)
+        for key in ("SamplingFrequencyEffective", "SamplingFrequency", "RecordingDuration")
+    ]
+    rate, announced = stated[0] or stated[1], stated[2]
     latencies = channels.index[channels["type"] == "LATENCY"]
-    if rate == "n/a" and len(latencies):
-        rate = None
-    elif not isinstance(rate, (int, float)) or not 0 < rate < 1e6:
+    if rate is None and not len(latencies):
         raise DataError(
-            f"{sidecar.name} has SamplingFrequency {rate!r}; expected a rate above 0 Hz: set it."
+            f"{sidecar.name} has SamplingFrequency {description.get('SamplingFrequency')!r}; expected a "
+            "rate above 0 Hz: set it."
         )
     values, cut = _values(path, len(channels))
-    announced = description.get("RecordingDuration")
     base = _time_base(path, values, channels, rate).noting(cut)
     held = base.times.size / base.rate
-    short = isinstance(announced, (int, float)) and held < announced - 0.5 / base.rate
+    short = announced is not None and held < announced - 0.5 / base.rate
     positions = channels[(channels["type"] == "POS") & channels["component"].isin(AXES)]
     dropped = {
         str(row["name"]): (
@@ -173,7 +194,10 @@ def _time_base(
             jittered=True,
         )
     columns = {str(name): values[:, k] for k, name in enumerate(channels["name"])}
-    told = [_number(cell) for cell in channels.get("sampling_frequency", ())]
+    told = [
+        number(cell, "channels.tsv", "sampling_frequency")
+        for cell in channels.get("sampling_frequency", ())
+    ]
     others = {"channels.tsv": next((rate for rate in told if rate), None)}
     return of_rate(
         path.name,
@@ -183,13 +207,6 @@ def _time_base(
         others=others,
         witnesses=columns,
     )
-
-
-def _number(cell: Any) -> float | None:
-    try:
-        return float(cell)
-    except (TypeError, ValueError):
-        return None
 
 
 def _values(path: Path, count: int) -> tuple[np.ndarray, list[Finding]]:

@@ -16,8 +16,9 @@ import xarray as xr
 
 from emgface.errors import DataError
 from emgface.recordings.bids.electrodes import read_electrodes
+from emgface.recordings.bids.names import name_findings
 from emgface.recordings.bids.sidecars import EmgSidecars, emg_sidecars
-from emgface.recordings.findings import Finding
+from emgface.recordings.findings import Finding, with_findings
 from emgface.recordings.readers._build import (
     Part,
     assemble_parts,
@@ -90,6 +91,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     united = assemble_parts(
         [emg, *motion], origin=sidecars.origin, device=sidecars.device or content.device
     )
+    united = with_findings(united, name_findings(path))
     electrodes = read_electrodes(path, sidecars.channels)
     told = {} if electrodes is None else {"electrodes": electrodes}
     return united.assign_attrs({**sidecars.world, **sidecars.trial, **told})
