@@ -21,9 +21,9 @@ def counter_of(values: np.ndarray, least: int = LEAST) -> Counter | None:
     """Return the counter that a channel (samples,) is, or None for another signal.
 
     A counter increases by the same step from sample to sample, except where it returns to its
-    beginning or samples were lost; only integers count, and `least` samples are needed. Losses of a
-    multiple of the modulus cannot be seen. A counter that repeats a value, or returns at irregular
-    places, is no sample counter.
+    beginning or samples were lost; only integers count, and `least` samples are needed. The samples
+    lost after one are the least number: it may be larger by any multiple of the modulus. A counter
+    that repeats a value, or returns at irregular places, is no sample counter.
     """
     if values.size < least or not np.isfinite(values).all() or np.abs(values).max() > LARGEST:
         return None

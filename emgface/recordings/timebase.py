@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from emgface.errors import DataError
-from emgface.recordings.counters import LEAST, counter_of
+from emgface.recordings.counters import LEAST, Counter, counter_of
 from emgface.recordings.findings import Finding, Kind
 
 RATES_AGREE: Final = 2e-4
@@ -117,11 +117,13 @@ def of_rate(
     by: str = "the file",
     others: Mapping[str, float | None] | None = None,
     witnesses: Mapping[str, np.ndarray] | None = None,
+    duration: float | None = None,
 ) -> TimeBase:
     """Instants of samples at a stated rate [Hz], the first at `first` [s].
 
     `others` are further statements of the rate by their place; those that differ are findings.
-    `witnesses` are all channels (samples,) of the file, among which a counter shows lost samples.
+    `witnesses` are all channels (samples,) of the file, among which a counter shows lost samples, and
+    `duration` [s] is that stated by the file, if any (`with_counter`).
     Raises DataError if the rate is not above 0, or a counter cannot be that of the samples.
     """
     if not (np.isfinite(rate) and 0.0 < rate < 1e9):
@@ -129,14 +131,21 @@ def of_rate(
     index = np.arange(samples)
     base = TimeBase(where, first + index / rate, rate, index, index, by)
     base = replace(base, notes=_differing(rate, by, others or {}, samples))
-    return with_counter(base, witnesses or {})
+    return with_counter(base, witnesses or {}, duration=duration)
 
 
 def with_counter(
-    base: TimeBase, channels: Mapping[str, np.ndarray], *, least: int = LEAST
+    base: TimeBase,
+    channels: Mapping[str, np.ndarray],
+    *,
+    least: int = LEAST,
+    duration: float | None = None,
 ) -> TimeBase:
     """Insert the samples that a counter among the channels shows to be lost.
 
+    A counter that returns to its beginning after m samples does not show whether k m more are lost.
+    The `duration` [s] that the file states decides, if there is one gap and the duration shows a
+    multiple of m; otherwise the evidence of the gaps states that their number is ambiguous.
     Raises DataError if more are lost than a recording may lack (`LARGEST_GROWTH`).
     """
     for name, values in channels.items():
@@ -145,10 +154,38 @@ def with_counter(
         counter = counter_of(values, least)
         if counter is None or not counter.lost.any():
             continue
+        lost, evidence = _resolved(base, counter, f"the counter {name!r}", duration)
         # The step at index k is that from stored sample k to k + 1.
-        steps = np.concatenate(([0], 1 + counter.lost))
-        return _placed(base, np.cumsum(steps), f"the counter {name!r}")
+        steps = np.concatenate(([0], 1 + lost))
+        return _placed(base, np.cumsum(steps), evidence)
     return base
+
+
+def _resolved(
+    base: TimeBase, counter: Counter, by: str, duration: float | None
+) -> tuple[np.ndarray, str]:
+    """Samples lost after each by a counter and a stated duration [s], and the evidence in words."""
+    cycle = round(counter.modulus / counter.step)
+    total = base.stored + int(counter.lost.sum())
+    if not cycle or total + cycle > LARGEST_GROWTH * base.stored:
+        return counter.lost, by  # more would be refused
+    places = np.flatnonzero(counter.lost)
+    more = None if duration is None else round(duration * base.rate) - total
+    if more is not None and more >= -1:
+        turns = round(more / cycle)
+        if abs(more - turns * cycle) <= 1 and (places.size == 1 or turns == 0):
+            lost = counter.lost.copy()
+            lost[places[0]] += turns * cycle
+            return lost, f"{by} and the stated duration of {duration:g} s"
+    least = "that number" if places.size > 1 else f"{counter.lost[places[0]]}"
+    told = (
+        f"{by}, which returns to its beginning after {cycle} samples, so that the number is ambiguous "
+        f"({least} + k {cycle}, k = 0, 1, ...)"
+    )
+    if more is not None and abs(more) > 1:
+        count = f"{abs(more)} {'more' if more > 0 else 'fewer'} samples"
+        told += f", while the stated duration of {duration:g} s requires {count} in all"
+    return counter.lost, told
 
 
 def contradicting(channels: Mapping[str, np.ndarray], rate: float, by: str) -> tuple[Finding, ...]:

@@ -113,6 +113,41 @@ def test_a_counter_shows_what_was_lost(modulus: int, step: int, scale: float) ->
     np.testing.assert_allclose(base.times, np.arange(4000) / RATE)
 
 
+AMBIGUOUS = "so that the number is ambiguous"
+
+
+@pytest.mark.parametrize(
+    ("losses", "modulus", "total", "samples", "told"),
+    [
+        # more samples are lost than the counter has values: only the duration shows all of them
+        ([(700, 300)], 256, None, [44], f"{AMBIGUOUS} (44 + k 256, k = 0, 1, ...)"),
+        ([(700, 300)], 256, 4000, [300], "the counter 'n' and the stated duration of 4 s"),
+        ([(700, 44)], 256, 4000, [44], "the counter 'n' and the stated duration of 4 s"),
+        ([(700, 300), (1500, 10)], 256, None, [44, 10], f"{AMBIGUOUS} (that number + k 256"),
+        ([(700, 300), (1500, 10)], 256, 4000, [44, 10], "stated duration of 4 s requires 256 more"),
+        ([(700, 10), (1500, 10)], 256, 4000, [10, 10], "and the stated duration of 4 s"),
+        ([(700, 300)], 256, 3900, [44], "stated duration of 3.9 s requires 156 more"),
+        ([(700, 300)], 256, 3000, [44], "stated duration of 3 s requires 744 fewer"),
+        # a second turn would be refused as more than a recording may lack, or none was seen
+        ([(700, 300)], 10**9, None, [300], "by the counter 'n'"),
+    ],
+)
+def test_a_counter_that_returns_does_not_hide_that_the_loss_is_ambiguous(
+    losses: list[tuple[int, int]],
+    modulus: int,
+    total: int | None,
+    samples: list[int],
+    told: str,
+) -> None:
+    kept = lost(*losses)
+    duration = None if total is None else total / RATE
+    base = of_rate("a", kept.size, RATE, witnesses={"n": kept % modulus}, duration=duration)
+    assert [gap.samples for gap in base.gaps] == samples
+    first = base.findings("channel")[0].sentence
+    assert told in first
+    assert (AMBIGUOUS in first) is (AMBIGUOUS in told or "requires" in told)
+
+
 @pytest.mark.parametrize(
     "values",
     [

@@ -135,7 +135,7 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
             "rate above 0 Hz: set it."
         )
     values, cut = _values(path, len(channels))
-    base = _time_base(path, values, channels, rate).noting(cut)
+    base = _time_base(path, values, channels, rate, announced).noting(cut)
     held = base.times.size / base.rate
     short = announced is not None and held < announced - 0.5 / base.rate
     positions = channels[(channels["type"] == "POS") & channels["component"].isin(AXES)]
@@ -178,7 +178,11 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
 
 
 def _time_base(
-    path: Path, values: np.ndarray, channels: pd.DataFrame, rate: float | None
+    path: Path,
+    values: np.ndarray,
+    channels: pd.DataFrame,
+    rate: float | None,
+    announced: float | None,
 ) -> TimeBase:
     """Instants of the frames: of the column of latencies, or otherwise of the rate."""
     if len(values) < 1:
@@ -206,6 +210,7 @@ def _time_base(
         by="motion.json",
         others=others,
         witnesses=columns,
+        duration=announced,
     )
 
 

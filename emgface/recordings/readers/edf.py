@@ -123,7 +123,7 @@ def _time_base(
         for label, values in zip(content.labels, content.values, strict=True)
         if len(values) == stored
     }
-    return with_counter(base, same)
+    return with_counter(base, same, duration=None if sidecars is None else sidecars.duration)
 
 
 def _without_flagged(part: Part, content: _Content, base: TimeBase) -> Part:
