@@ -9,6 +9,7 @@ import errno
 import os
 import re
 import shutil
+import sys
 import tempfile
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -137,36 +138,63 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
         temporary.chmod(0o666 & ~mask)
         temporary.replace(path)
     except (OSError, RuntimeError) as error:
-        reason = _reason(error, path.parent, temporary is not None)
+        reason = why_not_written(error, path.parent, temporary)
         if reason is None:
             raise
-        raise DataError(
-            f"Cannot write {path}: {reason}; expected a writable folder "
-            "with enough space: specify another one."
-        ) from error
+        raise DataError(f"Cannot write {path}: {reason}.") from error
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
 
 
-def _reason(error: OSError | RuntimeError, folder: Path, created: bool) -> str | None:
-    """Return why a file could not be written; None for an error that has another cause.
+def why_not_written(
+    error: OSError | RuntimeError, folder: Path, part: Path | None = None
+) -> str | None:
+    """Return why a file could not be written, and what to try; None for an error of another cause.
 
-    The number of the error decides, unless the temporary file had been `created` in the folder: the
-    netCDF library then reports a full disk as missing permission or "HDF error".
+    The number of the error decides, unless the temporary file `part` had been created in the folder:
+    the netCDF library then reports a full disk, or a file that exceeds the limit of the process, as
+    missing permission or "HDF error".
     """
     number = error.errno if isinstance(error, OSError) else None
+    room = "expected a writable folder with enough space: free space or specify another one"
+    unclear = part is not None and number in (None, errno.EACCES, errno.EPERM, errno.EIO)
+    limit = _largest_file()
+    if number == errno.EFBIG or (
+        unclear and limit is not None and _size(part) + LEAST_SPACE >= limit and _size(part) > 0
+    ):
+        known = "" if limit is None else f" of {limit} bytes for this process"
+        return (
+            f"it exceeds the limit of the size of files{known}; expected a larger limit: raise it "
+            "('ulimit -f'), or use a file system that allows such files"
+        )
     if number in (errno.ENOSPC, errno.EDQUOT):
-        return "the disk is full" if number == errno.ENOSPC else "the quota of the disk is used up"
-    if created and number in (None, errno.EACCES, errno.EPERM, errno.EIO):
+        full = "the disk is full" if number == errno.ENOSPC else "the quota of the disk is used up"
+        return f"{full}; {room}"
+    if unclear:
         usage = shutil.disk_usage(folder)
         if 0 < usage.total and usage.free < LEAST_SPACE:  # file systems such as /proc have no size
-            return "the disk is full"
+            return f"the disk is full; {room}"
     if number in (errno.EACCES, errno.EPERM):
-        return "there is no permission to write in its folder"
+        return f"there is no permission to write in its folder; {room}"
     if isinstance(error, OSError):
-        return error.strerror or str(error)
+        return f"{error.strerror or error}; {room}"
     return None
+
+
+def _largest_file() -> int | None:
+    """Limit of the size of a file that this process may write [bytes], None if there is none."""
+    if sys.platform == "win32":
+        return None
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    return None if limit == resource.RLIM_INFINITY else limit
+
+
+def _size(path: Path | None) -> int:
+    """Size of a file [bytes], 0 if it does not exist."""
+    return path.stat().st_size if path is not None and path.exists() else 0
 
 
 def write_text(path: Path, text: str) -> None:

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from io import RawIOBase
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,7 +16,7 @@ import xarray as xr
 
 from analysis.trial import Trial
 from emgface.errors import StoreError
-from emgface.files import result_file
+from emgface.files import result_file, why_not_written
 from emgface.run.lines import (
     FOLDER,
     FORMAT,
@@ -109,15 +110,15 @@ class Journal:
                 data = b"\n" + data
             offset = self._stream.tell() + int(self._torn)
             self._torn = True
-            if self._stream.write(data) != len(data):
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            written_whole(self._stream, data)
             self._torn = False
             if event not in NOT_SYNCHRONISED:
                 os.fsync(self._stream.fileno())
         except OSError as error:
             raise StoreError(
-                f"the journal {self.path} cannot be written ({error.strerror}): completed results "
-                "are stored; free space and run the same command to continue"
+                f"the journal {self.path} cannot be written: "
+                f"{why_not_written(error, self.path.parent)}; completed results are stored, run the "
+                "same command again to continue"
             ) from error
         return offset
 
@@ -187,6 +188,16 @@ class Journal:
                 raise
         finally:
             self._stream.close()
+
+
+def written_whole(stream: RawIOBase, data: bytes) -> None:
+    """Write all bytes; what prevents the rest of a part is known only when it is written as well."""
+    rest = memoryview(data)
+    while rest:
+        count = stream.write(rest)
+        if not count:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        rest = rest[count:]
 
 
 def read_line(entry: Entry) -> Line:

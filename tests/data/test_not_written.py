@@ -3,6 +3,8 @@
 import errno
 import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,7 @@ from emgface.files import replace_file, write_text
 
 TOLD = {
     errno.ENOSPC: "the disk is full",
+    errno.EFBIG: "it exceeds the limit of the size of files",
     errno.EDQUOT: "the quota of the disk is used up",
     errno.EACCES: "no permission to write",
     errno.EPERM: "no permission to write",
@@ -44,6 +47,39 @@ def test_the_netcdf_library_reports_a_full_disk_otherwise(
     usage = shutil.disk_usage(tmp_path)
     monkeypatch.setattr(shutil, "disk_usage", lambda folder: usage._replace(free=0))
     assert "the disk is full" in refused(tmp_path, error)
+
+
+WRITERS = {
+    "text": "write_text(folder / 'a.txt', 'x' * 400_000)",
+    "result": "store_netcdf(xr.Dataset({'a': ('x', np.arange(50_000.0))}), folder / 'a.nc')",
+    "journal": "Journal(folder, {}).write('note', text='x' * 400_000)",
+}
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of the size of files")
+@pytest.mark.parametrize("writer", WRITERS)
+def test_the_limit_of_the_size_of_files_is_the_stated_reason(tmp_path: Path, writer: str) -> None:
+    program = f"""
+import resource
+from pathlib import Path
+import numpy as np
+import xarray as xr
+from emgface.errors import EmgfaceError
+from emgface.files import write_text
+from emgface.run.journal import Journal
+from emgface.run.store import store_netcdf
+folder = Path({str(tmp_path)!r})
+resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
+try:
+    {WRITERS[writer]}
+except EmgfaceError as error:
+    print(error)
+"""
+    told = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    ).stdout
+    assert "exceeds the limit of the size of files of 100000 bytes" in told and "ulimit -f" in told
+    assert "disk" not in told and "space" not in told
 
 
 def test_an_error_of_another_cause_is_passed_on(tmp_path: Path) -> None:
