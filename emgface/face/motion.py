@@ -1,14 +1,15 @@
 """Equilibrium of a face under gravity, and its motion under an activation."""
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import xarray as xr
 
 import sim
-from emgface.errors import ConfigurationError
+from emgface.errors import ConfigurationError, FaceError
 from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.contact import touching
 from emgface.face.control import control_of, seconds
@@ -28,6 +29,7 @@ from emgface.face.recipe import compose_scene, displacement_scene, named_element
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.stability import rounding_sensitivity
 from emgface.face.waypoints import Branch, WayPoints
+from emgface.run.digest import canonical_json
 from sim.probes import Probe
 from sim.threads import one_blas_thread
 
@@ -48,6 +50,11 @@ NOT_OF_REST: Final = frozenset(
     }
 )
 """Parameters that do not affect the equilibrium of a face."""
+NOT_OF_STILLNESS: Final = frozenset(
+    {"linear_solver", "alpha", "beta", "damping_tangent", "stiffening", "line_force"}
+)
+"""Further ones that act on moving or active tissue only; stored equilibria are told apart by them."""
+REST: Final = "rest_parameters"  #: attribute of an equilibrium with its parameters (JSON)
 
 
 def load_kernels(face: xr.Dataset, parameters: SimulationParameters) -> None:
@@ -88,9 +95,39 @@ def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Datase
             "largest_speed": speed,
             "largest_displacement": float(moved),
             "origin": "simulated",
+            REST: canonical_json(_of_rest(parameters)),
         },
     )
     return belongs(at_rest, face)
+
+
+def _of_rest(parameters: SimulationParameters) -> dict[str, Any]:
+    """Parameters that affect the equilibrium; the mesh itself is that without any load."""
+    told = parameters.model_dump(mode="json", exclude={*NOT_OF_REST, *NOT_OF_STILLNESS})
+    if parameters.gravity or parameters.prestress.method != "none":
+        return told
+    return {name: told[name] for name in ("gravity", "prestress")}
+
+
+def require_rest(settled: xr.Dataset, face: xr.Dataset, parameters: SimulationParameters) -> None:
+    """FaceError if an equilibrium is that of another face, or was computed with other parameters.
+
+    One that does not state its parameters, as of earlier versions, is compared by its face alone.
+    """
+    require_face(settled.attrs, face, "equilibrium")
+    text = settled.attrs.get(REST)
+    if text is None:
+        return
+    own, used = json.loads(str(text)), json.loads(canonical_json(_of_rest(parameters)))
+    # A parameter that another version lacks is not compared.
+    differ = [name for name in own if name in used and own[name] != used[name]]
+    if differ:
+        name = differ[0]
+        more = f" (and other values of {', '.join(differ[1:])})" if differ[1:] else ""
+        raise FaceError(
+            f"the equilibrium was computed with {name} = {own[name]}{more}, found {name} = {used[name]} "
+            "in the simulation: pass the equilibrium of these parameters, or omit it"
+        )
 
 
 def _settled(
@@ -166,9 +203,10 @@ def simulate_face(
     then 1, or 0 if the motion was not trusted and is that of full order (``reduction_doubt``).
 
     Raises ActivationError if a muscle of the face has no activation, a name is unknown, or there
-    are fewer than two samples; FaceError if `settled` belongs to another face; ControlError if a
-    value is not finite or outside 0-1; InvertedElement (``element`` is the id in the face model),
-    NotConverged or SingularSystem if a step fails; ToleranceMissed if `error_tolerance` cannot be met.
+    are fewer than two samples; FaceError if `settled` belongs to another face or other parameters;
+    ControlError if a value is not finite or outside 0-1; InvertedElement (``element`` is the id in the
+    face model), NotConverged or SingularSystem if a step fails; ToleranceMissed if `error_tolerance`
+    cannot be met.
     """
     doubt, points = None, waypoints or (branch and branch.points)
     if parameters.reduced.file is not None:
@@ -253,7 +291,7 @@ def _start(
     """State of a face at rest."""
     if settled is None:
         settled = settle_face(face, parameters)
-    require_face(settled.attrs, face, "equilibrium")
+    require_rest(settled, face, parameters)
     rest = system.rest_state()
     return sim.State(
         0.0, np.ascontiguousarray(settled["node_position"].values), rest.v, rest.memory

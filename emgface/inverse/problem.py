@@ -6,8 +6,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import MarkerError
-from emgface.face.identity import require_face
-from emgface.face.motion import settle_face
+from emgface.face.motion import require_rest, settle_face
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.kept import digest_of
@@ -91,7 +90,7 @@ def pose_problem(
 
     system = compile_scene(compose_scene(face, simulation))
     settled = settle_face(face, simulation) if settled is None else settled
-    require_face(settled.attrs, face, "equilibrium")
+    require_rest(settled, face, simulation)
     rest = system.rest_state()
     state = State(0.0, np.ascontiguousarray(settled["node_position"].values), rest.v, rest.memory)
     nodes = marker_nodes(face)

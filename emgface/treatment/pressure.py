@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 import sim
 from emgface.errors import FaceError
 from emgface.face.check import sheet_nodes
-from emgface.face.motion import settle_face
+from emgface.face.motion import require_rest, settle_face
 from emgface.face.mouth import Mouth
 from emgface.face.parts import FREE, INNER
 from emgface.face.recipe import compose_scene
@@ -69,6 +69,8 @@ def pressure_held(
             "the simulation is without contact, in which lips hold no pressure: expected contact"
         )
     p = parameters
+    if settled is not None:
+        require_rest(settled, face, p)
     mouth, faces = Mouth.of(face), _lining(face)
     rest = settle_face(face, p) if settled is None else settled
     scene = replace(compose_scene(face, p), damping=None)

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from emgface.errors import ActivationError, UnitsError
-from emgface.face.motion import settle_face, simulate_face
+from emgface.choices import configure
+from emgface.errors import ActivationError, FaceError, UnitsError
+from emgface.face.motion import require_rest, settle_face, simulate_face
 from emgface.face.recipe import compose_scene, element_order
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import LIP_MARKERS, MUSCLES
+from emgface.treatment.pressure import pressure_held
 from sim import ControlError, InvertedElement, compile_scene
 from sim.errors import NotConverged
 
@@ -242,3 +244,49 @@ def test_missing_requirements_of_prestress_are_reported() -> None:
         SimulationParameters(**nodal | {"incompressibility": "hard"}, skin={"kappa": 1e5})
     with pytest.raises(ValueError, match=r"'stretch' cannot be combined with .* = 'nodal'"):
         SimulationParameters(**nodal, prestress={"method": "stretch"})
+
+
+OTHER = {
+    "sigma_max": {"sigma_max": 60e3},
+    "gravity": {"gravity": False},
+    "contact": {"contact": {"method": "constraint", "friction": 0.3}},
+    "C10": {"C10": 2000.0},
+    "density": {"density": 1000.0},
+    "skin": {"skin": {"stiffness": 2.0}},
+    "prestress": {"prestress": {"method": "displaced"}},
+    "support": {"support": 1e4},
+}
+
+
+@pytest.mark.parametrize("name", OTHER)
+@pytest.mark.parametrize("use", [simulate_face, pressure_held])
+def test_an_equilibrium_of_other_parameters_is_refused(slab, settled, name: str, use) -> None:
+    other = configure(SimulationParameters, PARAMETERS.model_dump(mode="json") | OTHER[name])
+    given = (activation(0.2, "MEN_L"),) if use is simulate_face else ()
+    with pytest.raises(FaceError, match=f"the equilibrium was computed with .*{name}"):
+        use(slab, *given, other, settled=settled)
+
+
+def test_an_equilibrium_serves_for_other_steps_and_damping_and_without_statement(
+    slab, settled, tmp_path
+) -> None:
+    for change in (
+        {"step": 0.005, "solver": "linearly_implicit", "output": 0.02},
+        {"alpha": 1.0, "beta": 0.01, "stiffening": 2.0, "linear_solver": "superlu"},
+    ):
+        require_rest(settled, slab, PARAMETERS.model_copy(update=change))
+    earlier = settled.drop_attrs(deep=False)
+    require_rest(earlier, slab, PARAMETERS.model_copy(update={"sigma_max": 1e3}))
+    settled.to_netcdf(tmp_path / "rest.nc", engine="netcdf4")
+    with xr.open_dataset(tmp_path / "rest.nc", engine="netcdf4") as read:
+        require_rest(read, slab, PARAMETERS)
+        with pytest.raises(FaceError, match="sigma_max = 50000.0, found sigma_max = 60000.0"):
+            require_rest(read, slab, PARAMETERS.model_copy(update={"sigma_max": 60e3}))
+
+
+def test_without_a_load_the_mesh_is_the_equilibrium_for_any_parameters(slab) -> None:
+    weightless = PARAMETERS.model_copy(update={"gravity": False})
+    settled = settle_face(slab, weightless)
+    require_rest(settled, slab, weightless.model_copy(update={"sigma_max": 1e3}))
+    with pytest.raises(FaceError, match="gravity = False.*gravity = True"):
+        require_rest(settled, slab, PARAMETERS)
