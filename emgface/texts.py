@@ -5,6 +5,7 @@ code page. All text files of users are opened here, so that each of these is rea
 """
 
 import codecs
+import csv
 import gzip
 import io
 import tomllib
@@ -102,6 +103,23 @@ def read_text(path: Path, encoding: str = "utf-8", *, fallback: str | None = Non
 def open_text(path: Path, encoding: str = "utf-8", *, fallback: str | None = None) -> io.StringIO:
     """Return a stream of the text of `read_text`, with the line ends of the file."""
     return io.StringIO(read_text(path, encoding, fallback=fallback), newline="")
+
+
+def labelled(stream: io.StringIO, delimiter: str = ",") -> io.StringIO:
+    """Return the stream of a table, at its begin; ValueError if two columns have the same label.
+
+    pandas would rename the second one. Lines that are empty or begin with ``#`` precede the labels.
+    """
+    head = next((x for x in stream if x.strip() and not x.lstrip().startswith("#")), "")
+    stream.seek(0)
+    try:
+        labels = [label.strip() for label in next(csv.reader([head], delimiter=delimiter), [])]
+    except csv.Error as error:  # a label of more than 128 KiB
+        raise ValueError(str(error)) from error
+    twice = next((label for label in labels if label and labels.count(label) > 1), None)
+    if twice is not None:
+        raise ValueError(f"two columns are called {twice!r}, expected different names")
+    return stream
 
 
 def read_toml(path: Path) -> dict[str, Any]:

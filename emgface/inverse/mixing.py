@@ -10,7 +10,7 @@ import pandas as pd
 from emgface.errors import DataError
 from emgface.inverse.variants import RECORDED
 from emgface.muscles import MUSCLES
-from emgface.texts import open_text
+from emgface.texts import labelled, open_text
 from sim.inverse import minimise_in_box
 from sim.scene import Index
 from sim.state import Array
@@ -32,7 +32,7 @@ def read_mixing(path: Path) -> Array:
         The file cannot be read, a name is unknown, or a share is not within 0-1.
     """
     try:
-        table = pd.read_csv(open_text(path), index_col=0).fillna(0.0).astype(float)
+        table = pd.read_csv(labelled(open_text(path)), index_col=0).fillna(0.0).astype(float)
     except (OSError, ValueError, UnicodeError) as error:
         raise DataError(
             f"{path} cannot be read as a mixing matrix ({error}): expected a CSV file with a row for "

@@ -28,6 +28,7 @@ from emgface.run.mechanics import MECHANICS
 from emgface.run.observer import Observer, Silent
 from emgface.run.store import Stage, Store
 from emgface.run.tasks import Task, run_table
+from emgface.texts import labelled, open_text
 from emgface.treatment.motions import NO_PRESSURE, gestures, with_pressure
 from emgface.treatment.outcomes import FACTOR, OUTCOMES
 from emgface.treatment.plan import NOT_VALIDATED, Plan
@@ -309,7 +310,7 @@ def intervals_by_dose(table: pd.DataFrame) -> pd.DataFrame:
 def read_cases(path: Path) -> pd.DataFrame:
     """Read a table of cases; DataError if it has no axes of cases."""
     try:
-        table = pd.read_csv(path, comment="#")
+        table = pd.read_csv(labelled(open_text(path)), comment="#")
     except (OSError, ValueError) as error:
         raise DataError(
             f"{path} cannot be read ({error}), expected a table of 'emgface dose'"

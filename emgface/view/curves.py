@@ -14,7 +14,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from emgface.errors import DataError
 from emgface.files import write_text
-from emgface.texts import read_text
+from emgface.texts import labelled, read_text
 
 Floats = NDArray[np.float64]
 Interpolation = Literal["linear", "cubic", "step"]
@@ -183,7 +183,7 @@ def read_curves(path: Path) -> Curves:
 def curves_in(text: str, name: str) -> Curves:
     """Curves of the text of a table (`read_curves`); `name` is used in messages."""
     try:
-        table = pd.read_csv(io.StringIO(text))
+        table = pd.read_csv(labelled(io.StringIO(text)))
     except (ValueError, pd.errors.ParserError) as error:
         why = str(error).splitlines()[0][:200]
         raise DataError(f"{name} contains no table of curves ({why})") from error

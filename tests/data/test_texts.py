@@ -3,17 +3,19 @@
 import ast
 import codecs
 import gzip
+import io
 from pathlib import Path
 
 import pytest
 import xarray as xr
 
+import emgface
 from emgface.errors import ConfigurationError, DataError
 from emgface.recordings.dataset import read_recording
 from emgface.recordings.exclusions import read_exclusions
 from emgface.recordings.labels import read_label_map
 from emgface.study.file import load_study, study_template
-from emgface.texts import DEEPEST, EXPANDED, read_text, read_toml
+from emgface.texts import DEEPEST, EXPANDED, labelled, read_text, read_toml
 from tests.data.test_mutations import FORMATS
 
 TEXTS = ("trc", "bids motion", "bids json", "bids channels", "csv", "toml", "brainvision header",
@@ -118,3 +120,47 @@ def test_every_text_file_of_a_user_is_opened_in_one_place() -> None:
             ):
                 found.append(f"{name}: {ast.unparse(node)[:60]}")
     assert not found
+
+
+@pytest.mark.parametrize(
+    ("text", "delimiter"),
+    [
+        ("a,b,a\n1,2,3\n", ","),
+        ("# a comment\n\n a , b,a\n1,2,3\n", ","),
+        ("a\tb\ta\n", "\t"),
+        ('"a",b,"a"\r\n', ","),
+    ],
+)
+def test_two_columns_of_one_label_are_refused(text: str, delimiter: str) -> None:
+    with pytest.raises(ValueError, match="two columns are called 'a'"):
+        labelled(io.StringIO(text, newline=""), delimiter)
+
+
+@pytest.mark.parametrize("text", ["", "a,b\n1,1\n", "a,,\n1,,\n", "# a,a\na,b\n"])
+def test_other_tables_are_read_from_their_begin(text: str) -> None:
+    assert labelled(io.StringIO(text)).read() == text
+
+
+OWN = ("emgface/recordings/bids/sidecars.py", "emgface/recordings/readers/_tables.py")
+"""Readers that state the places of both columns; their tests are those of the formats."""
+
+
+def test_every_table_with_labels_is_read_without_renamed_columns() -> None:
+    """pandas renames the second of two equal labels, which would then be an unknown or unused one."""
+    root = Path(emgface.__file__).parents[1]
+    calls = 0
+    for path in (root / "emgface").rglob("*.py"):
+        place = path.relative_to(root).as_posix()
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in (
+                "pd.read_csv",
+                "pd.read_table",
+            ):
+                calls += 1
+                named = any(
+                    key.arg == "header" and ast.unparse(key.value) == "None"
+                    for key in node.keywords
+                )
+                checked = ast.unparse(node.args[0]).startswith("labelled(")
+                assert named or checked or place in OWN, f"{place}, line {node.lineno}"
+    assert calls >= 10

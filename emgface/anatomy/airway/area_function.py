@@ -17,7 +17,7 @@ from emgface.anatomy.airway.sections import centre_line, sections
 from emgface.errors import DataError, listed
 from emgface.face.artisynth_contact import read_obj
 from emgface.schema.netcdf import read_netcdf
-from emgface.texts import open_text
+from emgface.texts import labelled, open_text
 
 Floats = NDArray[np.float64]
 
@@ -87,7 +87,7 @@ def read_areas(path: Path, row: str | None = None, *, from_lips: bool = False) -
     be read or is not valid.
     """
     try:
-        table = pd.read_csv(open_text(path), dtype={"label": str, "index": str})
+        table = pd.read_csv(labelled(open_text(path)), dtype={"label": str, "index": str})
     except (OSError, ValueError) as error:
         raise DataError(f"{path} cannot be read as a CSV table: {error}") from error
     numbers = sorted(int(m[1]) for c in table.columns if (m := _AREA.fullmatch(str(c))))

@@ -10,7 +10,7 @@ import pandas as pd
 from emgface.anatomy.head.model import PARTS
 from emgface.errors import HeadError
 from emgface.schema.rules import one_line
-from emgface.texts import open_text
+from emgface.texts import labelled, open_text
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def read_sweep_plan(path: str | Path) -> tuple[PlannedRun, ...]:
     rows, or a level is not between 0 and 1.
     """
     try:
-        table = pd.read_csv(open_text(Path(path)), comment="#", skipinitialspace=True)
+        table = pd.read_csv(labelled(open_text(Path(path))), comment="#", skipinitialspace=True)
     except (OSError, ValueError) as error:
         raise HeadError(
             f"{path} is not a plan ({one_line(error)}): expected a table with columns such as bi_OOP, "

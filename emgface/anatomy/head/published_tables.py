@@ -9,7 +9,7 @@ import pandas as pd
 from emgface.errors import HeadError
 from emgface.face.parts import Integers
 from emgface.schema.rules import one_line
-from emgface.texts import open_text, read_text
+from emgface.texts import labelled, open_text, read_text
 
 SOURCE: Final = (
     "Stavness et al., Coupled biomechanical modeling of the face, jaw, skull, tongue, and hyoid bone; "
@@ -29,7 +29,7 @@ def numbers_of(path: Path) -> Integers:
 def table_of(path: Path, columns: list[str]) -> pd.DataFrame:
     """Columns of a CSV table; HeadError if it is absent or lacks one."""
     try:
-        return pd.read_csv(open_text(file_of(path)))[columns]
+        return pd.read_csv(labelled(open_text(file_of(path))))[columns]
     except (KeyError, ValueError) as error:
         raise HeadError(
             f"{path} cannot be read ({one_line(error)}): expected a table with the columns "

@@ -17,7 +17,7 @@ from emgface.anatomy.jaw.model import Floats
 from emgface.errors import DataError, FeatureWarning, JawError
 from emgface.schema.rules import one_line
 from emgface.schema.units import to_si
-from emgface.texts import open_text, read_text
+from emgface.texts import labelled, open_text, read_text
 
 NANOSECONDS = 1e9
 SAMPLED, SLOWEST, LEVELS = 20, 0.2, 5.0
@@ -199,7 +199,7 @@ def read_excitation(path: str | os.PathLike[str]) -> Excitation:
             with xr.open_dataset(path, engine="netcdf4", decode_times=False) as opened:
                 given = excitation_in(opened.load())
         else:
-            table = pd.read_csv(open_text(path)).set_index("time").astype(np.float64)
+            table = pd.read_csv(labelled(open_text(path))).set_index("time").astype(np.float64)
             values = {str(name): column.to_numpy() for name, column in table.items()}
             given = Excitation(table.index.to_numpy(dtype=np.float64), values)
     except (OSError, KeyError, ValueError, RuntimeError) as error:

@@ -22,7 +22,7 @@ from emgface.face.bundles import fibre_directions
 from emgface.face.parts import Bundle, Fibre, Floats, Integers
 from emgface.face.quality import element_centres
 from emgface.schema.rules import one_line
-from emgface.texts import open_text, read_text
+from emgface.texts import labelled, open_text, read_text
 
 Forces = Literal["standard", "strong"]
 
@@ -204,7 +204,7 @@ def read_gesture(path: str | os.PathLike[str]) -> Excitation:
 
 def _table(path: Path, columns: list[str]) -> pd.DataFrame:
     try:
-        return pd.read_csv(open_text(_file(path.parent, path.name)))[columns]
+        return pd.read_csv(labelled(open_text(_file(path.parent, path.name))))[columns]
     except (KeyError, ValueError) as error:
         raise TongueError(
             f"{path} cannot be read ({one_line(error)}): expected a table with the columns "

@@ -1,6 +1,5 @@
 """Tables and JSON files that describe the signals of a BIDS dataset."""
 
-import csv
 import json
 from collections.abc import Sequence
 from datetime import datetime
@@ -200,7 +199,7 @@ def read_tsv(path: Path, *, repeated: bool = False) -> pd.DataFrame:
     try:
         stream = open_text(path)
         first = next((line for line in stream if line.strip()), "")
-        labels = next(csv.reader([first], delimiter="\t"), [])
+        labels = [label.strip().strip('"') for label in first.split("\t")]
         stream.seek(0)
         table = pd.read_csv(stream, sep="\t", dtype=str, keep_default_na=False, index_col=False)
     except (OSError, ValueError, pd.errors.ParserError) as error:
@@ -215,7 +214,7 @@ def read_tsv(path: Path, *, repeated: bool = False) -> pd.DataFrame:
         )
     if repeated:
         return table
-    _require_different(path, "columns", [str(name) for name in labels])
+    _require_different(path, "columns", labels)
     for key in (key for ending, key in ROWS.items() if path.name.endswith(ending)):
         if key in table.columns:
             _require_different(path, "rows", [str(name) for name in table[key]])
