@@ -13,14 +13,14 @@ TRIAL = ("sub", "ses", "task", "acq", "run")
 """Entities that are equal for EMG and motion of one trial."""
 
 
-def labels(path: Path) -> dict[str, list[str]]:
+def labels_in_name(path: Path) -> dict[str, list[str]]:
     """Return the labels of every entity in the name of a file, in order; empty for other names.
 
-    An entity that occurs twice has two labels, which `require_name` refuses.
+    An entity that occurs twice has two labels, which `require_bids_name` refuses.
 
     Examples
     --------
-    >>> labels(Path("sub-V01_run-01_run-02_emg.bdf"))
+    >>> labels_in_name(Path("sub-V01_run-01_run-02_emg.bdf"))
     {'sub': ['V01'], 'run': ['01', '02']}
     """
     pairs = [part.partition("-") for part in _parts(path)]
@@ -52,7 +52,7 @@ def faults(path: Path) -> list[str]:
         for part in parts
         if not part.partition("-")[2] and _in_dataset(path)
     ]
-    for key, values in labels(path).items():
+    for key, values in labels_in_name(path).items():
         if len(values) > 1:
             shown = " and ".join(f"{key}-{value}" for value in values)
             told.append(f"contains {shown}; expected the entity {key!r} once")
@@ -80,7 +80,7 @@ def _folder_of(path: Path, key: str) -> str | None:
     return None
 
 
-def require_name(path: Path) -> None:
+def require_bids_name(path: Path) -> None:
     """Refuse a file whose name does not identify its trial, or contradicts its folder (DataError)."""
     told = faults(path)
     if told:
@@ -103,12 +103,12 @@ def entities(path: Path) -> dict[str, str]:
     >>> entities(Path("sub-V01_task-A_run-01_emg.bdf"))
     {'sub': 'V01', 'task': 'A', 'run': '01'}
     """
-    return {key: values[-1] for key, values in labels(path).items()}
+    return {key: values[-1] for key, values in labels_in_name(path).items()}
 
 
 def may_describe(path: Path, own: dict[str, str]) -> bool:
     """Return True if every entity of a file has the label of another file, `own`, also if twice."""
-    return all(own.get(key) in values for key, values in labels(path).items())
+    return all(own.get(key) in values for key, values in labels_in_name(path).items())
 
 
 def file_name(found: dict[str, str], ending: str) -> str:
@@ -135,7 +135,7 @@ def trial_of(path: Path) -> dict[str, str | int]:
 
     Raises DataError if the name does not identify the trial, or contradicts its folder.
     """
-    require_name(path)
+    require_bids_name(path)
     found = entities(path)
     trial: dict[str, str | int] = {}
     if "sub" in found:

@@ -13,7 +13,7 @@ from typing import Any, Final
 import pandas as pd
 
 from emgface.errors import DataError
-from emgface.recordings.bids.names import LABEL, ORDER, entities, labels
+from emgface.recordings.bids.names import LABEL, ORDER, entities, labels_in_name
 from emgface.recordings.bids.sidecars import ROWS, read_json, read_tsv, sidecar_path
 from emgface.texts import read_text
 
@@ -129,7 +129,7 @@ def _kind(root: Path, kind: str) -> Iterator[str]:
 def _name(path: Path, root: Path, kind: str) -> Iterator[str]:
     """Problems of the name and folder of a file."""
     found = entities(path)
-    for key, values in labels(path).items():
+    for key, values in labels_in_name(path).items():
         if len(values) > 1:
             yield f"{path.name} has the entity {key!r} {len(values)} times"
     keys = list(found)

@@ -15,7 +15,7 @@ from emgface.recordings.bids.names import (
     entities,
     file_name,
     may_describe,
-    require_name,
+    require_bids_name,
     trial_of,
 )
 from emgface.schema.rules import one_line
@@ -84,10 +84,10 @@ class EmgSidecars(NamedTuple):
     def rates(self, labels: Sequence[str]) -> dict[str, float | None]:
         """Return the sampling rates [Hz] that the JSON file and the table state, by their place."""
         told = self.description.get("SamplingFrequency")
-        found = {"emg.json": number(told, "emg.json", "SamplingFrequency")}
+        found = {"emg.json": positive_number(told, "emg.json", "SamplingFrequency")}
         if "sampling_frequency" in self.channels:
             rows = self.channels.loc[self.channels["name"].isin(labels), "sampling_frequency"]
-            rates = (number(cell, "channels.tsv", "sampling_frequency") for cell in rows)
+            rates = (positive_number(cell, "channels.tsv", "sampling_frequency") for cell in rows)
             told = [rate for rate in rates if rate is not None]
             if told:
                 found["channels.tsv"] = max(told, key=told.count)
@@ -96,7 +96,9 @@ class EmgSidecars(NamedTuple):
     @property
     def duration(self) -> float | None:
         """Duration of the recording [s], if it is specified."""
-        return number(self.description.get("RecordingDuration"), "emg.json", "RecordingDuration")
+        return positive_number(
+            self.description.get("RecordingDuration"), "emg.json", "RecordingDuration"
+        )
 
     @property
     def origin(self) -> str:
@@ -119,7 +121,7 @@ class EmgSidecars(NamedTuple):
         return trial_of(self.path)
 
 
-def number(value: Any, where: str, name: str) -> float | None:
+def positive_number(value: Any, where: str, name: str) -> float | None:
     """Return a number above 0 of a sidecar (a rate or a duration), None if it states none (n/a).
 
     All numbers of sidecars that reading depends on are converted here. Raises DataError for anything
@@ -157,7 +159,7 @@ def emg_sidecars(path: Path) -> EmgSidecars | None:
     """
     if not path.stem.endswith("_emg"):
         return None
-    require_name(path)
+    require_bids_name(path)
     if "sub" not in entities(path):
         return None
     table = sidecar_path(path, "channels.tsv")
@@ -183,7 +185,7 @@ def sidecar_path(path: Path, ending: str) -> Path | None:
                 best.append((len(found), candidate))
         if best:
             chosen = max(best)[1]
-            require_name(chosen)
+            require_bids_name(chosen)
             return chosen
         if (folder / "dataset_description.json").is_file():
             break

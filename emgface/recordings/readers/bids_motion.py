@@ -14,14 +14,14 @@ from emgface.muscles import AXES
 from emgface.recordings.bids.names import (
     TRIAL,
     entities,
-    labels,
+    labels_in_name,
     name_findings,
-    require_name,
+    require_bids_name,
     trial_of,
 )
 from emgface.recordings.bids.sidecars import (
     device,
-    number,
+    positive_number,
     read_json,
     read_tsv,
     sidecar_path,
@@ -94,10 +94,10 @@ def _partners(path: Path, folder: str, endings: tuple[str, ...]) -> list[Path]:
         candidate
         for ending in endings
         for candidate in beside.glob(f"*_{ending}")
-        if _same_trial(labels(candidate), own)
+        if _same_trial(labels_in_name(candidate), own)
     )
     for partner in partners:
-        require_name(partner)
+        require_bids_name(partner)
     return partners
 
 
@@ -109,7 +109,7 @@ def _same_trial(found: dict[str, list[str]], own: dict[str, str]) -> bool:
 
 def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
     """Return positions and the content of ``*_motion.json``."""
-    require_name(path)
+    require_bids_name(path)
     table, sidecar = sidecar_path(path, "channels.tsv"), sidecar_path(path, "motion.json")
     if table is None or sidecar is None:
         raise DataError(
@@ -124,7 +124,7 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
             "tracked_point and units: repair it."
         )
     stated = [
-        number(description.get(key), sidecar.name, key)
+        positive_number(description.get(key), sidecar.name, key)
         for key in ("SamplingFrequencyEffective", "SamplingFrequency", "RecordingDuration")
     ]
     rate, announced = stated[0] or stated[1], stated[2]
@@ -199,7 +199,7 @@ def _time_base(
         )
     columns = {str(name): values[:, k] for k, name in enumerate(channels["name"])}
     told = [
-        number(cell, "channels.tsv", "sampling_frequency")
+        positive_number(cell, "channels.tsv", "sampling_frequency")
         for cell in channels.get("sampling_frequency", ())
     ]
     others = {"channels.tsv": next((rate for rate in told if rate), None)}
