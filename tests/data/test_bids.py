@@ -403,6 +403,15 @@ def test_rows_and_columns_of_a_table_have_different_names(tmp_path: Path, ending
         read_tsv(path)
 
 
+def test_an_electrode_is_stated_once_in_every_system_of_coordinates(tmp_path: Path) -> None:
+    path = tmp_path / "sub-V01_electrodes.tsv"
+    path.write_text("name\tcoordinate_system\nE1\tface\nE1\tgrid\n")
+    assert len(read_tsv(path)) == 2
+    path.write_text("name\tcoordinate_system\nE1\tface\nE1\tface\n")
+    with pytest.raises(DataError, match="two rows 'E1 in face'"):
+        read_tsv(path)
+
+
 def test_a_channel_that_is_listed_twice_is_refused(trial: xr.Dataset, tmp_path: Path) -> None:
     emg = write_bids(trial, tmp_path)[0]
     table = tmp_path / (EMG + "channels.tsv")
@@ -429,6 +438,8 @@ def test_the_check_of_a_dataset_names_what_is_listed_twice(
     name = row.split("\t")[0]
     table.write_text(table.read_text("utf-8") + f"{row}\n{row}\n", encoding="utf-8")
     assert any(
-        problem.startswith(table.name) and f"{name!r} more than once" in problem
+        problem.startswith(table.name)
+        and name in problem.partition("lists ")[2]
+        and problem.endswith("more than once")
         for problem in bids_problems(tmp_path)
     )

@@ -14,7 +14,7 @@ import pandas as pd
 
 from emgface.errors import DataError
 from emgface.recordings.bids.names import LABEL, ORDER, entities, labels_in_name
-from emgface.recordings.bids.sidecars import ROWS, read_json, read_tsv, sidecar_path
+from emgface.recordings.bids.sidecars import ROWS, read_json, read_tsv, row_names, sidecar_path
 from emgface.texts import read_text
 
 BIDS_VERSION: Final = "1.11.0"
@@ -87,7 +87,8 @@ def _repeated(root: Path) -> Iterator[str]:
     """Problems of tables that list a channel, an electrode, a participant or a file twice."""
     for ending, key in ROWS.items():
         for path in sorted({*root.glob(ending), *root.rglob(f"*_{ending}")}):
-            names = [str(name) for name in _table(path).get(key, ())]
+            table = _table(path)
+            names = row_names(table, key) if key in table.columns else []
             what = "the channel " if ending == "channels.tsv" else ""
             for name in sorted({name for name in names if names.count(name) > 1}):
                 yield f"{path.name} lists {what}{name!r} more than once"

@@ -219,8 +219,17 @@ def read_tsv(path: Path, *, repeated: bool = False) -> pd.DataFrame:
     _require_different(path, "columns", labels)
     for key in (key for ending, key in ROWS.items() if path.name.endswith(ending)):
         if key in table.columns:
-            _require_different(path, "rows", [str(name) for name in table[key]])
+            _require_different(path, "rows", row_names(table, key))
     return table
+
+
+def row_names(table: pd.DataFrame, key: str) -> list[str]:
+    """Name of every row; an electrode may be stated once in every system of coordinates."""
+    names = [str(name) for name in table[key]]
+    if "coordinate_system" not in table.columns:
+        return names
+    systems = table["coordinate_system"]
+    return [f"{name} in {one}" if name else "" for name, one in zip(names, systems, strict=True)]
 
 
 def _require_different(path: Path, what: str, names: Sequence[str]) -> None:
