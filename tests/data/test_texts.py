@@ -92,6 +92,9 @@ def test_a_compressed_text_that_expands_beyond_reason_is_refused(tmp_path: Path)
         read_recording(tmp_path / "a.toml")
 
 
+OPENED = ("open_text(", "labelled(", "StringIO(", "io.", "stream")
+"""Starts of the first argument of a reader of tables that has the text of one place."""
+
 OWN = {  # files that the package writes itself, or ships
     "emgface/texts.py", "emgface/cli/data_describe.py", "emgface/recordings/readers/_isolated.py",
     "emgface/cli/study.py", "emgface/pictures/page.py", "emgface/view/page.py",
@@ -115,9 +118,7 @@ def test_every_text_file_of_a_user_is_opened_in_one_place() -> None:
             first = ast.unparse(node.args[0]) if node.args else ""
             decodes = called.endswith((".read_text", "tomllib.loads", "tomllib.load"))
             table = called in ("pd.read_csv", "pandas.read_csv")
-            if decodes or (
-                table and not first.startswith(("open_text(", "StringIO(", "io.", "stream"))
-            ):
+            if decodes or (table and not first.startswith(OPENED)):
                 found.append(f"{name}: {ast.unparse(node)[:60]}")
     assert not found
 
@@ -141,7 +142,7 @@ def test_other_tables_are_read_from_their_begin(text: str) -> None:
     assert labelled(io.StringIO(text)).read() == text
 
 
-OWN = ("emgface/recordings/bids/sidecars.py", "emgface/recordings/readers/_tables.py")
+STATES_BOTH = ("emgface/recordings/bids/sidecars.py", "emgface/recordings/readers/_tables.py")
 """Readers that state the places of both columns; their tests are those of the formats."""
 
 
@@ -162,5 +163,5 @@ def test_every_table_with_labels_is_read_without_renamed_columns() -> None:
                     for key in node.keywords
                 )
                 checked = ast.unparse(node.args[0]).startswith("labelled(")
-                assert named or checked or place in OWN, f"{place}, line {node.lineno}"
+                assert named or checked or place in STATES_BOTH, f"{place}, line {node.lineno}"
     assert calls >= 10
