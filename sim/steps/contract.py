@@ -18,9 +18,10 @@ from sim.state import ControlAt, Outputs, State, StepReport
 from sim.step_matrices import damping_matrix
 from sim.system import System
 
-GROWTH, DIVIDED = 1.0, 4
+GROWTH, DIVIDED, PERSISTS = 1.0, 4, 6
 """Growth of velocities by negative damping within the largest step, relative to them, that ends a
-motion, and number of halvings of a step from which it is tested."""
+motion; number of halvings of a step from which it is tested; number of successive states at which it
+is found. Tissue that snaps through has it at two or three, and then goes on."""
 
 FAILURES = (InvertedElement, NotConverged, SingularSystem)
 """Failures of a step that a smaller step may avoid."""
@@ -46,24 +47,34 @@ class Motion:
         return new, report
 
 
-def require_damped(motion: Motion, state: State, level: int, h: float) -> None:
-    """Refuse a motion that its damping feeds faster than steps of at most h [s] can follow.
+class DampingWatch:
+    """Refuses a motion that its damping feeds faster than steps of at most h [s] can follow.
 
     Only damping by a current tangent can do so. With D the damping and M the mass, it multiplies the
     kinetic energy by e^(2 r t), r = -w'Dw/(w'Mw). This is tested for steps of h/2^level, level >=
     `DIVIDED`, to which a control divides its steps where such a motion has begun.
-
-    Raises UnstableDamping if r h exceeds `GROWTH`.
     """
-    system = motion.system
-    law, kinematics = system.damping_law, system.kinematics
-    if level < DIVIDED or law is None or law.rest is not None:
-        return
-    D = damping_matrix(system, state.pose, state.v, motion.control(state.t))
-    w = kinematics.velocities(state)
-    fed, twice = -float(w @ D.times(w)), float(w @ kinematics.apply_mass(w, state.pose))
-    if fed * h > GROWTH * twice:
-        raise UnstableDamping(fed / twice, state.t)
+
+    def __init__(self, motion: Motion, h: float) -> None:
+        self._motion, self._h = motion, h
+        self._fed, self._last = 0, -math.inf
+
+    def require_damped(self, state: State, level: int) -> None:
+        """Test a state, once; UnstableDamping if r h exceeds `GROWTH` in `PERSISTS` successive ones."""
+        system, law = self._motion.system, self._motion.system.damping_law
+        if law is None or law.rest is not None or state.t <= self._last:
+            return
+        if level < DIVIDED:
+            self._fed = 0
+            return
+        self._last = state.t
+        D = damping_matrix(system, state.pose, state.v, self._motion.control(state.t))
+        w = system.kinematics.velocities(state)
+        inertial = system.kinematics.apply_mass(w, state.pose)
+        fed, twice = -float(w @ D.times(w)), float(w @ inertial)
+        self._fed = self._fed + 1 if fed * self._h > GROWTH * twice else 0
+        if self._fed >= PERSISTS:
+            raise UnstableDamping(fed / twice, state.t)
 
 
 class StepControl(Protocol):

@@ -11,7 +11,7 @@ from sim.indices import indices, kept_until_known
 from sim.integrators.contract import TimeIntegrator
 from sim.scene import Index
 from sim.state import Array, State, StepReport, united
-from sim.steps.contract import FAILURES, Motion, Watch, require_damped, require_positive
+from sim.steps.contract import FAILURES, DampingWatch, Motion, Watch, require_positive
 
 MEMORY = "steps"
 """Name in the memory of a state of (halvings of the next step, accumulated error [m])."""
@@ -92,6 +92,7 @@ class ErrorControlledStep:
         reports: list[StepReport] = []
         rejected, before = 0, np.inf  # the estimate of the attempt before, of twice the step
         gain = 2.0**method.order  # of the accuracy, by halving a step
+        damping = DampingWatch(motion, self.h)
         while done < finest:
             size = finest >> level
             last = done + size == finest
@@ -100,7 +101,7 @@ class ErrorControlledStep:
             share = 1.0 if level == self.max_halvings else np.sqrt(min(h / self.horizon, 1.0))
             allowed = share * (self.tolerance - kept)
             new, report, error = state, None, np.inf
-            require_damped(motion, state, level, self.h)
+            damping.require_damped(state, level)
             try:
                 new, report, error = self._attempt(motion, state, h, gain)
                 if error > allowed and error > before / gain:

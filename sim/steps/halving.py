@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from sim.checks import real_numbers
 from sim.state import State, StepReport, united
-from sim.steps.contract import FAILURES, Motion, Watch, require_damped, require_positive
+from sim.steps.contract import FAILURES, DampingWatch, Motion, Watch, require_positive
 
 
 @dataclass(frozen=True)
@@ -27,10 +27,11 @@ class HalvingStep:
         finest = 1 << self.max_halvings
         reports: list[StepReport] = []
         rejected = 0
+        damping = DampingWatch(motion, self.h)
         while done < finest:
             size = finest >> level
             t1 = until if done + size == finest else start + total * (done + size) / finest
-            require_damped(motion, state, level, self.h)
+            damping.require_damped(state, level)
             try:
                 new, report = motion.step(state, t1 - state.t)
             except FAILURES:

@@ -131,7 +131,7 @@ def test_the_page_states_the_displacement_that_its_command_gives(
         patch.chdir(folder)
         run(["build", "face", "--out", "face.nc", "--resolution", "coarse"])
         run(commands()[5])
-    motion = read_netcdf(folder / "motion.nc", "motion")
+    motion = read_netcdf(folder / "motion.nc", "trajectory")
     moved = motion["position"] - motion["position"].isel(time=0)
     farthest = 1e3 * float(np.sqrt((moved**2).sum("axis")).max())
     assert farthest == pytest.approx(float(stated.group(1)), abs=0.15)

@@ -329,7 +329,7 @@ def test_methods_state_every_choice_of_the_mechanics() -> None:
     held = chosen(contact={"between": ["lips"], "friction": 0.2})
     assert "contact of the lips with each other (node-to-face constraints, friction 0.2)" in held
     assert "contact" not in chosen(contact={"method": "none"})
-    assert "the estimated error includes 5 % of the displacement" in chosen()
+    assert "the estimated error includes 3 % of the displacement" in chosen()
     assert "contact was repeated with other time steps" in chosen(check_contact=True)
 
 
