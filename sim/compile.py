@@ -1,6 +1,7 @@
 """Compilation of a scene: masses, free unknowns, sparsity, muscles."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -22,22 +23,42 @@ def compile_scene(scene: Scene) -> System:
     SceneError
         A free node has no mass, two muscles share a name, no node is free, or contact is declared twice.
     """
+    for term in scene.terms:
+        _require(term, Term)
+    if len(having(scene.terms, "apart")) > 1:
+        raise SceneError("a scene has two ConstraintContact, expected one with all pairings")
+    system = _compile(scene, tuple(term.apart() for term in scene.terms))
+    # the matrix of points of bodies and joints has no entries for rows of contact
+    if not having(scene.terms, "apart") or scene.bodies or scene.joints:
+        return system
+    return replace(system, with_rows=_WithRows(scene))
+
+
+@dataclass(frozen=True, eq=False)
+class _WithRows:
+    """A scene whose matrix has entries for the rows of contact, compiled when it is first used."""
+
+    scene: Scene
+
+    @cached_property
+    def system(self) -> System:
+        """The compiled scene."""
+        return _compile(self.scene, self.scene.terms)
+
+
+def _compile(scene: Scene, declared: tuple[Term, ...]) -> System:
+    """Compile a scene with its terms as `declared`, with or without entries for rows of contact."""
     mesh = scene.whole
     mass = np.zeros(mesh.n_nodes)
     mass[scene.first_centre :] = [body.mass for body in scene.bodies]
     names: list[str] = []
-    for term in scene.terms:
-        _require(term, Term)
+    for term in declared:
         mass += term.node_mass(mesh)
         names.extend(term.muscle_names())
-    if len(having(scene.terms, "apart")) > 1:
-        raise SceneError("a scene has two ConstraintContact, expected one with all pairings")
     repeated = {name for name in names if names.count(name) > 1}
     if repeated:
         raise SceneError(f"muscle name {sorted(repeated)[0]!r} occurs twice, expected unique names")
-    empty, declared = [np.empty(0, dtype=np.int64)], scene.terms
-    if scene.bodies or scene.joints:  # the matrix of points has no entries for rows of contact
-        declared = tuple(term.apart() for term in declared)
+    empty = [np.empty(0, dtype=np.int64)]
     keys = np.concatenate(
         empty + [part.pair_keys(mesh) for part in (*declared, *scene.constraints)]
     )
@@ -50,10 +71,6 @@ def compile_scene(scene: Scene) -> System:
     if scene.constraints:
         parts = [c.compile(layout) for c in scene.constraints]
         conditions = unite(parts, kinematics, _rest(kinematics, mesh))
-    sparse, apart = _sparse(scene), None
-    in_matrix = having(declared, "apart")
-    if in_matrix and not scene.constraints and not having(terms, "product"):
-        apart = compile_scene(replace(scene, terms=tuple(term.apart() for term in scene.terms)))
     system = System(
         scene,
         mesh,
@@ -64,8 +81,7 @@ def compile_scene(scene: Scene) -> System:
         layout.muscles,
         conditions,
         _rows(scene, kinematics, mesh),
-        sparse,
-        apart=apart,
+        _sparse(scene, declared),
     )
     if scene.damping is None:
         return system
@@ -107,12 +123,12 @@ def _rows(scene: Scene, kinematics: Kinematics, mesh: Mesh) -> Rows | None:
     return Rows(scene.joints, numbers, kinematics, rest)
 
 
-def _sparse(scene: Scene) -> System | None:
+def _sparse(scene: Scene, declared: tuple[Term, ...]) -> System | None:
     """Compile the scene with matrix-free products where possible.
 
     Not with constraints, which require the assembled matrix.
     """
-    if scene.constraints or not having(scene.terms, "sparse"):
+    if scene.constraints or not having(declared, "sparse"):
         return None
-    terms = tuple(term.sparse() for term in scene.terms)
-    return compile_scene(replace(scene, terms=terms))
+    terms = tuple(term.sparse() for term in declared)
+    return _compile(replace(scene, terms=terms), terms)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -28,6 +29,15 @@ from sim.scene import (
 from sim.state import Array, Control, Evaluation, Pose, State
 
 
+class Later(Protocol):
+    """A system that is compiled when it is first used."""
+
+    @property
+    def system(self) -> "System":
+        """The compiled system."""
+        ...
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class System(Described):
     """Compiled scene."""
@@ -45,9 +55,8 @@ class System(Described):
     #: the same mechanics with a part of the tangents as products, if a term supports them
     sparse: "System | None" = None
     damping_law: CompiledDamping | None = None
-    #: the same mechanics without entries for contact rows, if they can be solved separately: not with
-    #: constraints or products
-    apart: "System | None" = None
+    #: the same mechanics with entries for contact rows in the matrix, if there is contact of tissue
+    with_rows: "Later | None" = None
     _in_step: bool = False
 
     @property

@@ -3,6 +3,7 @@
 from sim.linear import Factor, ReusedFactor, solver_of_steps
 from sim.linear.reused import Timed
 from sim.pattern import Sparsity
+from sim.scene import having
 from sim.state import State
 from sim.system import System
 
@@ -52,14 +53,16 @@ class AnalysedSolver:
         self.linear.analyse(pattern)
         self.analysed = pattern
 
-    def form(self, system: System, state: State | None) -> System:
+    def form(self, system: System, state: State | None, *, rows_apart: bool) -> System:
         """Return the system in the form required by the solver; see `Workspace.form`."""
-        form = self._with_products(system)
-        contact = form.contact
-        if state is None or contact is None:
+        form, contact = self._with_products(system), system.contact
+        if contact is None or system.with_rows is None or rows_apart:
             return form
-        few = len(contact.pushing(state)) * (3 if contact.rubs else 1) <= MOST_APART
-        return form.apart if few and form.apart is not None else form
+        if state is not None and not system.constraints and not having(form.terms, "product"):
+            few = len(contact.pushing(state)) * (3 if contact.rubs else 1) <= MOST_APART
+            if few:
+                return form
+        return self._with_products(system.with_rows.system)
 
     def _with_products(self, system: System) -> System:
         reuses = isinstance(self.linear, ReusedFactor)

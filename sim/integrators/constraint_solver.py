@@ -32,6 +32,11 @@ class ConstraintSolver:
         self._projection: Projection | None = None
         self.multipliers: Array | None = None
 
+    def take(self, system: System) -> None:
+        """Solve for another form of the system, whose sparsity may differ."""
+        if system.constraints is not self._system.constraints:
+            self._system, self._saddle, self._projection = system, None, None
+
     @property
     def saddle(self) -> Saddle:
         """Solver with the constraints of the scene, analysed at the first use."""

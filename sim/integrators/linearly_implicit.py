@@ -58,7 +58,7 @@ def step_of(
     `error` is the largest error of a position after an iterative solution [m]. Errors as
     `linear_step`.
     """
-    form = work.form(system).during(state, h)
+    form = work.form(system, rows_apart=True).during(state, h)
     try:
         return linear_step(form, state, equation(form), h, error, work)
     except NotReached:

@@ -112,15 +112,20 @@ class Workspace:
         """
         if system.constraints is None:
             return self.steps.solve(A, rhs, start, error, under)
+        self.constraints.take(system)
         return self.constraints.solve(A, rhs, pose, start, error)
 
-    def form(self, system: System, state: State | None = None) -> System:
+    def form(
+        self, system: System, state: State | None = None, *, rows_apart: bool = False
+    ) -> System:
         """Return the system in the form required by the solver: with products, or fully assembled.
 
-        With the initial `state` of a step, the form also has no entries for contact rows if these are
-        solved separately; a factor of another form is discarded.
+        Its matrix has entries for contact rows unless these are solved separately: always with
+        `rows_apart`, and in a converged step from the initial `state` if there are few and neither
+        constraints nor products. A factor of another form is discarded.
         """
-        form = self._solver.form(system, state)
+        form = self._solver.form(system, state, rows_apart=rows_apart)
+        self.constraints.take(form)
         begins = state is not None and form.contact is not None
         if begins and form.pattern is not self._solver.analysed:
             self.newton.forget()

@@ -1,5 +1,7 @@
 """Contact forces by the Schur complement, compared with dense and with assembled matrices."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import nnls
@@ -298,7 +300,7 @@ def test_a_step_may_change_between_both_forms_of_contact(monkeypatch, linear, fr
     control = system.control(np.zeros(0))
     for most, apart in ((800, True), (-1, False), (800, True)):
         monkeypatch.setattr(analysed, "MOST_APART", most)
-        assert (work.form(system, state) is system.apart) is apart
+        assert (work.form(system, state) is system) is apart
         state, report = sim.ConvergedEuler().step(system, state, control, 0.01, work)
         assert report.factorisations >= 1
     # An integrator with assembled rows can continue with the same memory.
@@ -314,23 +316,38 @@ def test_rows_have_no_entries_in_the_matrix_of_a_step():
     )
     without = system_of(mesh)
     system = system_of(mesh, sim.ConstraintContact((sim.Pairing(*surfaces),)))
-    assert system.apart is not None
-    assert system.apart.apart is None
-    assert system.pattern.nnz > system.apart.pattern.nnz == without.pattern.nnz
     rubs = system_of(mesh, sim.ConstraintContact((sim.Pairing(*surfaces),), friction=0.3))
-    assert rubs.apart is not None
-    assert rubs.apart.pattern.nnz == without.pattern.nnz
-    assert without.apart is None
+    for touching in (system, rubs):
+        assert touching.with_rows is not None
+        assert touching.with_rows.system.with_rows is None
+        whole = touching.with_rows.system.pattern
+        assert whole.nnz > touching.pattern.nnz == without.pattern.nnz
+    assert without.with_rows is None
     # In equilibrium, assembled rows determine the contact forces.
-    assert sim.Workspace(system).form(system) is system
+    assert system.with_rows is not None
+    assert sim.Workspace(system).form(system) is system.with_rows.system
 
 
-def test_with_constraints_rows_are_assembled():
-    system = lying()
-    whole = sim.compile_scene(
-        sim.Scene(system.scene.mesh, system.scene.terms, constraints=(sim.HardElementVolume(),))
-    )
-    assert whole.apart is None
+@pytest.mark.parametrize("linear", ["auto", "superlu", "gmres_pardiso"])
+def test_with_constraints_only_converged_steps_have_rows_in_their_matrix(linear):
+    """One workspace changes between both forms, and the motion is that of separate ones."""
+    mesh = grid((2, 2, 2), (0.02, 0.02, 0.02))
+    other = grid((1, 1, 1), (0.01, 0.01, 0.01))
+    both, *surfaces = two_bodies(mesh, other, [0.004, 0.003, 0.0201])
+    floor = sim.Pairing(surfaces[0], box([-0.1, -0.1, -0.01], [0.1, 0.1, 0.0]))
+    contact = sim.ConstraintContact((sim.Pairing(*surfaces), floor))
+    soft = system_of(both, contact, sim.Gravity((0.0, 0.0, -9.81))).scene
+    system = sim.compile_scene(replace(soft, constraints=(sim.HardElementVolume(),)))
+    assert system.with_rows is not None
+    work, state = sim.Workspace(system, linear), system.rest_state()
+    assert work.form(system, state) is system.with_rows.system
+    assert work.form(system, state, rows_apart=True) is system
+    for method in (sim.ConvergedEuler(), sim.LinearlyImplicitEuler(), sim.Sdirk2()) * 2:
+        control = system.control(np.zeros(0))
+        alone, _ = method.step(system, state, control, 0.005, sim.Workspace(system, linear))
+        state, _ = method.step(system, state, control, 0.005, work)
+        np.testing.assert_allclose(state.q, alone.q, rtol=0, atol=2e-6)
+    assert system.contact.measure(state)[0].max() > 0
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3])
