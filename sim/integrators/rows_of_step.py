@@ -273,12 +273,15 @@ class RowsOfStep:
             gap = near.gaps(pose.q - self._step.q0)
             if not (gap < -self._step.tolerances.noticed).any():
                 break
-            closed = near.take(np.flatnonzero(gap < ON_FACE))
+            # Rows that the correction may close are inequalities of it: without them, a row just above
+            # a threshold on one side of a symmetric face would be penetrated, and that opposite not.
+            within = gap < max(ON_FACE, -gap.min())
+            closed = near.take(np.flatnonzero(within))
             k = np.arange(len(closed))
             G = self._directions(closed, pose, k, closed.normal)
             blocks = Blocks(k[:0], k, np.zeros(len(k)))
             S, none = self._delassus(G), np.zeros(len(k))
-            f, left = forces(S, gap[gap < ON_FACE], blocks, none, STILL)
+            f, left = forces(S, gap[within], blocks, none, STILL)
             _require_converged(left, STILL, pose.t)
             pose = self._system.kinematics.advance(pose, self.solve(G.T @ f), pose.t)
             near = self._step.at(pose.q) if search else near
