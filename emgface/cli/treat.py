@@ -1,6 +1,5 @@
 """``emgface treat``, ``compare`` and ``dose``: virtual treatment, and the movement that is left."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +21,7 @@ def treat(
     """Treat a face or a jaw by a plan: excise, close, weaken, resect. Not for treatment decisions."""
     from emgface.api.given import simulation_of, study_of
     from emgface.face.file import load_face, save_face
+    from emgface.face.identity import treatments
     from emgface.schema.netcdf import kind_of, read_netcdf, write_netcdf
     from emgface.treatment.plan import NOT_VALIDATED, read_plan
     from emgface.treatment.treat import treat_face, treat_jaw
@@ -40,7 +40,7 @@ def treat(
             load_face(model), read_plan(plan), parameters, folder=plan.parent, progress=bar.show
         )
     save_face(treated, out_path)
-    for step in json.loads(treated.attrs.get("treatment", "[]"))[-1:]:
+    for step in treatments(treated)[-1:]:
         for report in step["steps"]:
             numbers = ", ".join(
                 f"{name.replace('_', ' ')} {value:.3g}"

@@ -1,19 +1,25 @@
 """Face to which a result belongs: its name and digest, as attributes of every result of a face.
 
 Motions, equilibria, calibrations and activations by inversion state them. What is used with another face
-is a finding of `emgface.recordings.belonging`, or refused where it could not be used at all.
+is a finding of `emgface.recordings.belonging`, or refused where it could not be used at all. A treated
+face or jaw contains its plans, each with the digest of the model to which it was applied.
 """
 
+import json
 from collections.abc import Mapping
 from typing import Any, Final
 
 import xarray as xr
 
-from emgface.errors import FaceError
+from emgface.errors import DataError, FaceError
 from emgface.run.digest import dataset_digest
 
 NAME, DIGEST = "face", "face_digest"  #: attributes of a result
 SHOWN: Final = 8  #: digits of a digest in a message
+TREATMENT, PARENT = "treatment", "parent"  #: attributes of a treated model
+APPLIED_TO: Final = "applied_to"  #: digest, in an entry of `TREATMENT`, of the model before it
+
+Entry = dict[str, Any]
 
 
 def belongs(result: xr.Dataset, face: xr.Dataset) -> xr.Dataset:
@@ -31,3 +37,67 @@ def require_face(result: Mapping[str, Any], face: xr.Dataset, what: str) -> None
             f"{digest[:SHOWN]}, found the face {str(face.attrs.get('name', ''))!r} with digest "
             f"{here[:SHOWN]}: pass the {what} of this face, or omit it"
         )
+
+
+def treatments(model: xr.Dataset) -> list[Entry]:
+    """Treatments of a face or jaw in their order, each with ``plan``, ``steps`` and ``applied_to``.
+
+    Empty if the model was not treated. Raises DataError if its attribute is not a list of these.
+    """
+    found: Any = None
+    try:
+        found = json.loads(model.attrs.get(TREATMENT, "[]"))
+        valid = isinstance(found, list) and all(
+            isinstance(entry.get("plan"), dict)
+            and isinstance(entry.get("steps"), list)
+            and all(
+                isinstance(step, dict) and {"step", "kind"} <= set(step) for step in entry["steps"]
+            )
+            and isinstance(entry.get(APPLIED_TO, ""), str)
+            for entry in found
+        )
+    except (AttributeError, TypeError, ValueError, RecursionError):
+        valid = False
+    if not valid:
+        raise DataError(
+            f"the attribute {TREATMENT!r} of {str(model.attrs.get('name', ''))!r} is not a list of "
+            "plans with reports of their steps, as 'emgface treat' writes it: treat the model again"
+        )
+    return found
+
+
+def with_treatment(before: xr.Dataset, after: xr.Dataset, entry: Entry) -> xr.Dataset:
+    """Store a treatment in the model after it, with the digest of that before, and return the model."""
+    here = dataset_digest(before)
+    every = [*treatments(before), {**entry, APPLIED_TO: here}]
+    after.attrs |= {
+        TREATMENT: json.dumps(every, allow_nan=False),
+        PARENT: before.attrs.get(PARENT) or here,
+    }
+    return after
+
+
+def treatments_between(before: xr.Dataset, after: xr.Dataset) -> list[Entry]:
+    """Treatments that lead from one model to another; empty if both are the same model.
+
+    The digest of `before` is that of a model to which a plan was applied on the way to `after`. Raises
+    DataError if it is not: outcomes of two persons, or of two resolutions, are no change by a treatment.
+    """
+    here = dataset_digest(before)
+    every = treatments(after)
+    # files of earlier versions state the digest of the first model only
+    applied = [
+        e.get(APPLIED_TO, "" if k else after.attrs.get(PARENT, "")) for k, e in enumerate(every)
+    ]
+    if here in applied:
+        return every[applied.index(here) :]
+    there = dataset_digest(after)
+    if here == there:
+        return []
+    names = [repr(str(m.attrs.get("name", ""))) for m in (before, after)]
+    swapped = there in [e.get(APPLIED_TO) for e in treatments(before)]
+    raise DataError(
+        f"{names[1]} ({there[:SHOWN]}) is not a treatment of {names[0]} ({here[:SHOWN]}), expected "
+        "a model that 'emgface treat' has written from it"
+        + (": it is the model before that treatment, exchange both" if swapped else "")
+    )

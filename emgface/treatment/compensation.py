@@ -8,6 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import sim
+from emgface.face.identity import treatments_between
 from emgface.face.motion import settle_face
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
@@ -33,8 +34,10 @@ def compensated(
     treated face; contact is omitted. The result contains ``activation`` (muscle, time) [1] of the
     treated face, and the root mean square distances of a marker from its target [m]: ``uncompensated``
     with the activations of the intact face, ``residual`` with those found, which no other activation
-    near them removes, and ``motion``, the displacement itself (time).
+    near them removes, and ``motion``, the displacement itself (time). Raises DataError if `treated` is
+    not a treatment of `intact`.
     """
+    treatments_between(intact, treated)
     p = without_contact(parameters)
     names = [str(m) for m in intact["muscle"].values]
     full = np.array([levels.get(name, 0.0) for name in names])

@@ -1,6 +1,5 @@
 """Difference of outcomes between both methods of cutting, the part of their error that a mesh causes."""
 
-import json
 from pathlib import Path
 from typing import Any, Final
 
@@ -8,8 +7,8 @@ import pandas as pd
 import xarray as xr
 
 from emgface.errors import FaceError
+from emgface.face.identity import treatments_between
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.run.digest import dataset_digest
 from emgface.treatment.closure import Progress
 from emgface.treatment.plan import CUTS, Plan
 from emgface.treatment.treat import treat_face
@@ -41,19 +40,11 @@ def other_cut(
 ) -> xr.Dataset:
     """Treat a face again by the plans of a treated one, with the other method of every cut.
 
-    Raises FaceError if `treated` is not a treatment of `intact`, cuts nothing, or the other method
-    cannot close the wound.
+    Raises DataError if `treated` is not a treatment of `intact`, and FaceError if it cuts nothing or the
+    other method cannot close the wound.
     """
-    earlier, entries = (json.loads(f.attrs.get("treatment", "[]")) for f in (intact, treated))
-    root = intact.attrs.get("parent") or dataset_digest(intact)
-    chained = entries[: len(earlier)] == earlier and len(entries) > len(earlier)
-    if treated.attrs.get("parent", "") != root or not chained:
-        raise FaceError(
-            f"{treated.attrs['name']!r} is not a treatment of {intact.attrs['name']!r}, expected the "
-            "face to which its plan was applied"
-        )
     found = intact
-    for entry in entries[len(earlier) :]:
+    for entry in treatments_between(intact, treated):
         plan = with_other_cut(Plan.model_validate(entry["plan"]))
         found = treat_face(found, plan, parameters, folder=folder, progress=progress)
     return found

@@ -17,6 +17,7 @@ from emgface.anatomy.jaw.outcomes import point_displacement, separation
 from emgface.anatomy.jaw.run import run_task
 from emgface.anatomy.jaw.tasks import TASKS, JawTask
 from emgface.errors import JawError
+from emgface.face.identity import treatments_between
 
 RAMP: Final = 2.0  #: duration of a slow rise of the openers [s]
 OPENERS: Final = ("bi_ad", "bi_my", "bi_ip")
@@ -118,7 +119,11 @@ def jaw_outcome_table(
     *,
     progress: Callable[[int, int], None] | None = None,
 ) -> pd.DataFrame:
-    """Table with ``outcome``, ``unit``, ``before``, ``after`` and ``change`` of a resected jaw."""
+    """Table with ``outcome``, ``unit``, ``before``, ``after`` and ``change`` of a resected jaw.
+
+    Raises DataError if `after` is not a treatment of `before`.
+    """
+    treatments_between(before, after)
     sound = "R" if resected_side(after) == "L" else "L"
     found: list[dict[tuple[str, str], float]] = []
     for k, jaw in enumerate((before, after)):

@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from emgface.errors import DataError, FaceError
+from emgface.face.identity import treatments_between
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.sigma_max import lower_sigma_max
 from emgface.face.simulation_parameters import SimulationParameters
@@ -139,8 +140,9 @@ def compared_motions(
 
     With a `store`, complete motions are kept there, and a repeated call computes only the others. A
     movement that fails at every admissible sigma_max is listed in `failed`; the others are not
-    affected.
+    affected. Raises DataError if `treated` is neither `intact` nor a treatment of it.
     """
+    treatments_between(intact, treated)
     from sim import SimulationError
 
     settled: dict[tuple[int, float], xr.Dataset] = {}

@@ -1,6 +1,5 @@
 """Pages that compare a treated with the intact face: both move side by side under one time cursor."""
 
-import json
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from analysis.tables import Column, Table
+from emgface.face.identity import treatments_between
 from emgface.face.lip_shape import lip_rim
 from emgface.face.surface import element_edges
 from emgface.pictures.body import Body, body_of, skin_of
@@ -138,7 +138,7 @@ def _drawn_plan(intact: xr.Dataset, treated: xr.Dataset, folder: Path) -> Body:
     points = body.points(intact["position"].values[skin.node])[: body.tissue]
     rim = lip_rim(intact)
     margins = {lip: intact["position"].values[getattr(rim, lip)] for lip in ("upper", "lower")}
-    for entry in json.loads(treated.attrs.get("treatment", "[]")):
+    for entry in treatments_between(intact, treated):
         for step in Plan.model_validate(entry["plan"]).step:
             if not isinstance(step, CUTS):
                 continue
@@ -219,7 +219,7 @@ def compare_page(
     from emgface import __version__
 
     data = side_by_side(intact, treated, motions, activations, folder)
-    entries = json.loads(treated.attrs.get("treatment", "[]"))
+    entries = treatments_between(intact, treated)
     reports = [
         {"step": str(k["step"]), "kind": k["kind"], "facts": _facts(k)}
         for entry in entries

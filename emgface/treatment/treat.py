@@ -1,6 +1,5 @@
 """Treatment of a face: the steps of a plan in their order, each on the result of the last."""
 
-import json
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -13,13 +12,13 @@ from scipy.spatial import KDTree
 
 from emgface.errors import FaceError, JawError
 from emgface.face.contact_parameters import NO_CONTACT, ContactParameters
+from emgface.face.identity import with_treatment
 from emgface.face.lip_shape import lip_opening
 from emgface.face.quality import element_centres, element_quality
 from emgface.face.recipe import compose_scene, element_order
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.surface import element_faces, face_areas
 from emgface.face.validity import check_face
-from emgface.run.digest import dataset_digest
 from emgface.treatment.changes import apply_change, apply_palsy, with_factor, with_share
 from emgface.treatment.closure import Closed, Progress, drawn_together, relaxed, ties
 from emgface.treatment.excise import Wound, excise
@@ -76,14 +75,12 @@ def treat_face(
         reports.append({"step": number, "kind": step.kind, **report})
     if treated is face:
         return face
-    earlier = json.loads(face.attrs.get("treatment", "[]"))
-    entry = {"plan": plan.model_dump(mode="json"), "steps": reports, "note": NOT_VALIDATED}
-    treated.attrs |= {
-        "treatment": json.dumps([*earlier, entry], allow_nan=False),
-        "parent": face.attrs.get("parent") or dataset_digest(face),
-        "name": f"{face.attrs['name']}, simulated treatment: {plan.name}",
-    }
-    return treated
+    name = f"{face.attrs['name']}, simulated treatment: {plan.name}"
+    return with_treatment(face, treated.assign_attrs(name=name), _entry(plan, reports))
+
+
+def _entry(plan: Plan, reports: list[Report]) -> Report:
+    return {"plan": plan.model_dump(mode="json"), "steps": reports, "note": NOT_VALIDATED}
 
 
 def treat_jaw(jaw: xr.Dataset, plan: Plan) -> xr.Dataset:
@@ -99,9 +96,7 @@ def treat_jaw(jaw: xr.Dataset, plan: Plan) -> xr.Dataset:
         reports.append({"step": number, "kind": step.kind, **report})
     if treated is jaw:
         return jaw
-    entry = {"plan": plan.model_dump(mode="json"), "steps": reports, "note": NOT_VALIDATED}
-    treated.attrs |= {"treatment": json.dumps([entry]), "parent": dataset_digest(jaw)}
-    return treated
+    return with_treatment(jaw, treated, _entry(plan, reports))
 
 
 def _cut(

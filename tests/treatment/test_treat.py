@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 import emgface as ef
 from emgface.api.given import simulation_of, study_of
 from emgface.choices import configure
-from emgface.errors import ConfigurationError, FaceError
+from emgface.errors import ConfigurationError, DataError, FaceError
 from emgface.face.file import load_face, save_face
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.quality import element_quality
@@ -343,6 +343,7 @@ def test_deviation_of_a_resected_jaw_grows_with_its_scar_at_equal_gape():
     )
     from emgface.treatment.plan import Resection
     from emgface.treatment.resection import resect
+    from emgface.treatment.treat import treat_jaw
 
     jaw = template_jaw()
     assert deviation_at((np.array([0.0, 2.0, 6.0]), np.array([0.0, 1.0, 3.0])), 5.0) == 2.5
@@ -354,7 +355,7 @@ def test_deviation_of_a_resected_jaw_grows_with_its_scar_at_equal_gape():
     assert found[2] == pytest.approx(-found[1], abs=0.02)
     with pytest.raises(JawError, match="molars of 0 sides"):
         resected_side(jaw)
-    treated, _ = resect(jaw, Resection(hyoid="fixed"))
+    treated = treat_jaw(jaw, Plan(step=(Resection(hyoid="fixed"),)))
     assert not treated["body_moves"].sel(body="hyoid")
     table = jaw_outcome_table(jaw, treated).set_index("outcome")
     assert np.isfinite(table["after"]).all()
@@ -419,7 +420,7 @@ def test_the_other_cut_of_a_treated_face_is_that_of_its_plan(coarse, operated):
     other = other_cut(coarse, operated)
     direct = ef.treat(coarse, wedge(method="elements"))
     np.testing.assert_array_equal(other["position"].values, direct["position"].values)
-    with pytest.raises(FaceError, match="is not a treatment of"):
+    with pytest.raises(DataError, match="is not a treatment of"):
         other_cut(operated, direct)
     weak = configure(Plan, {"step": [{"kind": "palsy"}]})
     with pytest.raises(FaceError, match="cuts nothing"):
@@ -430,6 +431,56 @@ def test_the_other_cut_of_a_treated_face_is_that_of_its_plan(coarse, operated):
     assert list(both["change, lowest of both cuts"])[0] == -3.0
     assert list(both["change, highest of both cuts"])[0] == -1.0
     assert both["change, lowest of both cuts"].isna()[1]  # unknown if one method is
+
+
+def test_a_treatment_is_known_by_the_digests_of_the_models_before_it(coarse, operated, tmp_path):
+    from emgface.face.identity import treatments, treatments_between
+    from emgface.face.template import template_face
+
+    weak = {"name": "weak", "step": [{"kind": "palsy", "degree": 0.5}]}
+    twice = load_face(save_face(ef.treat(operated, weak), tmp_path / "twice.nc"))
+    first = load_face(save_face(coarse, tmp_path / "first.nc"))
+    names = [e["plan"]["name"] for e in treatments_between(first, twice)]
+    assert names == ["plan", "weak"]
+    assert [e["plan"]["name"] for e in treatments_between(operated, twice)] == ["weak"]
+    assert treatments_between(twice, twice) == []
+    # the same plans of another person, and in another order, lead from neither to the other
+    other = template_face(resolution="coarse", measures={"mouth_width": 0.05})
+    turned = ef.treat(ef.treat(coarse, weak), wedge())
+    assert len(treatments(turned)) == 2
+    for before, after in (
+        (other, twice), (coarse, ef.treat(other, weak)), (ef.treat(coarse, weak), twice),
+        (operated, turned), (coarse, other),
+    ):  # fmt: skip
+        with pytest.raises(DataError, match="is not a treatment of"):
+            treatments_between(before, after)
+    with pytest.raises(DataError, match="exchange both"):
+        treatments_between(twice, operated)
+    for text in ("{", "{}", "[1]", '[{"plan": 3, "steps": []}]', '[{"plan": {}, "steps": [{}]}]'):
+        with pytest.raises(DataError, match="is not a list of plans"):
+            treatments(operated.assign_attrs(treatment=text))
+
+
+def test_every_comparison_refuses_what_is_no_treatment(coarse, operated):
+    """Motions, page, compensation, the other cut and the outcomes of jaws ask one place."""
+    from emgface.anatomy.jaw.template import template_jaw
+    from emgface.treatment.compensation import compensated
+    from emgface.treatment.cut_difference import other_cut
+    from emgface.treatment.jaw_outcomes import jaw_outcome_table
+    from emgface.treatment.motions import compared_motions
+    from emgface.treatment.plan import Resection
+    from emgface.treatment.treat import treat_jaw
+
+    jaw = template_jaw()
+    resected = treat_jaw(jaw, Plan(step=(Resection(side="left"),)))
+    for refused in (
+        lambda: compared_motions(operated, coarse, gestures(coarse, ("A",)), QUICK, source=""),
+        lambda: compensated(operated, coarse, {}, QUICK),
+        lambda: other_cut(operated, coarse),
+        lambda: jaw_outcome_table(resected, jaw),
+    ):
+        with pytest.raises(DataError, match="exchange both"):
+            refused()
 
 
 def test_a_resection_is_refused_for_a_face(coarse):
