@@ -21,6 +21,7 @@ import xarray as xr
 
 import sim
 from benchmarks.bodies_accuracy import moving, run
+from benchmarks.jaw_verdicts import basis_of, met_of
 from emgface.anatomy.jaw.model import Floats
 from emgface.anatomy.jaw.outcomes import interincisal, point_displacement, separation
 from emgface.anatomy.jaw.picture import moved_points
@@ -274,7 +275,15 @@ def checks() -> pd.DataFrame:
     rows.sort(
         key=lambda row: row["check"].partition(" ")[0]
     )  # stable: the order within a check stays
-    return pd.DataFrame(rows, columns=["check", "required", *columns]).fillna("")
+    table = pd.DataFrame(rows, columns=["check", "required", *columns]).fillna("")
+    wanted = [*zip(table["check"], table["required"], strict=True)]
+    values = table[[*columns]].to_dict("records")
+    table["met"] = [
+        met_of(required, {str(k): str(v) for k, v in own.items()})
+        for (_, required), own in zip(wanted, values, strict=True)
+    ]
+    table["basis"] = [basis_of(check, required) for check, required in wanted]
+    return table
 
 
 WANTED = {

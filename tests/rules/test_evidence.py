@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.jaw_published import WANTED
+from benchmarks.jaw_verdicts import basis_of, met_of
 from emgface.anatomy.jaw.outcomes import EXPECTED
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -80,3 +82,32 @@ def test_the_page_agrees_with_the_basis_of_the_program() -> None:
         assert row[-2] == f"{one.low:g} to {one.high:g}"
         for value in map(float, row[2:4]):
             assert one.low <= value <= one.high
+
+
+def test_verdicts_on_the_published_jaw_follow_from_its_values() -> None:
+    (rows,) = (t for t in tables(DOCS / "jaw_published.md") if t[0][0] == "check")
+    names = rows[0][2:-2]
+    for check, required, *values, met, basis in rows[1:]:
+        assert required == WANTED.get(check, ""), check
+        assert met == met_of(required, dict(zip(names, values, strict=True))), check
+        assert basis == basis_of(check, required), check
+
+
+def test_a_bound_a_range_and_a_value_are_read_as_such() -> None:
+    assert met_of("20.1 +- 10 %", {"a": "22.1", "b": "22.2", "c": ""}) == "1 of 2"
+    assert met_of("35 to 38", {"a": "38", "b": "34.9", "c": "InvertedElement"}) == "1 of 3"
+    assert met_of("1e-8", {"a": "2e-9", "b": "-2e-8"}) == "1 of 2"
+    assert met_of("at least one of 0.03 to 0.10", {"a": "0.2, 0.1", "b": "none"}) == "1 of 2"
+    assert met_of("not published", {"a": "4.1"}) == "-"
+
+
+@pytest.mark.parametrize(
+    ("page", "first", "low", "high"), [("acoustics/README", "tract", 200.0, 500.0)]
+)
+def test_verdicts_on_thresholds_follow_from_the_published_range(
+    page: str, first: str, low: float, high: float
+) -> None:
+    (rows,) = (t for t in tables(DOCS / f"{page}.md") if t[0][0] == first)
+    for row in rows[1:]:
+        least, most = map(float, row[2].split(" to "))
+        assert row[-1] == ("yes" if low <= least and most <= high else "no"), row
