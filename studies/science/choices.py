@@ -15,15 +15,17 @@ from analysis.figures import save, sensitivity_plot
 from analysis.robustness import robustness, robustness_sentences, robustness_table
 from analysis.sensitivity import choices_table, sensitivity
 from analysis.tables import Table
-from studies.science.setup import finished_study, opened, plan
-from studies.science.subset import mismatched_people, subset, subset_study
+from studies.science.setup import SIGMA_MAX, finished_study, opened, plan
+from studies.science.subset import mismatched_people, subset_study
 
+INSTRUCTIONS: Final = ("A", "D")
+"""Instructions of the section; with a third one, it would take half as long again."""
 AXES: Final[tuple[dict[str, Any], ...]] = (
-    {"parameters": ["simulation.sigma_max"], "levels": [100e3, 50e3, 200e3, 300e3]},
+    {"parameters": ["simulation.sigma_max"], "levels": [100e3, 300e3]},
     {
         "name": "wamp_threshold",
         "parameters": ["signals.feature.threshold"],
-        "levels": [10e-6, 5e-6, 20e-6],
+        "levels": [10e-6, 20e-6],
     },
     {
         "name": "normalisation_reach",
@@ -39,6 +41,7 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
     study = subset_study(
         mismatched_people(plan.store / "choices"),
         "choices",
+        recordings={"instructions": INSTRUCTIONS},
         axis=list(AXES),
         simulation={"sigma_max_policy": {"scope": "trial"}},
     )
@@ -58,10 +61,16 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
             "## Conclusions under the open choices",
             "",
             f"Volunteers of the mismatched world ({cube.sizes['volunteer']}, instructions "
-            f"{', '.join(subset())}, first repetition), with one choice at a time off its default "
-            "(simulated; [tables](../choices/conclusions.csv)).",
+            f"{', '.join(cube['instruction'].values.tolist())}, first repetition), with one choice at a "
+            "time off its default (simulated; [tables](../choices/conclusions.csv)).",
             "",
             sentences,
+            "![Change of rho with every choice (simulated)](../choices/rho.svg)",
+            "",
+            "Only one choice at a time differs from its default; effects of two together, and of "
+            "levels that are not in the table, are not examined. Volunteers that were drawn with "
+            f"about {SIGMA_MAX / 1e3:.0f} kPa cannot show which stress is that of persons.",
+            "",
         ]
     )
 

@@ -163,7 +163,7 @@ def reading(found: pd.DataFrame) -> str:
 @styled
 def drawn(found: pd.DataFrame):
     """Draw excursions over sigma_max, one panel per instruction, with published ranges."""
-    figure = blank(10.0, 3.2)
+    figure = blank(11.5, 3.2)
     panels = figure.subplots(1, len(INSTRUCTIONS), sharey=True)
     lines = ("-", "--")
     for panel, instruction in zip(panels, INSTRUCTIONS, strict=True):
@@ -182,6 +182,6 @@ def drawn(found: pd.DataFrame):
         panel.set_xlabel("sigma_max [kPa]")
     panels[0].set_ylabel("largest distance from rest [mm]")
     panels[0].set_ylim(0.0)
-    panels[-1].legend(fontsize=6, loc="lower right")
+    panels[-1].legend(fontsize=6, loc="center left", bbox_to_anchor=(1.02, 0.5))
     figure.suptitle("Excursion with fully activated relevant muscles (SIMULATED)")
     return figure

@@ -43,8 +43,8 @@ from studies.science.subset import mean_interval, mismatched_people, told
 INSTRUCTIONS: Final = ("A", "D")
 REPETITION: Final = 1
 SETTINGS: Final = ("step:motion", "step:assisted", "trajectory:motion", "trajectory:assisted")
-ITERATIONS: Final = 4
-"""Iterations of the trajectory form, as in the notebook on C3D files; at most 12 by default."""
+ITERATIONS: Final = InverseParameters().iterations
+"""Largest number of iterations of the trajectory form; with 4, no fit of these trials converges."""
 BEFORE: Final = 0.5
 AFTER: Final = 1.0
 STEP: Final = 0.02
@@ -59,19 +59,23 @@ SEMG: Final = "sEMG alone"
 
 def make(studies: Mapping[str, Path], out: Path) -> str:
     """Invert the volunteers, write table and figure, and describe them."""
-    estimates, truth, trials, muscles = estimated()
+    estimates, truth, trials, muscles, fits = estimated()
     table = scores(estimates, truth, trials, muscles)
+    fits.to_csv(out / "inverse_fits.csv", index=False)
     power = controls(truth, trials)
     gains = increments(estimates, truth, trials, muscles)
     table.to_csv(out / "inverse.csv", index=False)
     power.to_csv(out / "inverse_controls.csv", index=False)
     gains.to_csv(out / "inverse_gains.csv", index=False)
     save(_draw(table), out / "inverse.png", dpi=130)
-    return text(table, power, gains, trials)
+    return text(table, power, gains, fits)
 
 
-def estimated() -> tuple[dict[str, Floats], Floats, Trials, list[str]]:
-    """Estimates of every setting and the truth (trial, muscle, sample), with trials and muscles."""
+def estimated() -> tuple[dict[str, Floats], Floats, Trials, list[str], pd.DataFrame]:
+    """Estimates of every setting and the truth (trial, muscle, sample), trials, muscles and fits.
+
+    A fit that did not converge is an estimate as well; the table of fits says so for every trial.
+    """
     recordings = mismatched_people(plan.store / "inverse" / SETTINGS[-1].replace(":", "_"))
     files = sorted(
         path
@@ -94,12 +98,17 @@ def estimated() -> tuple[dict[str, Floats], Floats, Trials, list[str]]:
         )
         found[setting] = []
     found[SEMG], truth, labels = [], list[Floats](), list[tuple[str, str]]()
+    fits: list[dict[str, Any]] = []
     names = [str(m) for m in face["muscle"].values]
     for path in files:
         results = {s: plan.store / "inverse" / s.replace(":", "_") / path.name for s in SETTINGS}
+        recording = read_recording(path)
+        label = str(recording.attrs["volunteer"]), str(recording.attrs["instruction"])
+        for setting, file in results.items():
+            fits.append({"setting": setting, "volunteer": label[0], "instruction": label[1]})
+            fits[-1] |= _state_of(file)
         if not all(one.is_file() for one in results.values()):
             continue  # a trial that a setting could not invert is compared in none
-        recording = read_recording(path)
         at = onset(recording) + np.arange(-BEFORE, AFTER + 0.5 * STEP, STEP)
         for setting, file in results.items():
             one = read_netcdf(file, "activation")
@@ -108,9 +117,21 @@ def estimated() -> tuple[dict[str, Floats], Floats, Trials, list[str]]:
         found[SEMG].append(sampled(semg.sel(muscle=names), at))
         true = recording["true_activation"].rename(time_true="time").sel(muscle=names)
         truth.append(sampled(true, at))
-        labels.append((str(recording.attrs["volunteer"]), str(recording.attrs["instruction"])))
+        labels.append(label)
     trials = Trials(tuple(v for v, _ in labels), tuple(i for _, i in labels))
-    return {k: np.array(v) for k, v in found.items()}, np.array(truth), trials, names
+    estimates = {k: np.array(v) for k, v in found.items()}
+    return estimates, np.array(truth), trials, names, pd.DataFrame(fits)
+
+
+def _state_of(file: Path) -> dict[str, Any]:
+    """State of an inversion: "converged", "not converged", "no iterations" or "failed", and misfit."""
+    if not file.is_file():
+        return {"state": "failed", "misfit ratio": np.nan}
+    attrs = read_netcdf(file, "activation").attrs
+    state = "no iterations"
+    if "converged" in attrs:
+        state = "converged" if int(attrs["converged"]) else "not converged"
+    return {"state": state, "misfit ratio": float(attrs["misfit_ratio"])}
 
 
 def onset(recording: xr.Dataset) -> float:
@@ -213,8 +234,36 @@ def controls(truth: Floats, trials: Trials) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def text(table: pd.DataFrame, power: pd.DataFrame, gains: pd.DataFrame, trials: Trials) -> str:
+def convergence(fits: pd.DataFrame) -> str:
+    """Sentences on how many fits converged, and which recordings were not inverted."""
+    said: list[str] = []
+    for setting, own in fits.groupby("setting", sort=False):
+        if "trajectory" in str(setting):
+            open_fits = own[own["state"] == "not converged"]
+            names = ", ".join(f"{v} {i}" for v, i in open_fits[["volunteer", "instruction"]].values)
+            done = int((own["state"] == "converged").sum())
+            said.append(
+                f"{done} of {len(own)} fits of {setting} converged"
+                + (f" (not converged: {names})" if names else "")
+            )
+    failed = fits[fits["state"] == "failed"]
+    lost = failed[["volunteer", "instruction"]].drop_duplicates()
+    misfit = fits.groupby("setting", sort=False)["misfit ratio"].median()
+    return (
+        f"* **Convergence:** with at most {ITERATIONS} iterations, {' and '.join(said)}; fits that did "
+        "not converge are part of the tables. "
+        + (f"{len(lost)} recordings were not inverted and are left out. " if len(lost) else "")
+        + "The median misfit, as a share of the motion of the markers, is "
+        + ", ".join(f"{value:.2f} ({name})" for name, value in misfit.items())
+        + "."
+    )
+
+
+def text(table: pd.DataFrame, power: pd.DataFrame, gains: pd.DataFrame, fits: pd.DataFrame) -> str:
     """Describe tables and figure in sentences with their numbers."""
+    used = fits.groupby(["volunteer", "instruction"], sort=False)["state"].agg(
+        lambda states: "failed" not in set(states)
+    )
     shown: list[dict[str, object]] = []
     for name, own in table.groupby("estimate", sort=False):
         cells = {c: _cell(own[c].to_numpy()) for c in table.columns[2:]}
@@ -229,11 +278,10 @@ def text(table: pd.DataFrame, power: pd.DataFrame, gains: pd.DataFrame, trials: 
         [
             "## Activations from motion, and what a person's own share is",
             "",
-            f"{len(trials.persons)} volunteers of the mismatched world, instructions "
-            f"{', '.join(dict.fromkeys(trials.instruction))}, repetition {REPETITION} "
-            f"({len(trials.volunteer)} trials), are inverted on the template face with the stress "
-            "of the study of this page; sEMG alone is the strategy act_all; the "
-            f"trajectory form has {ITERATIONS} iterations. Correlations "
+            f"{table['volunteer'].nunique()} volunteers of the mismatched world, instructions "
+            f"{', '.join(fits['instruction'].unique())}, repetition {REPETITION} "
+            f"({int(used.sum())} trials), are inverted on the template face with the stress "
+            "of the study of this page; sEMG alone is the strategy act_all. Correlations "
             f"are over instructions, muscles and time from {BEFORE:g} s before to {AFTER:g} s after the "
             "onset of the motion. The correlation of deviations is that of estimate and truth after "
             "the mean of the other volunteers in the same instruction was subtracted from both.",
@@ -246,6 +294,7 @@ def text(table: pd.DataFrame, power: pd.DataFrame, gains: pd.DataFrame, trials: 
             "![Correlation with the true activation, and of deviations (simulated)](inverse.png)",
             "",
             f"* {verdict(table)}",
+            convergence(fits),
             _best(table),
             "",
             "Share of the true deviations that is predicted with coefficients from the other "

@@ -1,6 +1,7 @@
 """Simulated volunteers and studies on which all sections of the page are based."""
 
 import csv
+import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -126,18 +127,21 @@ def opened(folder: Path) -> xr.Dataset:
 
 @contextmanager
 def timed(part: str) -> Iterator[None]:
-    """Add the wall time of a part of the page to the store."""
-    started = time.monotonic()
+    """Add the wall time and the processor time of a part of the page to the store.
+
+    The processor time contains that of worker processes which end within the part.
+    """
+    started, used = time.monotonic(), sum(os.times()[:4])
     try:
         yield
     finally:
         plan.store.mkdir(parents=True, exist_ok=True)
-        spent = time.monotonic() - started
+        spent = time.monotonic() - started, sum(os.times()[:4]) - used
         with (plan.store / "times.csv").open("a", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerow((part, spent))
+            csv.writer(file).writerow((part, *spent))
 
 
-def times() -> "pd.Series[float]":
-    """Wall time [s] of every part of the page, added up over all runs."""
-    rows = pd.read_csv(plan.store / "times.csv", names=["part", "wall"])
-    return rows.groupby("part", sort=False)["wall"].sum()
+def times() -> pd.DataFrame:
+    """Wall and processor time [s] of every part of the page, added up over all runs."""
+    rows = pd.read_csv(plan.store / "times.csv", names=["part", "wall", "processor"])
+    return rows.groupby("part", sort=False)[["wall", "processor"]].sum()

@@ -42,7 +42,7 @@ def mismatched_people(study: Path) -> Path:
 
 
 def subset_study(
-    recordings: Path, title: str, *, session: bool = False, **changes: Any
+    recordings: Path, title: str, /, *, session: bool = False, **changes: Any
 ) -> StudyConfiguration:
     """Configure a study of the subset, with all volunteers.
 

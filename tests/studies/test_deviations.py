@@ -16,7 +16,15 @@ from studies.science.deviations import (
     random_activations,
     with_known_agreement,
 )
-from studies.science.inverse import SEMG, controls, increments, scores, text, verdict
+from studies.science.inverse import (
+    SEMG,
+    controls,
+    convergence,
+    increments,
+    scores,
+    text,
+    verdict,
+)
 
 PERSONS, SHAPE = 6, (12, 20, 40)
 TRIALS = Trials(
@@ -100,5 +108,25 @@ def test_the_verdict_follows_from_the_deviations(
     assert nulls["of deviations"].isna().all() and (nulls["correlation"] > 0.7).all()
     gains = increments(estimates, truth, TRIALS, MUSCLES)
     whole = text(table, pd.DataFrame({"true": [0.0, 0.5], "measured": [0.0, 0.5], "found": [0.02, 1.0]}),
-                 gains, TRIALS)  # fmt: skip
+                 gains, fits("converged"))  # fmt: skip
     assert "0.5 in 100%" in whole and "not defined" in whole
+    assert "6 volunteers" in whole and "(12 trials)" in whole
+
+
+def fits(last: str) -> pd.DataFrame:
+    """Converged fits of all trials, with another state of the last one."""
+    rows = [
+        {"setting": s, "volunteer": v, "instruction": i, "state": "converged", "misfit ratio": 0.25}
+        for s in ("trajectory:motion", "trajectory:assisted")
+        for v, i in zip(TRIALS.volunteer, TRIALS.instruction, strict=True)
+    ]
+    rows[-1]["state"] = last
+    return pd.DataFrame(rows)
+
+
+def test_fits_that_did_not_converge_are_counted_and_named() -> None:
+    assert "12 of 12 fits of trajectory:assisted converged;" in convergence(fits("converged"))
+    said = convergence(fits("not converged"))
+    assert "11 of 12 fits of trajectory:assisted converged (not converged: S5 D)" in said
+    assert "12 of 12 fits of trajectory:motion converged" in said and "left out" not in said
+    assert "1 recordings were not inverted" in convergence(fits("failed"))

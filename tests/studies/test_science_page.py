@@ -7,7 +7,8 @@ import pytest
 
 from benchmarks.report import markdown
 from emgface.face.simulation_parameters import SimulationParameters
-from studies.science import excursions, normalisation, strength, worlds
+from studies.science import excursions, inverse, normalisation, strength, worlds
+from studies.science.__main__ import cost
 from studies.science.subset import told
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -55,6 +56,41 @@ def test_sentences_on_the_stress_follow_from_their_tables(page: str) -> None:
     contained(page, markdown(strength._table(found), ".2f"))
     contained(page, strength._reading(found, moved))
     contained(page, markdown(excursions.compared(moved)))
+
+
+def test_sentences_on_the_inverse_follow_from_their_tables(page: str) -> None:
+    table, power, gains, fits = (
+        pd.read_csv(FOLDER / f"inverse{part}.csv") for part in ("", "_controls", "_gains", "_fits")
+    )
+    contained(page, inverse.text(table, power, gains, fits))
+    verdict = words(inverse.verdict(table))
+    assert verdict in words((DOCS / "inverse" / "README.md").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("world", ["matched", "mismatched"])
+def test_sentences_on_the_baselines_follow_from_their_table(page: str, world: str) -> None:
+    found = pd.read_csv(FOLDER / f"baselines_{world}.csv").set_index("strategy")
+    section = page.partition(f"### {world.capitalize()} world")[2]
+    for strategy, row in found.iterrows():
+        gain, low, high = (row[f"gain over template{part}"] for part in ("", ", lower", ", upper"))
+        skill, least, most = (row[f"skill{part}"] for part in ("", ", lower", ", upper"))
+        assert (
+            f"{strategy}: mean rho {row['rho']:.2f}, difference from the template {gain:+.3f} "
+            f"(95 % interval {low:+.3f} to {high:+.3f}), skill {skill:+.2f} "
+            f"(95 % interval {least:.2f} to {most:.2f})"
+        ) in section, strategy
+        cells = " | ".join(f"{value:.2f}" for value in row[1:-2])
+        assert f"| {strategy} | {cells} | {row['volunteers']} | {row['trials']} |" in section
+
+
+def test_the_run_time_follows_from_its_table(page: str) -> None:
+    contained(page, cost(pd.read_csv(FOLDER / "cost.csv", index_col="part")))
+
+
+def test_a_run_time_above_the_limit_is_told_as_such() -> None:
+    spent = pd.DataFrame({"wall": [1200.0, 900.0], "processor": [float("nan"), 600.0]}, ["a", "b"])
+    assert "at least 25 minutes" in cost(spent) and "30 minutes is met" in cost(spent)
+    assert "30 minutes is not met" in cost(spent * 1.5)
 
 
 def test_other_numbers_than_those_of_the_table_are_found(page: str) -> None:
