@@ -3,9 +3,9 @@
     python docs/template/make.py                 all parts
     python docs/template/make.py quality norms   the parts specified
 
-Parts: pictures, quality, volunteers, actions, gestures, published, convergence, norms. Each writes its
-pictures and its part of README.md; other parts are not changed. The part "published" requires the files
-of the published face in the folder EMGFACE_SHARED, and is not changed without them.
+Parts: pictures, quality, volunteers, actions, lips, gestures, published, convergence, norms. Each
+writes its pictures and its part of README.md; other parts are not changed. The part "published" requires
+the files of the published face in the folder EMGFACE_SHARED, and is not changed without them.
 """
 
 import os
@@ -151,6 +151,31 @@ front of the other. `lips in lips` (mm) is the depth to which the lips penetrate
 is true if every displacement that defines the action has the stated direction and exceeds 0.1 mm, and
 the lips do not penetrate each other. A muscle whose action is to close the lips must also move both
 margins and close at least half of the opening.
+
+{markdown(table.reset_index(), ".2f")}"""
+
+
+def lips() -> str:
+    """Opening between the lips without loads and under muscles that close them."""
+    face = template_face(resolution="medium")
+    runs = {"OOM 0.5": {"OOM": 0.5}, "OOM 0.5 and MEN 0.3": {"OOM": 0.5, "MEN": 0.3}}
+    found, _ = steady_positions(
+        face, [{f"{m}_{s}": a for m, a in run.items() for s in "LR"} for run in runs.values()]
+    )
+    shown = {"without loads": face["position"].values} | dict(zip(runs, found, strict=True))
+    title = f"{face.attrs['name']}: the lips, simulated"
+    shrink(write_figure(states_figure(face, shown, title=title), HERE / "lips.png", dpi=110))
+    rim, rows = lip_rim(face), {}
+    for name, position in shown.items():
+        shape = lip_shape(face, rim, position)
+        rows[name] = {"opening (mm)": 1e3 * shape["height"], "area (mm2)": 1e6 * shape["area"]}
+    table = pd.DataFrame.from_dict(rows, orient="index").rename_axis("state")
+    return f"""Without loads, the lips of the template are apart by the measure `lip_gap`, the opening of
+relaxed lips (see the norms below), so that a gap is seen in profile. Muscles that close the lips close
+it. The table lists the medium face with sigma_max = 100 kPa, no gravity, and lips and teeth in contact
+by constraints; the area is that of the opening in front view.
+
+![The lips without loads and closed by muscles, from three sides](lips.jpg)
 
 {markdown(table.reset_index(), ".2f")}"""
 
@@ -361,6 +386,7 @@ PARTS: dict[str, tuple[str, Callable[[], str]]] = {
     "quality": ("Quality and volume by resolution", quality),
     "volunteers": ("Random volunteers", volunteers),
     "actions": ("Each muscle pair alone", actions),
+    "lips": ("Opening between the lips", lips),
     "gestures": ("The six instructions", gestures),
     "published": ("The imported published face", published),
     "convergence": ("Convergence with the mesh", convergence),

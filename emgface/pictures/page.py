@@ -29,6 +29,7 @@ from emgface.pictures.encoding import (
     scaling,
     whole,
 )
+from emgface.pictures.lips import lips_at_rest, lips_of_motion
 from emgface.pictures.picking import pick_data
 from emgface.pictures.render import VIEWS
 from emgface.pictures.surface import drawn_surface
@@ -45,7 +46,7 @@ def face_page(face: xr.Dataset) -> str:
     rest = face["position"].values[skin.node]
     centre = middle_of(rest)
     markers = whole(face["position"].values[face["marker_node"].values][None], centre)
-    about = f"{face.sizes['node']} nodes, {face.sizes['element']} elements."
+    about = f"{face.sizes['node']} nodes, {face.sizes['element']} elements. {lips_at_rest(face)}".strip()
     trial = _trial(rest[None], markers, np.zeros(1), centre, about)
     data = body_data(body_of(face, skin), rest) | _single(trial, face["marker"].values)
     data["pick"] = pick_data(face, skin)
@@ -126,7 +127,7 @@ def _motion_trial(
     markers = whole(markers.sel(time=time, method="nearest").values, centre)
     sigma_max = float(motion.attrs["sigma_max"]) / 1e3
     named = motion.attrs.get("face") or "unnamed"
-    about = f"Face model: {named}, sigma_max {sigma_max:.4g} kPa."
+    about = f"Face model: {named}, sigma_max {sigma_max:.4g} kPa. {lips_of_motion(motion)}".strip()
     return _trial(frames, markers, time, centre, about)
 
 

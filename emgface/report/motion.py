@@ -19,6 +19,7 @@ from emgface.pictures.encoding import (
     scaling,
     whole,
 )
+from emgface.pictures.lips import lips_of_motion
 from emgface.report.results import FAILURES, ReportedTrial, Results, representative
 
 LARGEST: Final = 9_000_000
@@ -168,5 +169,5 @@ def _about(trial: ReportedTrial) -> str:
     return (
         f"{origin.capitalize()} recording {label} ({INSTRUCTIONS[trial.place[1]]}) under "
         f"{trial.strategy}: median rho {median}; simulated motion{face}, sigma_max "
-        f"{float(trial.motion.attrs['sigma_max']) / 1e3:.4g} kPa."
-    )
+        f"{float(trial.motion.attrs['sigma_max']) / 1e3:.4g} kPa. {lips_of_motion(trial.motion)}"
+    ).strip()

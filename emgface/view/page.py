@@ -10,6 +10,7 @@ from markupsafe import Markup
 from emgface.muscles import INSTRUCTIONS, MUSCLE_NAMES, RELEVANT
 from emgface.pictures.body import Skin, body_of
 from emgface.pictures.encoding import body_data, deltas, middle_of, whole
+from emgface.pictures.lips import lips_at_rest
 from emgface.pictures.page import as_json, environment, policy, style, viewer_script
 from emgface.pictures.page import resource as packaged
 from emgface.pictures.render import VIEWS
@@ -63,6 +64,7 @@ def live_page(
     return environment("emgface.view").get_template("live.html").render(
         title=str(face.attrs.get("name", "")) or "face",
         words=words,
+        lips=lips_at_rest(face),
         viewer=as_json(data),
         views=VIEWS,
         version=__version__,
