@@ -117,8 +117,12 @@ def conclusions(found: Mapping[str, xr.Dataset]) -> list[str]:
 
 def _smallest_seen(row: xr.Dataset, alpha: float) -> str:
     """State the difference that the exact test detects with a power of 0.8."""
-    size = detectable(int(row["n"]), test="sign_flip", alpha=alpha)
-    size *= float(row["standard_deviation"])
+    spread = float(row["standard_deviation"])
+    if spread == 0.0:
+        return (
+            "the volunteers do not differ, so that no smallest detectable difference can be stated"
+        )
+    size = detectable(int(row["n"]), test="sign_flip", alpha=alpha) * spread
     variable, scale = str(row.attrs["variable"]), str(row.attrs["scale"])
     _, unit, factor, _ = SHOWN.get(variable, ("1", "1", 1.0, 2))
     unit = " in z" if scale == "Fisher z" else "" if unit == "1" else f" {unit}"
@@ -132,6 +136,9 @@ def _in_general(row: xr.Dataset, alpha: float) -> str:
     """State the result of the mixed model for instructions in general."""
     p = float(row["p_holm"])
     if math.isnan(p):
+        reason = str(row["sentence"].values).partition("no test and no interval: ")[2]
+        if reason and "requires" not in reason:
+            return f"No statement is made about instructions in general: {reason}"
         return (
             "No statement is made about instructions in general, which would require "
             f"{LEAST_VOLUNTEERS} volunteers and {LEAST_INSTRUCTIONS} instructions or more."

@@ -155,6 +155,24 @@ def test_planted_differences_are_found_and_only_these() -> None:
     assert all("no significant difference in rho" in text for text in none)
 
 
+def test_equal_scores_are_not_reported_as_a_small_study() -> None:
+    told = conclusions(study_statistics(of_rho(np.full((6, 6, 2, 3, 3), 0.8)), draws=100))
+    for text in told:
+        assert "with a power of 0.8 is 0" not in text
+        assert "no smallest detectable difference can be stated" in text
+        assert "which would require" not in text
+        assert "in general: all differences are equal" in text
+
+
+def test_missing_pairs_are_not_reported_as_a_small_study() -> None:
+    cube = simulated_scores(1, volunteers=6, instructions=6)
+    kept = xr.DataArray(np.eye(6, dtype=bool), dims=("volunteer", "instruction"))
+    cube["rho"] = cube["rho"].where(kept)
+    for text in conclusions(study_statistics(cube, draws=100)):
+        assert "which would require" not in text
+        assert "in general: too many pairs are missing" in text
+
+
 def test_too_few_volunteers_are_reported() -> None:
     told = conclusions(study_statistics(simulated_scores(3, volunteers=4), draws=100))
     assert all("p cannot fall below 0.12" in text for text in told)
