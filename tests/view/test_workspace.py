@@ -1,7 +1,10 @@
 """Workspace of the live face: moved, bound to its data, and what is refused."""
 
 import json
+import re
 import shutil
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -121,3 +124,16 @@ def test_links_in_a_folder_from_somebody_else_are_not_followed(files, saved, tmp
     (saved / name).symlink_to(secret)
     with pytest.raises(DataError, match=f"{name} is a link, expected a file"):
         Workspace.of(saved, files, MUSCLES)
+
+
+def test_the_example_of_the_documentation_reads_the_curves(saved, monkeypatch):
+    page = (Path(__file__).parents[2] / "docs" / "live.md").read_text(encoding="utf-8")
+    example = re.search(r"```python\n(.*?)```", page, re.DOTALL)
+    assert example and "FOLDER" in example[1]
+    saved.rename(saved.with_name("FOLDER"))
+    monkeypatch.chdir(saved.parent)
+    found: dict[str, Any] = {}
+    exec(example[1], found)  # noqa: S102
+    assert found["time"][-1] == pytest.approx(0.8)
+    left, right = found["level"].T
+    assert left.max() == pytest.approx(1 / 3) and not right.any()
