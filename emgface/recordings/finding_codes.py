@@ -182,6 +182,11 @@ _EMG: Final = {
     "artefact": Meaning("warning", "{share:.0%} of its power lies below 15 Hz: movement artefact"),
     "drift": Meaning("warning", "drifts by {millivolts:.3g} mV: check skin and electrode"),
     "stuck": Meaning("warning", "stays at one value for {seconds:.3g} s: dropout"),
+    "spikes": Meaning(
+        "warning",
+        "samples far from both neighbours: {count}, the first at {at:.4g} s by {microvolts:.3g} uV: "
+        "damaged numbers or discharges of an electrode",
+    ),
     "saturated": Meaning(
         "warning",
         "{share:.1%} of samples at the limits of the amplifier: saturated, lower the gain",

@@ -14,6 +14,7 @@ from emgface.recordings.quality.markers import LAYOUT, marker_quality, swapped_m
 from emgface.recordings.quality.plausible import doubtful_rate, doubtful_sides, wrong_size
 from emgface.recordings.quality.processed import processing
 from emgface.recordings.quality.sides import swapped_sides
+from emgface.recordings.quality.spikes import spikes
 from emgface.signals.doubtful import little_in_common
 from emgface.signals.filters import TIME_EMG, sampling_rate
 
@@ -78,6 +79,8 @@ def _of_channels(
         else:  # hum, artefact and drift are properties of the raw signal
             processed.add(name)
             found.append(treated)
+    for name in map(str, emg["channel"].values):
+        found += _spikes(name, emg.sel(channel=name), rate)
     raw = table.drop(index=list(processed))
     if numbers := doubtful_rate(raw, rate):
         found.append(Finding("median_frequency", "channel", "", numbers))
@@ -123,6 +126,19 @@ def _channel(name: str, row: Mapping[str, float]) -> list[Finding]:
     if row["baseline"] > LOUD_BASELINE:
         note("baseline", microvolts=1e6 * row["baseline"])
     return found
+
+
+def _spikes(name: str, values: xr.DataArray, rate: float) -> list[Finding]:
+    """Finding of single samples far from their neighbours in a channel."""
+    found = spikes(values.values, rate)
+    if not found.at.size:
+        return []
+    numbers = {
+        "count": int(found.at.size),
+        "at": float(values[TIME_EMG].values[found.at[0]]),
+        "microvolts": 1e6 * float(found.distance[0]),
+    }
+    return [Finding("spikes", "channel", name, numbers)]
 
 
 def _marker(name: str, row: Mapping[str, float]) -> list[Finding]:
