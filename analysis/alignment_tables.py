@@ -8,7 +8,7 @@ import xarray as xr
 from analysis.flags import FLAGS
 from analysis.scores import DROWNED
 from analysis.tables import Column, Table, origin_of, recordings
-from analysis.typed import selected
+from analysis.typed import selected, status_of
 
 
 def alignment_tables(cube: xr.Dataset) -> dict[str, Table]:
@@ -26,7 +26,7 @@ def flag_table(cube: xr.Dataset) -> Table | None:
 
     None if the cube contains no flags or no scored trial.
     """
-    ok = cube["status"] == "ok"
+    ok = status_of(cube) == "ok"
     held = [name for name in FLAGS if name in cube]
     if not held or not ok.any():
         return None
@@ -53,7 +53,7 @@ def flagged_table(cube: xr.Dataset) -> Table | None:
 
     None if the cube contains no flags or no scored trial.
     """
-    ok = cube["status"] == "ok"
+    ok = status_of(cube) == "ok"
     held = [name for name in FLAGS if name in cube]
     if not held or not ok.any():
         return None

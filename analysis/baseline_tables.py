@@ -11,7 +11,7 @@ from analysis.statistics.finding import persons
 from analysis.statistics.scope import too_few_volunteers
 from analysis.statistics.skill import LEVELS, against_baselines
 from analysis.tables import Column, Table, origin_of, recordings
-from analysis.typed import selected, texts
+from analysis.typed import selected, status_of, texts
 
 HEADS: Final = (
     "rho", "template", "all persons", "repeat", "ceiling", "EMG of others", "shuffled EMG",
@@ -74,7 +74,7 @@ def baseline_instruction_table(cube: xr.Dataset) -> Table:
     for instruction in cube["instruction"].values:
         for strategy in cube["strategy"].values:
             one = selected(cube, {"instruction": instruction, "strategy": strategy})
-            ok = texts(one["status"]) == "ok"
+            ok = status_of(one) == "ok"
             levels = [mean_defined(one[name].where(ok)) for name in LEVELS]
             skill = one["skill"].values[np.isfinite(one["skill"].values)]
             no_room = int((texts(one["skill_reason"]) == NO_ROOM).sum())
@@ -96,7 +96,7 @@ def individual_table(cube: xr.Dataset) -> Table:
     rows: list[tuple[Any, ...]] = []
     for strategy in cube["strategy"].values:
         one = selected(cube, {"strategy": strategy})
-        ok = texts(one["status"]) == "ok"
+        ok = status_of(one) == "ok"
         rows.append(
             (
                 str(strategy),

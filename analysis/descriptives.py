@@ -9,7 +9,7 @@ import xarray as xr
 from analysis.cube import MARKER_DIMS
 from analysis.errors import CubeError
 from analysis.trajectory import names
-from analysis.typed import texts
+from analysis.typed import status_of
 
 
 def mean_defined(data: xr.DataArray) -> float:
@@ -58,7 +58,7 @@ def descriptives(
     if wrong or len(set(by)) != len(by):
         allowed = [dim for dim in MARKER_DIMS if dim in data.dims]
         raise CubeError(f"cannot group {variable} by {names([*by])}, expected {names(allowed, 5)}")
-    status, data = xr.broadcast(texts(cube["status"]), data)
+    status, data = xr.broadcast(status_of(cube), data)
     rest = [dim for dim in data.dims if dim not in by]
     shape = (*(data.sizes[dim] for dim in by), -1)
     values = data.transpose(*by, *rest).values.astype(np.float64).reshape(shape)

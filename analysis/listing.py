@@ -10,6 +10,7 @@ from analysis.cube import MARKER_DIMS, OF_INCISOR, PER_TRIAL, TRIAL_DIMS
 from analysis.errors import CubeError
 from analysis.flags import FLAGS
 from analysis.trajectory import names
+from analysis.typed import status_of
 
 
 def trials(cube: xr.Dataset) -> pd.DataFrame:
@@ -26,7 +27,7 @@ def trials(cube: xr.Dataset) -> pd.DataFrame:
     )
     for dim in TRIAL_DIMS:
         table[dim] = stacked[dim].values[table[dim].to_numpy()]
-    table["status"] = stacked["status"].values.ravel().astype(str)
+    table["status"] = status_of(stacked).values.ravel()
     table["reason"] = stacked["reason"].values.ravel().astype(str)
     defined = np.isfinite(rho).sum(axis=1)
     table["median_rho"] = [

@@ -12,7 +12,7 @@ import xarray as xr
 from analysis.axes import reference_cube
 from analysis.descriptives import descriptives
 from analysis.tables import Column, Table, origin_of, recordings
-from analysis.typed import selected, texts
+from analysis.typed import selected, status_of
 
 PRINTED: Final = {
     "act_all": {"median": 0.45, "mean": 0.26, "standard_deviation": 0.63},
@@ -52,8 +52,8 @@ def printed_statements(cube: xr.Dataset) -> list[tuple[str, str, str]]:
     Returns statement, "holds", "does not hold" or "not tested", and the numbers compared.
     """
     base = reference_cube(cube)
-    rho = base["rho"].where(texts(base["status"]) == "ok")
-    ratio = base["amplitude_ratio"].where(texts(base["status"]) == "ok")
+    rho = base["rho"].where(status_of(base) == "ok")
+    ratio = base["amplitude_ratio"].where(status_of(base) == "ok")
     markers = [str(m) for m in base["marker"].values]
     lateral = [m for m in markers if "corner" in m or "_lateral_" in m]
     central = [m for m in markers if "paramedian" in m]
@@ -110,7 +110,7 @@ def _median(values: xr.DataArray) -> float:
 def used_stress(cube: xr.Dataset) -> dict[str, tuple[float, float]]:
     """Smallest and largest sigma_max [Pa] of the scored trials of every volunteer."""
     base = reference_cube(cube)
-    used = base["sigma_max"].where(texts(base["status"]) == "ok")
+    used = base["sigma_max"].where(status_of(base) == "ok")
     found: dict[str, tuple[float, float]] = {}
     for volunteer in base["volunteer"].values.tolist():
         values = selected(used, {"volunteer": volunteer}).values

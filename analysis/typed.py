@@ -6,6 +6,8 @@ from typing import Any, TypeVar, cast
 import numpy as np
 import xarray as xr
 
+from analysis.errors import CubeError
+
 Labelled = TypeVar("Labelled", xr.DataArray, xr.Dataset)
 
 
@@ -28,6 +30,16 @@ def floats(data: xr.DataArray) -> xr.DataArray:
 def texts(data: xr.DataArray) -> xr.DataArray:
     """Convert to text."""
     return cast(Any, data).astype(str)
+
+
+def status_of(cube: xr.Dataset) -> xr.DataArray:
+    """Return the status of every trial as text, or raise CubeError if the cube has none."""
+    if "status" not in cube:
+        raise CubeError(
+            "the cube has no variable 'status', expected 'ok' for every scored trial: keep it when "
+            "variables are selected"
+        )
+    return texts(cube["status"])
 
 
 def relabelled(data: Labelled, coords: Mapping[str, Any]) -> Labelled:

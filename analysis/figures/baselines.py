@@ -10,7 +10,7 @@ from analysis.descriptives import mean_defined
 from analysis.errors import FigureError
 from analysis.figures.style import COLOURS, MARKS, blank, grid, heading, legend, styled, ticks
 from analysis.tables import origin_of
-from analysis.typed import selected, texts
+from analysis.typed import selected, status_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -98,7 +98,7 @@ def _instruction(panel: Any, cube: xr.Dataset, place: int, near_one: bool) -> No
     strategies = cube["strategy"].values
     for i, strategy in enumerate(strategies):
         one = selected(cube, {"strategy": strategy})
-        one = one.where(texts(one["status"]) == "ok")
+        one = one.where(status_of(one) == "ok")
         x = place + (i - (len(strategies) - 1) / 2) * 0.8 / len(strategies)
         rho = one["rho"].mean(["marker", "repetition"], skipna=True).values
         rho = rho[np.isfinite(rho)]

@@ -19,7 +19,7 @@ from analysis.errors import StatisticsError
 from analysis.statistics.scope import told_scope, too_few_volunteers
 from analysis.tables import SHOWN, origin_of
 from analysis.trajectory import names
-from analysis.typed import selected, texts
+from analysis.typed import selected, status_of
 
 Array = NDArray[np.float64]
 Scale = Literal["z", "raw"]
@@ -103,8 +103,8 @@ def require_sound(cube: xr.Dataset, variable: str) -> None:
                 "once: rename or select them"
             )
     data = cube[variable]
-    if data.dtype.kind == "f" and "status" in cube:
-        infinite = np.isinf(data.where(texts(cube["status"]) == "ok").values)
+    if data.dtype.kind == "f":
+        infinite = np.isinf(data.where(status_of(cube) == "ok").values)
         if infinite.any():
             raise StatisticsError(
                 f"{variable} is infinite in {int(infinite.sum())} scored trials and markers, expected "
@@ -126,7 +126,7 @@ def on_scale(cube: xr.Dataset, variable: str, scale: Scale, limit: float) -> xr.
             f"{variable} lacks the dim {names(lacking)}: keep it by selecting with a list"
         )
     require_sound(cube, variable)
-    data = cube[variable].where(texts(cube["status"]) == "ok")
+    data = cube[variable].where(status_of(cube) == "ok")
     data = data.where(np.isfinite(data)).transpose(*MARKER_DIMS, ...)
     return fisher_z(data, limit=limit) if scale == "z" else data
 
@@ -161,7 +161,7 @@ def paired(
     `variable`, `scale` and `limit` are those of `compare`.
     """
     data = on_scale(cube, variable, scale, limit)
-    status = texts(cube["status"]).broadcast_like(data).transpose(*data.dims)
+    status = status_of(cube).broadcast_like(data).transpose(*data.dims)
     sides = [selected(data, {dim: label}).drop_vars(dim) for label in (first, second)]
     kinds = [selected(status, {dim: label}).drop_vars(dim).values for label in (first, second)]
     differences = sides[0] - sides[1]

@@ -13,7 +13,7 @@ from analysis.statistics.finding import check_level
 from analysis.statistics.paired import Array, require_sound
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.tables import origin_of
-from analysis.typed import texts
+from analysis.typed import status_of
 
 LEVELS: Final = (
     "rho", "template_rho", "template_limit", "repeat_rho", "ceiling", "others_rho", "shuffled_rho",
@@ -68,7 +68,7 @@ def against_baselines(
     extra = set(cube["rho"].dims) - set(dims)
     if extra:
         raise StatisticsError(f"the cube has further axes ({', '.join(map(str, extra))})")
-    ok = texts(cube["status"]) == "ok"
+    ok = status_of(cube) == "ok"
     values = {
         name: cube[name].broadcast_like(cube["rho"]).transpose(*dims).where(ok) for name in LEVELS
     }

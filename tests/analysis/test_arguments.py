@@ -14,7 +14,7 @@ from synthetic_trajectories import trajectory
 import analysis.statistics
 from analysis.align import align
 from analysis.arguments import count, generator, number, yes_or_no
-from analysis.errors import AlignmentError, StatisticsError
+from analysis.errors import AlignmentError, AnalysisError, StatisticsError
 from analysis.matching import Options
 from analysis.statistics.paired import Comparison, compare
 from analysis.statistics.summary import study_statistics
@@ -109,3 +109,12 @@ def test_numbers_of_numpy_are_numbers():
     assert yes_or_no("b", np.True_) is True
     a, b = generator(np.uint8(7)).random(3), np.random.default_rng(7).random(3)
     np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize(
+    "public", ["descriptives", "trials", "study_statistics", "descriptive_table", "trial_table"]
+)
+def test_a_cube_without_status_is_refused(public: str) -> None:
+    """The variable that tells which trials were scored is missing: a sentence, not a KeyError."""
+    with pytest.raises(AnalysisError, match="no variable 'status'"):
+        getattr(analysis, public)(cube().drop_vars("status"))
