@@ -31,7 +31,7 @@ def test_the_table_has_one_row_for_every_check_in_the_order_of_the_checks(monkey
     monkeypatch.setattr(jaw_published, "chewing_with_stored_parameters", lambda: {"5 chew": 2.0})
     table = jaw_published.checks()
     assert table["check"].tolist() == ["1 energy", "2 a", "2 z", "5 chew", "6 b"]
-    assert list(table.iloc[1])[2:] == ["x", "", ""]
+    assert list(table.iloc[1])[2:] == ["x", "", "", "-", "computed"]
     assert not table.isna().to_numpy().any()
 
 
