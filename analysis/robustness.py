@@ -180,7 +180,9 @@ def robustness_sentences(found: xr.Dataset) -> list[str]:
         said = [_said(low, high) for low, high in bounds.tolist()]
         if said[0] == "":
             continue
-        other = {places[k]: said[k] for k in range(1, len(said)) if said[k] not in ("", said[0])}
+        other = {
+            places[k]: f"{said[k]} it" for k in range(1, len(said)) if said[k] not in ("", said[0])
+        }
         told.append(
             f"{name}: at the reference, rho is {said[0]} that of a template without EMG"
             + (

@@ -21,7 +21,7 @@ from studies.science.subset import mismatched_people, subset_study
 INSTRUCTIONS: Final = ("A", "D")
 """Instructions of the section; with a third one, it would take half as long again."""
 AXES: Final[tuple[dict[str, Any], ...]] = (
-    {"parameters": ["simulation.sigma_max"], "levels": [100e3, 300e3]},
+    {"parameters": ["simulation.sigma_max"], "levels": [300e3, 100e3]},
     {
         "name": "wamp_threshold",
         "parameters": ["signals.feature.threshold"],
