@@ -18,7 +18,16 @@ def test_single_samples_are_found(height: float) -> None:
     assert found.distance[0] == pytest.approx(abs(height), abs=5.0)
 
 
-@pytest.mark.parametrize("kind", ["noise", "bursts", "units", "steps", "rare steps", "gap"])
+@pytest.mark.parametrize("rate", [200.0, 1000.0, 2148.1, 50e3])
+def test_spikes_of_a_reversed_signal_are_the_same(rate: float) -> None:
+    """No side of a sample has an advantage, at even and odd numbers of samples around it."""
+    values = np.random.default_rng(2).standard_normal(5000)
+    values[[1000, 4200]] += 50.0, -70.0
+    found, back = spikes(values, rate).at, 4999 - spikes(values[::-1], rate).at[::-1]
+    assert found.tolist() == back.tolist() == [1000, 4200]
+
+
+@pytest.mark.parametrize("kind", ["noise", "bursts", "units", "steps", "rare steps", "gap", "jump"])
 def test_signals_without_spikes(kind: str) -> None:
     """Noise, bursts, action potentials, the resolution and gaps are no spikes (200 channels each)."""
     rng = np.random.default_rng(1)
@@ -35,6 +44,8 @@ def test_signals_without_spikes(kind: str) -> None:
             noise = np.round(0.35 * noise)
         elif kind == "rare steps":
             noise = np.round(0.2 * noise)
+        elif kind == "jump":
+            noise[2500:] += 1000.0
         elif kind == "gap":
             noise[2000:2300] = np.nan
             noise[2301] = np.nan

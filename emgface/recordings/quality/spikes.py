@@ -18,6 +18,9 @@ USUAL: Final = 3.0
 Single steps of the resolution in an otherwise constant signal are thereby no spikes.
 """
 RARE: Final = 0.002  #: fraction of the samples that may be spikes
+BESIDE: Final = (
+    0.75  #: largest distance of its neighbours over that of a spike, which is 0.5 + noise
+)
 LEAST: Final = 100  #: samples from which a channel can be judged
 
 
@@ -33,7 +36,8 @@ def spikes(values: np.ndarray, rate: float) -> Spikes:
 
     With d[i] = x[i] - (x[i-1] + x[i+1]) / 2, sample i is a spike if |d[i]| exceeds `TOWERS` times the
     largest |d| within `AROUND` that does not contain x[i] (j < i - 1 or j > i + 1), and `USUAL` times
-    the quantile 1 - `RARE` of all |d|. Samples beside a gap (NaN) are not judged.
+    the quantile 1 - `RARE` of all |d|. Samples beside a gap (NaN) are not judged, and two spikes within
+    `AROUND` hide each other.
     """
     none = Spikes(np.zeros(0, dtype=int), np.zeros(0))
     if values.size < LEAST:
@@ -42,7 +46,7 @@ def spikes(values: np.ndarray, rate: float) -> Spikes:
     distance[1:-1] = np.abs(values[1:-1] - 0.5 * (values[:-2] + values[2:]))
     distance = np.nan_to_num(distance, nan=0.0, posinf=0.0, neginf=0.0)
     usual = np.quantile(distance, 1.0 - RARE)
-    width = max(2, round(AROUND * rate))
+    width = max(4, 2 * round(0.5 * AROUND * rate))  # even, so that both windows are centred
     # Largest distance in [i - width, i - 2] and in [i + 2, i + width].
     side = maximum_filter1d(distance, width - 1, mode="constant")
     reach = (width - 1) // 2 + 2
@@ -51,6 +55,6 @@ def spikes(values: np.ndarray, rate: float) -> Spikes:
     shifted[1, :-reach] = side[reach:]
     around = shifted.max(axis=0)
     at = np.flatnonzero((distance > TOWERS * around) & (distance > USUAL * usual))
-    # The neighbours of a spike lie at half its distance; it is the largest of the three.
-    at = at[(distance[at] >= distance[at - 1]) & (distance[at] >= distance[at + 1])]
+    # The neighbours of a spike have half its distance; at a step of the baseline, both sides are equal.
+    at = at[BESIDE * distance[at] > np.maximum(distance[at - 1], distance[at + 1])]
     return Spikes(at, distance[at]) if at.size else none
