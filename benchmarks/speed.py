@@ -85,12 +85,13 @@ def timed(
     peak = np.array([level * name.startswith(group) for name in system.muscles])
     activation = sim.Activation(np.array([0.0, RAMP]), np.stack([0.0 * peak, peak]))
     clock: Callable[[], float] = time.process_time if threads == 1 else time.perf_counter
-    for steps_run in (1, LAST):  # the first step alone loads or compiles the kernels
-        ends = [clock()]
+    ends: list[float] = []
+    for count in (1, LAST):  # the single step loads or compiles the kernels
+        ends[:] = [clock()]
         sim.simulate(
             system,
             activation,
-            duration=steps_run * h,
+            duration=count * h,
             integrator=integrator,
             steps=steps,
             progress=lambda *_: ends.append(clock()),
