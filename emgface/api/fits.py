@@ -24,6 +24,8 @@ def fit(
     on_face: "Marks | None" = None,
     noise: float = 0.8e-3,
     thickness: float = 0.0,
+    courses: "Mapping[str, Any] | None" = None,
+    volumes: Mapping[str, float] | None = None,
     name: str = "fitted face",
     simulated: bool = False,
     report: "File | None" = None,
@@ -54,6 +56,12 @@ def fit(
     thickness : float
         Thickness of the tissue where no data determine it, in standard deviations of its logarithm
         from the expected one; faces with -1, 0 and 1 show what its uncertainty means for a result.
+    courses : mapping, optional
+        Tractography by muscle, such as ``{"ZYG_L": "zygomaticus.trk"}``, which replaces the course of
+        the muscle: files (.trk, .tck) in the frame of the landmarks, or arrays (k, 3) [m] in that of
+        the face.
+    volumes : mapping, optional
+        Volumes of muscles with a new course [m3]; default: by the spread of the bundle.
     name : str
         Name of the fitted face.
     simulated : bool
@@ -85,7 +93,7 @@ def fit(
     found = fit_face(
         face_of(face, study_of(None)), landmarks, skin=skin, inner=inner, bone=bone, unit=unit,
         on_face=on_face, noise=noise, thickness=thickness, name=name, simulated=simulated,
-        progress=progress,
+        courses=courses, volumes=volumes, progress=progress,
     )  # fmt: skip
     if report is not None:
         from emgface.fit.report import write_report

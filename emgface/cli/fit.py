@@ -55,6 +55,22 @@ def fit(
             help="Part and its labels in the volume, such as skin=1,2,3 or jaw=4; repeatable.",
         ),
     ] = None,
+    course: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="MUSCLE=FILE",
+            help="Tractography (.trk, .tck) that replaces the course of a muscle of a face, such as "
+            "ZYG_L=zygomaticus.trk; repeatable.",
+        ),
+    ] = None,
+    volume: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="MUSCLE=CM3",
+            help="Volume of a muscle with a new course, such as ZYG_L=2.1; default: by the spread of "
+            "its bundle; repeatable.",
+        ),
+    ] = None,
     unit: Annotated[
         str | None, typer.Option(help="Unit of files that do not state it: mm, cm or m.")
     ] = None,
@@ -123,18 +139,37 @@ def fit(
             kind.build(Person()) if generated else kind.functions.read(path),
             Evidence(
                 landmarks=landmarks, places=on_face, surfaces=given, unit=unit, noise=1e-3 * noise,
-                thickness=thickness, frame=frame, before=before, name=name or out_path.stem,
-                simulated=simulated,
+                thickness=thickness, frame=frame, before=before,
+                courses=_parts("--course", course) or None, volumes=_volumes(volume),
+                name=name or out_path.stem, simulated=simulated,
             ),
             tell,
         )  # fmt: skip
+    if report is not None and found.report is None:
+        raise typer.BadParameter(
+            f"--report {report} would show the fit to landmarks and surfaces, but only courses of "
+            "muscles are given: leave the report out, or fit to landmarks in the same command"
+        )
     kind.functions.write(found.model, out_path)
     say(f"Wrote {out_path}.")
-    if report is not None:
+    if report is not None and found.report is not None:
         found.report(report)
         say(f"Wrote {report}.")
     for sentence in found.notes:
         say(sentence)
+
+
+def _volumes(given: list[str] | None) -> dict[str, float] | None:
+    """Volumes [m3] by muscle, of options in cm3."""
+    found: dict[str, float] = {}
+    for muscle, text in _parts("--volume", given).items():
+        try:
+            found[muscle] = 1e-6 * float(text)
+        except ValueError:
+            raise typer.BadParameter(
+                f"--volume {muscle}={text}: expected a volume in cm3, such as {muscle}=2.1"
+            ) from None
+    return found or None
 
 
 def _parts(option: str, given: list[str] | None) -> dict[str, str]:

@@ -8,7 +8,7 @@ distance.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -17,7 +17,7 @@ import xarray as xr
 from scipy.cluster.vq import kmeans2
 from scipy.optimize import brentq
 
-from emgface.errors import FitError
+from emgface.errors import FitError, listed
 from emgface.face.bundles import distance_to_fibres, fibre_directions, project_into_mesh
 from emgface.face.parts import fibres_of
 from emgface.face.quality import element_centres, element_quality
@@ -92,6 +92,32 @@ def with_course(
     return Course(
         check_face(found), tuple(courses), radius, size, away, tuple(notes if outside.any() else ())
     )
+
+
+def with_courses(
+    face: xr.Dataset, courses: Mapping[str, Any], volumes: Mapping[str, float] | None = None
+) -> tuple[xr.Dataset, list[str]]:
+    """Replace the courses of several muscles; a sentence for each states what was found.
+
+    `courses` are arguments `tracts` of `with_course` by muscle, `volumes` [m3] those of some of them.
+    Raises FitError as `with_course` does, and for the volume of a muscle without a course.
+    """
+    volumes = volumes or {}
+    if alone := [muscle for muscle in volumes if muscle not in courses]:
+        raise FitError(
+            f"a volume is given for {listed(alone)}, expected one of the muscles whose course is given: "
+            "the volume determines the radius about a new course"
+        )
+    sentences: list[str] = []
+    for muscle, tracts in courses.items():
+        found = with_course(face, muscle, tracts, volume=volumes.get(muscle))
+        face = found.face
+        sentences.append(
+            f"The course of {muscle} is that of its bundle, {1e3 * found.away:.1f} mm from the former "
+            f"one (median); radius {1e3 * found.radius:.1f} mm, volume {1e6 * found.volume:.2f} cm3."
+        )
+        sentences += [f"{muscle}: {note}." for note in found.notes]
+    return face, sentences
 
 
 def mean_courses(lines: Sequence[Floats], fibres: int = 1) -> list[Floats]:
@@ -244,4 +270,4 @@ def _apart(course: Floats) -> Floats:
     return course[keep]
 
 
-__all__ = ["Course", "Tracts", "mean_courses", "with_course"]
+__all__ = ["Course", "Tracts", "mean_courses", "with_course", "with_courses"]

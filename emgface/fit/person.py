@@ -15,6 +15,7 @@ from emgface.face.validity import check_face
 from emgface.fit.carry import carry
 from emgface.fit.columns import Columns, ThicknessPrior
 from emgface.fit.corners import Corners
+from emgface.fit.courses import with_courses
 from emgface.fit.deform import NOISE, Deformed, Progress, deform
 from emgface.fit.inputs import (
     Paired,
@@ -87,6 +88,8 @@ def fit_face(
     on_face: Marks | None = None,
     noise: float = NOISE,
     thickness: float = 0.0,
+    courses: Mapping[str, Any] | None = None,
+    volumes: Mapping[str, float] | None = None,
     name: str = "fitted face",
     simulated: bool = False,
     progress: Progress | None = None,
@@ -136,7 +139,8 @@ def fit_face(
         found.attrs["fit_thickness_deviation"] = float(thickness)
     found.attrs.pop("muscle_radius", None)
     _check_corners(corners, result.position)
-    found = check_face(found)
+    found, sentences = with_courses(check_face(found), courses or {}, volumes)
+    notes += sentences
     distance = _distances(face, targets, result)
     _check_distances(distance, scans)
     return Fitted(

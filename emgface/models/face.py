@@ -52,10 +52,18 @@ def import_(folder: Path, settings: Mapping[str, str]) -> xr.Dataset:
 def fit(
     face: xr.Dataset, evidence: Evidence, progress: Callable[[str, int, int], None]
 ) -> FittedModel:
-    """Fit a face to landmarks and surfaces: ``skin``, ``inner``, ``bone``."""
+    """Fit a face to landmarks and surfaces (``skin``, ``inner``, ``bone``), then replace courses.
+
+    Courses alone, without landmarks, are those of a face that was fitted before.
+    """
     from emgface.fit.person import LARGEST_MISS, fit_face
     from emgface.fit.report import summary, write_report
 
+    if evidence.landmarks is None and evidence.courses and not evidence.surfaces:
+        from emgface.fit.courses import with_courses
+
+        changed, notes = with_courses(face, evidence.courses, evidence.volumes)
+        return FittedModel(changed.assign_attrs(name=evidence.name), notes, None)
     if evidence.landmarks is None:
         raise FitError(
             "no landmarks are given, expected those of a person: a face cannot be placed without them"
@@ -67,7 +75,8 @@ def fit(
     found = fit_face(
         face, evidence.landmarks, **evidence.surfaces, unit=evidence.unit,
         on_face=evidence.places, noise=evidence.noise, thickness=evidence.thickness,
-        name=evidence.name, simulated=evidence.simulated, progress=progress,
+        courses=evidence.courses, volumes=evidence.volumes, name=evidence.name,
+        simulated=evidence.simulated, progress=progress,
     )  # fmt: skip
     return FittedModel(found.face, (*found.notes, *summary(found)), partial(write_report, found))
 

@@ -79,6 +79,8 @@ class Evidence:
     thickness : thickness where no data determine it, in standard deviations (face).
     frame : fitted model of the same person: the face of a jaw, the jaw of a tongue.
     before : jaw from which that of `frame` was fitted (tongue).
+    courses : tractography by muscle, which replaces the courses of the muscles (face).
+    volumes : volume of such a muscle by its name [m3].
     name, simulated : name of the result; the inputs are simulated.
     """
 
@@ -90,17 +92,19 @@ class Evidence:
     thickness: float = 0.0
     frame: Path | None = None
     before: Path | None = None
+    courses: Mapping[str, Any] | None = None
+    volumes: Mapping[str, float] | None = None
     name: str = "fitted"
     simulated: bool = False
 
 
 @dataclass(frozen=True)
 class FittedModel:
-    """Fitted model, sentences about it, and the function that writes its page."""
+    """Fitted model, sentences about it, and the function that writes its page, if it has one."""
 
     model: "xr.Dataset"
     notes: Sequence[str]
-    report: Callable[[Path], object]
+    report: Callable[[Path], object] | None
 
 
 class Functions(Protocol):
@@ -198,6 +202,7 @@ class Kind:
 
 
 OF_HEADS: Final = ("parts", "contacts", "rings", "models")
+OF_FACES: Final = ("courses", "volumes")
 KINDS: Final[Mapping[str, Kind]] = {
     kind.name: kind
     for kind in (
@@ -206,11 +211,11 @@ KINDS: Final[Mapping[str, Kind]] = {
         ),
         Kind(
             "jaw", "jaw_model", "jaw_motion", "emgface.models.jaw", ("resolution", *OF_HEADS),
-            ("thickness", "before"),
+            ("thickness", "before", *OF_FACES),
         ),
         Kind(
             "tongue", "tongue_model", "tongue_motion", "emgface.models.tongue", OF_HEADS,
-            ("thickness", "landmarks", "places"),
+            ("thickness", "landmarks", "places", *OF_FACES),
         ),
         Kind("head", "head_model", "head_motion", "emgface.models.head"),
     )

@@ -7,6 +7,7 @@ from emgface.errors import FitError
 from emgface.face.parts import elements_of, fibres_of
 from emgface.face.template import template_face
 from emgface.fit.courses import mean_courses, with_course
+from emgface.fit.inputs import points_of_face
 from emgface.fit.readers.tracts import tracts_of
 
 streamlines = pytest.importorskip("nibabel.streamlines")
@@ -134,3 +135,67 @@ def test_bundles_of_another_place_are_refused(face):
         with_course(face, "ZYG_L", lines[:3])
     with pytest.raises(FitError, match="streamline 0"):
         with_course(face, "ZYG_L", [np.full((4, 3), np.nan), *lines])
+
+
+def test_the_command_replaces_courses_of_a_fitted_face(face, tmp_path, monkeypatch):
+    """In the fit itself or afterwards: the same muscle; nothing is written if a course is refused."""
+    import json
+    import shlex
+
+    from typer.testing import CliRunner
+
+    from emgface.cli import app
+    from emgface.face.file import load_face, save_face
+
+    monkeypatch.chdir(tmp_path)
+    lines = _bundle(_course(face), n=60)
+    save = {"l.tck": lines, "r.tck": [line * [-1.0, 1.0, 1.0] for line in lines]}
+    for name, kept in save.items():
+        ras = [1e3 * line * [-1.0, -1.0, 1.0] for line in kept]
+        streamlines.save(streamlines.Tractogram(ras, affine_to_rasmm=np.eye(4)), name)
+    marks = points_of_face(face)
+    rows = [f"{name},{x:.6f},{y:.6f},{z:.6f}" for name, (x, y, z) in marks.items()]
+    (tmp_path / "l.csv").write_text("\n".join(["name,x_m,y_m,z_m", *rows]))
+    save_face(face, tmp_path / "face.nc")
+
+    def run(line):
+        done = CliRunner().invoke(app, shlex.split(line))
+        return done.exit_code, " ".join(f"{done.output} {done.exception}".replace("│", "").split())
+
+    fit = "fit --face face.nc --landmarks l.csv --simulated"
+    for line in (
+        f"{fit} --out whole.nc --course ZYG_L=l.tck --course ZYG_R=r.tck --volume ZYG_L=0.5",
+        f"{fit} --out plain.nc",
+        "fit --face plain.nc --course ZYG_L=l.tck --course ZYG_R=r.tck --volume ZYG_L=0.5 --out "
+        "later.nc",
+    ):
+        code, text = run(line)
+        assert code == 0, text
+    assert "The course of ZYG_R is that of its bundle" in text
+    whole, plain, later = (
+        load_face(tmp_path / f"{name}.nc") for name in ("whole", "plain", "later")
+    )
+    for name in ("bundle_index", "bundle_muscle"):
+        assert np.array_equal(whole[name], later[name])
+    assert np.allclose(whole["fibre_position"], later["fibre_position"], atol=1e-12)
+    changed = [
+        str(m)
+        for m in plain["muscle"].values
+        if not np.array_equal(*(np.sort(elements_of(one, str(m))) for one in (plain, later)))
+    ]
+    assert changed == ["ZYG_L", "ZYG_R"]
+    assert json.loads(later.attrs["fit_inputs"])["course of ZYG_L"].startswith("l.tck ")
+    for line, why in (
+        ("fit --face plain.nc --course ZYG_L=r.tck --out x.nc", "of the other side"),
+        ("fit --face face.nc --course ZYG_L=l.tck --out x.nc", "no attribute fit_frame"),
+        (f"{fit} --volume ZYG_L=2 --out x.nc", "volume is given for ZYG_L"),
+        (f"{fit} --course ZYG_L=l.tck --volume ZYG_L=much --out x.nc", "expected a volume in cm3"),
+        (f"{fit} --course ZYG_L=l.tck --volume ZYG_L=500 --out x.nc", "the volume is 500 cm3"),
+        (f"{fit} --course ZYG_L=l.tck --volume ZYG_L=nan --out x.nc", "the volume is nan cm3"),
+        ("fit --face plain.nc --course ZYG_L=l.tck --report x.html --out x.nc", "leave the report"),
+        ("fit --model jaw --landmarks l.csv --course ZYG_L=l.tck --out x.nc", "has no courses"),
+        ("fit --face plain.nc --course ZYG_L=none.tck --out x.nc", "none.tck"),
+    ):
+        code, text = run(line)
+        assert code != 0 and why in text, (line, text)
+        assert not (tmp_path / "x.nc").exists() and not (tmp_path / "x.html").exists(), line
