@@ -7,18 +7,22 @@ the pointer until the picture with the changed motion was passed on, with the pa
 reports. ``live``: a minute of random slider moves, 30 per second; a frame is late if its step ended more
 than a step after it was due, and dropped if the page had not drawn the former one when it was due.
 ``recording``: pictures per second while a generated recording of 64 channels, 1 h, 2 kHz is scrolled and
-enlarged (``--page`` uses a page of a former run), in a window of 1400 x 900 pixels. The browser draws
+enlarged (``--page`` uses a page of a former run), in a window of 1400 x 900 pixels. ``motion``: pictures
+per second while the page of a stored motion (``--motion``, such as that of a head) is turned and plays.
+``waypoint``: processor time of a state that is saved, and of the steps between two. The browser draws
 with the processor, ``recording`` once as a browser does without a graphics unit, and once through an
 emulated one, which the pages of faces need.
 """
 
 import os
 import re
+import signal
 import subprocess
 import tempfile
 import time
 from pathlib import Path
 from typing import Annotated
+from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -29,6 +33,7 @@ from benchmarks.report import finish, say
 from emgface.children import child_environment, python_command
 from emgface.errors import ConfigurationError
 
+PARTS = ("drag", "live", "recording", "motion", "waypoint")
 SIZE = (420, 380)  #: window of the browser [pixels]
 DRAGS = 200
 TOGETHER = 5  #: drags in one call, which must end within the patience of the driver
@@ -101,6 +106,29 @@ requestAnimationFrame(step);
 """
 
 
+PLAY = """
+const [seconds, done] = arguments, stage = document.getElementById("stage");
+let n = 0, last = stage.dataset.frame; const began = performance.now();
+document.getElementById("play").click();
+const look = (now) => {
+  if (stage.dataset.frame !== last) { last = stage.dataset.frame; n++; }
+  if (now - began > 1e3 * seconds) done([n, now - began]); else requestAnimationFrame(look);
+};
+requestAnimationFrame(look);
+"""
+
+TURN = """
+const [seconds, done] = arguments, stage = document.getElementById("stage");
+let n = 0; const began = performance.now();
+const step = (now) => {
+  if (now - began > 1e3 * seconds) { done([n, now - began]); return; }
+  stage.dispatchEvent(new KeyboardEvent("keydown", {key: n % 20 < 10 ? "ArrowLeft" : "ArrowRight"}));
+  n++; requestAnimationFrame(step);
+};
+requestAnimationFrame(step);
+"""
+
+
 def browser(width, height, *, emulated=True):
     """Headless Chromium that draws with the processor, through an emulated graphics unit or without."""
     from selenium import webdriver
@@ -142,6 +170,8 @@ def served(face, reduced, recording, log=None):
         python_command("-m", "emgface", "live", *words),
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
         env={**child_environment(), "PYTHONUNBUFFERED": "1"},
+        # A shell lets its background jobs ignore the signal that ends the program.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )  # fmt: skip
     text = ""
     for line in process.stdout:
@@ -254,7 +284,7 @@ def minute(driver, process, url, log):
     before = memory(process)
     frames, reacted = driver.execute_async_script(MOVES, LIVE)
     grown = memory(process) - before
-    process.send_signal(2)
+    process.send_signal(signal.SIGINT)
     process.wait(60)
     with xr.open_dataset(log) as data:
         late = data["late"].values[-round(LIVE * 100) :]
@@ -311,19 +341,88 @@ def scrolled(driver, page, way):
     return pd.DataFrame(rows)
 
 
+def played(driver, page, size):
+    """Pictures per second of a page with a moving surface while it plays, and while it is turned."""
+    driver.get(page.resolve().as_uri())
+    watch_page(driver)
+    until(driver, "return document.getElementById('stage').dataset.ready === 'yes'")
+    rows, browsers = [], driver.service.process.pid
+    for act, script in (("turned", TURN), ("played", PLAY)):
+        before = [page_time(driver), processor(browsers)]
+        n, ms = driver.execute_async_script(script, 10.0)
+        own = [(page_time(driver) - before[0]) / n, (processor(browsers) - before[1]) / n]
+        for quantity, value in (("pictures per second", 1e3 * n / ms),
+                                ("processor time of the page per picture [ms]", own[0]),
+                                ("processor time of the browser per picture [ms]", own[1])):  # fmt: skip
+            rows.append({"part": "motion", "quantity": f"{quantity}, {act}, {size} pixels",
+                         "median": value, "95 %": np.nan, "number": n})  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def saved(path):
+    """Processor time [ms] of the states that a motion of 0.4 s saves, and of its steps."""
+    import emgface as ef
+    from emgface.face.waypoints import WayPoints
+
+    face, spent, keep = ef.read(path), [], WayPoints.keep
+    muscles = [str(m) for m in face["muscle"].values]
+    levels = [[0.0, 0.3] if m.endswith("_L") else [0.0, 0.0] for m in muscles]
+    drive = xr.Dataset(
+        {"activation": (("muscle", "time"), levels, {"units": "1"})},
+        {"muscle": muscles, "time": ("time", [0.0, 0.4], {"units": "s"})},
+        {"origin": "simulated"},
+    )
+    stepped = []
+
+    def timed(self, state):
+        stepped.append(time.process_time())
+        keep(self, state)
+        spent.append(1e3 * (time.process_time() - stepped[-1]))
+
+    rows = []
+    for accuracy in ("draft", "study"):
+        with tempfile.TemporaryDirectory() as folder, patch.object(WayPoints, "keep", timed):
+            ef.simulate(drive, face, accuracy=accuracy, waypoints=(folder, 0.02), progress=False)
+        # Between two saved states: the steps, without the saving of the first.
+        steps = 1e3 * np.diff(stepped) - spent[:-1]
+        share = 100.0 * np.median(spent) / (np.median(steps) / 0.02 * 0.1)
+        for quantity, values in (("a saved state [ms]", spent), ("steps of 20 ms [ms]", steps),
+                                 ("states every 0.1 s, share of the steps [%]", share)):  # fmt: skip
+            rows.append({"part": "waypoint", "quantity": f"{accuracy}: {quantity}",
+                         "median": np.median(values), "95 %": np.quantile(values, 0.95),
+                         "number": np.size(values)})  # fmt: skip
+        stepped.clear(), spent.clear()
+    return pd.DataFrame(rows)
+
+
 def main(
     face: Path,
     reduced: Path,
     recording: Path,
-    part: Annotated[str, typer.Option(help="drag, live, recording or all.")] = "all",
+    part: Annotated[str, typer.Option(help=f"{', '.join(PARTS)} or all.")] = "all",
     page: Annotated[Path | None, typer.Option(help="Page of the long recording.")] = None,
+    motion: Annotated[Path | None, typer.Option(help="Page of a stored motion.")] = None,
     out: Path | None = None,
 ) -> None:
     """Measure and print."""
     tables = []
     with tempfile.TemporaryDirectory() as folder:
-        for name in ("drag", "live", "recording") if part == "all" else (part,):
+        for name in PARTS if part == "all" else (part,):
             say(name)
+            if name == "waypoint":
+                tables.append(saved(face))
+                continue
+            if name == "motion":
+                if motion is not None:
+                    for size in (SIZE, (1000, 800)):
+                        driver = browser(*size)
+                        try:
+                            tables.append(played(driver, motion, f"{size[0]} x {size[1]}"))
+                        finally:
+                            driver.quit()
+                    row = {"part": name, "quantity": "size of the page [MB]", "number": 1}
+                    tables.append(pd.DataFrame([row | {"median": motion.stat().st_size / 1e6}]))
+                continue
             if name == "recording":
                 if page is None:
                     page = Path(folder) / "long.html"

@@ -56,7 +56,7 @@ def block(volume: str = "") -> sim.System:
     )
 
 
-def falling(friction: float = 0.0) -> sim.System:
+def falling(friction: float = 0.0, relaxation: sim.Prony | None = None) -> sim.System:
     """A block that falls onto a fixed one and is compressed by its weight."""
     low = grid((3, 3, 1), (0.02, 0.02, 0.006))
     high = grid((2, 2, 1), (0.012, 0.012, 0.006))
@@ -70,7 +70,9 @@ def falling(friction: float = 0.0) -> sim.System:
     contact = sim.ConstraintContact((sim.Pairing(below, above),), friction=friction)
     terms = contact, sim.Gravity((2.0, 1.0, -40.0))
     held = sim.Fixed(np.flatnonzero(X[:, 2] == 0.0))
-    return solid_system(mesh, reductions=(held,), damping=sim.RestRayleigh(), terms=terms)
+    return solid_system(
+        mesh, reductions=(held,), damping=sim.RestRayleigh(), terms=terms, relaxation=relaxation
+    )
 
 
 def drive(system: sim.System, until: float) -> sim.Activation:
@@ -181,6 +183,48 @@ def test_a_restart_changes_no_bit_with_contact(friction, integrator, tmp_path):
             linear=linear,
             n=16,
         )
+
+
+@pytest.mark.slow
+def test_every_state_of_a_long_motion_continues_it_bit_for_bit(tmp_path):
+    """500 steps with contact, friction and relaxation, continued from each of 11 states in files."""
+
+    def run(duration, initial=None, at_checkpoint=None):
+        system = falling(0.3, sim.Prony((0.2,), (0.05,)))
+        return sim.simulate(
+            system,
+            drive(system, 500 * H),
+            duration=duration,
+            integrator=sim.LinearlyImplicitEuler(),
+            steps=sim.FixedStep(H),
+            every=5 * H,
+            checkpoint=9,
+            at_checkpoint=at_checkpoint,
+            probes=(sim.Positions(), sim.Contacts()),
+            initial=initial,
+        )
+
+    def keep(state):
+        sim.save_state(state, tmp_path / f"{len(kept)}.nc")
+        kept.append(state)
+
+    kept = list[sim.State]()
+    whole, end = run(500 * H, at_checkpoint=keep)
+    assert len(kept) == 11 and len(whole.time) == 101
+    touching = whole["contact_force"].values.sum(axis=1) > 0.0
+    assert touching.mean() > 0.5
+    assert not np.array_equal(kept[-1].q, end.q)  # it still moves
+    for k, state in enumerate(kept):
+        assert state.memory, "contact and relaxation remember"
+        rest, last = run(500 * H - state.t, sim.read_state(tmp_path / f"{k}.nc"))
+        assert last.t == end.t and set(last.memory) == set(end.memory)
+        for name in ("q", "v"):
+            np.testing.assert_array_equal(getattr(last, name), getattr(end, name))
+        for name, array in end.memory.items():
+            np.testing.assert_array_equal(last.memory[name], array, err_msg=name)
+        late = whole.isel(time=slice(-rest.sizes["time"], None))
+        for name in rest.variables:
+            np.testing.assert_array_equal(rest[name].values, late[name].values, err_msg=str(name))
 
 
 @pytest.mark.parametrize("integrator", [sim.LinearlyImplicitEuler(), CONVERGED], ids=["one", "all"])

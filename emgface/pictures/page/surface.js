@@ -26,6 +26,17 @@ function millimetres(values, from, size, into) {
   for (let i = 0; i < size; i++) into[i] = values[from + i] * MM;
 }
 
+// CRC-32 of the drawn nodes of the skin as multiples of the quantum, which tells instants apart.
+canvas.checksum = () => {
+  const whole = Int16Array.from(position.subarray(0, 3 * data.nodes), (x) => Math.round(x / MM));
+  let sum = ~0;
+  for (const byte of new Uint8Array(whole.buffer)) {
+    sum ^= byte;
+    for (let k = 0; k < 8; k++) sum = (sum >>> 1) ^ (sum & 1 ? 0xedb88320 : 0);
+  }
+  return ~sum >>> 0;
+};
+
 const view = { yaw: 0, pitch: 0, zoom: 1 };
 const start = new Float32Array(3 * data.nodes);
 // Nodes of muscles are coloured by the activation of their muscle, numbered from 1.
