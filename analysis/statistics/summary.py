@@ -163,9 +163,9 @@ def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
     columns = (
         Column("test"), Column("instructions"), Column("contrast"), Column("in"),
         Column("estimate"), Column("lower"),
-        Column("upper"), Column("p", digits=3), Column("p Holm", digits=3),
-        Column("p joint", digits=3), Column("smallest p", digits=3), Column("volunteers"),
-        Column("pairs"), Column("pairs lost"),
+        Column("upper"), Column("standard deviation"), Column("p", digits=3),
+        Column("p Holm", digits=3), Column("p joint", digits=3), Column("smallest p", digits=3),
+        Column("volunteers"), Column("pairs"), Column("pairs lost"),
     )  # fmt: skip
     rows: list[tuple[object, ...]] = []
     for name, each in found.items():
@@ -183,7 +183,9 @@ def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
             joint = float(row["p_joint"]) if "p_joint" in row else math.nan
             gone = sum(int(row[f"lost_{why}"]) for why in WHY)
             numbers = [float(row["estimate"]) * factor, float(bounds[0]), float(bounds[1])]
-            numbers += [float(row["p"]), float(row["p_holm"]), joint, float(row["smallest_p"])]
+            spread = float(row["standard_deviation"]) if "standard_deviation" in row else math.nan
+            numbers += [spread * factor, float(row["p"]), float(row["p_holm"]), joint]
+            numbers += [float(row["smallest_p"])]
             counts = (int(row["n"]), int(row["pairs"]), gone)
             test = name.replace("_these_instructions", "").replace("_", " ")
             rows.append((test, scope, str(contrast), unit, *numbers, *counts))
@@ -195,6 +197,7 @@ def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
         f"and Wilcoxon are exact (up to {MOST_EXACT_FLIPS} and {MOST_EXACT_RANKS} volunteers); "
         "the mixed model uses t; the p of equivalence is small if "
         "strategies are equivalent; the bounds of leave one out are the extreme estimates. "
+        "Standard deviation: of the differences between volunteers. "
         f"No interval is given with fewer than {LEAST_VOLUNTEERS} volunteers."
     )
     title = f"tests of {first.attrs['variable']}, {recordings(origin)}"

@@ -4,6 +4,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import xarray as xr
 
 from analysis.alignment_tables import alignment_tables
@@ -11,6 +12,7 @@ from analysis.axes import further_axes, reference_cube
 from analysis.baseline_tables import comparison
 from analysis.errors import AnalysisError
 from analysis.listing import trials
+from analysis.robustness import levels_of, robustness, robustness_sentences, robustness_table
 from analysis.sensitivity import choices_table, sensitivity
 from analysis.statistics.summary import statistics_table, study_statistics
 from analysis.tables import Table, report_tables
@@ -33,16 +35,19 @@ class Report:
     compared: tuple[list[str], dict[str, Table]]  #: result of `analysis.baseline_tables.comparison`
     #: result of `study_statistics`, if the study allows tests
     statistics: dict[str, xr.Dataset] | None
+    #: conclusions under other choices, sentences and table, if anything varies
+    held: tuple[list[str], Table] | None
 
 
 def write_tables(cube: xr.Dataset, out: Path) -> Report:
     """Write the tables of a cube as CSV, Markdown and LaTeX to the folder ``out/tables``.
 
-    If choices were varied, the tables show their reference, and an additional table lists the
-    effect of each choice. Raises StoreError if the folder cannot be written.
+    If choices were varied, the tables show their reference, and additional tables list the effect of
+    each choice, and the conclusions under each choice and without flagged alignments. Raises
+    StoreError if the folder cannot be written.
     """
     base, folder = reference_cube(cube), out / "tables"
-    compared, statistics = comparison(base), None
+    compared, statistics, held = comparison(base), None, None
     meaning = compared[0]
     tables = report_tables(base) | alignment_tables(base) | compared[1]
     if base.sizes["volunteer"] > 1 and base.sizes["strategy"] > 1:
@@ -52,6 +57,11 @@ def write_tables(cube: xr.Dataset, out: Path) -> Report:
     if further_axes(cube):
         with suppress(AnalysisError):
             tables["choices"] = choices_table(sensitivity(cube))
+    if np.isfinite(base["rho"].values).any() and len(levels_of(cube)) > 1:
+        with suppress(AnalysisError):
+            found = robustness(cube)
+            held = robustness_sentences(found), robustness_table(found)
+            tables["conclusions"] = held[1]
     for name, table in tables.items():
         store_text(folder / f"{name}.csv", table.csv())
         store_text(folder / f"{name}.md", table.markdown())
@@ -60,7 +70,14 @@ def write_tables(cube: xr.Dataset, out: Path) -> Report:
     if montage != COMPLETE.sentence:
         meaning = [f"The montage is incomplete: {montage}.", *meaning]
     return Report(
-        tables, tables["strategy"].text(), meaning, _failures(base), folder, compared, statistics
+        tables,
+        tables["strategy"].text(),
+        meaning,
+        _failures(base),
+        folder,
+        compared,
+        statistics,
+        held,
     )
 
 

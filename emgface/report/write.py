@@ -77,7 +77,9 @@ def render_report(
     tables = {} if empty else report_tables(cube)
     listed = tables.pop("trials", None)
     change = contents.varied(results.cube, results.notes)
-    held = None if empty else contents.conclusions_held(results.cube, results.notes)
+    held = known.held if known else None
+    if held is None and not empty:
+        held = contents.conclusions_held(results.cube, results.notes)
     tested = contents.inference(cube, known=known.statistics if known else None)
     meaning, compared = (known.compared if known else comparison(cube)) if scored else ([], {})
     values = {
