@@ -230,8 +230,10 @@ def _row_of(worker: _Worker, case: Case) -> dict[str, Any]:
 
 
 def _status(row: dict[str, Any]) -> tuple[str, str]:
-    name, _, reason = str(row["end"]).partition(": ")
-    return ("ok", "") if name == "reached" else (f"failed:{name}", reason)
+    """Status of a row, which names the movement that failed or "refused", and its reason."""
+    end = str(row["end"])
+    name, _, reason = end.removeprefix("failed: ").partition(": ")
+    return ("ok", "") if end == "reached" else (f"failed:{name}", reason)
 
 
 @one_blas_thread

@@ -32,7 +32,31 @@ def _known(values: Muscles) -> Muscles:
     return tuple(dict.fromkeys(found))
 
 
-class Scar(Parameters):
+SHORTEST: Final = 0.1
+"""Lengths of a plan that are positive and shorter are those in metres [mm]; no element is as short."""
+
+
+class Lengths(Parameters):
+    """Base of the tables of a plan, whose lengths are in mm."""
+
+    @model_validator(mode="after")
+    def _in_mm(self) -> "Lengths":
+        for name, field in type(self).model_fields.items():
+            more, value = field.json_schema_extra, getattr(self, name)
+            if value is None or not isinstance(more, dict) or more.get("unit") != "mm":
+                continue
+            every = value if isinstance(value, tuple) else (value,)
+            if 0.0 < max(abs(one) for one in every) < SHORTEST:
+                of_mm = [f"{1e3 * one:g}" for one in every]
+                told = of_mm[0] if len(of_mm) == 1 else f"[{', '.join(of_mm)}]"
+                raise ValueError(
+                    f"{name} = {value}: lengths of a plan are in mm, and this one is shorter than "
+                    f"{SHORTEST:g} mm; if it is in metres, write {name} = {told}"
+                )
+        return self
+
+
+class Scar(Lengths):
     """Healed tissue around a suture. No measured values exist: vary both numbers."""
 
     radius: float = parameter(
@@ -47,7 +71,7 @@ class Scar(Parameters):
     )
 
 
-class Sutured(Parameters):
+class Sutured(Lengths):
     """Part of every step that cuts the lip."""
 
     lip: Literal["upper", "lower"] = choice("lower", "Lip.")
@@ -140,7 +164,7 @@ class Tumour(Sutured):
         return self
 
 
-class Change(Parameters):
+class Change(Lengths):
     """Factor on stiffness or strength: radiotherapy, fibrosis, training, botulinum toxin."""
 
     kind: Literal["change"] = "change"

@@ -45,6 +45,16 @@ def table(monkeypatch, tmp_path):
     return found
 
 
+def test_the_status_of_a_case_names_what_failed():
+    for end, status in {
+        "reached": ("ok", ""),
+        "refused: step 1: too wide": ("failed:refused", "step 1: too wide"),
+        "failed: closing: element 3 is inverted": ("failed:closing", "element 3 is inverted"),
+        "failed: pressure held: the lips: at 5 %": ("failed:pressure held", "the lips: at 5 %"),
+    }.items():
+        assert dose._status({"end": end}) == status
+
+
 def test_changes_are_from_the_same_person_and_draw(table):
     own = dose.changes_by_dose(table).query("outcome == 'mouth width'")
     np.testing.assert_allclose(own["change"], -10.0 * own["share"] + 2.0 * (own["draw"] > 0))

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial import KDTree
 
 import emgface as ef
+import sim
 from emgface.api.given import simulation_of, study_of
 from emgface.choices import configure
 from emgface.errors import ConfigurationError, DataError, FaceError
@@ -15,6 +16,7 @@ from emgface.face.motion import settle_face, simulate_face
 from emgface.face.quality import element_quality
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.face.template.build import volunteer_face
 from emgface.schema.validation import schema_folder
 from emgface.treatment.motions import gestures
 from emgface.treatment.plan import NOT_VALIDATED, Plan, plan_schema_text, read_plan
@@ -41,6 +43,54 @@ def report(face):
 def test_the_schema_of_a_plan_is_that_of_its_model():
     written = (schema_folder() / "treatment.json").read_text(encoding="utf-8")
     assert written == plan_schema_text(), "write emgface.treatment.plan.plan_schema_text() to it"
+
+
+def test_every_length_of_a_plan_in_metres_is_refused_and_names_mm():
+    from pydantic import BaseModel
+
+    from emgface.treatment.plan import Change, Incision, Resection, Scar, Tumour, Wedge
+
+    found = []
+    for kind in (Wedge, Tumour, Incision, Change, Resection, Scar):
+        assert issubclass(kind, BaseModel)
+        for name, field in kind.model_fields.items():
+            more = field.json_schema_extra
+            if not isinstance(more, dict) or more.get("unit") != "mm":
+                continue
+            found.append(name)
+            three = name in ("centre", "radii")
+            value = [0.002, 0.098, 0.003] if three else 0.012
+            given = {name: value}
+            if kind is Tumour and name != "centre":
+                given["centre"] = [0.0, 98.0, -10.0]
+            if kind is Change:
+                given["stiffness"] = 2.0
+            aim = "98" if three else "12"
+            with pytest.raises(ConfigurationError, match=f"{name} = .* in mm.* write .*{aim}"):
+                configure(kind, given)
+    assert {"width", "height", "retraction", "margin", "centre", "radii", "radius"} <= set(found)
+    assert configure(Wedge, {"width": 0.0, "retraction": 0.0}).width == 0.0
+
+
+def test_a_jaw_treated_twice_keeps_both_plans():
+    from emgface.anatomy.jaw.template import template_jaw
+    from emgface.face.identity import treatments, treatments_between
+    from emgface.treatment.treat import treat_jaw
+
+    def plan(side: str) -> Plan:
+        step = {"kind": "resection", "side": side, "reconstruction": "plate"}
+        return configure(Plan, {"name": side, "step": [step]})
+
+    jaw = template_jaw()
+    once = treat_jaw(jaw, plan("left"))
+    twice = treat_jaw(once, plan("right"))
+    assert [e["plan"]["name"] for e in treatments(twice)] == ["left", "right"]
+    between = ((jaw, twice, 2), (once, twice, 1), (jaw, once, 1))
+    assert [len(treatments_between(a, b)) for a, b, _ in between] == [n for *_, n in between]
+    with pytest.raises(DataError, match="exchange both"):
+        treatments_between(twice, once)
+    kept = set(map(str, jaw["muscle"].values)) - set(map(str, twice["muscle"].values))
+    assert {"at_L", "at_R"} <= kept  # both sides have lost theirs
 
 
 @pytest.mark.parametrize("size", [{"width": 0.0}, {"height": 0.0}])
@@ -399,17 +449,59 @@ def test_closed_lips_hold_a_pressure_that_converges_with_its_step(coarse):
     p = simulation_of(study_of(None).simulation, "draft", {"sigma_max": 100e3})
     held = [pressure_held(coarse, p, step=step) for step in (200.0, 400.0, 800.0)]
     values = [one.pressure for one in held]
-    assert all(one.closed and one.parted for one in held)
-    assert 800.0 < values[0] < 6000.0
-    assert abs(values[1] - values[0]) < abs(values[2] - values[1]) < 200.0
+    assert all(one.closed and one.parted and one.force > 0.1 for one in held)
+    assert 800.0 < values[0] < 12000.0
+    assert abs(values[1] - values[0]) < abs(values[2] - values[1]) < 400.0
     few = pressure_held(coarse, p, step=400.0, highest=800.0)
     assert (few.pressure, few.parted) == (800.0, False)
+    # the contact force vanishes continuously with a change of the face: no threshold is passed
+    narrow = pressure_held(ef.treat(coarse, wedge(width=4.0)), p, step=400.0)
+    assert narrow.pressure == pytest.approx(values[1], rel=0.1)
     paralysed = ef.treat(coarse, {"step": [{"kind": "palsy", "side": "both"}]})
     open_lips = pressure_held(paralysed, p)
     assert (open_lips.pressure, open_lips.closed) == (0.0, False)
     without = p.model_copy(update={"contact": QUICK.contact})
     with pytest.raises(FaceError, match="without contact"):
         pressure_held(coarse, without)
+
+
+def test_a_step_of_a_load_without_equilibrium_is_halved():
+    from emgface.treatment.pressure import HALVINGS, _risen
+
+    class Lips:
+        force = 1.0
+
+    tried: list[float] = []
+
+    def to(limit: float, largest: float = 1.0):
+        reached = [0.0]
+
+        def step(load: float) -> None:
+            tried.append(load)
+            if load > limit or load - reached[0] > largest:
+                raise sim.NotConverged((), 0.0, "no equilibrium")
+            reached[0] = load
+
+        return step
+
+    reached, course, error = _risen(Lips(), to(8.0, largest=2.0), 0.0, 8.0)
+    assert (reached, error) == (8.0, None)
+    assert tried == [8.0, 4.0, 2.0, 4.0, 6.0, 8.0]
+    assert [load for load, _ in course] == [2.0, 4.0, 6.0, 8.0]
+    reached, course, error = _risen(Lips(), to(5.0), 0.0, 8.0)
+    assert isinstance(error, sim.NotConverged) and 0.0 <= 5.0 - reached <= 8.0 / 2**HALVINGS
+
+
+def test_soft_lips_close_and_hold_a_pressure_by_shorter_steps():
+    """An untreated person whose tissue is soft, without an equilibrium at the first fifth at once."""
+    from emgface.treatment.dose import DRAWN, DoseSetting
+    from emgface.treatment.pressure import pressure_held
+
+    face = volunteer_face(2026, 2, resolution="coarse")[0]
+    p = DoseSetting().parameters()
+    soft = ef.treat(face, {"step": [{"kind": "change", "stiffness": DRAWN["stiffness"][0]}]})
+    held = pressure_held(soft, p, step=800.0)
+    assert held.closed and held.parted and 800.0 < held.pressure < 12000.0
 
 
 def test_the_other_cut_of_a_treated_face_is_that_of_its_plan(coarse, operated):
