@@ -18,6 +18,7 @@ from emgface.cli import (
     live,
     models,
     record,
+    segment,
     simulate,
     sound,
     study,
@@ -94,6 +95,7 @@ LISTED = {
     "Models": (
         ("build", models.build, "face, jaw, tongue or head"),
         ("import", models.import_, "published models"),
+        ("segment", segment.segment, "parts in images"),
         ("fit", fit.fit, "a face to a person"),
         ("treat", treat.treat, "virtual treatment"),
         ("compare", treat.compare, "faces before and after"),

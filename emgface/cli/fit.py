@@ -112,7 +112,7 @@ def fit(
     """Fit a face, jaw or tongue to a person by landmarks and, if present, surfaces."""
     from emgface.models.kinds import KINDS, Evidence, Person, kind_of_model
 
-    given: dict[str, object] = dict(_parts("--surface", surfaces))
+    given: dict[str, object] = dict(parts_of("--surface", surfaces))
     if labels is not None or label:
         from emgface.fit.readers.volumes import labels_by_part, surfaces_of_labels
 
@@ -121,7 +121,7 @@ def fit(
                 "--labels and --label belong together, expected a volume and at least one part such as "
                 "skin=1: specify both"
             )
-        given |= surfaces_of_labels(labels, labels_by_part(_parts("--label", label)))
+        given |= surfaces_of_labels(labels, labels_by_part(parts_of("--label", label)))
     given |= {
         k: v for k, v in {"skin": skin, "inner": inner, "bone": bone}.items() if v is not None
     }
@@ -140,7 +140,7 @@ def fit(
             Evidence(
                 landmarks=landmarks, places=on_face, surfaces=given, unit=unit, noise=1e-3 * noise,
                 thickness=thickness, frame=frame, before=before,
-                courses=_parts("--course", course) or None, volumes=_volumes(volume),
+                courses=parts_of("--course", course) or None, volumes=_volumes(volume),
                 name=name or out_path.stem, simulated=simulated,
             ),
             tell,
@@ -162,7 +162,7 @@ def fit(
 def _volumes(given: list[str] | None) -> dict[str, float] | None:
     """Volumes [m3] by muscle, of options in cm3."""
     found: dict[str, float] = {}
-    for muscle, text in _parts("--volume", given).items():
+    for muscle, text in parts_of("--volume", given).items():
         try:
             found[muscle] = 1e-6 * float(text)
         except ValueError:
@@ -172,7 +172,7 @@ def _volumes(given: list[str] | None) -> dict[str, float] | None:
     return found or None
 
 
-def _parts(option: str, given: list[str] | None) -> dict[str, str]:
+def parts_of(option: str, given: list[str] | None) -> dict[str, str]:
     """Text by part, of options such as jaw=jaw.stl."""
     found: dict[str, str] = {}
     for text in given or []:

@@ -24,7 +24,7 @@ LIMITS: Mapping[str, tuple[float, float]] = {
     "person": _SEED, "persons": _COUNT, "pitch": (1e-3, 1e5), "port": (0, 65_535),
     "rate": (1e-3, 1e7), "repetition": _COUNT, "repetitions": _COUNT, "run": _COUNT,
     "seconds": _TIME, "sections": (1, 100_000), "seed": _SEED, "sequences": _COUNT,
-    "sigma_max": (0.0, 1e9), "solver_threads": (1, 4096), "start": (-1e6, 1e6),
+    "sigma_max": (0.0, 1e9), "solver_threads": (1, 4096), "spacing": (1e-3, 1e3), "start": (-1e6, 1e6),
     "step": (1e-9, 10.0), "tension": (1e-3, 1e3), "thickness": (-3.0, 3.0),
     "waypoint_every": (1e-9, 1e5),
     "workers": (0, 100_000),
@@ -35,7 +35,10 @@ They exclude what no physical quantity or count can be; commands refuse more, wi
 """
 
 
-ONCE = ("contact", "part_file", "ring", "settings", "unit", "without")
+ONCE = (
+    "contact", "course", "label", "part_file", "ring", "settings", "surfaces", "unit", "volume",
+    "without",
+)  # fmt: skip
 """Repeatable options in which every name may occur once; values may follow an equals sign."""
 
 

@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 from emgface.errors import FitError
 from emgface.fit.readers.volumes import toolkit
 from emgface.fit.similarity import Similarity, misfit, similarity
-from emgface.fit.triangulated import Floats
 
 LEAST: Final = 3  #: smallest number of common fiducials
 MISFIT: Final = 2e-3  #: largest rms distance of fiducials after a rigid motion [m]
 OVERLAP: Final = 0.3  #: smallest share of an image inside the other after registration [1]
 FURTHEST: Final = 60e-3  #: largest motion by a registration [m]
+NEAR: Final = 8e-3  #: width of the surroundings of a region [m]
+MOST: Final = 0.6  #: largest share of the image that is a region [1]
+VOXELS: Final = 4.0  #: in the radius of a ball around a click [1]
 AIR: Final = 0.0  #: value outside an image
 
 
@@ -149,15 +151,14 @@ def region_around(
 ) -> NDArray[np.bool_]:
     """Mask (k, j, i) of the region around clicks [m] whose mean differs from its surroundings.
 
-    Morphological Chan-Vese (Marquez-Neila et al. 2014) from balls of this radius; the connected part
-    with a click is kept. Raises FitError for a click outside the image, or if the region fills it.
+    Morphological Chan-Vese (Marquez-Neila et al. 2014) from balls of this radius, first in the image,
+    then in a box around the region, whose surroundings alone then count, in cubic voxels of a quarter
+    of the radius; the connected part with a click is kept. Raises FitError for a click outside the
+    image, or if the region fills it.
     """
     from skimage.measure import label
-    from skimage.segmentation import morphological_chan_vese
 
-    method: Any = morphological_chan_vese
     sitk = toolkit()
-    values = sitk.GetArrayFromImage(sitk.Cast(image, sitk.sitkFloat32))
     at = np.array(
         [image.TransformPhysicalPointToContinuousIndex([1e3 * x for x in p]) for p in clicks]
     )
@@ -167,23 +168,67 @@ def region_around(
             f"a click of {len(at)} lies outside the image, expected clicks in the region: check the "
             "frame (LPS or RAS) and the unit"
         )
-    spacing = 1e-3 * np.array(image.GetSpacing())
-    index = np.stack(np.meshgrid(*(np.arange(n) for n in size[::-1]), indexing="ij"), axis=-1)[
-        ..., ::-1
-    ]
+    fine = radius / VOXELS  # with fewer voxels in a ball, smoothing removes it
+    own_grid = _grid_of(image, fine)
+    cubes = sitk.Resample(sitk.Cast(image, sitk.sitkFloat32), own_grid)
+    values = sitk.GetArrayFromImage(cubes)
     start = np.zeros(values.shape, dtype=np.uint8)
-    for point in at:
-        start |= (np.linalg.norm((index - point) * spacing, axis=-1) < radius).astype(np.uint8)
-    found = method(values, iterations, init_level_set=start, smoothing=1) > 0
-    own: Any = label(found, connectivity=1)
-    seeds = {int(own[tuple(np.rint(p).astype(int)[::-1])]) for p in at} - {0}
-    mask = np.isin(own, list(seeds))
-    if not 0.0 < mask.mean() < 0.6:
+    seeds = at * (1e-3 * np.array(image.GetSpacing()) / fine)  # in voxels of the cubes
+    for point in seeds:
+        k, j, i = np.ogrid[tuple(slice(0, n) for n in values.shape)]
+        away = (i - point[0]) ** 2 + (j - point[1]) ** 2 + (k - point[2]) ** 2
+        start |= (away < VOXELS**2).astype(np.uint8)
+    found = _grown(values, start > 0, iterations)
+    for _ in range(2):  # again with the mean of the surroundings alone, which others do not change
+        box = _box_around(found, int(np.ceil(NEAR / fine)))
+        found[box] = _grown(values[box], found[box], iterations)
+    parts: Any = label(found, connectivity=1)
+    last = np.array(values.shape) - 1
+    chosen = {int(parts[tuple(np.minimum(np.rint(p).astype(int)[::-1], last))]) for p in seeds} - {
+        0
+    }
+    kept = sitk.GetImageFromArray(np.isin(parts, list(chosen)).astype(np.uint8))
+    kept.CopyInformation(cubes)
+    mask = (
+        sitk.GetArrayFromImage(
+            sitk.Resample(kept, image, sitk.Transform(), sitk.sitkNearestNeighbor)
+        )
+        > 0
+    )
+    if not mask.any():
         raise FitError(
-            f"the region around the clicks fills {mask.mean():.0%} of the image, expected a part: add "
-            "clicks, or crop the image"
+            "no region remains around the clicks, expected one whose intensity differs from its "
+            "surroundings: click inside it, away from its border"
+        )
+    if mask.mean() > MOST:
+        raise FitError(
+            f"the region around the clicks fills {mask.mean():.0%} of the image, expected at most "
+            f"{MOST:.0%}: add clicks, or crop the image"
         )
     return mask
+
+
+def _grown(values: NDArray[Any], start: NDArray[np.bool_], iterations: int) -> NDArray[np.bool_]:
+    """Region after at most these iterations, fewer if ten do not change it."""
+    from skimage.segmentation import morphological_chan_vese
+
+    method: Any = morphological_chan_vese
+    for _ in range(-(-iterations // 10)):
+        found = method(values, 10, init_level_set=start, smoothing=1) > 0
+        if np.array_equal(found, start):
+            break
+        start = found
+    return start
+
+
+def _box_around(mask: NDArray[np.bool_], more: int) -> tuple[slice, ...]:
+    """Slices of the smallest box that contains a mask, with a margin of voxels."""
+    found: list[slice] = []
+    for axis in range(mask.ndim):
+        at = np.flatnonzero(mask.any(axis=tuple(k for k in range(mask.ndim) if k != axis)))
+        low, high = (at[0], at[-1] + 1) if len(at) else (0, mask.shape[axis])
+        found.append(slice(max(0, int(low) - more), int(high) + more))
+    return tuple(found)
 
 
 def _by_fiducials(
@@ -264,20 +309,7 @@ def _in_slice(values: NDArray[Any], clicks: NDArray[Any]) -> NDArray[np.int64]:
     return found
 
 
-def clicks_of(landmarks: Any, prefix: str = "") -> Floats:
-    """Points (n, 3) [m] of a file of landmarks whose names begin with a text, in their order."""
-    from emgface.fit.readers.landmarks import landmarks_of
-
-    found = landmarks_of(landmarks, None)
-    own = [k for k, name in enumerate(found.names) if name.startswith(prefix)]
-    if not own:
-        raise FitError(
-            f"{found.source} has no point whose name begins with {prefix!r}, expected clicks with it"
-        )
-    return np.asarray(found.position[own], dtype=np.float64)
-
-
 __all__ = [
-    "Registered", "clicks_of", "combined_stacks", "contour_through", "region_around",
+    "Registered", "combined_stacks", "contour_through", "region_around",
     "registered_images", "without_bias",
 ]  # fmt: skip

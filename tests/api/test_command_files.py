@@ -16,26 +16,14 @@ from emgface.files import new_files
 from emgface.schema.netcdf import write_netcdf
 from tests.api.test_command_numbers import commands
 
-READ = {
-    "calibrate",
-    *("activation", "after", "areas", "baseline", "before", "bone", "branch", "calibration"),
-    *("compare", "curves", "events", "face", "folder", "folders", "forget", "head_path", "inner"),
-    *(
-        "frame",
-        "labels",
-        "landmarks",
-        "mapping",
-        "mixing",
-        "model",
-        "model_path",
-        "motion",
-        "on_face",
-        "path",
-        "paths",
-    ),
-    *("plan", "range_", "recording", "recordings", "reduced", "reference", "sidecars", "skin"),
-    *("spread", "store", "study", "surface", "trajectory", "workspace"),
-}
+READ = set(
+    """
+    activation after areas baseline before bone branch calibrate calibration clicks compare curves
+    events face fiducials folder folders forget frame head_path inner labels landmarks mapping
+    mixing model model_path motion on_face path paths plan range_ recording recordings reduced
+    reference sidecars skin spread store study surface trajectory workspace
+    """.split()
+)
 """Parameters of commands that are paths and are not written."""
 
 

@@ -9,14 +9,12 @@ from scipy.spatial.transform import Rotation
 from benchmarks.fit_phantoms import image_of
 from emgface.errors import FitError
 from emgface.fit.images import (
-    clicks_of,
     combined_stacks,
     contour_through,
-    region_around,
     registered_images,
     without_bias,
 )
-from emgface.fit.readers.volumes import toolkit
+from emgface.fit.readers.volumes import surfaces_of_labels, toolkit
 
 if find_spec("SimpleITK") is None:
     pytest.skip("SimpleITK is not installed", allow_module_level=True)
@@ -157,17 +155,95 @@ def test_a_contour_follows_the_edge_between_few_clicks():
         contour_through(values, clicks[:2])
 
 
-def test_a_region_is_found_from_two_clicks(tmp_path):
-    """Dice of the cavity and the tissue around it; clicks from a file of landmarks."""
-    image, points = _stack(np.full(3, 1.2e-3), np.eye(3), margin=1.8)
-    truth = _intensity(points) > 50.0
-    inside = CENTRE + np.array([[0.0, 0.025, 0.0], [0.0, -0.02, -0.005]])
-    rows = [f"inside_{k},{','.join(f'{1e3 * v:.3f}' for v in p)}" for k, p in enumerate(inside)]
-    (tmp_path / "clicks.csv").write_text("\n".join(["name,x_mm,y_mm,z_mm", *rows]))
-    mask = region_around(image, clicks_of(tmp_path / "clicks.csv", "inside"))
-    dice = 2.0 * (mask & truth).sum() / (mask.sum() + truth.sum())
-    assert dice >= 0.95, dice
-    with pytest.raises(FitError, match="outside the image"):
-        region_around(image, 1e3 * inside)
-    with pytest.raises(FitError, match="no point whose name begins"):
-        clicks_of(tmp_path / "clicks.csv", "outside")
+def _points(path, points):
+    rows = [f"{name},{','.join(f'{1e3 * v:.3f}' for v in p)}" for name, p in points.items()]
+    path.write_text("\n".join(["name,x_mm,y_mm,z_mm", *rows]))
+
+
+CLICKS = {
+    "head 1": CENTRE + [0.0, 0.025, 0.0],
+    "head 2": CENTRE + [0.0, -0.02, -0.005],
+    "cavity": CENTRE + [0.005, -0.02, 0.012],
+}
+
+
+def _dice(one, two):
+    return 2.0 * (one & two).sum() / (one.sum() + two.sum())
+
+
+def test_the_command_labels_parts_of_three_stacks(tmp_path, monkeypatch):
+    """Stacks in three planes, moved between the scans, become labels in the frame of the first."""
+    from typer.testing import CliRunner
+
+    from emgface.cli import app
+
+    monkeypatch.chdir(tmp_path)
+    markers = {f"f{k}": p for k, p in enumerate(CENTRE + 0.04 * np.vstack([np.eye(3), [1, 1, 0]]))}
+    moved = Rotation.from_rotvec([0.05, -0.08, 0.04]).as_matrix(), np.array([2e-3, -3e-3, 1e-3])
+    line = ["segment"]
+    for k, (plane, axes) in enumerate(PLANES.items()):
+        motion = moved if k else UNMOVED
+        image, _ = _stack(np.array([1e-3, 1e-3, 2e-3]), axes, motion, seed=k)
+        SimpleITK.WriteImage(image, f"{plane}.nii.gz")
+        _points(
+            tmp_path / f"{plane}.csv", {n: motion[0] @ p + motion[1] for n, p in markers.items()}
+        )
+        line += [f"{plane}.nii.gz"]
+    for plane in PLANES:
+        line += ["--fiducials", f"{plane}.csv"]
+    _points(tmp_path / "clicks.csv", CLICKS)
+    line += (
+        "--clicks clicks.csv --label head=1 --label cavity=7 --picture p.png --out l.nii.gz".split()
+    )
+    done = CliRunner().invoke(app, line)
+    assert done.exit_code == 0, done.output
+    assert "coronal.nii.gz was turned by 5.9 degrees" in " ".join(done.output.split())
+    labels = SimpleITK.ReadImage("l.nii.gz")
+    values = SimpleITK.GetArrayFromImage(labels)
+    index = np.argwhere(np.ones_like(values))[:, ::-1]
+    at = [labels.TransformIndexToPhysicalPoint([0, 0, 0]), labels.GetSpacing()]
+    points = 1e-3 * (np.array(at[0]) + index * np.array(at[1])).reshape(*values.shape, 3)
+    assert _dice(values == 1, _intensity(points) > 50.0) >= 0.95
+    hole = (np.linalg.norm((points - CLICKS["cavity"]) / (0.25 * RADII), axis=-1)) < 1.0
+    assert _dice(values == 7, hole) >= 0.85, _dice(values == 7, hole)
+    assert (tmp_path / "p.png").stat().st_size > 10_000
+    head = surfaces_of_labels("l.nii.gz", {"skin": [1, 7]})["skin"].surface
+    r = np.linalg.norm((head.points - CENTRE) / (1.5 * RADII), axis=1)
+    assert np.median(r) == pytest.approx(1.0, abs=0.02)
+
+
+def test_clicks_and_labels_that_cannot_be_are_refused(tmp_path, monkeypatch):
+    from typer.testing import CliRunner
+
+    from emgface.cli import app
+
+    monkeypatch.chdir(tmp_path)
+    image, _ = _stack(np.full(3, 2e-3), np.eye(3), margin=1.8)
+    SimpleITK.WriteImage(image, "a.nrrd")
+    _points(tmp_path / "clicks.csv", CLICKS)
+    _points(tmp_path / "metres.csv", {n: 1e3 * p for n, p in CLICKS.items()})
+    _points(tmp_path / "away.csv", {n: p + [0.2, 0, 0] for n, p in CLICKS.items()})
+    _points(
+        tmp_path / "same.csv", {**CLICKS, "more 1": CLICKS["head 1"], "more 2": CLICKS["head 2"]}
+    )
+    both = "--label head=1 --label cavity=7"
+    for line, why in (
+        (f"--clicks metres.csv {both} --out x.nrrd", "expected 0 to 600 mm"),
+        (f"--clicks away.csv {both} --out x.nrrd", "outside the image"),
+        ("--clicks clicks.csv --label head=1 --out x.nrrd", "points of no part: cavity"),
+        (f"--clicks clicks.csv {both} --label tongue=2 --out x.nrrd", "no click in tongue"),
+        ("--clicks clicks.csv --label head=1 --label cavity=1 --out x.nrrd", "one label each"),
+        ("--clicks clicks.csv --label head=1 --label head=2 --out x.nrrd", "given twice"),
+        ("--clicks clicks.csv --label head=0 --label cavity=7 --out x.nrrd", "expected 1 to 65535"),
+        ("--clicks clicks.csv --label head=one --out x.nrrd", "expected a number"),
+        (f"--clicks same.csv {both} --label more=3 --out x.nrrd", "overlap by"),
+        (f"a.nrrd --clicks clicks.csv {both} --out x.nrrd", "0 files of fiducials"),
+        (f"--clicks clicks.csv {both} --out x.stl", "the ending of no volume"),
+        (f"--clicks clicks.csv {both} --out a.nrrd", "file that the command reads"),
+    ):
+        done = CliRunner().invoke(app, ["segment", "a.nrrd", *line.split()])
+        text = " ".join(f"{done.output} {done.exception}".replace("│", "").split())
+        assert done.exit_code != 0 and why in text, (line, text)
+        assert {p.name for p in tmp_path.iterdir()} == {
+            "a.nrrd", "away.csv", "clicks.csv", "metres.csv", "same.csv",
+        }, line  # fmt: skip

@@ -19,6 +19,7 @@ NOT_HERE = {
     "map": "a C3D file, as `test_command_files`",
     "convert": "a C3D file",
     "cut": "a session with events",
+    "segment": "an image; tests/fit/test_images.py",
     "treat": "tests/treatment",
     "compare": "tests/treatment",
     "dose": "tests/treatment",

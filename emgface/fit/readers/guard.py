@@ -75,11 +75,18 @@ def content_of(path: str | os.PathLike[str], most: int) -> Content:
     return Content(path.name, data)
 
 
-def metres(points: Floats, unit: str | None, name: str, *, stated: str | None = None) -> Floats:
+def metres(
+    points: Floats,
+    unit: str | None,
+    name: str,
+    *,
+    stated: str | None = None,
+    least: float = FACE[0],
+) -> Floats:
     """Points in metres, from the given `unit` or the one `stated` by the file.
 
-    Raises FitError if no unit is known, both contradict each other, a number is not finite, or the
-    extent is not that of a face.
+    `least` [m] is the smallest extent, that of a face; 0 for points of a part. Raises FitError if no
+    unit is known, both contradict each other, a number is not finite, or the extent is another.
     """
     bad = ~np.isfinite(points).all(axis=1)
     if bad.any():
@@ -109,9 +116,9 @@ def metres(points: Floats, unit: str | None, name: str, *, stated: str | None = 
             "unit"
         )
     size = UNITS[known] * extent
-    if not FACE[0] <= size <= FACE[1]:
+    if not least <= size <= FACE[1]:
         raise FitError(
             f"{name} has an extent of {extent:.4g} {known}, that is {1e3 * size:.4g} mm, expected "
-            f"{1e3 * FACE[0]:.0f} to {1e3 * FACE[1]:.0f} mm for a face: check the unit"
+            f"{1e3 * least:.0f} to {1e3 * FACE[1]:.0f} mm for a face: check the unit"
         )
     return UNITS[known] * points

@@ -19,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from emgface.errors import FitError
-from emgface.fit.readers.guard import Content, Floats, content_of, metres
+from emgface.fit.readers.guard import FACE, Content, Floats, content_of, metres
 
 MOST_BYTES: Final = 20_000_000
 MOST: Final = 5000  #: largest number of landmarks
@@ -42,14 +42,19 @@ def plain(name: str) -> str:
     return re.sub(r"[\s\-.]+", "_", str(name).strip().lower())
 
 
-def read_landmarks(path: str | os.PathLike[str], *, unit: str | None = None) -> Landmarks:
-    """Read landmarks from a file; FitError with the place of the fault if it is unusable."""
+def read_landmarks(
+    path: str | os.PathLike[str], *, unit: str | None = None, least: float = FACE[0]
+) -> Landmarks:
+    """Read landmarks from a file; FitError with the place of the fault if it is unusable.
+
+    `least` [m] is the smallest extent of the points.
+    """
     content = content_of(path, MOST_BYTES)
     lower = content.name.lower()
     for ending, reader in _READERS.items():
         if lower.endswith(ending):
             names, points, stated = reader(content)
-            return _checked(names, points, unit, content.name, content.digest, stated)
+            return _checked(names, points, unit, content.name, content.digest, stated, least)
     raise FitError(
         f"{content.name} has an unknown ending, expected one of {', '.join(_READERS)}: export the "
         "landmarks as one of them"
@@ -59,12 +64,17 @@ def read_landmarks(path: str | os.PathLike[str], *, unit: str | None = None) -> 
 def landmarks_of(
     given: "Landmarks | Mapping[str, Sequence[float]] | pd.DataFrame | str | os.PathLike[str]",
     unit: str | None = None,
+    *,
+    least: float = FACE[0],
 ) -> Landmarks:
-    """Landmarks from a file, or from numbers by name, which are in metres without a unit."""
+    """Landmarks from a file, or from numbers by name, which are in metres without a unit.
+
+    `least` [m] is the smallest extent of the points.
+    """
     if isinstance(given, Landmarks):
         return given
     if isinstance(given, str | os.PathLike):
-        return read_landmarks(given, unit=unit)
+        return read_landmarks(given, unit=unit, least=least)
     table = (
         {str(k): row.tolist() for k, row in zip(given.index, given.to_numpy(), strict=True)}
         if isinstance(given, pd.DataFrame)
@@ -76,12 +86,13 @@ def landmarks_of(
         raise FitError(
             f"landmarks are not points of three numbers ({error}), expected {{name: (x, y, z)}}"
         ) from error
-    return _checked(list(table), points, unit, "landmarks", "", None if unit else "m")
+    return _checked(list(table), points, unit, "landmarks", "", None if unit else "m", least)
 
 
 def _checked(
-    names: list[str], points: Floats, unit: str | None, source: str, digest: str, stated: str | None
-) -> Landmarks:
+    names: list[str], points: Floats, unit: str | None, source: str, digest: str,
+    stated: str | None, least: float,
+) -> Landmarks:  # fmt: skip
     if not 0 < len(points) <= MOST:
         raise FitError(
             f"{source} has {len(points)} landmarks, expected 1 to {MOST}: export them again"
@@ -91,7 +102,9 @@ def _checked(
         if not name or name in own[:k]:
             what = f"the name {names[k]!r} twice" if name else f"no name for point {k + 1}"
             raise FitError(f"{source} has {what}, expected one name per landmark: correct it")
-    return Landmarks(tuple(own), metres(points, unit, source, stated=stated), source, digest)
+    return Landmarks(
+        tuple(own), metres(points, unit, source, stated=stated, least=least), source, digest
+    )
 
 
 def _csv(content: Content) -> tuple[list[str], Floats, str | None]:
