@@ -72,7 +72,8 @@ def sensitivity_plot(found: xr.Dataset) -> "Figure":
     texts = [f"{axis} = {level}".replace("_", " ") for axis, level in order]
     ticks(panel, "y", [places[kind] for kind in order], texts)
     panel.set_ylim(last + 0.7, -0.7)
-    panel.set_xlabel(f"change of {variable}" + (f" [{unit}]" if unit != "1" else ""))
+    named = variable.replace("_", " ")
+    panel.set_xlabel(f"change of {named}" + (f" [{unit}]" if unit != "1" else ""))
     handles: list[Any] = [
         Line2D(
             [], [], linestyle="", marker=MARKS[(i + 1) % 7], color=COLOURS[i % 7], label=strategy
@@ -86,5 +87,5 @@ def sensitivity_plot(found: xr.Dataset) -> "Figure":
     legend(figure, handles, most=4)
     reference = f"reference: {found.attrs['reference']}".replace("_", " ")
     panel.set_title("\n".join(wrap(reference, 80)), fontsize="small")
-    heading(figure, f"effect of the choices on {variable}", str(cast(Any, found.attrs)["origin"]))
+    heading(figure, f"effect of the choices on {named}", str(cast(Any, found.attrs)["origin"]))
     return figure

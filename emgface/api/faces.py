@@ -174,8 +174,7 @@ def simulate(
     settled : Dataset, optional
         Face at rest (`emgface.face.motion.settle_face`) for the parameters, if it has been computed.
     surface : bool
-        Store the surface of the face in the trajectory, which `show` requires to move it, and the
-        forces of the muscles and of contact [N].
+        Store the surface of the face in the trajectory, which `show` requires to move it.
     probes : tuple of sim.probes.Probe
         Probes in addition to markers and lip opening, such as ``sim.Positions()``.
     progress : bool or callable, optional
@@ -273,7 +272,6 @@ def simulate(
                 solver_threads=solver_threads,
                 waypoints=kept,
                 branch=begun,
-                forces=surface,
             )
 
         trajectory = lower_sigma_max(once, parameters, report=line.message)

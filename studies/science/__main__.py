@@ -14,9 +14,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-import pandas as pd
-
-from benchmarks.report import markdown
 from emgface.files import replace_file
 from emgface.run.observer import Silent
 from emgface.run.runner import kept_processes
@@ -30,9 +27,8 @@ from studies.science.setup import (
     Plan,
     plan,
     run_world,
-    timed,
-    times,
 )
+from studies.science.spent import cost, measured, timed
 from studies.science.subset import subset
 
 HEAD = """# What a simulated study can and cannot show
@@ -46,8 +42,6 @@ with steps of at most {step:.0f} ms. **All recordings are simulated.** The score
 show how well the method predicts the motion of people.
 """
 BASELINES = "rho, template, ceiling, wrong instruction, shuffled EMG and skill, {} world"
-LIMIT = 30.0
-"""Largest time of the whole page on two cores [min]."""
 FIGURES = (
     ("worlds.png", "subset", "rho with persons and recordings matched and mismatched"),
     ("baselines_matched.svg", "all", BASELINES.format("matched")),
@@ -103,12 +97,12 @@ def main() -> None:
     studies: dict[str, Path] = {}
     made: list[str] = []
     for world in WORLDS if not given.only or {*given.only} & NEED_STUDIES else ():
-        with timed(f"{world} world"), kept_processes(plan.workers):
+        with kept_processes(plan.workers), timed(f"{world} world"):
             studies[world] = run_world(world)
     for name, make in SECTIONS.items():
         if given.only and name not in given.only:
             continue
-        with timed(f"section {name}"), kept_processes(plan.workers):
+        with kept_processes(plan.workers), timed(f"section {name}"):
             made.append(make(studies, given.out))
     page = given.out / "README.md"
     if given.only:
@@ -159,42 +153,6 @@ def _figures() -> str:
     }
     rows = [f"| [{name}]({name}) | {basis[of]} | {shows} |" for name, of, shows in FIGURES]
     return "\n".join(["| figure | trials (simulated) | shows |", "|---|---|---|", *rows, ""])
-
-
-def measured(out: Path) -> pd.DataFrame:
-    """Times of the parts of the page [s], those of this store in place of stored ones; written."""
-    path, now = out / "cost.csv", times()
-    if path.is_file():
-        before = pd.read_csv(path, index_col="part")
-        now = pd.concat([before.drop(index=now.index, errors="ignore"), now])
-    now.round(1).to_csv(path)
-    return now
-
-
-def cost(spent: pd.DataFrame) -> str:
-    """Section on the measured run time of the page, against the limit of 30 minutes on two cores.
-
-    A part without a processor time counts with its wall time, in which it had both cores.
-    """
-    minutes = spent / 60.0
-    rows = [
-        {
-            "part": name,
-            "wall [min]": f"{wall:.1f}",
-            "processor [min]": f"{used:.1f}" if used == used else "not measured",
-        }
-        for name, (wall, used) in zip(minutes.index, minutes.to_numpy(), strict=True)
-    ]
-    both = float((minutes["processor"] / 2.0).fillna(minutes["wall"]).sum())
-    return (
-        "## Cost\n\n"
-        f"On two cores the whole page takes at least {both:.0f} minutes: the sum of half of the "
-        "processor times, and of wall times where the processor time was not measured. The limit of "
-        f"{LIMIT:g} minutes is {'met' if both <= LIMIT else 'not met'}. Parts were not measured in one "
-        "run; wall times depend on the load of the machine. A part that is the first to require "
-        "volunteers or motions includes them, and stored results are not computed again.\n\n"
-        f"{markdown(pd.DataFrame(rows))}\n"
-    )
 
 
 def _command(given: argparse.Namespace) -> str:

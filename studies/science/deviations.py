@@ -54,6 +54,17 @@ def deviations(values: Floats, trials: Trials) -> Floats:
     return values - mean_of_others(values, trials)
 
 
+def spread_of_deviations(persons: int) -> float:
+    """Spread of independent persons over that of their correlations of deviations [1].
+
+    Deviations from the mean of the others contain parts of all persons. With independent parts of
+    equal size, the correlation measured in a person is (n - 2) / (n - 1) of the own one plus
+    1 / (n - 1) of the mean of all, so that the spread is too small by the former and the mean is not
+    changed.
+    """
+    return (persons - 1.0) / (persons - 2.0)
+
+
 def correlation(a: Floats, b: Floats) -> float:
     """Pearson correlation over all elements; 0 if the first, the estimate, does not vary."""
     a, b = a.ravel() - a.mean(), b.ravel() - b.mean()
@@ -131,21 +142,23 @@ def of_other_volunteers(values: Floats, trials: Trials, shift: int) -> Floats:
 
 
 def with_known_agreement(
-    truth: Floats, trials: Trials, rho: float, rng: np.random.Generator
+    truth: Floats, trials: Trials, rho: float | Sequence[float] | Floats, rng: np.random.Generator
 ) -> Floats:
     """Estimate whose deviations have the correlation `rho` with the true ones (positive control).
 
-    The mean of the other volunteers, plus the true deviation d, plus smooth noise of the size
-    |d| sqrt(1/rho^2 - 1) from which its part along d is removed.
+    `rho` is one value, or one of every person, each from -1 to 1.
+
+    The mean of the other volunteers, plus ``rho d + sqrt(1 - rho^2) |d| e``: d is the true deviation,
+    and e is smooth noise of unit size without its part along d.
     """
     base, d = truth.mean(axis=0, keepdims=True), deviations(truth, trials)
     noise = deviations(random_activations(truth.shape, rng), trials)
     made = np.empty_like(d)
-    for person in trials.persons:
+    each = np.broadcast_to(np.asarray(rho, dtype=np.float64), len(trials.persons))
+    for person, known in zip(trials.persons, each, strict=True):
         own = trials.of(person)
         e = noise[own] - noise[own].mean()
         f = d[own] - d[own].mean()
         e = e - f * (e * f).sum() / (f**2).sum()
-        size = np.sqrt((f**2).sum() / (e**2).sum() * (1.0 / rho**2 - 1.0))
-        made[own] = f + size * e
+        made[own] = known * f + np.sqrt((1.0 - known**2) * (f**2).sum() / (e**2).sum()) * e
     return base + made

@@ -16,7 +16,7 @@ from analysis.figures.style import COLOURS, MARKS, blank, styled
 from emgface.face.muscle_parameters import PUBLISHED_START, SIGMA_MAX
 from emgface.muscles import INSTRUCTIONS as NAMES
 from emgface.muscles import RELEVANT
-from studies.science.setup import STEP, simulation
+from studies.science.setup import STEP, each, simulation
 
 INSTRUCTIONS: Final = ("A", "B", "C", "D")
 """Instructions with one target; E and F are sequences of several movements."""
@@ -55,41 +55,50 @@ PUBLISHED: Final = (
 no published amplitude of these points was found."""
 
 
-def excursions(face: xr.Dataset, name: str, levels: tuple[float, ...]) -> pd.DataFrame:
+def excursions(
+    face: xr.Dataset,
+    name: str,
+    instructions: tuple[str, ...],
+    levels: tuple[float, ...],
+    accuracy: str = "draft",
+) -> pd.DataFrame:
     """Largest distance from rest of corners and lips [mm], per instruction and sigma_max [Pa].
 
     ``used [Pa]`` is lower than sigma_max where the face could not be simulated with it.
     """
+    jobs = [
+        (face, name, instruction, stress, accuracy)
+        for instruction in instructions
+        for stress in levels
+    ]
+    return pd.DataFrame(each(_of_one_movement, jobs))
+
+
+def _of_one_movement(job: tuple[xr.Dataset, str, str, float, str]) -> dict[str, Any]:
+    """Row of `excursions` of one instruction and sigma_max [Pa]."""
+    face, name, instruction, stress, accuracy = job
     muscles = face["muscle"].values.tolist()
     time = np.linspace(0.0, DURATION, round(DURATION / STEP) + 1)
-    rows: list[dict[str, Any]] = []
-    for instruction in INSTRUCTIONS:
-        level = np.isin([m.rpartition("_")[0] for m in muscles], list(RELEVANT[instruction]))
-        activation = xr.DataArray(
-            np.outer(level, np.clip(time / (0.5 * DURATION), 0.0, 1.0)),
-            coords={"muscle": muscles, "time": time},
-            dims=("muscle", "time"),
-        )
-        for stress in levels:
-            values = simulation(sigma_max=stress, step=STEP, output=STEP)
-            motion = ef.simulate(
-                activation, face, progress=False, **values.model_dump(exclude_unset=True)
-            )
-            moved = motion["position"] - motion["position"].isel(time=0)
-            farthest = 1e3 * np.sqrt((moved**2).sum("axis")).max("time")
-            rows.append(
-                {
-                    "face": name,
-                    "instruction": instruction,
-                    "sigma_max [Pa]": stress,
-                    "used [Pa]": float(motion.attrs["sigma_max"]),
-                    **{
-                        f"{point} [mm]": float(farthest.sel(marker=list(markers)).mean())
-                        for point, markers in POINTS.items()
-                    },
-                }
-            )
-    return pd.DataFrame(rows)
+    level = np.isin([m.rpartition("_")[0] for m in muscles], list(RELEVANT[instruction]))
+    activation = xr.DataArray(
+        np.outer(level, np.clip(time / (0.5 * DURATION), 0.0, 1.0)),
+        coords={"muscle": muscles, "time": time},
+        dims=("muscle", "time"),
+    )
+    values = simulation(sigma_max=stress, step=STEP, output=STEP, accuracy=accuracy)
+    motion = ef.simulate(activation, face, progress=False, **values.model_dump(exclude_unset=True))
+    moved = motion["position"] - motion["position"].isel(time=0)
+    farthest = 1e3 * np.sqrt((moved**2).sum("axis")).max("time")
+    return {
+        "face": name,
+        "instruction": instruction,
+        "sigma_max [Pa]": stress,
+        "used [Pa]": float(motion.attrs["sigma_max"]),
+        **{
+            f"{point} [mm]": float(farthest.sel(marker=list(markers)).mean())
+            for point, markers in POINTS.items()
+        },
+    }
 
 
 def compared(found: pd.DataFrame) -> pd.DataFrame:
@@ -163,25 +172,31 @@ def reading(found: pd.DataFrame) -> str:
 @styled
 def drawn(found: pd.DataFrame):
     """Draw excursions over sigma_max, one panel per instruction, with published ranges."""
-    figure = blank(11.5, 3.2)
+    figure = blank(10.0, 4.4)
     panels = figure.subplots(1, len(INSTRUCTIONS), sharey=True)
-    lines = ("-", "--")
+    lines, fills = ("-", "--"), ("full", "none")
+    handles: dict[str, Any] = {}
     for panel, instruction in zip(panels, INSTRUCTIONS, strict=True):
         for k, (face, own) in enumerate(found.groupby("face", sort=False)):
             at = own[own["instruction"] == instruction]
             for j, point in enumerate(POINTS):
-                panel.plot(at["sigma_max [Pa]"] / 1e3, at[f"{point} [mm]"], lines[k], color=COLOURS[j],
-                           marker=MARKS[j], label=f"{point}, {face} face")  # fmt: skip
+                panel.plot(at["sigma_max [Pa]"] / 1e3, at[f"{point} [mm]"], lines[k],
+                           color=COLOURS[(4, 1, 2)[j]], marker=MARKS[j], fillstyle=fills[k],
+                           label=f"{point}, {face} face")  # fmt: skip
         for one in PUBLISHED:
             if one.instruction == instruction and one.mean is not None:
                 panel.axhspan(
-                    one.low, one.high, color="0.92", zorder=0, label=f"{one.point}, persons"
+                    one.low, one.high, color="0.92", zorder=0, label=f"{one.point}, persons: range"
                 )
-                panel.axhline(one.mean, color="0.5", linewidth=0.8)
+                panel.axhline(
+                    one.mean, color="0.5", linewidth=0.8, label=f"{one.point}, persons: mean"
+                )
         panel.set_title(f"{instruction}: {NAMES[instruction]}", fontsize=9)
         panel.set_xlabel("sigma_max [kPa]")
+        handles |= dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
     panels[0].set_ylabel("largest distance from rest [mm]")
     panels[0].set_ylim(0.0)
-    panels[-1].legend(fontsize=6, loc="center left", bbox_to_anchor=(1.02, 0.5))
+    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3,
+                  fontsize=8)  # fmt: skip
     figure.suptitle("Excursion with fully activated relevant muscles (SIMULATED)")
     return figure

@@ -15,13 +15,15 @@ from analysis.figures.style import COLOURS, MARKS, blank, grid, heading, legend,
 from analysis.statistics.mixed_model import fit_differences
 from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS
 from analysis.statistics.simulated import simulated_scores
-from analysis.statistics.summary import conclusions, study_statistics
+from analysis.statistics.summary import conclusions, statistics_table, study_statistics
 from analysis.tables import Column, Table
+from studies.science.setup import each
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SPREADS = (0.0, 0.1, 0.2, 0.3, 0.4)  #: standard deviations of instruction x strategy in Fisher's z
+SHOWN_AT = 0.3  #: standard deviation at which the text states size and coverage
 CUBES = 300
 SEED = 4000
 MODELS = {
@@ -37,21 +39,10 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
     worth = claims_in_general()
     save(claims_figure(worth), out / "inference.svg")
     (out / "inference.csv").write_text(claims_table(worth).csv(), encoding="utf-8")
-    bad, good = (worth.sel(spread=0.3, model=model) for model in ("without", "instructions"))
     lines = [
         "## Scope of inference",
         "",
-        f"Each point of the figure was computed from {CUBES} cubes of simulated scores of six "
-        "volunteers and six instructions, without a difference between strategies. If the effect of "
-        "the strategy varies among instructions with a standard deviation of 0.3 in z, a model without "
-        "a term "
-        "for instruction x strategy makes a false claim about instructions in general in "
-        f"{100 * float(bad['size']):.0f} % of the cubes (nominal 5 %), and its intervals contain the "
-        f"true value in {100 * float(bad['coverage']):.0f} % of the cubes. For a model with this "
-        "term, the values are "
-        f"{100 * float(good['size']):.0f} % and {100 * float(good['coverage']):.0f} %, and the "
-        "intervals are wider. A test that treats the instructions as fixed is valid only for these "
-        "instructions.",
+        claims_sentences(claims_table(worth)),
         "",
         "![Size and coverage of claims about instructions in general against the standard deviation of "
         "instruction x strategy, simulated scores](inference.svg)",
@@ -68,21 +59,36 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
     save(contrasts_figure(table), out / "contrasts.svg")
     lines += [table.markdown(), "![Contrasts of the strategies in both scopes](contrasts.svg)", ""]
     for world, found in tests.items():
+        text = statistics_table(found).csv()
+        (out / f"tests_{world}.csv").write_text(text, encoding="utf-8")
         lines += [f"Conclusions for the {world} world (simulated):", ""]
         lines += [f"* {sentence}" for sentence in conclusions(found)] + [""]
     return "\n".join(lines)
 
 
+def claims_sentences(table: Table) -> str:
+    """Describe the size and coverage of `claims_table` at one spread of instructions."""
+    found = {(row[0], row[1]): row for row in table.rows}
+    bad, good = (found[SHOWN_AT, MODELS[model]] for model in ("without", "instructions"))
+    false, covered, fewer, more = (
+        f"{100 * float(str(value)):.0f} %" for value in (*bad[2:4], *good[2:4])
+    )
+    return (
+        f"Each point of the figure was computed from {CUBES} cubes of simulated scores of six "
+        "volunteers and six instructions, without a difference between strategies. If the effect of "
+        f"the strategy varies among instructions with a standard deviation of {SHOWN_AT:g} in z, a "
+        "model without a term for instruction x strategy makes a false claim about instructions in "
+        f"general in {false} of the cubes (nominal 5 %), and its intervals contain the true value in "
+        f"{covered} of the cubes. For a model with this term, the values are {fewer} and {more}, and "
+        "the intervals are wider. A test that treats the instructions as fixed is valid only for these "
+        "instructions."
+    )
+
+
 def claims_in_general() -> xr.Dataset:
     """Size at 0.05 and coverage of 0.95 [1] of three models for instructions in general."""
-    outside = np.zeros((len(SPREADS), len(MODELS), CUBES), dtype=bool)
-    for row, spread in enumerate(SPREADS):
-        for index in range(CUBES):
-            cube = simulated_scores(
-                SEED + index, instructions=6, repetitions=1, sd_instruction_strategy=spread
-            )
-            rho = cube["rho"].transpose("volunteer", "instruction", "strategy", ...).values
-            outside[row, :, index] = _outside(np.arctanh(rho[..., 0, :]))
+    drawn = each(_of_one_cube, [(spread, k) for spread in SPREADS for k in range(CUBES)])
+    outside = np.array(drawn).reshape(len(SPREADS), CUBES, len(MODELS)).swapaxes(1, 2)
     share = outside.mean(axis=2)
     error = np.sqrt(share * (1.0 - share) / CUBES)
     dims = ("spread", "model")
@@ -90,6 +96,16 @@ def claims_in_general() -> xr.Dataset:
         {"size": (dims, share), "coverage": (dims, 1.0 - share), "error": (dims, error)},
         coords={"spread": list(SPREADS), "model": list(MODELS)},
     )
+
+
+def _of_one_cube(job: tuple[float, int]) -> list[bool]:
+    """Test if the interval of each model excludes 0, in one cube of simulated scores."""
+    spread, index = job
+    cube = simulated_scores(
+        SEED + index, instructions=6, repetitions=1, sd_instruction_strategy=spread
+    )
+    rho = cube["rho"].transpose("volunteer", "instruction", "strategy", ...).values
+    return _outside(np.arctanh(rho[..., 0, :]))
 
 
 def _outside(z: NDArray[np.float64]) -> list[bool]:

@@ -35,10 +35,21 @@ from studies.science.deviations import (
     mean_of_others,
     of_other_volunteers,
     random_activations,
-    with_known_agreement,
+    spread_of_deviations,
 )
 from studies.science.setup import RESOLUTION, plan, study_of
 from studies.science.subset import mean_interval, mismatched_people, told
+from studies.science.verdict import (
+    DRAWS,
+    SEMG,
+    TARGET,
+    controls,
+    controls_of_difference,
+    differences,
+    power_sentences,
+    smallest_difference,
+    verdict,
+)
 
 INSTRUCTIONS: Final = ("A", "D")
 REPETITION: Final = 1
@@ -52,9 +63,6 @@ STEP: Final = 0.02
 ONSET: Final = 0.5  #: share of the largest displacement that defines the onset
 INFERRED: Final = ("LAO", "BUC", "OOM", "DLI")
 """Muscles without electrodes, whose sEMG is that of others (Eqs 2-6)."""
-DRAWS: Final = 200
-KNOWN: Final = (0.1, 0.2, 0.3, 0.5, 0.8)  #: correlations of the positive control
-SEMG: Final = "sEMG alone"
 
 
 def make(studies: Mapping[str, Path], out: Path) -> str:
@@ -62,12 +70,13 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
     estimates, truth, trials, muscles, fits = estimated()
     table = scores(estimates, truth, trials, muscles)
     fits.to_csv(out / "inverse_fits.csv", index=False)
-    power = controls(truth, trials)
+    power = controls(truth, trials), controls_of_difference(truth, trials, table)
     gains = increments(estimates, truth, trials, muscles)
     table.to_csv(out / "inverse.csv", index=False)
-    power.to_csv(out / "inverse_controls.csv", index=False)
+    power[0].to_csv(out / "inverse_controls.csv", index=False)
+    power[1].to_csv(out / "inverse_differences.csv", index=False)
     gains.to_csv(out / "inverse_gains.csv", index=False)
-    save(_draw(table), out / "inverse.png", dpi=130)
+    save(_draw(table, power[1]), out / "inverse.png", dpi=130)
     return text(table, power, gains, fits)
 
 
@@ -212,28 +221,6 @@ def increments(
     return pd.DataFrame(rows)
 
 
-def controls(truth: Floats, trials: Trials) -> pd.DataFrame:
-    """Share of draws in which deviations are found (interval above 0), by their true correlation.
-
-    The correlation 0 is the negative control: random activations, which know nothing of the person.
-    """
-    rng = np.random.default_rng(47)
-    rows: list[dict[str, float]] = []
-    for rho in (0.0, *KNOWN):
-        found: list[tuple[float, bool]] = []
-        for _ in range(DRAWS):
-            estimate = (
-                with_known_agreement(truth, trials, rho, rng)
-                if rho
-                else random_activations(truth.shape, rng)  # pyright: ignore[reportArgumentType]
-            )
-            mean, low, _ = mean_interval(deviation_agreement(estimate, truth, trials))
-            found.append((mean, low > 0.0))
-        means, above = np.array(found, dtype=np.float64).T
-        rows.append({"true": rho, "measured": float(means.mean()), "found": float(above.mean())})
-    return pd.DataFrame(rows)
-
-
 def convergence(fits: pd.DataFrame) -> str:
     """Sentences on how many fits converged, and which recordings were not inverted."""
     said: list[str] = []
@@ -259,20 +246,26 @@ def convergence(fits: pd.DataFrame) -> str:
     )
 
 
-def text(table: pd.DataFrame, power: pd.DataFrame, gains: pd.DataFrame, fits: pd.DataFrame) -> str:
-    """Describe tables and figure in sentences with their numbers."""
+def text(
+    table: pd.DataFrame,
+    power: tuple[pd.DataFrame, pd.DataFrame],
+    gains: pd.DataFrame,
+    fits: pd.DataFrame,
+) -> str:
+    """Describe tables and figure in sentences with their numbers; `power` of both controls."""
     used = fits.groupby(["volunteer", "instruction"], sort=False)["state"].agg(
         lambda states: "failed" not in set(states)
     )
     shown: list[dict[str, object]] = []
     for name, own in table.groupby("estimate", sort=False):
-        cells = {c: _cell(own[c].to_numpy()) for c in table.columns[2:]}
+        cells = {c: _cell(own[c].to_numpy(), wider_of(c, own)) for c in table.columns[2:]}
         shown.append({"estimate (simulated)": name, **cells})
     shares: list[dict[str, object]] = []
     for label, own in gains.groupby("muscles", sort=False):
-        cells = {c: told(own[c].to_numpy()) for c in ("sEMG", "motion", "both")}
-        cells["motion adds"] = told((own["both"] - own["sEMG"]).to_numpy(), "+.2f")
-        cells["sEMG adds"] = told((own["both"] - own["motion"]).to_numpy(), "+.2f")
+        wider = spread_of_deviations(len(own))
+        cells = {c: told(own[c].to_numpy(), wider=wider) for c in ("sEMG", "motion", "both")}
+        cells["motion adds"] = told((own["both"] - own["sEMG"]).to_numpy(), "+.2f", wider)
+        cells["sEMG adds"] = told((own["both"] - own["motion"]).to_numpy(), "+.2f", wider)
         shares.append({"muscles": label, **cells})
     return "\n".join(
         [
@@ -289,9 +282,12 @@ def text(table: pd.DataFrame, power: pd.DataFrame, gains: pd.DataFrame, fits: pd
             markdown(pd.DataFrame(shown)),
             "",
             "*Mean over volunteers with 95 % interval (Student's t; simulated; [values of each "
-            "volunteer](inverse.csv)). Nulls contain neither markers nor sEMG of the trial.*",
+            "volunteer](inverse.csv)). Intervals of deviations are wider by (n - 1) / (n - 2), because "
+            "the mean of the others, which is a part of every deviation, makes volunteers more alike. "
+            "Nulls contain neither markers nor sEMG of the trial.*",
             "",
-            "![Correlation with the true activation, and of deviations (simulated)](inverse.png)",
+            "![Correlation with the true activation and of deviations, and power of the comparison "
+            "(simulated)](inverse.png)",
             "",
             f"* {verdict(table)}",
             convergence(fits),
@@ -304,7 +300,7 @@ def text(table: pd.DataFrame, power: pd.DataFrame, gains: pd.DataFrame, fits: pd
             "",
             "*[Values of each volunteer](inverse_gains.csv); simulated.*",
             "",
-            "* **Controls:** " + _power(power),
+            power_sentences(*power),
             "* **What no world can tell:** the true activations of the volunteers are drawn about one "
             "table of instructions; how far persons deviate from each other is an assumption, and "
             "sEMG and markers of a person have no known truth.",
@@ -313,28 +309,13 @@ def text(table: pd.DataFrame, power: pd.DataFrame, gains: pd.DataFrame, fits: pd
     )
 
 
-def _cell(values: Floats) -> str:
-    return told(values) if np.isfinite(values).any() else "not defined"
+def wider_of(column: str, own: pd.DataFrame) -> float:
+    """Ratio by which the interval of a column is widened (`spread_of_deviations`)."""
+    return spread_of_deviations(len(own)) if column.startswith("of deviations") else 1.0
 
 
-def verdict(table: pd.DataFrame) -> str:
-    """Sentence on assisted inversion against sEMG alone on the deviations."""
-    wide = table.pivot_table(index="volunteer", columns="estimate", values="of deviations")
-    difference = (wide["trajectory:assisted"] - wide[SEMG]).to_numpy()
-    mean, low, high = mean_interval(difference)
-    said = (
-        "estimates a person's own deviations better than sEMG alone"
-        if low > 0.0
-        else "estimates a person's own deviations worse than sEMG alone"
-        if high < 0.0
-        else "is not shown to estimate a person's own deviations better than sEMG alone"
-    )
-    return (
-        f"**The assisted inversion (trajectory) {said}:** the correlation of deviations is "
-        f"{told(wide['trajectory:assisted'].to_numpy())}, compared with {told(wide[SEMG].to_numpy())}; "
-        f"the difference is {mean:+.2f} ({low:+.2f} to {high:+.2f}) in {len(difference)} simulated "
-        "volunteers."
-    )
+def _cell(values: Floats, wider: float) -> str:
+    return told(values, wider=wider) if np.isfinite(values).any() else "not defined"
 
 
 def _best(table: pd.DataFrame) -> str:
@@ -350,37 +331,40 @@ def _best(table: pd.DataFrame) -> str:
     )
 
 
-def _power(power: pd.DataFrame) -> str:
-    none, known = power.iloc[0], power.iloc[1:]
-    each = ", ".join(f"{row['true']:g} in {row['found']:.0%}" for _, row in known.iterrows())
-    return (
-        f"in {DRAWS} draws, estimates with a known correlation of deviations are found (interval above "
-        f"0) as follows: {each}. Random activations, which know nothing of the person, are found in "
-        f"{none['found']:.0%} (2.5 % are expected), with a mean correlation of {none['measured']:+.2f}."
-    )
-
-
 @styled
-def _draw(table: pd.DataFrame):
-    """Draw both correlations of every estimate, with volunteers and intervals."""
-    figure = blank(10.0, 3.8)
-    panels = figure.subplots(1, 2, sharey=True)
+def _draw(table: pd.DataFrame, of_difference: pd.DataFrame):
+    """Draw both correlations of every estimate, and the power of the comparison with sEMG alone."""
+    figure = blank(11.5, 4.4)
+    panels = figure.subplots(1, 3, width_ratios=(1.0, 1.0, 0.7))
     names = list(dict.fromkeys(table["estimate"]))
-    columns = ("correlation", "of deviations")
-    for panel, column in zip(panels, columns, strict=True):
+    for panel, column in zip(panels, ("correlation", "of deviations"), strict=False):
         for k, name in enumerate(names):
             values = table[table["estimate"] == name][column].to_numpy()
             if not np.isfinite(values).any():
                 panel.text(0.02, k, "not defined", fontsize=7, va="center")
                 continue
-            mean, low, high = mean_interval(values)
+            wider = wider_of(column, table[table["estimate"] == name])
+            mean, low, high = mean_interval(values, wider)
             colour = "0.4" if name.startswith("null") else COLOURS[4]
             panel.errorbar(mean, k, xerr=[[mean - low], [high - mean]], fmt="o", color=colour,
                            capsize=3)  # fmt: skip
             panel.plot(values, np.full(values.size, k + 0.2), ".", color=colour, alpha=0.5)
         panel.axvline(0.0, color="0.6", linewidth=0.8)
-        panel.set_xlabel(f"correlation {column}" if column.startswith("of") else column)
-    panels[0].set_yticks(range(len(names)), names)
-    panels[0].invert_yaxis()
-    figure.suptitle("Estimated and true activation (SIMULATED)")
+        panel.set_yticks(range(len(names)), names if panel is panels[0] else [""] * len(names))
+        panel.set_ylim(len(names) - 0.5, -0.5)
+        panel.set_xlabel("correlation" if column == "correlation" else f"correlation {column}")
+    panels[0].set_title("estimated and true activation", fontsize=9)
+    panels[1].set_title("deviations from the other volunteers", fontsize=9)
+    smallest = smallest_difference(differences(table))
+    panels[2].plot(of_difference["true"], of_difference["found"], marker="o", color=COLOURS[4])
+    panels[2].axhline(TARGET, color="0.6", linewidth=0.8, linestyle=":")
+    panels[2].axvline(smallest, color="0.6", linewidth=0.8, linestyle=":")
+    panels[2].text(smallest, 0.02, f" detectable: {smallest:.2f}", fontsize=8)
+    panels[2].set_ylim(0.0, 1.02)
+    panels[2].set_xlabel("true difference of two estimates")
+    panels[2].set_ylabel("share of draws in which it is found")
+    panels[2].set_title("power of the comparison", fontsize=9)
+    figure.suptitle(
+        "Activations from motion and sEMG (SIMULATED); means with 95 % intervals, dots: volunteers"
+    )
     return figure

@@ -22,6 +22,7 @@ from studies.science.subset import (
     mean_interval,
     median_per_volunteer,
     of_subset,
+    smallest_change,
     subset,
     subset_study,
     told,
@@ -201,6 +202,12 @@ def _reading(rho: pd.DataFrame, peak: pd.Series) -> str:
             f"{silent['trial']:.2f} with normalisation per trial and {silent['session']:.2f} with "
             "normalisation per session."
         )
+    least = [smallest_change(_gain(rho, world, name)) for world in worlds for name in strategies]
+    sentences.append(
+        "* **Power:** the smallest change of rho that is detected with a power of 0.8, given the spread "
+        f"between these volunteers, is {min(least):.2f} to {max(least):.2f}, depending on strategy and "
+        "world."
+    )
     sentences.append(
         "* act_3 and act_rel omit most silent muscles and depend less on the choice: the lower scores "
         "of act_all are largely due to the normalisation."

@@ -1,21 +1,16 @@
 """Simulated volunteers and studies on which all sections of the page are based."""
 
-import csv
-import os
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
-import pandas as pd
 import xarray as xr
 
 from emgface.choices import configure
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.muscles import INSTRUCTIONS
 from emgface.run.observer import Observer, Silent
+from emgface.run.runner import run_jobs
 from emgface.study.configuration import StudyConfiguration
 from emgface.study.run import run_study
 from emgface.volunteers.settings import VolunteerParameters
@@ -23,6 +18,8 @@ from emgface.volunteers.simulate import make_volunteers
 from emgface.volunteers.world import World, world_of
 
 SEED: Final = 17
+INSTRUCTIONS: Final = ("A", "B", "C", "D", "E", "F")
+"""Instructions of the studies."""
 REPETITIONS: Final = 2
 RESOLUTION: Final = "coarse"
 """Resolution of the face of the study; only the mesh is coarse, not the physiology."""
@@ -33,6 +30,9 @@ STEP: Final = 0.02
 WORLDS: Final = ("matched", "mismatched")
 """Worlds whose finished studies are passed to all sections."""
 
+Job = TypeVar("Job")
+Done = TypeVar("Done")
+
 
 @dataclass
 class Plan:
@@ -40,7 +40,7 @@ class Plan:
 
     store: Path = Path("studies-store")
     volunteers: int = 6
-    instructions: tuple[str, ...] = tuple(INSTRUCTIONS)
+    instructions: tuple[str, ...] = INSTRUCTIONS
     accuracy: str = "draft"
     workers: int = 2
     observer: Observer = Silent()
@@ -125,23 +125,12 @@ def opened(folder: Path) -> xr.Dataset:
     return xr.load_dataset(folder / "cube.nc")
 
 
-@contextmanager
-def timed(part: str) -> Iterator[None]:
-    """Add the wall time and the processor time of a part of the page to the store.
-
-    The processor time contains that of worker processes which end within the part.
-    """
-    started, used = time.monotonic(), sum(os.times()[:4])
-    try:
-        yield
-    finally:
-        plan.store.mkdir(parents=True, exist_ok=True)
-        spent = time.monotonic() - started, sum(os.times()[:4]) - used
-        with (plan.store / "times.csv").open("a", newline="", encoding="utf-8") as file:
-            csv.writer(file).writerow((part, *spent))
+def each(work: Callable[[Job], Done], jobs: Iterable[Job]) -> list[Done]:
+    """Results of a module-level function of one job, by the processes of the plan, in order."""
+    each_job = list(jobs)
+    found = dict(run_jobs(work, each_job, plan.workers, begin=_ready, arguments=()))
+    return [found[k] for k in range(len(each_job))]
 
 
-def times() -> pd.DataFrame:
-    """Wall and processor time [s] of every part of the page, added up over all runs."""
-    rows = pd.read_csv(plan.store / "times.csv", names=["part", "wall", "processor"])
-    return rows.groupby("part", sort=False)[["wall", "processor"]].sum()
+def _ready() -> None:
+    """Jobs of `each` need no preparation."""

@@ -166,7 +166,9 @@ def stress_of_equal_motion(found: pd.DataFrame) -> tuple[float, int]:
 def _excursions(name: str, path: Path | None) -> pd.DataFrame:
     """Excursions of one face at the levels of its sweep."""
     face = ef.face(resolution=RESOLUTION) if path is None else load_face(path)
-    return excursions.excursions(face, name, LEVELS if path is None else OF_PUBLISHED)
+    levels = LEVELS if path is None else OF_PUBLISHED
+    movements = excursions.INSTRUCTIONS
+    return excursions.excursions(face, name, movements, levels, plan.accuracy)
 
 
 def _table(found: pd.DataFrame) -> pd.DataFrame:
@@ -190,45 +192,51 @@ def _table(found: pd.DataFrame) -> pd.DataFrame:
 @styled
 def _draw(found: pd.DataFrame):
     """Draw ratio, rho and lowered trials over sigma_max with volunteers."""
-    figure = blank(10.0, 3.4)
+    figure = blank(10.0, 4.2)
     panels = figure.subplots(1, 3)
-    quantities = (("amplitude ratio", panels[0]), ("rho", panels[1]))
     for k, (face, of) in enumerate(found.groupby("face", sort=False)):
         colour, shift = COLOURS[(4, 5)[k]], (1.0, 1.02)[k]
-        levels = of["sigma_max [Pa]"].unique()
-        for name, panel in quantities:
+        levels = of["sigma_max [Pa]"].unique() / 1e3 * shift
+        for name, panel in zip(("amplitude ratio", "rho"), panels[:2], strict=True):
             wide = of.pivot_table(index="sigma_max [Pa]", columns="volunteer", values=name)
             mean, low, high = np.array([mean_interval(row) for row in wide.to_numpy()]).T
-            panel.errorbar(levels / 1e3 * shift, mean, [mean - low, high - mean], color=colour,
-                           marker=MARKS[k], capsize=3, label=f"{face} face")  # fmt: skip
-            panel.plot(levels / 1e3 * shift, wide.to_numpy(), ".", color=colour, alpha=0.4)
+            panel.errorbar(levels, mean, [mean - low, high - mean], color=colour, marker=MARKS[k],
+                           capsize=3, label=f"{face} face: mean, 95 % interval")  # fmt: skip
+            for one in wide.to_numpy().T:
+                panel.plot(levels * 1.03, one, ".", color=colour, alpha=0.4, label="volunteers")
         shares = of.groupby("sigma_max [Pa]")[["lowered", "failed", "trials"]].sum()
         lost = (shares["lowered"] + shares["failed"]).to_numpy()
         share = lost / shares["trials"].to_numpy()
         bounds = np.array(
             [wilson(int(n), int(m)) for n, m in zip(lost, shares["trials"], strict=True)]
         )
-        panels[2].errorbar(levels / 1e3 * shift, share,
-                              [share - bounds[:, 0], bounds[:, 1] - share], color=colour,
-                              marker=MARKS[k], capsize=3)  # fmt: skip
+        panels[2].errorbar(levels, share, [share - bounds[:, 0], bounds[:, 1] - share],
+                           color=colour, marker=MARKS[k], capsize=3)  # fmt: skip
+    labels = ("motion of face / motion of volunteer", "median rho of a volunteer",
+              "share of trials lowered or failed")  # fmt: skip
     panels[0].set_yscale("log")
     panels[0].set_yticks([0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0], [0.3, 0.5, 0.7, 1, 1.5, 2, 3])
     panels[0].minorticks_off()
     panels[0].axhline(1.0, color="0.5", linewidth=0.8)
-    panels[0].axvspan(*(v / 1e3 for v in DRAWN_AT), color="0.92", zorder=0,
-                         label="volunteers (drawn)")  # fmt: skip
-    panels[0].set_ylabel("motion of face / motion of volunteer")
-    panels[0].legend(fontsize=7.5)
-    panels[1].set_ylabel("median rho of a volunteer")
-    panels[2].set_ylabel("share of trials lowered or failed")
+    panels[1].set_ylim(None, 1.0)
     panels[2].set_ylim(-0.02, 1.02)
-    for panel in panels.ravel():
+    ticks = [level / 1e3 for level in LEVELS]
+    for panel, label in zip(panels, labels, strict=True):
+        panel.set_ylabel(label)
+        panel.set_xscale("log")
+        panel.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        panel.minorticks_off()
         panel.set_xlabel("sigma_max [kPa]")
-        panel.axvline(SIGMA_MAX / 1e3, color=COLOURS[2], linewidth=0.8, linestyle=":")
-        panel.axvline(PUBLISHED_START / 1e3, color="0.3", linewidth=0.8, linestyle=":")
-    figure.suptitle(
-        "Largest muscle stress (SIMULATED); dotted: 100 kPa and the published start of 300 kPa"
-    )
+        panel.axvspan(*(v / 1e3 for v in DRAWN_AT), color="0.92", zorder=0,
+                      label="sigma_max of the volunteers")  # fmt: skip
+        panel.axvline(SIGMA_MAX / 1e3, color=COLOURS[2], linewidth=1.0, linestyle=":",
+                      label=f"{SIGMA_MAX / 1e3:.0f} kPa (this page)")  # fmt: skip
+        panel.axvline(PUBLISHED_START / 1e3, color="0.3", linewidth=1.0, linestyle="--",
+                      label=f"{PUBLISHED_START / 1e3:.0f} kPa (published start)")  # fmt: skip
+    handles = dict(zip(*reversed(panels[0].get_legend_handles_labels()), strict=True))
+    figure.legend(list(handles.values()), list(handles), loc="outside lower center", ncols=3,
+                  fontsize=8)  # fmt: skip
+    figure.suptitle("Size and shape of the motion, and lost trials, over sigma_max (SIMULATED)")
     return figure
 
 

@@ -10,6 +10,7 @@ import pandas as pd
 import xarray as xr
 from scipy.stats import t
 
+from analysis.statistics.power import detectable
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from emgface.study.configuration import StudyConfiguration
 from emgface.volunteers.world import world_of
@@ -78,23 +79,39 @@ def median_per_volunteer(cube: xr.Dataset, **labels: Any) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def mean_interval(values: Sequence[float] | np.ndarray) -> tuple[float, float, float]:
+def mean_interval(
+    values: Sequence[float] | np.ndarray, wider: float = 1.0
+) -> tuple[float, float, float]:
     """Mean over volunteers and its 0.95 interval by Student's t.
 
-    The bounds are NaN with fewer than `LEAST_VOLUNTEERS` values.
+    `wider` is the ratio of the spread of independent volunteers to that of these values [1]. The bounds
+    are NaN with fewer than `LEAST_VOLUNTEERS` values.
     """
     known = np.asarray(values, dtype=np.float64)
     known = known[np.isfinite(known)]
     mean = float(known.mean()) if known.size else math.nan
     if known.size < LEAST_VOLUNTEERS:
         return mean, math.nan, math.nan
-    reach = float(t.ppf(0.975, known.size - 1)) * float(known.std(ddof=1)) / math.sqrt(known.size)
+    error = wider * float(known.std(ddof=1)) / math.sqrt(known.size)
+    reach = float(t.ppf(0.975, known.size - 1)) * error
     return mean, mean - reach, mean + reach
 
 
-def told(values: Sequence[float] | np.ndarray, form: str = ".2f") -> str:
-    """Mean over volunteers with its interval, as text; `form` formats each number."""
-    mean, low, high = mean_interval(values)
+def told(values: Sequence[float] | np.ndarray, form: str = ".2f", wider: float = 1.0) -> str:
+    """Mean over volunteers with its interval (`mean_interval`), as text; `form` formats each number."""
+    mean, low, high = mean_interval(values, wider)
     if math.isnan(low):
         return f"{mean:{form}}"
     return f"{mean:{form}} ({low:{form}} to {high:{form}})"
+
+
+def smallest_change(values: Sequence[float] | np.ndarray) -> float:
+    """Smallest mean change of paired volunteers that their interval detects with a power of 0.8.
+
+    The spread is that of these volunteers; NaN with fewer than `LEAST_VOLUNTEERS`.
+    """
+    known = np.asarray(values, dtype=np.float64)
+    known = known[np.isfinite(known)]
+    if known.size < LEAST_VOLUNTEERS:
+        return math.nan
+    return detectable(known.size, test="t") * float(known.std(ddof=1))

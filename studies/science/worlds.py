@@ -15,6 +15,7 @@ from studies.science.subset import (
     mean_interval,
     median_per_volunteer,
     of_subset,
+    smallest_change,
     subset,
     subset_study,
     told,
@@ -156,8 +157,9 @@ def _draw(found: pd.DataFrame):
     panel.set_xlabel("world")
     panel.set_ylabel("median rho of a volunteer")
     panel.axhline(1.0, color="0.8", linewidth=0.7, zorder=0)
-    panel.set_ylim(min(0.0, float(found["median rho"].min()) - 0.05), 1.02)
-    panel.legend(loc="lower left", title="means over volunteers, 95 % intervals")
+    panel.set_ylim(float(found["median rho"].min()) - 0.05, 1.02)
+    figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=4,
+                  title="large: means over volunteers, 95 % intervals; small: volunteers")  # fmt: skip
     figure.suptitle(
         f"rho with matched and mismatched persons and recordings, instructions "
         f"{', '.join(subset())} (SIMULATED)"
@@ -201,6 +203,7 @@ def reading(levels: Mapping[str, pd.DataFrame], shift: pd.Series) -> str:
             "departs from this table. Because the movements of both worlds are derived from this "
             "table, these values do not estimate the difference in people."
         )
+    sentences.append(power(levels))
     sentences.append(
         "* The sizes of the mismatches of delay, activation dynamics, tissue filter and "
         "signal-to-noise ratio follow publications; the sizes of the other mismatches are "
@@ -208,3 +211,22 @@ def reading(levels: Mapping[str, pd.DataFrame], shift: pd.Series) -> str:
     )
     assert set(KINDS) == {*PERSON, *RECORDING}
     return "\n".join(sentences) + "\n"
+
+
+def power(levels: Mapping[str, pd.DataFrame]) -> str:
+    """Smallest changes by a mismatch that this number of volunteers detects."""
+    said: list[str] = []
+    for kind in ("recording", "person"):
+        pairs = [pair for name, pair in EFFECTS.items() if name.startswith(kind)]
+        least = [
+            smallest_change((own.loc[b] - own.loc[a]).to_numpy())
+            for name, own in levels.items()
+            if name != TRUE
+            for a, b in pairs
+        ]
+        said.append(f"{min(least):.2f} to {max(least):.2f} by a mismatch of the {kind}")
+    return (
+        "* **Power:** with the spread between these volunteers, the smallest change of rho that is "
+        f"detected with a power of 0.8 is {' and '.join(said)}, depending on strategy and world; "
+        "smaller ones can remain undetected."
+    )

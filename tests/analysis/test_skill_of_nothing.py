@@ -6,49 +6,16 @@ import xarray as xr
 
 from analysis.baselines import ceiling_of, template_limit, with_baselines
 from analysis.statistics.simulated import simulated_scores
-from analysis.statistics.skill import against_baselines, ratio_interval
-
-MARKERS, INSTRUCTIONS, REPETITIONS, SAMPLES = 3, 6, 2, 24
-DIMS = ("volunteer", "instruction", "repetition", "marker")
-
-
-def correlation(a, b):
-    return (a * b).sum(-1) / np.sqrt((a * a).sum(-1) * (b * b).sum(-1))
-
-
-def world(rng, volunteers: int, specific: float, spread: float = 0.4, own: float = 0.7):
-    """Scores in a world in which motion = common + individual + deviation of the repetition.
-
-    The size of the individual part varies between persons (standard deviation `spread` of its
-    logarithm). Returns rho of the prediction common + `specific` x individual, template_rho and
-    repeat_rho, each of shape (volunteers, instructions, repetitions, markers).
-    """
-    shape = (volunteers, INSTRUCTIONS, REPETITIONS, MARKERS, SAMPLES)
-    common = rng.normal(size=(1, INSTRUCTIONS, 1, MARKERS, SAMPLES))
-    common = common * np.exp(0.3 * rng.normal(size=(1, INSTRUCTIONS, 1, MARKERS, 1)))
-    size = own * np.exp(spread * rng.normal(size=(volunteers, 1, 1, 1, 1)))
-    individual = size * rng.normal(size=(volunteers, INSTRUCTIONS, 1, MARKERS, SAMPLES))
-    measured = common + individual + 0.1 * rng.normal(size=shape)
-    person = measured.mean(2, keepdims=True)
-    template = (person.sum(0, keepdims=True) - person) / (volunteers - 1)
-    again = correlation(measured, measured[:, :, ::-1])
-    return (
-        correlation(measured, common + specific * individual),
-        correlation(measured, template),
-        again,
-    )
-
-
-def limit_of(template: np.ndarray) -> np.ndarray:
-    others = xr.DataArray(np.full(template.shape[:2], len(template) - 1.0), dims=DIMS[:2])
-    return template_limit(xr.DataArray(template, dims=DIMS), others).values
-
-
-def skill_interval(rho, template, again) -> tuple[float, float, float]:
-    """Skill and its interval, as `against_baselines` computes them (compared in a test below)."""
-    limit = limit_of(template)
-    top, room = ((one - limit).mean(3, keepdims=True) for one in (rho, ceiling_of(again)))
-    return ratio_interval(top, room, 0.95, 200, 0)
+from analysis.statistics.skill import against_baselines
+from studies.science.drawn import (
+    DIMS,
+    INSTRUCTIONS,
+    MARKERS,
+    REPETITIONS,
+    limit_of,
+    skill_interval,
+    world,
+)
 
 
 def test_it_is_the_interval_of_a_study() -> None:
@@ -84,8 +51,7 @@ def test_the_interval_of_a_prediction_without_emg_contains_zero(volunteers: int)
         rho, template, again = world(rng, volunteers, 0.0)
         skill.append(skill_interval(rho, template, again))
         if study < 100:
-            top, room = ((x - template).mean(3, keepdims=True) for x in (rho, ceiling_of(again)))
-            finite.append(ratio_interval(top, room, 0.95, 200, 0)[1] > 0.0)
+            finite.append(skill_interval(rho, template, again, finite=True)[1] > 0.0)
             power.append(skill_interval(*world(rng, volunteers, 0.2))[1] > 0.0)
     middle, low, high = np.array(skill).T
     assert ((low <= 0.0) & (high >= 0.0)).mean() >= 0.925

@@ -23,6 +23,7 @@ def test_every_published_number_has_a_verdict_and_every_task_a_text() -> None:
         ("open", 15.3, "gape 15.3: outside 35 to 38 by -19.7"),
         ("open_head", 35.4, "gape 35.4: outside 50 to 51 by -14.6"),
         ("open_head", 55.0, "gape 55.0: outside 50 to 51 by +4.0"),
+        ("open_head", 51.0123, "gape 51.01: outside 50 to 51 by +0.01"),
     ],
 )
 def test_a_miss_is_stated_with_its_size(task: str, value: float, said: str) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import nct, t
 
 from emgface.muscles import MUSCLES
 from studies.science.deviations import (
@@ -14,15 +15,17 @@ from studies.science.deviations import (
     explained,
     of_other_volunteers,
     random_activations,
+    spread_of_deviations,
     with_known_agreement,
 )
-from studies.science.inverse import (
+from studies.science.inverse import convergence, increments, scores, text
+from studies.science.verdict import (
+    DIFFERENCES,
     SEMG,
     controls,
-    convergence,
-    increments,
-    scores,
-    text,
+    controls_of_difference,
+    differences,
+    smallest_difference,
     verdict,
 )
 
@@ -60,6 +63,19 @@ def test_a_known_agreement_is_measured(truth: np.ndarray, rho: float) -> None:
     made = with_known_agreement(truth, TRIALS, rho, np.random.default_rng(1))
     # the mean of the others of the made estimate is not exactly that of the truth
     assert deviation_agreement(made, truth, TRIALS).mean() == pytest.approx(rho, abs=0.06)
+
+
+def test_deviations_make_persons_alike_by_the_stated_ratio() -> None:
+    """Independent parts of equal size: measured = (n - 2) / (n - 1) own + 1 / (n - 1) mean."""
+    rng = np.random.default_rng(2)
+    trials = Trials(tuple(f"S{k}" for k in range(PERSONS)), ("A",) * PERSONS)
+    own = np.linspace(0.2, 0.9, PERSONS)
+    parts = rng.standard_normal((2, PERSONS, 20, 20000))
+    truth, noise = parts
+    made = own[:, None, None] * truth + np.sqrt(1.0 - own**2)[:, None, None] * noise
+    measured = deviation_agreement(made, truth, trials)
+    assert measured.mean() == pytest.approx(own.mean(), abs=0.01)
+    assert own.std() / measured.std() == pytest.approx(spread_of_deviations(PERSONS), rel=0.03)
 
 
 def test_activations_of_another_person_do_not_agree_beyond_the_pattern(truth: np.ndarray) -> None:
@@ -106,11 +122,40 @@ def test_the_verdict_follows_from_the_deviations(
     assert said in verdict(table)
     nulls = table[table["estimate"].str.startswith("null: true mean")]
     assert nulls["of deviations"].isna().all() and (nulls["correlation"] > 0.7).all()
+    assert ("can remain undetected" in verdict(table)) is not better
     gains = increments(estimates, truth, TRIALS, MUSCLES)
-    whole = text(table, pd.DataFrame({"true": [0.0, 0.5], "measured": [0.0, 0.5], "found": [0.02, 1.0]}),
-                 gains, fits("converged"))  # fmt: skip
-    assert "0.5 in 100%" in whole and "not defined" in whole
+    power = pd.DataFrame({"true": [0.0, 0.5], "measured": [0.0, 0.5], "found": [0.02, 1.0]})
+    whole = text(table, (power, power), gains, fits("converged"))
+    assert whole.count("0.5 in 100%") == 2 and "not defined" in whole
     assert "6 volunteers" in whole and "(12 trials)" in whole
+
+
+def test_a_known_difference_is_found_with_the_stated_power(truth: np.ndarray) -> None:
+    """The smallest detectable difference has a power near 0.8 in draws that pass through the scores."""
+    rng = np.random.default_rng(11)
+    own = 0.2 * rng.standard_normal(PERSONS)
+    rows = [
+        {"estimate": name, "volunteer": f"S{k}", "of deviations": 0.3 + sign * value}
+        for name, sign in (("trajectory:assisted", 0.5), (SEMG, -0.5))
+        for k, value in enumerate(own)
+    ]
+    table = pd.DataFrame(rows)
+    assert np.allclose(differences(table), own)
+    found = controls_of_difference(truth, TRIALS, table).set_index("true")
+    assert found.loc[0.0, "found"] < 0.045 and abs(found.loc[0.0, "measured"]) < 0.03
+    assert found["found"].is_monotonic_increasing
+    at = np.interp(smallest_difference(own), [0.0, *DIFFERENCES], found["found"])
+    assert at == pytest.approx(0.8, abs=0.12)  # 500 draws, and the correlations of made estimates
+
+
+def test_the_smallest_difference_is_that_of_the_power_of_students_t() -> None:
+    """Power of the two-sided t test by the noncentral distribution."""
+    difference = np.array([0.1, -0.2, 0.3, 0.05, 0.4, -0.1])
+    n = difference.size
+    spread = spread_of_deviations(n) * difference.std(ddof=1)
+    shift = smallest_difference(difference) / spread * np.sqrt(n)
+    edge = t.ppf(0.975, n - 1)
+    assert nct.sf(edge, n - 1, shift) + nct.cdf(-edge, n - 1, shift) == pytest.approx(0.8, abs=0.03)
 
 
 def fits(last: str) -> pd.DataFrame:

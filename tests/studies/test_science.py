@@ -4,12 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from scipy.stats import binomtest, ttest_1samp
+from scipy.stats import binomtest, nct, t, ttest_1samp
 
 from studies.science.__main__ import replaced
 from studies.science.strength import per_volunteer as of_strength
 from studies.science.strength import stress_of_equal_motion, wilson
-from studies.science.subset import mean_interval, told
+from studies.science.subset import mean_interval, smallest_change, told
 from studies.science.worlds import PERSON, TRUE, WORLDS, effects, per_volunteer, reading
 
 RHO = np.array([0.62, 0.71, 0.55, 0.80, 0.66, 0.74])
@@ -22,6 +22,14 @@ def test_the_interval_is_that_of_students_t_over_volunteers() -> None:
     assert (low, high) == pytest.approx((exact.low, exact.high))
     assert told(RHO) == f"0.68 ({exact.low:.2f} to {exact.high:.2f})"
     assert told(RHO[:4]) == "0.67"  # no interval from so few volunteers
+
+
+def test_the_smallest_change_has_the_stated_power() -> None:
+    """Power of the two-sided t test by the noncentral distribution."""
+    n = len(RHO)
+    shift, edge = smallest_change(RHO) / RHO.std(ddof=1) * np.sqrt(n), t.ppf(0.975, n - 1)
+    assert nct.sf(edge, n - 1, shift) + nct.cdf(-edge, n - 1, shift) == pytest.approx(0.8, abs=0.03)
+    assert np.isnan(smallest_change(RHO[:4]))
 
 
 def test_effects_of_worlds_are_paired() -> None:
@@ -45,6 +53,7 @@ def test_effects_of_worlds_are_paired() -> None:
     assert set(changes[TRUE]) == {"+0.00 (+0.00 to +0.00)"}
     text = reading(levels, per_volunteer(found, "median shift [s]")["act_3"].median(axis=1))
     assert "changes from 0 to -40 ms" in text
+    assert "is 0.00 to 0.00 by a mismatch of the recording and 0.00 to 0.00 by" in text
 
 
 @pytest.mark.parametrize(("count", "of"), [(0, 18), (3, 18), (9, 18), (18, 18)])

@@ -5,19 +5,23 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from analysis.tables import Column, Table
 from benchmarks.report import markdown
 from emgface.face.simulation_parameters import SimulationParameters
-from studies.science import excursions, inverse, normalisation, strength, worlds
-from studies.science.__main__ import cost
+from studies.science import (
+    excursions,
+    inference,
+    inverse,
+    normalisation,
+    strength,
+    worlds,
+)
+from studies.science.spent import cost
 from studies.science.subset import told
+from tests.sentences import choices_of, words
 
 DOCS = Path(__file__).parents[2] / "docs"
 FOLDER = DOCS / "science"
-
-
-def words(text: str) -> str:
-    """Text with single blanks, because pages are wrapped."""
-    return " ".join(text.split())
 
 
 @pytest.fixture(scope="module")
@@ -59,10 +63,11 @@ def test_sentences_on_the_stress_follow_from_their_tables(page: str) -> None:
 
 
 def test_sentences_on_the_inverse_follow_from_their_tables(page: str) -> None:
-    table, power, gains, fits = (
-        pd.read_csv(FOLDER / f"inverse{part}.csv") for part in ("", "_controls", "_gains", "_fits")
+    table, power, differences, gains, fits = (
+        pd.read_csv(FOLDER / f"inverse{part}.csv")
+        for part in ("", "_controls", "_differences", "_gains", "_fits")
     )
-    contained(page, inverse.text(table, power, gains, fits))
+    contained(page, inverse.text(table, (power, differences), gains, fits))
     verdict = words(inverse.verdict(table))
     assert verdict in words((DOCS / "inverse" / "README.md").read_text(encoding="utf-8"))
 
@@ -83,13 +88,40 @@ def test_sentences_on_the_baselines_follow_from_their_table(page: str, world: st
         assert f"| {strategy} | {cells} | {row['volunteers']} | {row['trials']} |" in section
 
 
+def test_sentences_on_claims_follow_from_their_table(page: str) -> None:
+    found = pd.read_csv(FOLDER / "inference.csv").drop(columns="origin")
+    rows = tuple(tuple(row) for row in found.itertuples(index=False))
+    contained(
+        page, inference.claims_sentences(Table("", tuple(map(Column, found)), rows, "simulated"))
+    )
+
+
+def test_sentences_on_the_choices_follow_from_their_table(page: str) -> None:
+    said = "\n".join(choices_of(DOCS / "choices" / "conclusions.csv"))
+    contained(page, said)
+    contained(words((DOCS / "choices" / "sentences.md").read_text(encoding="utf-8")), said)
+
+
+def test_a_conclusion_that_contradicts_its_table_is_found(page: str, tmp_path: Path) -> None:
+    """The tests of sentences can fail: every table with one changed number contradicts the page."""
+    changes = ((DOCS / "choices" / "conclusions.csv", "median rho", choices_of),)
+    for path, column, rebuilt in changes:
+        table = pd.read_csv(path)
+        table[column] = 1.0 - table[column]
+        table.to_csv(tmp_path / path.name, index=False)
+        with pytest.raises(AssertionError):
+            contained(page, "\n".join(rebuilt(tmp_path / path.name)))
+
+
 def test_the_run_time_follows_from_its_table(page: str) -> None:
     contained(page, cost(pd.read_csv(FOLDER / "cost.csv", index_col="part")))
 
 
 def test_a_run_time_above_the_limit_is_told_as_such() -> None:
-    spent = pd.DataFrame({"wall": [1200.0, 900.0], "processor": [float("nan"), 600.0]}, ["a", "b"])
-    assert "at least 25 minutes" in cost(spent) and "30 minutes is met" in cost(spent)
+    spent = pd.DataFrame(
+        {"wall": [1200.0, 900.0], "own": [60.0, 0.0], "workers": [1680.0, 1200.0]}, ["a", "b"]
+    )
+    assert "takes 25 minutes" in cost(spent) and "30 minutes is met" in cost(spent)
     assert "30 minutes is not met" in cost(spent * 1.5)
 
 

@@ -1,5 +1,6 @@
 """Outcome of the tasks of a jaw beside the published one."""
 
+import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -78,7 +79,8 @@ def verdicts(task: str, found: Mapping[str, float], *, generated: bool) -> tuple
             said.append(f"{one.column} {value:.1f}: within {wanted}")
         else:
             off = value - (one.low if value < one.low else one.high)
-            said.append(f"{one.column} {value:.1f}: outside {wanted} by {off:+.1f}")
+            digits = max(1, math.ceil(-math.log10(abs(off))))  # enough to tell it from the bound
+            said.append(f"{one.column} {value:.{digits}f}: outside {wanted} by {off:+.{digits}f}")
         if not one.persons:
             basis.append("free: computed by the published model")
         elif generated and one.tuned:
