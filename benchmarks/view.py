@@ -10,8 +10,7 @@ than a step after it was due, and dropped if the page had not drawn the former o
 enlarged (``--page`` uses a page of a former run), in a window of 1400 x 900 pixels. ``motion``: pictures
 per second while the page of a stored motion (``--motion``, such as that of a head) is turned and plays.
 ``waypoint``: processor time of a state that is saved, and of the steps between two. The browser draws
-with the processor, ``recording`` once as a browser does without a graphics unit, and once through an
-emulated one, which the pages of faces need.
+with the processor through an emulated graphics unit, ``recording`` and ``motion`` also without one.
 """
 
 import os
@@ -20,6 +19,7 @@ import signal
 import subprocess
 import tempfile
 import time
+from itertools import product
 from pathlib import Path
 from typing import Annotated
 from unittest.mock import patch
@@ -34,6 +34,7 @@ from emgface.children import child_environment, python_command
 from emgface.errors import ConfigurationError
 
 PARTS = ("drag", "live", "recording", "motion", "waypoint")
+WAYS = {False: "no graphics unit", True: "emulated graphics unit"}
 SIZE = (420, 380)  #: window of the browser [pixels]
 DRAGS = 200
 TOGETHER = 5  #: drags in one call, which must end within the patience of the driver
@@ -354,7 +355,7 @@ def played(driver, page, size):
         for quantity, value in (("pictures per second", 1e3 * n / ms),
                                 ("processor time of the page per picture [ms]", own[0]),
                                 ("processor time of the browser per picture [ms]", own[1])):  # fmt: skip
-            rows.append({"part": "motion", "quantity": f"{quantity}, {act}, {size} pixels",
+            rows.append({"part": "motion", "quantity": f"{quantity}, {act}, {size}",
                          "median": value, "95 %": np.nan, "number": n})  # fmt: skip
     return pd.DataFrame(rows)
 
@@ -414,10 +415,11 @@ def main(
                 continue
             if name == "motion":
                 if motion is not None:
-                    for size in (SIZE, (1000, 800)):
-                        driver = browser(*size)
+                    for emulated, size in product((False, True), (SIZE, (1000, 800))):
+                        driver = browser(*size, emulated=emulated)
                         try:
-                            tables.append(played(driver, motion, f"{size[0]} x {size[1]}"))
+                            way = WAYS[emulated]
+                            tables.append(played(driver, motion, f"{size[0]} x {size[1]}, {way}"))
                         finally:
                             driver.quit()
                     row = {"part": name, "quantity": "size of the page [MB]", "number": 1}
@@ -430,8 +432,7 @@ def main(
                 for emulated in (False, True):
                     driver = browser(1400, 900, emulated=emulated)
                     try:
-                        way = "emulated graphics unit" if emulated else "no graphics unit"
-                        tables.append(scrolled(driver, page, way))
+                        tables.append(scrolled(driver, page, WAYS[emulated]))
                     finally:
                         driver.quit()
                 size = {"part": "recording", "quantity": "size of the page [MB]", "number": 1}

@@ -174,7 +174,8 @@ def simulate(
     settled : Dataset, optional
         Face at rest (`emgface.face.motion.settle_face`) for the parameters, if it has been computed.
     surface : bool
-        Store the surface of the face in the trajectory, which `show` requires to move it.
+        Store the surface of the face in the trajectory, which `show` requires to move it, and the
+        forces of the muscles and of contact [N].
     probes : tuple of sim.probes.Probe
         Probes in addition to markers and lip opening, such as ``sim.Positions()``.
     progress : bool or callable, optional
@@ -272,6 +273,7 @@ def simulate(
                 solver_threads=solver_threads,
                 waypoints=kept,
                 branch=begun,
+                forces=surface,
             )
 
         trajectory = lower_sigma_max(once, parameters, report=line.message)

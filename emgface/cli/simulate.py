@@ -183,9 +183,8 @@ def _move_face(
     from emgface.api.given import face_of, study_of
     from emgface.models.face import activation_for
     from emgface.models.kinds import chosen
-    from emgface.pictures.body import skin_of
     from emgface.pictures.movie import check_movie
-    from emgface.pictures.surface import SurfaceProbe, with_surface
+    from emgface.pictures.surface import without_surface
     from emgface.schema.netcdf import write_netcdf
     from sim import Positions
 
@@ -196,8 +195,6 @@ def _move_face(
     plan = study_of(study)
     model = face_of(model_path, plan)
     given = activation_for(model, drive)
-    skin = skin_of(model) if outputs.surface or page or movie else None
-    probes = (*([SurfaceProbe(skin.node)] if skin else []), *([Positions()] if vtk else []))
     announce_compilation()
     with progress("simulating") as bar:
         trajectory = ef.simulate(
@@ -205,18 +202,18 @@ def _move_face(
             model,
             study=plan,
             accuracy=drive.accuracy,
-            probes=probes,
+            surface=bool(outputs.surface or page or movie),
+            probes=(Positions(),) if vtk else (),
             progress=bar.show,
             solver_threads=solver_threads,
             **changes,
         )
         nodes = trajectory.get("node_position")
         trajectory = trajectory.drop_vars("node_position", errors="ignore")
-        drawn = with_surface(trajectory, model, skin) if skin else trajectory
-        bare = trajectory.drop_vars("surface_position", errors="ignore")
         if outputs.trajectory:
-            write_netcdf(drawn if outputs.surface else bare, outputs.trajectory, "trajectory")
-        _show_motion(drawn, given, page, movie, bar)
+            kept = trajectory if outputs.surface else without_surface(trajectory)
+            write_netcdf(kept, outputs.trajectory, "trajectory")
+        _show_motion(trajectory, given, page, movie, bar)
         if vtk and nodes is not None:
             _write_vtk(vtk, model, nodes)
     written = [str(path) for path in (outputs.trajectory, page, movie, vtk) if path]

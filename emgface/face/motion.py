@@ -24,6 +24,7 @@ from emgface.face.identity import belongs, require_face
 from emgface.face.integration import integrator_of, steps_of
 from emgface.face.lip_shape import UP, has_mouth
 from emgface.face.mouth import Mouth
+from emgface.face.muscle_force import MuscleForces
 from emgface.face.numerical_error import largest_motion, numerical_error
 from emgface.face.recipe import compose_scene, displacement_scene, named_elements
 from emgface.face.simulation_parameters import SimulationParameters
@@ -174,6 +175,7 @@ def simulate_face(
     solver_threads: int = 1,
     waypoints: WayPoints | None = None,
     branch: Branch | None = None,
+    forces: bool = False,
 ) -> xr.Dataset:
     """Simulate the motion of a face for an activation (muscle, time) [1] of all its muscles.
 
@@ -182,7 +184,9 @@ def simulate_face(
     total)`` is called after every step. With ``parameters.check_contact``, a motion with contact is
     repeated with other time steps. `solver_threads` are those of `sim.simulate`, for the motion.
     `waypoints` are written; a motion with a `branch` begins at its way point instead, and its
-    ``numerical_error`` counts from there.
+    ``numerical_error`` counts from there. With `forces`, the result contains
+    ``muscle_force(muscle, time)`` (`MuscleForces`) and, at full order with contact,
+    ``contact_force(time)``, the sum of the normal forces of all contacts [N].
 
     The result contains ``position(marker, axis, time)`` [m] of the lip markers from time 0, with
     ``smallest_J``, ``iterations``, ``lip_opening`` [m] (negative if the lips have passed each
@@ -209,6 +213,8 @@ def simulate_face(
     cannot be met.
     """
     doubt, points = None, waypoints or (branch and branch.points)
+    if forces:
+        further = (*further, MuscleForces.of(face, parameters))
     if parameters.reduced.file is not None:
         if points is not None:
             raise ConfigurationError("way points require full order: omit the reduced face")
@@ -267,6 +273,8 @@ def simulate_face(
     step, *others = (trajectory[kind] for kind in kinds)
     of_steps = numerical_error(step, parameters.beta, *others)
     error = (of_steps + of_contact).assign_attrs(units="m")
+    if forces and FORCE in trajectory:
+        trajectory = trajectory.assign(contact_force=trajectory[FORCE])
     recorded = [*kinds, FORCE, TOUCHING]
     trajectory = trajectory.drop_vars(recorded, errors="ignore")
     trajectory = trajectory.assign(numerical_error=error)

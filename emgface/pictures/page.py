@@ -26,6 +26,7 @@ from emgface.pictures.encoding import (
     measured_markers,
     middle_of,
     muscle_names,
+    packed,
     scaling,
     whole,
 )
@@ -36,6 +37,8 @@ from emgface.pictures.surface import drawn_surface
 
 THREE: Final = "three/three.module.min.js"
 """three.js 0.170.0, build/three.module.min.js, unchanged."""
+CONTACT: Final = "contact"  #: id of the force of contact among those of muscles
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -74,6 +77,7 @@ def motion_page(
     centre = middle_of(frames[0])
     trial = _motion_trial(motion, frames, centre)
     data = body_data(body, frames[0]) | _single(trial, motion["marker"].values)
+    data["forces"] = force_names(motion)
     origin, driven = "", ""
     if activation is not None:
         pace, start = motion.attrs["recorded_pace"], motion.attrs["recorded_start"]
@@ -99,6 +103,8 @@ def motion_page(
             )
         second = _motion_trial(compared.sel(marker=motion["marker"].values), others, centre)
         names = _two_names(trial_name(motion), trial_name(compared))
+        if force_names(compared) != data["forces"]:
+            second.pop("forces", None)
         trial["strategy"], second["strategy"] = names
         data["trials"].append(second)
         data["strategies"] = list(names)
@@ -128,7 +134,34 @@ def _motion_trial(
     sigma_max = float(motion.attrs["sigma_max"]) / 1e3
     named = motion.attrs.get("face") or "unnamed"
     about = f"Face model: {named}, sigma_max {sigma_max:.4g} kPa. {lips_of_motion(motion)}".strip()
-    return _trial(frames, markers, time, centre, about)
+    trial = _trial(frames, markers, time, centre, about)
+    if force_names(motion):
+        trial["forces"] = packed(forces_at(motion, time))
+    return trial
+
+
+def force_names(motion: xr.Dataset) -> list[dict[str, str]]:
+    """Muscles whose force a motion contains, and contact, as `muscle_names`."""
+    found = list[dict[str, str]]()
+    if "muscle_force" in motion:
+        force = motion["muscle_force"].transpose("time", "muscle")
+        known = np.isfinite(force.values).all(axis=0)
+        found += muscle_names(force["muscle"].values[known])
+    if "contact_force" in motion:
+        found.append({"id": CONTACT, "name": "contact of the lips and teeth"})
+    return found
+
+
+def forces_at(motion: xr.Dataset, time: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Forces (frame, force) [N] of `force_names` at the instants of frames [s]."""
+    names, columns = [one["id"] for one in force_names(motion)], list[NDArray[np.floating]]()
+    chosen = motion.sel(time=time, method="nearest")
+    for name in names:
+        one = (
+            chosen["contact_force"] if name == CONTACT else chosen["muscle_force"].sel(muscle=name)
+        )
+        columns.append(one.values)
+    return np.stack(columns, axis=1).astype("<f4")
 
 
 def _scored(scores: xr.Dataset) -> str:

@@ -32,12 +32,13 @@ LIGHT: Final[Mapping[str, object]] = {
     "gloss": 0.10,
     "power": 22.0,
     "shadow": (0.10, -0.02, -0.08),
-    "inside": 0.45,
+    "inside": 0.8,
 }
 """Light in the frame of the camera (right, up, towards it). The brightness of a colour is
 ambient + sky (1 + up) / 2 + key max(0, n·key_from); colours in the shadow are shifted by `shadow`, as
-those of skin; gloss is a Blinn-Phong highlight. The colour of a back face is its own with the weight
-`inside`, mixed with that of the oral cavity."""
+those of skin; gloss is a Blinn-Phong highlight. The colour of a back face, such as the far edge of the
+skin seen from within, is its own in the light of its side with the weight `inside`, mixed with that of
+the oral cavity."""
 
 DISPLACEMENT: Final = (
     (0.955, 0.925, 0.855),
@@ -118,10 +119,12 @@ def render(
     )
     pixel, face, weight = nearest_layer(on_screen, seen[:, 2], triangle, size)
     # Light is computed at the points, which are dense, and interpolated.
-    lit = shaded(paint, normal @ axes_of(view).T)[triangle]
+    turned = normal @ axes_of(view).T
+    lit = shaded(paint, turned)[triangle]
     a, b, c = (on_screen[triangle[:, k]] for k in range(3))
     behind = _twice_the_area(a, b, c) >= 0.0
-    lit[behind] = MOUTH + float(LIGHT["inside"]) * (lit[behind] - MOUTH)  # pyright: ignore[reportArgumentType]
+    back = shaded(paint, -turned)[triangle[behind]]
+    lit[behind] = MOUTH + float(LIGHT["inside"]) * (back - MOUTH)  # pyright: ignore[reportArgumentType]
     own = (weight[:, :, None] * lit[face]).sum(axis=1)
     picture = np.zeros((size[0] * size[1], 4))
     picture[pixel, :3], picture[pixel, 3] = own, 1.0

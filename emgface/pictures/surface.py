@@ -16,6 +16,11 @@ from sim.state import Control
 
 Floats = NDArray[np.float64]
 
+ARCHES: Final = ("arch_position", "arch_triangle", "arch_bone")
+DRAWN: Final = ("surface_position", "frame_time", "surface_corner", "surface_part", *ARCHES,
+                "muscle_force", "contact_force")  # fmt: skip
+"""Variables of a trajectory that are for pages."""
+
 FRAMES: Final = 25.0  #: approximate number of frames of a surface per second
 
 
@@ -60,8 +65,13 @@ def with_surface(trajectory: xr.Dataset, face: xr.Dataset, skin: Skin) -> xr.Dat
         surface_corner=(("surface_facet", "corner"), skin.facet, {"units": "1"}),
         surface_part=("surface_facet", skin.part, {"units": "1"}),
     )  # fmt: skip
-    arches = [name for name in ("arch_position", "arch_triangle", "arch_bone") if name in face]
+    arches = [name for name in ARCHES if name in face]
     return completed.assign({name: face[name].variable for name in arches})
+
+
+def without_surface(trajectory: xr.Dataset) -> xr.Dataset:
+    """A trajectory without what is for pages."""
+    return trajectory.drop_dims(["muscle"], errors="ignore").drop_vars(DRAWN, errors="ignore")
 
 
 def drawn_surface(trajectory: xr.Dataset) -> tuple[Body, Skin, NDArray[np.floating]]:

@@ -12,9 +12,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from emgface.face.muscle_force import FORCE, MuscleForces
 from emgface.pictures.body import Skin
 from emgface.pictures.encoding import measured_markers, whole
-from emgface.pictures.surface import SurfaceProbe
+from emgface.pictures.surface import SurfaceProbe, without_surface
 from emgface.reduced.model import ReducedFace
 from emgface.reduced.motion import reduced_outputs, step_ends, with_error
 from emgface.schema.netcdf import kind_of
@@ -60,7 +61,9 @@ class EditedMotion:
         pace: float = 1.0,
     ) -> None:
         self._reduced, self._centre, self._step = reduced, centre, step
-        self._skin = SurfaceProbe(skin.node)
+        forces = MuscleForces.of(reduced.face, reduced.parameters)
+        self._drawn = SurfaceProbe(skin.node), forces
+        self._known = forces.known
         self._scorer = (
             None if recording is None else Scorer(recording, reduced.face, start=start, pace=pace)
         )
@@ -71,10 +74,10 @@ class EditedMotion:
     def __call__(self, curves: Curves, *, preview: bool = False) -> bytes:
         """Simulate curves; errors as `emgface.reduced.motion.simulate_reduced`.
 
-        A preview (`emgface.view.previewed`) has long steps, and its score uses the alignment of the
-        last complete motion. The message is the length of its header as a 4-byte integer, the header
-        in JSON, and the positions of skin and markers (frames, n, 3) as int16; after a complete motion
-        with measured markers, these as well.
+        A preview (`emgface.view.previewed`) has long steps and no forces, and its score uses the
+        alignment of the last complete motion. The message is the length of its header as a 4-byte
+        integer, the header in JSON, and the positions of skin and markers (frames, n, 3) as int16;
+        after a complete motion with measured markers, these as well.
         """
         begun, measured = time.perf_counter(), b""
         scores: dict[str, Any] = {"rho": {}}
@@ -82,7 +85,7 @@ class EditedMotion:
             shown = self._previews(curves)
             instants, frames, markers = shown.time, shown.skin, shown.markers
             bound, branched, doubt = shown.bound, shown.since, self._doubt(curves)
-            simulated = time.perf_counter()
+            simulated, forces = time.perf_counter(), None
             if self._scorer is not None:
                 scores = self._scorer.preview(self._markers, markers)
         else:
@@ -91,13 +94,15 @@ class EditedMotion:
             doubt = str(motion.attrs["reduction_doubt"])
             simulated = time.perf_counter()
             if self._scorer is not None:
-                scores = self._scorer(motion.drop_vars("surface_position"))
+                scores = self._scorer(without_surface(motion))
                 if (aligned := self._scorer.aligned) is not None:
                     at = measured_markers(aligned, motion)
                     measured = whole(at, self._centre).astype("<i2").tobytes()
             instants = motion["time"].values
             frames = motion["surface_position"].transpose("time", "surface_node", "axis").values
             markers = motion["position"].transpose("time", "marker", "axis").values
+            force = motion[FORCE].transpose("time", "muscle").values
+            forces = np.round(force[:, self._known], 4).tolist()
         scored = time.perf_counter()
         body = quanta(frames - self._centre) + quanta(markers - self._centre)
         header = {
@@ -108,6 +113,7 @@ class EditedMotion:
             "doubt": doubt,
             "clipped": curves.clipped,
             "branched": branched,
+            "forces": forces,
             **scores,
             "simulated": simulated - begun,
             "scored": scored - simulated,
@@ -148,7 +154,7 @@ class EditedMotion:
             (count - first) * OUTPUT,
             step=step,
             output=OUTPUT,
-            further=(self._skin,),
+            further=self._drawn,
             initial=states.get(first),
             checkpoint=CHECKPOINT,
             at_checkpoint=made.append,

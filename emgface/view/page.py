@@ -7,6 +7,7 @@ import numpy as np
 import xarray as xr
 from markupsafe import Markup
 
+from emgface.face.muscle_force import fibre_lengths
 from emgface.muscles import INSTRUCTIONS, MUSCLE_NAMES, RELEVANT
 from emgface.pictures.body import Skin, body_of
 from emgface.pictures.encoding import body_data, deltas, middle_of, whole
@@ -44,7 +45,12 @@ def live_page(
     centre = middle_of(rest)
     muscles = list(moving.muscles)
     curves = workspace.curves if workspace and workspace.curves else curves
+    forces: list[str] = []
+    if edits:
+        known = np.isfinite(fibre_lengths(face))
+        forces = [m for m, one in zip(muscles, known, strict=True) if one]
     live: dict[str, Any] = {
+        "forces": forces,
         "muscles": muscles,
         "names": [MUSCLE_NAMES.get(stem_of(m), m) for m in muscles],
         "presets": presets(muscles),

@@ -147,6 +147,22 @@ def test_a_preview_is_scored_and_doubted_as_the_complete_motion(small):
     assert 0 < np.abs(apart).max() < 0.2 * np.ptp(moved.reshape(-1)[: len(moved)])
 
 
+def test_forces_are_those_of_the_changed_curves(small):
+    """After a changed knot, also where the motion branches; a preview has none."""
+    one, muscles = edited(small), list(small[0].model.system.muscles)
+    before = parts(one(Curves(BASE, 0.6)))[0]["forces"]
+    late = Curves({**BASE, "OOP_R": [[0.0, 0.0], [0.45, 0.0], [0.5, 0.2]]}, 0.6)
+    assert parts(one(late, preview=True))[0]["forces"] is None
+    head = parts(one(late))[0]
+    assert head["branched"] > 0.3
+    anew = parts(edited(small)(late))[0]["forces"]
+    assert head["forces"] == anew != before
+    # A small passive force at rest, by gravity, and then nearly in proportion to the activation.
+    k, time = muscles.index("OOP_R"), np.array(head["time"])
+    forces, level = np.array(anew)[:, k], late.at("OOP_R", time)
+    assert abs(forces[0]) < 0.01 * forces.max() and np.corrcoef(forces, level)[0, 1] > 0.99
+
+
 def test_a_failed_motion_leaves_the_former_one(small):
     from sim import InvertedElement
 

@@ -129,6 +129,51 @@ def test_a_scrubbed_frame_of_edited_curves_is_that_of_playing(coarse, skin, serv
 
 
 @needs_browser
+def test_forces_of_a_motion_are_tracked_under_the_cursor(coarse, browser, tmp_path):
+    """A compared motion without the same forces has none; a muscle without a force is not offered."""
+    motion = turned(coarse)
+    count = motion.sizes["time"]
+    force = np.zeros((3, count))
+    force[0], force[1], force[2] = np.linspace(0.0, 4.0, count), 0.5, np.nan
+    given = motion.assign(
+        muscle_force=(("muscle", "time"), force, {"units": "N"}),
+        contact_force=("time", np.linspace(2.0, 0.0, count), {"units": "N"}),
+    ).assign_coords(muscle=["ZYG_L", "<b>RIS</b>", "OOP_R"])
+    path = tmp_path / "page.html"
+    path.write_text(motion_page(given, compared=motion), encoding="utf-8")
+    browser.get(path.as_uri())
+    until(browser, f"return {STAGE}.dataset.ready === 'yes'")
+    offered = browser.execute_script(
+        "return [...document.getElementById('track').options].map((o) => o.textContent)"
+    )
+    assert [o for o in offered if "force of" in o] == [
+        "force of zygomaticus major, left", "force of <b>RIS</b>",
+        "force of contact of the lips and teeth",
+    ]  # fmt: skip
+    choose = (
+        "const t = document.getElementById('track'); t.value = arguments[0];"
+        "t.dispatchEvent(new Event('change'))"
+    )
+    reading = "return document.getElementById('reading').textContent"
+    for frame in (5, 2):
+        browser.execute_script(SCRUB, frame)
+        for name, expected in (("force ZYG_L", force[0, 2 * frame]), ("force <b>RIS</b>", 0.5),
+                               ("force contact", 2.0 - 0.1 * 2 * frame)):  # fmt: skip
+            browser.execute_script(choose, name)
+            drawn(browser)
+            assert float(browser.execute_script(reading).split()[0]) == pytest.approx(
+                expected, abs=5e-3
+            )
+    browser.execute_script(
+        "const c = document.getElementById('compare'); c.value = '1';"
+        "c.dispatchEvent(new Event('change'))"
+    )
+    until(browser, f"{reading}.includes('compared not available')")
+    browser.execute_script(choose, str(coarse["marker"].values[0]))
+    until(browser, f"{reading}.includes(' mm')")
+
+
+@needs_browser
 def test_instants_of_a_moving_tongue(browser, tmp_path):
     """Pages of other models are drawn by the same script."""
     path = tmp_path / "page.html"

@@ -19,6 +19,7 @@ from emgface.view.moving import FullMoving, Moved
 from emgface.view.page import live_page
 from emgface.view.server import LocalServer
 from emgface.view.workspace import Workspace
+from sim import InvertedElement
 from tests.browser import needs_browser, started, until
 
 STEP = 0.01
@@ -251,15 +252,22 @@ def served(coarse, skin, tmp_path):
     centre = middle_of(coarse["position"].values[skin.node])
     rest = coarse["position"].values
 
+    def forces(level):
+        """Twice the sum of all curves, for every muscle [N]."""
+        return np.repeat(2.0 * level[:, None], len(MUSCLES), axis=1).tolist()
+
     def motion(curves, *, preview=False):
         import struct
 
         asked.append((curves, preview))
+        if curves.duration > 50.0:
+            raise InvertedElement(3, -0.1, 0.2)
         t = np.linspace(0.0, curves.duration, 11)
         level = sum(curves.at(name, t) for name in curves.knots)
         q = rest[None] + 1e-3 * np.multiply.outer(level, np.array([[0.0, 0.0, 1.0]]))
         head = {"kind": "motion", "preview": preview, "time": t.tolist(), "bound": 1e-4, "doubt": "",
-                "clipped": 0, "activation": [], "rho": {"corner_left": 0.75, "corner_right": None},
+                "clipped": 0, "forces": None if preview else forces(level),
+                "rho": {"corner_left": 0.75, "corner_right": None},
                 "simulated": 0.0, "total": 0.0}  # fmt: skip
         text = json.dumps(head).encode()
         body = b"".join(
@@ -424,6 +432,64 @@ def test_curves_and_time_of_the_page(served, opened, tmp_path):
         "fetch('curves', {method: 'POST', body: 'x,y'}).then(r => r.json()).then(done)"
     )
     assert "expected time" in found["why"]
+
+
+@needs_browser
+def test_forces_are_those_of_the_changed_curves_or_none(served, opened):
+    """Never those of the former curves: not during a drag, not after curves without a motion."""
+    _, _, asked = served
+
+    def status():
+        return opened.execute_script("return document.getElementById('status').innerText")
+
+    def force():
+        return opened.execute_script(f"return {STAGE}.force")
+
+    press(opened, "tab-curves")
+    until(opened, f"return {STAGE}.force !== undefined && {STAGE}.way === 'complete'")
+    opened.execute_script(
+        "const m = document.getElementById('muscle'); m.value = 'ZYG_L';"
+        "m.dispatchEvent(new Event('change')); const t = document.getElementById('time');"
+        "t.value = 5; t.dispatchEvent(new Event('input'))"
+    )
+    until(opened, f"return {STAGE}.at === '5' && Number({STAGE}.force) === 1.0")
+    assert "force of" in status() and "1.000 N, at most 1.000 N" in status()
+    # A knot is dragged and held, then released.
+    at = (
+        "const c = document.getElementById('curve'), b = c.getBoundingClientRect();"
+        "c.setPointerCapture = () => {};"
+        "const at = (t, v, name) => c.dispatchEvent(new PointerEvent(name, {pointerId: 1,"
+        " clientX: b.left + 34 + t * (c.clientWidth - 42),"
+        " clientY: b.top + 8 + (1 - v) * (c.clientHeight - 28)}));"
+    )
+    before = opened.execute_script(f"return {STAGE}.motion")
+    immediate = opened.execute_script(
+        f"{at} at(0.5, 0.5, 'pointerdown'); at(0.5, 0.8, 'pointermove');"
+        f"return [{STAGE}.force, document.getElementById('status').innerText]"
+    )
+    assert immediate[0] == "" and " N" not in immediate[1]
+    until(opened, f"return {STAGE}.motion !== '{before}' && {STAGE}.way === 'preview'")
+    assert force() == "" and "follows the complete motion" in status()
+    opened.execute_script(f"{at} at(0.5, 0.8, 'pointerup');")
+    until(opened, f"return {STAGE}.way === 'complete' && {STAGE}.force !== ''")
+    level = float(asked[-1][0].at("ZYG_L", np.array([0.5]))[0])
+    assert level > 0.7 and float(force()) == pytest.approx(2.0 * level)
+    # Curves without a motion: neither a force nor a score of the former ones remains.
+    opened.execute_script(
+        "const d = document.getElementById('duration'); d.value = 55;"
+        "d.dispatchEvent(new Event('change'))"
+    )
+    until(opened, f"return ({STAGE}.refused || '').includes('element 3')")
+    assert force() == "" and status() == ""
+    assert not opened.execute_script("return document.getElementById('rho').innerText")
+    told = opened.execute_script("return document.getElementById('told').textContent")
+    assert "the motion of the former curves" in told
+    opened.execute_script(
+        "const t = document.getElementById('time'); t.value = 3; t.dispatchEvent(new Event('input'))"
+    )
+    until(opened, f"return {STAGE}.at === '3'")
+    assert force() == "" and status() == ""
+    press(opened, "undo-curve")
 
 
 class Waiting(Page):

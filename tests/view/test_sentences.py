@@ -1,17 +1,27 @@
-"""Pages of every kind state each sentence once, and how far the lips are apart."""
+"""Pages of every kind state each sentence once, cut no text, and state how far the lips are apart."""
 
 import re
 from collections import Counter
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 
 from analysis.statistics.simulated import simulated_scores
+from benchmarks.fit_inputs import person_of
+from emgface.anatomy.head.build import build_head
+from emgface.anatomy.head.picture import head_page
+from emgface.anatomy.head.run import raised, read_motion, simulate_head, write_motion
+from emgface.anatomy.jaw.picture import jaw_page
+from emgface.anatomy.jaw.run import simulate_jaw
 from emgface.anatomy.jaw.template import template_jaw
 from emgface.anatomy.tongue.template import template_tongue
 from emgface.face.lip_shape import lip_opening
+from emgface.face.template import template_face
+from emgface.fit.person import fit_face
+from emgface.fit.report import fitted_face_page, render_fit
 from emgface.pictures.body import skin_of
 from emgface.pictures.lips import lips_at_rest, lips_of_motion
 from emgface.pictures.page import face_page, motion_page
@@ -19,9 +29,11 @@ from emgface.pictures.show import page
 from emgface.pictures.surface import with_surface
 from emgface.view.page import live_page
 from emgface.view.recording import recording_page
-from tests.browser import needs_browser, started
+from tests.browser import needs_browser, started, until
 from tests.data.made_recordings import emg, noise
 from tests.tongue.small import small_tongue_motion
+from tests.view.laid_out import faults_of
+from tests.view.test_keyboard import of_treatment
 from tests.view.test_live import Shifted
 
 WORDS = 4  #: number of words from which a text with a full stop is a sentence
@@ -81,8 +93,23 @@ def moved(face: xr.Dataset, lips: np.ndarray) -> xr.Dataset:
     return with_surface(trajectory, face, skin)
 
 
-def pages(face: xr.Dataset) -> dict[str, str]:
-    """A page of each kind that needs no simulation."""
+def fitted_page() -> str:
+    """Page of a face that was fitted to the landmarks of a simulated person."""
+    found = fit_face(template_face(resolution="coarse"), person_of(5).landmarks, simulated=True)
+    return render_fit(fitted_face_page(found))
+
+
+def moved_head(folder: Path) -> str:
+    """Page of a moving head of jaw and tongue."""
+    head = build_head(["jaw", "tongue"], preset="man", tongue_resolution=150, contacts=[])
+    motion = simulate_head(head, raised({"bi_GGP": 0.1}), duration=0.02)
+    return head_page(*read_motion(write_motion(motion, head, folder / "motion.nc")))
+
+
+@pytest.fixture(scope="module")
+def pages(coarse: xr.Dataset, tmp_path_factory) -> dict[str, str]:
+    """A page of each kind; that of a study is in tests/study_run/test_report_browser.py."""
+    face = coarse
     data = emg(noise()).to_dataset(name="emg").assign_attrs(origin="simulated", source="a test")
     moving = Shifted(face, skin_of(face))
     motion = moved(face, np.linspace(3e-3, 1e-3, 11))
@@ -102,6 +129,12 @@ def pages(face: xr.Dataset) -> dict[str, str]:
         "tongue": page(template_tongue(resolution="coarse").assign_attrs(schema="tongue_model")),
         "tongue motion": page(small_tongue_motion()),
         "cube": page(simulated_scores(3)),
+        "jaw motion": jaw_page(
+            simulate_jaw(template_jaw(), raised({"bi_open": 0.2}), duration=0.02)
+        ),
+        "head motion": moved_head(tmp_path_factory.mktemp("head")),
+        "treatment": of_treatment(face),
+        "fit": fitted_page(),
     }
 
 
@@ -114,8 +147,8 @@ def test_the_search_finds_a_repeated_sentence() -> None:
     assert repeated("<p>The face is simulated.</p><script>The face is simulated.</script>") == []
 
 
-def test_no_page_states_a_sentence_twice(coarse: xr.Dataset) -> None:
-    found = {name: repeated(text) for name, text in pages(coarse).items()}
+def test_no_page_states_a_sentence_twice(pages: dict[str, str]) -> None:
+    found = {name: repeated(text) for name, text in pages.items()}
     assert not {name: twice for name, twice in found.items() if twice}
 
 
@@ -125,9 +158,9 @@ def browser(tmp_path_factory):
 
 
 @needs_browser
-def test_no_open_page_shows_a_sentence_twice(browser, coarse, tmp_path) -> None:
+def test_no_open_page_shows_a_sentence_twice(browser, pages, tmp_path) -> None:
     """Texts that the scripts of the pages write are included."""
-    for name, text in pages(coarse).items():
+    for name, text in pages.items():
         path = tmp_path / "page.html"
         path.write_text(text, encoding="utf-8")
         browser.get(path.as_uri())
@@ -136,6 +169,38 @@ def test_no_open_page_shows_a_sentence_twice(browser, coarse, tmp_path) -> None:
         ).replace("\n", "</p><p>")
         assert len(shown) > 20 or "<svg" in text, name
         assert repeated(f"<p>{shown}") == [], name
+
+
+@needs_browser
+def test_no_open_page_cuts_a_text_or_hides_it(browser, pages, tmp_path) -> None:
+    """In two widths, with light and dark colours."""
+    found = {}
+    for name, text in pages.items():
+        path = tmp_path / "page.html"
+        path.write_text(text, encoding="utf-8")
+        browser.get(path.as_uri())
+        if 'id="stage"' in text:
+            until(browser, "return document.getElementById('stage').dataset.ready === 'yes'")
+        if faults := faults_of(browser):
+            found[name] = faults
+    assert not found
+
+
+@needs_browser
+def test_the_search_finds_faults_of_a_layout(browser, tmp_path) -> None:
+    path = tmp_path / "page.html"
+    path.write_text(
+        "<body style='background: white'><h1 style='overflow: hidden; width: 50px'>A_long_title</h1>"
+        "<p style='color: #eee'>pale</p><table style='width: 1500px'><tr><td>wide</td></tr></table>"
+        "<p>good</p><svg width='50' height='20'><text x='30' y='10'>leaves it</text></svg></body>",
+        encoding="utf-8",
+    )
+    browser.get(path.as_uri())
+    faults = " ".join(faults_of(browser)["900, light"])
+    for said in ("the page is 15", '"A_long_title" is cut', '"pale" has a contrast of 1.2',
+                 "a text of a figure leaves it"):  # fmt: skip
+        assert said in faults, faults
+    assert '"good"' not in faults
 
 
 def test_a_page_states_how_far_the_lips_are_apart(coarse: xr.Dataset) -> None:

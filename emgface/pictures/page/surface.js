@@ -159,7 +159,7 @@ const VERTEX = `
 const FRAGMENT = `
   varying vec3 n; varying vec3 c;
   void main() {
-    vec3 m = normalize(n);
+    vec3 m = gl_FrontFacing ? normalize(n) : -normalize(n);
     float direct = max(0.0, dot(m, ${vector(SOURCE)}));
     float bright = ${number(data.light.ambient)} + ${number(data.light.sky / 2)} * (1.0 + m.y) + ${number(data.light.key)} * direct;
     float shine = ${number(data.light.gloss)} * pow(max(0.0, dot(m, ${vector(HALF)})), ${number(data.light.power)});
@@ -254,10 +254,11 @@ function plain() {
     for (const k of order) {
       const [i, j, l] = [3 * triangles[3 * k], 3 * triangles[3 * k + 1], 3 * triangles[3 * k + 2]];
       const front = (flat[j] - flat[i]) * (flat[l + 1] - flat[i + 1]) - (flat[j + 1] - flat[i + 1]) * (flat[l] - flat[i]) < 0;
-      const n = unit([0, 1, 2].map((c) => turned[i + c] + turned[j + c] + turned[l + c]));
+      const n = unit([0, 1, 2].map((c) => (front ? 1 : -1) * (turned[i + c] + turned[j + c] + turned[l + c])));
       for (let c = 0; c < 3; c++) mean[c] = (colour[i + c] + colour[j + c] + colour[l + c]) / 3;
       lit(mean, ...n, paint);
-      pen.fillStyle = pen.strokeStyle = `rgb(${(front ? paint : data.mouth).map((c) => Math.round(255 * c)).join()})`;
+      if (!front) for (let c = 0; c < 3; c++) paint[c] = data.mouth[c] + data.light.inside * (paint[c] - data.mouth[c]);
+      pen.fillStyle = pen.strokeStyle = `rgb(${paint.map((c) => Math.round(255 * c)).join()})`;
       pen.beginPath();
       pen.moveTo(flat[i], flat[i + 1]); pen.lineTo(flat[j], flat[j + 1]); pen.lineTo(flat[l], flat[l + 1]);
       pen.closePath(); pen.fill(); pen.lineWidth = 0.7; pen.stroke();

@@ -10,6 +10,7 @@ async function decode(trial) {
       simulated: await frames(trial.simulated, count),
       measured: trial.measured ? await frames(trial.measured, count) : null,
       activation: trial.activation ? await bytes(trial.activation) : null,
+      force: trial.forces ? new Float32Array((await bytes(trial.forces)).buffer) : null,
       most: 0,
     };
     const size = 3 * data.nodes;
@@ -76,7 +77,7 @@ function nearest(time, t) {
   return after < 0 ? time.length - 1 : after;
 }
 
-// Activations and the displacement of a marker from the start over the time of the trial [mm].
+// Activations, and the displacement of a marker from the start [mm] or a force [N], over the time of the trial.
 const plot = $("tracks");
 function moves(values, count, m) {
   const n = data.markers.length, start = 3 * m, found = new Float32Array(count);
@@ -85,6 +86,10 @@ function moves(values, count, m) {
     found[f] = values[at] === data.absent || values[start] === data.absent ? NaN : Math.hypot(...[0, 1, 2].map((c) => values[at + c] - values[start + c])) * MM;
   }
   return found;
+}
+// Force [N] of every instant, which a motion without forces lacks.
+function forces(values, count, f) {
+  return Float32Array.from({ length: count }, (_, k) => (values ? values[k * data.forces.length + f] : NaN));
 }
 function tracks() {
   const { trial, motion, frame } = state, count = trial.time.length;
@@ -112,15 +117,18 @@ function tracks() {
     const named = data.muscles.find((m) => m.id === state.muscle);
     pen.fillText(named ? `${named.name}, ${named.id}` : "activations, right dashed", left + 4, 12);
   }
-  const m = Math.max($("track").selectedIndex, 0);
-  const own = moves(motion.simulated, count, m), measured = motion.measured ? moves(motion.measured, count, m) : null;
-  const other = state.other ? moves(state.other.motion.simulated, state.other.trial.time.length, m) : null;
-  let most = 0.1;
+  const m = Math.max($("track").selectedIndex, 0), f = m - data.markers.length, force = f >= 0;
+  const tracked = (one, times) => (force ? forces(one.force, times.length, f) : moves(one.simulated, times.length, m));
+  const own = tracked(motion, trial.time), measured = motion.measured && !force ? moves(motion.measured, count, m) : null;
+  const other = state.other ? tracked(state.other.motion, state.other.trial.time) : null;
+  let most = force ? 1e-3 : 0.1;
   for (const all of [own, measured, other]) if (all) for (const v of all) if (v > most) most = v;
   line(trial.time, (f) => own[f], 0, most, top + 4, h - 16, colour("--blue"), [], 2);
   if (measured) line(trial.time, (f) => measured[f], 0, most, top + 4, h - 16, colour("--orange"), [5, 3], 1.6);
   if (other) line(state.other.trial.time, (f) => other[f], 0, most, top + 4, h - 16, colour("--green"), [2, 2], 1.6);
-  pen.fillText(`${most.toFixed(1)}`, 4, top + 12); pen.fillText("mm", 4, top + 24); pen.fillText("0", 28, h - 15);
+  pen.fillText(most.toFixed(most < 1 ? 3 : 1), 2, top + 12); pen.fillText(force ? "N" : "mm", 4, top + 24); pen.fillText("0", 28, h - 15);
+  const value = (v) => (v === v ? v.toFixed(most < 1 ? 3 : 2) + (force ? " N" : " mm") : "not available");
+  $("reading").textContent = value(own[frame]) + (measured ? `, measured ${value(measured[frame])}` : "") + (other ? `, compared ${value(other[nearest(state.other.trial.time, trial.time[frame])])}` : "");
   for (let k = 0; k <= 4; k++) { const t = trial.time[0] + (k / 4) * end; pen.fillText(`${t.toFixed(2)} s`, Math.min(x(t), w - 40), h - 3); }
   pen.strokeStyle = colour("--ink"); pen.lineWidth = 1; pen.beginPath(); pen.moveTo(x(trial.time[frame]), 0); pen.lineTo(x(trial.time[frame]), h - 14); pen.stroke();
   plot.setAttribute("aria-valuemax", trial.time[count - 1].toFixed(2));
@@ -265,7 +273,8 @@ async function begin() {
   millimetres(first.skin, 0, start.length, start);
   prepare();
   listen();
-  $("track").replaceChildren(...data.markers.map((name) => new Option(name.replaceAll("_", " "), name)));
+  $("track").replaceChildren(...data.markers.map((name) => new Option(name.replaceAll("_", " "), name)),
+    ...(data.forces || []).map((one) => new Option(`force of ${one.name}${{ _L: ", left", _R: ", right" }[one.id.slice(-2)] || ""}`, `force ${one.id}`)));
   // What a page does not hold is not offered.
   document.querySelector(".activation").hidden = !data.muscles.length;
   const still = data.trials[0].time.length < 2;

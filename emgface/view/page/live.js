@@ -94,10 +94,10 @@ function motion(buffer) {
   for (const part of ["simulated", "scored", "total"]) canvas.dataset[part] = (1e3 * head[part]).toFixed(1);
   canvas.dataset.way = head.preview ? "preview" : "complete";
   told([head.doubt && `The reduced face is not trusted here: ${head.doubt}.`, head.clipped && `${head.clipped} knots are outside 0 to 1 and limited.`, head.why && `No score: ${head.why}`].filter(Boolean).join(" "));
-  entries([["bound of the error", `${(1e3 * head.bound).toFixed(2)} mm`], ["computed in", `${(1e3 * head.total).toFixed(0)} ms`], ["steps", head.preview ? "preview" : "complete"]]);
+  entries([["bound of the error", `${(1e3 * head.bound).toFixed(2)} mm`], ["computed in", `${(1e3 * head.total).toFixed(0)} ms`], ["steps", head.preview ? "preview" : "complete"], ["force", ""]]);
   if (Object.keys(head.rho).length) scores(head.rho);
-  instant();
   live.pending = false;
+  instant();
   if (live.again) { const preview = live.again === "preview"; live.again = null; ask(preview); }
 }
 
@@ -191,6 +191,7 @@ function ask(preview) {
   if (live.pending) { live.again = preview ? live.again || "preview" : "complete"; return; }
   live.pending = true;
   live.asked = performance.now();
+  if (live.motion) force();
   say({ kind: "curves", duration: end(), interpolation: $("interpolation").value, knots: edit.knots, preview });
 }
 const margin = { l: 34, r: 8, t: 8, b: 20 };
@@ -310,11 +311,36 @@ function curveEditor() {
   new ResizeObserver(plotted).observe(plot);
 }
 
+// The force of the chosen muscle, which only the complete motion of the curves that are shown has.
+function force() {
+  const { forces } = live.motion, k = setup.forces.indexOf(muscle()), place = $("status").lastElementChild;
+  if (!place) return;  // the curves have no motion
+  const shown = forces && k >= 0 && !live.pending;
+  const why = k < 0 ? "not available: the muscle has no fibre lines" : "follows the complete motion";
+  const most = shown ? Math.max(...forces.map((row) => row[k])) : 0;
+  place.firstElementChild.textContent = `force of ${fullName(setup.muscles.indexOf(muscle()))}`;
+  place.lastElementChild.textContent = shown ? `${forces[live.at][k].toFixed(3)} N, at most ${most.toFixed(3)} N` : why;
+  canvas.dataset.force = shown ? forces[live.at][k] : "";
+}
+// Curves whose motion failed: the picture remains that of the former ones, without their numbers.
+function failed(why) {
+  live.pending = false;
+  canvas.dataset.refused = why;
+  canvas.dataset.force = "";
+  if (live.tab !== "curves") return;
+  $("rho").replaceChildren();
+  $("rho-title").hidden = true;
+  $("status").replaceChildren();
+  told(`${why} The face shows the motion of the former curves.`);
+  if (live.again) { const preview = live.again === "preview"; live.again = null; ask(preview); }
+}
+
 // Time of a motion of curves.
 function instant() {
   const { time } = live.motion;
   $("time").value = live.at;
   $("clock").textContent = `${time[live.at].toFixed(2)} s`;
+  force();
   plotted();
   refresh();
 }
@@ -385,7 +411,7 @@ function connect() {
     if (typeof event.data === "string") {
       const said = JSON.parse(event.data);
       told(said.text || said.why || "");
-      if (said.kind === "refused") { live.pending = false; canvas.dataset.refused = said.why; }
+      if (said.kind === "refused") failed(said.why);
       return;
     }
     // A motion begins with the length of its header, a frame with its time.
