@@ -1,5 +1,7 @@
 """``emgface live``: a face in the browser that follows sliders, edited curves or streamed sEMG."""
 
+import signal
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -118,6 +120,11 @@ def live(
         server = LocalServer(text, talk=session.talk, post=post, port=port)
         server.start()
         _show(server, open_page)
+    # A closed terminal and a polite end from outside write the log as Ctrl-C does.
+    if threading.current_thread() is threading.main_thread():
+        for name in ("SIGTERM", "SIGHUP"):
+            if hasattr(signal, name):  # Windows lacks the second
+                signal.signal(getattr(signal, name), signal.default_int_handler)
     try:
         session.run(seconds if seconds is not None or page else 60.0)
     except KeyboardInterrupt:

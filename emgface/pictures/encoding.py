@@ -66,11 +66,15 @@ def scaling(activation: xr.Dataset) -> str:
 
 
 def levels(activation: xr.DataArray, at: NDArray[np.floating]) -> str:
-    """Encode activation (muscle, time) at some of its instants [s], one byte each."""
+    """Encode activation (muscle, time) at some of its instants [s], one byte each.
+
+    It is limited to 0-1, and 0 where it is NaN, because a byte would wrap around.
+    """
     values = activation.transpose("time", "muscle")
     place = np.searchsorted(values["time"].values, at - 1e-9)
     chosen = values.values[np.clip(place, 0, len(values) - 1)]
-    return packed(np.round(255.0 * chosen).astype(np.uint8))
+    limited = np.clip(np.where(np.isnan(chosen), 0.0, chosen), 0.0, 1.0)
+    return packed(np.round(255.0 * limited).astype(np.uint8))
 
 
 def measured_frames(aligned: xr.Dataset, moved: xr.Dataset) -> NDArray[np.float64]:

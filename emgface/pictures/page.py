@@ -37,8 +37,6 @@ from emgface.pictures.surface import drawn_surface
 
 THREE: Final = "three/three.module.min.js"
 """three.js 0.170.0, build/three.module.min.js, unchanged."""
-CONTACT: Final = "contact"  #: id of the force of contact among those of muscles
-
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -141,27 +139,30 @@ def _motion_trial(
 
 
 def force_names(motion: xr.Dataset) -> list[dict[str, str]]:
-    """Muscles whose force a motion contains, and contact, as `muscle_names`."""
+    """Muscles whose force a motion contains, and contact without id, as `muscle_names`."""
     found = list[dict[str, str]]()
     if "muscle_force" in motion:
-        force = motion["muscle_force"].transpose("time", "muscle")
-        known = np.isfinite(force.values).all(axis=0)
-        found += muscle_names(force["muscle"].values[known])
+        found += muscle_names(motion["muscle"].values[_with_force(motion)])
     if "contact_force" in motion:
-        found.append({"id": CONTACT, "name": "contact of the lips and teeth"})
+        found.append({"id": "", "name": "contact of the lips and teeth"})
     return found
 
 
 def forces_at(motion: xr.Dataset, time: NDArray[np.floating]) -> NDArray[np.float32]:
     """Forces (frame, force) [N] of `force_names` at the instants of frames [s]."""
-    names, columns = [one["id"] for one in force_names(motion)], list[NDArray[np.floating]]()
-    chosen = motion.sel(time=time, method="nearest")
-    for name in names:
-        one = (
-            chosen["contact_force"] if name == CONTACT else chosen["muscle_force"].sel(muscle=name)
-        )
-        columns.append(one.values)
+    chosen, columns = motion.sel(time=time, method="nearest"), list[NDArray[np.floating]]()
+    if "muscle_force" in motion:
+        force = chosen["muscle_force"].transpose("time", "muscle").values
+        columns += list(force[:, _with_force(motion)].T)
+    if "contact_force" in motion:
+        columns.append(chosen["contact_force"].values)
     return np.stack(columns, axis=1).astype("<f4")
+
+
+def _with_force(motion: xr.Dataset) -> NDArray[np.bool_]:
+    """Muscles whose force is known throughout."""
+    force = motion["muscle_force"].transpose("time", "muscle")
+    return np.asarray(np.isfinite(force.values).all(axis=0), dtype=np.bool_)
 
 
 def _scored(scores: xr.Dataset) -> str:

@@ -29,6 +29,7 @@ AGAIN: Final = 1.0  #: time after which a source that has stopped is asked again
 WAITING: Final = 0.25  #: time between looks at a page that has not drawn its frame yet [s]
 LEFT_OUT: Final = 0.25
 """Delay after which sliders leave out the missed time instead of making up for it [s]."""
+STILL: Final = "A page edits curves: the face stands still until a page returns to the sliders."
 MOST_NOTES: Final = 10_000  #: largest number of notes in the log
 MOST_ROWS: Final = 1_000_000  #: largest number of steps in the log, 2.8 h of steps of 10 ms
 HEAD: Final = ("time", "latency", "computing", "bound", "distance", "trusted", "smallest_J", "lost",
@@ -187,6 +188,11 @@ class Log:
         return np.array(self._numbers).reshape(-1, width)
 
     @property
+    def last(self) -> float:
+        """Time of the last step [s], 0 before the first."""
+        return float(self.rows[-1, 0]) if len(self._numbers) else 0.0
+
+    @property
     def rows(self) -> Floats:
         """Numbers of `HEAD` of every step (steps, numbers)."""
         return self._table[:, : len(HEAD)]
@@ -243,12 +249,14 @@ class LiveSession:
         self._new, self._number = threading.Condition(), 0
         self._newest: tuple[Floats, Floats, Moved] | None = None
         self._asked: list[tuple[Connection, Curves, bool]] = []
-        self._still, self._reset, self.ended = False, False, False
+        self._still, self._reset, self.ended, self._pages = False, False, False, 0
         self.dropped = 0
 
     def talk(self, connection: Connection) -> None:
         """Converse with one page until it closes."""
         ready = threading.Event()
+        with self._new:
+            self._pages += 1
         sender = threading.Thread(target=self._send, args=(connection, ready), daemon=True)
         sender.start()
         while (message := connection.receive()) is not None:
@@ -256,6 +264,8 @@ class LiveSession:
                 self._hear(connection, message, ready)
             except DataError as error:
                 connection.send(json.dumps({"kind": "refused", "why": str(error)}))
+        with self._new:
+            self._pages -= 1
         ready.set()
 
     def _hear(self, connection: Connection, message: str | bytes, ready: threading.Event) -> None:
@@ -284,6 +294,8 @@ class LiveSession:
             self._reset = True
         elif kind in ("still", "go"):
             self._still = kind == "still"
+            if self._still and self._pages > 1:
+                self.note(self.log.last, STILL)
         else:
             raise DataError("the message is of an unknown kind")
 
@@ -298,12 +310,15 @@ class LiveSession:
             if not ready.wait(WAITING) or not connection.open:
                 continue
             with self._new:
-                if self._number <= sent and not self._new.wait(WAITING):
-                    continue
+                if self._number <= sent:
+                    self._new.wait(WAITING)
+                new = self._number > sent
             notes = self.log.notes[told:]
             told += len(notes)
             for _, note in notes:
                 connection.send(json.dumps({"kind": "note", "text": note}))
+            if not new:
+                continue
             if (early := last + 1.0 / FRAMES - time.perf_counter()) > 0.0:
                 time.sleep(early)
             with self._new:

@@ -174,7 +174,12 @@ class RecordingPage:
         """Power spectral density of each channel [V^2/Hz], in dB over the smallest."""
         rate = _rate(self._recording["time_emg"].values)
         size = min(2 * SPECTRUM, self._emg.shape[1])
-        power = np.array([welch(np.nan_to_num(row), rate, nperseg=size)[1] for row in self._emg])
+        power = np.array(
+            [
+                welch(np.where(np.isfinite(row), row, 0.0), rate, nperseg=size)[1]
+                for row in self._emg
+            ]
+        )
         decibel = 10.0 * np.log10(np.maximum(power, 1e-30))
         return {
             "largest": rate / 2.0,

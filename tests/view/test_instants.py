@@ -158,7 +158,7 @@ def test_forces_of_a_motion_are_tracked_under_the_cursor(coarse, browser, tmp_pa
     for frame in (5, 2):
         browser.execute_script(SCRUB, frame)
         for name, expected in (("force ZYG_L", force[0, 2 * frame]), ("force <b>RIS</b>", 0.5),
-                               ("force contact", 2.0 - 0.1 * 2 * frame)):  # fmt: skip
+                               ("force ", 2.0 - 0.1 * 2 * frame)):  # fmt: skip
             browser.execute_script(choose, name)
             drawn(browser)
             assert float(browser.execute_script(reading).split()[0]) == pytest.approx(

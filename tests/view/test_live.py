@@ -1,12 +1,16 @@
 """Live session: sliders, streams that fail, the log, and the page in a browser."""
 
 import json
+import os
+import signal
+import subprocess
 import threading
 import time
 
 import numpy as np
 import pytest
 
+from emgface.children import child_environment, python_command
 from emgface.errors import SignalError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS, MUSCLES
@@ -14,7 +18,7 @@ from emgface.pictures.body import skin_of
 from emgface.pictures.encoding import QUANTUM, middle_of
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.view.curves import Curves
-from emgface.view.live import HEAD, LiveSession, Semg, Sliders, frame_of
+from emgface.view.live import HEAD, STILL, LiveSession, Semg, Sliders, frame_of
 from emgface.view.moving import FullMoving, Moved
 from emgface.view.page import live_page
 from emgface.view.server import LocalServer
@@ -195,6 +199,24 @@ def test_pages_receive_the_newest_frame_after_they_have_drawn(coarse, skin):
     (frame,) = page.received
     size = 4 * (len(HEAD) + 20) + 6 * (len(skin.node) + coarse.sizes["marker"])
     assert len(frame) == size
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no such signals")
+@pytest.mark.parametrize("ending", ["SIGTERM", "SIGHUP"])
+def test_a_program_that_is_ended_writes_its_log(tmp_path, ending):
+    """As Ctrl-C does: a closed terminal loses nothing."""
+    words = ["live", "--resolution", "coarse", "--no-open", "--log", str(tmp_path / "log.nc")]
+    process = subprocess.Popen(
+        python_command("-m", "emgface", *words), stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        text=True, env={**child_environment(), "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    for line in process.stdout:
+        if "writes the log" in line:
+            break
+    time.sleep(3.0)
+    process.send_signal(getattr(signal, ending))
+    said = process.communicate(timeout=120)[0]
+    assert process.returncode == 0 and (tmp_path / "log.nc").exists(), said
 
 
 def test_a_frame_contains_the_positions(coarse, skin):
@@ -518,6 +540,45 @@ def test_every_page_hears_the_notes(coarse, skin):
         texts = [json.loads(m)["text"] for m in page.received if isinstance(m, str)]
         assert texts == ["A step failed."]
         assert any(isinstance(m, bytes) for m in page.received)
+
+
+class Asking(Waiting):
+    """Page that asks for something, and then stays open."""
+
+    def __init__(self, message):
+        super().__init__()
+        self._message = message
+
+    def receive(self):
+        if message := self._message:
+            self._message = None
+            return json.dumps(message)
+        return super().receive()
+
+
+def test_other_pages_hear_why_the_face_stands_still(coarse, skin):
+    """A page that edits curves stops the live face of all pages; a page alone is told nothing."""
+    for others in (1, 0):
+        session = session_of(coarse, skin)
+        pages = [Waiting() for _ in range(others)] + [Asking({"kind": "still"})]
+        threads = []
+        for page in pages:
+            threads.append(threading.Thread(target=session.talk, args=(page,), daemon=True))
+            threads[-1].start()
+            time.sleep(0.1)
+        worker = threading.Thread(target=session.run, args=(60.0,), daemon=True)
+        worker.start()
+        limit = time.monotonic() + 20.0
+        while others and not any(isinstance(m, str) for m in pages[0].received):
+            assert time.monotonic() < limit
+            time.sleep(0.02)
+        session.ended = True
+        for page, thread in zip(pages, threads, strict=True):
+            page.close()
+            thread.join(10.0)
+        worker.join(10.0)
+        texts = [json.loads(m)["text"] for m in pages[0].received if isinstance(m, str)]
+        assert texts == ([STILL] if others else [])
 
 
 def test_a_step_is_not_delayed_by_drawing(coarse, skin, monkeypatch):

@@ -36,6 +36,7 @@ from tests.view.laid_out import faults_of
 from tests.view.test_keyboard import of_treatment
 from tests.view.test_live import Shifted
 
+LONG = "n" * 3000  #: a name without a place to break
 WORDS = 4  #: number of words from which a text with a full stop is a sentence
 
 
@@ -111,6 +112,7 @@ def pages(coarse: xr.Dataset, tmp_path_factory) -> dict[str, str]:
     """A page of each kind; that of a study is in tests/study_run/test_report_browser.py."""
     face = coarse
     data = emg(noise()).to_dataset(name="emg").assign_attrs(origin="simulated", source="a test")
+    long = data.assign_coords(channel=[f"{k}{LONG}" for k in range(data.sizes["channel"])])
     moving = Shifted(face, skin_of(face))
     motion = moved(face, np.linspace(3e-3, 1e-3, 11))
     live = {
@@ -134,6 +136,8 @@ def pages(coarse: xr.Dataset, tmp_path_factory) -> dict[str, str]:
         ),
         "head motion": moved_head(tmp_path_factory.mktemp("head")),
         "treatment": of_treatment(face),
+        "long names": motion_page(motion.assign_attrs(volunteer=LONG, face=LONG)),
+        "recording with long names": recording_page(long),
         "fit": fitted_page(),
     }
 
