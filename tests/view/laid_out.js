@@ -22,6 +22,17 @@ for (const svg of document.querySelectorAll("svg")) {
       faults.push(`a text of a figure leaves it: ${text.id} ${text.textContent.trim().slice(0, 30)}`);
   }
 }
+// A short word on several lines is squeezed.
+for (const e of document.querySelectorAll("body *")) {
+  if (!seen(e) || e.closest("svg, canvas, noscript, option, textarea")) continue;
+  for (const node of e.childNodes) {
+    const word = node.nodeType === 3 && node.data.match(/[^\s/_-]{3,20}(?=[\s]|$)/);
+    if (!word || /[\s\S]/.test(node.data.charAt(word.index - 1)) && !/\s/.test(node.data.charAt(word.index - 1))) continue;
+    const range = document.createRange();
+    range.setStart(node, word.index); range.setEnd(node, word.index + word[0].length);
+    if (new Set([...range.getClientRects()].map((r) => Math.round(r.top))).size > 1) faults.push(`${name(e)} breaks "${word[0]}"`);
+  }
+}
 const rgb = (text) => { const m = text.match(/[\d.]+/g).map(Number); return m.length > 3 ? m : [...m, 1]; };
 const light = (c) => { const [r, g, b] = c.slice(0, 3).map((v) => (v /= 255) <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
   return 0.2126 * r + 0.7152 * g + 0.0722 * b; };
