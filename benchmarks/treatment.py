@@ -3,14 +3,21 @@
     python -m benchmarks treatment
     python -m benchmarks treatment --only slit --only volume
     python -m benchmarks treatment --only random --plans 200
+    python -m benchmarks treatment --only trends --face reference.nc --no-contact
+    python -m benchmarks treatment --specification --kept checks.json
 
-Every check prints what it measured beside what is required. The faces are generated, coarse unless
-stated. Simulated data; a research model, not validated on patients.
+`--specification` runs checks 1 to 8 of the specification and prints them as one table. With `--kept`,
+the rows of complete checks are kept in a file, and a repeated command computes only the others. Every
+check prints what it measured beside what is required. The faces are generated, coarse unless stated.
+Simulated data; a research model, not validated on patients.
 """
 
+import inspect
+import json
 import time
 from collections.abc import Callable
-from typing import Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any, Final
 
 import numpy as np
 import typer
@@ -21,9 +28,13 @@ import emgface as ef
 import sim
 from emgface.api.given import simulation_of, study_of
 from emgface.errors import EmgfaceError
+from emgface.face.contact import contact_pairings
+from emgface.face.file import load_face
+from emgface.face.lip_shape import lip_rim
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.template import template_face
 from emgface.face.template.build import volunteer_face
+from emgface.files import write_text
 from emgface.treatment.closure import drawn_together, relaxed, ties
 from emgface.treatment.motions import compared_motions, gestures
 from emgface.treatment.outcomes import outcome_table, smile_asymmetry
@@ -82,7 +93,21 @@ def volume() -> list[Row]:
                 lost = (masses[0] - masses[1]) / (1040e-9 * report["removed_volume_mm3"]) - 1.0
                 rows.append(("   mass that is lost, relative to it", f"{100 * lost:+.3f} %", "2 %",
                              abs(lost) < 0.02))  # fmt: skip
+                rows.append(_rebuilt(treated))
     return rows
+
+
+def _rebuilt(face: xr.Dataset) -> Row:
+    """Orphan nodes, and the surfaces in contact, which are closed or refused with their reason."""
+    orphans = face.sizes["node"] - len(
+        np.unique(face["connectivity"].values[face["connectivity"] >= 0])
+    )
+    try:
+        pairs, closed = f"{len(contact_pairings(face))} pairings", True
+    except EmgfaceError as error:
+        pairs, closed = str(error), False
+    return ("   nodes without element; contact", f"{orphans}; {pairs}", "0; pairings rebuilt",
+            orphans == 0 and closed)  # fmt: skip
 
 
 def _mass(face: xr.Dataset) -> float:
@@ -95,8 +120,6 @@ def _mass(face: xr.Dataset) -> float:
 
 
 def _report(face: xr.Dataset) -> dict[str, Any]:
-    import json
-
     return json.loads(face.attrs["treatment"])[-1]["steps"][-1]
 
 
@@ -220,11 +243,11 @@ def mirror() -> list[Row]:
     return rows
 
 
-def trends(resolution: str = "coarse") -> list[Row]:
+def trends(given: Path | None = None, contact: bool = True) -> list[Row]:
     """Outcomes against the width of the wedge, and closure of 30 and 50 % at 300 kPa."""
-    face = template_face(resolution=resolution)
-    p = parameters(sigma_max=100e3)
-    drives = gestures(face, ("A", "opening", "closing"))
+    face = template_face(resolution="coarse") if given is None else load_face(given)
+    p = parameters(sigma_max=100e3, **({} if contact else {"contact": {"method": "none"}}))
+    drives = gestures(face, ("A", "opening", "closing") if contact else ("A", "opening"))
     found: dict[float, dict[str, float]] = {}
     for width in (0.0, 8.0, 12.0, 16.0):
         treated = ef.treat(face, wedge(width=width, height=12.0))
@@ -242,7 +265,8 @@ def trends(resolution: str = "coarse") -> list[Row]:
              "reported" if free else "falls", falls or free)
         )  # fmt: skip
     for share in (0.3, 0.5):
-        width = share * 52.9
+        rim = face["position"].values[lip_rim(face).lower]
+        width = 1e3 * share * float(np.linalg.norm(np.diff(rim, axis=0), axis=1).sum())
         told, met = _closes(face, wedge(width=width, height=14.0))
         rows.append((f"{100 * share:.0f} % of the lower lip, 300 kPa", told, "closes" if share < 0.4
                      else "closes, or a sentence", met or share > 0.4))  # fmt: skip
@@ -514,17 +538,70 @@ CHECKS: dict[str, Callable[..., list[Row]]] = {
 }
 
 
+SPECIFIED: Final = {
+    1: ("volume", "removed volume and mass; mesh, surfaces and contact rebuilt"),
+    2: ("zero", "a wedge of no size, and a cut without removal"),
+    3: ("slit", "closure of a slit in a stretched sheet"),
+    4: ("mirror", "mirrored plans, mirrored motions"),
+    5: ("trends", "trends with the width; 30 and 50 % of the lower lip"),
+    6: ("joining", "joined and not joined fibres; stiffness of the scar"),
+    7: ("jaw", "resected jaws"),
+    8: ("compensation", "activations for the intact motion"),
+}
+"""Check and words of each number of the acceptance checks of the specification."""
+
+
+def specification_table(rows: dict[str, list[Row]]) -> str:
+    """Table in Markdown of the checks 1 to 8: criterion, measured, required and met."""
+    lines = ["| check | criterion | measured | required | met |", "|---|---|---|---|---|"]
+    for number, (name, words) in SPECIFIED.items():
+        if name not in rows:
+            lines.append(f"| {number} | {words} | not computed | | no |")
+        for what, measured, required, met in rows.get(name, []):
+            told = "reported" if required == "reported" else ("yes" if met else "**no**")
+            lines.append(f"| {number} | {what.strip()} | {measured} | {required} | {told} |")
+    return "\n".join(lines)
+
+
 def main(
     only: Annotated[list[str] | None, typer.Option(help="Check to run; repeatable.")] = None,
     plans: Annotated[int, typer.Option(help="Number of random plans.")] = 20,
+    specification: Annotated[
+        bool, typer.Option("--specification", help="Checks 1 to 8 of the specification as a table.")
+    ] = False,
+    kept: Annotated[
+        Path | None, typer.Option(help="File with the rows of complete checks (json).")
+    ] = None,
+    face: Annotated[
+        Path | None, typer.Option(help="Face of the trends (netCDF); default: a generated one.")
+    ] = None,
+    contact: Annotated[
+        bool, typer.Option("--contact/--no-contact", help="Trends with contact.")
+    ] = True,
 ) -> None:
-    missed = 0
-    for name, check in CHECKS.items():
-        if only and name not in only:
-            continue
-        rows = check(plans) if name == "random" else check()
+    given = {"plans": plans, "given": face, "contact": contact}
+    listed = only or ([name for name, _ in SPECIFIED.values()] if specification else [*CHECKS])
+    done: dict[str, list[Row]] = {}
+    if kept is not None and kept.is_file():
+        done = {k: [tuple(r) for r in v] for k, v in json.loads(kept.read_text()).items()}
+    for name in listed:
+        check = CHECKS[name]
+        if name in done:
+            rows = done[name]
+        else:
+            own = {k: v for k, v in given.items() if k in inspect.signature(check).parameters}
+            start = time.process_time()
+            rows = check(**own)
+            rows.append(
+                ("   processor time", f"{time.process_time() - start:.0f} s", "reported", True)
+            )
+            done[name] = [(a, b, c, bool(met)) for a, b, c, met in rows]
+            if kept is not None:
+                write_text(kept, json.dumps(done, indent=1))
         print(f"\n{name}: {(check.__doc__ or '').splitlines()[0]}")
         for what, measured, required, met in rows:
-            missed += not met
             print(f"  {what:62s} {measured}   [{required}] {'' if met else 'MISSED'}", flush=True)
+    if specification:
+        print("\n" + specification_table(done))
+    missed = sum(not met for name in listed for *_, met in done[name])
     print(f"\n{missed} requirements missed; simulated, research model, not validated on patients.")

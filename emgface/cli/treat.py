@@ -245,8 +245,9 @@ def dose(
     if cube is not None:
         store_netcdf(dose.cube_of(table, setting), cube)
     if figure is not None:
-        write_figure(dose.dose_figure(table), figure)
-    show_table(frame(dose.intervals_by_dose(table).dropna().round(3)), "change, simulated")
+        write_figure(dose.dose_figure(table, setting), figure)
+    found = dose.intervals_by_dose(table)
+    show_table(frame(found[found["median"].notna()].round(3)), "change, simulated")
     refused = table[table["end"] != "reached"]
     for row in refused.to_dict("records"):
         say(f"Person {row['person']}, {row['shape']} {100 * row['share']:g} %: {row['end']}")

@@ -295,17 +295,38 @@ def cube_of(table: pd.DataFrame, setting: DoseSetting) -> xr.Dataset:
     )  # fmt: skip
 
 
+MANY: Final = 20
+"""Number of values from which their 5 and 95 % are stated; of fewer, the smallest and largest are."""
+
+
+def spread_of(values: int) -> tuple[float, float, str]:
+    """Levels of the quantiles of a number of values that show their spread, and their words."""
+    return (0.05, 0.95, "5–95 %") if values >= MANY else (0.0, 1.0, "smallest to largest")
+
+
+def draws_of(table: pd.DataFrame) -> int:
+    """Number of draws of the unknown parameters in a table of cases."""
+    return int(table.loc[table["draw"] > 0, "draw"].nunique())
+
+
 def intervals_by_dose(table: pd.DataFrame) -> pd.DataFrame:
-    """Median change and its 5 and 95 % over persons (draw 0) and over draws (mean over persons)."""
+    """Median change and its spread over persons (draw 0) and over draws (mean over persons).
+
+    The spread, from ``low`` to ``high``, is that of `spread_of` for the number of persons or draws.
+    """
     long = changes_by_dose(table)
     keys = ["shape", "share", "place", "rejoin", "outcome"]
     persons = long[long["draw"] == 0].groupby(keys, sort=False)["change"]
     drawn_means = long[long["draw"] > 0].groupby([*keys, "draw"], sort=False)["change"].mean()
     found = pd.DataFrame({"n": persons.count(), "median": persons.median()})
-    for name, level in (("5 %", 0.05), ("95 %", 0.95)):
+    of_persons, of_draws = (
+        spread_of(n)[:2] for n in (int(table["person"].nunique()), draws_of(table))
+    )
+    drawn = drawn_means.groupby(keys, sort=False)
+    for name, level, of_draw in zip(("low", "high"), of_persons, of_draws, strict=True):
         found[f"persons {name}"] = persons.quantile(level)
         if len(drawn_means):
-            found[f"parameters {name}"] = drawn_means.groupby(keys, sort=False).quantile(level)
+            found[f"parameters {name}"] = drawn.quantile(of_draw)
     return found.reset_index()
 
 
@@ -343,42 +364,63 @@ SHOWN: Final = (
 )  # fmt: skip
 
 
-def dose_figure(table: pd.DataFrame) -> Figure:
-    """Change of outcomes against the share removed: median, persons (band), parameters (bars)."""
-    found = intervals_by_dose(table)
+def dose_figure(table: pd.DataFrame, setting: DoseSetting) -> Figure:
+    """Change of outcomes against the share removed: median and persons (band), and every draw.
+
+    A draw of the unknown parameters is a point, the mean over persons; many draws are a bar. The title
+    states the faces, contact and numbers of persons and draws.
+    """
+    found, drawn = intervals_by_dose(table), _drawn_points(table)
     units = {o.name: o.unit for o in OUTCOMES}
     shown = [name for name in SHOWN if found.loc[found["outcome"] == name, "median"].notna().any()]
-    figure = Figure(figsize=(10.5, 6.2), layout="constrained")
+    figure = Figure(figsize=(10.5, 6.4), layout="constrained")
     axes = figure.subplots(2, -(-max(len(shown), 1) // 2), squeeze=False)
     for axis in axes.ravel()[len(shown) :]:
         axis.set_axis_off()
     for axis, name in zip(axes.ravel(), shown, strict=False):
-        own = found[found["outcome"] == name]
+        own, points = found[found["outcome"] == name], drawn[drawn["outcome"] == name]
         groups = own.groupby(["shape", "place", "rejoin"], sort=False)
         for k, (label, part) in enumerate(groups):
             part = part.sort_values("share")
             x = 100 * part["share"].to_numpy()
             (line,) = axis.plot(x, part["median"], "o-", ms=3.5, label=_told(label, groups.groups))
-            axis.fill_between(
-                x, part["persons 5 %"], part["persons 95 %"], alpha=0.15, color=line.get_color()
-            )
-            if "parameters 5 %" in part and part["parameters 5 %"].notna().any():
+            color = line.get_color()
+            axis.fill_between(x, part["persons low"], part["persons high"], alpha=0.15, color=color)
+            at, shift = points.set_index(["shape", "place", "rejoin"]).index, 0.7 * (k + 1)
+            mine = points[at == label]
+            if len(mine) and draws_of(table) >= MANY:
                 axis.vlines(
-                    x + 0.5 * k, part["parameters 5 %"], part["parameters 95 %"],
-                    color=line.get_color(), lw=1.2,
-                )  # fmt: skip
+                    x + shift, part["parameters low"], part["parameters high"], color=color, lw=1.2
+                )
+            elif len(mine):
+                axis.plot(100 * mine["share"] + shift, mine["change"], "x", ms=4, color=color)
         axis.axhline(0.0, color="0.6", lw=0.8)
         unit = units.get(name, "mm").replace("mm2", "mm²")
         axis.set(title=name, xlabel="share of the lip removed [%]", ylabel=f"change [{unit}]")
     if shown:
         axes[0, 0].legend(frameon=False, fontsize=8)
-    n = int(table["person"].nunique())
-    figure.suptitle(
-        f"simulated, {n} generated persons: median, 5–95 % of persons (band) and of unknown parameters "
-        f"(bars)\n{NOT_VALIDATED}",
-        fontsize=9,
-    )
+    figure.suptitle(_figure_title(table, setting), fontsize=9)
     return figure
+
+
+def _drawn_points(table: pd.DataFrame) -> pd.DataFrame:
+    """Change in every draw of the unknown parameters, mean over persons, in long form."""
+    long = changes_by_dose(table)
+    keys = ["shape", "share", "place", "rejoin", "outcome", "draw"]
+    return long[long["draw"] > 0].groupby(keys, sort=False)["change"].mean().reset_index()
+
+
+def _figure_title(table: pd.DataFrame, setting: DoseSetting) -> str:
+    persons, draws = int(table["person"].nunique()), draws_of(table)
+    contact = "in contact" if setting.contact else "without contact"
+    told = f"median and {spread_of(persons)[2]} of the persons (band)"
+    if draws:
+        mark = f"{spread_of(draws)[2]}, bars" if draws >= MANY else "crosses"
+        told += f"; {draws} draw{'s' * (draws > 1)} of unknown parameters, mean of persons ({mark})"
+    return (
+        f"simulated: {persons} generated person{'s' * (persons > 1)}, faces of {setting.resolution} "
+        f"resolution, {contact}, sigma_max {setting.sigma_max / 1e3:g} kPa\n{told}\n{NOT_VALIDATED}"
+    )
 
 
 def _told(label: Any, groups: Any) -> str:

@@ -259,6 +259,17 @@ def test_another_face_is_refused(face, trained):
         ReducedFace.of(trained[0], other, PARAMETERS)
 
 
+@pytest.mark.parametrize(
+    "step", [{"kind": "palsy", "degree": 0.1}, {"kind": "wedge", "width": 8.0, "height": 8.0}]
+)
+def test_a_treated_face_is_refused(face, trained, step):
+    """The bound of the error is calibrated for the face before; a treatment of no size is that face."""
+    with pytest.raises(FaceError, match="belongs to the face with digest"):
+        ReducedFace.of(trained[0], ef.treat(face, {"step": [step]}), PARAMETERS)
+    none = ef.treat(face, {"step": [{"kind": "wedge", "width": 0.0}]})
+    assert ReducedFace.of(trained[0], none, PARAMETERS) is not None
+
+
 def test_the_plan_reaches_full_activation_of_each_muscle_and_of_all(face):
     muscles = list(map(str, face["muscle"].values))
     plan = training_plan(muscles, random_drives, sequences=12, calibration=2)

@@ -60,7 +60,7 @@ def test_changes_are_from_the_same_person_and_draw(table):
     np.testing.assert_allclose(own["change"], -10.0 * own["share"] + 2.0 * (own["draw"] > 0))
     found = dose.intervals_by_dose(table).query("outcome == 'mouth width' and shape == 'V'")
     np.testing.assert_allclose(found["median"], [-1.0, -4.0])
-    np.testing.assert_allclose(found["parameters 95 %"], [1.0, -2.0])
+    np.testing.assert_allclose(found["parameters high"], [1.0, -2.0])
 
 
 def test_the_cube_has_every_axis_and_its_reasons(table):
@@ -72,11 +72,33 @@ def test_the_cube_has_every_axis_and_its_reasons(table):
     assert float(cube["before"].sel(person=2, draw=0, outcome="mouth width")) == 52.0
 
 
-def test_the_figure_states_that_it_is_simulated(table):
-    figure = dose.dose_figure(table)
-    assert "simulated" in figure.get_suptitle() and "not validated" in figure.get_suptitle()
+def test_the_figure_states_that_it_is_simulated_and_how(table):
+    figure = dose.dose_figure(table, SETTING)
+    title = figure.get_suptitle()
+    for words in ("simulated", "not validated", "2 generated persons", "coarse", "without contact",
+                  "1 draw of", "100 kPa", "smallest to largest of the persons", "crosses"):  # fmt: skip
+        assert words in title, words
+    assert "95 %" not in title  # which two persons do not have
+    assert "in contact" in dose.dose_figure(table, dose.DoseSetting()).get_suptitle()
     drawn = [axis.get_title() for axis in figure.axes if axis.has_data()]
     assert "mouth width" in drawn
+    axis = next(a for a in figure.axes if a.get_title() == "mouth width")
+    crosses = [line for line in axis.get_lines() if line.get_marker() == "x"]
+    values = [y for line in crosses for y in line.get_ydata()]
+    np.testing.assert_allclose(sorted(values), [-2.0, -2.0, 1.0, 1.0])  # both shapes and shares
+
+
+def test_a_spread_is_that_of_its_number_of_values(table):
+    assert dose.spread_of(19)[:2] == (0.0, 1.0) and dose.spread_of(20)[:2] == (0.05, 0.95)
+    found = dose.intervals_by_dose(table).query("outcome == 'mouth width' and shape == 'V'")
+    np.testing.assert_allclose(found["persons high"], [-1.0, -4.0])
+    many = pd.concat([table.assign(person=k, **{"mouth width": table["mouth width"]
+                      - k * table["share"]}) for k in range(1, 21)])  # fmt: skip
+    one = dose.intervals_by_dose(
+        many[many["draw"] == 0].drop_duplicates(["person", "shape", "share"])
+    )
+    share = one.query("outcome == 'mouth width' and shape == 'V' and share == 0.1").iloc[0]
+    assert share["persons low"] == pytest.approx(-1.0 - 0.1 * np.quantile(np.arange(1, 21), 0.95))
 
 
 def test_an_interval_of_several_plans_is_refused(table, tmp_path):
@@ -85,7 +107,7 @@ def test_an_interval_of_several_plans_is_refused(table, tmp_path):
         dose.with_intervals(outcomes, table)
     one = table[(table["share"] != 0.4) & (table["shape"] == "V")]
     found = dose.with_intervals(outcomes, one)
-    assert found.loc[0, "change, persons 5 %"] == pytest.approx(-1.0)
+    assert found.loc[0, "change, persons low"] == pytest.approx(-1.0)
     path = tmp_path / "other.csv"
     path.write_text("a,b\n1,2\n", encoding="utf-8")
     with pytest.raises(DataError, match="no column 'person'"):
