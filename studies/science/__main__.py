@@ -43,6 +43,7 @@ show how well the method predicts the motion of people.
 """
 BASELINES = "rho, template, ceiling, wrong instruction, shuffled EMG and skill, {} world"
 FIGURES = (
+    ("controls.png", "motions", "skill without EMG, and gain by own EMG that is known"),
     ("worlds.png", "subset", "rho with persons and recordings matched and mismatched"),
     ("baselines_matched.svg", "all", BASELINES.format("matched")),
     ("baselines_mismatched.svg", "all", BASELINES.format("mismatched")),
@@ -147,6 +148,7 @@ def _figures() -> str:
     basis = {
         "all": f"{every}, {REPETITIONS} repetitions",
         "subset": f"{plan.volunteers} volunteers, {', '.join(subset())}, 1 repetition",
+        "motions": "motions drawn at random",
         "drawn": "scores drawn at random",
         "faces": "no volunteers: fully activated muscles",
         "inverted": f"{plan.volunteers} volunteers, A, D, 1 repetition",

@@ -13,6 +13,7 @@ from typing import Final
 from studies.science import (
     baselines,
     choices,
+    controls,
     inference,
     inverse,
     normalisation,
@@ -23,6 +24,7 @@ from studies.science import (
 Section = Callable[[Mapping[str, Path], Path], str]
 
 SECTIONS: dict[str, Section] = {
+    "controls": controls.make,
     "worlds": worlds.make,
     "baselines": baselines.make,
     "normalisation": normalisation.make,

@@ -9,6 +9,7 @@ from analysis.tables import Column, Table
 from benchmarks.report import markdown
 from emgface.face.simulation_parameters import SimulationParameters
 from studies.science import (
+    controls,
     excursions,
     inference,
     inverse,
@@ -34,6 +35,18 @@ def contained(page: str, text: str) -> None:
     lines = [words(line) for line in text.splitlines() if line.strip()]
     assert lines
     assert [line for line in lines if line not in page] == []
+
+
+def test_sentences_on_the_controls_follow_from_their_tables(page: str) -> None:
+    skill, gain = (pd.read_csv(FOLDER / f"controls_{name}.csv") for name in ("skill", "gain"))
+    contained(page, controls.text(skill, gain))
+    free = skill[skill["prediction"] == controls.NOTHING].set_index("volunteers")["contains 0"]
+    assert free.index.tolist() == [5, 6, 12] and (free >= 0.925).all()
+    said = words((DOCS / "statistics.md").read_text(encoding="utf-8"))
+    low, high = (f"{100 * share:.0f}" for share in (free.min(), free.max()))
+    assert f"contains 0 in {low} to {high} % of the studies" in said
+    five, six, twelve = skill[skill["prediction"] == controls.FINITE]["mean"]
+    assert f"skill of {five:.2f} with five, {six:.2f} with six and {twelve:.2f} with twelve" in said
 
 
 def test_sentences_on_worlds_follow_from_their_table(page: str) -> None:
