@@ -6,23 +6,24 @@
 
 Activations are estimated from the EMG of simulated volunteers (`error_coverage`), of the instructions
 that close the lips, in random order, on the generated face. Every trial is computed by each method and
-step, and by two references: SDIRK2 in steps of 1.25 and 0.625 ms, iterated to 0.1 and 0.01 um, with a
+step, and by two references: SDIRK2 in steps of 2 and 1 ms, iterated to 0.1 and 0.01 um, with a
 tenth of the tolerance of contact. Errors are relative to the second reference, and their own distance is
 the error of the first. Where it exceeds a tenth of the wanted 0.1 mm, the motion itself depends on the
 steps, and errors of this size have no exact value; the tables count such trials separately. The motion
 of the true activation, with contact, is what rho compares with. Times are processor times of the steps,
-relative to those of the preset "study" of the same trial without contact. A trial is stored when it
-ends; trials that OUT contains are not computed again.
+relative to those of the preset "study" of the same trial without contact. Every motion is stored when it
+ends; motions that OUT contains are not computed again.
 """
 
 import time
 import warnings
 from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import pandas as pd
@@ -30,9 +31,11 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import sim
+from analysis.figures import save
+from analysis.figures.style import COLOURS, blank, grid, styled
 from analysis.scores import correlation_3d
 from benchmarks.error_coverage import emg_trials
-from benchmarks.report import face_of, finish, say
+from benchmarks.report import face_of, finish, say, shrink
 from emgface.children import safe_children
 from emgface.choices import configure
 from emgface.face.accuracy import accuracy_settings
@@ -46,15 +49,19 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import INSTRUCTIONS
 from sim.system import System
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 Floats = NDArray[np.float64]
 
 CLOSING: Final = ("A", "C", "E", "F")  #: instructions whose gesture closes the lips
-OUTPUT, TRUE_STEPS = 0.01, (1.25e-3, 0.625e-3)  # s
+OUTPUT, TRUE_STEPS = 0.01, (2e-3, 1e-3)  # s
 TRUE_ITERATION: Final = (1e-7, 1e-8)  #: tolerances of the iteration of the references [m]
 FINER: Final = 0.1  #: tolerance of contact of the references, relative to the default
 WANTED: Final = 1e-4  #: error [m] that the presets are to reach
 DEPTHS_EVERY: Final = 5  #: outputs between depths, which cost as much as a step
 WARM: Final = 0.25  #: duration of a motion that loads the kernels of a method [s]
+ALONE: Final = "study, without contact"
 FREE: Final[dict[str, Any]] = {"contact": {"method": "none"}}
 STEPS: Final = (0.01, 0.005, 0.0025)  # s
 METHODS: Final = ("sdirk2", "converged", "linearly_implicit", "linearly_implicit_trapezoidal")
@@ -82,13 +89,27 @@ def closing_trials() -> Iterator[tuple[str, xr.DataArray, xr.DataArray]]:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Positions of all nodes at the outputs, of the markers, and processor time of the steps."""
+    """Positions of the markers at the outputs, depths, processor time and number of the steps."""
 
-    nodes: Floats  #: (time, node, axis) [m]
     markers: xr.DataArray  #: (marker, axis, time) [m]
+    lips: float  #: largest depth of the lips in each other [m]
+    teeth: float  #: the same of lips and cheeks in teeth, beyond that at rest [m]
     seconds: float
     steps: int
-    rejected: int
+
+    def save(self, path: Path) -> None:
+        """Store as a file."""
+        about = {"lips": self.lips, "teeth": self.teeth, "seconds": self.seconds}
+        whole = self.markers.rename("markers").to_dataset().drop_attrs()
+        whole.assign_attrs(steps=self.steps, **about).to_netcdf(path)
+
+    @classmethod
+    def load(cls, path: Path) -> "Motion":
+        """Read a stored one."""
+        with xr.open_dataset(path) as whole:
+            about = whole.attrs
+            own = (float(about[name]) for name in ("lips", "teeth", "seconds"))
+            return cls(whole["markers"].load(), *own, int(about["steps"]))
 
 
 Job = tuple[str, xr.DataArray, xr.DataArray]
@@ -99,8 +120,11 @@ class Bench:
 
     one: "Bench"
 
-    def __init__(self, face: Path | None, chosen: tuple[str, ...], duration: float) -> None:
+    def __init__(
+        self, out: Path, face: Path | None, chosen: tuple[str, ...], duration: float
+    ) -> None:
         warnings.simplefilter("ignore")
+        self.out = out
         self.face, self.duration = face_of(face), duration
         self.settings = {name: settings()[name] for name in chosen}
         self.base: dict[str, Any] = {"sigma_max": SIGMA_MAX, "output": OUTPUT}
@@ -124,13 +148,21 @@ class Bench:
             self.systems[key] = system, sim.State(0.0, q, rest.v, rest.memory)
         return self.systems[key]
 
-    def moved(self, drive: xr.DataArray, values: Mapping[str, Any], exact: bool = False) -> Motion:
-        """Motion of the face by an activation (muscle, time), with kernels loaded before."""
+    def moved(
+        self, name: str, drive: xr.DataArray, values: Mapping[str, Any], exact: bool = False
+    ) -> Motion:
+        """Motion of the face by an activation (muscle, time), stored under a name."""
+        path = self.out / f"{name.replace(' ', '-').replace(',', '')}.nc"
+        if path.exists():
+            return Motion.load(path)
         p = configure(SimulationParameters, self.base | dict(values))
-        if (key := (p.solver, p.contact.method == "none")) not in self.warm:
+        if (key := (p.solver, p.contact.method == "none")) not in self.warm:  # loads the kernels
             self.warm.add(key)
             self._moved(drive, p, False, WARM)
-        return self._moved(drive, p, exact, self.duration)
+        say(name)
+        motion = self._moved(drive, p, exact, self.duration)
+        motion.save(path)
+        return motion
 
     def _moved(
         self, drive: xr.DataArray, p: SimulationParameters, exact: bool, duration: float
@@ -139,7 +171,6 @@ class Bench:
         control, lasts, _ = control_of(drive.sel(muscle=list(system.muscles)), system.muscles, p)
         names = tuple(str(name) for name in self.face["marker"].values)
         markers = sim.Markers(self.face["marker_node"].values.astype(np.int64), names)
-        probes = (markers, sim.Positions(), sim.Iterations())
         work = sim.Workspace(system, p.linear_solver)
         before = time.process_time()
         trajectory, _ = sim.simulate(
@@ -149,46 +180,39 @@ class Bench:
             integrator=integrator_of(p),
             steps=steps_of(self.face, p),
             every=OUTPUT,
-            probes=probes,
+            probes=(markers, sim.Positions(), sim.Iterations()),
             initial=start,
             work=work,
         )
-        seconds = time.process_time() - before
-        counted = (int(trajectory[name].sum()) for name in ("steps", "rejected"))
-        q = trajectory["node_position"].transpose("time", "node", "axis").values
-        return Motion(q, trajectory["position"].transpose(..., "time"), seconds, *counted)
-
-    def depth(self, motion: Motion) -> tuple[float, float]:
-        """Largest depths of the lips in each other, and in teeth beyond that at rest [m]."""
-        shown = motion.nodes[::DEPTHS_EVERY]
-        lips, teeth = self.penetration.lips, self.penetration.teeth
-        return max(map(lips, shown)), max(map(teeth, shown))
+        seconds, steps = time.process_time() - before, int(trajectory["steps"].sum())
+        q = trajectory["node_position"].transpose("time", "node", "axis").values[::DEPTHS_EVERY]
+        lips, teeth = (max(map(of, q)) for of in (self.penetration.lips, self.penetration.teeth))
+        found = trajectory["position"].transpose(..., "time")
+        return Motion(found, lips, teeth, seconds, steps)
 
     def rows(self, job: Job) -> list[dict[str, object]]:
         """One row per setting of a trial, after those of both references and of no contact."""
         label, drive, truth = job
-        how = zip(TRUE_STEPS, TRUE_ITERATION, strict=True)
-        coarse, exact = (self.moved(drive, _true(*values), exact=True) for values in how)
+        names = [f"sdirk2, {1e3 * step:g} ms (reference)" for step in TRUE_STEPS]
+        how = zip(names, TRUE_STEPS, TRUE_ITERATION, strict=True)
+        coarse, exact = (
+            self.moved(f"{label} {name}", drive, _true(*values), exact=True)
+            for name, *values in how
+        )
         span = truth.sel(time=slice(float(drive["time"][0]), float(drive["time"][-1])))
-        goal = self.moved(span, accuracy_settings("study"))
-        free = self.moved(drive, FREE | accuracy_settings("study"))
+        goal = self.moved(f"{label} goal", span, accuracy_settings("study"))
+        free = self.moved(f"{label} {ALONE}", drive, FREE | accuracy_settings("study"))
         about = {"trial": label, "motion_mm": 1e3 * _apart(exact, None)}
         about["reference_mm"] = 1e3 * _apart(coarse, exact)
-        about["passing_mm"] = 1e3 * max(map(self.penetration.lips, free.nodes[::DEPTHS_EVERY]))
-        named = {
-            f"sdirk2, {1e3 * s:g} ms (reference)": m
-            for s, m in zip(TRUE_STEPS, (coarse, exact), strict=True)
-        }
-        named["study, without contact"] = free
+        about["passing_mm"] = 1e3 * free.lips
+        named = dict(zip((*names, ALONE), (coarse, exact, free), strict=True))
         found = [self._row(about, name, m, exact, goal, free) for name, m in named.items()]
         for name, values in self.settings.items():
-            started = time.process_time()
             try:
-                motion = self.moved(drive, values)
+                motion = self.moved(f"{label} {name}", drive, values)
             except sim.SimulationError as error:
-                spent = time.process_time() - started
                 told = f"{type(error).__name__}: {error}"
-                found.append(about | {"setting": name, "status": told, "s": spent})
+                found.append(about | {"setting": name, "status": told})
                 continue
             found.append(self._row(about, name, motion, exact, goal, free))
         return found
@@ -202,7 +226,6 @@ class Bench:
         goal: Motion,
         free: Motion,
     ) -> dict[str, object]:
-        lips, teeth = self.depth(motion)
         rho = [_rho(goal, m) for m in (motion, exact)]
         return about | {
             "setting": name,
@@ -210,10 +233,9 @@ class Bench:
             "error_mm": 1e3 * _apart(motion, exact),
             "mean_error_mm": 1e3 * float(_distances(motion, exact).mean()),
             "change_of_rho": float(np.abs(rho[0] - rho[1]).max()),
-            "lips_mm": 1e3 * lips,
-            "teeth_mm": 1e3 * teeth,
+            "lips_mm": 1e3 * motion.lips,
+            "teeth_mm": 1e3 * motion.teeth,
             "steps": motion.steps,
-            "rejected": motion.rejected,
             "s": motion.seconds,
             "time_over_free": motion.seconds / free.seconds,
         }
@@ -245,7 +267,6 @@ def _rho(goal: Motion, motion: Motion) -> Floats:
 
 
 def _of(job: Job) -> list[dict[str, object]]:
-    say(job[0])
     return Bench.one.rows(job)
 
 
@@ -276,6 +297,39 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(told).round(4)
 
 
+@styled
+def error_figure(rows: pd.DataFrame) -> "Figure":
+    """Draw the error of a marker against the run time: every trial, and medians with 90 % of trials."""
+    ok = rows[(rows["status"] == "ok") & (rows["error_mm"] > 0.0) & (rows["setting"] != ALONE)]
+    figure = blank(7.0, 4.4)
+    panel = grid(figure, 1, 1)[0][0]
+    for k, (method, own) in enumerate(ok.groupby(ok["setting"].map(_method), sort=False)):
+        colour = COLOURS[k % len(COLOURS)]
+        panel.plot(own["time_over_free"], own["error_mm"], ".", color=colour, alpha=0.3)
+        of = own.groupby("setting", sort=False)[["time_over_free", "error_mm"]]
+        x, y = (of.median()[name].to_numpy() for name in ("time_over_free", "error_mm"))
+        most = of.quantile(0.9)["error_mm"].to_numpy()
+        up = [np.zeros_like(y), np.maximum(most - y, 0.0)]
+        panel.errorbar(x, y, yerr=up, fmt="o-", color=colour, capsize=3, label=method)
+        for setting, a, b in zip(of.groups, x, y, strict=True):
+            told = str(setting).removeprefix(f"{method}, ").removesuffix(" (reference)")
+            panel.annotate(told, (a, b), textcoords="offset points", xytext=(4, 4), fontsize=7)
+    panel.axhline(1e3 * WANTED, color="0.5", linewidth=0.8, linestyle="--")
+    panel.axvline(3.0, color="0.5", linewidth=0.8, linestyle="--")
+    panel.set_xscale("log")
+    panel.set_yscale("log")
+    panel.set_xlabel('processor time, relative to the preset "study" without contact')
+    panel.set_ylabel("largest error of a marker, mm")
+    panel.legend(fontsize=8)
+    figure.suptitle(f"Trials with contact (simulated, {ok['trial'].nunique()} trials)")
+    return figure
+
+
+def _method(setting: str) -> str:
+    """Method of a setting; the presets are one."""
+    return "presets" if setting in PRESETS else setting.split(",")[0]
+
+
 def main(
     out: Path,
     face: Path | None = None,
@@ -295,11 +349,18 @@ def main(
     chosen = tuple(setting.split("|")) if setting else tuple(settings())
     jobs = [job for job in islice(closing_trials(), trials) if job[0] not in known]
     out.mkdir(parents=True, exist_ok=True)
-    begin = (face, chosen, duration)
-    if jobs:
-        with safe_children(), get_context("spawn").Pool(workers, Bench, begin) as pool:
-            for found in pool.imap(_of, jobs):
-                rows += found
-                pd.DataFrame(rows).to_csv(stored, index=False)
+    begin = (out, face, chosen, duration)
+    with ExitStack() as stack:
+        if workers > 1:
+            stack.enter_context(safe_children())
+            pool = stack.enter_context(get_context("spawn").Pool(workers, Bench, begin))
+            every = pool.imap(_of, jobs)
+        else:
+            one = Bench(*begin)
+            every = map(one.rows, jobs)
+        for found in every:
+            rows += found
+            pd.DataFrame(rows).to_csv(stored, index=False)
     table = pd.DataFrame(rows)
     finish("contact-methods", summary(table), out)
+    shrink(save(error_figure(table), out / "contact-methods.png"))

@@ -57,8 +57,8 @@ class ConstraintContact(Term):
     pairings: tuple[Pairing, ...]
     friction: float | tuple[float, ...] = 0.0  #: Coulomb's coefficient, of all pairings or of each
     #: largest distance at rest of a vertex and a face of the mesh that may touch if rows are assembled
-    #: into the matrix [m], which contains all such pairs. `ConvergedEuler` and `Sdirk2` without
-    #: constraints and products have no such bound
+    #: into the matrix [m], which contains all such pairs, as in equilibria and in converged steps with
+    #: products; other steps have no such bound
     reach: float = 0.01
     #: distance of a vertex and a face below which they have a row [m]. A vertex that enters a more
     #: distant face within one step is found from its path, and the step is solved again

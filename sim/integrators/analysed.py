@@ -58,7 +58,7 @@ class AnalysedSolver:
         form, contact = self._with_products(system), system.contact
         if contact is None or system.with_rows is None or rows_apart:
             return form
-        if state is not None and not system.constraints and not having(form.terms, "product"):
+        if state is not None and not having(form.terms, "product"):
             few = len(contact.pushing(state)) * (3 if contact.rubs else 1) <= MOST_APART
             if few:
                 return form

@@ -13,6 +13,7 @@ from sim.integrators.newton import (
     line_search,
     rounding_of,
 )
+from sim.integrators.touching_constrained import TouchingConstrained
 from sim.integrators.workspace import Workspace
 from sim.state import Array
 from sim.vectors import dot
@@ -44,24 +45,32 @@ def minimise_constrained(
         if work.constraints.multipliers is not None
         else np.zeros(conditions.n)
     )
+    rows = potential if isinstance(potential, TouchingConstrained) else None
     residuals: list[float] = []
     rho, shortest, factorisations, shifts, last = 0.0, 1.0, 0, 0, np.inf
     for iteration in range(1, tolerances.max_iterations + 1):
         with work.timed("tangent"):
             A = _lagrangian_matrix(potential, point.d, multiplier)
         error = DIRECTION_ERROR * tolerances.tolerance
-        step, multiplier, made, more = _newton_step(potential, A, slopes, point, c, error, work)
+        g = point.g if rows is None else rows.gradient(point)
+        step, multiplier, made, more = _newton_step(potential, A, slopes, g, c, error, work)
         factorisations, shifts = factorisations + made, shifts + more
+        if rows is not None:
+            point, step, further = rows.under_rows(point, step, error, work)
+            multiplier = multiplier + further
         rho = max(rho, 1.5 * float(np.abs(multiplier).max()))
         found = _search(potential, point, c, step, rho)
         if found is None:
+            if potential.refused(work):
+                continue
             raise NotConverged(tuple(residuals), until, "no step lowers the constrained potential")
-        length, point = found
+        length, end = found
+        point = end if rows is None else rows.accepted(point, end, length, work)
         shortest = min(shortest, length)
         c, slopes = conditions.evaluate(potential.pose(point.d))
-        rows = conditions.matrix(slopes)
-        residuals.append(float(np.abs(point.g + rows.T @ multiplier).max()))
-        size = np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1)).ravel())
+        G = conditions.matrix(slopes)
+        residuals.append(float(np.abs(point.g + G.T @ multiplier).max()))
+        size = np.sqrt(np.asarray(G.multiply(G).sum(axis=1)).ravel())
         violation = float((np.abs(c) / np.where(size > 0.0, size, 1.0)).max())
         moved = length * float(np.abs(step).max())
         left, last = error_left(moved, last), moved
@@ -83,7 +92,7 @@ def _lagrangian_matrix(potential: Potential, d: Array, multiplier: Array) -> Arr
 
 
 def _newton_step(
-    potential: Potential, A: Array, G: Array, point: Point, c: Array, error: float, work: Workspace
+    potential: Potential, A: Array, G: Array, g: Array, c: Array, error: float, work: Workspace
 ) -> tuple[Array, Array, int, int]:
     """Step, multipliers, numbers of factorisations and of shifts of the saddle system.
 
@@ -94,13 +103,13 @@ def _newton_step(
     diagonal = potential.system.pattern.diagonal
     for shifts in range(MAX_SHIFTS + 1):
         saddle.factorise(shifted, G)
-        step, y = saddle.solve(-scale * point.g, -c, np.zeros(len(point.g)), error)
+        step, y = saddle.solve(-scale * g, -c, np.zeros(len(g)), error)
         made, convex = made + saddle.factorisations, saddle.definite
         if convex is None:
             # Without a count of negative pivots the curvature along the step decides, up to its
             # error.
-            unknown = error * float(np.abs(point.g).sum())
-            convex = dot(step, point.g) <= dot(y, c) / scale + unknown
+            unknown = error * float(np.abs(g).sum())
+            convex = dot(step, g) <= dot(y, c) / scale + unknown
         if convex or shifts == MAX_SHIFTS:
             return step, y / scale, made, shifts
         shifted = A.copy()

@@ -14,6 +14,7 @@ from sim.integrators.newton import Iteration, Point, Potential
 from sim.integrators.newton_factor import alike
 from sim.integrators.touching import InContact, TouchingInMatrix
 from sim.integrators.touching_apart import TouchingApart
+from sim.integrators.touching_constrained import TouchingConstrained
 from sim.integrators.workspace import Workspace
 from sim.scene import Index
 from sim.state import Array, Evaluation, Pose
@@ -115,7 +116,9 @@ def minimise_in_contact(
 
     def touched(multipliers: Multipliers) -> TouchingInMatrix | TouchingApart:
         if not in_matrix:
-            return TouchingApart(potential, multipliers, step.q0)
+            constrained = potential.system.constraints is not None
+            kind = TouchingConstrained if constrained else TouchingApart
+            return kind(potential, multipliers, step.q0)
         places = step.places(pattern, multipliers.rows)
         return TouchingInMatrix(potential, multipliers, step.q0, places)
 

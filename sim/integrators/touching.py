@@ -86,7 +86,7 @@ class Touching(Potential):
 
 
 class TouchingInMatrix(Touching):
-    """Assembled contact, for scenes with constraints or a matrix that is singular without contact."""
+    """Assembled contact, for very many rows or a matrix that is singular without contact."""
 
     penalty, patience = IN_MATRIX, PATIENCE
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.contact.compliance import RowCompliance, directions
+from sim.contact.compliance import Compliance, RowCompliance, directions
 from sim.contact.frictional import frictional
 from sim.contact.pushes import pushes
 from sim.contact.rows import Acting, Multipliers, Rows
@@ -69,28 +69,47 @@ class TouchingApart(Touching):
         quasi-Newton updates of later steps. The bounds of friction are those of the new normal forces,
         so that the direction is one of descent.
         """
-        assert isinstance(point, InContact)  # result of `point`
-        alone, secants = point.alone, work.newton.inverse_secants
-        forces = self._unit.components(self.multipliers.normal, self.multipliers.tangent)
-        rest = self._directions.T @ forces - alone.g
+        (alone, rest), secants = self._rest(point), work.newton.inverse_secants
         by_factor = work.newton.solve(self.scale * rest)
         if self._moved is not None and self._moved[2] == work.newton.number:
             before, moved, _ = self._moved
             secants.learn(alone.d - before.d, alone.g - before.g, moved - by_factor)
         self._moved = None
-        free = by_factor + secants.added(rest)
+        return self._directed(point, by_factor, by_factor + secants.added(rest), work)
+
+    def _rest(self, point: Point) -> tuple[Point, Array]:
+        """Point without contact, and the forces (n,) left there by the present contact forces."""
+        assert isinstance(point, InContact)  # result of `point`
+        forces = self._unit.components(self.multipliers.normal, self.multipliers.tangent)
+        return point.alone, self._directions.T @ forces - point.alone.g
+
+    def _directed(
+        self, point: Point, by_factor: Array, free: Array, work: Workspace
+    ) -> tuple[Point, Array]:
+        """Point and direction as of `direction`, from displacements (n,) by the present forces.
+
+        They are those by the factor, and in total.
+        """
+        forces = self._unit.components(self.multipliers.normal, self.multipliers.tangent)
         acting = self.acting(point.d)
         gap = self._unit.components(acting.gap, acting.across) + self._directions @ free
         new, answer, pushed = self._pushed(gap, forces, self._rows(work), work)
         self._tried = forces, new, by_factor, answer
         bound = self.multipliers.rows.friction * new[self._unit.first]
         self.multipliers = replace(self.multipliers, bound=bound)
-        return self.with_contact(alone), free + pushed
+        return self.with_contact(self._rest(point)[0]), free + pushed
 
     def _rows(self, work: Workspace) -> RowCompliance:
         if self._compliance is None:
-            self._compliance = RowCompliance(self._directions, work.contact.compliance(self.scale))
+            self._compliance = RowCompliance(self._directions, self._of_tissue(work))
         return self._compliance
+
+    def _of_tissue(self, work: Workspace) -> Compliance:
+        return work.contact.compliance(self.scale)
+
+    def _response(self, change: Array, work: Workspace) -> Array:
+        """Displacement (n,) by a change of the forces, which the compliance learns."""
+        return self.answer(self.scale * change, work)
 
     def _pushed(
         self, gap: Array, forces: Array, compliance: RowCompliance, work: Workspace
@@ -120,7 +139,7 @@ class TouchingApart(Touching):
             free = gap[rows] - G @ forces[rows]
             new[rows], self.missed = frictional(G, free, first, rubs, start[rows])
             change = D.T @ (new - forces)
-            answer = work.newton.solve(self.scale * change)
+            answer = self._response(change, work)
             pushed = answer + secants.added(change)
             missed, size = compliance.learn(new - forces, answer)
             more = ~on & ((gap + D @ pushed)[unit.first] < -omitted * residual)
@@ -167,7 +186,7 @@ class TouchingApart(Touching):
         tangent = np.linalg.norm(multipliers.tangent, axis=1)
         sticks = tangent < multipliers.rows.friction * multipliers.normal * (1.0 - AT_BOUND)
         on = np.flatnonzero(self._unit.is_of(multipliers.normal > 0.0, sticks))
-        x = work.newton.solve(rhs)
+        x = self.answer(rhs, work)
         if not len(on):
             return x
         D, G = self._directions[on], self._rows(work).among(on)
@@ -175,7 +194,7 @@ class TouchingApart(Touching):
         most = HELD_SHARE * float(np.abs(D @ x).max())
 
         def push(f: Array) -> Array:
-            return work.newton.solve(self.scale * (D.T @ f))
+            return self.answer(self.scale * (D.T @ f), work)
 
         what = "the matrix of active contacts"
         return held(x, D, G, push, what, repeats=HELD, most=most)[0]
@@ -193,5 +212,4 @@ class TouchingApart(Touching):
         gap = np.r_[-wanted, np.zeros(len(elsewhere))]
         force = pushes(G, gap, gap < 0.0)
         push = D.T @ force[: len(rows)] + self._directions[elsewhere].T @ force[len(rows) :]
-        x = work.newton.solve(self.scale * push)
-        return self.opening(x)
+        return self.opening(self.answer(self.scale * push, work))
