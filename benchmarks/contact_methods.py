@@ -109,7 +109,8 @@ class Motion:
         with xr.open_dataset(path) as whole:
             about = whole.attrs
             own = (float(about[name]) for name in ("lips", "teeth", "seconds"))
-            return cls(whole["markers"].load(), *own, int(about["steps"]))
+            markers = whole["markers"].load().assign_attrs(units="m")
+            return cls(markers, *own, int(about["steps"]))
 
 
 Job = tuple[str, xr.DataArray, xr.DataArray]

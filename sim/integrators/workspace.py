@@ -121,7 +121,8 @@ class Workspace:
         """Return the system in the form required by the solver: with products, or fully assembled.
 
         Its matrix has entries for contact rows unless these are solved separately: always with
-        `rows_apart`, and in a converged step from the initial `state` if there are few and no products. A factor of another form is discarded.
+        `rows_apart`, and in a converged step from the initial `state` if there are few and no
+        products. A factor of another form is discarded.
         """
         form = self._solver.form(system, state, rows_apart=rows_apart)
         self.constraints.take(form)
