@@ -18,10 +18,8 @@ ends; motions that OUT contains are not computed again.
 import time
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import islice
-from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -36,7 +34,6 @@ from analysis.figures.style import COLOURS, blank, grid, styled
 from analysis.scores import correlation_3d
 from benchmarks.error_coverage import emg_trials
 from benchmarks.report import face_of, finish, say, shrink
-from emgface.children import safe_children
 from emgface.choices import configure
 from emgface.face.accuracy import accuracy_settings
 from emgface.face.control import control_of
@@ -119,8 +116,6 @@ Job = tuple[str, xr.DataArray, xr.DataArray]
 class Bench:
     """A settled face on which every trial of a process is computed."""
 
-    one: "Bench"
-
     def __init__(
         self, out: Path, face: Path | None, chosen: tuple[str, ...], duration: float
     ) -> None:
@@ -132,7 +127,6 @@ class Bench:
         self.penetration = Penetration(self.face)
         self.systems: dict[tuple[bool, bool], tuple[System, sim.State]] = {}
         self.warm: set[tuple[str, bool]] = set()
-        Bench.one = self
 
     def system(self, p: SimulationParameters, exact: bool) -> tuple[System, sim.State]:
         """Compiled face with its state at rest; contact of a reference has a smaller tolerance."""
@@ -267,10 +261,6 @@ def _rho(goal: Motion, motion: Motion) -> Floats:
     return correlation_3d(a, b.assign_coords(time=a["time"])).values
 
 
-def _of(job: Job) -> list[dict[str, object]]:
-    return Bench.one.rows(job)
-
-
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """One row per setting, over all trials and over those whose references agree."""
     told: list[dict[str, object]] = []
@@ -337,7 +327,6 @@ def main(
     setting: str = "",
     trials: int = 20,
     duration: float = 0.0,
-    workers: int = 1,
 ) -> None:
     """Measure, store after every trial, print.
 
@@ -350,18 +339,10 @@ def main(
     chosen = tuple(setting.split("|")) if setting else tuple(settings())
     jobs = [job for job in islice(closing_trials(), trials) if job[0] not in known]
     out.mkdir(parents=True, exist_ok=True)
-    begin = (out, face, chosen, duration)
-    with ExitStack() as stack:
-        if workers > 1:
-            stack.enter_context(safe_children())
-            pool = stack.enter_context(get_context("spawn").Pool(workers, Bench, begin))
-            every = pool.imap(_of, jobs)
-        else:
-            one = Bench(*begin)
-            every = map(one.rows, jobs)
-        for found in every:
-            rows += found
-            pd.DataFrame(rows).to_csv(stored, index=False)
+    bench = Bench(out, face, chosen, duration)
+    for job in jobs:
+        rows += bench.rows(job)
+        pd.DataFrame(rows).to_csv(stored, index=False)
     table = pd.DataFrame(rows)
     finish("contact-methods", summary(table), out)
     shrink(save(error_figure(table), out / "contact-methods.png"))
