@@ -1,8 +1,9 @@
 """Error of contact against run time, over method and step, in trials driven by EMG that close the lips.
 
     python -m benchmarks contact_methods OUT                          # 20 trials of a second
-    python -m benchmarks contact_methods OUT --trials 3 --settings "study|sdirk2, 10 ms"
+    python -m benchmarks contact_methods OUT --trials 3 --setting "study|sdirk2, 10 ms"
     python -m benchmarks contact_methods OUT --trials 0               # tables and figure of OUT alone
+    python -m benchmarks contact_methods OUT --renewals 1             # normals at the end of a stage
 
 Activations are estimated from the EMG of simulated volunteers (`error_coverage`), of the instructions
 that close the lips, in random order, on the generated face. Every trial is computed by each method and
@@ -117,10 +118,10 @@ class Bench:
     """A settled face on which every trial of a process is computed."""
 
     def __init__(
-        self, out: Path, face: Path | None, chosen: tuple[str, ...], duration: float
+        self, out: Path, face: Path | None, chosen: tuple[str, ...], duration: float, renewals: int
     ) -> None:
         warnings.simplefilter("ignore")
-        self.out = out
+        self.out, self.renewals = out, renewals
         self.face, self.duration = face_of(face), duration
         self.settings = {name: settings()[name] for name in chosen}
         self.base: dict[str, Any] = {"sigma_max": SIGMA_MAX, "output": OUTPUT}
@@ -135,8 +136,9 @@ class Bench:
             scene = compose_scene(self.face, p)
             terms = list(scene.terms)
             for i, term in enumerate(terms):
-                if exact and isinstance(term, sim.ConstraintContact):
-                    terms[i] = replace(term, tolerance=FINER * term.tolerance)
+                if isinstance(term, sim.ConstraintContact):
+                    tolerance = (FINER if exact else 1.0) * term.tolerance
+                    terms[i] = replace(term, tolerance=tolerance, renewals=self.renewals)
             system = sim.compile_scene(replace(scene, terms=tuple(terms)))
             rest = system.rest_state()
             q = np.ascontiguousarray(settle_face(self.face, p)["node_position"].values)
@@ -327,11 +329,13 @@ def main(
     setting: str = "",
     trials: int = 20,
     duration: float = 0.0,
+    renewals: int = 0,
 ) -> None:
     """Measure, store after every trial, print.
 
     `setting` limits the settings to those given, separated by `|`. `duration` [s] cuts the trials
-    (0: whole). `trials` = 0 prints OUT again.
+    (0: whole). `renewals` are those of `sim.ConstraintContact`, also of the references. `trials` = 0
+    prints OUT again.
     """
     stored = out / "contact-methods-trials.csv"
     rows = pd.read_csv(stored).to_dict("records") if stored.exists() else []
@@ -339,7 +343,7 @@ def main(
     chosen = tuple(setting.split("|")) if setting else tuple(settings())
     jobs = [job for job in islice(closing_trials(), trials) if job[0] not in known]
     out.mkdir(parents=True, exist_ok=True)
-    bench = Bench(out, face, chosen, duration)
+    bench = Bench(out, face, chosen, duration, renewals)
     for job in jobs:
         rows += bench.rows(job)
         pd.DataFrame(rows).to_csv(stored, index=False)

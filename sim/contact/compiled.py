@@ -28,11 +28,11 @@ SHARP = 0.7  #: cosine of the angle of the faces of an edge, below which it is s
 class CompiledContact(CompiledTerm):
     """Compiled contact, which exerts no force as a term; integrators enforce its rows.
 
-    `reach` [m] and `edge_points` are those of `ConstraintContact`; initial penetrations are removed at
-    `removal_speed` [m/s], or may remain if it is 0. `rubs` is True if any pairing has friction,
-    `in_matrix` if the sparsity pattern contains the entries of the rows. `pairing_of_slot` and
-    `vertex_of_slot` (n_slots,) are the pairing and node of each row of the memory, -1 for a vertex that
-    is no node.
+    `reach` [m], `edge_points` and `renewals` are those of `ConstraintContact`; initial penetrations are
+    removed at `removal_speed` [m/s], or may remain if it is 0. `rubs` is True if any pairing has
+    friction, `in_matrix` if the sparsity pattern contains the entries of the rows. `pairing_of_slot`
+    and `vertex_of_slot` (n_slots,) are the pairing and node of each row of the memory, -1 for a vertex
+    that is no node.
     """
 
     def __init__(
@@ -43,11 +43,12 @@ class CompiledContact(CompiledTerm):
         tolerances: ContactTolerances,
         removal_speed: float,
         edge_points: int,
+        renewals: int,
         layout: Layout,
     ) -> None:
         self.pattern: SymmetricPattern = layout.pattern
         self.names: tuple[str, ...] = tuple(pairing.name for pairing in pairings)
-        self.reach, self.tolerances = reach, tolerances
+        self.reach, self.tolerances, self.renewals = reach, tolerances, renewals
         self.rubs = any(friction > 0.0 for friction in frictions)
         self.in_matrix = True
         free = np.zeros(3 * layout.mesh.n_nodes, dtype=bool)

@@ -72,6 +72,10 @@ class ConstraintContact(Term):
     #: number of points on each sharp convex edge of a surface of the mesh that have rows with rigid
     #: shells, like its vertices; the angle of its faces at rest exceeds 45 degrees
     edge_points: int = 0
+    #: largest number of renewals of the normals and closest points of rows by those at the end of a
+    #: converged stage. With 0, a row of tissue keeps the low-pass filtered normal of the start, and the
+    #: error is of first order in the step where surfaces slide
+    renewals: int = 0
 
     def __post_init__(self) -> None:
         if not self.pairings:
@@ -87,6 +91,7 @@ class ConstraintContact(Term):
         for name in ("approach", "removal_speed", "tolerance"):
             require(self, name, getattr(self, name), above=0.0)
         require(self, "edge_points", self.edge_points, least=0.0)
+        require(self, "renewals", self.renewals, least=0.0)
         if self.initial_penetration not in ("kept", "removed"):
             raise SceneError(
                 f"ConstraintContact: initial_penetration = {self.initial_penetration!r}, expected "
@@ -130,7 +135,8 @@ class ConstraintContact(Term):
         """Lay out the directions of all pairings."""
         speed = self.removal_speed if self.initial_penetration == "removed" else 0.0
         lengths = self.reach, self.tolerances, speed
-        return CompiledContact(self.pairings, self.frictions, *lengths, self.edge_points, layout)
+        counts = self.edge_points, self.renewals
+        return CompiledContact(self.pairings, self.frictions, *lengths, *counts, layout)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ problems prone to Newton like solution methods; Simo and Laursen 1992, An augmen
 treatment of contact problems involving friction.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,8 @@ from sim.vectors import dot
 
 FIRST = np.array([0, 0, 0, 0, 1, 1, 1, 2, 2, 3])
 SECOND = np.array([0, 1, 2, 3, 1, 2, 3, 2, 3, 3])
+
+PLACED = 1e-6  #: change of normals and weights of rows that requires no renewal
 
 NEAREST, ENTERED, WALL, GIVEN_UP, NO_RANK = 0, 1, 2, 3, 4  #: ranks of rows
 
@@ -103,6 +105,33 @@ def no_rows() -> Rows:
     vector = np.empty((0, 3))
     nodes, weight = np.empty((0, 4), np.int64), np.empty((0, 4))
     return Rows(index, index, index, nodes, weight, vector, real, vector, real, index)
+
+
+def at_end(rows: Rows, lift: Array, near: Rows) -> Rows:
+    """Rows with the normals and closest points that they have at the end, if these differ.
+
+    Those of the start are of first order where surfaces slide while they turn, and their pairs of forces
+    would change the angular momentum. `lift` (k,) are initial depths that may remain [m].
+    """
+    order = np.argsort(near.keys)
+    place = np.searchsorted(near.keys[order], rows.keys).clip(max=max(len(near) - 1, 0))
+    if not len(near) or not len(rows):
+        return rows
+    other = near.take(order[place])
+    same = other.keys == rows.keys
+    turned = np.abs(other.normal - rows.normal).max(axis=1)
+    changed = same & (np.maximum(turned, np.abs(other.weight - rows.weight).max(axis=1)) > PLACED)
+    if not changed.any():
+        return rows
+    one = changed[:, None]
+    return replace(
+        rows,
+        nodes=np.where(one, other.nodes, rows.nodes),
+        weight=np.where(one, other.weight, rows.weight),
+        normal=np.where(one, other.normal, rows.normal),
+        gap=np.where(changed, other.gap + lift, rows.gap),
+        carried=np.where(one, other.carried, rows.carried),
+    )
 
 
 class RowPlaces:

@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from sim.contact.rows import GIVEN_UP, Multipliers, Rows
+from sim.contact.rows import GIVEN_UP, Multipliers, Rows, at_end
 from sim.contact.step import ContactStep, Opened, carried_over, penalties
 from sim.errors import NotConverged
 from sim.integrators.contract import require_upright
@@ -132,7 +132,7 @@ def minimise_in_contact(
     touching = touched(multipliers)
     first, begun = rows, multipliers.normal[:, None] * rows.normal + multipliers.tangent
     contested = np.empty(0, dtype=np.int64)
-    point, went, renewals, miss = start, None, 0, np.inf
+    point, went, renewals, places, miss = start, None, 0, 0, np.inf
     before = np.full(len(rows), np.inf)
     for _ in range(UPDATES):
         if went is not None and went.iterations > most:
@@ -159,7 +159,16 @@ def minimise_in_contact(
         passed = step.passed(q, near)
         pushing = multipliers.pushing(acting)
         last = renewals == RENEWALS
-        if last or not step.considerable(passed, u, pushing).any():
+        deep = step.considerable(passed, u, pushing).any()
+        if places < step.contact.renewals and not (last or deep):
+            rows = multipliers.rows
+            moved = at_end(rows, np.zeros(len(rows)), near)
+            if moved is not rows:
+                touching = touched(replace(multipliers, rows=moved))
+                before = np.full(len(rows), np.inf)
+                multipliers, places = touching.multipliers, places + 1
+                continue
+        if last or not deep:
             opened = partial(touching.opened, pushing=pushing, diagonal=diagonal, work=work)
             q = step.moved_out(q, near, opened)
             if last:

@@ -11,12 +11,12 @@ otherwise than expected.
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim.contact.rows import Rows, no_rows
+from sim.contact.rows import Rows, at_end, no_rows
 from sim.contact.step import ContactStep
 from sim.dense import inverse
 from sim.errors import NotConverged
@@ -47,8 +47,7 @@ PASSES, SHARE = 8, 0.02
 rows that ends them, relative to the largest motion."""
 CLOSED = 0.1  #: the same, relative to the residual of contact
 RATE = 1e-9  #: error of the rates of rows that are corrected by further solutions [m]
-PLACES, PLACED = 3, 1e-6
-"""Largest number of renewals of the normals and closest points of rows, and change that needs none."""
+PLACES = 3  #: largest number of renewals of the normals and closest points of rows
 
 NOTHING: Mapping[str, Array] = {}  #: memory without contact
 
@@ -150,7 +149,7 @@ class StageWithRows:
                 entering, searches, f = step.entering(missed), searches + 1, None
                 rows, lift = rows.joined(entering), np.r_[lift, entering.gap - missed.gap]
             elif places < PLACES:
-                moved = _at_end(rows, lift, near)
+                moved = at_end(rows, lift, near)
                 if moved is rows:
                     break
                 rows, places = moved, places + 1
@@ -332,30 +331,3 @@ class StageWithRows:
         rounding = rounding_of(start.phi, start.here.energy, borne)
         farthest = float(np.abs(move).max(initial=0.0)) if self._rests else 0.0
         return line_search(trial, slope, rounding, FARTHEST / max(farthest, FARTHEST))
-
-
-def _at_end(rows: Rows, lift: Array, near: Rows) -> Rows:
-    """Rows with the normals and closest points that they have at the end, if these differ.
-
-    Those of the start are of first order where surfaces slide while they turn, and their pairs of forces
-    would change the angular momentum. `lift` (k,) are initial depths that may remain [m].
-    """
-    order = np.argsort(near.keys)
-    place = np.searchsorted(near.keys[order], rows.keys).clip(max=max(len(near) - 1, 0))
-    if not len(near) or not len(rows):
-        return rows
-    other = near.take(order[place])
-    same = other.keys == rows.keys
-    turned = np.abs(other.normal - rows.normal).max(axis=1)
-    changed = same & (np.maximum(turned, np.abs(other.weight - rows.weight).max(axis=1)) > PLACED)
-    if not changed.any():
-        return rows
-    one = changed[:, None]
-    return replace(
-        rows,
-        nodes=np.where(one, other.nodes, rows.nodes),
-        weight=np.where(one, other.weight, rows.weight),
-        normal=np.where(one, other.normal, rows.normal),
-        gap=np.where(changed, other.gap + lift, rows.gap),
-        carried=np.where(one, other.carried, rows.carried),
-    )

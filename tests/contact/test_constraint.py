@@ -222,3 +222,22 @@ def test_soft_tissue_lands_without_rebound(integrator, speed, h):
     landed = int(np.argmax(lowest < 1e-5))
     assert 0 < landed < len(states) - 3
     assert np.abs(lowest[landed:]).max() < 1e-5
+
+
+def test_normals_at_the_end_of_a_stage_keep_the_second_order_of_sliding_tissue():
+    """A cube slides by 10 mm on a soft block whose upper side tilts under it."""
+    low, high = grid((1, 1, 1), (0.03, 0.03, 0.02)), grid((1, 1, 1), (0.008, 0.008, 0.008))
+    mesh, *surfaces = two_bodies(low, high, [0.003, 0.0185, 0.02])
+    held = sim.Fixed(np.flatnonzero(mesh.X[:, 2] < 1e-9))
+    method, order = sim.Sdirk2(tolerance=1e-10, residual_tolerance=1e-8), []
+    for renewals in (0, 1):
+        pairing = sim.Pairing(*surfaces)
+        contact = sim.ConstraintContact((pairing,), tolerance=1e-6, renewals=renewals)
+        pull = sim.Gravity((12.0, 2.0, -30.0))
+        system = system_of(mesh, contact, pull, reductions=(held,))
+        ends = [moved(system, method, n, 0.04 / n)[-1].q for n in (8, 16, 64)]
+        one, two = (np.abs(q - ends[-1]).max() for q in ends[:-1])
+        assert np.abs(ends[-1] - mesh.X).max() > 5e-3
+        order.append(np.log2(one / two))
+    assert order[0] < 1.5
+    assert order[1] > 1.9
