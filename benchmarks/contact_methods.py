@@ -7,13 +7,12 @@
 
 Activations are estimated from the EMG of simulated volunteers (`error_coverage`), of the instructions
 that close the lips, in random order, on the generated face. Every trial is computed by each method and
-step, and by two references: SDIRK2 in steps of 2 and 1 ms, iterated to 0.1 and 0.01 um, with a
-tenth of the tolerance of contact. Errors are relative to the second reference, and their own distance is
-the error of the first. Where it exceeds a tenth of the wanted 0.1 mm, the motion itself depends on the
-steps, and errors of this size have no exact value; the tables count such trials separately. The motion
-of the true activation, with contact, is what rho compares with. Times are processor times of the steps,
-relative to those of the preset "study" of the same trial without contact. Every motion is stored when it
-ends; motions that OUT contains are not computed again.
+step, and by two references: SDIRK2 in steps of 2 and 1 ms, iterated to 0.1 and 0.01 um, with a tenth of
+the tolerance of contact. Errors are relative to the second reference. The distance of both references is
+their error, if they converge, or shows that the motion depends on the steps. The motion of the true
+activation, with contact, is what rho compares with. Times are processor times of the steps, relative to
+those of the preset "study" of the same trial without contact. Every motion is stored when it ends;
+motions that OUT contains are not computed again.
 """
 
 import time
@@ -73,9 +72,6 @@ def settings() -> dict[str, dict[str, Any]]:
         for step in STEPS:
             fixed = {"solver": method, "step": step, "error_tolerance": None}
             found[f"{method}, {1e3 * step:g} ms"] = accuracy_settings("study") | fixed
-    loose = {"iteration_tolerance": 5e-5}
-    found["sdirk2, 10 ms, to 50 um"] = found["sdirk2, 10 ms"] | loose
-    found["converged, 10 ms, to 50 um"] = found["converged, 10 ms"] | loose
     return found
 
 
@@ -268,7 +264,6 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
     told: list[dict[str, object]] = []
     for name, of in rows.groupby("setting", sort=False):
         ok = of[of["status"] == "ok"]
-        known = ok[ok["reference_mm"] <= 0.1e3 * WANTED]
         told.append(
             {
                 "setting": name,
@@ -278,7 +273,6 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
                 "90 %": ok["error_mm"].quantile(0.9),
                 "worst": ok["error_mm"].max(),
                 "within 0.1 mm": f"{(ok['error_mm'] <= 1e3 * WANTED).sum()} of {len(of)}",
-                "same, references agree": f"{(known['error_mm'] <= 1e3 * WANTED).sum()} of {len(known)}",
                 "change of rho": ok["change_of_rho"].median(),
                 "worst change": ok["change_of_rho"].max(),
                 "lips in lips mm": ok["lips_mm"].max(),
@@ -299,12 +293,13 @@ def error_figure(rows: pd.DataFrame) -> "Figure":
     for k, (method, own) in enumerate(ok.groupby(ok["setting"].map(_method), sort=False)):
         colour = COLOURS[k % len(COLOURS)]
         panel.plot(own["time_over_free"], own["error_mm"], ".", color=colour, alpha=0.3)
-        of = own.groupby("setting", sort=False)[["time_over_free", "error_mm"]]
-        x, y = (of.median()[name].to_numpy() for name in ("time_over_free", "error_mm"))
-        most = of.quantile(0.9)["error_mm"].to_numpy()
+        of = own.groupby("setting")[["time_over_free", "error_mm"]]
+        middle = of.median().sort_values("time_over_free")
+        x, y = (middle[name].to_numpy() for name in ("time_over_free", "error_mm"))
+        most = of.quantile(0.9)["error_mm"].loc[middle.index].to_numpy()
         up = [np.zeros_like(y), np.maximum(most - y, 0.0)]
         panel.errorbar(x, y, yerr=up, fmt="o-", color=colour, capsize=3, label=method)
-        for setting, a, b in zip(of.groups, x, y, strict=True):
+        for setting, a, b in zip(middle.index, x, y, strict=True):
             told = str(setting).removeprefix(f"{method}, ").removesuffix(" (reference)")
             panel.annotate(told, (a, b), textcoords="offset points", xytext=(4, 4), fontsize=7)
     panel.axhline(1e3 * WANTED, color="0.5", linewidth=0.8, linestyle="--")
@@ -313,6 +308,8 @@ def error_figure(rows: pd.DataFrame) -> "Figure":
     panel.set_yscale("log")
     panel.set_xlabel('processor time, relative to the preset "study" without contact')
     panel.set_ylabel("largest error of a marker, mm")
+    panel.xaxis.set_major_formatter("{x:g}")
+    panel.xaxis.set_minor_formatter("{x:g}")
     panel.legend(fontsize=8)
     figure.suptitle(f"Trials with contact (simulated, {ok['trial'].nunique()} trials)")
     return figure
