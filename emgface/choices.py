@@ -6,7 +6,7 @@ reports invalid values.
 
 import difflib
 from collections.abc import Iterator, Mapping
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import Any, Final, Literal, TypeVar, get_args, get_origin
 
 import numpy as np
 import pandas as pd
@@ -105,6 +105,9 @@ def configure(model: type[ModelT], values: Mapping[str, Any], *, where: str = ""
         raise ConfigurationError(place + "; ".join(complaints)) from error
 
 
+LONGEST: Final = 120  #: largest length of a rejected value in a message
+
+
 def _complaint(model: type[BaseModel], detail: Any) -> str:
     """Clause on one rejected value."""
     path = [str(part) for part in detail["loc"]]
@@ -114,22 +117,49 @@ def _complaint(model: type[BaseModel], detail: Any) -> str:
         near = difflib.get_close_matches(path[-1], valid, n=1, cutoff=0.4)
         hint = f"did you mean '{near[0]}'?" if near else f"valid names are {', '.join(valid)}"
         return f"unknown parameter '{name}', {hint}"
+    if detail["type"] == "union_tag_not_found":
+        key = detail["ctx"]["discriminator"].strip("'")
+        kinds = ", ".join(sorted(_tags_at(model, path, key)))
+        return f"'{name}' has no '{key}', expected one of {kinds}"
     message = str(detail["msg"]).removeprefix("Value error, ")
     if detail["type"] == "value_error":
         return f"{name}: {message}"
-    return f"parameter '{name}' = {detail['input']!r}: {message[:1].lower()}{message[1:]}"
+    value = repr(detail["input"])
+    value = value if len(value) <= LONGEST else f"{value[:LONGEST]}…"
+    return f"parameter '{name}' = {value}: {message[:1].lower()}{message[1:]}"
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    """Parameter models in an annotation: itself, or in a tuple, a union, or both."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for part in get_args(annotation) for model in _models_in(part)]
+
+
+def _models_at(model: type[BaseModel], path: list[str]) -> list[type[BaseModel]]:
+    """Parameter models at a path, whose parts are names, numbers in a tuple and tags of a union."""
+    found = [model]
+    for part in path:
+        fields = [m.model_fields[part].annotation for m in found if part in m.model_fields]
+        if fields:
+            found = [inner for field in fields for inner in _models_in(field)]
+        elif not part.isdigit():
+            tagged = [m for m in found if part in {f.default for f in m.model_fields.values()
+                      if isinstance(f.default, str)}]  # fmt: skip
+            found = tagged or found
+    return found
 
 
 def _names_at(model: type[BaseModel], path: list[str]) -> list[str]:
-    """Names of the fields of the (nested) model at a path."""
-    for part in path:
-        field = model.model_fields.get(part)
-        if field is None or not isinstance(field.annotation, type):
-            return []
-        if not issubclass(field.annotation, BaseModel):
-            return []
-        model = field.annotation
-    return list(model.model_fields)
+    """Names of the fields of the (nested) models at a path."""
+    return [name for one in _models_at(model, path) for name in one.model_fields]
+
+
+def _tags_at(model: type[BaseModel], path: list[str], key: str) -> list[str]:
+    """Values of the field that distinguishes the models of a union at a path."""
+    return [
+        str(m.model_fields[key].default) for m in _models_at(model, path) if key in m.model_fields
+    ]
 
 
 def parameter_table(parameters: BaseModel) -> pd.DataFrame:

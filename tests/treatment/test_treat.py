@@ -72,6 +72,26 @@ def test_every_length_of_a_plan_in_metres_is_refused_and_names_mm():
     assert configure(Wedge, {"width": 0.0, "retraction": 0.0}).width == 0.0
 
 
+@pytest.mark.parametrize(
+    ("step", "message"),
+    [
+        ({"kind": "wedge", "widht": 12.0}, "step.0.wedge.widht', did you mean 'width'"),
+        ({"kind": "palsy", "qqqq": 1}, "valid names are branch, degree, kind, muscles, side$"),
+        ({"kind": "wedge", "scar": {"stifness": 2}}, "did you mean 'stiffness'"),
+        (
+            {"width": 12.0},
+            "has no 'kind', expected one of change, incision, palsy, resection, tumour",
+        ),
+    ],
+)
+def test_a_wrong_name_in_a_step_of_a_plan_is_answered_with_the_valid_ones(step, message):
+    with pytest.raises(ConfigurationError, match=message):
+        configure(Plan, {"step": [step]})
+    with pytest.raises(ConfigurationError) as many:
+        configure(Plan, {"step": [{"kind": "palsy"}] * 51})
+    assert len(str(many.value)) < 300
+
+
 def test_a_jaw_treated_twice_keeps_both_plans():
     from emgface.anatomy.jaw.template import template_jaw
     from emgface.face.identity import treatments, treatments_between
