@@ -47,6 +47,7 @@ class StatisticalFinding:
     n: int = 0  #: number of volunteers
     counts: Mapping[str, int] = field(default_factory=dict[str, int])  #: counts of `Paired`
     checks: tuple[Check, ...] = ()
+    reason: str = ""  #: why there is no test, in words; empty if there is one
 
 
 def judged_tests(
@@ -96,7 +97,8 @@ def collected(
 
     The result has the dims contrast, bound (lower, upper), assumption: ``estimate``, ``interval``,
     ``p``, ``p_holm`` (over the contrasts), ``smallest_p``, ``smallest_p_holm``, ``n`` (volunteers),
-    the counts of pairs, texts ``verdict`` and ``check`` per assumption, text ``sentence``;
+    the counts of pairs, texts ``verdict`` and ``check`` per assumption, texts ``sentence`` and
+    ``reason`` (why there is no p);
     attributes ``method``, ``level`` and ``sentence``. Intervals from fewer than
     `analysis.statistics.scope.LEAST_VOLUNTEERS` are NaN.
     """
@@ -124,6 +126,7 @@ def collected(
         measured = name in ("standard_error", "standard_deviation")
         values = np.array([f.further[name] for f in findings])
         found[name] = (dim, values, units if measured else one)
+    found["reason"] = (dim, np.array([f.reason for f in findings], dtype=str))
     found["sentence"] = (dim, np.array([f.sentence for f in findings], dtype=str))
     coords: dict[str, Any] = {
         dim: np.array([f.contrast for f in findings], dtype=str),
@@ -158,11 +161,13 @@ def without_spread(values: Array, scale: float = 0.0) -> bool:
 def untestable(data: PairedScores) -> StatisticalFinding:
     """Finding of a contrast whose differences are the same in all volunteers, and not zero."""
     estimate = float(data.values.mean())
+    n = persons(len(data.values))
     text = (
-        f"{data.shown(estimate)} in each of {persons(len(data.values))}; without variation between "
-        "them, there is no test and no interval."
+        f"{data.shown(estimate)} in each of {n}; without variation between them, there is no test and "
+        "no interval."
     )
-    return StatisticalFinding(estimate, sentence=text)
+    reason = f"the difference is the same in each of {n}, so that its error cannot be estimated"
+    return StatisticalFinding(estimate, sentence=text, reason=reason)
 
 
 def check_level(level: float) -> None:
@@ -212,14 +217,17 @@ def _too_few(data: PairedScores, least: int) -> StatisticalFinding:
     """Finding of a contrast with fewer volunteers than a method needs."""
     n = len(data.values)
     if not n:
-        return StatisticalFinding(sentence="no pair of scored trials.")
+        return StatisticalFinding(
+            sentence="no pair of scored trials.", reason="there is no pair of scored trials"
+        )
     estimate = float(data.values.mean())
     why = f"over {persons(n)}; no test and no interval, which require {least} or more."
     if n == 1:
         why = (
             "in the only volunteer with a pair; one volunteer does not allow a test or an interval."
         )
-    return StatisticalFinding(estimate, sentence=f"{data.shown(estimate)} {why}")
+    reason = f"there are pairs of {persons(n)}, and {least} or more are required"
+    return StatisticalFinding(estimate, sentence=f"{data.shown(estimate)} {why}", reason=reason)
 
 
 def _left_out(data: PairedScores) -> Check:

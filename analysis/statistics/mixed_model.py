@@ -146,7 +146,7 @@ def _finding(data: PairedScores, fitted: _Fitted | str, level: float) -> Statist
     if not isinstance(fitted, _Fitted):
         estimate = float(data.values.mean())
         text = f"{data.shown(estimate)} over {over}; no test and no interval: {fitted}."
-        return StatisticalFinding(estimate, sentence=text)
+        return StatisticalFinding(estimate, sentence=text, reason=fitted)
     if without_spread(data.values) and data.values.any():
         return untestable(data)
     estimate, error, freedom = fitted.estimate, fitted.error, fitted.freedom

@@ -15,7 +15,7 @@ from analysis.statistics.paired import WHY, compare
 from analysis.statistics.power import detectable
 from analysis.statistics.ranks import MOST_EXACT as MOST_EXACT_RANKS
 from analysis.statistics.ranks import friedman, wilcoxon
-from analysis.statistics.scope import LEAST_INSTRUCTIONS, LEAST_VOLUNTEERS
+from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.statistics.sign_flip import MOST_EXACT as MOST_EXACT_FLIPS
 from analysis.statistics.sign_flip import sign_flip
 from analysis.tables import SHOWN, Column, Table, recordings
@@ -136,13 +136,8 @@ def _in_general(row: xr.Dataset, alpha: float) -> str:
     """State the result of the mixed model for instructions in general."""
     p = float(row["p_holm"])
     if math.isnan(p):
-        reason = str(row["sentence"].values).partition("no test and no interval: ")[2]
-        if reason and "requires" not in reason:
-            return f"No statement is made about instructions in general: {reason}"
-        return (
-            "No statement is made about instructions in general, which would require "
-            f"{LEAST_VOLUNTEERS} volunteers and {LEAST_INSTRUCTIONS} instructions or more."
-        )
+        reason = str(row["reason"].values)
+        return f"No statement is made about instructions in general: {reason}."
     if p > alpha:
         return (
             "For instructions in general, the difference is not significant (mixed model, "

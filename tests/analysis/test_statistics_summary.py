@@ -164,6 +164,20 @@ def test_equal_scores_are_not_reported_as_a_small_study() -> None:
         assert "in general: all differences are equal" in text
 
 
+def test_equal_differences_are_not_reported_as_a_small_study() -> None:
+    """The sentence of that case has other words, from which the reason was once parsed."""
+    values = np.full((6, 6, 2, 3, 3), 0.8)
+    values[..., 1, :] = 0.9
+    found = study_statistics(of_rho(values), draws=100)
+    told = conclusions(found)
+    assert "all differences are equal" in told[0] or "the same in each of 6" in told[0]
+    assert not any("or more volunteers" in text for text in told)
+    for name, each in found.items():
+        if "p" in each and name != "bootstrap":
+            untested = np.isnan(each["p"].values)
+            assert ((each["reason"].values != "") >= untested).all() or name == "friedman", name
+
+
 def test_missing_pairs_are_not_reported_as_a_small_study() -> None:
     cube = simulated_scores(1, volunteers=6, instructions=6)
     kept = xr.DataArray(np.eye(6, dtype=bool), dims=("volunteer", "instruction"))
