@@ -1,6 +1,6 @@
 """Implicit Euler solved to a tolerance: Newton on the incremental potential."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import ClassVar
 
 from sim.integrators.contract import require_upright
@@ -72,3 +72,15 @@ class ConvergedEuler(Converged):
         error = self._freed(system, 0.5 * h * (end.w - w0), 0.5 * gained, D, h, end, work)
         missed = self._of_input(system, control, line, h, end, work)
         return final_state(system, end, end.w, memory, h), report_of(h, [end], error, missed)
+
+
+@dataclass(frozen=True)
+class InelasticLimits(Converged):
+    """Method of second order whose steps with an impact at a limit are those of `ConvergedEuler`."""
+
+    def inelastic(
+        self, system: System, state: State, control: ControlAt, h: float, work: Workspace
+    ) -> tuple[State, StepReport]:
+        """Advance by h with the same tolerances."""
+        tolerances = {each.name: getattr(self, each.name) for each in fields(Converged)}
+        return ConvergedEuler(**tolerances).step(system, state, control, h, work)

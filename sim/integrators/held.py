@@ -5,6 +5,7 @@ import numpy as np
 from sim.dense import solved
 from sim.joints.compiled import ROWS, Rows
 from sim.joints.contract import REACTIONS
+from sim.pattern import Flags
 from sim.state import Array, Control, State
 from sim.step_matrices import damping_matrix
 from sim.system import System
@@ -22,8 +23,13 @@ def free_acceleration(system: System, state: State, control: Control) -> Array:
     return kinematics.solve_mass(f - kinematics.inertial_force(state), state.pose)
 
 
-def held_acceleration(system: System, rows: Rows, a: Array, state: State) -> tuple[Array, Array]:
-    """Accelerations (n,) under rigid rows, G dw/dt + dG/dt w + ddrift/dt = 0, and their forces (m,)."""
+def held_acceleration(
+    system: System, rows: Rows, a: Array, state: State, pressed: Flags | None = None
+) -> tuple[Array, Array]:
+    """Accelerations (n,) under rigid rows, G dw/dt + dG/dt w + ddrift/dt = 0, and their forces (m,).
+
+    `pressed` (m,) are further rows that are held.
+    """
     kinematics, pose, columns = system.kinematics, state.pose, rows.columns
     w = kinematics.velocities(state)
 
@@ -31,7 +37,7 @@ def held_acceleration(system: System, rows: Rows, a: Array, state: State) -> tup
         now = rows.evaluate(kinematics.advance(pose, after * w, pose.t + after))
         return now.G @ w[columns] + now.drift
 
-    on = rows.rigid
+    on = rows.rigid if pressed is None else rows.rigid | pressed
     G, X = rows.evaluate(pose).G, rows.inverse_mass(pose)
     turning = (rate(BESIDE) - rate(-BESIDE)) / (2.0 * BESIDE)
     f, held = np.zeros(len(G)), G[on]
@@ -42,21 +48,27 @@ def held_acceleration(system: System, rows: Rows, a: Array, state: State) -> tup
 def forces_at(system: System, state: State, control: Control) -> Array:
     """Forces (m,) of rows at a state: yielding ones by their law, rigid ones by the acceleration.
 
-    Those of inequalities are of the step before.
+    Inequalities that pressed in the step before are held as rigid rows, unless this would pull: their
+    forces in that step may be those of an impact, which are over.
     """
     rows = system.rows
     assert rows is not None  # callers ask for it by them
     now, w = rows.evaluate(state.pose), system.kinematics.velocities(state)
     f, soft = np.zeros(len(now.c)), rows.compliance > 0.0
+    pressed = np.zeros(len(f), dtype=bool)
     if REACTIONS in state.memory:
-        f[rows.unilateral] = state.memory[REACTIONS][rows.unilateral]
+        pressed = rows.unilateral & (state.memory[REACTIONS] > 0.0)
     rate = now.G @ w[rows.columns] + now.drift
     f[soft] = -((now.c + rows.damping_time * rate)[soft] / rows.compliance[soft])
     a, push = free_acceleration(system, state, control), np.zeros(len(w))
     push[rows.columns] = now.G.T @ f
     a = a + system.kinematics.solve_mass(push, state.pose)
-    if rows.rigid.any():
-        f[rows.rigid] = held_acceleration(system, rows, a, state)[1][rows.rigid]
+    while (rows.rigid | pressed).any():
+        held = held_acceleration(system, rows, a, state, pressed)[1]
+        pulling = pressed & (held < 0.0)
+        if not pulling.any():
+            return np.where(rows.rigid | pressed, held, f)
+        pressed &= ~pulling
     return f
 
 

@@ -7,11 +7,12 @@ from typing import ClassVar
 import numpy as np
 
 from sim.integrators.contract import require_upright
+from sim.integrators.converged_euler import InelasticLimits
 from sim.integrators.stage import (
-    Converged,
     Stage,
     by_joints,
     final_state,
+    hits_limit,
     middle_damping,
     report_of,
 )
@@ -33,7 +34,7 @@ def _error(h: float, y0: Array, y1: Array, y2: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Sdirk2(Converged):
+class Sdirk2(InelasticLimits):
     """Stages at t + gamma h and t + h, both of implicit length gamma h, gamma = 1 - 1/sqrt 2.
 
     The second stage starts from the base y0 + (1 - gamma) h k1, with k1 = (y1 - y0)/(gamma h) the slope
@@ -46,7 +47,8 @@ class Sdirk2(Converged):
     small block velocities converged with order 1.3 to 1.5 between 1e-3 and 1e-4 s, 2.0 below. The
     activation of the stages is that of the line with the same mean and first moment over the step; the
     weights of the stages integrate it exactly. The estimated error of a step requires one evaluation of
-    the forces and one solution (`sim.integrators.estimate`).
+    the forces and one solution (`sim.integrators.estimate`). A step in which a limit of a joint is hit
+    is one of `ConvergedEuler`: impacts are inelastic, and of first order.
 
     Source: Alexander 1977, Diagonally implicit Runge-Kutta methods for stiff O.D.E.'s, SIAM J. Numer.
     Anal. 14, p. 1006.
@@ -59,7 +61,7 @@ class Sdirk2(Converged):
         self, system: System, state: State, control: ControlAt, h: float, work: Workspace
     ) -> tuple[State, StepReport]:
         """Advance by h; errors as `ConvergedEuler.step`."""
-        system = work.form(system, state)
+        given, system = system, work.form(system, state)
         s, t1 = GAMMA * h, state.t + h
         part, whole = system.during(state, s), system.during(state, h)
         line = control.moments(state.t, h, (GAMMA, 1.0))
@@ -75,6 +77,8 @@ class Sdirk2(Converged):
         first = self._solve(
             part, Stage(state.t + s, state.pose, u0, s, inner, D), state, work, here
         )
+        if hits_limit(system, state, first, h):
+            return self.inelastic(given, state, control, h, work)
         further = (1.0 - GAMMA) / GAMMA  # slope of the first stage
         u1 = kinematics.inertial(first.w, first.pose)
         base = kinematics.advance(state.pose, further * s * first.w, t1 - s)
@@ -89,6 +93,8 @@ class Sdirk2(Converged):
             u = u - kinematics.inertial(np.zeros_like(change), first.pose)
         inside = kinematics.state(first.pose, first.w, {**state.memory, **first.memory})
         end = self._solve(whole, Stage(t1, base, u, s, line.at(1.0), D), inside, work)
+        if hits_limit(system, state, end, h):
+            return self.inelastic(given, state, control, h, work)
         with work.timed("force"):
             f0 = system.during(state, 0.0).force(state.q, line.at(0.0)).f
         if first.contact is not None:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import partial, reduce
+from typing import Final
 
 import numpy as np
 
@@ -176,6 +177,27 @@ def final_state(
         return system.kinematics.state(pose, w, memory)
     pose, w, impulse = rows.projected(pose, w, momentum=True)
     return system.kinematics.state(pose, w, {**memory, REACTIONS: end.reaction + impulse / h})
+
+
+APPROACH: Final = 1e-9
+"""Travel towards the limit of a joint within a step above which the limit is hit [m, rad]."""
+
+
+def hits_limit(system: System, state: State, end: Solved, h: float) -> bool:
+    """Return True if a limit of a joint stops a motion towards it in a step of length h.
+
+    The velocity then changes at once. A stage of a method of second order would extrapolate this change
+    to the end of the step, so that bodies rebound.
+    """
+    rows = system.rows
+    if rows is None or end.reaction is None:
+        return False
+    stopped = rows.unilateral & (end.reaction > 0.0)
+    if not stopped.any():
+        return False
+    now = rows.evaluate(state.pose)
+    speed = now.G @ system.kinematics.velocities(state)[rows.columns] + now.drift
+    return bool((h * speed[stopped] < -APPROACH).any())
 
 
 def by_joints(system: System, pose: Pose, reaction: Array | None) -> Array:

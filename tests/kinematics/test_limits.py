@@ -52,6 +52,47 @@ def test_both_bounds_hold_beyond_half_a_turn(integrator, fused, lower, upper):
         assert angles.min() > lower - 1e-6 and angles.max() < upper + 1e-6
 
 
+HOLDING = (
+    *LINEAR, sim.ConvergedEuler(), sim.Trapezoidal(), sim.Sdirk2(),
+)  # fmt: skip
+"""All methods that hold limits; explicit ones refuse them."""
+
+
+@pytest.mark.parametrize("integrator", HOLDING, ids=lambda one: type(one).__name__)
+@pytest.mark.parametrize("h", [0.004, 0.002, 0.0007])
+def test_a_body_that_hits_a_limit_within_a_step_stays_there(integrator, h):
+    """A pendulum falls on its limit, on which its weight holds it: impacts are inelastic.
+
+    Methods of second order once extrapolated the impact, so that it swung back to the other side.
+    """
+    arm = sim.Body("b", 0.1, np.eye(3) * 2e-5, (0.05, 0.0, 0.0))
+    axis = (0.0, 1.0, 0.0)
+    joints = (Revolute("hinge", None, "b", (0.0, 0.0, 0.0), axis),
+              Limit("stop", None, "b", (0.0, 0.0, 0.0), axis, -0.4, 0.4))  # fmt: skip
+    given = sim.Scene(sim.NO_TISSUE, (sim.Gravity(),), bodies=(arm,), joints=joints)
+    system = sim.compile_scene(given)
+    state, work = system.rest_state(), sim.Workspace(system)
+    angles = []
+    for _ in range(round(0.2 / h)):
+        state, _ = integrator.step(system, state, system.control(np.zeros(0)), h, work)
+        angles.append(2.0 * np.arctan2(state.frames[0, 5], state.frames[0, 3]))
+    found = np.array(angles)
+    reached = int(np.argmax(found > 0.4 - 1e-6))
+    # 0.06654 s to fall from 0 to 0.4 rad: I theta'' = m g r cos(theta), I = m r^2 + 2e-5 kg m^2
+    # (solve_ivp, 1e-10); methods of first order are half a step early
+    assert reached * h == pytest.approx(0.06654, abs=2.0 * h)
+    np.testing.assert_allclose(found[reached:], 0.4, atol=2e-6)
+    assert abs(state.twists[0]).max() < 1e-5
+
+
+@pytest.mark.parametrize("integrator", [sim.SymplecticEuler(), sim.RungeKutta4()])
+def test_explicit_methods_refuse_limits(integrator):
+    system = scene(HINGE, limit(-1.0, 1.0))
+    with pytest.raises(sim.SceneError, match="explicit integrator"):
+        state, control = system.rest_state(), system.control(np.zeros(0))
+        integrator.step(system, state, control, 0.001, sim.Workspace(system))
+
+
 @pytest.mark.parametrize("bounds", [{"upper": 3.5}, {"upper": np.pi}, {"lower": -4.0}])
 def test_a_single_bound_beyond_half_a_turn_is_refused(bounds):
     with pytest.raises(sim.SceneError, match="half a turn or more from rest"):
