@@ -6,13 +6,16 @@ folder that the user has specified.
 """
 
 import errno
+import hashlib
 import os
 import re
 import shutil
+import socket
 import sys
-import tempfile
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -124,15 +127,15 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
     Folders are created. Raises DataError if the file cannot be written.
     """
     temporary: Path | None = None
+    expressible(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-        os.close(handle)
-        temporary = Path(name)
+        temporary = new_part(path)
+        temporary.touch(mode=0o600, exist_ok=False)
         write(temporary)
         with temporary.open("rb") as stream:
             os.fsync(stream.fileno())
-        # mkstemp creates a private file; the result has the usual mode of new files.
+        # The temporary file is private; the result has the usual mode of new files.
         mask = os.umask(0)
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)
@@ -144,7 +147,122 @@ def replace_file(path: Path, write: Callable[[Path], object]) -> None:
         raise DataError(f"Cannot write {path}: {reason}.") from error
     finally:
         if temporary is not None:
-            temporary.unlink(missing_ok=True)
+            with suppress(OSError):  # of a file system that is read-only
+                temporary.unlink(missing_ok=True)
+
+
+_PART: Final = re.compile(r"\..*\.emgface-([0-9a-f]{8})-(\d+)-[0-9a-f]{8}\.part")
+
+
+def new_part(path: Path) -> Path:
+    """Name of a temporary file beside `path`, which states the process that writes it.
+
+    At the first call for a folder, temporary files of processes of this machine that were killed are
+    removed from it.
+    """
+    _remove_parts_of_killed(path.parent)
+    # A long name leaves no room for the rest, and is replaced by its digest.
+    name = path.name if len(os.fsencode(path.name)) <= LONGEST else _digest(path.name)
+    return path.with_name(f".{name}.emgface-{_machine()}-{os.getpid()}-{os.urandom(4).hex()}.part")
+
+
+@cache
+def _remove_parts_of_killed(folder: Path) -> None:
+    """Remove the temporary files of a folder whose process no longer exists."""
+    if sys.platform == "win32":
+        return  # where a process cannot be asked whether it exists
+    with suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            found = _PART.fullmatch(entry.name)
+            if found is None or found[1] != _machine() or entry.is_symlink():
+                continue
+            try:
+                os.kill(int(found[2]), 0)
+            except (ProcessLookupError, OverflowError):
+                _remove(Path(entry.path))
+            except OSError:  # a process of another user
+                continue
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def is_part(path: Path) -> bool:
+    """Return True for the temporary file of a process that writes, or was killed while it wrote."""
+    return path.name.startswith(".") and path.suffix == ".part"
+
+
+def new_folder(path: Path, fill: Callable[[Path], object]) -> None:
+    """Fill a temporary folder by `fill` and rename it to `path`; remove it on failure.
+
+    Raises DataError if `path` exists, and OSError if the folder cannot be made.
+    """
+    expressible(path)
+    if path.exists() or path.is_symlink():
+        raise DataError(f"{path} exists, expected a new folder: specify another one")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = new_part(path)
+    try:
+        temporary.mkdir()
+        fill(temporary)
+        temporary.rename(path)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+@cache
+def _machine() -> str:
+    """Digest of the machine and of the namespace of its processes, whose numbers are unique there."""
+    try:
+        space = os.readlink("/proc/self/ns/pid")
+    except OSError:
+        space = ""
+    return _digest(f"{socket.gethostname()} {space}")
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()[:8]
+
+
+def expressible(path: str | os.PathLike[str]) -> Path:
+    """Return a path; DataError if its name cannot be expressed in the encoding of file names.
+
+    Python reads such names with placeholders for the bytes that it cannot decode. Libraries in C
+    cannot open them, and no text file in UTF-8 can contain them.
+    """
+    path, encoding = Path(path), sys.getfilesystemencoding()
+    try:
+        wrong = "a null character" if "\0" in str(path) else ""
+        str(path).encode(encoding)
+    except UnicodeEncodeError as error:
+        wrong = f"{ascii(error.object[error.start : error.end])[1:-1]}, which is not in {encoding}"
+    if not wrong:
+        return path
+    locale = "" if encoding == "utf-8" else ", or set PYTHONUTF8=1 if names are in UTF-8"
+    raise DataError(
+        f"the path {ascii(str(path))} contains {wrong}; expected the encoding of file names: rename the "
+        f"file or folder{locale}"
+    )
+
+
+@contextmanager
+def locked(folder: Path) -> Generator[None]:
+    """Run the block in one process at a time, where the system can lock folders; it is created."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with ExitStack() as held:
+        try:
+            import fcntl
+
+            handle = os.open(folder, os.O_RDONLY)
+            held.callback(os.close, handle)
+            fcntl.flock(handle, fcntl.LOCK_EX)  # released when it is closed
+        except (ImportError, OSError):
+            pass  # another system, or a file system without locks
+        yield
 
 
 def why_not_written(

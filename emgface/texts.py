@@ -8,6 +8,8 @@ import codecs
 import csv
 import gzip
 import io
+import json
+import math
 import tomllib
 import zlib
 from pathlib import Path
@@ -120,6 +122,34 @@ def labelled(stream: io.StringIO, delimiter: str = ",") -> io.StringIO:
     if twice is not None:
         raise ValueError(f"two columns are called {twice!r}, expected different names")
     return stream
+
+
+def json_in(text: str) -> Any:
+    """Return the value of a text in JSON, such as the header or sidecar of a file.
+
+    Raises ValueError if it is not JSON, if a number is not finite (JSON has no NaN, and 1e999 is
+    infinite), or if a name occurs twice in an object, and RecursionError if it is too deep.
+    """
+    return json.loads(
+        text, parse_constant=finite, parse_float=finite, object_pairs_hook=_named_once
+    )
+
+
+def finite(text: str) -> float:
+    """Return the number of a text; ValueError if it is not finite."""
+    found = float(text)
+    if not math.isfinite(found):
+        raise ValueError(f"{text} is no finite number")
+    return found
+
+
+def _named_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"the key {twice!r} occurs twice")
+    return found
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -28,9 +28,10 @@ def check(
     -------
     dict of str to DataFrame
         Tables by their titles. Of a recording: ``channels and markers`` with rate [Hz], gaps [s],
-        size and verdict; ``problems`` that prevent its use; ``later steps`` that would refuse it,
-        each with its reason. The last two are empty if it can be used. Of a model: ``model``, its
-        name and size, and tables of its counts and measures.
+        size and verdict; ``problems`` that prevent its use; ``warnings`` that a person should
+        examine, such as exchanged sides; ``later steps`` that would refuse it, each with its reason.
+        ``problems`` and ``later steps`` are empty if it can be used. Of a model: ``model``, its name
+        and size, and tables of its counts and measures.
 
     Raises
     ------
@@ -67,5 +68,6 @@ def check(
     return {
         "channels and markers": report,
         "problems": pd.DataFrame({"problem": problems(report)}, dtype=object),
+        "warnings": pd.DataFrame({"warning": problems(report, "warning")}, dtype=object),
         "later steps": pd.DataFrame(refused.items(), columns=["step", "reason"]),
     }

@@ -10,6 +10,7 @@ from pydantic import BaseModel
 
 from emgface.choices import configure
 from emgface.errors import SchemaError
+from emgface.files import expressible
 from emgface.recordings.dataset import read_recording
 from emgface.recordings.fillers import without_fillers
 from emgface.schema.netcdf import read_netcdf
@@ -60,7 +61,7 @@ def path_of(given: object, expected: str) -> Path:
             f"the argument is of type {type(given).__name__}, expected {expected} as a Dataset or "
             "the path of its file: pass one of them"
         )
-    return Path(given)
+    return expressible(given)
 
 
 def dataset_of(given: Data, kind: str, variable: str) -> xr.Dataset:

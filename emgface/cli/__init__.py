@@ -28,7 +28,7 @@ from emgface.cli import (
     volunteers,
 )
 from emgface.cli.console import Commands, out, show_warnings_as_sentences
-from emgface.cli.machine import collect_seldom, use_one_blas_thread
+from emgface.cli.machine import collect_seldom, unwind_when_terminated, use_one_blas_thread
 from emgface.cli.numbers import guard
 
 
@@ -143,4 +143,5 @@ def main() -> None:
     """Run the command line."""
     use_one_blas_thread()
     collect_seldom()
+    unwind_when_terminated()
     app()

@@ -45,6 +45,22 @@ def collect_seldom() -> None:
     atexit.register(gc.freeze)
 
 
+def unwind_when_terminated() -> None:
+    """End the process at SIGTERM and SIGHUP by an exception, so that temporary files are removed.
+
+    A batch system ends a job by SIGTERM, a closed connection by SIGHUP. A signal that is ignored,
+    such as by nohup, remains so.
+    """
+
+    def end(number: int, _: object) -> None:
+        raise SystemExit(128 + number)
+
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, end)
+
+
 def announce_compilation() -> None:
     """Print a message if the numerical kernels have to be compiled first."""
     from sim._kernels.cache import cache_root, kernels_are_compiled

@@ -1,9 +1,13 @@
 """Files that a command writes, checked at one place before it runs, so that no input is lost."""
 
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import typer
+
+from emgface.errors import DataError
+from emgface.files import expressible
 
 _OWN = (
     "cube exclude figure log movie page picture plain plot report save table vtk waypoints".split()
@@ -23,16 +27,22 @@ _TEXT_OR_PICTURE = set(_OWN) - {"cube", "log"}
 def spare_inputs(values: Mapping[str, object]) -> None:
     """Raise BadParameter if a command would write a file that it reads, one twice, or a wrong kind.
 
-    `values` are the arguments of the command. Links count as the file to which they lead. Folders
+    `values` are the arguments of the command. No path may have a name that the encoding of file
+    names lacks. Links count as the file to which they lead. Folders
     may be both read and written, because the names of the files in them differ. Tables, pages and
     pictures are not written under suffixes of data, under which no command could read them.
     """
+    for path in (path for value in values.values() for path in _paths(value)):
+        try:
+            expressible(path)
+        except DataError as error:
+            raise typer.BadParameter(str(error)) from error
     read = [
         path
         for name, value in values.items()
         if name not in WRITTEN
         for path in _paths(Path(value) if name == "source" and isinstance(value, str) else value)
-        if path.is_file()
+        if os.path.isfile(path)  # also False for a text that is longer than a name can be
     ]
     seen: dict[Path, str] = {}
     for name, option in WRITTEN.items():

@@ -8,7 +8,7 @@ from typing import Final
 
 import sim
 from emgface.errors import ConfigurationError, DataError
-from emgface.files import write_text
+from emgface.files import is_part, replace_file, write_text
 
 INDEX: Final = "waypoints.toml"
 """File that lists the way points of a folder with their times, digests and interval."""
@@ -39,7 +39,8 @@ class WayPoints:
         """Begin anew; ConfigurationError if the folder contains anything but way points."""
         self.folder.mkdir(parents=True, exist_ok=True)
         known = {INDEX, *(path.name for path in self.folder.glob("[0-9]*.[0-9]*.nc"))}
-        if foreign := sorted(p.name for p in self.folder.iterdir() if p.name not in known):
+        every = [path for path in self.folder.iterdir() if not is_part(path)]
+        if foreign := sorted(path.name for path in every if path.name not in known):
             raise ConfigurationError(
                 f"{self.folder} contains {foreign[0]}, expected a new or empty folder for way points"
             )
@@ -50,7 +51,7 @@ class WayPoints:
     def keep(self, state: sim.State) -> None:
         """Write the state at a checkpoint."""
         path = self.folder / f"{state.t:.6f}.nc"
-        sim.save_state(state, path)
+        replace_file(path, lambda part: sim.save_state(state, part))
         index = self.folder / INDEX
         entry = f'\n[[points]]\ntime = {state.t!r}\ndigest = "{_digest(path)}"\n'
         write_text(index, index.read_text(encoding="utf-8") + entry)

@@ -6,6 +6,7 @@ functions of ``import emgface as ef`` find it by its name, or by the kind that a
 
 import inspect
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -306,8 +307,9 @@ def parsed(settings: Sequence[str]) -> dict[str, str]:
 
 def names_file(source: str) -> bool:
     """Return True if what moves a model is a file, and not a task or exciters with levels."""
-    path = Path(source)
-    return path.exists() or ("=" not in source and "," not in source and path.suffix != "")
+    # os.path also answers for a text that is too long for the name of a file.
+    written = "=" in source or "," in source or not Path(source).suffix
+    return os.path.isfile(source) or not written
 
 
 def levels_of(source: str, level: float) -> dict[str, float]:

@@ -65,6 +65,7 @@ def check_recording(
         else:
             rows.append(judged(row, own))
     rows += _lost(rows, found)
+    rows += _of_nothing(rows, found, first)
     if study:
         rows += _absent(rows)
     columns = list(dict.fromkeys(key for row in rows for key in row))
@@ -127,20 +128,38 @@ def _judgeable(row: dict[str, object], kind: str) -> bool:
 def _lost(rows: list[dict[str, object]], found: list[Finding]) -> list[dict[str, object]]:
     """Rows of the channels that the file marks as bad, which are no longer in the recording."""
     held = {(row["kind"], row["name"]) for row in rows}
-    bad = [f for f in found if f.code == "bad" and (f.kind, f.name) not in held]
+    bad = {(f.kind, f.name): f for f in found if f.code == "bad" and f.name}
     return [
         judged(
-            _nothing(f.name, f.kind, "V" if f.kind == "channel" else "m") | {"signal": "EMG"}, [f]
+            _nothing(name, kind, "V" if kind == "channel" else "m") | {"signal": "EMG"},
+            [f for f in found if (f.kind, f.name) == (kind, name)],
         )
-        for f in bad
+        for kind, name in bad
+        if (kind, name) not in held
     ]
 
 
+def _of_nothing(
+    rows: list[dict[str, object]], found: list[Finding], first: dict[str, object]
+) -> list[dict[str, object]]:
+    """Row of the findings on the whole recording, or on signals that it lacks, if no other has them."""
+    held = {(row["kind"], row["name"]) for row in rows}
+    whole = [kind for kind in KINDS if first[kind] is not None]
+    told = {*whole, "recording"} if whole else set[str]()
+    left = [f for f in found if ((f.kind, f.name) not in held if f.name else f.kind not in told)]
+    if not left:
+        return []
+    return [judged(_nothing("", "recording", "") | {"signal": ""}, left)]
+
+
 def problems(table: pd.DataFrame, verdict: Verdict = "error") -> list[str]:
-    """Return one sentence for each channel or marker with a verdict ("error" or "warning")."""
+    """Return one sentence for each row with a verdict ("error" or "warning").
+
+    A row is a channel, a marker, or the recording as a whole.
+    """
     columns = (table[name] for name in ("kind", "name", "verdict", "reason"))
     return [
-        f"{kind} {name}: {reason}."
+        f"{kind} {name}: {reason}." if name else f"{kind}: {reason}."
         for kind, name, found, reason in zip(*columns, strict=True)
         if found == verdict
     ]

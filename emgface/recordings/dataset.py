@@ -17,6 +17,7 @@ import xarray as xr
 
 import emgface.recordings.readers
 from emgface.errors import ConfigurationError, DataError, EmgfaceError
+from emgface.files import expressible
 from emgface.plugins import Plugin, plugins
 from emgface.recordings.fillers import without_fillers
 from emgface.recordings.labels import LabelMap, apply_labels, constant_value, read_label_map
@@ -123,7 +124,7 @@ def read_recording(
     absent, damaged, of unknown format, or does not fulfil the declaration (`SchemaError`,
     `UnitsError`), and ConfigurationError if the mapping or sidecar contains an unknown entry.
     """
-    path = Path(path)
+    path = expressible(path)
     reader = readers().get(path.suffix.lower())
     if not path.is_file():
         raise DataError(absent(path))

@@ -59,9 +59,6 @@ _CLOCK: Final = {
     ),
     "too_few": Meaning("error", "has {samples:.0f} samples, expected at least two"),
     "uneven": Meaning("error", "intervals differ by over {allowed:.0%}: resample the recording"),
-    "short_file": Meaning(
-        "warning", "contains {held:g} s of the {announced:g} s that its description declares"
-    ),
     "no_band": Meaning(
         "error",
         "sampled at {rate:g} Hz, which contains nothing above {half:g} Hz, expected at least an octave "
@@ -124,6 +121,11 @@ _FLAGS: Final = {
         "warning",
         "its name contains run-{label}, but repetitions are numbered from 1: it has no repetition, "
         "specify one or rename it",
+    ),
+    "task": Meaning(
+        "warning",
+        "its name contains task-{label}, but its sidecar states TaskName {told!r}: the name was used, "
+        "correct one of them",
     ),
     "instruction": Meaning(
         "warning",

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from emgface.errors import DataError, StoreError, listed
-from emgface.files import plain_files, result_file
+from emgface.errors import StoreError, listed
+from emgface.files import is_part, new_folder, plain_files, result_file
 from emgface.run.journal import Journal
 from emgface.run.lines import damaged_lines, is_cut_off, lines, run_files
 from emgface.run.state import read_state
@@ -69,7 +69,7 @@ def unused_files(folders: Iterable[Path], *, forget: Iterable[Path] = ()) -> Unu
         for name in sorted({stage for stage, _ in used}):
             stage = result_file(store, name, "0").parent
             for path in plain_files(stage):
-                part = path.name.startswith(".") and path.suffix == ".part"
+                part = is_part(path)
                 result = path.suffix in (".nc", ".json")
                 own = path.parent == stage
                 if own and (part or (result and (name, path.stem) not in used)):
@@ -122,40 +122,46 @@ def export(folder: Path, out: Path, *, without: Iterable[str] = ()) -> tuple[int
     """Copy a study with the results that it uses to a new folder, where it can be continued.
 
     `without` names stages to leave out, such as ``skin``. Damaged results and links are not copied.
-    Returns the number of copied results and their size [bytes]. Raises DataError if `out` exists or
-    `folder` is not that of a study, and StoreError if a file cannot be copied.
+    The new folder appears when it is complete. Returns the number of copied results and their size
+    [bytes]. Raises DataError if `out` exists or `folder` is not that of a study, and StoreError if a
+    file cannot be copied.
     """
-    if out.exists():
-        raise DataError(f"{out} exists, expected a new folder: specify another one")
-    omitted, count, size = set(without), 0, 0
+    copied: list[tuple[int, int]] = []
     try:
-        for store, used in used_results([folder]).items():
-            for stage, digest in sorted(used):
-                source = result_file(store, stage, digest)
-                if stage in omitted or source.parent.is_symlink() or source.is_symlink():
-                    continue
-                if source.with_suffix(".json").is_symlink() or damage_of(source) is not None:
-                    continue
-                target = out / "store" / stage
-                target.mkdir(parents=True, exist_ok=True)
-                for path in (source, source.with_suffix(".json")):
-                    shutil.copy2(path, target / path.name)
-                    size += path.stat().st_size
-                count += 1
-        for name in ("runs", "tables", "cube.nc"):
-            source = folder / name
-            single = source.is_file() and not source.is_symlink()
-            for path in [source] if single else plain_files(source):
-                target = out / path.relative_to(folder)
-                target.parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy2(path, target)
-        if read_state(out).store(out).resolve() != (out / "store").resolve():
-            last = read_state(folder).runs[-1].first
-            told = ("study", "folder", "trials", "workers", "code")
-            facts = {name: last[name] for name in told if name in last}
-            Journal(out, facts | {"store": "store"}).end("copied", [])
-        else:
-            add_owner(out / "store", out)
+        new_folder(out, lambda part: copied.append(_copy(folder, part, set(without))))
     except OSError as error:
         raise StoreError(f"{error.filename} cannot be copied ({error.strerror})") from error
+    return copied[0]
+
+
+def _copy(folder: Path, out: Path, omitted: set[str]) -> tuple[int, int]:
+    """Copy a study as `export` to a folder that exists; return number and size of its results."""
+    count, size = 0, 0
+    for store, used in used_results([folder]).items():
+        for stage, digest in sorted(used):
+            source = result_file(store, stage, digest)
+            if stage in omitted or source.parent.is_symlink() or source.is_symlink():
+                continue
+            if source.with_suffix(".json").is_symlink() or damage_of(source) is not None:
+                continue
+            target = out / "store" / stage
+            target.mkdir(parents=True, exist_ok=True)
+            for path in (source, source.with_suffix(".json")):
+                shutil.copy2(path, target / path.name)
+                size += path.stat().st_size
+            count += 1
+    for name in ("runs", "tables", "cube.nc"):
+        source = folder / name
+        single = source.is_file() and not source.is_symlink()
+        for path in [source] if single else plain_files(source):
+            target = out / path.relative_to(folder)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(path, target)
+    if read_state(out).store(out).resolve() != (out / "store").resolve():
+        last = read_state(folder).runs[-1].first
+        told = ("study", "folder", "trials", "workers", "code")
+        facts = {name: last[name] for name in told if name in last}
+        Journal(out, facts | {"store": "store"}).end("copied", [])
+    else:
+        add_owner(out / "store", out)
     return count, size

@@ -25,7 +25,7 @@ from typing import Any, Final, Literal
 import xarray as xr
 
 from emgface.errors import DataError, StoreError
-from emgface.files import plain_files, replace_file, result_file
+from emgface.files import expressible, new_part, plain_files, replace_file, result_file
 from emgface.plugins import versions
 from emgface.run.digest import canonical_json, code_version, file_digest, text_digest
 from emgface.run.objects import Objects
@@ -89,6 +89,7 @@ class Store:
     objects: Objects | None = None
 
     def __post_init__(self) -> None:  # noqa: D105
+        expressible(self.folder)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -194,7 +195,7 @@ class Store:
     def _write(
         self, dataset: xr.Dataset, path: Path, key: Mapping[str, Any], label: str, seconds: float
     ) -> None:
-        own = path.with_name(f".{path.name}.{os.getpid()}.{os.urandom(4).hex()}.part")
+        own = new_part(path)
         try:
             store_netcdf(dataset, own)
             if damage_of(path, key) is None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from emgface.errors import DataError, EmgfaceError
-from emgface.files import write_text
+from emgface.files import is_part, write_text
 from emgface.texts import read_text, read_toml
 from emgface.view.curves import Curves, curves_from, read_curves, write_curves
 from emgface.view.server import Answer
@@ -59,7 +59,7 @@ class Workspace:
                     "copy the file into it"
                 )
         if not (folder / RECIPE).exists():
-            if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            if folder.exists() and not (folder.is_dir() and all(map(is_part, folder.iterdir()))):
                 raise DataError(
                     f"{folder} contains no {RECIPE}, expected a workspace or a new or empty folder"
                 )

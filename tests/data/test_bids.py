@@ -2,6 +2,7 @@
 
 import json
 import re
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,13 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+import emgface.files
 from emgface.errors import DataError, SchemaError, SignalError, UnitsError
 from emgface.recordings.bids import bids_problems, write_bids
 from emgface.recordings.bids.names import entities, faults, file_name, trial_of
 from emgface.recordings.bids.rules import EMG_KEYS, MOTION_KEYS
 from emgface.recordings.bids.sidecars import ROWS, read_tsv
+from emgface.recordings.bids.tables import complete_table
 from emgface.recordings.dataset import find_recordings, read_recording
 from emgface.recordings.findings import findings_in
 from emgface.recordings.labels import note
@@ -443,3 +446,43 @@ def test_the_check_of_a_dataset_names_what_is_listed_twice(
         and problem.endswith("more than once")
         for problem in bids_problems(tmp_path)
     )
+
+
+def test_an_interrupted_trial_is_absent_and_not_one_without_its_lag(
+    trial: xr.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the table of scans, markers half a second late would be read as simultaneous."""
+    time = trial["time_marker"]
+    given = trial.assign_coords(time_marker=("time_marker", time.values + 0.5, time.attrs))
+    whole = write_bids(given, tmp_path / "whole")
+    lag = float(read_recording(whole[0])["time_marker"][0])
+    assert lag == pytest.approx(float(time[0]) + 0.5, abs=1e-6)
+    count = len([p for p in (tmp_path / "whole").rglob("*") if p.is_file()])
+    real = emgface.files.os.fsync
+    for most in range(count):
+        root, calls = tmp_path / f"cut{most}", []
+
+        def full(handle: int, calls: list[int] = calls, most: int = most) -> None:
+            calls.append(handle)
+            if len(calls) > most:
+                raise OSError(28, "No space left on device")
+            real(handle)
+
+        monkeypatch.setattr(emgface.files.os, "fsync", full)
+        with pytest.raises(DataError, match="disk is full"):
+            write_bids(given, root)
+        monkeypatch.setattr(emgface.files.os, "fsync", real)
+        assert not list(root.rglob("*_emg.bdf"))
+        for path in root.rglob("*_motion.tsv"):
+            assert list(root.rglob("*_scans.tsv")) and list(root.rglob("*_motion.json")), path
+        again = write_bids(given, root)
+        assert float(read_recording(again[0])["time_marker"][0]) == lag
+
+
+def test_two_processes_complete_one_table(tmp_path: Path) -> None:
+    """Rows of the other process would be lost with the lags that they state."""
+    path = tmp_path / "d" / "scans.tsv"
+    with ThreadPoolExecutor(8) as pool:
+        for k in range(40):
+            pool.submit(complete_table, path, ("filename", "acq_time"), [(f"{k}", "n/a")])
+    assert len(read_tsv(path)) == 40

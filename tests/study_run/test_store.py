@@ -210,7 +210,7 @@ def test_a_store_on_a_file_system_that_is_read_only_is_an_error(
     def refuse(*_: object, **__: object) -> None:
         raise OSError(errno.EROFS, "Read-only file system")
 
-    monkeypatch.setattr("emgface.files.tempfile.mkstemp", refuse)
+    monkeypatch.setattr(Path, "touch", refuse)
     monkeypatch.setattr(Path, "unlink", refuse)
     with pytest.raises(StoreError, match="Read-only file system; expected a writable folder"):
         Store(tmp_path).get_or_compute(STAGE, {}, {}, Doubling())

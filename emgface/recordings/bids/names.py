@@ -87,12 +87,30 @@ def require_bids_name(path: Path) -> None:
         raise DataError(f"{path.name} {'; it '.join(told)}: rename it, or move it to its folder.")
 
 
-def name_findings(path: Path) -> list[Finding]:
-    """Return the findings on a name that BIDS allows and that does not number the repetition."""
-    label = entities(path).get("run", "1")
+def name_findings(path: Path, task_name: object = None) -> list[Finding]:
+    """Return the findings on a name that BIDS allows: run-0, and a task other than in its sidecar.
+
+    `task_name` is the ``TaskName`` of the sidecar, if it states one.
+    """
+    own, found = entities(path), list[Finding]()
+    label = own.get("run", "1")
     if label.isdecimal() and int(label) == 0:
-        return [Finding("no_repetition", values={"label": label})]
-    return []
+        found.append(Finding("no_repetition", values={"label": label}))
+    if other_task(path, task_name):
+        found.append(Finding("task", values={"told": str(task_name)[:80], "label": own["task"]}))
+    return found
+
+
+def other_task(path: Path, task_name: object) -> bool:
+    """Return True if the task in a name is not that of its sidecar.
+
+    The label consists of the letters, digits and plus signs of ``TaskName`` (BIDS 1.10, task events);
+    case is ignored.
+    """
+    label = entities(path).get("task")
+    if label is None or not isinstance(task_name, str) or task_name.strip() in ("", "n/a"):
+        return False
+    return "".join(LABEL.findall(task_name)).casefold() != label.casefold()
 
 
 def entities(path: Path) -> dict[str, str]:

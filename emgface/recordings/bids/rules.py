@@ -13,7 +13,7 @@ from typing import Any, Final
 import pandas as pd
 
 from emgface.errors import DataError
-from emgface.recordings.bids.names import LABEL, ORDER, entities, labels_in_name
+from emgface.recordings.bids.names import LABEL, ORDER, entities, labels_in_name, other_task
 from emgface.recordings.bids.sidecars import ROWS, read_json, read_tsv, row_names, sidecar_path
 from emgface.texts import read_text
 
@@ -109,6 +109,7 @@ def _kind(root: Path, kind: str) -> Iterator[str]:
                 yield f"{path.name} has no {kind}.json"
             else:
                 yield from _keys(sidecar, EMG_KEYS if kind == "emg" else MOTION_KEYS)
+                yield from _task(path, sidecar)
                 yield from _values(sidecar, kind)
             table = sidecar_path(path, "channels.tsv")
             if table is not None:
@@ -147,6 +148,13 @@ def _name(path: Path, root: Path, kind: str) -> Iterator[str]:
     folders += [f"ses-{found['ses']}"] if "ses" in found else []
     if path.parent.relative_to(root).parts != (*folders, kind):
         yield f"{path.name} is in {path.parent.relative_to(root)}, not in {'/'.join(folders)}/{kind}"
+
+
+def _task(path: Path, sidecar: Path) -> Iterator[str]:
+    """Problem of a task in a name that is not that of its sidecar."""
+    told = read_json(sidecar).get("TaskName")
+    if other_task(path, told):
+        yield f"{path.name} has another task than its {sidecar.name}, TaskName {told!r}"
 
 
 def _keys(path: Path, required: tuple[str, ...]) -> Iterator[str]:

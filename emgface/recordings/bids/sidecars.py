@@ -1,9 +1,7 @@
 """Tables and JSON files that describe the signals of a BIDS dataset."""
 
-import json
 from collections.abc import Sequence
 from datetime import datetime
-from math import isfinite
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -20,7 +18,7 @@ from emgface.recordings.bids.names import (
 )
 from emgface.schema.rules import one_line
 from emgface.schema.units import spelling
-from emgface.texts import open_text, read_text
+from emgface.texts import json_in, open_text, read_text
 
 ROWS: Final = {
     "channels.tsv": "name",
@@ -244,24 +242,6 @@ def _require_different(path: Path, what: str, names: Sequence[str]) -> None:
         first[name] = place
 
 
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Object of JSON whose keys are different; ValueError for others."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise ValueError(f"the key {twice!r} occurs twice")
-    return found
-
-
-def finite(text: str) -> float:
-    """Number of JSON; ValueError for NaN and Infinity, which JSON lacks, and for 1e999."""
-    found = float(text)
-    if not isfinite(found):
-        raise ValueError(f"{text} is no finite number")
-    return found
-
-
 def read_json(path: Path) -> dict[str, Any]:
     """Read a JSON file that contains an object.
 
@@ -269,12 +249,7 @@ def read_json(path: Path) -> dict[str, Any]:
     occurs twice.
     """
     try:
-        content = json.loads(
-            read_text(path),
-            parse_constant=finite,
-            parse_float=finite,
-            object_pairs_hook=_object,
-        )
+        content = json_in(read_text(path))
     except (OSError, ValueError, RecursionError) as error:
         raise DataError(
             f"{path.name} cannot be read as JSON ({one_line(error)}); expected an object of keys and "

@@ -7,12 +7,17 @@ from typing import Any
 
 import pandas as pd
 
-from emgface.files import write_text
+from emgface.files import locked, write_text
 from emgface.recordings.bids.sidecars import read_tsv
 
 
 def complete_table(path: Path, columns: Sequence[str], rows: Sequence[tuple[str, ...]]) -> None:
     """Add rows to a table, replacing those with the same first cell, and sort by this cell."""
+    with locked(path.parent):  # another process may convert to the same dataset
+        _complete(path, columns, rows)
+
+
+def _complete(path: Path, columns: Sequence[str], rows: Sequence[tuple[str, ...]]) -> None:
     held: dict[str, tuple[str, ...]] = {}
     names = list(columns)
     if path.is_file():

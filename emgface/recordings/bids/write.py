@@ -74,30 +74,38 @@ def write_bids(
     root = Path(root)
     given = bids_entities(recording)
     folder = root / f"sub-{given['sub']}"
-    _begin(root, name, recording)
-    written: list[Path] = []
-    starts: list[float] = []
+    named = {**given, "tracksys": TRACKING}
+    paths = {
+        "emg": folder / "emg" / file_name(given, "emg.bdf"),
+        "position": folder / "motion" / file_name(named, "motion.tsv"),
+    }
+    starts = {
+        paths[signal]: float(recording[signal][clock][0])
+        for signal, clock in (("emg", "time_emg"), ("position", "time_marker"))
+        if signal in recording
+    }
     if "emg" in recording:
-        array = recording["emg"]
-        path = folder / "emg" / file_name(given, "emg.bdf")
-        _write_emg(array, path, given, recording, emg or {})
-        written.append(path)
-        starts.append(float(array["time_emg"][0]))
+        check_gaps(recording["emg"])
+        _record(_rate(recording["time_emg"].values))
     if "position" in recording:
-        array = recording["position"]
-        named = {**given, "tracksys": TRACKING}
-        path = folder / "motion" / file_name(named, "motion.tsv")
-        _write_motion(array, path, named, recording, motion or {})
-        written.append(path)
-        starts.append(float(array["time_marker"][0]))
-    first = starts[0]
+        _rate(recording["time_marker"].values)
+    # Signals are removed first and written last: without the lag of the markers, which the table of
+    # scans states, or without its markers, a trial that was interrupted would be read as complete.
+    for path in paths.values():
+        path.unlink(missing_ok=True)
+    _begin(root, name, recording)
+    first = next(iter(starts.values()))
     scans = [
         (path.relative_to(folder).as_posix(), _instant(start - first))
-        for path, start in zip(written, starts, strict=True)
+        for path, start in starts.items()
     ]
     complete_table(folder / f"sub-{given['sub']}_scans.tsv", SCAN_COLUMNS, scans)
     complete_table(root / "participants.tsv", PARTICIPANT_COLUMNS, [(f"sub-{given['sub']}",)])
-    return written
+    if "position" in recording:
+        _write_motion(recording["position"], paths["position"], named, recording, motion or {})
+    if "emg" in recording:
+        _write_emg(recording["emg"], paths["emg"], given, recording, emg or {})
+    return list(starts)
 
 
 def bids_entities(recording: xr.Dataset) -> dict[str, str]:
@@ -144,7 +152,6 @@ def _write_emg(
     recording: xr.Dataset,
     further: Mapping[str, Any],
 ) -> None:
-    check_gaps(emg)
     time, n = emg["time_emg"].values, emg.sizes["time_emg"]
     rate = _rate(time)
     record, seconds = _record(rate)
@@ -163,7 +170,6 @@ def _write_emg(
             )
         )  # fmt: skip
     content = edfio.Bdf(signals, data_record_duration=seconds)
-    replace_file(path, lambda target: content.write(target))
     rows = [
         (label, "EMG", unit, MUSCLE_NAMES.get(label.partition("_")[0], "n/a")) for label in labels
     ]
@@ -180,6 +186,7 @@ def _write_emg(
     told = {**_DEFAULTS, **_common(recording, rate, n)}
     told |= {"RecordingType": "continuous", "EMGChannelCount": len(labels), **further}
     write_json(path.with_suffix(".json"), told)
+    replace_file(path, lambda target: content.write(target))
 
 
 def _write_electrodes(
@@ -210,7 +217,6 @@ def _write_motion(
     markers = [str(m) for m in position["marker"].values]
     values = position.values.reshape(-1, position.sizes["time_marker"]).T
     lines = ("\t".join("n/a" if math.isnan(v) else repr(v) for v in row) for row in values.tolist())
-    write_text(path, "\n".join(lines) + "\n")
     rows = [(f"{m}_{axis}", axis, "POS", m, "m") for m in markers for axis in AXES]
     write_table(path.with_name(file_name(given, "channels.tsv")), MOTION_COLUMNS, rows)
     told = _common(recording, rate, position.sizes["time_marker"])
@@ -223,6 +229,7 @@ def _write_motion(
         **further,
     }
     write_json(path.with_suffix(".json"), told)
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _rate(time: np.ndarray) -> float:

@@ -11,7 +11,6 @@ PLUX, OpenSignals sensor file specification (txt format); data sheets of the EMG
 biosignalsplux and BITalino (r)evolution.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -21,6 +20,7 @@ import numpy as np
 from emgface.errors import DataError
 from emgface.recordings.exports.contract import Block, Column, Export, header_rate
 from emgface.recordings.readers._build import require_few
+from emgface.texts import json_in
 
 NAME: str = "OpenSignals"
 
@@ -53,7 +53,7 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
     end = next((k for k, line in enumerate(head) if line.lower().startswith(_END)), None)
     told = next((line[1:].strip() for line in head if line.startswith("# {")), None)
     try:
-        content = json.loads(told or "")
+        content = json_in(told or "")
         devices = [_device(path, one) for one in content.values()]
     except (ValueError, AttributeError, RecursionError) as error:
         if isinstance(error, DataError):

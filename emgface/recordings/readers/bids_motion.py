@@ -57,7 +57,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     part, description = _load(path, units)
     origin = "simulated" if description.get("Origin") == "simulated" else "measured"
     united = assemble_parts([part], origin=origin, device=device(description))
-    united = with_findings(united, name_findings(path))
+    united = with_findings(united, name_findings(path, description.get("TaskName")))
     return united.assign_attrs(world(description) | trial_of(path))
 
 

@@ -91,7 +91,7 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     united = assemble_parts(
         [emg, *motion], origin=sidecars.origin, device=sidecars.device or content.device
     )
-    united = with_findings(united, name_findings(path))
+    united = with_findings(united, name_findings(path, sidecars.description.get("TaskName")))
     electrodes = read_electrodes(path, sidecars.channels)
     told = {} if electrodes is None else {"electrodes": electrodes}
     return united.assign_attrs({**sidecars.world, **sidecars.trial, **told})
