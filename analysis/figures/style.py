@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import wraps
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any, Final, ParamSpec, TypeVar, cast
 
 import numpy as np
@@ -28,6 +29,8 @@ MARKS: Final = ("o", "s", "^", "D", "v", "P", "X")
 FIRST: Final = {"color": COLOURS[4], "linestyle": "-"}  #: line style of a model or an input
 SECOND: Final = {"color": COLOURS[5], "linestyle": "--"}
 """Line style of a recording or a reference."""
+LETTER: Final = 0.6  #: mean width of a letter, in the size of the type [1]
+POINTS: Final = 72.0  #: per inch
 LEAST_OF_BOX: Final = 8  #: number of values below which quartiles say little, and points are drawn
 SHADES: Final = "cividis"  #: colour map of ordered values, suitable for colour vision deficiency
 
@@ -104,8 +107,17 @@ def trial_label(data: xr.Dataset) -> str:
 
 def heading(figure: "Figure", what: str, origin: str) -> None:
     """Set the title, with the origin (measured or simulated)."""
-    text = f"{' '.join(what.split())} ({recordings(origin)})"
+    words, source = " ".join(what.split()), f"({recordings(origin)})"
+    size = float(cast(float, STYLE["figure.titlesize"])) / POINTS
+    most = max(20, int(figure.get_figwidth() / (LETTER * size)))
+    text = f"{words} {source}"
+    text = text if len(text) <= most else f"{fill(words, most)}\n{fill(source, most)}"
     cast(Any, figure).suptitle(text)
+
+
+def title_of(figure: "Figure") -> str:
+    """Title of a figure in one line."""
+    return " ".join(figure.get_suptitle().split())
 
 
 def legend(
@@ -181,7 +193,7 @@ def save(figure: "Figure", path: str | Path, *, dpi: int = 200) -> Path:
     `dpi` is the resolution of pixel formats in dots per inch.
     """
     path = Path(path)
-    title = figure.get_suptitle()
+    title = title_of(figure)
     # Without a date, equal figures are equal files.
     metadata = {
         ".png": {"Title": title, "Software": None},

@@ -14,7 +14,7 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from analysis.figures.style import WRITTEN, settings
+from analysis.figures.style import WRITTEN, settings, title_of
 from analysis.tables import Table
 from emgface.errors import DataError
 from emgface.muscles import INSTRUCTIONS
@@ -271,7 +271,7 @@ def svg_of(figure: "Figure", name: str, description: str) -> Markup:
 
 def figure_page(figure: "Figure") -> str:
     """Write the page of a figure, as wide as the window."""
-    title = Markup.escape(figure.get_suptitle() or "figure")
+    title = Markup.escape(title_of(figure) or "figure")
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
         f'<meta http-equiv="Content-Security-Policy" content="{policy("")}"></head>'

@@ -24,6 +24,7 @@ from analysis.figures import (
     sensitivity_plot,
     synchronisation,
 )
+from analysis.figures.style import title_of
 from analysis.tables import origin_of
 from emgface.errors import FeatureWarning
 from emgface.inverse.configuration import VARIANT
@@ -298,5 +299,5 @@ def _drawn(
     except AnalysisError as error:
         results.notes.append(f"The figure '{title}' is omitted: {error}")
         return []
-    told = f"{figure.get_suptitle()}. {caption}"
+    told = f"{title_of(figure)}. {caption}"
     return [Drawn(name, title, caption, svg_of(figure, name, told))]

@@ -9,6 +9,7 @@ from synthetic_trajectories import trajectory
 from analysis.align import align
 from analysis.errors import CubeError
 from analysis.figures import box_plots, save, synchronisation
+from analysis.figures.style import title_of
 
 
 def test_box_plots_show_the_medians() -> None:
@@ -31,7 +32,7 @@ def test_box_plots_show_the_medians() -> None:
 @pytest.mark.parametrize("variable", ["rho", "amplitude_ratio", "rmse"])
 def test_box_plots_are_labelled_simulated(variable: str) -> None:
     figure = box_plots(cube(), variable=variable)
-    assert "simulated recordings" in figure.get_suptitle()
+    assert "simulated recordings" in title_of(figure)
     assert [panel.get_xlabel() for panel in figure.axes] == ["volunteer", "instruction", "marker"]
     assert ("[mm]" in figure.axes[0].get_ylabel()) == (variable == "rmse")
 
@@ -56,7 +57,7 @@ def test_a_group_without_values_is_empty() -> None:
 def test_synchronisation_before_and_after() -> None:
     found = align(trajectory(shift=0.2, origin="simulated", volunteer="v1"), trajectory())
     figure = synchronisation(found)
-    assert "v1 (simulated recordings)" in figure.get_suptitle()
+    assert "v1 (simulated recordings)" in title_of(figure)
     before, after = figure.axes
     model, given = (line.get_ydata() for line in before.get_lines())
     _, moved = (line.get_ydata() for line in after.get_lines())

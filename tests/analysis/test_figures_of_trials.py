@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from synthetic_emg import CHANNELS, activation, signals
 from synthetic_trajectories import MARKERS, trajectory
 from test_sensitivity import factorial
@@ -18,6 +19,7 @@ from analysis.figures import (
     save,
     sensitivity_plot,
 )
+from analysis.figures.style import blank, grid, heading, title_of
 from analysis.scores import score
 from analysis.sensitivity import sensitivity
 
@@ -34,7 +36,7 @@ def test_heat_map_holds_every_activation() -> None:
         "MEN_L",
         "MEN_R",
     ]
-    assert figure.get_suptitle() == "muscle activation v0 A 3 act_rel (simulated recordings)"
+    assert title_of(figure) == "muscle activation v0 A 3 act_rel (simulated recordings)"
 
 
 def test_feature_boxes_show_the_medians() -> None:
@@ -54,7 +56,7 @@ def test_feature_boxes_show_the_medians() -> None:
     # Left beside right: muscle k on the left, k + 10 on the right.
     expected = [float(np.median(pooled[k + side])) for k in range(10) for side in (0, 10)]
     np.testing.assert_allclose([y for _, y in drawn], expected)
-    assert "simulated recordings" in figure.get_suptitle()
+    assert "simulated recordings" in title_of(figure)
 
 
 def test_differences_of_two_strategies_are_means_over_trials() -> None:
@@ -68,7 +70,7 @@ def test_differences_of_two_strategies_are_means_over_trials() -> None:
     changes = one["activation"].std("time").values > 0.0
     np.testing.assert_allclose(course[changes], 1.0)
     assert np.isnan(np.ma.filled(course[~changes], np.nan)).all()
-    assert "compared with act_all (simulated" in figure.get_suptitle()
+    assert "compared with act_all (simulated" in title_of(figure)
     with pytest.raises(FigureError, match="no trials"):
         difference_map({"inverse": []})
 
@@ -82,10 +84,10 @@ def test_signals_and_features() -> None:
     expected = 1e6 * (filtered[2] - filtered[2].mean())
     np.testing.assert_allclose(left.get_lines()[1].get_ydata(), expected)
     np.testing.assert_allclose(right.get_lines()[0].get_ydata(), feature[2])
-    assert figure.get_suptitle() == "electromyogram v1 A 1 (simulated recordings)"
+    assert title_of(figure) == "electromyogram v1 A 1 (simulated recordings)"
     one = emg_with_features(raw, filtered, feature[:2], channels=["MEN_L"], origin="measured")
     assert one.axes[1].texts[0].get_text() == "no feature"
-    assert "measured recordings" in one.get_suptitle()
+    assert "measured recordings" in title_of(one)
 
 
 def test_marker_traces() -> None:
@@ -105,7 +107,7 @@ def test_marker_traces() -> None:
     assert f"{rows[0] - rows[1]:g} mm apart" in figure.axes[0].get_ylabel()
     label = figure.axes[0].get_yticklabels()[4].get_text()
     assert f"rho = {float(scores['rho'].sel(marker=MARKERS[4])):.2f}" in label
-    assert "v1 (simulated recordings)" in figure.get_suptitle()
+    assert "v1 (simulated recordings)" in title_of(figure)
     with pytest.raises(CubeError, match="lacks b_aligned"):
         marker_traces(model, model)
 
@@ -129,7 +131,7 @@ def test_sensitivity_puts_the_farthest_axis_on_top() -> None:
     for line, axis, level in zip(marks, found["axis"].values, found["level"].values, strict=True):
         label = f"{axis} = {level}".replace("_", " ")
         assert abs(line.get_ydata()[0] - heights[label]) < 0.5
-    assert figure.get_suptitle() == "effect of the choices on rho (simulated recordings)"
+    assert title_of(figure) == "effect of the choices on rho (simulated recordings)"
 
 
 @pytest.mark.parametrize("suffix", ["svg", "pdf"])
@@ -175,3 +177,17 @@ def test_impossible_figures_are_refused() -> None:
         emg_with_features(raw, filtered, filtered, channels=CHANNELS[:1], origin="measured")
     with pytest.raises(FigureError, match="at least one choice"):
         sensitivity_plot(raw.to_dataset(name="emg"))
+
+
+@pytest.mark.parametrize("width", [3.0, 5.0, 8.0])
+def test_titles_are_not_wider_than_their_figure(width):
+    figure = blank(width, 3.0)
+    grid(figure)
+    heading(
+        figure, "normalised features per muscle and instruction of every volunteer", "simulated"
+    )
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    box = figure._suptitle.get_window_extent(canvas.get_renderer())
+    assert box.x0 >= 0.0 and box.x1 <= figure.bbox.width
+    assert "\n" not in title_of(figure) and "instruction of every" in title_of(figure)

@@ -8,6 +8,7 @@ from analysis.baseline_tables import baseline_instruction_table, comparison, ind
 from analysis.baselines import VARIABLES, unlimited_template, with_baselines
 from analysis.errors import FigureError, StatisticsError
 from analysis.figures import baseline_plot
+from analysis.figures.style import title_of
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.statistics.simulated import simulated_scores
 from analysis.statistics.skill import against_baselines
@@ -173,6 +174,6 @@ def test_figure_shows_means_template_and_ceiling() -> None:
         round(float(y), 4) for line in bottom.get_lines() for y in np.atleast_1d(line.get_ydata())
     }
     assert {0.2, 0.1, 0.15, 0.7, 0.5} <= below
-    assert "simulated recordings" in figure.get_suptitle()
+    assert "simulated recordings" in title_of(figure)
     named = [text.get_text() for text in figure.legends[0].get_texts()]
     assert [str(s) in named for s in cube["strategy"].values] == [True] * 3

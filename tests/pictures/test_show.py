@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 from matplotlib import image
 
+from analysis.figures.style import title_of
 from analysis.statistics.simulated import simulated_scores
 from emgface.anatomy.head.build import build_head
 from emgface.anatomy.head.model import write_head
@@ -55,7 +56,7 @@ def test_every_kind_has_its_figure(face: xr.Dataset, motion: xr.Dataset) -> None
     }
     for name, (data, said) in given.items():
         assert kind(data) == name
-        title = figure(data).get_suptitle()
+        title = title_of(figure(data))
         assert said in title, name
         if name == "cube":
             assert f"<title>{title[:20]}" in page(data), "a page with the figure"
@@ -130,7 +131,7 @@ def test_models_of_jaw_tongue_and_head_are_drawn_at_rest(tmp_path: Path) -> None
     write_head(build_head(("jaw", "tongue", "hyoid")), tmp_path / "head.nc")
     for name in ("jaw", "tongue", "head"):
         view = show(tmp_path / f"{name}.nc")
-        assert "at rest" in view.figure.get_suptitle()
+        assert "at rest" in title_of(view.figure)
         for panel in view.figure.axes:
             seen = panel.get_images()[0].get_array()
             assert seen is not None and np.mean(seen[..., 3] > 0) > 0.05, "nothing is drawn"

@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 from matplotlib import image
 
+from analysis.figures.style import title_of
 from emgface.errors import DataError
 from emgface.muscles import MODELLED
 from emgface.pictures.body import body_of, skin_of
@@ -16,7 +17,7 @@ from emgface.report.faces import study_faces
 
 def test_face_with_muscles(face: xr.Dataset, tmp_path: Path) -> None:
     figure = face_figure(face.assign_attrs(origin="imported", name="reference"))
-    assert len(figure.axes) == 6 and figure.get_suptitle().startswith("reference (imported")
+    assert len(figure.axes) == 6 and title_of(figure).startswith("reference (imported")
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert [one.split()[0] for one in labels if one.split()[0] in MODELLED] == list(MODELLED)
     assert any(one.startswith("fixed to mandible") for one in labels)
@@ -65,7 +66,7 @@ def study(face: xr.Dataset) -> tuple[xr.Dataset, np.ndarray]:
 def test_faces_of_a_study(face: xr.Dataset) -> None:
     faces, lips = study(face)
     figure = study_faces(faces, body_of(face))
-    assert "simulated recordings, mismatched world" in figure.get_suptitle()
+    assert "simulated recordings, mismatched world" in title_of(figure)
     assert [axes.get_title() for axes in figure.axes] == ["B", "E"]
     assert len(figure.axes[0].images) == 1 and not figure.axes[1].images
     assert figure.axes[1].texts[-1].get_text() == "none"
