@@ -309,7 +309,7 @@ def names_file(source: str) -> bool:
     """Return True if what moves a model is a file, and not a task or exciters with levels."""
     # os.path also answers for a text that is too long for the name of a file.
     written = "=" in source or "," in source or not Path(source).suffix
-    return os.path.isfile(source) or not written
+    return os.path.exists(source) or not written
 
 
 def levels_of(source: str, level: float) -> dict[str, float]:

@@ -21,6 +21,7 @@ MECHANICS: Final = (
     "emgface.face.identity",
     "emgface.face.motion",
     "emgface.face.mouth",
+    "emgface.face.muscle_force",
     "emgface.face.numerical_error",
     "emgface.face.quality",
     "emgface.face.recipe",

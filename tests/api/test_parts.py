@@ -19,10 +19,13 @@ from emgface.files import (
 )
 
 WRITES = """
-import sys, time
+import signal, sys, time
 from pathlib import Path
 from emgface.cli.machine import unwind_when_terminated
 from emgface.files import replace_file
+for name in ("SIGTERM", "SIGHUP"):  # tests may run under nohup, which ignores SIGHUP
+    if hasattr(signal, name):
+        signal.signal(getattr(signal, name), signal.SIG_DFL)
 unwind_when_terminated()
 def write(part):
     part.write_text("half")
