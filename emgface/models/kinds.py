@@ -307,9 +307,11 @@ def parsed(settings: Sequence[str]) -> dict[str, str]:
 
 def names_file(source: str) -> bool:
     """Return True if what moves a model is a file, and not a task or exciters with levels."""
-    # os.path also answers for a text that is too long for the name of a file.
+    # os.path also answers for a text that is too long for the name of a file. A folder in the working
+    # folder may have the name of a task; one that is written with its place is meant.
     written = "=" in source or "," in source or not Path(source).suffix
-    return os.path.exists(source) or not written
+    folder = os.path.isdir(source) and len(Path(source).parts) > 1
+    return os.path.isfile(source) or folder or not written
 
 
 def levels_of(source: str, level: float) -> dict[str, float]:
