@@ -8,6 +8,8 @@ import pandas as pd
 import xarray as xr
 from PIL import Image
 
+Row = tuple[str, str, str, bool]  #: of a check: what, measured, required, met
+
 
 def say(text: str) -> None:
     """Print the progress of a measurement on the error stream."""

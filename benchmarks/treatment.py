@@ -26,6 +26,9 @@ from scipy.spatial import KDTree
 
 import emgface as ef
 import sim
+from benchmarks.random_plans import random
+from benchmarks.report import Row
+from benchmarks.resected_jaws import jaw
 from emgface.api.given import simulation_of, study_of
 from emgface.errors import EmgfaceError
 from emgface.face.contact import contact_pairings
@@ -33,7 +36,6 @@ from emgface.face.file import load_face
 from emgface.face.lip_shape import lip_rim
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.template import template_face
-from emgface.face.template.build import volunteer_face
 from emgface.files import write_text
 from emgface.treatment.closure import drawn_together, relaxed, ties
 from emgface.treatment.motions import compared_motions, gestures
@@ -41,7 +43,6 @@ from emgface.treatment.outcomes import outcome_table, smile_asymmetry
 from emgface.treatment.sampled_volume import sampled_volume
 from sim.grids import grid_mesh
 
-Row = tuple[str, str, str, bool]  #: what, measured, required, met
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
 
@@ -323,61 +324,6 @@ def palsy() -> list[Row]:
     ]  # fmt: skip
 
 
-def jaw() -> list[Row]:
-    """Opening of a jaw after resection of one side, by muscles and by a load, with its variants.
-
-    Deviations are those of the incisor to the right at equal gape; at the largest gape, a stiff scar
-    deviates less because it opens less.
-    """
-    from emgface.anatomy.jaw.template import template_jaw
-    from emgface.treatment.jaw_outcomes import deviation_at, opened_by_load, opened_by_muscles
-    from emgface.treatment.plan import Resection
-    from emgface.treatment.resection import resect
-
-    whole = template_jaw()
-    scars, gape = (0.0, 100.0, 800.0), 5.0
-
-    def deviations(
-        drive: Callable[[xr.Dataset], Any] = opened_by_muscles, **given: Any
-    ) -> list[float]:
-        treated = (resect(whole, Resection(scar_stiffness=k, **given))[0] for k in scars)
-        return [deviation_at(drive(one), gape) for one in treated]
-
-    def told(values: list[float]) -> str:
-        return ", ".join("not reached" if np.isnan(v) else f"{v:+.2f}" for v in values)
-
-    rows: list[Row] = []
-    head = f"incisor to the right at {gape:g} mm, scars of 0, 100, 800 N/m"
-    found = {kind: deviations(reconstruction=kind) for kind in ("none", "plate", "graft")}
-    loaded = {kind: deviations(opened_by_load, reconstruction=kind) for kind in found}
-    for kind, values in found.items():
-        rows.append((f"{kind}, by muscles: {head}" if kind == "none" else f"{kind}, by muscles",
-                     told(values) + " mm", "to the left, more with scar",
-                     bool((np.diff(values) < 0.0).all()) and values[-1] < 0.0))  # fmt: skip
-    for kind, values in loaded.items():
-        rows.append((f"{kind}, by a load on the incisor", told(values) + " mm",
-                     "to the left with scar", values[-1] < 0.0 and values[-1] < values[0]))  # fmt: skip
-    right = deviations(side="right")
-    apart = float(np.nanmax(np.abs(np.add(right, found["none"]))))
-    rows.append(("right side, mirrored", f"{apart:.3f} mm", "0.05 mm", apart < 0.05))
-    graft, none = found["graft"], found["none"]
-    rows.append(("graft and none without scar", f"{graft[0]:+.2f}, {none[0]:+.2f} mm",
-                 "graft deviates less", abs(graft[0]) < abs(none[0])))  # fmt: skip
-    rows.append(("graft and none, scar of 800 N/m", f"{graft[2]:+.2f}, {none[2]:+.2f} mm",
-                 "reported", True))  # fmt: skip
-    silent = deviations(
-        lambda one: opened_by_muscles(one, without="bi_ip"), reconstruction="graft", hyoid="fixed"
-    )
-    held = deviations(reconstruction="graft", hyoid="fixed")
-    rows.append(("graft, fixed hyoid, with and without lateral pterygoids, 800 N/m",
-                 f"{held[2]:+.2f}, {silent[2]:+.2f} mm", "reported", True))  # fmt: skip
-    border = deviations(scar_place="border")
-    rows.append(
-        ("none, scars at the lower border of the ramus", told(border) + " mm", "reported", True)
-    )
-    return rows
-
-
 def compensation() -> list[Row]:
     """Activations of the operated face for the intact motion."""
     from emgface.face.template.gestures import gesture_activation
@@ -433,94 +379,6 @@ def convergence() -> list[Row]:
         rows.append((name, ", ".join(f"{v:+.2f}" for v in values)
                      + f"; finest {min(own):+.2f} to {max(own):+.2f}", "reported", True))  # fmt: skip
     return rows
-
-
-def random(plans: int = 20, seed: int = 0) -> list[Row]:
-    """Random plans over generated faces: how they end, and the longest time."""
-    rng = np.random.default_rng(seed)
-    faces = [volunteer_face(2017, k + 1, resolution="coarse")[0] for k in range(min(20, plans))]
-    ended: dict[str, int] = {}
-    silent, longest, unstated = 0, 0.0, 0
-    for k in range(plans):
-        plan = random_plan(rng)
-        start = time.process_time()
-        try:
-            treated = ef.treat(faces[k % len(faces)], plan)
-            settle_face(treated, parameters(contact={"method": "none"}))
-            how = "unchanged" if treated is faces[k % len(faces)] else "treated"
-        except EmgfaceError as error:
-            how = _kind(str(error))
-            unstated += how == "other"
-            if how == "other":
-                print(plan, error)
-        except sim.SimulationError as error:
-            how = f"equilibrium under gravity: {type(error).__name__}"
-            silent += 1
-            print(plan, error)
-        except Exception as error:  # a defect, which is counted
-            how = f"defect: {type(error).__name__}"
-            silent += 1
-            print(plan, repr(error))
-        ended[how] = ended.get(how, 0) + 1
-        longest = max(longest, time.process_time() - start)
-    return [
-        (f"{plans} random plans over {len(faces)} faces",
-         "; ".join(f"{v} {k}" for k, v in sorted(ended.items())), "treated, or a sentence", silent == 0),
-        ("refusals without a known reason", str(unstated), "0", unstated == 0),
-        ("longest", f"{longest:.1f} s", "no hang", longest < 120.0),
-    ]  # fmt: skip
-
-
-REASONS = {
-    "too wide": ("too wide", "cannot be sutured"),
-    "at the commissure": ("corner of the mouth",),
-    "tumour outside": ("the centre of the tumour", "the tumour with its margin"),
-    "attached to bone": ("attached to bone",),
-    "too small for the mesh": (
-        "no element",
-        "no node",
-        "nodes, expected at least one node",
-    ),
-    "leaves the lip": ("divides the lip", "does not begin and end", "does not face"),
-    "degenerate elements": ("degenerate", "inverted at rest"),
-    "nothing left": ("has no element",),
-    "at an earlier suture": ("not layered",),
-}
-
-
-def _kind(message: str) -> str:
-    return next((k for k, words in REASONS.items() if any(w in message for w in words)), "other")
-
-
-def random_plan(rng: np.random.Generator) -> dict[str, Any]:
-    """Random plan of one to three steps, also with sizes that no lip has."""
-    steps: list[dict[str, Any]] = []
-    for kind in rng.choice(["wedge", "wedge", "wedge", "tumour", "incision", "change", "palsy"],
-                           rng.integers(1, 4)):  # fmt: skip
-        lip = str(rng.choice(["lower", "lower", "upper"]))
-        cut = {"lip": lip, "place": float(rng.uniform(0.05, 0.95)),
-               "rejoin": str(rng.choice(["all", "none"]))}  # fmt: skip
-        if kind == "wedge":
-            cut |= {"shape": str(rng.choice(["V", "W", "shield", "rectangle"])),
-                    "width": float(rng.uniform(0.0, 35.0)), "height": float(rng.uniform(2.0, 25.0)),
-                    "method": str(rng.choice(["conforming", "elements"])),
-                    "layers": str(rng.choice(["all", "all", "outer", "outer and centre"]))}  # fmt: skip
-        elif kind == "tumour":
-            centre = [float(rng.uniform(-30, 30)), 98.0, float(rng.uniform(-15, 15))]
-            radii = [float(r) for r in rng.uniform(1.0, 6.0, 3)]
-            cut = {"lip": lip, "centre": centre, "radii": radii}
-        elif kind == "incision":
-            cut["height"] = float(rng.uniform(1.0, 15.0))
-        elif kind == "change":
-            cut = {
-                "lip": lip,
-                "stiffness": float(rng.uniform(0.3, 5.0)),
-                "strength": float(rng.uniform(0, 1)),
-            }
-        else:
-            cut = {"side": str(rng.choice(["left", "right"])), "degree": float(rng.uniform(0, 1))}
-        steps.append({"kind": str(kind), **cut})
-    return {"step": steps}
 
 
 CHECKS: dict[str, Callable[..., list[Row]]] = {

@@ -168,6 +168,10 @@ def region_around(
             f"a click of {len(at)} lies outside the image, expected clicks in the region: check the "
             "frame (LPS or RAS) and the unit"
         )
+    if not np.isfinite(sitk.GetArrayViewFromImage(image)).all():
+        raise FitError(
+            "the image has values that are not finite, expected a number in every voxel: replace them"
+        )
     fine = radius / VOXELS  # with fewer voxels in a ball, smoothing removes it
     own_grid = _grid_of(image, fine)
     cubes = sitk.Resample(sitk.Cast(image, sitk.sitkFloat32), own_grid)

@@ -11,6 +11,7 @@ from emgface.errors import FitError
 from emgface.fit.images import (
     combined_stacks,
     contour_through,
+    region_around,
     registered_images,
     without_bias,
 )
@@ -226,6 +227,10 @@ def test_clicks_and_labels_that_cannot_be_are_refused(tmp_path, monkeypatch):
     _points(
         tmp_path / "same.csv", {**CLICKS, "more 1": CLICKS["head 1"], "more 2": CLICKS["head 2"]}
     )
+    unknown = SimpleITK.GetArrayFromImage(image)
+    unknown[0, 0, 0] = np.nan
+    with pytest.raises(FitError, match="not finite"):
+        region_around(image_of(unknown, np.diag([2e-3, 2e-3, 2e-3, 1.0])), [[0.01, 0.01, 0.01]])
     both = "--label head=1 --label cavity=7"
     for line, why in (
         (f"--clicks metres.csv {both} --out x.nrrd", "expected 0 to 600 mm"),

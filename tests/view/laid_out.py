@@ -1,4 +1,4 @@
-"""What is wrong with the layout of an open page: cut texts, tables, letters without contrast."""
+"""Find texts and tables that are cut, and letters without contrast, in a page that a browser shows."""
 
 from pathlib import Path
 from typing import Any
