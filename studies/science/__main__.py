@@ -1,7 +1,7 @@
 """Generate the page docs/science: simulated volunteers, their studies, figures and text.
 
     python -m studies.science [--out docs/science] [--store FOLDER] [--volunteers 6] [--workers 2]
-                              [--instructions ABCDEF] [--accuracy draft] [--finished]
+                              [--instructions ABDE] [--accuracy draft] [--finished]
                               [--only SECTION ...]
 
 With --only, the named sections are printed, their tables and figures are written, and they replace
@@ -40,6 +40,9 @@ instructions {instructions}, {repetitions} repetitions, seed {seed}, faces with 
 "{resolution}", accuracy "{accuracy}" and no contact of the lips; the face of the study is simulated
 with steps of at most {step:.0f} ms. **All recordings are simulated.** The scores on this page do not
 show how well the method predicts the motion of people.
+
+The design is small, so that all parts together take at most half an hour on two cores. Where a
+difference is not shown, the smallest one that is detected with a power of 0.8 is stated.
 """
 BASELINES = "rho, template, ceiling, wrong instruction, shuffled EMG and skill, {} world"
 FIGURES = (

@@ -22,9 +22,9 @@ from studies.science.setup import each
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SPREADS = (0.0, 0.1, 0.2, 0.3, 0.4)  #: standard deviations of instruction x strategy in Fisher's z
+SPREADS = (0.0, 0.15, 0.3)  #: standard deviations of instruction x strategy in Fisher's z
 SHOWN_AT = 0.3  #: standard deviation at which the text states size and coverage
-CUBES = 300
+CUBES = 200
 SEED = 4000
 MODELS = {
     "without": "no term for instruction x strategy",

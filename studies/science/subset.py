@@ -16,9 +16,9 @@ from emgface.study.configuration import StudyConfiguration
 from emgface.volunteers.world import world_of
 from studies.science.setup import people, plan, study_of
 
-INSTRUCTIONS: Final = ("A", "D", "E")
+INSTRUCTIONS: Final = ("A", "D")
 """Instructions of the experiments with many simulations, which limit the run time of the page: the
-lips protruded, spread symmetrically, and moved from side to side."""
+lips protruded, and spread symmetrically."""
 
 
 def subset() -> tuple[str, ...]:

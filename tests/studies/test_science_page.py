@@ -19,7 +19,7 @@ from studies.science import (
 )
 from studies.science.spent import cost
 from studies.science.subset import told
-from tests.sentences import choices_of, words
+from tests.sentences import choices_of, conclusions_of, meanings, words
 
 DOCS = Path(__file__).parents[2] / "docs"
 FOLDER = DOCS / "science"
@@ -87,18 +87,14 @@ def test_sentences_on_the_inverse_follow_from_their_tables(page: str) -> None:
 
 @pytest.mark.parametrize("world", ["matched", "mismatched"])
 def test_sentences_on_the_baselines_follow_from_their_table(page: str, world: str) -> None:
-    found = pd.read_csv(FOLDER / f"baselines_{world}.csv").set_index("strategy")
     section = page.partition(f"### {world.capitalize()} world")[2]
-    for strategy, row in found.iterrows():
-        gain, low, high = (row[f"gain over template{part}"] for part in ("", ", lower", ", upper"))
-        skill, least, most = (row[f"skill{part}"] for part in ("", ", lower", ", upper"))
-        assert (
-            f"{strategy}: mean rho {row['rho']:.2f}, difference from the template {gain:+.3f} "
-            f"(95 % interval {low:+.3f} to {high:+.3f}), skill {skill:+.2f} "
-            f"(95 % interval {least:.2f} to {most:.2f})"
-        ) in section, strategy
-        cells = " | ".join(f"{value:.2f}" for value in row[1:-2])
-        assert f"| {strategy} | {cells} | {row['volunteers']} | {row['trials']} |" in section
+    contained(section, "\n".join(meanings(FOLDER / f"baselines_{world}.csv")))
+
+
+@pytest.mark.parametrize("world", ["matched", "mismatched"])
+def test_conclusions_follow_from_the_table_of_tests(page: str, world: str) -> None:
+    section = page.partition(f"Conclusions for the {world} world")[2]
+    contained(section, "\n".join(conclusions_of(FOLDER / f"tests_{world}.csv")))
 
 
 def test_sentences_on_claims_follow_from_their_table(page: str) -> None:
