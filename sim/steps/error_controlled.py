@@ -1,5 +1,6 @@
 """Steps chosen by the estimated error of selected positions."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -91,6 +92,7 @@ class ErrorControlledStep:
         done, level = 0, min(int(level), self.max_halvings)
         reports: list[StepReport] = []
         rejected, before = 0, np.inf  # the estimate of the attempt before, of twice the step
+        failed: set[int] = set()  # lengths, in smallest steps, that failed from the current state
         gain = 2.0**method.order  # of the accuracy, by halving a step
         damping = DampingWatch(motion, self.h)
         while done < finest:
@@ -110,11 +112,14 @@ class ErrorControlledStep:
                 else:
                     before = error
             except FAILURES as failure:
+                failed.add(size)
                 if level == self.max_halvings:
                     if isinstance(failure, InvertedElement):
                         raise
+                    left = finest - done
+                    longer = sorted({min(1 << k, left) for k in range(1, level + 1)} - failed)
                     size, new, report, error = self._longer(
-                        motion, state, total / finest, finest - done, gain, failure
+                        motion, state, total / finest, longer, gain, failure
                     )
                     last, h = done + size == finest, size * total / finest
                     kept = spent * np.exp(-h / self.horizon)
@@ -127,6 +132,7 @@ class ErrorControlledStep:
                 continue
             before, spent = np.inf, kept + report.error
             done += size
+            failed.clear()
             aligned = level > 0 and done % (finest >> (level - 1)) == 0
             if aligned and error * 1.5 * gain <= allowed:
                 level -= 1
@@ -139,16 +145,20 @@ class ErrorControlledStep:
         return state, united(reports, rejected)
 
     def _longer(
-        self, motion: Motion, state: State, unit: float, most: int, gain: float, failure: Exception
+        self,
+        motion: Motion,
+        state: State,
+        unit: float,
+        sizes: Sequence[int],
+        gain: float,
+        failure: Exception,
     ) -> tuple[int, State, StepReport, float]:
-        """Shortest step of at least two smallest steps `unit` [s] that converges, and its length.
+        """Shortest step of `sizes` smallest steps `unit` [s] that converges, and its length.
 
         A very short step may fail by rounding, in which case weaker muscles are no remedy. Raises
-        the `failure` of the smallest step if no step of up to `most` units converges.
+        the `failure` of the smallest step if none of the steps converges.
         """
-        size = 1
-        while size < most:
-            size = min(2 * size, most)
+        for size in sizes:
             try:
                 return size, *self._attempt(motion, state, size * unit, gain)
             except FAILURES:

@@ -388,3 +388,18 @@ def _names(part):
         return set()
     methods = [m for m in vars(part).values() if inspect.isfunction(m)]
     return {name for method in methods for name in method.__code__.co_names}
+
+
+def test_lengths_that_failed_from_a_state_are_not_tried_again():
+    """A step of which every length fails is given up after one attempt per length."""
+    tried = []
+
+    class Failing(sim.ConvergedEuler):
+        def step(self, system, state, control, h, work):
+            tried.append(h)
+            raise sim.NotConverged((1.0,), state.t, "made to fail")
+
+    with pytest.raises(sim.NotConverged, match="made to fail"):
+        motion(block(), "ramp", Failing(), sim.ErrorControlledStep(1e-4, H, max_halvings=6))
+    assert len(tried) == 7
+    np.testing.assert_allclose(tried, [H / 2**k for k in range(7)])
