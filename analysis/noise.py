@@ -8,6 +8,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from analysis.trajectory import require_real
+
 Array = NDArray[np.float64]
 
 ORDER: Final = 3  #: order of the differences from which the noise is estimated
@@ -64,6 +66,8 @@ def marker_noise(position: xr.DataArray) -> xr.DataArray:
         uniform.
     """
     time = next(dim for dim in position.dims if dim not in ("marker", "axis"))
+    require_real(position, "positions")
+    require_real(position[time], "time")
     ordered = position.transpose("marker", "axis", time)
     levels = [noise_level(np.asarray(values, dtype=np.float64)) for values in ordered.values]
     steps = np.diff(np.asarray(position[time].values, dtype=np.float64))

@@ -23,13 +23,20 @@ def names(found: list[str], most: int = 4) -> str:
     return ", ".join(found[:most]) + (f" and {len(found) - most} more" if len(found) > most else "")
 
 
+def require_real(data: xr.DataArray, what: str) -> None:
+    """Raise TrajectoryError for complex numbers, dates and texts."""
+    if data.dtype.kind not in "fiu":
+        raise TrajectoryError(f"the {what}: type {data.dtype}, expected real numbers in SI units")
+
+
 def checked(data: xr.Dataset | xr.DataArray, role: str) -> xr.DataArray:
     """Check a trajectory and return it as float64 `position(marker, axis, time)`.
 
     Positions [m] have the dims marker, axis (3) and one time dim of any name, which becomes
     ``time``; in a Dataset they are the variable ``position``. `role` is the name in messages, such
     as ``"measured"``. Raises TrajectoryError for no ``position``, other dims, no labels, repeated
-    markers, units other than metre and second, or time not strictly increasing.
+    markers, units other than metre and second, values that are not real numbers, or time not strictly
+    increasing.
     """
     if isinstance(data, xr.Dataset):
         if "position" not in data:
@@ -72,6 +79,8 @@ def checked(data: xr.Dataset | xr.DataArray, role: str) -> xr.DataArray:
         raise TrajectoryError(
             f"the {role} time is in {clock!r}, expected units 's': convert it and set attrs['units']"
         )
+    require_real(position, f"{role} positions")
+    require_real(position[time_dim], f"{role} time")
     time = np.asarray(position[time_dim].values, dtype=np.float64)
     if not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
         raise TrajectoryError(
@@ -160,6 +169,7 @@ def pair(
                 f"the {role} trajectory is of type {type(data).__name__}, expected a DataArray with "
                 f"the dims axis and {dim}: label it"
             )
+        require_real(data, f"{role} trajectory")
         absent = [name for name in ("axis", dim) if name not in data.dims]
         if absent:
             raise TrajectoryError(

@@ -9,7 +9,10 @@ from pydantic import BaseModel
 
 import emgface as ef
 import sim
+from analysis.align import align
 from analysis.errors import TrajectoryError
+from analysis.individual import asymmetry
+from analysis.noise import marker_noise
 from analysis.scores import amplitude_ratio, correlation_3d, rmse, score
 from analysis.trajectory import checked
 from emgface.choices import Parameters, configure
@@ -184,3 +187,40 @@ def test_an_instruction_that_contradicts_the_recording_is_a_finding():
 def test_empty_names_are_not_the_default(name):
     with pytest.raises(ConfigurationError, match=name):
         ef.activate(recording().assign_attrs(instruction="A"), **{name: ""})
+
+
+def moving_markers(kind: str = "float64", clock: object = None) -> xr.DataArray:
+    time = np.arange(200) / 100 if clock is None else clock
+    wave = 5e-3 * np.sin(np.arange(200) / 30) * np.ones((2, 3, 1))
+    coords = {"marker": ["a", "b"], "axis": list("xyz"), "time": time}
+    return xr.DataArray(
+        wave.astype(kind), coords, dims=("marker", "axis", "time"), attrs={"units": "m"}
+    )
+
+
+DATES = np.datetime64("2026-01-01") + np.arange(200).astype("timedelta64[ms]") * 10
+
+
+@pytest.mark.parametrize("odd", [moving_markers("complex128"), moving_markers("U9")])
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda x: align(x, moving_markers()),
+        lambda x: align(moving_markers(), x),
+        lambda x: score(x, moving_markers()),
+        lambda x: correlation_3d(x, moving_markers()),
+        lambda x: amplitude_ratio(moving_markers(), x),
+        lambda x: rmse(x, moving_markers()),
+        asymmetry,
+        marker_noise,
+    ],
+)
+def test_positions_that_are_no_real_numbers_are_refused(use, odd):
+    with pytest.raises(TrajectoryError, match=f"type {odd.dtype}, expected real numbers"):
+        use(odd)
+
+
+@pytest.mark.parametrize("use", [lambda x: align(x, moving_markers()), asymmetry, marker_noise])
+def test_dates_are_no_time_of_markers(use):
+    with pytest.raises(TrajectoryError, match="datetime64.*, expected real numbers"):
+        use(moving_markers(clock=DATES))
