@@ -1,0 +1,23 @@
+"""Numbers in sentences of the README, compared with stored measurements and with the code."""
+
+import csv
+import re
+
+from emgface.face.event_error import ASSUMED
+
+FOLD = {3: "threefold", 4: "fourfold", 5: "fivefold", 6: "sixfold", 7: "sevenfold", 8: "eightfold"}
+
+
+def test_the_price_of_contact_is_that_of_the_stored_run_times(root):
+    text = " ".join((root / "README.md").read_text("utf-8").split())
+    with (root / "benchmarks" / "speed.csv").open(encoding="utf-8") as f:
+        times = {row["case"]: float(row["median U"]) for row in csv.DictReader(f)}
+    ratio = times["study preset, 10 ms, with contact"] / times["study preset, 10 ms"]
+    assert f"increases the run time of a simulation about {FOLD[round(ratio)]}" in text
+
+
+def test_the_error_of_contact_is_the_one_that_motions_report(root):
+    text = " ".join((root / "README.md").read_text("utf-8").split())
+    found = re.search(r"the error of a lip marker .* may reach ([0-9.]+) mm", text)
+    assert found is not None
+    assert float(found[1]) == 1e3 * ASSUMED
