@@ -85,7 +85,7 @@ def lining(face: xr.Dataset) -> Integers:
     near = tree.query(position[faces].mean(axis=1))[0] < NEAR_TEETH
     lips = [lip_surface(face, lip) for lip in LIPS]
     parts = [triangles(faces[near], position), *(lip[exposed(face, lip)] for lip in lips)]
-    return _without_overlap(parts)
+    return _without_folds(_without_overlap(parts))
 
 
 def _without_overlap(parts: list[Integers]) -> Integers:
@@ -113,7 +113,22 @@ def _from_elements(face: xr.Dataset, lip: str) -> Integers:
     position, connectivity = face["position"].values, face["connectivity"].values
     chosen = _lip_columns(face, lip)
     faces, _ = boundary_faces(connectivity[chosen])
-    return triangles(faces, position)
+    return _without_folds(triangles(faces, position))
+
+
+def _without_folds(found: Integers) -> Integers:
+    """Leave out pairs of opposite triangles on the same nodes, which enclose nothing.
+
+    They occur where two facets of a suture share three of their four nodes, next to a pair that is
+    attached to bone and therefore stays apart.
+    """
+    order = np.argsort(found, axis=1)
+    odd = np.linalg.det(np.eye(3)[order]) < 0.0
+    nodes, group = np.unique(np.sort(found, axis=1), axis=0, return_inverse=True)
+    group = group.reshape(-1)
+    ways = [np.bincount(group[which], minlength=len(nodes)) for which in (odd, ~odd)]
+    folded = (ways[0] == 1) & (ways[1] == 1)
+    return found[~folded[group]]
 
 
 def _lip_columns(face: xr.Dataset, lip: str) -> Integers:
