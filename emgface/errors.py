@@ -4,6 +4,7 @@ Each message is one sentence: what was found, what was expected, what to try.
 """
 
 from collections.abc import Iterable
+from typing import Literal
 
 
 def listed(names: Iterable[object], most: int = 6) -> str:
@@ -43,6 +44,35 @@ class MarkerError(DataError):
 
 class FaceError(DataError):
     """A face model is invalid, for example an inverted element or a muscle without element."""
+
+
+Refused = Literal[
+    "too wide", "at the commissure", "tumour", "surface", "off the skin", "off the lip", "bone",
+    "too small", "degenerate", "not layered", "folds", "invalid", "strength", "other model",
+]  # fmt: skip
+"""Reasons why a treatment is refused."""
+
+
+class TreatmentError(FaceError):
+    """A step of a plan of treatment cannot be applied to a face, for a reason that programs can read.
+
+    Attributes
+    ----------
+    reason : str
+        One of `Refused`: the gap is "too wide" to close; the excision is "at the commissure", where
+        no direct closure exists; the "tumour" is elsewhere; the file of its "surface" cannot be used;
+        the excision is "off the skin" or "off the lip", at "bone", or "too small" for the mesh; the
+        elements at the cut would be "degenerate"; the face is "not layered" there, as at an earlier
+        suture; the closure "folds" elements, or the result is otherwise "invalid"; the "strength" of a
+        muscle is out of range; the step belongs to an "other model".
+    """
+
+    def __init__(self, reason: Refused, text: str) -> None:
+        self.reason: Refused = reason
+        super().__init__(text)
+
+    def __reduce__(self) -> tuple[type["TreatmentError"], tuple[Refused, str]]:  # noqa: D105
+        return type(self), (self.reason, str(self))
 
 
 class JawError(DataError):

@@ -7,7 +7,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from emgface.errors import FaceError
+from emgface.errors import TreatmentError
 from emgface.face.lip_shape import lip_rim
 from emgface.face.quality import element_centres
 from emgface.treatment.plan import Change, Palsy
@@ -37,8 +37,10 @@ def with_strength(face: xr.Dataset, factor: Floats) -> xr.Dataset:
     before = face["muscle_strength"].values if "muscle_strength" in face else 1.0
     values = before * factor
     if (values > 10.0).any():
-        raise FaceError(
-            f"the strength of a muscle is {values.max():.3g} times that of the face, expected at most 10"
+        raise TreatmentError(
+            "strength",
+            f"the strength of a muscle is {values.max():.3g} times that of the face, expected at "
+            "most 10",
         )
     return face.assign(muscle_strength=("muscle", values, {"units": "1"}))
 
@@ -47,7 +49,7 @@ def apply_change(face: xr.Dataset, step: Change) -> tuple[xr.Dataset, dict[str, 
     """Apply a change to a region, to muscles, or to the muscles within a region.
 
     A strength in a region multiplies the share of the muscle in its elements, and with it the passive
-    stress of the fibres there. Raises FaceError if the region contains no element.
+    stress of the fibres there. Raises TreatmentError if the region contains no element.
     """
     region = _region(face, step)
     names = [str(m) for m in face["muscle"].values]
@@ -90,9 +92,10 @@ def _region(face: xr.Dataset, step: Change) -> NDArray[np.bool_] | None:
             np.linalg.norm(centres - 1e-3 * np.array(step.centre), axis=1) < 1e-3 * step.radius
         )
     if not inside.any():
-        raise FaceError(
+        raise TreatmentError(
+            "too small",
             f"no element is within {step.radius:g} mm of {step.centre} mm, expected some: check centre "
-            "and radius, in mm in the frame of the face"
+            "and radius, in mm in the frame of the face",
         )
     return inside
 

@@ -15,7 +15,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 import sim
-from emgface.errors import FaceError
+from emgface.errors import TreatmentError
 from sim.scene import having
 
 Floats = NDArray[np.float64]
@@ -62,7 +62,7 @@ def drawn_together(
     """Positions of an open mesh when the nodes that are the same have met.
 
     They meet at the mean of their `aim` (nodes, 3) [m], by default of their positions. Raises
-    FaceError, with the share of the gap that could be closed, if a step of the path fails.
+    TreatmentError, with the share of the gap that could be closed, if a step of the path fails.
     """
     groups = np.bincount(same, minlength=len(same))
     held = np.flatnonzero(groups[same] > 1)
@@ -84,10 +84,12 @@ def drawn_together(
         try:
             state = sim.displace_held(system, state, way, steps=1, max_halvings=HALVINGS, work=work)
         except FAILED as error:
-            raise FaceError(
+            raise TreatmentError(
+                "too wide",
                 f"the edges of the wound are up to {1e3 * widest:.1f} mm apart and could be brought "
                 f"together by {100 * done / steps:.0f} % of that only ({type(error).__name__}): the "
-                "excision is too wide for direct closure, where a flap is needed; choose a smaller width"
+                "excision is too wide for direct closure, where a flap is needed; choose a smaller "
+                "width",
             ) from error
         done = k
         if progress is not None:
@@ -99,7 +101,7 @@ def relaxed(scene: sim.Scene, start: Floats, side: NDArray[np.bool_], suture: In
     """Equilibrium of the tied mesh from `start` (nodes, 3) [m], and the forces across the suture.
 
     `side` (elements,) is the mask of the elements on one side of the suture, in the order of the
-    scene. Raises FaceError if the equilibrium is not found.
+    scene. Raises TreatmentError if the equilibrium is not found.
     """
     system = sim.compile_scene(replace(scene, damping=None))
     silent = system.control(np.zeros(len(system.muscles)))
@@ -109,9 +111,10 @@ def relaxed(scene: sim.Scene, start: Floats, side: NDArray[np.bool_], suture: In
             system, replace(rest, q=start), silent, 1.0, sim.Workspace(system)
         )
     except FAILED as error:
-        raise FaceError(
+        raise TreatmentError(
+            "too wide",
             f"the sutured tissue finds no equilibrium ({error}): the excision is too wide for direct "
-            "closure; choose a smaller width"
+            "closure; choose a smaller width",
         ) from error
     f = system.force(state.q, silent).f
     residual = np.zeros(f.size)

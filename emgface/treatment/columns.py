@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from emgface.errors import FaceError
+from emgface.errors import TreatmentError
 from emgface.face.check import sheet_nodes
 from emgface.face.parts import OUTER
 from emgface.face.quality import is_wedge
@@ -62,7 +62,7 @@ class TissueColumns:
 def columns_of(face: xr.Dataset, near: NDArray[np.bool_] | None = None) -> TissueColumns:
     """Find the columns of a face, or only those whose nodes of the skin are all in `near` (nodes,).
 
-    Raises FaceError if the elements there are not layered: a facet of the skin is the side of a
+    Raises TreatmentError if the elements there are not layered: a facet of the skin is the side of a
     wedge, columns have different numbers of layers, or a node of the skin has two stacks.
     """
     connectivity = face["connectivity"].values.astype(np.int64)
@@ -90,7 +90,9 @@ def columns_of(face: xr.Dataset, near: NDArray[np.bool_] | None = None) -> Tissu
     if len({len(own) for own in elements}) > 1:
         raise _not_layered(face, int(owner[0]), "columns have different numbers of layers")
     if not elements:
-        raise FaceError("the face has no skin there, expected a place on the skin of the lips")
+        raise TreatmentError(
+            "off the skin", "the face has no skin there, expected a place on the skin of the lips"
+        )
     return TissueColumns(np.array(corners), np.array(elements), stack)
 
 
@@ -109,9 +111,10 @@ def _down(
         key = frozenset(place[n] for n in here)
         across = (_ACROSS_WEDGE if wedge[element] else _ACROSS_HEX).get(key)
         if across is None:
-            raise FaceError(
+            raise TreatmentError(
+                "not layered",
                 "the skin is the side of a wedge, expected a face in layers of hexahedra and wedges "
-                "whose triangles lie in the skin: generate the face, or import the published one"
+                "whose triangles lie in the skin: generate the face, or import the published one",
             )
         here = [local[across[place[n]]] for n in here]
         for line, node in zip(lines, here, strict=True):
@@ -123,10 +126,11 @@ def _down(
         own.append(element)
 
 
-def _not_layered(face: xr.Dataset, element: int, why: str) -> FaceError:
-    return FaceError(
+def _not_layered(face: xr.Dataset, element: int, why: str) -> TreatmentError:
+    return TreatmentError(
+        "not layered",
         f"the face is not layered at element {face['element_id'].values[element]}: {why}, expected "
-        "columns of equal height beneath the skin: excise elsewhere, or generate the face"
+        "columns of equal height beneath the skin: excise elsewhere, or generate the face",
     )
 
 

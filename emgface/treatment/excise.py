@@ -8,7 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from emgface.errors import FaceError
+from emgface.errors import TreatmentError
 from emgface.face.lip_shape import lip_rim
 from emgface.face.parts import FREE
 from emgface.face.quality import element_quality
@@ -68,19 +68,22 @@ def excise(
 
     Elements with one of the nodes `fans` of an earlier wound of the same outline are divided there.
     With `keep_markers`, nodes of markers are moved to the cut only if no other way is found.
-    Raises FaceError if the wound has no two edges, contains fixed nodes, leaves the skin of the lip,
-    or if its elements would be degenerate.
+    Raises TreatmentError if the wound has no two edges, contains fixed nodes, leaves the skin of the
+    lip, or if its elements would be degenerate.
     """
     if outline.share > LARGEST_SHARE:
-        raise FaceError(
+        raise TreatmentError(
+            "too wide",
             f"{100 * outline.share:.0f} % of the margin of the {lip} lip is removed, expected at most "
-            f"{100 * LARGEST_SHARE:.0f} %: the rest cannot be sutured directly"
+            f"{100 * LARGEST_SHARE:.0f} %: the rest cannot be sutured directly",
         )
     rim = lip_rim(face)
     near = near_nodes(face, outline, lip)
     columns = columns_of(face, near)
     if not outline.polygon:
         return _slit(face, outline, columns, method)
+    # stacks with a stress-free state of their own would be strained by a change of their thickness
+    unstressed = "stress_free_position" not in face
     reasons: list[str] = []
     named = {int(n) for name in ("marker_node", "lip_opening_node") for n in face[name].values}
     still = frozenset(k for k, n in enumerate(sorted(columns.stack)) if n in named)
@@ -91,14 +94,15 @@ def excise(
             surface = _surface(face, outline.chart, columns)
             if snap is not None:
                 lines = list(outline.corners), list(outline.sides)
-                cut_by_plane(surface, *lines, snap=snap, still=kept)
+                cut_by_plane(surface, *lines, snap=snap, still=kept, restores=unstressed)
             margin = np.union1d(rim.upper, rim.lower)
             return _opened(face, outline, columns, surface, margin, fans)
         except Degenerate as error:
             reasons.append(str(error))
-    raise FaceError(
+    raise TreatmentError(
+        "degenerate",
         f"the elements at the cut would be degenerate ({reasons[-1]}), expected valid ones: move the "
-        "excision by a millimetre, use method = 'elements', or a finer face"
+        "excision by a millimetre, use method = 'elements', or a finer face",
     )
 
 
@@ -133,16 +137,19 @@ def _slit(face: xr.Dataset, outline: Outline, columns: TissueColumns, method: st
             if weights.min() > 1e-6:  # inside, and not along an edge
                 changed[columns.element[surface.owner[here]]] = True
         if not found:
-            raise FaceError("the incision is outside the skin of the lip: choose another place")
+            raise TreatmentError(
+                "off the skin", "the incision is outside the skin of the lip: choose another place"
+            )
         line = np.concatenate(found)
     free = face["stress_free_position"].values if "stress_free_position" in face else None
     if free is None:
         free = np.where(connectivity[..., None] < 0, 0.0, position[np.maximum(connectivity, 0)])
     held = face["fixed"].values[rows[:, 0]] != FREE
     if 2 * held.sum() > len(rows):
-        raise FaceError(
+        raise TreatmentError(
+            "bone",
             f"{int(held.sum())} of {len(rows)} nodes at the incision are attached to bone: choose a "
-            "smaller height"
+            "smaller height",
         )
     own = np.arange(len(connectivity))
     return Wound(
@@ -179,7 +186,9 @@ def _surface(face: xr.Dataset, chart: Chart, columns: TissueColumns) -> CutSurfa
             surface.cells.append(cell)
             surface.owner.append(k)
     if not surface.cells:
-        raise FaceError("the skin at the excision does not face outwards: choose another place")
+        raise TreatmentError(
+            "off the skin", "the skin at the excision does not face outwards: choose another place"
+        )
     return surface
 
 
@@ -198,9 +207,10 @@ def _opened(
     middle = np.array([np.mean([surface.flat[v] for v in cell], axis=0) for cell in surface.cells])
     inside = outline.contains(middle)
     if not inside.any():
-        raise FaceError(
+        raise TreatmentError(
+            "too small",
             "the excision contains no element, expected at least one: use method = 'conforming', a "
-            "finer face, or a larger excision"
+            "finer face, or a larger excision",
         )
     edges = chains(surface, inside)
     at_margin = set(np.flatnonzero(np.isin(nodes, margin)).tolist())
@@ -324,9 +334,10 @@ class _Elements:
         rows = self._rows(pairs, sheets)
         free = ~held[rows].any(axis=1)
         if 2 * free.sum() < len(rows):
-            raise FaceError(
+            raise TreatmentError(
+                "bone",
                 f"{len(rows) - int(free.sum())} of {len(rows)} pairs of nodes at the edges of the wound "
-                "are attached to bone, where nothing can be brought together: choose a smaller height"
+                "are attached to bone, where nothing can be brought together: choose a smaller height",
             )
         return free
 

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from emgface.errors import FaceError
+from emgface.errors import TreatmentError
 from emgface.face.check import sheet_nodes
 from emgface.face.lip_shape import LipRim, lip_rim
 from emgface.face.parts import OUTER
@@ -64,7 +64,7 @@ class Outline:
 def outline_of(face: xr.Dataset, step: Wedge | Tumour | Incision, folder: Path) -> Outline:
     """Outline of a step on a face; the surface of a tumour is read from `folder`.
 
-    Raises FaceError if the place is at the corner of the mouth or the tumour is outside the lips.
+    Raises TreatmentError if the place is at the corner of the mouth or the tumour is outside the lips.
     """
     assert isinstance(step, CUTS)
     rim = lip_rim(face)
@@ -97,10 +97,11 @@ def _drawn(
     total = float(_along(margin)[-1])
     s = place * total
     if s - width / 2.0 < CORNER or s + width / 2.0 > total - CORNER:
-        raise FaceError(
+        raise TreatmentError(
+            "at the commissure",
             f"the excision reaches from {1e3 * (s - width / 2):.1f} to {1e3 * (s + width / 2):.1f} mm "
             f"of the {step.lip} lip, whose margin is {1e3 * total:.1f} mm long: it is at the corner of "
-            "the mouth, where no direct closure exists; choose another place or a smaller width"
+            "the mouth, where no direct closure exists; choose another place or a smaller width",
         )
     # lateral ends in the order of the chart, which is right-handed with the normal outwards
     ends = _at(margin, np.array([s - width / 2.0, s + width / 2.0]))
@@ -201,9 +202,10 @@ def _around(face: xr.Dataset, step: Tumour, rim: LipRim, margin: Floats, folder:
     skin = sheet_nodes(face, OUTER)
     away, _ = KDTree(position[skin]).query(centre)
     if away > 15e-3 or not _of_lip(position, rim, step.lip, centre[None])[0]:
-        raise FaceError(
+        raise TreatmentError(
+            "tumour",
             f"the centre of the tumour is {1e3 * away:.1f} mm from the skin or not in the {step.lip} "
-            "lip, expected a tumour in this lip: check centre, unit and lip"
+            "lip, expected a tumour in this lip: check centre, unit and lip",
         )
     length = _along(margin)
     dense = np.linspace(0.0, length[-1], 2001)
@@ -221,9 +223,10 @@ def _around(face: xr.Dataset, step: Tumour, rim: LipRim, margin: Floats, folder:
     middle = 0.5 * (flat[:, 0].min() + flat[:, 0].max())
     depth = float(flat[:, 1].max())
     if depth <= 0.0 or depth > 40e-3:
-        raise FaceError(
+        raise TreatmentError(
+            "tumour",
             f"the tumour with its margin is {1e3 * depth:.1f} mm below the margin of the lip, expected "
-            "0 to 40 mm: check its centre"
+            "0 to 40 mm: check its centre",
         )
     height = depth if step.shape == "rectangle" else TAPER * depth
     v = np.clip(flat[:, 1], 0.0, None) / height
@@ -248,22 +251,26 @@ def _tumour_points(step: Tumour, folder: Path) -> Floats:
         return MM * (np.array(step.centre) + np.array(step.radii) * sphere)
     path = Path(step.surface)
     if path.is_absolute() or ".." in path.parts or path.suffix.lower() not in (".stl", ".obj"):
-        raise FaceError(
-            f"surface = {step.surface!r}: expected an .stl or .obj file in the folder of the plan"
+        raise TreatmentError(
+            "surface",
+            f"surface = {step.surface!r}: expected an .stl or .obj file in the folder of the plan",
         )
     try:
         load: Any = getattr(import_module("trimesh"), "load")  # noqa: B009  # an optional library
     except ImportError as error:
-        raise FaceError(
+        raise TreatmentError(
+            "surface",
             "the surface of a tumour is read by trimesh, which is not installed, expected it: install "
-            "emgface[surgery], or state centre and radii"
+            "emgface[surgery], or state centre and radii",
         ) from error
     try:
         points = np.asarray(load(folder / path, force="mesh").vertices, dtype=np.float64)
     except (OSError, ValueError, AttributeError) as error:
-        raise FaceError(
-            f"the surface {path} cannot be read ({error}), expected .stl or .obj"
+        raise TreatmentError(
+            "surface", f"the surface {path} cannot be read ({error}), expected .stl or .obj"
         ) from error
     if len(points) < 4 or not np.isfinite(points).all():
-        raise FaceError(f"the surface {path} has {len(points)} points, expected a closed surface")
+        raise TreatmentError(
+            "surface", f"the surface {path} has {len(points)} points, expected a closed surface"
+        )
     return points * (MM if step.unit == "mm" else 1.0)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from emgface.errors import FaceError
+from emgface.errors import TreatmentError
 from emgface.treatment.outline import Outline
 from emgface.treatment.plane import CutSurface, Degenerate
 
@@ -37,9 +37,10 @@ def chains(surface: CutSurface, inside: NDArray[np.bool_]) -> list[list[int]]:
             chain.append(after[chain[-1]])
         chains.append(chain)
     if len(chains) != 1 or len(chains[0]) != len(after) + 1:
-        raise FaceError(
+        raise TreatmentError(
+            "off the lip",
             f"the excision divides the lip into {len(chains) + 1} parts or does not reach its margin, "
-            "expected a wound with two edges from the margin inwards: choose another place or size"
+            "expected a wound with two edges from the margin inwards: choose another place or size",
         )
     return chains
 
@@ -69,9 +70,10 @@ def nearest_edges(surface: CutSurface, start: Floats, tip: Floats) -> list[int]:
     while path[-1] != first and before[path[-1]] >= 0:
         path.append(int(before[path[-1]]))
     if len(path) < 2 or path[-1] != first:
-        raise FaceError(
+        raise TreatmentError(
+            "too small",
             "no edges of the mesh follow the incision, expected some: choose a longer incision or a "
-            "finer face"
+            "finer face",
         )
     return path
 
@@ -87,9 +89,10 @@ def paired_surfaces(
     chain = chains[0]
     ends = [surface.parents.get(v, frozenset((v,))) for v in (chain[0], chain[-1])]
     if not all(end <= margin for end in ends):
-        raise FaceError(
+        raise TreatmentError(
+            "off the lip",
             "the excision does not begin and end at the margin of the lip, expected both edges of the "
-            "wound to reach it: choose another place or size"
+            "wound to reach it: choose another place or size",
         )
 
     def closest(points: tuple[tuple[float, float], ...], among: list[int]) -> list[int]:
@@ -104,9 +107,10 @@ def paired_surfaces(
     for first, last, tip in zip(bounds[:-1], bounds[1:], outline.tips, strict=True):
         part = chain[first : last + 1]
         if len(part) < 3:
-            raise FaceError(
+            raise TreatmentError(
+                "too small",
                 "an edge of the wound has no node between its ends, expected some on both edges: use "
-                "method = 'conforming', a finer face or a larger excision"
+                "method = 'conforming', a finer face or a larger excision",
             )
         middle = _middle(surface, part, np.array(tip))
         own = _matched(surface, inside, part[middle::-1], part[middle:])

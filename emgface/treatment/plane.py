@@ -1,8 +1,10 @@
 """Cutting of a surface of quadrilaterals and triangles along line segments in a plane.
 
 The cells are those of the skin in a chart. Vertices near a segment are moved onto it along an edge,
-so that no slivers arise; the cells are then divided along the segments into convex pieces, whose
-common edges agree. Every vertex carries its stack of positions through the thickness.
+so that no slivers arise. A vertex of a curved surface that moves along a chord flattens it; the stacks
+of the moved vertices become thicker or thinner by lengths that restore the volume. The cells are then
+divided along the segments into convex pieces, whose common edges agree. Every vertex carries its stack
+of positions through the thickness.
 """
 
 from dataclasses import dataclass, field
@@ -12,11 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emgface.errors import FaceError
+from emgface.face.quality import element_quality
 
 Floats = NDArray[np.float64]
 Point = tuple[float, float]
 
 ON: Final = 1e-9  #: distance from a segment below which a vertex is on it [m]
+PROBED: Final = 1e-6  #: length by which a stack is moved to find the change of the volume [m]
+SECANTS: Final = 3  #: steps to the volume
 SMALLEST: Final = 0.15  #: share of its area that a cell keeps at least when a vertex is moved [1]
 
 
@@ -54,6 +59,17 @@ class CutSurface:
         self.stack[vertex] = np.sum([w * self.stack[v] for v, w in weights.items()], axis=0)
         self.flat[vertex] = flat
 
+    def volume(self) -> float:
+        """Volume beneath all cells, which have three or four vertices [m^3]."""
+        sheets = len(self.stack[0])
+        rows = [
+            [v * sheets + layer + k for k in (1, 0) for v in cell]
+            for cell in self.cells
+            for layer in range(sheets - 1)
+        ]
+        padded = np.array([row + [-1] * (8 - len(row)) for row in rows])
+        return float(element_quality(np.concatenate(self.stack), padded).volume.sum())
+
     def area(self, cell: list[int]) -> float:
         """Signed area of a polygon in the chart [m^2]."""
         x = np.array([self.flat[v] for v in cell])
@@ -77,20 +93,59 @@ def cut_by_plane(
     *,
     snap: float,
     still: frozenset[int] = frozenset(),
+    restores: bool = True,
 ) -> None:
     """Divide the cells of a surface along segments, whose corners inside it become vertices.
 
     Vertices closer to a segment than the fraction `snap` of an edge are moved onto it, except those
-    that stay `still`. Raises Degenerate if a corner cannot be made a vertex, because the mesh is too
-    coarse there.
+    that stay `still`; with `restores`, the volume remains that of the whole cells. Raises Degenerate if
+    a corner cannot be made a vertex, because the mesh is too coarse there.
     """
     rim = {v for edge, n in surface.edges().items() if n == 1 for v in edge}
     locked: set[int] = set(still)
+    volume, before = surface.volume(), [stack.copy() for stack in surface.stack]
     for corner in corners:
         _snap_corner(surface, np.array(corner), rim, locked)
     ends = [(np.array(a), np.array(b)) for a, b in segments]
     _warp(surface, ends, rim, locked, snap)
+    moved = [
+        v for v, (a, b) in enumerate(zip(before, surface.stack, strict=True)) if (a != b).any()
+    ]
+    if restores:
+        _restore_volume(surface, moved, volume)
     _split(surface, ends)
+
+
+def _restore_volume(surface: CutSurface, moved: list[int], volume: float) -> None:
+    """Move the outer ends of the stacks of moved vertices along them, to a volume of all cells.
+
+    Lengths are proportional to the change of the volume by each, so that their sum of squares is the
+    least to first order; inner ends, which lie on teeth and bone, are not moved.
+    """
+    if not moved:
+        return
+    start = [surface.stack[v].copy() for v in moved]
+    share = np.linspace(1.0, 0.0, len(start[0]))[:, None]
+    out = [one[0] - one[-1] for one in start]
+    ways = [share * way / max(float(np.linalg.norm(way)), 1e-12) for way in out]
+
+    def moved_by(lengths: Floats) -> float:
+        for v, one, way, length in zip(moved, start, ways, lengths, strict=True):
+            surface.stack[v] = one + length * way
+        return surface.volume() - volume
+
+    lost = moved_by(np.zeros(len(moved)))
+    slope = np.array([(moved_by(PROBED * unit) - lost) / PROBED for unit in np.eye(len(moved))])
+    steepest = float(slope @ slope)
+    if steepest == 0.0:
+        return
+    low, scale = 0.0, 1.0
+    at = {low: lost, scale: moved_by(-lost / steepest * slope)}
+    for _ in range(SECANTS):  # the volume is a cubic of the lengths
+        if at[scale] == at[low]:
+            break
+        low, scale = scale, scale - at[scale] * (scale - low) / (at[scale] - at[low])
+        at[scale] = moved_by(-scale * lost / steepest * slope)
 
 
 def _snap_corner(surface: CutSurface, at: Floats, rim: set[int], locked: set[int]) -> None:

@@ -10,7 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from emgface.errors import FaceError, JawError
+from emgface.errors import FaceError, JawError, TreatmentError
 from emgface.face.contact_parameters import NO_CONTACT, ContactParameters
 from emgface.face.identity import with_treatment
 from emgface.face.lip_shape import lip_opening
@@ -31,6 +31,7 @@ from emgface.treatment.plan import (
     Palsy,
     Plan,
     Resection,
+    Step,
     Tumour,
     Wedge,
 )
@@ -57,26 +58,41 @@ def treat_face(
     ``treatment`` (JSON) and the digest of the untreated face in ``parent``; a plan without effect
     returns the face itself. `parameters` are those of the tissue that is closed (default: those of a
     simulation); later runs with other parameters find their own equilibrium. `folder` contains the
-    surfaces of tumours. Raises FaceError, naming the step and the reason, if a step is not possible.
+    surfaces of tumours. Raises TreatmentError, naming the step and the reason, if a step is not
+    possible, and FaceError if the face lacks what any treatment requires, such as a mouth.
     """
     parameters = parameters or SimulationParameters()
     treated, reports = face, list[Report]()
     for number, step in enumerate(plan.step, 1):
         try:
             found, report = _APPLY[type(step)](treated, step, parameters, folder, progress)
-            treated = found if found is treated else check_face(found)
+            treated = found if found is treated else _valid(found, step)
         except FaceError as error:
-            if isinstance(step, CUTS) and "inverted at rest" in str(error):
-                error = FaceError(
-                    "the closure folds elements at the suture, expected none to be inverted: choose a "
-                    f"smaller width, another shape, or a finer face ({error})"
-                )
-            raise FaceError(f"step {number} ({step.kind}) of {plan.name!r}: {error}") from error
+            told = f"step {number} ({step.kind}) of {plan.name!r}: {error}"
+            if isinstance(error, TreatmentError):
+                raise TreatmentError(error.reason, told) from error
+            raise FaceError(told) from error  # the face lacks what any treatment requires
         reports.append({"step": number, "kind": step.kind, **report})
     if treated is face:
         return face
     name = f"{face.attrs['name']}, simulated treatment: {plan.name}"
     return with_treatment(face, treated.assign_attrs(name=name), _entry(plan, reports))
+
+
+def _valid(face: xr.Dataset, step: Step) -> xr.Dataset:
+    """Return a face after a step; TreatmentError if it is no valid face."""
+    try:
+        return check_face(face)
+    except FaceError as error:
+        if isinstance(step, CUTS) and "inverted at rest" in str(error):
+            raise TreatmentError(
+                "folds",
+                "the closure folds elements at the suture, expected none to be inverted: choose a "
+                f"smaller width, another shape, or a finer face ({error})",
+            ) from error
+        raise TreatmentError(
+            "invalid", f"the face after the step is not valid ({error}): change its place or size"
+        ) from error
 
 
 def _entry(plan: Plan, reports: list[Report]) -> Report:
@@ -142,7 +158,7 @@ def _unfolded(
         closed, report = _sutured(face, step, wound, parameters, progress)
         folded = _folded(closed["position"].values, closed["connectivity"].values, wound)
         if folded <= fans:
-            check_face(closed)  # folds that no division removes are refused
+            _valid(closed, step)  # folds that no division removes are refused
             return closed, report
         fans |= folded
 
@@ -339,9 +355,10 @@ def _palsy(
 def _resection(
     face: xr.Dataset, step: Resection, parameters: SimulationParameters, folder: Path, _: Any
 ) -> tuple[xr.Dataset, Report]:
-    raise FaceError(
+    raise TreatmentError(
+        "other model",
         "a resection applies to a jaw model, and the model is a face: expected the file of a jaw "
-        "(emgface build jaw)"
+        "(emgface build jaw)",
     )
 
 

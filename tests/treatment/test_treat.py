@@ -1,6 +1,10 @@
 """Treated faces against closed forms, untreated faces and mirror images."""
 
+import ast
 import json
+import pickle
+from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -8,15 +12,13 @@ from scipy.spatial import KDTree
 
 import emgface as ef
 import sim
-from emgface.api.given import simulation_of, study_of
 from emgface.choices import configure
-from emgface.errors import ConfigurationError, DataError, FaceError
+from emgface.errors import ConfigurationError, DataError, FaceError, Refused, TreatmentError
 from emgface.face.file import load_face, save_face
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.quality import element_quality
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
-from emgface.face.template.build import volunteer_face
 from emgface.schema.validation import schema_folder
 from emgface.treatment.motions import gestures
 from emgface.treatment.plan import NOT_VALIDATED, Plan, plan_schema_text, read_plan
@@ -289,6 +291,41 @@ def test_a_second_excision_keeps_the_residual_stress_of_the_first(coarse):
     assert volumes[1] - volumes[2] == pytest.approx(removed[1], rel=0.05)
 
 
+@pytest.mark.parametrize("shape", ["V", "W", "shield", "rectangle"])
+def test_nodes_moved_onto_a_cut_lose_no_tissue(coarse, shape):
+    """The mass that is lost is that of the removed volume, though nodes move on curved surfaces."""
+    step = wedge(shape=shape, width=14.0, place=0.46, scar=False)
+    treated = ef.treat(coarse, step)
+    removed = 1e-9 * report(treated)["removed_volume_mm3"]
+    lost = _stress_free_volume(coarse) - _stress_free_volume(treated)
+    assert lost == pytest.approx(removed, rel=0.01)
+    assert removed == pytest.approx(sampled_volume(coarse, step["step"][0]), rel=0.01)
+
+
+def test_the_volume_beneath_a_curved_surface_is_restored():
+    """A vertex on a cylinder moves along a chord, which flattens it; its stack becomes thicker."""
+    from emgface.treatment.plane import CutSurface, _restore_volume
+
+    angle, height = np.linspace(-0.6, 0.6, 5), np.linspace(0.0, 1.0, 3)
+    flat, stack = [], []
+    for z in height:
+        for a in angle:
+            ring = np.array([-np.sin(a), np.cos(a), 0.0])
+            flat.append(np.array([np.sin(a), z]))
+            stack.append(np.array([1.2, 1.1, 1.0])[:, None] * ring + [0.0, 0.0, z])
+    cells = [
+        [5 * j + i, 5 * j + i + 1, 5 * j + i + 6, 5 * j + i + 5] for j in (0, 1) for i in range(4)
+    ]
+    surface = CutSurface(flat, stack, cells, list(range(8)))
+    whole = surface.volume()
+    surface.move(7, {7: 0.6, 8: 0.4})
+    assert surface.volume() < (1.0 - 1e-4) * whole
+    inner = surface.stack[7][-1].copy()
+    _restore_volume(surface, [7], whole)
+    assert surface.volume() == pytest.approx(whole, rel=1e-9)
+    np.testing.assert_array_equal(surface.stack[7][-1], inner)
+
+
 def _stress_free_volume(face):
     scene = compose_scene(face, QUICK)
     return float(scene.terms[0].node_mass(scene.mesh).sum()) / QUICK.density
@@ -297,18 +334,52 @@ def _stress_free_volume(face):
 @pytest.mark.parametrize(
     ("step", "reason"),
     [
-        (wedge(place=0.05)["step"][0], "corner of the mouth"),
-        (wedge(width=42.0, place=0.5)["step"][0], "cannot be sutured"),
-        ({"kind": "tumour", "centre": [0.0, 60.0, 40.0]}, "not in the lower lip"),
-        (wedge(width=0.6, height=1.0, method="elements")["step"][0], "contains no element"),
-        ({"kind": "tumour", "surface": "../t.stl"}, "in the folder of the plan"),
-        ({"kind": "change", "stiffness": 2.0, "centre": [0, 0, 900], "radius": 1.0}, "no element"),
+        (wedge(place=0.05)["step"][0], "at the commissure: corner of the mouth"),
+        (wedge(width=42.0, place=0.5)["step"][0], "too wide: cannot be sutured"),
+        ({"kind": "tumour", "centre": [0.0, 60.0, 40.0]}, "tumour: not in the lower lip"),
+        (
+            wedge(width=0.6, height=1.0, method="elements")["step"][0],
+            "too small: contains no element",
+        ),
+        ({"kind": "tumour", "surface": "../t.stl"}, "surface: in the folder of the plan"),
+        (
+            {"kind": "change", "stiffness": 2.0, "centre": [0, 0, 900], "radius": 1.0},
+            "too small: no element",
+        ),
+        ({"kind": "resection"}, "other model: applies to a jaw model"),
     ],
 )
 def test_an_impossible_step_is_refused_with_its_reason(coarse, step, reason):
-    with pytest.raises(FaceError, match=reason) as caught:
+    code, words = reason.split(": ")
+    with pytest.raises(TreatmentError, match=words) as caught:
         ef.treat(coarse, {"name": "impossible", "step": [step]})
-    assert "step 1" in str(caught.value)
+    assert "step 1" in str(caught.value) and caught.value.reason == code
+    sent = pickle.loads(pickle.dumps(caught.value))
+    assert (sent.reason, str(sent)) == (code, str(caught.value))
+
+
+def test_a_strength_out_of_range_is_refused_where_steps_multiply(coarse):
+    strong = {"kind": "change", "strength": 4.0}
+    with pytest.raises(TreatmentError, match="step 2 .*expected at most 10") as caught:
+        ef.treat(coarse, {"step": [strong, strong]})
+    assert caught.value.reason == "strength"
+
+
+def test_every_refusal_of_a_step_has_a_reason_that_programs_can_read():
+    """All errors that the modules of a step raise, and all reasons, in their source."""
+    folder = Path(ef.__file__).parent / "treatment"
+    raised: dict[str, set[str]] = {}
+    for path in folder.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                if node.func.id == "TreatmentError":
+                    first = node.args[0]
+                    code = first.value if isinstance(first, ast.Constant) else "given"
+                    raised.setdefault(path.stem, set()).add(code)
+    assert set().union(*raised.values()) - {"given"} == set(get_args(Refused))
+    for name in raised.keys() - {"treat"}:
+        text = (folder / f"{name}.py").read_text(encoding="utf-8")
+        assert " FaceError(" not in text, f"{name}.py raises an error without a reason"
 
 
 @pytest.mark.parametrize(
@@ -381,7 +452,6 @@ def test_a_resection_of_the_jaw_is_mirrored_and_loses_muscles_and_joint(tmp_path
 
 
 def test_the_clipped_part_of_a_surface_is_closed_and_has_its_closed_form():
-    import sim
     from emgface.treatment.resection import clipped
 
     # a brick of 4 x 2 x 3 about the origin; one corner lies exactly in the plane of a cut
@@ -454,76 +524,6 @@ def test_a_resected_jaw_has_its_mass_in_the_bone_that_remains():
     assert bone[:, 0].min() == pytest.approx(limit)  # the bone ends at the cut
 
 
-def test_forces_of_a_pressure_are_those_of_its_closed_form():
-    from emgface.treatment.pressure import pressure_forces
-
-    q = np.array([[0.0, 0, 0], [2, 0, 0], [2, 3, 0], [0, 3, 0], [2, 0, 4], [0, 0, 4]])
-    faces = np.array([[0, 1, 2, 3], [0, 1, 4, 4]])  # a rectangle, and a triangle with a node twice
-    np.testing.assert_allclose(pressure_forces(q, faces[:1], 5.0).sum(axis=0), [0, 0, -30.0])
-    np.testing.assert_allclose(pressure_forces(q, faces[1:], 5.0).sum(axis=0), [0, 20.0, 0])
-
-
-def test_closed_lips_hold_a_pressure_that_converges_with_its_step(coarse):
-    from emgface.treatment.pressure import pressure_held
-
-    p = simulation_of(study_of(None).simulation, "draft", {"sigma_max": 100e3})
-    held = [pressure_held(coarse, p, step=step) for step in (200.0, 400.0, 800.0)]
-    values = [one.pressure for one in held]
-    assert all(one.closed and one.parted and one.force > 0.1 for one in held)
-    assert 800.0 < values[0] < 12000.0
-    assert abs(values[1] - values[0]) < abs(values[2] - values[1]) < 400.0
-    few = pressure_held(coarse, p, step=400.0, highest=800.0)
-    assert (few.pressure, few.parted) == (800.0, False)
-    # the contact force vanishes continuously with a change of the face: no threshold is passed
-    narrow = pressure_held(ef.treat(coarse, wedge(width=4.0)), p, step=400.0)
-    assert narrow.pressure == pytest.approx(values[1], rel=0.1)
-    paralysed = ef.treat(coarse, {"step": [{"kind": "palsy", "side": "both"}]})
-    open_lips = pressure_held(paralysed, p)
-    assert (open_lips.pressure, open_lips.closed) == (0.0, False)
-    without = p.model_copy(update={"contact": QUICK.contact})
-    with pytest.raises(FaceError, match="without contact"):
-        pressure_held(coarse, without)
-
-
-def test_a_step_of_a_load_without_equilibrium_is_halved():
-    from emgface.treatment.pressure import HALVINGS, _risen
-
-    class Lips:
-        force = 1.0
-
-    tried: list[float] = []
-
-    def to(limit: float, largest: float = 1.0):
-        reached = [0.0]
-
-        def step(load: float) -> None:
-            tried.append(load)
-            if load > limit or load - reached[0] > largest:
-                raise sim.NotConverged((), 0.0, "no equilibrium")
-            reached[0] = load
-
-        return step
-
-    reached, course, error = _risen(Lips(), to(8.0, largest=2.0), 0.0, 8.0)
-    assert (reached, error) == (8.0, None)
-    assert tried == [8.0, 4.0, 2.0, 4.0, 6.0, 8.0]
-    assert [load for load, _ in course] == [2.0, 4.0, 6.0, 8.0]
-    reached, course, error = _risen(Lips(), to(5.0), 0.0, 8.0)
-    assert isinstance(error, sim.NotConverged) and 0.0 <= 5.0 - reached <= 8.0 / 2**HALVINGS
-
-
-def test_soft_lips_close_and_hold_a_pressure_by_shorter_steps():
-    """An untreated person whose tissue is soft, without an equilibrium at the first fifth at once."""
-    from emgface.treatment.dose import DRAWN, DoseSetting
-    from emgface.treatment.pressure import pressure_held
-
-    face = volunteer_face(2026, 2, resolution="coarse")[0]
-    p = DoseSetting().parameters()
-    soft = ef.treat(face, {"step": [{"kind": "change", "stiffness": DRAWN["stiffness"][0]}]})
-    held = pressure_held(soft, p, step=800.0)
-    assert held.closed and held.parted and 800.0 < held.pressure < 12000.0
-
-
 def test_the_other_cut_of_a_treated_face_is_that_of_its_plan(coarse, operated):
     import pandas as pd
 
@@ -537,8 +537,8 @@ def test_the_other_cut_of_a_treated_face_is_that_of_its_plan(coarse, operated):
     weak = configure(Plan, {"step": [{"kind": "palsy"}]})
     with pytest.raises(FaceError, match="cuts nothing"):
         with_other_cut(weak)
-    one = pd.DataFrame({"outcome": ["a", "b"], "change": [-1.0, np.nan]})
-    two = pd.DataFrame({"outcome": ["a", "b"], "change": [-3.0, 2.0]})
+    one = pd.DataFrame({"outcome": ["a", "b"], "change": [-1.0, np.nan], "bound": ""})
+    two = pd.DataFrame({"outcome": ["a", "b"], "change": [-3.0, 2.0], "bound": ""})
     both = with_cut_difference(one, two)
     assert list(both["change, lowest of both cuts"])[0] == -3.0
     assert list(both["change, highest of both cuts"])[0] == -1.0
