@@ -15,7 +15,8 @@ from emgface.choices import configure
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 from emgface.pictures.stills import write_figure
-from emgface.treatment.dose import DoseSetting, cases, dose_figure, dose_table
+from emgface.treatment.dose import DoseSetting, cases, dose_table
+from emgface.treatment.dose_figure import dose_figure
 from emgface.treatment.motions import compared_motions, gestures
 from emgface.treatment.pages import states_of
 

@@ -73,7 +73,7 @@ def announce_compilation() -> None:
 
 
 @contextmanager
-def graceful_stop() -> Iterator[Callable[[], bool]]:
+def graceful_stop(what: str = "trials") -> Iterator[Callable[[], bool]]:
     """Ask a long run to stop at the first Ctrl-C or SIGTERM, and interrupt it at the second.
 
     Yields a function that returns True after the first.
@@ -84,7 +84,7 @@ def graceful_stop() -> Iterator[Callable[[], bool]]:
         if received:
             raise KeyboardInterrupt
         received.append(number)
-        say("Stopping after the trials that have begun; press Ctrl-C again to stop at once.")
+        say(f"Stopping after the {what} that have begun; press Ctrl-C again to stop at once.")
 
     if threading.current_thread() is not threading.main_thread():
         yield lambda: False  # only the main thread receives signals

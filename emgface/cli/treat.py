@@ -86,12 +86,15 @@ def compare(
     accuracy: options.AccuracyOption = "draft",
     sigma_max: options.SigmaMaxOption = None,
     contact: options.ContactSwitch = True,
+    workers: options.WorkersOption = None,
 ) -> None:
     """Simulate two faces under the same activations, and compare their movement.
 
     Complete motions are kept beside the page, and a repeated command computes only the others. Of two
     jaws, the outcomes are printed and written as a table, without a page.
     """
+    from functools import partial
+
     from emgface.api.given import simulation_of, study_of
     from emgface.face.file import load_face
     from emgface.files import write_text
@@ -101,7 +104,7 @@ def compare(
     from emgface.treatment.cut_difference import other_cut, with_cut_difference
     from emgface.treatment.dose import read_cases, with_intervals
     from emgface.treatment.motions import TASKS, compared_motions, gestures, recorded
-    from emgface.treatment.outcomes import movement_table, outcome_table
+    from emgface.treatment.outcomes import movement_table, outcome_table, with_words_of_bounds
     from emgface.treatment.pages import compare_page, states_of
 
     if before.is_file() and kind_of(before) == "jaw_model":
@@ -116,20 +119,20 @@ def compare(
         activations = recorded(recordings, mapping) | gestures(intact, tuple(TASKS))
         source = f"The activations are those of the recordings in {recordings.name}."
     announce_compilation()
-    with progress("simulating") as bar:
-        motions = compared_motions(
-            intact, treated, activations, parameters, source=source, progress=bar.show,
-            store=Store(out_path.with_suffix("").absolute() / "store", report=say),
+    store = Store(out_path.with_suffix("").absolute() / "store", report=say)
+    with executing(workers, None) as executed, graceful_stop("simulations") as stopping:
+        simulated = partial(
+            compared_motions, intact, activations=activations, parameters=parameters, source=source,
+            store=store, workers=executed, stopping=stopping,
         )  # fmt: skip
-    outcomes = outcome_table(intact, treated, motions)
-    if both_cuts:
-        other = other_cut(intact, treated, parameters, folder=after.parent)
-        with progress("simulating the other cut") as bar:
-            again = compared_motions(
-                intact, other, activations, parameters, source=source, progress=bar.show,
-                store=Store(out_path.with_suffix("").absolute() / "store", report=say),
-            )  # fmt: skip
-        outcomes = with_cut_difference(outcomes, outcome_table(intact, other, again))
+        with progress("simulating") as bar:
+            motions = simulated(treated, progress=bar.show)
+        outcomes = outcome_table(intact, treated, motions)
+        if both_cuts:
+            other = other_cut(intact, treated, parameters, folder=after.parent)
+            with progress("simulating the other cut") as bar:
+                again = simulated(other, progress=bar.show)
+            outcomes = with_cut_difference(outcomes, outcome_table(intact, other, again))
     if spread is not None:
         outcomes = with_intervals(outcomes, read_cases(spread))
     tables = outcomes, movement_table(motions)
@@ -143,10 +146,12 @@ def compare(
         write_figure(states_of(treated, motions, ("A", "D", *TASKS)), picture)
     if table is not None:
         write_text(table, "# simulated\n" + tables[0].to_csv(index=False, float_format="%.6g"))
-    show_table(frame(tables[0].round(3)), "outcomes, simulated")
+    show_table(frame(with_words_of_bounds(tables[0].round(3), 3)), "outcomes, simulated")
     show_table(frame(tables[1].round(3)), "movement after, relative to before, simulated")
     for name, reason in motions.failed.items():
         say(f"The movement {name} could not be simulated: {reason}")
+    for note in motions.notes:
+        say(note)
     say(f"Wrote {out_path}" + (f" and {plain}." if plain else "."))
 
 
@@ -219,6 +224,7 @@ def dose(
     from emgface.pictures.stills import write_figure
     from emgface.run.store import store_netcdf
     from emgface.treatment import dose
+    from emgface.treatment.dose_figure import dose_figure
     from emgface.treatment.motions import TASKS
     from emgface.treatment.plan import NOT_VALIDATED, read_plan
 
@@ -245,7 +251,7 @@ def dose(
     if cube is not None:
         store_netcdf(dose.cube_of(table, setting), cube)
     if figure is not None:
-        write_figure(dose.dose_figure(table, setting), figure)
+        write_figure(dose_figure(table, setting), figure)
     found = dose.intervals_by_dose(table)
     show_table(frame(found[found["median"].notna()].round(3)), "change, simulated")
     refused = table[table["end"] != "reached"]

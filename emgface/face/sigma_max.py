@@ -5,11 +5,21 @@ solver raises an error and does not change its input; the rule is applied here.
 """
 
 from collections.abc import Callable
+from typing import Final
 
 import xarray as xr
 
 from emgface.face.simulation_parameters import SimulationParameters
 from sim.errors import InvertedElement, NotConverged
+
+WEAKER: Final = (InvertedElement, NotConverged)  #: failures that weaker muscles avoid
+
+
+def lowered(parameters: SimulationParameters) -> SimulationParameters | None:
+    """Parameters with the next smaller sigma_max of the policy; None if it is below the minimum."""
+    policy = parameters.sigma_max_policy
+    lower = parameters.sigma_max * policy.factor
+    return None if lower < policy.minimum else parameters.model_copy(update={"sigma_max": lower})
 
 
 def lower_sigma_max(
@@ -30,27 +40,27 @@ def lower_sigma_max(
     NotConverged is raised if the next value would be below the minimum; any other SimulationError
     is raised at once.
     """
-    policy = parameters.sigma_max_policy
     attempts, noted = 1, list[str]()
-    sigma_max = parameters.sigma_max
+    present = parameters
     while True:
+        sigma_max = present.sigma_max
         try:
-            trajectory = simulate(parameters.model_copy(update={"sigma_max": sigma_max}))
-        except (InvertedElement, NotConverged) as error:
+            trajectory = simulate(present)
+        except WEAKER as error:
             failure = f"{type(error).__name__} at sigma_max = {sigma_max / 1e3:.4g} kPa"
             if notes := getattr(error, "__notes__", []):
                 failure += f" ({'; '.join(notes)})"
                 noted.append(failure)
-            lower = sigma_max * policy.factor
-            if lower < policy.minimum:
+            lower = lowered(present)
+            if lower is None:
                 error.add_note(
                     f"sigma_max was lowered {attempts - 1} times from "
                     f"{parameters.sigma_max / 1e3:.4g} to {sigma_max / 1e3:.4g} kPa"
                 )
                 raise
             if report is not None:
-                report(f"{failure}, trying {lower / 1e3:.4g} kPa")
-            sigma_max, attempts = lower, attempts + 1
+                report(f"{failure}, trying {lower.sigma_max / 1e3:.4g} kPa")
+            present, attempts = lower, attempts + 1
         else:
             trajectory.attrs["attempts"] = attempts
             if noted:

@@ -51,13 +51,16 @@ def other_cut(
 
 
 def with_cut_difference(outcomes: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:
-    """Outcomes with the change by the other method, and the interval that contains both changes."""
-    found = outcomes.merge(
-        other[["outcome", "change"]].rename(columns={"change": "change, other cut"}),
-        "left",
-        "outcome",
-    )
+    """Outcomes with the change by the other method, and the interval that contains both changes.
+
+    An end is unknown (NaN) where a change is a bound that is open in its direction.
+    """
+    theirs = other[["outcome", "change", "bound"]]
+    theirs = theirs.set_axis(["outcome", "change, other cut", "bound of the other"], axis=1)
+    found = outcomes.merge(theirs, "left", "outcome")
     both = found[["change", "change, other cut"]]
-    found["change, lowest of both cuts"] = both.min(axis=1, skipna=False)
-    found["change, highest of both cuts"] = both.max(axis=1, skipna=False)
-    return found
+    bounds = found[["bound", "bound of the other"]]
+    open_below, open_above = (bounds.isin([one, "both"]).any(axis=1) for one in ("before", "after"))
+    found["change, lowest of both cuts"] = both.min(axis=1, skipna=False).mask(open_below)
+    found["change, highest of both cuts"] = both.max(axis=1, skipna=False).mask(open_above)
+    return found.drop(columns="bound of the other")

@@ -15,7 +15,6 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 import xarray as xr
-from matplotlib.figure import Figure
 
 from emgface.choices import configure
 from emgface.errors import DataError, FaceError
@@ -29,8 +28,9 @@ from emgface.run.observer import Observer, Silent
 from emgface.run.store import Stage, Store
 from emgface.run.tasks import Task, run_table
 from emgface.texts import labelled, open_text
-from emgface.treatment.motions import NO_PRESSURE, gestures, with_pressure
-from emgface.treatment.outcomes import FACTOR, OUTCOMES
+from emgface.treatment.jobs import NO_PRESSURE, pressure_attributes
+from emgface.treatment.motions import gestures
+from emgface.treatment.outcomes import FACTOR, OUTCOMES, bound_of
 from emgface.treatment.plan import NOT_VALIDATED, Plan
 from emgface.treatment.treat import treat_face
 from sim import SimulationError
@@ -38,6 +38,8 @@ from sim.threads import one_blas_thread
 
 OUTCOME: Final = Stage("treatment_outcomes", (*MECHANICS, "emgface.treatment", "emgface.choices"))
 AXES: Final = ("person", "draw", "shape", "share", "place", "rejoin")
+BOUNDS: Final = "lower bounds"  #: column with the names of the outcomes that are lower bounds
+SEPARATOR: Final = "; "  #: between these names
 DRAWN: Final = {
     "stiffness": (0.5, 2.0),
     "scar_stiffness": (1.0, 10.0),
@@ -161,7 +163,8 @@ def _person(seed: int, index: int, resolution: str) -> xr.Dataset:
 def computed(case: Case, setting: DoseSetting) -> xr.Dataset:
     """Outcomes of a case in their units; NaN where a movement fails, or all if the plan is refused.
 
-    The attribute ``end`` is "reached", or contains the reason.
+    ``at_least`` is 1 where a value is a lower bound. The attribute ``end`` is "reached", or contains the
+    reason.
     """
     face, p = _person(setting.seed, case.person, setting.resolution), setting.parameters()
     rim = getattr(lip_rim(face), setting.lip)
@@ -178,27 +181,32 @@ def computed(case: Case, setting: DoseSetting) -> xr.Dataset:
     for name, activation in gestures(face, setting.movements).items():
         try:
             motion = simulate_face(treated, activation, p, settled=settled)
-            motions[name] = (
-                with_pressure(motion, treated, p, settled) if name == "closing" else motion
-            )
+            own = pressure_attributes(treated, p, settled) if name == "closing" else {}
+            motions[name] = motion.assign_attrs(own)
             if NO_PRESSURE in motions[name].attrs:
                 ends.append(f"pressure held: {motions[name].attrs[NO_PRESSURE]}")
         except SimulationError as error:
             ends.append(f"{name}: {error}")
+    least: list[str] = []
     for outcome in OUTCOMES:
-        if not outcome.movement or outcome.movement in motions:
-            own = outcome.value(treated, motions.get(outcome.movement))
-            values[outcome.name] = own * FACTOR[outcome.unit]
+        motion = motions.get(outcome.movement)
+        if not outcome.movement or motion is not None:
+            values[outcome.name] = outcome.value(treated, motion) * FACTOR[outcome.unit]
+        if motion is not None and outcome.at_least(motion):
+            least.append(outcome.name)
     for name, motion in motions.items():
         path = motion["position"].transpose("time", "marker", "axis").values
         away = np.linalg.norm(path - path[0], axis=2).max(axis=0)
         values[f"amplitude of {name}"] = 1e3 * float(np.median(away))
-    return _row(values, "reached" if not ends else "failed: " + "; ".join(ends))
+    return _row(values, "reached" if not ends else "failed: " + "; ".join(ends), least)
 
 
-def _row(values: dict[str, float], end: str) -> xr.Dataset:
+def _row(values: dict[str, float], end: str, least: Sequence[str] = ()) -> xr.Dataset:
     return xr.Dataset(
-        {"value": ("outcome", np.array([*values.values()]))},
+        {
+            "value": ("outcome", np.array([*values.values()])),
+            "at_least": ("outcome", np.array([name in least for name in values], dtype=np.int8)),
+        },
         {"outcome": [*values]},
         attrs={"end": end, "origin": "simulated"},
     )
@@ -225,6 +233,8 @@ def _row_of(worker: _Worker, case: Case) -> dict[str, Any]:
     numbers = zip(result.dataset["outcome"].values, result.dataset["value"].values, strict=True)
     row = {axis: getattr(case, axis) for axis in AXES}
     row |= {str(name): float(value) for name, value in numbers}
+    least = result.dataset["outcome"].values[result.dataset["at_least"].values > 0]
+    row[BOUNDS] = SEPARATOR.join(map(str, least))
     row["end"] = result.dataset.attrs["end"]
     return row
 
@@ -267,27 +277,67 @@ def dose_table(
     return pd.DataFrame(rows)
 
 
+def _outcomes_of(table: pd.DataFrame) -> list[str]:
+    """Names of the outcomes in a table of cases."""
+    return [c for c in table.columns if c not in (*AXES, BOUNDS, "end")]
+
+
+def bounds_of(table: pd.DataFrame) -> pd.DataFrame:
+    """Whether every outcome of every case is a lower bound; in none of an earlier table."""
+    texts = table[BOUNDS].fillna("") if BOUNDS in table else [""] * len(table)
+    told = [set(str(text).split(SEPARATOR)) for text in texts]
+    names = _outcomes_of(table)
+    return pd.DataFrame([[n in one for n in names] for one in told], table.index, names)
+
+
 def changes_by_dose(table: pd.DataFrame) -> pd.DataFrame:
-    """Change of every outcome from the untreated face of the same person and draw, in long form."""
-    names = [c for c in table.columns if c not in (*AXES, "end")]
-    whole = table[table["share"] == 0.0].set_index(["person", "draw"])[names]
-    cut = table[table["share"] > 0.0]
-    before = whole.loc[pd.MultiIndex.from_frame(cut[["person", "draw"]])].to_numpy()
-    found = cut[[*AXES]].join(cut[names] - before)
-    return found.melt([*AXES], names, "outcome", "change")
+    """Change of every outcome from the untreated face of the same person and draw, in long form.
+
+    ``bound`` is that of `outcome_table`: the values that are lower bounds.
+    """
+    table = table.reset_index(drop=True)
+    names, least = _outcomes_of(table), bounds_of(table)
+    whole = table["share"] == 0.0
+    cut = table[~whole]
+    people = pd.MultiIndex.from_frame(cut[["person", "draw"]])
+    index = pd.MultiIndex.from_frame(table.loc[whole, ["person", "draw"]])
+    before, before_least = (
+        frame[whole].set_axis(index)[names].loc[people].to_numpy() for frame in (table, least)
+    )
+    found = cut[[*AXES]].join(cut[names] - before).melt([*AXES], names, "outcome", "change")
+    pairs = zip(before_least.T.ravel(), least[~whole].to_numpy().T.ravel(), strict=True)
+    found["bound"] = [bound_of(bool(a), bool(b)) for a, b in pairs]
+    found["change"] = found["change"].mask(found["bound"] == "both")
+    return found
 
 
 def cube_of(table: pd.DataFrame, setting: DoseSetting) -> xr.Dataset:
-    """Cube of ``before``, ``after`` (axes, outcome) and ``end`` (axes)."""
-    names = [c for c in table.columns if c not in (*AXES, "end")]
-    cut = table[table["share"] > 0.0].set_index([*AXES])
-    after = cut[names].to_xarray().to_array("outcome").transpose(*AXES, "outcome")
-    whole = table[table["share"] == 0.0].set_index(["person", "draw"])[names]
-    before = whole.to_xarray().to_array("outcome").transpose("person", "draw", "outcome")
+    """Cube of ``before``, ``after`` (axes, outcome) and ``end`` (axes).
+
+    ``before_at_least`` and ``after_at_least`` are 1 where these values are lower bounds.
+    """
+    table = table.reset_index(drop=True)
+    names, is_cut = _outcomes_of(table), table["share"] > 0.0
+    cut = table[is_cut].set_index([*AXES])
+
+    def cube(values: pd.DataFrame, axes: tuple[str, ...]) -> xr.DataArray:
+        own = values[is_cut if axes == AXES else ~is_cut]
+        index = pd.MultiIndex.from_frame(table.loc[own.index, [*axes]])
+        array = own[names].set_axis(index).to_xarray().to_array("outcome")
+        return array.transpose(*axes, "outcome")
+
+    least = bounds_of(table).astype(float)
+    people = ("person", "draw")
+    arrays = {
+        "before": cube(table, people),
+        "after": cube(table, AXES),
+        "before_at_least": cube(least, people).fillna(0.0).astype(np.int8),
+        "after_at_least": cube(least, AXES).fillna(0.0).astype(np.int8),
+    }
     end = cut["end"].to_xarray().fillna("not computed").astype(str)
     units = {o.name: o.unit for o in OUTCOMES}
     return xr.Dataset(
-        {"before": before, "after": after, "end": end},
+        {**arrays, "end": end},
         {"unit": ("outcome", [units.get(name, "mm") for name in names])},
         attrs={
             "origin": "simulated", "note": NOT_VALIDATED, "setting": canonical_json(asdict(setting)),
@@ -313,12 +363,15 @@ def intervals_by_dose(table: pd.DataFrame) -> pd.DataFrame:
     """Median change and its spread over persons (draw 0) and over draws (mean over persons).
 
     The spread, from ``low`` to ``high``, is that of `spread_of` for the number of persons or draws.
+    ``bounds`` is the number of changes that are bounds or, between two bounds, unknown: median and
+    spread of the persons and draws contain the bounds as if they were values.
     """
     long = changes_by_dose(table)
     keys = ["shape", "share", "place", "rejoin", "outcome"]
     persons = long[long["draw"] == 0].groupby(keys, sort=False)["change"]
     drawn_means = long[long["draw"] > 0].groupby([*keys, "draw"], sort=False)["change"].mean()
-    found = pd.DataFrame({"n": persons.count(), "median": persons.median()})
+    bounded = (long["bound"] != "").groupby([long[key] for key in keys], sort=False).sum()
+    found = pd.DataFrame({"n": persons.count(), "median": persons.median(), "bounds": bounded})
     of_persons, of_draws = (
         spread_of(n)[:2] for n in (int(table["person"].nunique()), draws_of(table))
     )
@@ -349,83 +402,11 @@ def with_intervals(outcomes: pd.DataFrame, table: pd.DataFrame) -> pd.DataFrame:
     """Outcomes of one face with the intervals of the change in a table of the same plan."""
     found = intervals_by_dose(table).drop(columns=["n", "median"])
     found = found.drop(columns=[axis for axis in AXES if axis in found])
-    found = found.rename(columns={c: f"change, {c}" for c in found.columns if c != "outcome"})
+    names = {c: f"change, {c}" for c in found.columns if c != "outcome"}
+    found = found.rename(columns=names | {"bounds": "bounds among the changes"})
     if found["outcome"].duplicated().any():
         raise DataError(
             "the table of intervals has several plans, expected one: write it by "
             "'emgface dose --plan plan.toml'"
         )
     return outcomes.merge(found, "left", "outcome")
-
-
-SHOWN: Final = (
-    "mouth width", "lower vermilion height", "lip opening", "pursing, amplitude",
-    "smile, excursion of the corners", "pressure held before the lips part",
-)  # fmt: skip
-
-
-def dose_figure(table: pd.DataFrame, setting: DoseSetting) -> Figure:
-    """Change of outcomes against the share removed: median and persons (band), and every draw.
-
-    A draw of the unknown parameters is a point, the mean over persons; many draws are a bar. The title
-    states the faces, contact and numbers of persons and draws.
-    """
-    found, drawn = intervals_by_dose(table), _drawn_points(table)
-    units = {o.name: o.unit for o in OUTCOMES}
-    shown = [name for name in SHOWN if found.loc[found["outcome"] == name, "median"].notna().any()]
-    figure = Figure(figsize=(10.5, 6.4), layout="constrained")
-    axes = figure.subplots(2, -(-max(len(shown), 1) // 2), squeeze=False)
-    for axis in axes.ravel()[len(shown) :]:
-        axis.set_axis_off()
-    for axis, name in zip(axes.ravel(), shown, strict=False):
-        own, points = found[found["outcome"] == name], drawn[drawn["outcome"] == name]
-        groups = own.groupby(["shape", "place", "rejoin"], sort=False)
-        for k, (label, part) in enumerate(groups):
-            part = part.sort_values("share")
-            x = 100 * part["share"].to_numpy()
-            (line,) = axis.plot(x, part["median"], "o-", ms=3.5, label=_told(label, groups.groups))
-            color = line.get_color()
-            axis.fill_between(x, part["persons low"], part["persons high"], alpha=0.15, color=color)
-            at, shift = points.set_index(["shape", "place", "rejoin"]).index, 0.7 * (k + 1)
-            mine = points[at == label]
-            if len(mine) and draws_of(table) >= MANY:
-                axis.vlines(
-                    x + shift, part["parameters low"], part["parameters high"], color=color, lw=1.2
-                )
-            elif len(mine):
-                axis.plot(100 * mine["share"] + shift, mine["change"], "x", ms=4, color=color)
-        axis.axhline(0.0, color="0.6", lw=0.8)
-        unit = units.get(name, "mm").replace("mm2", "mm²")
-        axis.set(title=name, xlabel="share of the lip removed [%]", ylabel=f"change [{unit}]")
-    if shown:
-        axes[0, 0].legend(frameon=False, fontsize=8)
-    figure.suptitle(_figure_title(table, setting), fontsize=9)
-    return figure
-
-
-def _drawn_points(table: pd.DataFrame) -> pd.DataFrame:
-    """Change in every draw of the unknown parameters, mean over persons, in long form."""
-    long = changes_by_dose(table)
-    keys = ["shape", "share", "place", "rejoin", "outcome", "draw"]
-    return long[long["draw"] > 0].groupby(keys, sort=False)["change"].mean().reset_index()
-
-
-def _figure_title(table: pd.DataFrame, setting: DoseSetting) -> str:
-    persons, draws = int(table["person"].nunique()), draws_of(table)
-    contact = "in contact" if setting.contact else "without contact"
-    told = f"median and {spread_of(persons)[2]} of the persons (band)"
-    if draws:
-        mark = f"{spread_of(draws)[2]}, bars" if draws >= MANY else "crosses"
-        told += f"; {draws} draw{'s' * (draws > 1)} of unknown parameters, mean of persons ({mark})"
-    return (
-        f"simulated: {persons} generated person{'s' * (persons > 1)}, faces of {setting.resolution} "
-        f"resolution, {contact}, sigma_max {setting.sigma_max / 1e3:g} kPa\n{told}\n{NOT_VALIDATED}"
-    )
-
-
-def _told(label: Any, groups: Any) -> str:
-    """Words of a line: those of its shape, place and joining that differ between lines."""
-    differing = [len(set(values)) > 1 for values in zip(*groups, strict=True)]
-    joined = {"all": "fibres joined", "none": "fibres not joined"}
-    words = (str(label[0]), f"at {label[1]:g}", joined.get(label[2], str(label[2])))
-    return ", ".join(w for w, d in zip(words, differing, strict=True) if d) or words[0]

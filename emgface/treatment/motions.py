@@ -9,26 +9,25 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from emgface.errors import DataError, FaceError
+from emgface.errors import DataError
 from emgface.face.identity import treatments_between
-from emgface.face.motion import settle_face, simulate_face
-from emgface.face.sigma_max import lower_sigma_max
+from emgface.face.sigma_max import lowered
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.gestures import GESTURES, gesture_activation
 from emgface.muscles import INSTRUCTIONS
-from emgface.pictures.body import skin_of
-from emgface.pictures.surface import SurfaceProbe, with_surface
-from emgface.run.digest import dataset_digest
-from emgface.run.mechanics import MECHANICS
-from emgface.run.store import Stage, Store
-from emgface.treatment.pressure import pressure_held
-
-MOTION: Final = Stage(
-    "treatment_motion", (*MECHANICS, "emgface.treatment.motions", "emgface.treatment.pressure")
+from emgface.run.runner import Workers
+from emgface.run.store import Store
+from emgface.treatment.jobs import (
+    AT_LEAST,
+    BOUNDED,
+    NO_PRESSURE,
+    PRESSED,
+    Faces,
+    FailedJob,
+    Job,
+    results,
 )
-PRESSURE: Final = "pressure_held_Pa"  #: attribute of a motion of closing
-PRESSURE_STEP: Final = "pressure_step_Pa"
-NO_PRESSURE: Final = "pressure_not_found"
+
 RISE, HOLD = 0.25, 0.25  #: time of the rise of a gesture and time at its level [s]
 TASKS: Final[Mapping[str, tuple[str, Mapping[str, float]]]] = {
     "opening": ("open the lips as far as possible", {"DLI": 1.0, "LLSAN": 1.0}),
@@ -43,8 +42,8 @@ Progress = Callable[[int, int], None]
 class ComparedMotions:
     """Motions of an intact and a treated face, by the name of the movement.
 
-    `words` describe every movement, `source` the activations, and `failed` the movements that could
-    not be simulated, with the reason.
+    `words` describe every movement, `source` the activations, `failed` the movements that could not be
+    simulated, with the reason, and `notes` are sentences on what was found in part only.
     """
 
     intact: dict[str, xr.Dataset]
@@ -52,6 +51,7 @@ class ComparedMotions:
     words: dict[str, str]
     source: str
     failed: dict[str, str]
+    notes: tuple[str, ...] = ()
 
 
 def gesture(levels: Mapping[str, float], muscles: NDArray[Any]) -> xr.DataArray:
@@ -109,23 +109,6 @@ def words_of(name: str, activation: xr.DataArray) -> str:
     return GESTURES[name][0] if activation.attrs.get("gesture") else INSTRUCTIONS[name]
 
 
-def with_pressure(
-    motion: xr.Dataset, face: xr.Dataset, parameters: SimulationParameters, settled: xr.Dataset
-) -> xr.Dataset:
-    """Add the pressure that the closed lips hold to a motion, or the reason why it was not found.
-
-    The attributes are `PRESSURE` [Pa], with `PRESSURE_STEP` [Pa], or `NO_PRESSURE`; without contact,
-    there is none.
-    """
-    if parameters.contact.method == "none":
-        return motion
-    try:
-        held = pressure_held(face, parameters, settled=settled)
-    except FaceError as error:
-        return motion.assign_attrs({NO_PRESSURE: str(error)})
-    return motion.assign_attrs({PRESSURE: held.pressure, PRESSURE_STEP: held.step})
-
-
 def compared_motions(
     intact: xr.Dataset,
     treated: xr.Dataset,
@@ -135,66 +118,74 @@ def compared_motions(
     source: str,
     progress: Progress | None = None,
     store: Store | None = None,
+    workers: int | Workers = 1,
+    stopping: Callable[[], bool] = lambda: False,
 ) -> ComparedMotions:
     """Simulate both faces for every activation, with the same sigma_max in a movement.
 
-    With a `store`, complete motions are kept there, and a repeated call computes only the others. A
-    movement that fails at every admissible sigma_max is listed in `failed`; the others are not
-    affected. Raises DataError if `treated` is neither `intact` nor a treatment of it.
+    With a `store`, complete motions are kept there, a repeated call computes only the others, and
+    several `workers` share them. A movement that fails at every admissible sigma_max is listed in
+    `failed`; the others are not affected. Raises DataError if `treated` is neither `intact` nor a
+    treatment of it, and KeyboardInterrupt if `stopping` returns True, after what has begun.
     """
     treatments_between(intact, treated)
-    from sim import SimulationError
+    faces = Faces((intact, treated), activations, store)
+    own = "closing" in activations and parameters.contact.method != "none"
+    total, ended = 2 * (len(activations) + own), 0
 
-    settled: dict[tuple[int, float], xr.Dataset] = {}
-    skins = [skin_of(intact), skin_of(treated)]
+    def both(pending: Mapping[str, SimulationParameters]) -> dict[str, _Pair]:
+        """Results of both faces, by name; one of a failed pair may be absent."""
+        nonlocal ended
+        jobs = [Job(k, name, p) for name, p in pending.items() for k in (1, 0)]
+        found: dict[str, _Pair] = {name: {} for name in pending}
+        for job, result in results(faces, jobs, workers, stopping):
+            found[job.name][job.which] = result
+            ended = min(ended + 1, total)
+            if progress is not None:
+                progress(ended, total)
+        return found
 
-    digests = ["", ""] if store is None else [dataset_digest(f) for f in (intact, treated)]
-
-    def run(which: int, name: str, p: SimulationParameters) -> xr.Dataset:
-        if store is None:
-            return computed(which, name, p)
-        own = activations[name].to_dataset(name="activation")
-        inputs = {"face": digests[which], "activation": dataset_digest(own)}
-        return store.get_or_compute(
-            MOTION, inputs, {"simulation": p.model_dump(mode="json")},
-            lambda: computed(which, name, p), label=name,
-        ).dataset  # fmt: skip
-
-    def computed(which: int, name: str, p: SimulationParameters) -> xr.Dataset:
-        face = (intact, treated)[which]
-        key = (which, p.sigma_max)
-        if key not in settled:
-            settled[key] = settle_face(face, p)
-        motion = simulate_face(
-            face, activations[name], p, settled=settled[key],
-            further=(SurfaceProbe(skins[which].node),),
-        )  # fmt: skip
-        if name == "closing":
-            motion = with_pressure(motion, face, p, settled[key])
-        return with_surface(motion, face, skins[which])
-
-    found: tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]] = ({}, {})
-    failed: dict[str, str] = {}
-    for done, name in enumerate(activations):
-        if progress is not None:
-            progress(done, len(activations))
-
-        def both(p: SimulationParameters, name: str = name) -> xr.Dataset:
-            pair = run(1, name, p), run(0, name, p)
-            found[1][name], found[0][name] = pair
-            return pair[0]
-
-        try:
-            lower_sigma_max(both, parameters)
-        except SimulationError as error:
-            failed[name] = str(error)
-            for one in found:
-                one.pop(name, None)
-    for which, when in enumerate(("before", "after")):
-        reason = found[which]["closing"].attrs.get(NO_PRESSURE) if "closing" in found[which] else ""
-        if reason:
-            failed[f"pressure held, {when}"] = str(reason)
     if progress is not None:
-        progress(len(activations), len(activations))
+        progress(0, total)
+    motions, failed = _at_common_stress(both, dict.fromkeys(activations, parameters))
+    notes: list[str] = []
+    if own and "closing" in motions:
+        stress = float(motions["closing"][0].attrs["sigma_max"])
+        p = parameters.model_copy(update={"sigma_max": stress})
+        for which, held in both({PRESSED: p})[PRESSED].items():
+            when = ("before", "after")[which]
+            if isinstance(held, FailedJob):
+                held = xr.Dataset(attrs={NO_PRESSURE: held.text})
+            motions["closing"][which].attrs |= held.attrs
+            if NO_PRESSURE in held.attrs:
+                notes.append(f"The pressure held {when} was not found: {held.attrs[NO_PRESSURE]}.")
+            elif held.attrs[AT_LEAST]:
+                notes.append(f"The pressure held {when} is a lower bound: {held.attrs[BOUNDED]}.")
     words = {name: words_of(name, given) for name, given in activations.items()}
-    return ComparedMotions(found[0], found[1], words, source, failed)
+    before, after = ({n: motions[n][k] for n in activations if n in motions} for k in (0, 1))
+    return ComparedMotions(before, after, words, source, failed, tuple(sorted(notes)))
+
+
+_Pair = dict[int, "xr.Dataset | FailedJob"]
+
+
+def _at_common_stress(
+    both: Callable[[Mapping[str, SimulationParameters]], dict[str, _Pair]],
+    pending: dict[str, SimulationParameters],
+) -> tuple[dict[str, dict[int, xr.Dataset]], dict[str, str]]:
+    """Motions of both faces by name, with a smaller sigma_max where one fails; and the failures."""
+    motions: dict[str, dict[int, xr.Dataset]] = {}
+    failed: dict[str, str] = {}
+    while pending:
+        found, again = both(pending), dict[str, SimulationParameters]()
+        for name, pair in found.items():
+            failures = [one for one in pair.values() if isinstance(one, FailedJob)]
+            lower = lowered(pending[name])
+            if not failures:
+                motions[name] = {k: one for k, one in pair.items() if isinstance(one, xr.Dataset)}
+            elif all(one.weaker for one in failures) and lower is not None:
+                again[name] = lower
+            else:
+                failed[name] = failures[0].text
+        pending = again
+    return motions, failed

@@ -14,7 +14,8 @@ from emgface.acoustics.matrix import formants
 from emgface.face.lip_shape import lip_rim
 from emgface.face.surface import face_areas
 from emgface.muscles import LIP_MARKERS
-from emgface.treatment.motions import PRESSURE, ComparedMotions
+from emgface.treatment.jobs import AT_LEAST, PRESSURE
+from emgface.treatment.motions import ComparedMotions
 
 Floats = NDArray[np.float64]
 
@@ -34,6 +35,8 @@ class Outcome:
     value: Callable[[xr.Dataset, xr.Dataset | None], float]
     #: words of the plain page: what a larger and a smaller value mean
     plain: str = ""
+    #: whether the value in a motion is a lower bound
+    at_least: Callable[[xr.Dataset], bool] = lambda motion: False
 
 
 def _marker(motion: xr.Dataset, name: str) -> Floats:
@@ -145,6 +148,10 @@ def _pressure(face: xr.Dataset, motion: xr.Dataset | None) -> float:
     return float(motion.attrs.get(PRESSURE, np.nan))
 
 
+def _pressure_at_least(motion: xr.Dataset) -> bool:
+    return bool(motion.attrs.get(AT_LEAST, 0))
+
+
 def formant_of_lips(area: float) -> float:
     """First formant [Hz] of a uniform tract that ends in lips with an opening of an area [m^2].
 
@@ -182,7 +189,7 @@ OUTCOMES: Final = (
     ),
     Outcome(
         "pressure held before the lips part", "Pa", "closing", _pressure,
-        "the pressure in the mouth that the closed lips hold",
+        "the pressure in the mouth that the closed lips hold", _pressure_at_least,
     ),
     Outcome("rounding, smallest opening", "mm2", "A", _rounded, "the round opening of an “oo”"),
     Outcome("rounding, first formant of a uniform tract", "Hz", "A", _formant),
@@ -199,10 +206,12 @@ def outcome_table(
 ) -> pd.DataFrame:
     """Table with ``outcome``, ``unit``, ``before``, ``after`` and ``change``; NaN where undefined.
 
-    For every movement, amplitude ratio and rho of the treated to the intact face follow, medians over
-    the lip markers.
+    ``bound`` names the values that are lower bounds, "before", "after" or "both", and is otherwise
+    empty. The change is then at most ("before") or at least ("after") that of the table, or unknown
+    ("both").
     """
     rows: list[tuple[str, str, float, float]] = []
+    bounds: list[str] = []
     for outcome in OUTCOMES:
         pair = [
             outcome.value(face, done.get(outcome.movement)) * FACTOR[outcome.unit]
@@ -211,11 +220,41 @@ def outcome_table(
             for face, done in ((intact, motions.intact), (treated, motions.treated))
         ]
         rows.append((outcome.name, outcome.unit, pair[0], pair[1]))
+        least = [
+            outcome.movement in done and outcome.at_least(done[outcome.movement])
+            for done in (motions.intact, motions.treated)
+        ]
+        bounds.append(bound_of(*least))
     table = pd.DataFrame(rows, columns=["outcome", "unit", "before", "after"])
-    table["change"] = table["after"] - table["before"]
+    table["bound"] = bounds
+    table["change"] = (table["after"] - table["before"]).mask(table["bound"] == "both")
+    table = table[["outcome", "unit", "before", "after", "change", "bound"]]
     numbers = ["before", "after", "change"]
     table[numbers] = table[numbers].mask(table[numbers].abs() < 5e-4, 0.0)  # without -0.00
     return table
+
+
+def bound_of(before: bool, after: bool) -> str:
+    """Name of the values that are lower bounds: "before", "after", "both", or none."""
+    return "both" if before and after else "before" if before else "after" if after else ""
+
+
+AT_LEAST_WORDS: Final = {
+    "before": {"before": "at least ", "change": "at most "},
+    "after": {"after": "at least ", "change": "at least "},
+    "both": {"before": "at least ", "after": "at least "},
+}
+"""Words before a value, by the bounds of its row and the column."""
+
+
+def with_words_of_bounds(outcomes: pd.DataFrame, digits: int = 2) -> pd.DataFrame:
+    """Outcomes for readers: values that are bounds as text, without the column ``bound``."""
+    shown = outcomes.drop(columns="bound").astype(object)
+    for row, bound in enumerate(outcomes["bound"]):
+        for name, words in AT_LEAST_WORDS.get(bound, {}).items():
+            value = float(outcomes[name].iloc[row])
+            shown.loc[shown.index[row], name] = f"{words}{value:.{digits}f}"
+    return shown
 
 
 def movement_table(motions: ComparedMotions) -> pd.DataFrame:

@@ -1,5 +1,6 @@
 """Pages that compare a treated with the intact face: both move side by side under one time cursor."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Final
 
@@ -29,7 +30,7 @@ from emgface.pictures.page import as_json, cells, environment, policy, style, vi
 from emgface.pictures.render import VIEWS
 from emgface.pictures.stills import body_figure
 from emgface.treatment.motions import ComparedMotions
-from emgface.treatment.outcomes import OUTCOMES
+from emgface.treatment.outcomes import OUTCOMES, with_words_of_bounds
 from emgface.treatment.outline import outline_of
 from emgface.treatment.plan import CUTS, NOT_VALIDATED, Plan
 
@@ -240,8 +241,9 @@ def compare_page(
         source=motions.source,
         steps=reports,
         failed=motions.failed,
-        sentences=plain_sentences(outcomes, movements),
-        outcomes=_table(outcomes, "outcomes, simulated"),
+        notes=motions.notes,
+        sentences=plain_sentences(outcomes, movements, [motions.words[n] for n in motions.failed]),
+        outcomes=_table(with_words_of_bounds(outcomes), "outcomes, simulated"),
         movements=_table(movements, "movement after, relative to before, simulated"),
         warning=NOT_VALIDATED,
         limits=NO_SENSATION,
@@ -265,18 +267,34 @@ def _facts(step: dict[str, Any]) -> list[tuple[str, str]]:
     ]
 
 
-def plain_sentences(outcomes: pd.DataFrame, movements: pd.DataFrame) -> list[str]:
-    """Sentences without terms of the field on what becomes larger and what smaller."""
+def plain_sentences(
+    outcomes: pd.DataFrame, movements: pd.DataFrame, lost: Iterable[str] = ()
+) -> list[str]:
+    """Sentences without terms of the field on what becomes larger and what smaller.
+
+    `lost` are the words of movements that could not be simulated.
+    """
     words = {outcome.name: outcome.plain for outcome in OUTCOMES if outcome.plain}
     found: list[str] = []
     for row in outcomes.itertuples():
         name, before, after = str(row.outcome), float(row.before), float(row.after)  # pyright: ignore
-        if name not in words or not np.isfinite([before, after]).all():
+        known = np.isfinite([before, after])
+        if name in words and known.sum() == 1:
+            when = "before" if known[0] else "after"
+            found.append(f"The model could work out {words[name]} only {when} the operation.")
+        if name not in words or not known.all():
             continue
         if row.unit == "1":
             told = ["no", "yes"]
             was, now = told[before > 0.5], told[after > 0.5]
             found.append(f"In the model, {words[name]}: {now} (before: {was}).")
+            continue
+        if row.bound:
+            least = {one: "at least " * (row.bound in (one, "both")) for one in ("before", "after")}
+            found.append(
+                f"In the model, {words[name]} is {least['after']}{after:.0f} "
+                f"{PLAIN_UNITS[str(row.unit)]} (before: {least['before']}{before:.0f})."
+            )
             continue
         if abs(after - before) < 0.05 * max(abs(before), 0.2):
             found.append(f"In the model, {words[name]} stays about the same.")
@@ -290,4 +308,4 @@ def plain_sentences(outcomes: pd.DataFrame, movements: pd.DataFrame) -> list[str
         share = float(row[3])
         if np.isfinite(share):
             found.append(f"“{row.words}”: the movement is {100 * share:.0f} % of that before.")
-    return found
+    return found + [f"“{name}”: the model could not work out this movement." for name in lost]

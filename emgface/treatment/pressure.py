@@ -22,14 +22,14 @@ from emgface.face.surface import faces_among
 Floats = NDArray[np.float64]
 
 CLOSING: Final = {"OOM": 0.5, "OOP": 0.5}  #: activations [1] that press the lips together
-RISE: Final = 0.2  #: largest step of the share of these activations [1]
-STEP: Final = 200.0
-"""Largest step of the pressure [Pa]. A pressure of 800 Pa is that of stop consonants in the published
-model."""
+STEP: Final = 400.0
+"""First step of the pressure [Pa], and width of the interval in which the lips part.
+
+A pressure of 800 Pa is that of stop consonants in the published model.
+"""
 HIGHEST: Final = 12000.0  #: pressure at which the search ends [Pa]
 TURNS: Final = 2
 """Equilibria at a pressure: along the normals before the step, and along those of the first."""
-HALVINGS: Final = 6  #: largest number of successive halvings of a step without an equilibrium
 FAILED: Final = (
     sim.InvertedElement, sim.NotConverged, sim.SingularSystem, sim.ContactFailure,
 )  # fmt: skip
@@ -37,12 +37,31 @@ LIPS: Final = 0  #: index of the pairing of both lips in the contact of a face
 
 
 @dataclass(frozen=True)
+class LoadSteps:
+    """Steps of a load that rises: the first, the longest, and that below which none is tried.
+
+    A step doubles the next one; one without an equilibrium is divided by `DIVISOR`, and no later one is
+    longer than half of it.
+    """
+
+    first: float
+    longest: float
+    shortest: float
+
+
+DIVISOR: Final = 4.0
+SHARES: Final = LoadSteps(0.1, 0.2, 0.002)  #: of the share of the activations `CLOSING` [1]
+LONGEST: Final = 4.0  #: longest step of the pressure, relative to the first
+SHORTEST: Final = 0.125  #: relative length below which no step is tried
+
+
+@dataclass(frozen=True)
 class PressureHeld:
-    """Largest pressure [Pa] that lips hold, and the step with which it was sought [Pa].
+    """Largest pressure [Pa] that lips hold, and the width of the interval in which they part [Pa].
 
     `force` [N] is that of the lips on each other without pressure. `closed` is False if it is 0 (the
-    lips are apart, and the pressure is 0), and `parted` is False if the lips still press on each other
-    at the highest pressure, which is then a lower bound.
+    lips are apart, and the pressure is 0). `parted` is False if the lips still press on each other at
+    this pressure, which is then a lower bound, and `reason` states why the search ended there.
     """
 
     pressure: float
@@ -50,6 +69,12 @@ class PressureHeld:
     force: float
     closed: bool
     parted: bool
+    reason: str = ""
+
+    @property
+    def at_least(self) -> bool:
+        """True if the lips hold this pressure or more."""
+        return not self.parted
 
 
 class _Lips:
@@ -107,17 +132,18 @@ def pressure_held(
     """Find the pressure in the mouth at which closed lips part.
 
     The lips are closed by `CLOSING` on both sides. The pressure acts on the free inner surface of lips
-    and cheeks, along its current normals (`TURNS`), and rises by `step`; after every step the tissue is
-    in equilibrium with contact. The lips part where they no longer press on each other: their contact
-    force, which falls with the pressure, vanishes. The line through its last two positive values gives
-    the pressure within the step. A step without an equilibrium is halved, up to `HALVINGS` times.
+    and cheeks, along its current normals (`TURNS`); at every pressure the tissue is in equilibrium with
+    contact. The lips part where they no longer press on each other: their contact force, which falls
+    with the pressure, vanishes. Steps from `step` to `LONGEST` times that bracket this pressure, and the
+    interval is bisected, from the last equilibrium with a force, until it is as short as `step`. The
+    line through the last two positive forces gives the pressure within it.
 
-    Air escapes at the first place without contact, at a pressure that is not larger; a mesh whose
-    elements are as long as the lips are high does not resolve this place. `settled` is the face at rest
-    under gravity.
+    If no equilibrium is found above a pressure, or at `highest`, it is a lower bound. Air escapes at the
+    first place without contact, at a pressure that is not larger; a mesh whose elements are as long as
+    the lips are high does not resolve this place. `settled` is the face at rest under gravity.
 
     Raises FaceError if the simulation is without contact of the lips, the face has no free inner surface
-    or no mouth, or an equilibrium is not found, with the pressure that was reached.
+    or no mouth, or the lips find no equilibrium under the activations alone.
     """
     p = parameters
     if settled is not None:
@@ -129,65 +155,82 @@ def pressure_held(
             "contact"
         )
     lips = _Lips(face, p, settle_face(face, p) if settled is None else settled)
-    share = 0.0
-    while share < 1.0:
-        share, _, error = _risen(lips, lips.closed_to, share, min(share + RISE, 1.0))
-        if error is not None:
-            raise FaceError(
-                f"the closed lips find no equilibrium above {100 * share:.0f} % of the activation "
-                f"({error}): choose a smaller sigma_max"
-            ) from error
+    rise = _risen(lips, lips.closed_to, 1.0, SHARES, parting=False)
+    if rise.failure is not None:
+        raise FaceError(
+            f"the closed lips find no equilibrium above {100 * rise.reached:.0f} % of the activation "
+            f"({rise.failure}): choose a smaller sigma_max"
+        ) from rise.failure
     force = lips.force
     if force == 0.0:
-        return PressureHeld(0.0, step, force, closed=False, parted=True)
-    course = [(0.0, force)]
-    while course[-1][0] < highest:
-        reached = course[-1][0]
-        _, more, error = _risen(lips, lips.pressed_to, reached, min(reached + step, highest))
-        course += more
-        if course[-1][1] == 0.0:
-            return PressureHeld(_vanishing(course), step, force, closed=True, parted=True)
-        if error is not None:
-            raise FaceError(
-                f"the lips hold {course[-1][0]:g} Pa, and no equilibrium was found above ({error}): "
-                "choose a smaller sigma_max or another face"
-            ) from error
-    return PressureHeld(highest, step, force, closed=True, parted=False)
+        return PressureHeld(0.0, 0.0, force, closed=False, parted=True)
+    steps = LoadSteps(step, LONGEST * step, SHORTEST * step)
+    rise = _risen(lips, lips.pressed_to, highest, steps, parting=True)
+    course = ((0.0, force), *rise.course)
+    if rise.parted < np.inf:
+        width = rise.parted - rise.reached
+        return PressureHeld(_vanishing(course, rise.parted), width, force, closed=True, parted=True)
+    reason = (
+        f"the lips were still closed at {highest:g} Pa, the highest pressure that was tried"
+        if rise.failure is None
+        else f"the lips were still closed at {rise.reached:g} Pa, and no equilibrium was found above "
+        f"({rise.failure})"
+    )
+    return PressureHeld(rise.reached, 0.0, force, closed=True, parted=False, reason=reason)
+
+
+@dataclass(frozen=True)
+class Rise:
+    """Loads with the forces between the lips [N] on the way, and how it ended.
+
+    `reached` is the largest load with an equilibrium at which the lips had not parted, `parted` the
+    smallest at which they had (infinite if none), and `failure` that of the shortest step, if any.
+    """
+
+    course: tuple[tuple[float, float], ...]
+    reached: float
+    parted: float
+    failure: Exception | None
 
 
 def _risen(
-    lips: _Lips, to: Callable[[float], None], start: float, end: float
-) -> tuple[float, list[tuple[float, float]], Exception | None]:
-    """Raise a load from `start` to `end`, in steps that are halved without an equilibrium.
+    lips: _Lips, to: Callable[[float], None], end: float, steps: LoadSteps, *, parting: bool
+) -> Rise:
+    """Raise a load from 0 to `end`; with `parting`, find where the force between the lips vanishes.
 
-    Returns the load that was reached, the loads on the way with the forces between the lips [N], and
-    the failure of the shortest step, if any. It ends where the lips part.
+    `to` leaves the state of the lips as it was if it fails.
     """
     course: list[tuple[float, float]] = []
-    reached, length = start, end - start
-    while reached < end:
+    reached, parted, failure = 0.0, np.inf, None
+    length, longest = steps.first, steps.longest
+    while reached < end and parted - reached > steps.first:
         aim = min(reached + length, end)
+        if aim >= parted:
+            aim = 0.5 * (reached + parted)
+        before = lips.state
         try:
             to(aim)
         except FAILED as error:
-            length *= 0.5
-            if length < 0.99 * (end - start) / 2**HALVINGS:
-                return reached, course, error
+            length, longest = (aim - reached) / DIVISOR, min(longest, 0.5 * (aim - reached))
+            if length < steps.shortest:
+                failure = error
+                break
             continue
-        reached = aim
+        if parting and lips.force == 0.0:
+            lips.state, parted, length = before, aim, 0.5 * (aim - reached)
+            continue
         course.append((aim, lips.force))
-    return reached, course, None
+        length = min(2.0 * (aim - reached), longest)
+        reached = aim
+    return Rise(tuple(course), reached, parted, failure)
 
 
-def _vanishing(course: list[tuple[float, float]]) -> float:
-    """Pressure at which the force vanishes, from the last two pressures with one.
-
-    The line through them is extended up to the first pressure without a force.
-    """
-    (p1, f1), (end, _) = course[-2], course[-1]
-    if len(course) < 3 or course[-3][1] <= f1:
+def _vanishing(course: tuple[tuple[float, float], ...], end: float) -> float:
+    """Pressure at which the force vanishes: the line through its last two values, up to `end`."""
+    p1, f1 = course[-1]
+    if len(course) < 2 or course[-2][1] <= f1:
         return 0.5 * (p1 + end)
-    p0, f0 = course[-3]
+    p0, f0 = course[-2]
     return min(p1 + f1 * (p1 - p0) / (f0 - f1), end)
 
 

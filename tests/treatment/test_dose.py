@@ -11,11 +11,12 @@ from emgface.choices import configure
 from emgface.errors import DataError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.run.store import Store
-from emgface.treatment import dose
-from emgface.treatment import motions as of_motions
+from emgface.treatment import dose, jobs
+from emgface.treatment.dose_figure import dose_figure
 from emgface.treatment.motions import compared_motions, gestures
 from emgface.treatment.outcomes import CLOSED, LIPS, OUTCOMES, TRACT, formant_of_lips
 from emgface.treatment.plan import Plan
+from sim.errors import InvertedElement, NotConverged, SceneError
 
 SETTING = dose.DoseSetting(movements=(), contact=False)
 
@@ -73,13 +74,13 @@ def test_the_cube_has_every_axis_and_its_reasons(table):
 
 
 def test_the_figure_states_that_it_is_simulated_and_how(table):
-    figure = dose.dose_figure(table, SETTING)
+    figure = dose_figure(table, SETTING)
     title = figure.get_suptitle()
     for words in ("simulated", "not validated", "2 generated persons", "coarse", "without contact",
                   "1 draw of", "100 kPa", "smallest to largest of the persons", "crosses"):  # fmt: skip
         assert words in title, words
     assert "95 %" not in title  # which two persons do not have
-    assert "in contact" in dose.dose_figure(table, dose.DoseSetting()).get_suptitle()
+    assert "in contact" in dose_figure(table, dose.DoseSetting()).get_suptitle()
     drawn = [axis.get_title() for axis in figure.axes if axis.has_data()]
     assert "mouth width" in drawn
     axis = next(a for a in figure.axes if a.get_title() == "mouth width")
@@ -165,9 +166,61 @@ def test_an_interrupted_comparison_continues(coarse, tmp_path, monkeypatch):
     def fails(*given, **named):
         raise AssertionError("a stored motion is not simulated again")
 
-    monkeypatch.setattr(of_motions, "simulate_face", fails)
+    monkeypatch.setattr(jobs, "simulate_face", fails)
     again = compared_motions(coarse, weak, drives, p, source="", store=store)
     xr.testing.assert_equal(first.treated["A"], again.treated["A"])
     with pytest.raises(AssertionError):  # another face is computed
         compared_motions(coarse, coarse, drives, p.model_copy(update={"sigma_max": 6e4}), source="",
                  store=store)  # fmt: skip
+
+
+def test_both_faces_move_in_processes_as_one_after_the_other(coarse, tmp_path):
+    """The same bits by two processes, also where a movement requires a smaller sigma_max."""
+    p = configure(
+        SimulationParameters,
+        {"accuracy": "draft", "contact": {"method": "none"}, "sigma_max": 5e4,
+         "check_contact": False},
+    )  # fmt: skip
+    weak = ef.treat(coarse, {"step": [{"kind": "palsy", "degree": 0.5}]})
+    drives = gestures(coarse, ("A", "closing"))
+    told: list[tuple[int, int]] = []
+    one, two = (
+        compared_motions(coarse, weak, drives, p, source="", store=Store(tmp_path / str(n)),
+                         workers=n, progress=lambda *at: told.append(at))
+        for n in (1, 2)
+    )  # fmt: skip
+    assert told[-1] == (4, 4) and not one.failed and not two.failed
+    for name in drives:
+        for a, b in ((one.intact, two.intact), (one.treated, two.treated)):
+            for variable in ("position", "surface_position", "mouth_area"):
+                np.testing.assert_array_equal(a[name][variable], b[name][variable])
+    with pytest.raises(KeyboardInterrupt):
+        compared_motions(coarse, weak, drives, p, source="", stopping=lambda: True)
+
+
+def test_a_movement_that_fails_is_repeated_with_weaker_muscles_of_both_faces(coarse, monkeypatch):
+    tried: list[tuple[str, float]] = []
+
+    class Invented(jobs.Faces):
+        def _computed(self, job: jobs.Job) -> xr.Dataset:
+            tried.append((job.name, job.parameters.sigma_max))
+            if job.name == "A" and job.which == 0 and job.parameters.sigma_max > 90e3:
+                raise InvertedElement(3, -1.0, 0.1)
+            if job.name == "D":
+                raise SceneError("no such muscle")
+            if job.name == "F":
+                raise NotConverged((), 0.1, "never")
+            return xr.Dataset(attrs={"sigma_max": job.parameters.sigma_max})
+
+    monkeypatch.setattr("emgface.treatment.motions.Faces", Invented)
+    p = configure(
+        SimulationParameters,
+        {"contact": {"method": "none"}, "sigma_max": 100e3,
+         "sigma_max_policy": {"factor": 0.9, "minimum": 85e3}},
+    )  # fmt: skip
+    drives = gestures(coarse, ("A", "B", "D", "F"))
+    found = compared_motions(coarse, coarse, drives, p, source="")
+    stress = [found.intact[n].attrs["sigma_max"] for n in ("A", "B")]
+    assert stress == [90e3, 100e3] and found.treated["A"].attrs["sigma_max"] == 90e3
+    assert list(found.failed) == ["D", "F"] and "no such muscle" in found.failed["D"]
+    assert tried.count(("F", 90e3)) == 1 and ("D", 90e3) not in tried

@@ -1,6 +1,7 @@
 """Page of a comparison in a browser: both faces, one time cursor, keyboard, and no network access."""
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -66,6 +67,22 @@ def test_the_picture_shows_the_treated_face(made, tmp_path):
     pixels = np.asarray(Image.open(path).convert("RGB"), dtype=int)
     yellow = (pixels[..., 0] > 180) & (pixels[..., 1] > 110) & (pixels[..., 2] < 90)
     assert yellow.sum() > 50  # the suture
+
+
+def test_the_plain_page_states_what_could_not_be_worked_out(made):
+    """A movement without result, and a number of one face only, are named and not left out."""
+    coarse, treated, motions, drives, (outcomes, movements) = made
+    lost = replace(motions, failed={"closing": "no equilibrium"},
+                   words=motions.words | {"closing": "press the lips together"})  # fmt: skip
+    one = outcomes.copy()
+    one.loc[one["outcome"] == "mouth width", "after"] = np.nan
+    page = compare_page(coarse, treated, lost, drives, (one, movements), plain=True)
+    assert "“press the lips together”: the model could not work out this movement." in page
+    assert "could work out the width of the mouth only before the operation" in page
+    noted = replace(motions, notes=("The pressure held after is a lower bound: because.",))
+    assert "a lower bound: because." in compare_page(
+        coarse, treated, noted, drives, (outcomes, movements)
+    )
 
 
 @needs_browser
