@@ -6,6 +6,7 @@ would replace a function of the same name. The package itself is therefore calla
 
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from inspect import cleandoc
 from types import ModuleType
 from typing import Any
@@ -17,6 +18,9 @@ def make_callable(package: str, function: Callable[..., Any]) -> None:
     class Callables(ModuleType):
         def __call__(self, *args: Any, **choices: Any) -> Any:
             return function(*args, **choices)
+
+        def __reduce__(self) -> Any:  # so that a function can be sent to another process
+            return import_module, (package,)
 
         @property
         def __signature__(self) -> Any:

@@ -5,6 +5,8 @@ styles and markers repeat the distinction for print in grey. matplotlib is impor
 figure is drawn.
 """
 
+import io
+import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from functools import wraps
@@ -190,19 +192,32 @@ def boxes(
 def save(figure: "Figure", path: str | Path, *, dpi: int = 200) -> Path:
     """Write a figure in the format given by the suffix of `path`, with its title in the metadata.
 
-    `dpi` is the resolution of pixel formats in dots per inch.
+    `dpi` is the resolution of pixel formats in dots per inch. An existing file is replaced when the
+    new one is complete.
     """
     path = Path(path)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        temporary.write_bytes(encoded_figure(figure, path.suffix, dpi=dpi))
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return path
+
+
+def encoded_figure(figure: "Figure", suffix: str, *, dpi: int = 200) -> bytes:
+    """Content of the file of a figure in the format of a suffix, such as ``.png``; see `save`."""
     title = title_of(figure)
     # Without a date, equal figures are equal files.
     metadata = {
         ".png": {"Title": title, "Software": None},
         ".svg": {"Title": title, "Date": None},
         ".pdf": {"Title": title, "CreationDate": None},
-    }.get(path.suffix.lower(), {})
+    }.get(suffix.lower(), {})
+    content, form = io.BytesIO(), suffix.lower().removeprefix(".") or None
     with settings(WRITTEN):
-        cast(Any, figure).savefig(path, dpi=dpi, metadata=metadata)
-    return path
+        cast(Any, figure).savefig(content, format=form, dpi=dpi, metadata=metadata)
+    return content.getvalue()
 
 
 def settings(chosen: dict[str, Any]) -> AbstractContextManager[None]:

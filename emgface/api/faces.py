@@ -235,7 +235,9 @@ def simulate(
     parameters = simulation_of(plan.simulation, accuracy, choices)
     model = face_of(face, plan)
     if isinstance(activation, xr.DataArray):
-        drive, told = activation, activation.attrs
+        named = activation.to_dataset(name="activation", promote_attrs=False)
+        drive = dataset_of(named, "activation", "activation")["activation"]
+        told = activation.attrs
     else:
         given = dataset_of(activation, "activation", "activation")
         drive, told = given["activation"], given.attrs

@@ -13,6 +13,7 @@ from emgface.errors import SchemaError
 from emgface.files import expressible
 from emgface.recordings.dataset import read_recording
 from emgface.recordings.fillers import without_fillers
+from emgface.schema.in_memory import usable
 from emgface.schema.netcdf import read_netcdf
 from emgface.schema.validation import validate
 from emgface.signals.parameters import SignalChain
@@ -77,7 +78,7 @@ def dataset_of(given: Data, kind: str, variable: str) -> xr.Dataset:
             f"the dataset contains {', '.join(map(str, given.data_vars)) or 'no variable'}, expected "
             f"{variable}, as of a stored {kind}: pass the result of the preceding stage"
         )
-    return given
+    return usable(given, kind)
 
 
 def recording_of(given: Data, mapping: Mapping[str, Any] | File | None) -> xr.Dataset:
@@ -86,14 +87,7 @@ def recording_of(given: Data, mapping: Mapping[str, Any] | File | None) -> xr.Da
     Raises errors as `emgface.recordings.dataset.read_recording`.
     """
     if isinstance(given, xr.Dataset):
-        for dim in ("channel", "marker"):
-            labels = list(map(str, given[dim].values)) if dim in given.coords else []
-            if twice := sorted({name for name in labels if labels.count(name) > 1}):
-                raise SchemaError(
-                    f"the recording contains {dim} {', '.join(twice)} more than once, expected every "
-                    f"{dim} once: remove or rename the others"
-                )
-        return without_fillers(given)
+        return without_fillers(usable(given, "recording"))
     named = fspath(mapping) if isinstance(mapping, PathLike) else mapping
     return read_recording(path_of(given, "a recording"), mapping=named)
 

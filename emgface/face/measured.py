@@ -1,11 +1,13 @@
 """Measured lip positions during a simulation."""
 
+from typing import Final
+
 import numpy as np
 import xarray as xr
 
 from analysis.noise import marker_noise, unit_noise
 from analysis.trajectory import measured_span
-from emgface.errors import MarkerError, listed
+from emgface.errors import MarkerError, UnitsError, listed
 from emgface.muscles import LIP_MARKERS
 from emgface.recordings.head import in_head_frame
 from emgface.signals.parameters import HeadFrameParameters
@@ -33,6 +35,7 @@ def measured_during(
             f"the recording has no lip marker {listed(absent)}, expected all of them for a score: "
             "choose a recording with the positions of the lips, or name its markers with a mapping"
         )
+    check_motion(motion, face)
     pace = [name for name in ("recorded_start", "recorded_pace") if name not in motion.attrs]
     if pace:
         raise MarkerError(
@@ -82,7 +85,36 @@ def measured_during(
     )
 
 
-def check_lips(lips: xr.DataArray) -> None:
+LARGEST_RATIO: Final = 2.0
+"""Largest ratio of the sizes of the lips of a motion and of its face, about their centres."""
+
+
+def check_motion(motion: xr.Dataset, face: xr.Dataset) -> None:
+    """Refuse a motion whose lips have another size than those of the face, or exchanged names.
+
+    Correlations do not depend on the unit of the positions, but amplitudes and distances do. Raises
+    UnitsError and MarkerError.
+    """
+    if not {"marker_node", "position"} <= set(face.variables) or "marker" not in motion.coords:
+        return
+    names = [name for name in LIP_MARKERS if name in motion["marker"].values]
+    if len(names) < len(LIP_MARKERS):
+        return  # of other points, such as those of a jaw
+    node = face["marker_node"].sel(marker=names).values
+    rest = face["position"].values[node]
+    position = motion["position"].sel(marker=names).transpose("marker", "axis", "time")
+    sizes = [float(np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean()))
+             for x in (rest, position.values[:, :, 0])]  # fmt: skip
+    if not sizes[0] / LARGEST_RATIO < sizes[1] < sizes[0] * LARGEST_RATIO:
+        raise UnitsError(
+            f"the lip markers of the motion are {sizes[1]:.3g} m (rms) from their centre, those of the "
+            f"face {sizes[0]:.3g} m, expected at most a factor of {LARGEST_RATIO:g}: check the unit of "
+            "its positions, and whether it is a motion of this face"
+        )
+    check_lips(position.rename(time="time_marker"), "motion")
+
+
+def check_lips(lips: xr.DataArray, what: str = "recording or its sidecar") -> None:
     """Refuse lip markers whose names are exchanged (axis x points to the right, z upwards).
 
     On average, those of the left are to the left of those of the right, and those of the upper lip above
@@ -99,5 +131,5 @@ def check_lips(lips: xr.DataArray) -> None:
             if apart < 0:
                 raise MarkerError(
                     f"{other} is not {where} {name}, but {-1e3 * apart:.3g} mm to the other side on "
-                    "average: exchange the two names in the recording or its sidecar"
+                    f"average: exchange the two names in the {what}"
                 )

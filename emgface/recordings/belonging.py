@@ -38,6 +38,19 @@ def of_face(result: Mapping[str, Any], face: xr.Dataset, what: str) -> list[Find
     return [Finding("face_unknown", values={"what": what, "used": repr(own)})]
 
 
+def _identity(value: object) -> str:
+    """Text by which volunteers, instructions and repetitions are compared; 1, 1.0 and "01" are one.
+
+    A volunteer "01" and one "1" of the same study differ in `emgface.study.intake`, which reads both.
+    """
+    text = str(value).strip()
+    try:
+        number = float(text)
+    except ValueError:
+        return text
+    return str(int(number)) if number.is_integer() and abs(number) < 2**53 else text
+
+
 def of_two(first: Mapping[str, Any], second: Mapping[str, Any], what: str) -> list[Finding]:
     """Finding if two results state different faces."""
     digests, names = ([str(one.get(key, "")) for one in (first, second)] for key in (DIGEST, NAME))
@@ -58,7 +71,7 @@ def of_recording(result: Mapping[str, Any], recording: Mapping[str, Any]) -> lis
     digest of the file where they state no trial.
     """
     both = [key for key in TRIAL if key in result and key in recording]
-    differ = [key for key in both if str(result[key]) != str(recording[key])]
+    differ = [key for key in both if _identity(result[key]) != _identity(recording[key])]
     if not both and "source_digest" in result and "source_digest" in recording:
         differ = [] if result["source_digest"] == recording["source_digest"] else ["source"]
     if not differ:

@@ -1,7 +1,9 @@
 """Recordings of a study, identified by the workers and known again by name, size and times."""
 
 import os
+import re
 import time
+import unicodedata
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -118,7 +120,8 @@ def take_in(
             continue
         if place in found:
             raise DataError(
-                f"{path.name} and {found[place].path.name} are both volunteer {place[0]}, "
+                f"{_within(path, configuration.folder)} and "
+                f"{_within(found[place].path, configuration.folder)} are both volunteer {place[0]}, "
                 f"instruction {place[1]}, repetition {place[2]}: remove or relabel one"
             )
         found[place] = replace(given, excluded=reason_to_exclude(place, exclude))
@@ -134,12 +137,36 @@ def take_in(
             "volunteers, instructions and repetitions: extend the selection"
         )
     _require_one_kind(found.values(), configuration.folder)
+    require_one_spelling(found)
     order = list(INSTRUCTIONS)
     places = sorted(found, key=lambda p: (p[0], order.index(p[1]), p[2]))
     lines = [
         _line(file, reader, given) for file, given in new.items() if _lasting(file, given, listed)
     ]
     return Intake(tuple(found[place] for place in places), unreadable, lines)
+
+
+def _within(path: Path, folder: Path) -> str:
+    """Path of a file within the folder of the recordings."""
+    return str(path.relative_to(folder)) if path.is_relative_to(folder) else str(path)
+
+
+def require_one_spelling(places: Iterable[Place]) -> None:
+    """Refuse volunteers whose codes differ only in case, spaces or leading zeros (DataError).
+
+    They would be counted as two independent persons.
+    """
+    spellings: dict[str, set[str]] = {}
+    for volunteer, _, _ in places:
+        folded = "".join(unicodedata.normalize("NFKC", volunteer).casefold().split())
+        spellings.setdefault(re.sub(r"(?<!\d)0+(?=\d)", "", folded), set()).add(volunteer)
+    for several in spellings.values():
+        if len(several) > 1:
+            raise DataError(
+                f"the recordings state the volunteers {' and '.join(map(repr, sorted(several)))}, which "
+                "would count as different persons: relabel them with one spelling, or, if they are "
+                "different persons, with codes that differ in more than case, spaces and zeros"
+            )
 
 
 def _read(

@@ -152,3 +152,32 @@ def test_usable_recordings_by_volunteer(folder: Path) -> None:
     found = taken(folder)
     assert {v: [r.place[2] for r in of] for v, of in found.usable.items()} == {"V01": [1, 2]}
     assert found.usable["V01"][1].dataset.attrs["repetition"] == 2
+
+
+@pytest.mark.parametrize(
+    ("codes", "refused"),
+    [(("V1", "v1"), True), (("1", "01"), True), (("V 1", "V1"), True), (("V10", "V1"), False),
+     (("V１", "V1"), True), (("S01", "S02"), False), (("V0", "V00"), True), (("0", "1"), False),
+     (("S100", "S10"), False), (("101", "11"), False), (("P1003", "P103"), False),
+     (("A1B02", "A1B2"), True)],
+)  # fmt: skip
+def test_one_person_has_one_spelling(codes: tuple[str, str], refused: bool) -> None:
+    """Two spellings of one person would be two independent volunteers of the statistics."""
+    places = [(code, "A", 1) for code in codes]
+    if not refused:
+        intake_module.require_one_spelling(places)
+        return
+    with pytest.raises(DataError, match="different persons"):
+        intake_module.require_one_spelling(places)
+
+
+def test_a_study_refuses_two_spellings_and_names_both_files_of_one_trial(tmp_path: Path) -> None:
+    for k, code in enumerate(("V1", "v1")):
+        write_recording(recording().assign_attrs(volunteer=code), tmp_path / f"{k}.nc")
+    with pytest.raises(DataError, match="'V1' and 'v1'"):
+        take_in(RecordingsConfiguration(folder=tmp_path), workers=1)
+    (tmp_path / "copy").mkdir()
+    (tmp_path / "1.nc").rename(tmp_path / "copy" / "0.nc")
+    write_recording(recording().assign_attrs(volunteer="V1"), tmp_path / "copy" / "0.nc")
+    with pytest.raises(DataError, match=r"copy/0.nc and 0.nc|0.nc and copy/0.nc"):
+        take_in(RecordingsConfiguration(folder=tmp_path), workers=1)

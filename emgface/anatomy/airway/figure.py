@@ -7,7 +7,17 @@ import numpy as np
 import xarray as xr
 from scipy.signal import spectrogram
 
-from analysis.figures.style import COLOURS, MARKS, SHADES, blank, grid, legend, save, styled
+from analysis.figures.style import (
+    COLOURS,
+    MARKS,
+    SHADES,
+    blank,
+    encoded_figure,
+    grid,
+    legend,
+    styled,
+)
+from emgface.files import replace_file
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -77,4 +87,6 @@ def _formants(panel: Any, data: xr.Dataset) -> list[Any]:
 
 def write_sound_figure(data: xr.Dataset, path: Path, title: str) -> Path:
     """Write the figure of `draw_sound`."""
-    return save(draw_sound(data, title), path, dpi=130)
+    content = encoded_figure(draw_sound(data, title), path.suffix, dpi=130)
+    replace_file(path, lambda part: part.write_bytes(content))
+    return path
