@@ -267,7 +267,7 @@ def aligned_and_scored(
     from analysis.scores import score as score_trial
     from emgface.api.given import changed, dataset_of, face_of, recording_of, study_of
     from emgface.face.measured import measured_during
-    from emgface.recordings.belonging import of_face, of_recording
+    from emgface.recordings.belonging import of_face, of_recording, of_times
     from emgface.recordings.findings import findings_in
     from emgface.recordings.repeated import for_scores, stored_with, warn_of
 
@@ -281,6 +281,7 @@ def aligned_and_scored(
         *for_scores(given),
         *of_face(motion.attrs, model, "motion"),
         *of_recording(motion.attrs, given.attrs),
+        *of_times(motion, given, "time_marker", "recording of the markers"),
     ]
     warn_of([*findings_in(motion), *found])
     measured = measured_during(given, motion, model, plan.signals.head_frame)

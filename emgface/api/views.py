@@ -129,13 +129,16 @@ def _warn_of_others(
     motion: "xr.Dataset", activation: "xr.Dataset | None", compared: "xr.Dataset | None"
 ) -> None:
     """Warn if the activation or the second motion shown with a motion is of another face or trial."""
-    from emgface.recordings.belonging import of_recording, of_two
+    from emgface.recordings.belonging import of_recording, of_times, of_two
     from emgface.recordings.repeated import warn_of
 
     if compared is not None:
         warn_of(of_two(compared.attrs, motion.attrs, "second motion"), stacklevel=4)
     if activation is not None:
-        warn_of(of_recording(motion.attrs, activation.attrs), stacklevel=4)
+        found = of_recording(motion.attrs, activation.attrs)
+        if "time" in motion.coords:
+            found += of_times(motion, activation, "time", "activation")
+        warn_of(found, stacklevel=4)
 
 
 class View:

@@ -1,17 +1,15 @@
 """Activation of a face as control of a simulation, with its checks."""
 
+import warnings
 from collections.abc import Iterable
-from typing import Final
 
 import numpy as np
 import xarray as xr
 
 import sim
-from emgface.errors import ActivationError, UnitsError
+from emgface.errors import ActivationError, FeatureWarning, UnitsError
 from emgface.face.simulation_parameters import SimulationParameters
-
-LONGEST_WITHOUT_UNIT: Final = 600.0
-"""Duration [s] above which the time of an activation must state its unit."""
+from emgface.schema.clocks import long_and_coarse, too_slow, without_unit
 
 
 def _check_units(activation: xr.DataArray) -> None:
@@ -47,13 +45,15 @@ def _times(time: xr.DataArray) -> np.ndarray:
             f"the time of the activation changes from t = {times[at]:.6g} s to "
             f"{times[at + 1]:.6g} s, expected ascending times: sort its samples"
         )
-    lasts = times[-1] - times[0]
-    if lasts > LONGEST_WITHOUT_UNIT and "units" not in time.attrs:
-        # milliseconds without a unit would be simulated as if in seconds, for hours
-        raise ActivationError(
-            f"the activation lasts {lasts:.6g} s and its time states no unit, expected the unit if it "
-            f"lasts longer than {LONGEST_WITHOUT_UNIT:g} s: convert it to seconds, or set the "
-            "attribute units of its time to 's'"
+    if "units" not in time.attrs and time.dtype.kind not in "mM":
+        if doubt := without_unit(times, "the activation"):
+            raise ActivationError(doubt)
+    elif too_slow(times) or long_and_coarse(times):
+        warnings.warn(
+            f"the activation lasts {times[-1] - times[0]:.6g} s, with an instant every "
+            f"{float(np.median(np.diff(times))):.4g} s: check that its times are in seconds",
+            FeatureWarning,
+            stacklevel=4,
         )
     return times
 

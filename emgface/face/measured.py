@@ -1,5 +1,6 @@
 """Measured lip positions during a simulation."""
 
+import warnings
 from typing import Final
 
 import numpy as np
@@ -7,9 +8,10 @@ import xarray as xr
 
 from analysis.noise import marker_noise, unit_noise
 from analysis.trajectory import measured_span
-from emgface.errors import MarkerError, UnitsError, listed
+from emgface.errors import FeatureWarning, MarkerError, UnitsError, listed
 from emgface.muscles import LIP_MARKERS
 from emgface.recordings.head import in_head_frame
+from emgface.signals.doubtful import little_in_common
 from emgface.signals.parameters import HeadFrameParameters
 from emgface.signals.resampling import resample
 
@@ -26,8 +28,9 @@ def measured_during(
     axis, time)`` [m] at all instants [s] of the simulation, NaN before the first and after the last
     frame with all lip markers; ``noise(marker)`` [m] of the recorded frames in the head frame; and
     ``white(probe, time)`` [1], white noise interpolated in the same way, for the noise of
-    interpolated positions. Raises MarkerError or SignalError if markers are missing, lost too long,
-    mirrored, or not recorded during the simulation.
+    interpolated positions. Warns if sEMG and markers have little time in common, such as markers of
+    half the rate. Raises MarkerError or SignalError if markers are missing, lost too long, mirrored, or
+    not recorded during the simulation.
     """
     absent = [m for m in LIP_MARKERS if "position" not in recording or m not in recording["marker"]]
     if absent:
@@ -36,6 +39,8 @@ def measured_during(
             "choose a recording with the positions of the lips, or name its markers with a mapping"
         )
     check_motion(motion, face)
+    for finding in little_in_common(recording):
+        warnings.warn(finding.clause, FeatureWarning, stacklevel=2)
     pace = [name for name in ("recorded_start", "recorded_pace") if name not in motion.attrs]
     if pace:
         raise MarkerError(

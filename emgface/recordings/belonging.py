@@ -8,6 +8,7 @@ was compared.
 from collections.abc import Mapping
 from typing import Any, Final
 
+import numpy as np
 import xarray as xr
 
 from emgface.face.identity import DIGEST, NAME, SHOWN
@@ -15,6 +16,8 @@ from emgface.recordings.findings import Finding
 from emgface.run.digest import dataset_digest
 
 TRIAL: Final = ("volunteer", "instruction", "repetition")
+SAME_INTERVAL: Final = 1e-3  #: relative difference of intervals from which times were changed
+COVERED: Final = 0.9  #: least part of a motion during which what drives it is expected to exist
 
 
 def of_face(result: Mapping[str, Any], face: xr.Dataset, what: str) -> list[Finding]:
@@ -81,3 +84,34 @@ def of_recording(result: Mapping[str, Any], recording: Mapping[str, Any]) -> lis
         for one in (result, recording)
     )
     return [Finding("other_trial", values={"own": own, "used": used})]
+
+
+def of_times(motion: xr.Dataset, other: xr.Dataset, dim: str, what: str) -> list[Finding]:
+    """Findings if the times of a motion are not those of its simulation, or of what belongs to it.
+
+    The interval of the instants is compared with the interval of output that the motion states, and
+    the interval of the motion in its recording with the times of `other` along `dim`, called `what`:
+    a recording whose markers have another rate, or an activation of another trial. A motion covers a
+    part of the interval that both signals of its recording have in common, so that `other` exists
+    during nearly all of it. Motions that do not state these attributes are not compared.
+    """
+    times = np.asarray(motion["time"].values, dtype=np.float64)
+    if times.size < 3:
+        return []
+    found: list[Finding] = []
+    output, interval = motion.attrs.get("output"), float(np.median(np.diff(times)))
+    if isinstance(output, int | float) and output > 0.0:
+        factor = interval / float(output)
+        if abs(factor - 1.0) > SAME_INTERVAL:
+            told = {"found": interval, "output": float(output), "factor": factor}
+            found.append(Finding("changed_times", values=told))
+    stated = [motion.attrs.get(name) for name in ("recorded_start", "recorded_pace")]
+    if not all(isinstance(one, int | float) for one in stated) or not other.sizes.get(dim, 0):
+        return found
+    begin, end = (float(stated[0] + stated[1] * t) for t in (times[0], times[-1]))
+    first, last = (float(other[dim].values[k]) for k in (0, -1))
+    share = (min(end, last) - max(begin, first)) / (end - begin)
+    if share < COVERED:
+        told = {"motion_from": begin, "motion_to": end, "what": what, "from": first, "to": last}
+        found.append(Finding("other_times", values=told | {"share": max(0.0, share)}))
+    return found

@@ -239,6 +239,18 @@ _BELONGING: Final = {
         "the motion was computed from {own}, but the recording is {used}: specify the recording from "
         "which the activation was computed",
     ),
+    "changed_times": Meaning(
+        "warning",
+        "the instants of the motion are {found:.6g} s apart, but it was simulated with an output every "
+        "{output:.6g} s: its times were changed by a factor of {factor:.4g}, or it was resampled, "
+        "compute it again",
+    ),
+    "other_times": Meaning(
+        "warning",
+        "the motion lasts from {motion_from:.4g} to {motion_to:.4g} s of its recording, and the {what} "
+        "from {from:.4g} to {to:.4g} s, {share:.0%} of it: check the times of both, and whether the "
+        "motion was computed from it",
+    ),
 }
 _MARKERS: Final = {
     "still": Meaning("error", "does not move: check whether it is a copied frame"),

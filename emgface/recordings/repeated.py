@@ -15,6 +15,7 @@ from emgface.muscles import CHANNELS, FACE_MARKERS, LIP_MARKERS
 from emgface.recordings.check import findings_of
 from emgface.recordings.fillers import usable_parts
 from emgface.recordings.findings import Finding, findings_in, used, with_findings
+from emgface.signals.doubtful import little_in_common
 
 MARKERS: Final = (*FACE_MARKERS, *LIP_MARKERS)  #: markers from which a motion is scored
 STATED: Final = frozenset(
@@ -40,13 +41,19 @@ def findings_for(
 
 
 def for_activation(recording: xr.Dataset) -> list[Finding]:
-    """Findings on the channels of the study, missing ones included."""
-    return findings_for(recording, channels=CHANNELS)
+    """Findings on the channels of the study, missing ones included, and on the clocks."""
+    return [*_of_clocks(recording), *findings_for(recording, channels=CHANNELS)]
 
 
 def for_scores(recording: xr.Dataset) -> list[Finding]:
-    """Findings on the face and lip markers."""
-    return findings_for(recording.drop_vars("emg", errors="ignore"), markers=MARKERS)
+    """Findings on the face and lip markers, and on the clocks."""
+    markers = findings_for(recording.drop_vars("emg", errors="ignore"), markers=MARKERS)
+    return [*_of_clocks(recording), *markers]
+
+
+def _of_clocks(recording: xr.Dataset) -> list[Finding]:
+    """Findings on the clocks of sEMG and markers; none of parts that cannot be examined."""
+    return little_in_common(usable_parts(recording))
 
 
 def stored_with(result: xr.Dataset, found: Iterable[Finding], *sources: xr.Dataset) -> xr.Dataset:

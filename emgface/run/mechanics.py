@@ -35,6 +35,7 @@ MECHANICS: Final = (
     "emgface.reduced.model",
     "emgface.reduced.motion",
     "emgface.reduced.trained",
+    "emgface.schema.clocks",
     "emgface.schema.hdf5",
     "emgface.schema.migration",
     "emgface.schema.netcdf",

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import SchemaError, UnitsError, listed
+from emgface.schema.clocks import without_unit
 from emgface.schema.declaration import ArrayDeclaration
 from emgface.schema.validation import declaration
 
@@ -47,6 +48,11 @@ def usable(dataset: xr.Dataset, kind: str) -> xr.Dataset:
                 ".astype(float)"
             )
         _require_unit(values, array, kind, name)
+        if array.units == "s" and not values.attrs.get("units") and values.ndim == 1:
+            if doubt := without_unit(
+                np.asarray(values.values, dtype=float), f"{name} of the {kind}"
+            ):
+                raise UnitsError(doubt)
         for dim in array.dims:
             own = arrays.get(dim)
             if own is not None and own.units == "s" and dim not in result.coords:

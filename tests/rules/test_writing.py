@@ -20,7 +20,7 @@ OTHERS = {
     "emgface/cli/pages.py:add": "to memory",
     "emgface/cli/pages.py:draw": "to memory",
     "emgface/fit/person.py:_repr_png_": "to memory",
-    "emgface/fit/segment.py:write_labels": "to a temporary folder, because the ending decides the format",
+    "emgface/fit/segment.py:write_labels": "to a temporary folder; the ending is the format",
     "emgface/recordings/describe.py:_checked": "to a temporary folder, from which it is read",
     "emgface/recordings/readers/_isolated.py:serve": "a pipe",
     "emgface/run/journal.py:__init__": "a journal, whose lines have checksums and are only appended",

@@ -16,16 +16,12 @@ from emgface.anatomy.jaw.exciters import excited_activation
 from emgface.anatomy.jaw.model import Floats
 from emgface.errors import DataError, FeatureWarning, JawError
 from emgface.files import expressible
+from emgface.schema.clocks import long_and_coarse, too_slow
 from emgface.schema.rules import one_line
 from emgface.schema.units import to_si
 from emgface.texts import labelled, open_text, read_text
 
 NANOSECONDS = 1e9
-SAMPLED, SLOWEST, LEVELS = 20, 0.2, 5.0
-"""Number of instants from which a table is a sampled series, and the largest intervals of such a series
-and of a table of few levels [s]."""
-LONG, COARSE = 60.0, 0.02
-"""Duration and interval of a series from which its unit is doubted [s]."""
 _DRIVES = {"am": "my", "pd": "retracthyoid"}
 """Exciters of published series that drive a group; the others drive the muscle of their name."""
 _SWITCHED_OFF = ("th", "oh")
@@ -224,15 +220,14 @@ def _check_times(path: Path, given: Excitation) -> None:
             f"{path}: the times do not ascend, {t[row]:g} s follows {t[row - 1]:g} s in row {row + 1}: "
             "expected every instant once, in order"
         )
-    middle, most = float(np.median(steps)), SLOWEST if len(t) >= SAMPLED else LEVELS
-    if middle > most:
+    if slow := too_slow(t):
         raise JawError(
-            f"{path} contains {len(t)} instants every {middle:g} s, expected at most {most:g} s: divide "
-            "times in milliseconds by 1000, or add instants in between"
+            f"{path} contains {len(t)} instants every {slow[0]:g} s, expected at most {slow[1]:g} s: "
+            "divide times in milliseconds by 1000, or add instants in between"
         )
-    if t[-1] - t[0] > LONG and middle > COARSE:
+    if coarse := long_and_coarse(t):
         warnings.warn(
-            f"{path.name} lasts {t[-1] - t[0]:g} s with an instant every {middle:g} s: check that its "
+            f"{path.name} lasts {coarse[0]:g} s with an instant every {coarse[1]:g} s: check that its "
             "times are in seconds",
             FeatureWarning,
             stacklevel=3,
