@@ -33,6 +33,7 @@ err = Console(stderr=True)
 LEAST_TEXT = 30  #: width in characters below which a column of text begins a new block
 PARTIAL, BAD_INPUT, INTERRUPTED = 1, 2, 130
 """Exit codes: some trials failed, the command failed, interrupted by the user."""
+STOPPED = "Interrupted. Completed results are stored; run the same command again to continue."
 
 
 class Commands(TyperGroup):
@@ -53,18 +54,34 @@ class Commands(TyperGroup):
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt:
-            say(
-                "Interrupted. Completed results are stored; run the same command again to continue."
-            )
+            say(STOPPED)
             raise typer.Exit(INTERRUPTED) from None
         except BrokenPipeError:  # the reader, for example ``head``, has read enough
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             raise typer.Exit() from None
         except Exception as error:
+            if (code := code_of_interruption(error)) is not None:
+                say(STOPPED)
+                raise typer.Exit(code) from None
             if debugging() or not is_expected(error):
                 raise
             fail(error)
             raise typer.Exit(BAD_INPUT) from None
+
+
+def code_of_interruption(error: BaseException) -> int | None:
+    """Exit code of an interruption or signal during which an error was raised, None without one.
+
+    A signal may end a library in any of its lines, whose clean-up then fails in turn.
+    """
+    found: BaseException | None = error.__context__
+    while found is not None:
+        if isinstance(found, KeyboardInterrupt):
+            return INTERRUPTED
+        if isinstance(found, SystemExit) and isinstance(found.code, int) and found.code > 128:
+            return found.code
+        found = found.__context__
+    return None
 
 
 def is_expected(error: Exception) -> bool:

@@ -413,6 +413,25 @@ def test_an_interruption_is_reported_and_exits_130(laboratory, tmp_path, monkeyp
     assert "run the same command again" in result.stderr
 
 
+@pytest.mark.parametrize(
+    ("signal", "code"), [(KeyboardInterrupt(), 130), (SystemExit(143), 143), (SystemExit(2), None)]
+)
+def test_a_library_that_an_interruption_breaks_does_not_hide_it(monkeypatch, signal, code) -> None:
+    """The clean-up of a file library may fail in its turn, for example with KeyError."""
+    from emgface.face import file
+
+    def interrupted(*_: object, **__: object) -> None:
+        try:
+            raise signal
+        finally:
+            raise KeyError("closed")
+
+    monkeypatch.setattr(file, "load_face", interrupted)
+    result = run("reduce", "face.nc", "--out", "reduced.nc")
+    assert result.exit_code == (1 if code is None else code)
+    assert ("run the same command again" in result.stderr) == (code is not None)
+
+
 def test_debug_shows_the_traceback(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("EMGFACE_DEBUG", "")  # restored afterwards, whatever the command sets
     result = run("--debug", "reduce", tmp_path / "no.nc", "--out", tmp_path / "out.nc")
