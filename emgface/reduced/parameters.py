@@ -49,6 +49,18 @@ class ReductionParameters(Parameters):
             raise ValueError(f"modes = {self.modes}, expected a multiple of three")
         return self
 
+    @model_validator(mode="after")
+    def _calibrated(self) -> "ReductionParameters":
+        """Refuse before the training what the calibration after it cannot do."""
+        from sim.reduced.conformal import least_trials  # other commands load no mechanics
+
+        if self.calibration < (least := least_trials(self.coverage)):
+            raise ValueError(
+                f"calibration = {self.calibration}, expected at least {least} sequences for a "
+                f"coverage of {100 * self.coverage:g} %"
+            )
+        return self
+
 
 class ReducedParameters(Parameters):
     """Use of a reduced face instead of full order."""

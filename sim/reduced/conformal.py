@@ -36,9 +36,14 @@ def coverage_factor(errors: Array, estimates: Array, floor: float, coverage: flo
     n = len(errors)
     rank = math.ceil((n + 1) * coverage - 1e-9)
     if rank > n:
-        least = math.ceil(coverage / (1.0 - coverage) - 1e-9)
         raise SceneError(
-            f"{n} trials cannot calibrate a coverage of {100 * coverage:g} %, expected at least {least}"
+            f"{n} trials cannot calibrate a coverage of {100 * coverage:g} %, expected at least "
+            f"{least_trials(coverage)}"
         )
     scores = np.nanmax(errors / (estimates + floor), axis=1)
     return float(np.sort(scores)[rank - 1])
+
+
+def least_trials(coverage: float) -> int:
+    """Smallest number of trials that calibrate a coverage: n >= coverage/(1 - coverage)."""
+    return math.ceil(coverage / (1.0 - coverage) - 1e-9)

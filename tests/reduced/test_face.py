@@ -346,3 +346,10 @@ def test_a_live_face_moves_as_one_that_is_simulated_with_the_same_activation(fac
     expected = simulate_reduced(reduced, drive, 0.1)["position"].transpose("time", "marker", "axis")
     moved = np.array([markers for _, markers, _ in frames])
     np.testing.assert_allclose(moved, expected.values[1:], atol=1e-9)
+
+
+def test_too_few_sequences_of_the_calibration_are_refused_before_the_training():
+    """The training takes minutes, after which a coverage of 95 % requires 19 sequences."""
+    with pytest.raises(ConfigurationError, match="calibration = 18, expected at least 19"):
+        ef.reduce(training={"calibration": 18})
+    assert ReductionParameters(calibration=19).calibration == 19
