@@ -14,7 +14,8 @@ import emgface as ef
 import sim
 from benchmarks.report import Row
 from emgface.api.given import simulation_of, study_of
-from emgface.errors import EmgfaceError, TreatmentError
+from emgface.errors import EmgfaceError, FaceError, TreatmentError
+from emgface.face.lips import lining
 from emgface.face.motion import settle_face
 from emgface.face.template.build import volunteer_face
 
@@ -25,16 +26,23 @@ def random(plans: int = 20, seed: int = 0) -> list[Row]:
     free = simulation_of(study_of(None).simulation, "draft", {"contact": {"method": "none"}})
     faces = [volunteer_face(2017, k + 1, resolution="coarse")[0] for k in range(min(20, plans))]
     ended: dict[str, int] = {}
-    silent, longest, unstated = 0, 0.0, 0
+    silent, longest, unstated, closed = 0, 0.0, 0, 0
     for k in range(plans):
         plan = random_plan(rng)
         start = time.process_time()
         try:
             treated = ef.treat(faces[k % len(faces)], plan)
             settle_face(treated, free)
+            if all(step.get("layers", "all") == "all" for step in plan["step"]):
+                lining(treated)  # the surfaces that contact requires, of wounds without a pocket
+                closed += 1
             how = "unchanged" if treated is faces[k % len(faces)] else "treated"
         except TreatmentError as error:
             how = f"refused: {error.reason}"
+        except FaceError as error:
+            how = f"defect: {type(error).__name__}"
+            silent += 1
+            print(plan, error)
         except EmgfaceError as error:
             how = f"other: {type(error).__name__}"
             unstated += 1
@@ -53,6 +61,8 @@ def random(plans: int = 20, seed: int = 0) -> list[Row]:
         (f"{plans} random plans over {len(faces)} faces",
          "; ".join(f"{v} {k}" for k, v in sorted(ended.items())), "treated, or a sentence", silent == 0),
         ("refusals without a reason that programs can read", str(unstated), "0", unstated == 0),
+        ("plans of all layers whose lips have surfaces for contact", str(closed), "all treated",
+         silent == 0),
         ("longest", f"{longest:.1f} s", "no hang", longest < 120.0),
     ]  # fmt: skip
 
