@@ -238,6 +238,7 @@ def _session(
         list(map(str, face["marker"].values)),
         centre=centre,
         curves=edited,
+        ahead=None if edited is None else edited.ahead,
         further=outlets,
     )
     words = f"activations by {drive.name}"

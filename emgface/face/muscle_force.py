@@ -124,15 +124,53 @@ class MuscleForces:
         """Forces (t, n_muscles) [N] at positions (t, n_nodes, 3) [m] and activations (t, n_muscles)."""
         if self.largest > 0.0:
             return self.largest * activation
-        n = len(q)
         moved = np.ascontiguousarray(q.transpose(1, 0, 2)).reshape(q.shape[1], -1)
-        stretch = np.linalg.norm((self.along @ moved).reshape(-1, n, 3), axis=2)
-        found = np.zeros((n, len(self.muscles)))
-        for k, law in enumerate(self.laws):
-            own = self.muscle == k
-            slope = law.evaluate(stretch[own], np.broadcast_to(activation[:, k], (own.sum(), n)))[1]
-            found[:, k] = self.area[own] @ slope
-        return found
+        return self.of_directions((self.along @ moved).reshape(-1, len(q), 3), activation)
+
+    def of_directions(self, moved: Floats, activation: Floats) -> Floats:
+        """Forces (t, n_muscles) [N] for the directions F a0 of the rows (n_rows, t, 3)."""
+        stretch, level = np.linalg.norm(moved, axis=2), activation.T[self.muscle]
+        slope = np.zeros_like(stretch)
+        for law in dict.fromkeys(self.laws):
+            used = np.array([other == law for other in self.laws])
+            own = slice(None) if used.all() else used[self.muscle]
+            slope[own] = law.evaluate(stretch[own], level[own])[1]
+        summed = sparse.csr_array(
+            (self.area, (self.muscle, np.arange(len(self.area)))),
+            shape=(len(self.muscles), len(self.area)),
+        )
+        return (summed @ slope).T
+
+    def on_modes(self, rest: Floats, modes: Floats) -> "ModalForces":
+        """Forces from the coordinates of modes (n_nodes, 3, r) about positions (n_nodes, 3) [m]."""
+        rows, r = self.along.shape[0], modes.shape[2]
+        along = self.along @ modes.reshape(len(modes), -1)
+        return ModalForces(self, self.along @ rest, along.reshape(3 * rows, r))
+
+
+@dataclass(frozen=True, eq=False)
+class ModalForces:
+    """Forces of muscles from the coordinates y of a reduced face: F a0 is linear in them.
+
+    Attributes
+    ----------
+    forces : MuscleForces
+    rest : array (n_rows, 3)
+        F a0 of each row where the coordinates are zero.
+    modes : array (3 n_rows, r)
+        Its derivative by the coordinates.
+    """
+
+    forces: MuscleForces
+    rest: Floats
+    modes: Floats
+
+    def __call__(self, y: Floats, activation: Floats) -> Floats:
+        """Forces (t, n_muscles) [N] at coordinates (t, r) and activations (t, n_muscles)."""
+        if self.forces.largest > 0.0:
+            return self.forces.largest * activation
+        change = (self.modes @ y.T).reshape(len(self.rest), 3, len(y)).transpose(0, 2, 1)
+        return self.forces.of_directions(self.rest[:, None] + change, activation)
 
 
 def fibre_lengths(face: xr.Dataset) -> Floats:

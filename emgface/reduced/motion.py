@@ -156,20 +156,23 @@ def reduced_outputs(
     step: float,
     output: float,
     further: tuple[Probe, ...] = (),
+    own: tuple[Probe, ...] = (),
     initial: State | None = None,
     checkpoint: int | None = None,
     at_checkpoint: Callable[[State], None] | None = None,
 ) -> xr.Dataset:
     """Outputs of a reduced face for `with_error`, from its equilibrium or from another state.
 
-    `checkpoint` and `at_checkpoint` are those of `sim.simulate`.
+    The probes `further` record positions of full order, and `own` those of the reduced system, its
+    coordinates. `checkpoint` and `at_checkpoint` are those of `sim.simulate`.
     """
     face, r = reduced.face, reduced.moving
-    own = reduced.modes[face["marker_node"].values.astype(np.int64), :, r:]
+    omitted = reduced.modes[face["marker_node"].values.astype(np.int64), :, r:]
     probes: list[Probe] = [
         reduced.markers,
-        ReductionError(np.ascontiguousarray(own).reshape(-1, own.shape[2])),
+        ReductionError(np.ascontiguousarray(omitted).reshape(-1, omitted.shape[2])),
         Iterations(),
+        *own,
     ]
     probes += [Lifted(probe, reduced.rest, reduced.modes[..., :r]) for probe in further]
     system = reduced.model.system

@@ -55,6 +55,16 @@ class Curves:
     interpolation: Interpolation = "linear"
     clipped: int = field(init=False)  #: number of knots outside 0 to 1
 
+    def same(self, other: "Curves") -> bool:
+        """Whether knots, duration and interpolation are equal."""
+        equal = self.knots.keys() == other.knots.keys() and all(
+            np.array_equal(rows, other.knots[muscle]) for muscle, rows in self.knots.items()
+        )
+        return equal and (self.duration, self.interpolation) == (
+            other.duration,
+            other.interpolation,
+        )
+
     def __post_init__(self) -> None:
         if self.interpolation not in get_args(Interpolation):
             raise DataError(

@@ -3,7 +3,8 @@
 import json
 import struct
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from emgface.face.muscle_force import FORCE, MuscleForces
 from emgface.pictures.body import Skin
 from emgface.pictures.encoding import measured_markers, whole
-from emgface.pictures.surface import SurfaceProbe, without_surface
+from emgface.pictures.surface import without_surface
 from emgface.reduced.model import ReducedFace
 from emgface.reduced.motion import reduced_outputs, step_ends, with_error
 from emgface.schema.netcdf import kind_of
@@ -23,8 +24,10 @@ from emgface.view.curves import Curves, curves_of, read_curves
 from emgface.view.live import quanta
 from emgface.view.previewed import Previews
 from emgface.view.scored import Scorer
-from sim import Activation, State
+from sim import Activation, Positions, State
 from sim.activation import Driven
+from sim.errors import SimulationError
+from sim.threads import one_blas_thread
 
 Floats = NDArray[np.float64]
 
@@ -40,6 +43,10 @@ class _Former:
     levels: Floats
     outputs: xr.Dataset
     states: Mapping[int, State]
+
+
+class _Unwanted(Exception):
+    """A motion that was computed ahead is not wanted any more."""
 
 
 class EditedMotion:
@@ -62,8 +69,10 @@ class EditedMotion:
     ) -> None:
         self._reduced, self._centre, self._step = reduced, centre, step
         forces = MuscleForces.of(reduced.face, reduced.parameters)
-        self._drawn = SurfaceProbe(skin.node), forces
-        self._known = forces.known
+        modes = reduced.modes[..., : reduced.moving]
+        self._forces, self._known = forces.on_modes(reduced.rest, modes), forces.known
+        self._rest = reduced.rest[skin.node]
+        self._skin = np.ascontiguousarray(modes[skin.node]).reshape(-1, reduced.moving)
         self._scorer = (
             None if recording is None else Scorer(recording, reduced.face, start=start, pace=pace)
         )
@@ -129,8 +138,31 @@ class EditedMotion:
         driven = Driven(system, Activation(*curves.activation(system.muscles)))
         return self._reduced.trained.doubt(ends, driven.at_ends([0.0, *ends.tolist()]))
 
+    def ahead(self, curves: Curves, unwanted: Callable[[], bool]) -> None:
+        """Compute the complete motion of curves that a preview showed, until it is unwanted.
+
+        `unwanted` is asked at every checkpoint. The complete motion of the same curves then branches
+        from its last checkpoint; one that fails does so again when it is asked for.
+        """
+
+        def watch() -> None:
+            if unwanted():
+                raise _Unwanted
+
+        if self._previews is not None:
+            with suppress(_Unwanted, SimulationError):
+                self._outputs(curves, self._step, watch)
+
     def motion(self, curves: Curves, step: float) -> tuple[xr.Dataset, float]:
         """Motion of curves with steps [s], and the time [s] from which it was computed anew."""
+        computed, activation, since = self._outputs(curves, step)
+        drawn = self._drawn(computed, activation)
+        return with_error(self._reduced, drawn, activation, step=step), since
+
+    def _outputs(
+        self, curves: Curves, step: float, watch: Callable[[], None] = lambda: None
+    ) -> tuple[xr.Dataset, Activation, float]:
+        """Outputs, activation, and the time since which they are new; `watch` may end it by an error."""
         system = self._reduced.model.system
         activation = Activation(*curves.activation(system.muscles))
         count = max(round(curves.duration / OUTPUT), 1)
@@ -148,22 +180,39 @@ class EditedMotion:
             first = max((k for k in states if k < count), default=0)
             outputs = former.outputs.isel(time=slice(first + 1))
         made: list[State] = []
+
+        def keep(state: State) -> None:
+            made.append(state)
+            watch()
+
         computed = reduced_outputs(
             self._reduced,
             activation,
             (count - first) * OUTPUT,
             step=step,
             output=OUTPUT,
-            further=self._drawn,
+            own=(Positions(),),
             initial=states.get(first),
             checkpoint=CHECKPOINT,
-            at_checkpoint=made.append,
+            at_checkpoint=keep,
         )
         if first and outputs is not None:
             computed = _joined(outputs, computed)
         states |= {first + CHECKPOINT * (k + 1): state for k, state in enumerate(made)}
         self._former[step] = _Former(levels, computed, states)
-        return with_error(self._reduced, computed, activation, step=step), first * OUTPUT
+        return computed, activation, first * OUTPUT
+
+    @one_blas_thread
+    def _drawn(self, computed: xr.Dataset, activation: Activation) -> xr.Dataset:
+        """Outputs with positions of the skin and forces of the muscles instead of the coordinates."""
+        name = "node_position"
+        y = computed[name].transpose("time", "node", "axis").values.reshape(-1, self._skin.shape[1])
+        skin = self._rest + (y @ self._skin.T).reshape(len(y), -1, 3)
+        force = self._forces(y, activation.at_all(computed["time"].values))
+        return computed.drop_vars(name).assign({
+            "surface_position": (("time", "surface_node", "axis"), skin, {"units": "m"}),
+            FORCE: (("time", "muscle"), force, {"units": "N"}),
+        })  # fmt: skip
 
 
 def _joined(before: xr.Dataset, after: xr.Dataset) -> xr.Dataset:

@@ -241,6 +241,7 @@ class LiveSession:
         *,
         centre: Floats,
         curves: Callable[..., bytes] | None = None,
+        ahead: Callable[[Curves, Callable[[], bool]], None] | None = None,
         further: Callable[[Floats, Floats], None] | None = None,
     ) -> None:
         self.face, self.drive = face, drive
@@ -249,6 +250,9 @@ class LiveSession:
         self._new, self._number = threading.Condition(), 0
         self._newest: tuple[Floats, Floats, Moved] | None = None
         self._asked: list[tuple[Connection, Curves, bool]] = []
+        # While nothing else is asked for, the complete motion of a preview is computed.
+        self._ahead: Callable[[Curves, Callable[[], bool]], None] = ahead or (lambda *_: None)
+        self._shown: Curves | None = None
         self._still, self._reset, self.ended, self._pages = False, False, False, 0
         self.dropped = 0
 
@@ -341,6 +345,10 @@ class LiveSession:
                     self._answer()
                     self._still, began = True, self._continue(k)
                     continue
+                if self._still and self._shown is not None:
+                    shown, self._shown = self._shown, None
+                    self._ahead(shown, lambda shown=shown: self._other_than(shown))
+                    continue
                 if self._still:
                     with self._new:
                         self._new.wait_for(lambda: bool(self._asked) or not self._still, WAITING)
@@ -378,6 +386,8 @@ class LiveSession:
         """Compute and send the motions of the curves that pages have asked for."""
         with self._new:
             asked, self._asked = self._asked, []
+        _, shown, preview = asked[-1]
+        self._shown = shown if preview else None
         for connection, curves, preview in asked:
             assert self._curves is not None
             try:
@@ -389,6 +399,13 @@ class LiveSession:
                 if not isinstance(error, EmgfaceError | SimulationError):
                     raise
                 connection.send(json.dumps({"kind": "refused", "why": str(error)}))
+
+    def _other_than(self, curves: Curves) -> bool:
+        """Whether something else is wanted than the complete motion of curves."""
+        with self._new:
+            asked = list(self._asked)
+        other = any(preview or not one.same(curves) for _, one, preview in asked)
+        return other or self.ended or not self._still
 
     def _publish(
         self, moved: Moved, activation: Floats, k: int, times: tuple[float, float, int, float]

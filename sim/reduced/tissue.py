@@ -20,6 +20,8 @@ from sim.system import System
 from sim.terms.load import Gravity
 from sim.terms.solid import CompiledSolid
 
+LENGTHS = 4  #: number of lengths of steps whose matrices are kept, such as those of previews
+
 
 def solid_of(system: System) -> CompiledSolid:
     """The solid of a scene whose other forces are constant.
@@ -156,18 +158,20 @@ class CompiledReducedSolid(CompiledTerm):
         )
         self.linear = Linear(solid.load, solid.damping, solid.stiffness, float(np.sqrt(solid.mass)))
         self._upper = np.triu_indices(r)
-        self._for_step: tuple[float, Array, Array] = (0.0, np.zeros((0, 0)), np.zeros((0, 0)))
+        self._for_step: dict[float, tuple[Array, Array]] = {}
 
     def inverses(self, h: float) -> tuple[Array, Array]:
         """Inverses of 1 + h D + h^2 K at rest, of the coordinates that move and of the others."""
         h = float(f"{h:.9g}")  # steps that differ by rounding are the same
-        if self._for_step[0] != h:
+        if h not in self._for_step:
             r, s = self.r, self.solid
             A = np.eye(len(s.load)) + h * s.damping + h * h * s.stiffness
             pair = (np.linalg.inv(A[own, own]) for own in (slice(r), slice(r, None)))
             moving, omitted = (np.ascontiguousarray(0.5 * (B + B.T)) for B in pair)
-            self._for_step = h, moving, omitted
-        return self._for_step[1], self._for_step[2]
+            while len(self._for_step) >= LENGTHS:
+                self._for_step.pop(next(iter(self._for_step)))
+            self._for_step[h] = moving, omitted
+        return self._for_step[h]
 
     def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
         """F += force at coordinates q (n_points, 3), and K += stiffness."""

@@ -1,5 +1,7 @@
 """Forces of muscles: closed forms, the energy of the scene, files, and faces without fibre lines."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -82,6 +84,29 @@ def test_the_power_of_a_shortened_muscle_is_that_of_the_scene(coarse):
     assert power == pytest.approx(80e3 * (found.area[own] * length * rate[own]).sum(), rel=2e-3)
     mean = (found.area[own] * rate[own]).sum() / found.area[own].sum()
     assert power == pytest.approx(force * length * mean, rel=2e-3)
+
+
+@pytest.mark.parametrize("form", ["elements", "lines"])
+def test_forces_from_modes_are_those_of_the_positions(coarse, form):
+    """For random modes and coordinates; also with laws that differ between the muscles."""
+    rng = np.random.default_rng(3)
+    found = MuscleForces.of(coarse, PARAMETERS.model_copy(update={"muscle_form": form}))
+    if found.laws:
+        laws = (*found.laws[:7], *(replace(law, sigma_max=20e3) for law in found.laws[7:]))
+        found = replace(found, laws=laws)
+    rest = coarse["position"].values
+    modes = rng.normal(scale=1e-4, size=(*rest.shape, 5))
+    y, level = rng.normal(size=(4, 5)), rng.uniform(0.0, 1.0, (4, len(found.muscles)))
+    expected = found(rest + np.einsum("nar,tr->tna", modes, y), level)
+    np.testing.assert_allclose(
+        found.on_modes(rest, modes)(y, level), expected, rtol=1e-9, atol=1e-12
+    )
+    for k, law in enumerate(found.laws):  # one by one, by the sum over its rows
+        own = found.muscle == k
+        moved = (found.along @ rest)[own]
+        alone = found.area[own] @ law.evaluate(np.linalg.norm(moved, axis=1), np.float64(0.5))[1]
+        at_rest = found(rest[None], np.full((1, len(found.muscles)), 0.5))[0, k]
+        assert at_rest == pytest.approx(alone, rel=1e-12)
 
 
 def test_muscles_without_fibre_lines_have_no_force(coarse):

@@ -97,6 +97,29 @@ def test_a_motion_branches_from_the_last_checkpoint_bit_for_bit(small, interpola
         assert since[1] == pytest.approx(0.4) and since[2] == pytest.approx(0.5)
 
 
+def test_a_motion_computed_ahead_is_that_of_its_curves(small):
+    """Bit for bit; also one that was given up, and a failed one leaves no trace."""
+    late = Curves({**BASE, "OOP_R": [[0.0, 0.0], [0.45, 0.0], [0.5, 0.08]]}, 0.6)
+    whole = edited(small).motion(late, 0.01)[0]
+    for checkpoints in (0, 2, 99):
+        one, asked = edited(small), iter(range(1000))
+        one.ahead(late, lambda asked=asked, n=checkpoints: next(asked) >= n)
+        motion, since = one.motion(late, 0.01)
+        assert next(asked) == min(checkpoints + 1, 5)
+        assert since == (pytest.approx(0.5) if checkpoints == 99 else 0.0)
+        for name in whole.variables:
+            np.testing.assert_array_equal(motion[name].values, whole[name].values, str(name))
+
+
+def test_curves_are_the_same_only_with_equal_knots_and_times():
+    one = Curves(BASE, 0.6)
+    assert one.same(Curves({**BASE}, 0.6))
+    changed = {**BASE, "ZYG_L": [[0.0, 0.0], [0.3, 0.12], [0.6, 0.0]]}
+    for other in (Curves(BASE, 0.5), Curves(BASE, 0.6, "cubic"), Curves(changed, 0.6),
+                  Curves({"ZYG_L": BASE["ZYG_L"]}, 0.6)):  # fmt: skip
+        assert not one.same(other) and not other.same(one)
+
+
 def test_a_preview_is_the_motion_with_long_steps(small):
     """At the ends of its steps; the mean between them; also when only its end is computed."""
     reduced, skin, _ = small

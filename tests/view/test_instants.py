@@ -11,9 +11,9 @@ from emgface.pictures.encoding import middle_of, whole
 from emgface.pictures.page import motion_page
 from emgface.pictures.show import page
 from emgface.pictures.surface import drawn_surface, with_surface
-from tests.browser import needs_browser, started, until
+from tests.browser import needs_browser, until
 from tests.tongue.small import small_tongue_motion
-from tests.view.test_live import opened, press, served, skin  # noqa: F401  (fixtures)
+from tests.view.sessions import press
 
 STAGE = "document.getElementById('stage')"
 SCRUB = (
@@ -58,11 +58,6 @@ def sums(frames: np.ndarray) -> list[int]:
     """CRC-32 of frames (t, n, 3) [m] in the quanta of a page."""
     given = whole(frames, middle_of(frames[0])).astype("<i2")
     return [zlib.crc32(one.tobytes()) for one in given]
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    yield from started(tmp_path_factory.mktemp("profile"))
 
 
 def drawn(browser) -> int:

@@ -16,9 +16,8 @@ from emgface.treatment.motions import ComparedMotions
 from emgface.treatment.outcomes import movement_table, outcome_table
 from emgface.treatment.pages import compare_page
 from emgface.view.recording import recording_page
-from tests.browser import needs_browser, started, until
+from tests.browser import needs_browser, until
 from tests.data.made_recordings import emg, noise
-from tests.view.test_live import served, skin  # noqa: F401  (fixtures)
 
 CONTROLS = """
 const all = [...document.querySelectorAll('a[href], button, input, select, textarea, [tabindex]')];
@@ -98,11 +97,6 @@ def of_treatment(face: xr.Dataset) -> str:
 PAGES: dict[str, Callable[[xr.Dataset], str]] = {
     "recording": of_recording, "face": face_page, "motion": of_motion, "treatment": of_treatment,
 }  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    yield from started(tmp_path_factory.mktemp("profile"))
 
 
 @needs_browser

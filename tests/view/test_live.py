@@ -1,4 +1,4 @@
-"""Live session: sliders, streams that fail, the log, and the page in a browser."""
+"""Live session: sliders, streams that fail, the log, and what its pages hear."""
 
 import json
 import os
@@ -14,70 +14,12 @@ from emgface.children import child_environment, python_command
 from emgface.errors import SignalError
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS, MUSCLES
-from emgface.pictures.body import skin_of
-from emgface.pictures.encoding import QUANTUM, middle_of
+from emgface.pictures.encoding import QUANTUM
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.view.curves import Curves
-from emgface.view.live import HEAD, STILL, LiveSession, Semg, Sliders, frame_of
-from emgface.view.moving import FullMoving, Moved
-from emgface.view.page import live_page
-from emgface.view.server import LocalServer
-from emgface.view.workspace import Workspace
-from sim import InvertedElement
-from tests.browser import needs_browser, started, until
-
-STEP = 0.01
-
-
-class Shifted:
-    """A face that moves along z by the sum of the activations, 1 mm each."""
-
-    real_time = True
-    step = STEP
-
-    def __init__(self, face, skin, note=""):
-        self.muscles = tuple(map(str, face["muscle"].values))
-        self._rest = face["position"].values
-        self._skin, self._markers, self._note = skin.node, face["marker_node"].values, note
-
-    def reset(self):
-        """Nothing to forget."""
-
-    def __call__(self, activation):
-        q = self._rest + np.array([0.0, 0.0, 1e-3]) * np.sum(activation)
-        return Moved(q[self._skin], q[self._markers], 1e-4, 0.5, True, np.nan, self._note)
-
-
-@pytest.fixture(scope="module")
-def skin(coarse):
-    return skin_of(coarse)
-
-
-def session_of(face, skin, drive=None, **further):
-    moving = Shifted(face, skin)
-    markers = list(map(str, face["marker"].values))
-    centre = middle_of(face["position"].values[skin.node])
-    return LiveSession(
-        moving, drive or Sliders(moving.muscles, STEP), markers, centre=centre, **further
-    )
-
-
-class Page:
-    """Connection of a page that says some messages and keeps what it receives."""
-
-    def __init__(self, *said):
-        self.said, self.received, self.open = list(said), [], True
-        self._more = threading.Semaphore(0)
-
-    def send(self, message):
-        self.received.append(message)
-
-    def receive(self):
-        if not self.said:
-            self.open = False
-            return None
-        message = self.said.pop(0)
-        return message if isinstance(message, str) else json.dumps(message)
+from emgface.view.live import HEAD, STILL, Semg, frame_of
+from emgface.view.moving import FullMoving
+from tests.view.sessions import STEP, Asking, Page, Shifted, Waiting, session_of
 
 
 def test_a_slider_is_followed_at_a_limited_rate(coarse, skin):
@@ -260,271 +202,6 @@ def test_a_failed_step_is_reported_and_the_face_goes_on(coarse, skin, monkeypatc
     assert not moving(np.zeros(20)).note
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    yield from started(tmp_path_factory.mktemp("profile"))
-
-
-@pytest.fixture
-def served(coarse, skin, tmp_path):
-    """A session with its page; curves shift the face by the mean of each curve."""
-    from emgface.pictures.encoding import QUANTUM
-
-    asked = []
-    centre = middle_of(coarse["position"].values[skin.node])
-    rest = coarse["position"].values
-
-    def forces(level):
-        """Twice the sum of all curves, for every muscle [N]."""
-        return np.repeat(2.0 * level[:, None], len(MUSCLES), axis=1).tolist()
-
-    def motion(curves, *, preview=False):
-        import struct
-
-        asked.append((curves, preview))
-        if curves.duration > 50.0:
-            raise InvertedElement(3, -0.1, 0.2)
-        t = np.linspace(0.0, curves.duration, 11)
-        level = sum(curves.at(name, t) for name in curves.knots)
-        q = rest[None] + 1e-3 * np.multiply.outer(level, np.array([[0.0, 0.0, 1.0]]))
-        head = {"kind": "motion", "preview": preview, "time": t.tolist(), "bound": 1e-4, "doubt": "",
-                "clipped": 0, "forces": None if preview else forces(level),
-                "rho": {"corner_left": 0.75, "corner_right": None},
-                "simulated": 0.0, "total": 0.0}  # fmt: skip
-        text = json.dumps(head).encode()
-        body = b"".join(
-            np.round((q[:, node] - centre) / QUANTUM).astype("<i2").tobytes()
-            for node in (skin.node, coarse["marker_node"].values)
-        )
-        if not preview:  # measured: the first marker only, 2 mm above the simulated ones
-            measured = np.full((len(t), coarse.sizes["marker"], 3), -32768)
-            above = q[:, coarse["marker_node"].values[0]] + [0.0, 0.0, 2e-3]
-            measured[:, 0] = np.round((above - centre) / QUANTUM)
-            body += measured.astype("<i2").tobytes()
-        return struct.pack("<I", len(text)) + text + body
-
-    session = session_of(coarse, skin, curves=motion)
-    given = Curves({"ZYG_L": [[0.0, 0.0], [0.5, 0.5], [1.0, 0.0]]}, 1.0)
-    (tmp_path / "face.nc").write_bytes(b"face")
-    kept = Workspace.of(tmp_path / "work", {"face": tmp_path / "face.nc"}, MUSCLES)
-    text = live_page(coarse, skin, session.face, words="activations by sliders", sliders=True,
-                     edits=True, curves=given, workspace=kept)  # fmt: skip
-    from emgface.cli.live import _opened
-
-    server = LocalServer(text, talk=session.talk, post={"curves": _opened, "workspace": kept.save})
-    server.start()
-    thread = threading.Thread(target=session.run, args=(60.0,), daemon=True)
-    thread.start()
-    yield session, server, asked
-    session.ended = True
-    server.stop()
-
-
-STAGE = "document.getElementById('stage').dataset"
-
-
-def press(browser, control):
-    browser.execute_script(f"document.getElementById('{control}').click()")
-
-
-def soon(browser, condition):
-    limit = time.monotonic() + 20.0
-    while not condition():
-        assert time.monotonic() < limit, browser.get_log("browser")
-        time.sleep(0.02)
-
-
-@pytest.fixture
-def opened(served, browser):
-    """The browser with the page of a session, whose console and requests are judged at the end."""
-    _, server, _ = served
-    browser.get_log("browser")
-    browser.get_log("performance")
-    browser.get(server.url)
-    until(browser, f"return {STAGE}.ready === 'yes' && {STAGE}.connected === 'yes'")
-    yield browser
-    assert not [e for e in browser.get_log("browser") if e["level"] == "SEVERE"
-                and "favicon" not in e["message"]]  # fmt: skip
-    own = server.url.split("/")[2]
-    for entry in browser.get_log("performance"):
-        message = json.loads(entry["message"])["message"]
-        if message["method"] == "Network.requestWillBeSent":
-            url = message["params"]["request"]["url"]
-            assert url.startswith(("data:", "blob:", f"http://{own}/", "chrome:")), url
-
-
-@needs_browser
-def test_sliders_of_the_page(served, opened):
-    session, _, _ = served
-
-    def levels():
-        return np.round(session.drive.wanted, 3)
-
-    index = session.face.muscles.index
-    slide = ("const s = document.getElementById('slide-ZYG_L'); s.dispatchEvent(new PointerEvent("
-             "'pointerdown')); s.value = 0.4; s.dispatchEvent(new Event('input'))")  # fmt: skip
-    opened.execute_script(slide)
-    soon(opened, lambda: levels()[index("ZYG_L")] == levels()[index("ZYG_R")] == 0.4)  # linked
-    until(opened, f"return Number({STAGE}.reacted) > 0")  # drawn with another activation
-    press(opened, "linked")
-    opened.execute_script(slide.replace("0.4", "0.7"))
-    soon(opened, lambda: levels()[index("ZYG_L")] == 0.7 and levels()[index("ZYG_R")] == 0.4)
-    press(opened, "undo")
-    soon(opened, lambda: levels()[index("ZYG_L")] == 0.4)
-    opened.execute_script("document.querySelector('#presets button').click()")  # instruction A
-    soon(opened, lambda: levels()[index("OOP_L")] == 0.3 and levels()[index("ZYG_L")] == 0.0)
-    until(opened, "return document.getElementById('status').innerText.includes('ms')")
-    press(opened, "rest")
-    soon(opened, lambda: not levels().any())
-
-
-@needs_browser
-def test_curves_and_time_of_the_page(served, opened, tmp_path):
-    _, _, asked = served
-
-    def last():
-        return asked[-1][0].knots["ZYG_L"]
-
-    press(opened, "tab-curves")
-    until(opened, f"return Number({STAGE}.motion) >= 1")
-    until(opened, "return document.getElementById('rho').innerText.includes('0.75')")
-    assert "undefined" in opened.execute_script("return document.getElementById('rho').innerText")
-    plot = opened.find_element("id", "curve")
-    page_down, up, insert, delete = "\ue00f", "\ue013", "\ue016", "\ue017"
-    for keys, expected in (
-        ((page_down, page_down, up), lambda: abs(last()[1, 1] - 0.52) < 1e-9),
-        ((insert,), lambda: len(last()) == 4),
-        ((delete,), lambda: len(last()) == 3),
-    ):
-        plot.send_keys(*keys)
-        soon(opened, expected)
-    for control, expected in {
-        "later": lambda: abs(last()[0, 0] - 0.02) < 1e-9,
-        "earlier": lambda: abs(last()[0, 0]) < 1e-9,
-        "longer": lambda: abs(last()[-1, 0] - 1.05) < 1e-9,
-        "undo-curve": lambda: abs(last()[-1, 0] - 1.0) < 1e-9,
-        "mirror": lambda: "ZYG_R" in asked[-1][0].knots,
-        "exchange": lambda: "ZYG_R" in asked[-1][0].knots,
-        "shorter": lambda: abs(last()[-1, 0] - 0.95) < 1e-9,
-    }.items():
-        press(opened, control)
-        soon(opened, expected)
-    opened.execute_script("document.getElementById('notes').value = 'late on the left'")
-    press(opened, "keep")
-    until(opened, f"return {STAGE}.kept === 'work'")
-    again = Workspace.of(tmp_path / "work", {"face": tmp_path / "face.nc"}, MUSCLES)
-    assert again.notes == "late on the left" and set(again.curves.knots) == set(asked[-1][0].knots)
-    assert again.view["zoom"] == 1.0
-    # A knot that is dragged: previews while it moves, a complete motion after it.
-    before = len(asked)
-    press(opened, "undo-curve")
-    opened.execute_script(
-        "const c = document.getElementById('curve'), b = c.getBoundingClientRect();"
-        "c.setPointerCapture = () => {};"
-        "const x = (t) => b.left + 34 + t * (c.clientWidth - 42);"
-        "const y = (v) => b.top + 8 + (1 - v) * (c.clientHeight - 28);"
-        "const at = (t, v, name) => c.dispatchEvent(new PointerEvent(name,"
-        " {pointerId: 1, clientX: x(t), clientY: y(v)}));"
-        "at(0.5, 0.52, 'pointerdown'); at(0.5, 0.9, 'pointermove'); at(0.5, 0.9, 'pointerup');"
-    )
-    soon(
-        opened, lambda: abs(last()[1, 1] - 0.9) < 0.02 and not asked[-1][1] and len(asked) > before
-    )
-    # Time: a slider, and play.
-    opened.execute_script(
-        "const t = document.getElementById('time'); t.value = 5; t.dispatchEvent(new Event('input'))"
-    )
-    until(opened, f"return {STAGE}.at === '5'")
-    assert opened.execute_script("return document.getElementById('clock').textContent") == "0.50 s"
-    # The measured marker is drawn, and disappears with its box.
-    assert not opened.execute_script(
-        "return document.getElementById('measured').parentElement.hidden"
-    )
-    pictures = [opened.get_screenshot_as_base64()]
-    for _ in range(2):
-        shown = opened.execute_script(f"return {STAGE}.frames")
-        press(opened, "measured")
-        until(opened, f"return {STAGE}.frames !== '{shown}'")
-        pictures.append(opened.get_screenshot_as_base64())
-    assert pictures[0] == pictures[2] != pictures[1]
-    press(opened, "play")
-    until(opened, f"return {STAGE}.at !== '5'")
-    found = opened.execute_async_script(
-        "const done = arguments[0];"
-        "fetch('curves', {method: 'POST', body: 'x,y'}).then(r => r.json()).then(done)"
-    )
-    assert "expected time" in found["why"]
-
-
-@needs_browser
-def test_forces_are_those_of_the_changed_curves_or_none(served, opened):
-    """Never those of the former curves: not during a drag, not after curves without a motion."""
-    _, _, asked = served
-
-    def status():
-        return opened.execute_script("return document.getElementById('status').innerText")
-
-    def force():
-        return opened.execute_script(f"return {STAGE}.force")
-
-    press(opened, "tab-curves")
-    until(opened, f"return {STAGE}.force !== undefined && {STAGE}.way === 'complete'")
-    opened.execute_script(
-        "const m = document.getElementById('muscle'); m.value = 'ZYG_L';"
-        "m.dispatchEvent(new Event('change')); const t = document.getElementById('time');"
-        "t.value = 5; t.dispatchEvent(new Event('input'))"
-    )
-    until(opened, f"return {STAGE}.at === '5' && Number({STAGE}.force) === 1.0")
-    assert "force of" in status() and "1.000 N, at most 1.000 N" in status()
-    # A knot is dragged and held, then released.
-    at = (
-        "const c = document.getElementById('curve'), b = c.getBoundingClientRect();"
-        "c.setPointerCapture = () => {};"
-        "const at = (t, v, name) => c.dispatchEvent(new PointerEvent(name, {pointerId: 1,"
-        " clientX: b.left + 34 + t * (c.clientWidth - 42),"
-        " clientY: b.top + 8 + (1 - v) * (c.clientHeight - 28)}));"
-    )
-    before = opened.execute_script(f"return {STAGE}.motion")
-    immediate = opened.execute_script(
-        f"{at} at(0.5, 0.5, 'pointerdown'); at(0.5, 0.8, 'pointermove');"
-        f"return [{STAGE}.force, document.getElementById('status').innerText]"
-    )
-    assert immediate[0] == "" and " N" not in immediate[1]
-    until(opened, f"return {STAGE}.motion !== '{before}' && {STAGE}.way === 'preview'")
-    assert force() == "" and "follows the complete motion" in status()
-    opened.execute_script(f"{at} at(0.5, 0.8, 'pointerup');")
-    until(opened, f"return {STAGE}.way === 'complete' && {STAGE}.force !== ''")
-    level = float(asked[-1][0].at("ZYG_L", np.array([0.5]))[0])
-    assert level > 0.7 and float(force()) == pytest.approx(2.0 * level)
-    # Curves without a motion: neither a force nor a score of the former ones remains.
-    opened.execute_script(
-        "const d = document.getElementById('duration'); d.value = 55;"
-        "d.dispatchEvent(new Event('change'))"
-    )
-    until(opened, f"return ({STAGE}.refused || '').includes('element 3')")
-    assert force() == "" and status() == ""
-    assert not opened.execute_script("return document.getElementById('rho').innerText")
-    told = opened.execute_script("return document.getElementById('told').textContent")
-    assert "the motion of the former curves" in told
-    opened.execute_script(
-        "const t = document.getElementById('time'); t.value = 3; t.dispatchEvent(new Event('input'))"
-    )
-    until(opened, f"return {STAGE}.at === '3'")
-    assert force() == "" and status() == ""
-    press(opened, "undo-curve")
-
-
-class Waiting(Page):
-    """Page that stays open until it is closed."""
-
-    def receive(self):
-        self._more.acquire()
-        self.open = False
-
-    def close(self):
-        self._more.release()
-
-
 def test_every_page_hears_the_notes(coarse, skin):
     """Two pages at once; each hears a note once, and is sent frames."""
     session = session_of(coarse, skin)
@@ -540,20 +217,6 @@ def test_every_page_hears_the_notes(coarse, skin):
         texts = [json.loads(m)["text"] for m in page.received if isinstance(m, str)]
         assert texts == ["A step failed."]
         assert any(isinstance(m, bytes) for m in page.received)
-
-
-class Asking(Waiting):
-    """Page that asks for something, and then stays open."""
-
-    def __init__(self, message):
-        super().__init__()
-        self._message = message
-
-    def receive(self):
-        if message := self._message:
-            self._message = None
-            return json.dumps(message)
-        return super().receive()
 
 
 def test_other_pages_hear_why_the_face_stands_still(coarse, skin):
@@ -607,3 +270,60 @@ def test_missed_time_is_left_out_and_told(coarse, skin):
     assert [text[:21] for _, text in session.log.notes][:1] == ["The computer was busy"]
     # Making up for it would need no time; the 24 steps that are left take their own.
     assert calls[-1] - calls[6] > 0.2
+
+
+class Editing(Waiting):
+    """Page that asks for a motion, and for another one when it may."""
+
+    def __init__(self, *said):
+        super().__init__()
+        self.said, self.next = list(said), threading.Event()
+        self.next.set()
+
+    def receive(self):
+        if not self.said:
+            return super().receive()
+        self.next.wait(20.0)
+        self.next.clear()
+        return json.dumps(self.said.pop(0))
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_the_motion_of_a_preview_is_computed_ahead_until_another_is_wanted(coarse, skin, same):
+    """The request for the complete motion of the same curves does not end it, any other does."""
+    asked, ends = [], []
+    knots = {"ZYG_L": [[0.0, 0.0], [0.5, 0.5], [1.0, 0.0]]}
+    other = {"ZYG_L": [[0.0, 0.0], [0.5, 0.6], [1.0, 0.0]]}
+    first = {"kind": "curves", "knots": knots, "duration": 1.0, "interpolation": "linear"}
+    second = first | {"knots": knots if same else other}
+    page = Editing(first | {"preview": True}, second | {"preview": False})
+
+    def motion(curves, *, preview=False):
+        asked.append((curves, preview))
+        return b"motion"
+
+    def ahead(curves, unwanted):
+        assert curves.same(Curves(knots, 1.0)) and not unwanted()
+        page.next.set()
+        limit = time.monotonic() + 20.0
+        while page.said and time.monotonic() < limit:
+            time.sleep(0.01)
+        time.sleep(0.1)
+        ends.append(unwanted())
+
+    session = session_of(coarse, skin, curves=motion, ahead=ahead)
+    threads = [
+        threading.Thread(target=session.talk, args=(page,), daemon=True),
+        threading.Thread(target=session.run, args=(60.0,), daemon=True),
+    ]
+    for one in threads:
+        one.start()
+    limit = time.monotonic() + 20.0
+    while len(asked) < 2 and time.monotonic() < limit:
+        time.sleep(0.02)
+    session.ended = True
+    page.close()
+    for one in threads:
+        one.join(10.0)
+    assert [preview for _, preview in asked] == [True, False]
+    assert ends == [not same]

@@ -17,14 +17,9 @@ from emgface.pictures.render import VIEWS
 from emgface.recordings.labels import read_label_map
 from emgface.treatment.outline import outline_of
 from emgface.treatment.plan import read_plan
-from tests.browser import needs_browser, started, until
+from tests.browser import needs_browser, until
 
 MARKUP = "<img src=x onerror=alert(1)>"
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    yield from started(tmp_path_factory.mktemp("profile"))
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from emgface.signals.parameters import FilterParameters
 from emgface.view.pyramid import BUDGET, GAP, bins_of, coarse_enough
 from emgface.view.recording import RecordingPage, findings_shown, recording_page
 from emgface.view.server import LocalServer
-from tests.browser import needs_browser, started, until
+from tests.browser import needs_browser, until
 from tests.data.made_recordings import emg, noise
 
 
@@ -173,11 +173,6 @@ def test_unusable_parts_that_the_file_lacks_are_refused(stored, unusable, expect
 def test_a_recording_without_a_usable_channel_has_no_emg(stored):
     found = read_recording(stored, mapping={"unusable": {"channels": list(CHANNELS)}})
     assert "emg" not in found and "position" in found
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    yield from started(tmp_path_factory.mktemp("profile"))
 
 
 @needs_browser

@@ -11,7 +11,7 @@ from PIL import Image
 
 from emgface.pictures.page import face_page
 from emgface.view.recording import recording_page
-from tests.browser import needs_browser, started
+from tests.browser import needs_browser
 from tests.data.made_recordings import emg, noise
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -44,11 +44,6 @@ def test_every_picture_is_shown_small_and_made_by_the_script(tour):
         assert len(told) > 40 and path.stat().st_size < 200_000
         with Image.open(path) as picture:
             assert picture.size == (1400, 900)
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    yield from started(tmp_path_factory.mktemp("profile"))
 
 
 @needs_browser

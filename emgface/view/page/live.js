@@ -94,7 +94,7 @@ function motion(buffer) {
   for (const part of ["simulated", "scored", "total"]) canvas.dataset[part] = (1e3 * head[part]).toFixed(1);
   canvas.dataset.way = head.preview ? "preview" : "complete";
   told([head.doubt && `The reduced face is not trusted here: ${head.doubt}.`, head.clipped && `${head.clipped} knots are outside 0 to 1 and limited.`, head.why && `No score: ${head.why}`].filter(Boolean).join(" "));
-  entries([["bound of the error", `${(1e3 * head.bound).toFixed(2)} mm`], ["computed in", `${(1e3 * head.total).toFixed(0)} ms`], ["steps", head.preview ? "preview" : "complete"], ["force", ""]]);
+  entries([["bound of the error", `${(1e3 * head.bound).toFixed(2)} mm`], ["computed in", `${(1e3 * head.total).toFixed(0)} ms`], ["steps", head.preview ? "preview" : "complete"], ["force of contact", "requires full order"], ["force", ""]]);
   if (Object.keys(head.rho).length) scores(head.rho);
   live.pending = false;
   instant();
