@@ -75,7 +75,12 @@ def activation_heat_map(activation: xr.Dataset) -> "Figure":
 
 
 @styled
-def feature_boxes(activations: Iterable[xr.Dataset], *, variable: str = "activation") -> "Figure":
+def feature_boxes(
+    activations: Iterable[xr.Dataset],
+    *,
+    variable: str = "activation",
+    labels: Mapping[str, str] | None = None,
+) -> "Figure":
     """Draw the distribution of normalised features per muscle, one panel per instruction.
 
     Boxes span the quartiles of all samples of all trials of an instruction, with the median as a
@@ -89,6 +94,8 @@ def feature_boxes(activations: Iterable[xr.Dataset], *, variable: str = "activat
         ``volunteer``.
     variable : str
         Name of the variable.
+    labels : mapping, optional
+        Title of the panel of an instruction, in place of its label.
 
     Returns
     -------
@@ -142,7 +149,7 @@ def feature_boxes(activations: Iterable[xr.Dataset], *, variable: str = "activat
             boxes(panel, found, 0.34, which, whiskers=(5, 95))
         people = {str(trial.attrs.get("volunteer", "")) for trial in trials} - {""}
         count = f"{len(trials)} trials" + (f", {len(people)} volunteers" if people else "")
-        panel.set_title(f"{instruction} ({count})")
+        panel.set_title(f"{(labels or {}).get(instruction, instruction)} ({count})")
         panel.set_ylim(-0.03, 1.03)
         ticks(panel, "x", range(len(places)), places)
         panel.tick_params(axis="x", rotation=60)

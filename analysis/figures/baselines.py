@@ -1,5 +1,7 @@
 """Figure of rho of every strategy with its baselines and ceiling."""
 
+from collections.abc import Mapping
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,13 +19,15 @@ if TYPE_CHECKING:
 
 
 @styled
-def baseline_plot(cube: xr.Dataset) -> "Figure":
+def baseline_plot(cube: xr.Dataset, *, labels: Mapping[str, str] | None = None) -> "Figure":
     """Draw rho with template, ceiling and nulls, per instruction and strategy.
 
     Parameters
     ----------
     cube : xarray.Dataset
         With baselines, without further axes.
+    labels : mapping, optional
+        Text at the axis for an instruction, in place of its label.
 
     Returns
     -------
@@ -49,7 +53,8 @@ def baseline_plot(cube: xr.Dataset) -> "Figure":
     for panel, near_one in zip(panels, (False, True), strict=True):
         for place, instruction in enumerate(instructions):
             _instruction(panel, selected(cube, {"instruction": instruction}), place, near_one)
-        ticks(panel, "x", range(len(instructions)), instructions)
+        text = [fill((labels or {}).get(one, one), 14) for one in instructions]
+        ticks(panel, "x", range(len(instructions)), text)
         panel.set_xlim(-0.6, len(instructions) - 0.4)
     panels[0].set_ylabel("rho")
     panels[0].axhline(0.0, color="0.6", linewidth=0.8, zorder=0)

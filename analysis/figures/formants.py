@@ -1,5 +1,7 @@
 """Figure of the formants of a study over time."""
 
+from collections.abc import Mapping
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,13 +20,15 @@ LINES = ("-", "--", ":", "-.")
 
 
 @styled
-def formant_plot(cube: xr.Dataset) -> "Figure":
+def formant_plot(cube: xr.Dataset, *, labels: Mapping[str, str] | None = None) -> "Figure":
     """Draw F1 and F2 over the duration of the trials, per instruction and strategy.
 
     Parameters
     ----------
     cube : xarray.Dataset
         With ``formant_frequency``, without further axes.
+    labels : mapping, optional
+        Title of the panels of an instruction, in place of its label.
 
     Returns
     -------
@@ -46,15 +50,17 @@ def formant_plot(cube: xr.Dataset) -> "Figure":
         for row, number in enumerate((2, 1)):
             panel = panels[row][column]
             for k, strategy in enumerate(cube["strategy"].values):
-                labels = {"instruction": instruction, "strategy": strategy, "formant": number}
-                one = selected(cube, labels)["formant_frequency"]
+                where = {"instruction": instruction, "strategy": strategy, "formant": number}
+                one = selected(cube, where)["formant_frequency"]
                 values = one.transpose(..., "instant").values.reshape(-1, cube.sizes["instant"])
                 line = _band(panel, cube["instant"].values, values, k)
                 if line is not None:
                     lines.setdefault(str(strategy), line)
             if column == 0:
                 panel.set_ylabel(f"F{number} [Hz]")
-        panels[0][column].set_title(str(instruction))
+        panels[0][column].set_title(
+            fill((labels or {}).get(str(instruction), str(instruction)), 16)
+        )
         panels[1][column].set_xlabel("part of the trial")
     legend(figure, list(lines.values()), list(lines))
     heading(figure, "formants", origin_of(cube))

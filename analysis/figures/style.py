@@ -33,6 +33,7 @@ SECOND: Final = {"color": COLOURS[5], "linestyle": "--"}
 """Line style of a recording or a reference."""
 LETTER: Final = 0.6  #: mean width of a letter, in the size of the type [1]
 POINTS: Final = 72.0  #: per inch
+LONGEST: Final = 27  #: largest number of characters of a line at an axis
 LEAST_OF_BOX: Final = 8  #: number of values below which quartiles say little, and points are drawn
 SHADES: Final = "cividis"  #: colour map of ordered values, suitable for colour vision deficiency
 
@@ -133,9 +134,19 @@ def legend(
 
 
 def ticks(panel: "Axes", which: str, places: Sequence[float], texts: Sequence[str]) -> None:
-    """Set tick labels of an axis, ``"x"`` or ``"y"``, in small type if there are many."""
+    """Set tick labels of an axis, ``"x"`` or ``"y"``, in small type if there are many.
+
+    The middle of lines above `LONGEST` characters is left out.
+    """
     size = "x-small" if len(texts) > 8 else "medium"
-    getattr(cast(Any, panel), f"set_{which}ticks")(list(places), list(texts), fontsize=size)
+    shown = ["\n".join(map(_shortened, text.split("\n"))) for text in texts]
+    getattr(cast(Any, panel), f"set_{which}ticks")(list(places), shown, fontsize=size)
+
+
+def _shortened(line: str) -> str:
+    """A line of at most `LONGEST` characters: its beginning and its end."""
+    end = LONGEST // 3
+    return line if len(line) <= LONGEST else f"{line[: LONGEST - end - 1]}…{line[-end:]}"
 
 
 def boxes(

@@ -76,10 +76,12 @@ def study_statistics(
     return found
 
 
-def conclusions(found: Mapping[str, xr.Dataset]) -> list[str]:
+def conclusions(found: Mapping[str, xr.Dataset], *, together: bool = False) -> list[str]:
     """State for every contrast whether the difference is significant, and for which scope.
 
-    One or two sentences per contrast of the result of `study_statistics`. A difference is
+    One or two sentences per contrast of the result of `study_statistics`; with `together`, the second
+    sentence, which is on instructions in general, is a text of its own for all contrasts of which it
+    is true, after those of the contrasts. A difference is
     significant for the instructions of the study if the sign-flip p over all contrasts jointly is
     at most 1 - level, and for instructions in general if that of the mixed model is, after Holm's
     correction. Otherwise the smallest detectable difference is stated.
@@ -88,6 +90,7 @@ def conclusions(found: Mapping[str, xr.Dataset]) -> list[str]:
     alpha = 1.0 - float(exact.attrs["level"])
     variable, origin = str(exact.attrs["variable"]), str(exact.attrs["origin"])
     told: list[str] = []
+    general: dict[str, list[str]] = {}
     for index, contrast in enumerate(exact["contrast"].values):
         row = exact.isel(contrast=index)
         p, least, n = float(row["p_joint"]), float(row["smallest_p"]), int(row["n"])
@@ -110,8 +113,15 @@ def conclusions(found: Mapping[str, xr.Dataset]) -> list[str]:
                 f"no significant difference in {variable} ({shown_p(p)} jointly, "
                 f"{persons(n)}); a difference may exist: {_smallest_seen(row, alpha)}."
             )
-        general = _in_general(found["mixed_model"].isel(contrast=index), alpha)
-        told.append(f"{contrast}: {text} {general}")
+        second = _in_general(found["mixed_model"].isel(contrast=index), alpha)
+        general.setdefault(second, []).append(str(contrast))
+        told.append(f"{contrast}: {text}" if together else f"{contrast}: {text} {second}")
+    if together:
+        every = exact.sizes["contrast"]
+        told += [
+            second if len(contrasts) == every else f"{', '.join(contrasts)}: {second}"
+            for second, contrasts in general.items()
+        ]
     return told or [str(exact.attrs["sentence"])]
 
 

@@ -16,7 +16,7 @@ from emgface.fit.carry import CHANGED
 from emgface.fit.columns import SPREAD
 from emgface.fit.person import Fitted
 from emgface.fit.picture import fit_figure
-from emgface.pictures.page import environment, policy, style, svg_of
+from emgface.pictures.page import environment, laid_out, policy, style, svg_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -139,11 +139,11 @@ def _tables(fitted: Fitted) -> dict[str, tuple[str, pd.DataFrame]]:
 
 
 def _cells(title: str, frame: pd.DataFrame) -> dict[str, Any]:
-    heads = [
-        {"text": str(name), "number": frame[name].dtype.kind in "fi"} for name in frame.columns
-    ]
-    rows = [[_text(v) for v in row] for row in frame.itertuples(index=False)]
-    return {"title": title, "note": "", "heads": heads, "rows": rows}
+    heads = [str(name) for name in frame.columns]
+    numbers = [frame[name].dtype.kind in "fi" for name in frame.columns]
+    return laid_out(
+        title, heads, numbers, [[_text(v) for v in row] for row in frame.itertuples(index=False)]
+    )
 
 
 def _text(value: Any) -> str:

@@ -15,7 +15,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from analysis.figures.style import WRITTEN, settings, title_of
-from analysis.tables import Table
+from analysis.tables import ABSENT, Table
 from emgface.errors import DataError
 from emgface.muscles import INSTRUCTIONS
 from emgface.pictures.body import body_of, skin_of
@@ -31,10 +31,15 @@ from emgface.pictures.encoding import (
     whole,
 )
 from emgface.pictures.lips import lips_at_rest, lips_of_motion
+from emgface.pictures.notes import Notes
 from emgface.pictures.picking import pick_data
 from emgface.pictures.render import VIEWS
 from emgface.pictures.surface import drawn_surface
 
+WIDE: Final = (
+    12  #: number of columns above which a table is printed smaller, or upright if it is low
+)
+LOW: Final = 6  #: largest number of rows of a table that is printed upright
 THREE: Final = "three/three.module.min.js"
 """three.js 0.170.0, build/three.module.min.js, unchanged."""
 if TYPE_CHECKING:
@@ -242,8 +247,8 @@ def page_of(data: dict[str, Any], *, title: str, badge: str, words: str, simulat
     )  # fmt: skip
 
 
-def svg_of(figure: "Figure", name: str, description: str) -> Markup:
-    """Write a figure as an SVG element without size, so that it fills its container.
+def svg_of(figure: "Figure", name: str, description: str, *, scale: float = 1.0) -> Markup:
+    """Write a figure as an SVG element that fills its container, up to `scale` times its own width.
 
     `name` is unique in the page and prefixes every id; `description` is the text for screen
     readers.
@@ -266,7 +271,8 @@ def svg_of(figure: "Figure", name: str, description: str) -> Markup:
     head = re.sub(r'\s(width|height)="[^"]*"', "", head)
     wide = float(width[1]) if width else 500.0
     label = str(Markup.escape(description)).replace('"', "&quot;")
-    return Markup(f'{head} role="img" aria-label="{label}" style="max-width:{wide:.0f}pt">{body}')
+    size = f"max-width:{scale * wide:.0f}pt"
+    return Markup(f'{head} role="img" aria-label="{label}" style="{size}">{body}')
 
 
 def figure_page(figure: "Figure") -> str:
@@ -280,31 +286,59 @@ def figure_page(figure: "Figure") -> str:
 
 
 def environment(*packages: str) -> Environment:
-    """Templates of this package and of others, which may include each other's templates."""
+    """Templates of this package and of others, which may include each other's templates.
+
+    They are those of one page: what the note of a table states is not repeated at a later one.
+    """
     loaders = [PackageLoader(name, "page") for name in (*packages, "emgface.pictures")]
-    return Environment(
+    made = Environment(
         loader=ChoiceLoader(loaders),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.globals["noted"] = Notes()
+    return made
 
 
 def cells(table: Table) -> dict[str, Any]:
-    """Convert a table for the page: title, note, heads with alignment, rows of text."""
-    heads = [
-        {
-            "text": column.head().replace("_", " "),
-            "number": any(isinstance(row[index], int | float) for row in table.rows),
-        }
-        for index, column in enumerate(table.columns)
+    """Convert a table for the page by `laid_out`."""
+    numbers = [
+        any(isinstance(row[k], int | float) for row in table.rows)
+        for k in range(len(table.columns))
     ]
     rows = [
         [column.cell(value) for column, value in zip(table.columns, row, strict=True)]
         for row in table.rows
     ]
-    return {"title": table.title, "note": table.note, "heads": heads, "rows": rows}
+    heads = [column.head().replace("_", " ") for column in table.columns]
+    return laid_out(table.title, heads, numbers, rows, table.note)
+
+
+def laid_out(
+    title: str, heads: list[str], numbers: list[bool], rows: list[list[str]], note: str = ""
+) -> dict[str, Any]:
+    """Lay out a table for the page: title, note, heads with alignment, rows of text.
+
+    Columns of numbers without any value are named below the table instead. A table of many columns
+    and few rows is printed upright: its rows become columns.
+    """
+    kept = [k for k, number in enumerate(numbers) if not number or {r[k] for r in rows} != {ABSENT}]
+    left = [head for k, head in enumerate(heads) if k not in kept]
+    shown = [[heads[k] for k in kept], *([row[k] for k in kept] for row in rows)]
+    number = [numbers[k] for k in kept]
+    if len(kept) > WIDE and len(rows) <= LOW:
+        shown = [list(line) for line in zip(*shown, strict=True)]
+        number = [False] + [True] * len(rows)
+    return {
+        "title": title,
+        "note": note,
+        "without": ", ".join(left),
+        "wide": len(shown[0]) > WIDE,
+        "heads": [{"text": t, "number": n} for t, n in zip(shown[0], number, strict=True)],
+        "rows": shown[1:],
+    }
 
 
 def style() -> Markup:

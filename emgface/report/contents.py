@@ -26,13 +26,13 @@ class Inference:
     """Results of the tests of a study.
 
     `conclusions` contains one sentence per contrast, or the reason why there is none; `table` every
-    test and contrast; `methods` the name of a test, its method and result; `checks` test,
-    assumption, verdict and basis of the verdict.
+    test and contrast; `methods` names of tests with their methods and scopes, and what all of them
+    found; `checks` tests, assumption, verdict and basis of the verdict.
     """
 
     conclusions: list[str]
     table: Table | None = None
-    methods: tuple[tuple[str, str], ...] = ()
+    methods: tuple[tuple[tuple[str, ...], tuple[str, ...]], ...] = ()
     checks: tuple[tuple[str, str, str, str], ...] = ()
 
 
@@ -165,31 +165,44 @@ def inference(cube: xr.Dataset, *, known: dict[str, xr.Dataset] | None = None) -
         found = known or study_statistics(cube)
     except AnalysisError as error:
         return Inference([f"The tests could not be performed: {error}."])
-    methods = tuple(
-        (name.replace("_", " "), f"{each.attrs['method']}. {each.attrs['sentence']}")
-        for name, each in found.items()
+    return Inference(
+        conclusions(found, together=True), statistics_table(found), _results(found), _checks(found)
     )
-    checks: list[tuple[str, str, str, str]] = []
+
+
+def _results(found: dict[str, xr.Dataset]) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:
+    """Tests with method and scope, and their sentences: each once, for all tests that share it."""
+    tests: dict[str, list[str]] = {}
     for name, each in found.items():
-        if "verdict" not in each:
-            continue
-        for assumption in each["assumption"].values:
+        scope = f" ({each.attrs['scope']})" if "scope" in each.attrs else ""
+        head = f"{name.replace('_', ' ')}: {each.attrs['method']}{scope}"
+        for sentence in each["sentence"].values.tolist():
+            tests.setdefault(str(sentence), []).append(head)
+    sentences: dict[tuple[str, ...], list[str]] = {}
+    for sentence, heads in tests.items():
+        sentences.setdefault(tuple(heads), []).append(sentence)
+    return tuple((heads, tuple(told)) for heads, told in sentences.items())
+
+
+def _checks(found: dict[str, xr.Dataset]) -> tuple[tuple[str, str, str, str], ...]:
+    """Tests, assumption, verdict and its basis; the verdict of a test is the worst of all contrasts."""
+    order = ["violated", "doubtful", "not checked", "met", "by design"]
+    tests: dict[tuple[str, str, str], list[str]] = {}
+    assumptions: dict[tuple[str, str, str], list[str]] = {}
+    for name, each in found.items():
+        for assumption in each["assumption"].values if "verdict" in each else ():
             one = each.sel(assumption=assumption)
-            # The verdict of a test is the worst of all contrasts.
-            order = ["violated", "doubtful", "not checked", "met", "by design"]
-            at = min(
-                range(one.sizes["contrast"]),
-                key=lambda k: order.index(str(one["verdict"].values[k])),
-            )  # noqa: B023
-            checks.append(
-                (
-                    name.replace("_", " "),
-                    str(assumption),
-                    str(one["verdict"].values[at]),
-                    str(one["check"].values[at]),
-                )
-            )
-    return Inference(conclusions(found), statistics_table(found), methods, tuple(checks))
+            said = [str(verdict) for verdict in one["verdict"].values]
+            at = said.index(min(said, key=order.index))
+            basis = (str(assumption), said[at], str(one["check"].values[at]))
+            tests.setdefault(basis, []).append(name.replace("_", " "))
+    # One basis may decide several assumptions of the same tests, as if a model was not fitted.
+    for (assumption, verdict, basis), names in tests.items():
+        assumptions.setdefault((", ".join(names), verdict, basis), []).append(assumption)
+    return tuple(
+        (names, ", ".join(which), verdict, basis)
+        for (names, verdict, basis), which in assumptions.items()
+    )
 
 
 def varied(cube: xr.Dataset, notes: list[str]) -> xr.Dataset | None:

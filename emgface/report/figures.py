@@ -41,6 +41,9 @@ from emgface.signals.filters import bandpass
 CHANNELS_SHOWN = ("OOS_L", "OOI_L", "RIS_L", "ZYG_L", "LLSAN_L", "DAO_L", "MEN_L")
 
 
+SCALE = 1.4  #: of the figures of a page, so that their print is as large as its text
+
+
 @dataclass(frozen=True)
 class Drawn:
     """Figure of the page: anchor (one word), title, caption and picture."""
@@ -91,7 +94,9 @@ def baseline_figure(results: Results) -> list[Drawn]:
     cube = results.base
     if not has_baselines(cube):
         return []
-    return _drawn(results, "baselines", "Baselines", text, lambda: baseline_plot(cube))
+    return _drawn(
+        results, "baselines", "Baselines", text, lambda: baseline_plot(cube, labels=INSTRUCTIONS)
+    )
 
 
 def formant_figure(results: Results) -> list[Drawn]:
@@ -104,7 +109,9 @@ def formant_figure(results: Results) -> list[Drawn]:
     cube = results.base
     if "formant_frequency" not in cube:
         return []
-    return _drawn(results, "formants", "Formants", text, lambda: formant_plot(cube))
+    return _drawn(
+        results, "formants", "Formants", text, lambda: formant_plot(cube, labels=INSTRUCTIONS)
+    )
 
 
 def incisor_figure(results: Results, found: Incisors) -> list[Drawn]:
@@ -229,7 +236,13 @@ def _features(results: Results) -> list[Drawn]:
         "after Fig. 5 of Eskes et al. 2017. Whiskers span the 5th to 95th percentile."
     )
     text = " ".join([text, *mute_muscles(results)])
-    return _drawn(results, "features", "Features per muscle", text, lambda: feature_boxes(found))
+    return _drawn(
+        results,
+        "features",
+        "Features per muscle",
+        text,
+        lambda: feature_boxes(found, labels=INSTRUCTIONS),
+    )
 
 
 def mute_muscles(results: Results) -> list[str]:
@@ -300,4 +313,4 @@ def _drawn(
         results.notes.append(f"The figure '{title}' is omitted: {error}")
         return []
     told = f"{title_of(figure)}. {caption}"
-    return [Drawn(name, title, caption, svg_of(figure, name, told))]
+    return [Drawn(name, title, caption, svg_of(figure, name, told, scale=SCALE))]

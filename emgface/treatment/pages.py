@@ -198,9 +198,9 @@ def states_of(treated: xr.Dataset, motions: ComparedMotions, names: tuple[str, .
     )
 
 
-def _table(frame: pd.DataFrame, title: str, note: str = "") -> dict[str, Any]:
+def _table(frame: pd.DataFrame, title: str) -> dict[str, Any]:
     columns = tuple(Column(str(name), digits=2) for name in frame.columns)
-    return cells(Table(title, columns, tuple(map(tuple, frame.to_numpy().tolist())), note))
+    return cells(Table(title, columns, tuple(map(tuple, frame.to_numpy().tolist())), "simulated"))
 
 
 def compare_page(

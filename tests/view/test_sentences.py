@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from analysis.axes import combine_cubes
 from analysis.statistics.simulated import simulated_scores
 from benchmarks.fit_inputs import person_of
 from emgface.anatomy.head.build import build_head
@@ -27,14 +28,18 @@ from emgface.pictures.lips import lips_at_rest, lips_of_motion
 from emgface.pictures.page import face_page, motion_page
 from emgface.pictures.show import page
 from emgface.pictures.surface import with_surface
+from emgface.report.results import Results
+from emgface.report.write import render_report
 from emgface.view.page import live_page
 from emgface.view.recording import recording_page
-from tests.browser import needs_browser, started, until
+from tests.browser import needs_browser, until
 from tests.data.made_recordings import emg, noise
+from tests.study_run.test_report import scores
+from tests.study_run.test_report_sentences import studied
 from tests.tongue.small import small_tongue_motion
 from tests.view.laid_out import faults_of
+from tests.view.sessions import Shifted
 from tests.view.test_keyboard import of_treatment
-from tests.view.test_live import Shifted
 
 LONG = "n" * 3000  #: a name without a place to break
 WORDS = 4  #: number of words from which a text with a full stop is a sentence
@@ -107,9 +112,28 @@ def moved_head(folder: Path) -> str:
     return head_page(*read_motion(write_motion(motion, head, folder / "motion.nc")))
 
 
+def reports(folder: Path) -> dict[str, str]:
+    """Reports of studies with few and many persons, one strategy, and two levels of a choice."""
+    (folder / "cube.nc").write_bytes(b"")  # its digest is stated
+    two = combine_cubes(
+        {(100e3,): studied(3, 0.5), (300e3,): studied(4, -0.5)}, {"stress": [100e3, 300e3]}
+    )
+    two["stress"].attrs["units"] = "Pa"
+    cubes = {
+        "study, choices": two,
+        "study, two persons": scores().isel(volunteer=[0, 1]),
+        "study, one person": scores(volunteers=1, instructions=1),
+        "study, one strategy": studied(3, 0.0).isel(strategy=[0]),
+        "study, long names": scores(volunteers=2).assign_coords(
+            volunteer=[f"{k}{LONG}" for k in range(2)], instruction=[f"{k}{LONG}" for k in range(2)]
+        ),
+    }
+    return {name: render_report(Results(folder, cube)) for name, cube in cubes.items()}
+
+
 @pytest.fixture(scope="module")
 def pages(coarse: xr.Dataset, tmp_path_factory) -> dict[str, str]:
-    """A page of each kind; that of a study is in tests/study_run/test_report_browser.py."""
+    """A page of each kind."""
     face = coarse
     data = emg(noise()).to_dataset(name="emg").assign_attrs(origin="simulated", source="a test")
     long = data.assign_coords(channel=[f"{k}{LONG}" for k in range(data.sizes["channel"])])
@@ -122,24 +146,30 @@ def pages(coarse: xr.Dataset, tmp_path_factory) -> dict[str, str]:
         for sliders in (True, False)
         for edits in (True, False)
     }
-    return live | {
-        "recording": recording_page(data),
-        "face": face_page(face),
-        "motion": motion_page(motion),
-        "two motions": motion_page(motion, compared=motion),
-        "jaw": page(template_jaw().assign_attrs(schema="jaw_model")),
-        "tongue": page(template_tongue(resolution="coarse").assign_attrs(schema="tongue_model")),
-        "tongue motion": page(small_tongue_motion()),
-        "cube": page(simulated_scores(3)),
-        "jaw motion": jaw_page(
-            simulate_jaw(template_jaw(), raised({"bi_open": 0.2}), duration=0.02)
-        ),
-        "head motion": moved_head(tmp_path_factory.mktemp("head")),
-        "treatment": of_treatment(face),
-        "long names": motion_page(motion.assign_attrs(volunteer=LONG, face=LONG)),
-        "recording with long names": recording_page(long),
-        "fit": fitted_page(),
-    }
+    return (
+        live
+        | reports(tmp_path_factory.mktemp("study"))
+        | {
+            "recording": recording_page(data),
+            "face": face_page(face),
+            "motion": motion_page(motion),
+            "two motions": motion_page(motion, compared=motion),
+            "jaw": page(template_jaw().assign_attrs(schema="jaw_model")),
+            "tongue": page(
+                template_tongue(resolution="coarse").assign_attrs(schema="tongue_model")
+            ),
+            "tongue motion": page(small_tongue_motion()),
+            "cube": page(simulated_scores(3)),
+            "jaw motion": jaw_page(
+                simulate_jaw(template_jaw(), raised({"bi_open": 0.2}), duration=0.02)
+            ),
+            "head motion": moved_head(tmp_path_factory.mktemp("head")),
+            "treatment": of_treatment(face),
+            "long names": motion_page(motion.assign_attrs(volunteer=LONG, face=LONG)),
+            "recording with long names": recording_page(long),
+            "fit": fitted_page(),
+        }
+    )
 
 
 def test_the_search_finds_a_repeated_sentence() -> None:
@@ -154,11 +184,6 @@ def test_the_search_finds_a_repeated_sentence() -> None:
 def test_no_page_states_a_sentence_twice(pages: dict[str, str]) -> None:
     found = {name: repeated(text) for name, text in pages.items()}
     assert not {name: twice for name, twice in found.items() if twice}
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    yield from started(tmp_path_factory.mktemp("profile"))
 
 
 @needs_browser
@@ -185,6 +210,7 @@ def test_no_open_page_cuts_a_text_or_hides_it(browser, pages, tmp_path) -> None:
         browser.get(path.as_uri())
         if 'id="stage"' in text:
             until(browser, "return document.getElementById('stage').dataset.ready === 'yes'")
+        browser.execute_script("document.querySelectorAll('details').forEach((d) => d.open = true)")
         if faults := faults_of(browser):
             found[name] = faults
     assert not found
