@@ -1,5 +1,6 @@
-"""Checks of the fit of a face to a person: damaged inputs, a published face, worth in scores.
+"""Checks of the fit of a face to a person: a table of six, damaged inputs, a published face, worth.
 
+    python -m benchmarks fit --only checks
     python -m benchmarks fit --only damaged --inputs 300
     python -m benchmarks fit --only published
     python -m benchmarks fit --only gap
@@ -11,18 +12,22 @@ Simulated persons; the published faces are read from the folder EMGFACE_SHARED.
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import pandas as pd
 import typer
 import xarray as xr
 
 import sim
+from benchmarks import fit_checks
 from benchmarks.fit_gap import fitted_published, gap
 from benchmarks.fit_inputs import DAMAGES, damaged, person_of
 from benchmarks.fit_worth import worth
+from benchmarks.report import finish, say
 from emgface.api.given import simulation_of, study_of
 from emgface.errors import EmgfaceError
 from emgface.face.recipe import compose_scene
@@ -110,9 +115,30 @@ def published(further: int = 0) -> float:
     return apart
 
 
+def six_checks(which: Iterable[int], persons: int, inputs: int, out: Path | None) -> None:
+    """Print the table of the checks, and store it in a folder as ``checks.csv``."""
+    run: dict[int, Callable[[], list[fit_checks.Row]]] = {
+        1: fit_checks.closed_forms,
+        2: fit_checks.between_published,
+        3: lambda: fit_checks.between_persons(moved, persons),
+        4: fit_checks.stacks_and_labels,
+        5: fit_checks.probe_curves,
+        6: lambda: fit_checks.damaged(damaged_inputs, inputs),
+    }
+    rows: list[fit_checks.Row] = []
+    for number in which:
+        start = time.process_time()
+        rows += run[number]()
+        say(f"check {number}: {time.process_time() - start:.0f} s")
+    finish("checks", pd.DataFrame([row.cells() for row in rows]), out)
+
+
 def main(
     only: Annotated[
-        list[str] | None, typer.Option(help="damaged, published, gap or worth.")
+        list[str] | None, typer.Option(help="checks, damaged, published, gap or worth.")
+    ] = None,
+    check: Annotated[
+        list[int] | None, typer.Option(help="Number of a check, by default all.")
     ] = None,
     inputs: Annotated[int, typer.Option(help="Number of damaged inputs.")] = 36,
     first: Annotated[int, typer.Option(help="Number of the first of them.")] = 0,
@@ -124,6 +150,8 @@ def main(
         Path | None, typer.Option(help="Folder that keeps motions, to resume a run.")
     ] = None,
 ) -> None:
+    if only and "checks" in only:
+        six_checks(check or range(1, 7), persons, inputs, out if check is None else None)
     if only and "worth" in only:
         with tempfile.TemporaryDirectory() as temporary:
             worth(persons, tuple(instructions), out, work or Path(temporary), workers)

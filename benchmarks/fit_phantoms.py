@@ -1,4 +1,4 @@
-"""Labelled volumes and images with known content: surfaces filled with voxels, in any orientation."""
+"""Labelled volumes and images with known content: surfaces filled with voxels, stacks of a phantom."""
 
 from typing import Any
 
@@ -6,6 +6,15 @@ import numpy as np
 
 from emgface.fit.readers.volumes import toolkit
 from emgface.fit.triangulated import Floats, Surface
+
+CENTRE = np.array([0.01, -0.02, 0.03])
+RADII = np.array([0.03, 0.022, 0.02])
+UNMOVED = np.eye(3), np.zeros(3)
+PLANES = {
+    "axial": np.eye(3),
+    "coronal": np.eye(3)[:, [0, 2, 1]],
+    "sagittal": np.eye(3)[:, [1, 2, 0]],
+}
 
 
 def filled(surface: Surface, to_index: Floats, size: tuple[int, int, int]) -> np.ndarray:
@@ -58,3 +67,36 @@ def box_around(
     affine[:3, 3] = rotation @ low
     size = tuple(int(n) for n in np.ceil((high - low) / spacing))
     return affine, (size[0], size[1], size[2])
+
+
+def intensity(points):
+    """Head (100), an ellipsoid in it (60), a cavity (10), air (0), with soft edges."""
+
+    def inside(radii, centre):
+        r = np.linalg.norm((points - centre) / radii, axis=-1)
+        return 1.0 / (1.0 + np.exp((r - 1.0) * radii.min() / 0.4e-3))
+
+    head = 100.0 * inside(1.5 * RADII, CENTRE)
+    tongue = inside(0.6 * RADII, CENTRE + [0.0, 0.004, -0.003])
+    cavity = inside(0.25 * RADII, CENTRE + [0.005, -0.02, 0.012])
+    return head - 40.0 * tongue - 90.0 * cavity
+
+
+def stack(spacing, axes, motion=UNMOVED, noise=2.0, seed=0, margin=1.7):
+    """Image of the phantom moved by a rigid motion, in axes of its own, and its map from indices."""
+    half = np.abs(axes.T) @ (margin * RADII)
+    size = np.ceil(2 * half / spacing).astype(int)
+    affine = np.eye(4)
+    affine[:3, :3] = axes * spacing
+    affine[:3, 3] = CENTRE - axes @ half
+    index = np.stack(np.meshgrid(*(np.arange(n) for n in size[::-1]), indexing="ij"), axis=-1)[
+        ..., ::-1
+    ]
+    points = index @ affine[:3, :3].T + affine[:3, 3]
+    values = intensity((points - motion[1]) @ motion[0])
+    rng = np.random.default_rng(seed)
+    noisy = np.hypot(
+        values + noise * rng.standard_normal(values.shape),
+        noise * rng.standard_normal(values.shape),
+    )
+    return image_of(noisy.astype(np.float32), affine), points

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from benchmarks.fit_phantoms import image_of
+from benchmarks.fit_phantoms import CENTRE, PLANES, RADII, UNMOVED, image_of, intensity, stack
 from emgface.errors import FitError
 from emgface.fit.images import (
     combined_stacks,
@@ -20,47 +20,6 @@ from emgface.fit.readers.volumes import surfaces_of_labels, toolkit
 if find_spec("SimpleITK") is None:
     pytest.skip("SimpleITK is not installed", allow_module_level=True)
 SimpleITK = toolkit()
-CENTRE = np.array([0.01, -0.02, 0.03])
-RADII = np.array([0.03, 0.022, 0.02])
-UNMOVED = np.eye(3), np.zeros(3)
-PLANES = {
-    "axial": np.eye(3),
-    "coronal": np.eye(3)[:, [0, 2, 1]],
-    "sagittal": np.eye(3)[:, [1, 2, 0]],
-}
-
-
-def _intensity(points):
-    """Head (100), an ellipsoid in it (60), a cavity (10), air (0), with soft edges."""
-
-    def inside(radii, centre):
-        r = np.linalg.norm((points - centre) / radii, axis=-1)
-        return 1.0 / (1.0 + np.exp((r - 1.0) * radii.min() / 0.4e-3))
-
-    head = 100.0 * inside(1.5 * RADII, CENTRE)
-    tongue = inside(0.6 * RADII, CENTRE + [0.0, 0.004, -0.003])
-    cavity = inside(0.25 * RADII, CENTRE + [0.005, -0.02, 0.012])
-    return head - 40.0 * tongue - 90.0 * cavity
-
-
-def _stack(spacing, axes, motion=UNMOVED, noise=2.0, seed=0, margin=1.7):
-    """Image of the phantom moved by a rigid motion, in axes of its own, and its map from indices."""
-    half = np.abs(axes.T) @ (margin * RADII)
-    size = np.ceil(2 * half / spacing).astype(int)
-    affine = np.eye(4)
-    affine[:3, :3] = axes * spacing
-    affine[:3, 3] = CENTRE - axes @ half
-    index = np.stack(np.meshgrid(*(np.arange(n) for n in size[::-1]), indexing="ij"), axis=-1)[
-        ..., ::-1
-    ]
-    points = index @ affine[:3, :3].T + affine[:3, 3]
-    values = _intensity((points - motion[1]) @ motion[0])
-    rng = np.random.default_rng(seed)
-    noisy = np.hypot(
-        values + noise * rng.standard_normal(values.shape),
-        noise * rng.standard_normal(values.shape),
-    )
-    return image_of(noisy.astype(np.float32), affine), points
 
 
 def _values(image):
@@ -68,14 +27,14 @@ def _values(image):
 
 
 def test_bias_is_removed():
-    image, points = _stack(np.full(3, 2e-3), np.eye(3))
+    image, points = stack(np.full(3, 2e-3), np.eye(3))
     x = (points - CENTRE) / RADII
     field = np.exp(0.35 * x[..., 0] + 0.2 * x[..., 1] ** 2)
     biased = image * 1.0
     wrong = SimpleITK.GetImageFromArray((_values(image) * field).astype(np.float32))
     wrong.CopyInformation(biased)
     found = _values(without_bias(wrong))
-    tissue = np.abs(_intensity(points) - 100.0) < 2.0
+    tissue = np.abs(intensity(points) - 100.0) < 2.0
     before, after = (v[tissue].std() / v[tissue].mean() for v in (_values(wrong), found))
     assert after < 0.4 * before and after < 0.08, (before, after)
     with pytest.raises(FitError, match="negative or no values"):
@@ -90,7 +49,7 @@ def test_three_stacks_are_combined_by_fiducials():
     for k, axes in enumerate(PLANES.values()):
         turn = Rotation.from_rotvec(0.05 * rng.standard_normal(3)).as_matrix() if k else np.eye(3)
         shift = 2e-3 * rng.standard_normal(3) if k else np.zeros(3)
-        image, _ = _stack(np.array([0.6e-3, 0.6e-3, 2e-3]), axes, (turn, shift), seed=k)
+        image, _ = stack(np.array([0.6e-3, 0.6e-3, 2e-3]), axes, (turn, shift), seed=k)
         stacks.append(image)
         noisy = points @ turn.T + shift + 0.1e-3 * rng.standard_normal(points.shape)
         marks.append({f"f{i}": p for i, p in enumerate(noisy)})
@@ -106,7 +65,7 @@ def test_three_stacks_are_combined_by_fiducials():
         ..., ::-1
     ]
     D = np.array(found.GetDirection()).reshape(3, 3) * np.array(found.GetSpacing())
-    wanted = _intensity(1e-3 * (index @ D.T + np.array(found.GetOrigin())))
+    wanted = intensity(1e-3 * (index @ D.T + np.array(found.GetOrigin())))
     core = tuple(slice(n // 6, -n // 6) for n in wanted.shape)
     errors = [np.sqrt(((_values(v) - wanted)[core] ** 2).mean()) for v in (found, one)]
     assert errors[0] < 0.85 * errors[1], errors
@@ -121,8 +80,8 @@ def test_mutual_information_finds_a_motion_and_the_inverse_contrast():
     """Target registration error at points that were not used."""
     turn = Rotation.from_rotvec([0.06, -0.04, 0.08]).as_matrix()
     shift = np.array([3e-3, -2e-3, 2e-3]) + CENTRE - turn @ CENTRE
-    fixed, _ = _stack(np.full(3, 1.5e-3), np.eye(3))
-    moving, _ = _stack(np.full(3, 1.5e-3), np.eye(3), (turn, shift), seed=1)
+    fixed, _ = stack(np.full(3, 1.5e-3), np.eye(3))
+    moving, _ = stack(np.full(3, 1.5e-3), np.eye(3), (turn, shift), seed=1)
     contrast = (moving - 120.0) * (moving - 120.0) * 0.01
     found = registered_images(fixed, contrast)
     points = CENTRE + np.random.default_rng(1).uniform(-1.0, 1.0, (200, 3)) * RADII
@@ -135,7 +94,7 @@ def test_mutual_information_finds_a_motion_and_the_inverse_contrast():
 
 
 def test_a_contour_follows_the_edge_between_few_clicks():
-    image, points = _stack(np.full(3, 1e-3), np.eye(3))
+    image, points = stack(np.full(3, 1e-3), np.eye(3))
     k = len(points) // 2
     values = _values(image)[k]
     x = points[k][0, :, 0], points[k][:, 0, 1]
@@ -184,7 +143,7 @@ def test_the_command_labels_parts_of_three_stacks(tmp_path, monkeypatch):
     line = ["segment"]
     for k, (plane, axes) in enumerate(PLANES.items()):
         motion = moved if k else UNMOVED
-        image, _ = _stack(np.array([1e-3, 1e-3, 2e-3]), axes, motion, seed=k)
+        image, _ = stack(np.array([1e-3, 1e-3, 2e-3]), axes, motion, seed=k)
         SimpleITK.WriteImage(image, f"{plane}.nii.gz")
         _points(
             tmp_path / f"{plane}.csv", {n: motion[0] @ p + motion[1] for n, p in markers.items()}
@@ -204,7 +163,7 @@ def test_the_command_labels_parts_of_three_stacks(tmp_path, monkeypatch):
     index = np.argwhere(np.ones_like(values))[:, ::-1]
     at = [labels.TransformIndexToPhysicalPoint([0, 0, 0]), labels.GetSpacing()]
     points = 1e-3 * (np.array(at[0]) + index * np.array(at[1])).reshape(*values.shape, 3)
-    assert _dice(values == 1, _intensity(points) > 50.0) >= 0.95
+    assert _dice(values == 1, intensity(points) > 50.0) >= 0.95
     hole = (np.linalg.norm((points - CLICKS["cavity"]) / (0.25 * RADII), axis=-1)) < 1.0
     assert _dice(values == 7, hole) >= 0.85, _dice(values == 7, hole)
     assert (tmp_path / "p.png").stat().st_size > 10_000
@@ -219,7 +178,7 @@ def test_clicks_and_labels_that_cannot_be_are_refused(tmp_path, monkeypatch):
     from emgface.cli import app
 
     monkeypatch.chdir(tmp_path)
-    image, _ = _stack(np.full(3, 2e-3), np.eye(3), margin=1.8)
+    image, _ = stack(np.full(3, 2e-3), np.eye(3), margin=1.8)
     SimpleITK.WriteImage(image, "a.nrrd")
     _points(tmp_path / "clicks.csv", CLICKS)
     _points(tmp_path / "metres.csv", {n: 1e3 * p for n, p in CLICKS.items()})
