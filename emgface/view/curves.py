@@ -208,6 +208,17 @@ def curves_in(text: str, name: str) -> Curves:
         raise DataError(f"{name} contains a time that is not a number ({error})") from error
     last = float(time.max(initial=0.0))
     if {"muscle", "value"} <= set(table.columns):
+        if table["muscle"].isna().any():
+            row = int(table["muscle"].isna().to_numpy().argmax())
+            raise DataError(
+                f"{name} names no muscle in row {row + 2}, expected a name such as ZYG_L"
+            )
+        for column in {"duration", "interpolation"} & set(table.columns):
+            if len(found := table[column].unique()) > 1:
+                raise DataError(
+                    f"{name} has several values of {column} ({found[0]} and {found[1]}), expected one "
+                    "for all curves"
+                )
         named = {
             str(k): g[["time", "value"]].to_numpy() for k, g in table.groupby("muscle", sort=False)
         }
@@ -240,18 +251,20 @@ def _read_probes(folder: Path) -> Curves:
             head, (kind, count, spacing), *rows = [words for words in lines if words]
             if count != "1" or kind not in ("Linear", "Cubic", "Step"):
                 raise ValueError(f"interpolation {kind} of {count} values")
+            if not rows:
+                raise ValueError("no rows of time and value")
             found = np.array(rows, dtype=np.float64)
             if spacing != "explicit":
                 found = np.column_stack([float(spacing) * np.arange(len(found)), found])
-            start, stop, scale = int(head[0]), int(head[1]), float(head[2])
+            start, stop = int(head[0]) / NANOSECONDS, int(head[1]) / NANOSECONDS
+            found[:, 0] = start + float(head[2]) * found[:, 0]
         except (ValueError, IndexError, OverflowError) as error:
             raise DataError(
                 f"{path} is not a probe file ({str(error)[:200]}), expected a line with start, stop and "
                 "scale, one with Linear, Cubic or Step, 1 and explicit, then rows of time and value"
             ) from error
-        found[:, 0] = start / NANOSECONDS + scale * found[:, 0]
         knots[path.stem] = found
-        last = max(last, stop / NANOSECONDS, float(found[-1, 0]))
+        last = max(last, stop, float(found[-1, 0]))
         kinds.add(kind.lower())
     if not knots:
         raise DataError(f"{folder} contains no probe files such as ZYG_L{PROBE}")

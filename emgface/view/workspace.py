@@ -94,7 +94,11 @@ class Workspace:
             self.curves = read_curves(self.folder / CURVES)
             self.curves.activation(self.muscles)
         if (self.folder / NOTES).exists():
-            self.notes = _notes(read_text(self.folder / NOTES), str(self.folder / NOTES))
+            try:
+                text = read_text(self.folder / NOTES)
+            except (OSError, UnicodeDecodeError) as error:
+                raise DataError(f"{self.folder / NOTES} contains no text ({error})") from error
+            self.notes = _notes(text, str(self.folder / NOTES))
 
     def save(self, body: bytes) -> Answer:
         """Store ``curves``, ``view`` and ``notes`` of a page; answer what was written, or why not."""
@@ -139,6 +143,10 @@ def _view(given: Any, where: str) -> dict[str, float]:
 def _notes(given: Any, where: str) -> str:
     if not isinstance(given, str) or len(given) > LONGEST:
         raise DataError(f"the notes of {where} are no text of at most {LONGEST} characters")
+    try:
+        given.encode("utf-8")
+    except UnicodeEncodeError as error:
+        raise DataError(f"the notes of {where} contain no valid character ({error})") from error
     return given
 
 

@@ -146,6 +146,20 @@ def test_durations_that_a_page_must_not_send(duration):
         ("p/ZYG_L.txt", "0 1000000000\nLinear 1 explicit\n0 0\n", "is not a probe file"),
         ("p/ZYG_L.txt", "0 1000000000 1.0\nLinear 2 explicit\n0 0 0\n", "is not a probe file"),
         ("p/notes.md", "none", "contains no probe files"),
+        ("p/ZYG_L.txt", "0 1000000000 1.0\nLinear 1 explicit\n", "no rows of time and value"),
+        ("p/ZYG_L.txt", f"0 {'9' * 400} 1.0\nLinear 1 explicit\n0 0\n", "is not a probe file"),
+        ("p/ZYG_L.txt", f"{'9' * 400} 1 1.0\nLinear 1 explicit\n0 0\n", "is not a probe file"),
+        ("a.csv", "muscle,time,value\nZYG_L,0,0\n,1,1\n", "names no muscle in row 3"),
+        (
+            "a.csv",
+            "muscle,time,value,interpolation\nZYG_L,0,0,linear\nZYG_R,1,1,cubic\n",
+            "several values of interpolation \\(linear and cubic\\)",
+        ),
+        (
+            "a.csv",
+            "muscle,time,value,duration\nZYG_L,0,0,1\nZYG_R,1,1,2\n",
+            "several values of duration \\(1 and 2\\)",
+        ),
     ],
 )
 def test_files_without_curves_are_refused(tmp_path, name, content, expected):

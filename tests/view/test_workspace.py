@@ -80,6 +80,7 @@ def test_other_data_are_refused_by_digest(files, saved, tmp_path):
         ({"view": None}, "no view"),
         ({"notes": "x" * (LONGEST + 1)}, "no text"),
         ({"notes": ["x"]}, "no text"),
+        ({"notes": "\ud800"}, "no valid character"),
     ],
 )
 def test_messages_that_a_page_must_not_send_change_nothing(files, saved, change, expected):
@@ -101,10 +102,16 @@ def test_messages_that_a_page_must_not_send_change_nothing(files, saved, change,
         (RECIPE, "a = [", "TOML"),
         (CURVES, "muscle,time,value\n<b>,0,0\n<b>,1,0\n", "no muscle <b>"),
         (NOTES, "x" * (LONGEST + 1), "no text"),
+        (NOTES, bytes(range(256)), "contains no text"),
+        (NOTES, None, "contains no text"),
     ],
 )
 def test_folders_with_other_content_are_refused(files, saved, name, content, expected):
-    (saved / name).write_text(content)
+    (saved / name).unlink()
+    if content is None:
+        (saved / name).mkdir()
+    else:
+        (saved / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises((DataError, ConfigurationError), match=expected):
         Workspace.of(saved, files, MUSCLES)
 
