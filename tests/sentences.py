@@ -44,7 +44,7 @@ def meanings(path: Path) -> list[str]:
     return what_rho_means(found.assign_attrs(level=0.95, origin=table["origin"][0]))
 
 
-def conclusions_of(path: Path) -> list[str]:
+def conclusions_of(path: Path, *, together: bool = False) -> list[str]:
     """Sentences of `conclusions` from the table of tests."""
     table = pd.read_csv(path)
     parts = {"sign_flip": ("sign flip", "these"), "mixed_model": ("mixed model", "in general")}
@@ -68,7 +68,7 @@ def conclusions_of(path: Path) -> list[str]:
             attrs=attrs,
         )
         found[name]["sentence"] = ("contrast", [""] * len(own))
-    return conclusions(found)
+    return conclusions(found, together=together)
 
 
 def choices_of(path: Path) -> list[str]:

@@ -79,18 +79,18 @@ def study_statistics(
 def conclusions(found: Mapping[str, xr.Dataset], *, together: bool = False) -> list[str]:
     """State for every contrast whether the difference is significant, and for which scope.
 
-    One or two sentences per contrast of the result of `study_statistics`; with `together`, the second
-    sentence, which is on instructions in general, is a text of its own for all contrasts of which it
-    is true, after those of the contrasts. A difference is
-    significant for the instructions of the study if the sign-flip p over all contrasts jointly is
-    at most 1 - level, and for instructions in general if that of the mixed model is, after Holm's
-    correction. Otherwise the smallest detectable difference is stated.
+    One or two sentences per contrast of the result of `study_statistics`; with `together`, a second
+    sentence that several contrasts share, which is on instructions in general, is a text of its own
+    after those of the contrasts. A difference is significant for the instructions of the study if the
+    sign-flip p over all contrasts jointly is at most 1 - level, and for instructions in general if that
+    of the mixed model is, after Holm's correction. Otherwise the smallest detectable difference is
+    stated.
     """
     exact = found["sign_flip"]
     alpha = 1.0 - float(exact.attrs["level"])
     variable, origin = str(exact.attrs["variable"]), str(exact.attrs["origin"])
     told: list[str] = []
-    general: dict[str, list[str]] = {}
+    general: dict[str, list[int]] = {}  # of a sentence, the places in `told` that it belongs to
     for index, contrast in enumerate(exact["contrast"].values):
         row = exact.isel(contrast=index)
         p, least, n = float(row["p_joint"]), float(row["smallest_p"]), int(row["n"])
@@ -113,15 +113,17 @@ def conclusions(found: Mapping[str, xr.Dataset], *, together: bool = False) -> l
                 f"no significant difference in {variable} ({shown_p(p)} jointly, "
                 f"{persons(n)}); a difference may exist: {_smallest_seen(row, alpha)}."
             )
+        told.append(f"{contrast}: {text}")
         second = _in_general(found["mixed_model"].isel(contrast=index), alpha)
-        general.setdefault(second, []).append(str(contrast))
-        told.append(f"{contrast}: {text}" if together else f"{contrast}: {text} {second}")
-    if together:
-        every = exact.sizes["contrast"]
-        told += [
-            second if len(contrasts) == every else f"{', '.join(contrasts)}: {second}"
-            for second, contrasts in general.items()
-        ]
+        general.setdefault(second, []).append(len(told) - 1)
+    every = exact["contrast"].values.tolist()
+    for second, places in general.items():
+        if together and len(places) > 1:
+            shared = [told[k].partition(":")[0] for k in places]
+            told.append(second if shared == every else f"{', '.join(shared)}: {second}")
+        else:
+            for k in places:
+                told[k] += f" {second}"
     return told or [str(exact.attrs["sentence"])]
 
 

@@ -131,6 +131,17 @@ def test_a_difference_not_shown_is_given_with_the_detectable_one() -> None:
     assert said == pytest.approx(size, rel=0.06)
 
 
+@pytest.mark.parametrize("case", ["whole", "two volunteers", "one strategy failed", "identical"])
+def test_conclusions_together_state_the_same_and_nothing_twice(case: str) -> None:
+    found = study_statistics(CUBES[case], draws=100)
+    apart, together = conclusions(found), conclusions(found, together=True)
+    assert len(together) == len(set(together))
+    for text in apart:
+        first, _, second = text.partition(". ")
+        assert sum(one.startswith(first) for one in together) == 1
+        assert not second or sum(one.count(second) for one in together) == 1
+
+
 def test_holm_of_a_worked_example() -> None:
     """The smallest of four is multiplied by 4, the next by 3, and so on; NaN are not counted."""
     found = holm(np.array([0.01, 0.04, 0.03, np.nan, 0.005]))

@@ -1,6 +1,7 @@
 """Sentences of a report that state a result, rebuilt from the tables that its command wrote."""
 
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -55,7 +56,11 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-REBUILT = {"tests": conclusions_of, "baselines": meanings, "conclusions": choices_of}
+REBUILT = {
+    "tests": partial(conclusions_of, together=True),
+    "baselines": meanings,
+    "conclusions": choices_of,
+}
 
 
 def lacking(page: str, sentences: list[str]) -> list[str]:
