@@ -77,6 +77,8 @@ class EditedMotion:
             None if recording is None else Scorer(recording, reduced.face, start=start, pace=pace)
         )
         self._former: dict[float, _Former] = {}
+        # Curves whose complete motion was computed ahead, its message and its alignment.
+        self._ready: tuple[Curves, bytes, xr.Dataset | None] | None = None
         self._markers = [str(m) for m in reduced.face["marker"].values]
         self._previews = None if reduced.contact else Previews(reduced, skin, OUTPUT)
 
@@ -88,48 +90,80 @@ class EditedMotion:
         integer, the header in JSON, and the positions of skin and markers (frames, n, 3) as int16;
         after a complete motion with measured markers, these as well.
         """
-        begun, measured = time.perf_counter(), b""
-        scores: dict[str, Any] = {"rho": {}}
         if preview and self._previews is not None:
-            shown = self._previews(curves)
-            instants, frames, markers = shown.time, shown.skin, shown.markers
-            bound, branched, doubt = shown.bound, shown.since, self._doubt(curves)
-            simulated, forces = time.perf_counter(), None
+            return self._preview(curves, self._previews)
+        if self._ready is not None and self._ready[0].same(curves):
             if self._scorer is not None:
-                scores = self._scorer.preview(self._markers, markers)
-        else:
-            motion, branched = self.motion(curves, self._step)
-            bound = float(motion["reduction_error"].max())
-            doubt = str(motion.attrs["reduction_doubt"])
-            simulated = time.perf_counter()
-            if self._scorer is not None:
-                scores = self._scorer(without_surface(motion))
-                if (aligned := self._scorer.aligned) is not None:
-                    at = measured_markers(aligned, motion)
-                    measured = whole(at, self._centre).astype("<i2").tobytes()
-            instants = motion["time"].values
-            frames = motion["surface_position"].transpose("time", "surface_node", "axis").values
-            markers = motion["position"].transpose("time", "marker", "axis").values
-            force = motion[FORCE].transpose("time", "muscle").values
-            forces = np.round(force[:, self._known], 4).tolist()
+                self._scorer.aligned = self._ready[2]
+            return self._ready[1]
+        return self._complete(curves, preview=preview)
+
+    def _preview(self, curves: Curves, previews: Previews) -> bytes:
+        """Message of a preview."""
+        begun, scores = time.perf_counter(), dict[str, Any](rho={})
+        shown = previews(curves)
+        simulated = time.perf_counter()
+        if self._scorer is not None:
+            scores = self._scorer.preview(self._markers, shown.markers)
         scored = time.perf_counter()
-        body = quanta(frames - self._centre) + quanta(markers - self._centre)
         header = {
-            "kind": "motion",
+            "preview": True,
+            "time": np.round(shown.time, 4).tolist(),
+            "bound": shown.bound,
+            "doubt": self._doubt(curves),
+            "clipped": curves.clipped,
+            "branched": shown.since,
+            "forces": None,
+            **scores,
+        }
+        return self._message(header, shown.skin, shown.markers, (begun, simulated, scored))
+
+    def _complete(
+        self, curves: Curves, watch: Callable[[], None] = lambda: None, *, preview: bool = False
+    ) -> bytes:
+        """Message of a complete motion; `watch` may end it by an error between its parts."""
+        begun, measured, scores = time.perf_counter(), b"", dict[str, Any](rho={})
+        motion, branched = self.motion(curves, self._step, watch)
+        simulated = time.perf_counter()
+        watch()
+        if self._scorer is not None:
+            scores = self._scorer(without_surface(motion))
+            if (aligned := self._scorer.aligned) is not None:
+                at = measured_markers(aligned, motion)
+                measured = whole(at, self._centre).astype("<i2").tobytes()
+        scored = time.perf_counter()
+        force = motion[FORCE].transpose("time", "muscle").values
+        header = {
             "preview": preview,
-            "time": np.round(instants, 4).tolist(),
-            "bound": bound,
-            "doubt": doubt,
+            "time": np.round(motion["time"].values, 4).tolist(),
+            "bound": float(motion["reduction_error"].max()),
+            "doubt": str(motion.attrs["reduction_doubt"]),
             "clipped": curves.clipped,
             "branched": branched,
-            "forces": forces,
+            "forces": np.round(force[:, self._known], 4).tolist(),
             **scores,
+        }
+        skin = motion["surface_position"].transpose("time", "surface_node", "axis").values
+        markers = motion["position"].transpose("time", "marker", "axis").values
+        return self._message(header, skin, markers, (begun, simulated, scored)) + measured
+
+    def _message(
+        self,
+        header: Mapping[str, Any],
+        skin: Floats,
+        markers: Floats,
+        times: tuple[float, float, float],
+    ) -> bytes:
+        """Length of the header, the header with its times [s], and positions of skin and markers."""
+        begun, simulated, scored = times
+        body = quanta(skin - self._centre) + quanta(markers - self._centre)
+        spent = {
             "simulated": simulated - begun,
             "scored": scored - simulated,
             "total": time.perf_counter() - begun,
         }
-        text = json.dumps(header).encode()
-        return struct.pack("<I", len(text)) + text + body + measured
+        text = json.dumps({"kind": "motion", **header, **spent}).encode()
+        return struct.pack("<I", len(text)) + text + body
 
     def _doubt(self, curves: Curves) -> str:
         """Reason not to trust the complete motion of curves, or an empty text."""
@@ -141,26 +175,34 @@ class EditedMotion:
     def ahead(self, curves: Curves, unwanted: Callable[[], bool]) -> None:
         """Compute the complete motion of curves that a preview showed, until it is unwanted.
 
-        `unwanted` is asked at every checkpoint. The complete motion of the same curves then branches
-        from its last checkpoint; one that fails does so again when it is asked for.
+        `unwanted` is asked at every checkpoint. The motion is then ready if the same curves are asked
+        for; until then, previews use the alignment of the former. One that fails does so again when it
+        is asked for.
         """
+        if self._previews is None:
+            return
+        aligned = None if self._scorer is None else self._scorer.aligned
 
         def watch() -> None:
             if unwanted():
                 raise _Unwanted
 
-        if self._previews is not None:
-            with suppress(_Unwanted, SimulationError):
-                self._outputs(curves, self._step, watch)
+        with suppress(_Unwanted, SimulationError):
+            message = self._complete(curves, watch)
+            self._ready = curves, message, self._scorer and self._scorer.aligned
+        if self._scorer is not None:
+            self._scorer.aligned = aligned
 
-    def motion(self, curves: Curves, step: float) -> tuple[xr.Dataset, float]:
+    def motion(
+        self, curves: Curves, step: float, watch: Callable[[], None] = lambda: None
+    ) -> tuple[xr.Dataset, float]:
         """Motion of curves with steps [s], and the time [s] from which it was computed anew."""
-        computed, activation, since = self._outputs(curves, step)
+        computed, activation, since = self._outputs(curves, step, watch)
         drawn = self._drawn(computed, activation)
         return with_error(self._reduced, drawn, activation, step=step), since
 
     def _outputs(
-        self, curves: Curves, step: float, watch: Callable[[], None] = lambda: None
+        self, curves: Curves, step: float, watch: Callable[[], None]
     ) -> tuple[xr.Dataset, Activation, float]:
         """Outputs, activation, and the time since which they are new; `watch` may end it by an error."""
         system = self._reduced.model.system

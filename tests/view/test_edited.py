@@ -98,17 +98,60 @@ def test_a_motion_branches_from_the_last_checkpoint_bit_for_bit(small, interpola
 
 
 def test_a_motion_computed_ahead_is_that_of_its_curves(small):
-    """Bit for bit; also one that was given up, and a failed one leaves no trace."""
+    """The same positions, forces and bound, also if it was given up at any checkpoint."""
+    base = Curves(BASE, 0.6)
     late = Curves({**BASE, "OOP_R": [[0.0, 0.0], [0.45, 0.0], [0.5, 0.08]]}, 0.6)
-    whole = edited(small).motion(late, 0.01)[0]
-    for checkpoints in (0, 2, 99):
+    whole, body = parts(edited(small)(late))
+    for checkpoints, ready in ((0, False), (2, False), (99, True)):
         one, asked = edited(small), iter(range(1000))
         one.ahead(late, lambda asked=asked, n=checkpoints: next(asked) >= n)
-        motion, since = one.motion(late, 0.01)
-        assert next(asked) == min(checkpoints + 1, 5)
-        assert since == (pytest.approx(0.5) if checkpoints == 99 else 0.0)
-        for name in whole.variables:
-            np.testing.assert_array_equal(motion[name].values, whole[name].values, str(name))
+        assert (one._ready is not None) == ready
+        assert next(asked) == min(checkpoints + 1, 6)  # 5 checkpoints, and before the score
+        head, found = parts(one(late))
+        assert found == body
+        for name in ("time", "bound", "doubt", "clipped", "forces", "rho"):
+            assert head[name] == whole[name], name
+        other = parts(one(base))  # what is ready belongs to its curves alone
+        assert other[1] == parts(edited(small)(base))[1]
+
+
+def test_a_failed_motion_ahead_is_told_when_it_is_asked_for(small, monkeypatch):
+    from sim import InvertedElement
+
+    one, curves = edited(small), Curves(BASE, 0.4)
+
+    def fails(*given, **named):
+        raise InvertedElement(3, -0.1, 0.2)
+
+    with monkeypatch.context() as patch:
+        patch.setattr("emgface.view.edited.reduced_outputs", fails)
+        one.ahead(curves, lambda: False)
+        with pytest.raises(InvertedElement):
+            one(curves)
+    assert parts(one(curves))[1] == parts(edited(small)(curves))[1]
+
+
+def test_previews_use_the_alignment_of_the_last_motion_that_was_asked_for(small):
+    """Not of one that was computed ahead."""
+    from types import SimpleNamespace
+
+    one, curves = edited(small), Curves(BASE, 0.4)
+
+    class Scorer(SimpleNamespace):
+        def __call__(self, motion):
+            self.aligned = None if self.aligned is None else "ahead"
+            return {"rho": {}}
+
+        def preview(self, markers, position):
+            return {"rho": {"used": self.aligned}}
+
+    one._scorer = Scorer(aligned="former")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("emgface.view.edited.measured_markers", lambda *given: np.zeros((1, 1, 3)))
+        one.ahead(curves, lambda: False)
+        assert parts(one(curves, preview=True))[0]["rho"] == {"used": "former"}
+        one(curves)
+        assert parts(one(curves, preview=True))[0]["rho"] == {"used": "ahead"}
 
 
 def test_curves_are_the_same_only_with_equal_knots_and_times():
