@@ -264,6 +264,11 @@ _MARKERS: Final = {
     "misplaced": Meaning(
         "warning", "is at the position expected for {other} (misfit {ratio:.0%} when exchanged)"
     ),
+    "coincides": Meaning(
+        "warning",
+        "is exactly at the position of {other} in {frames:.0f} frames, the first at t = {at:.6g} s: one "
+        "of them was copied, or two were joined in tracking",
+    ),
     "exchanged": Meaning("warning", "is exchanged with {other} at {at:.4g} s"),
     "scale": Meaning(
         "warning",

@@ -4,6 +4,7 @@ import os
 import re
 import time
 import unicodedata
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,7 +13,7 @@ from typing import Final
 
 import xarray as xr
 
-from emgface.errors import DataError, EmgfaceError
+from emgface.errors import DataError, EmgfaceError, FeatureWarning, listed
 from emgface.muscles import INSTRUCTIONS
 from emgface.plugins import plugins
 from emgface.recordings.dataset import absent, candidates, none_found, read_recordings
@@ -138,6 +139,8 @@ def take_in(
         )
     _require_one_kind(found.values(), configuration.folder)
     require_one_spelling(found)
+    for sentence in copies(found.values(), configuration.folder):
+        warnings.warn(sentence, FeatureWarning, stacklevel=2)
     order = list(INSTRUCTIONS)
     places = sorted(found, key=lambda p: (p[0], order.index(p[1]), p[2]))
     lines = [
@@ -167,6 +170,20 @@ def require_one_spelling(places: Iterable[Place]) -> None:
                 "would count as different persons: relabel them with one spelling, or, if they are "
                 "different persons, with codes that differ in more than case, spaces and zeros"
             )
+
+
+def copies(recordings: Iterable[Recording], folder: Path) -> list[str]:
+    """Sentences on recordings with exactly the same samples, which would count as several trials."""
+    same: dict[str, list[Recording]] = {}
+    for one in recordings:
+        if one.signals and not one.excluded and one.error is None:
+            same.setdefault(one.signals, []).append(one)
+    return [
+        f"{listed([f'{_within(one.path, folder)} ({one.label})' for one in group])} contain the same "
+        "samples, so that one trial would count several times: remove the copies, or exclude them"
+        for group in same.values()
+        if len(group) > 1
+    ]
 
 
 def _read(
@@ -245,6 +262,7 @@ def _line(file: File, reader: str, given: Recording | EmgfaceError | None) -> Li
         "origin": given.origin,
         "world": given.world,
         "channels": given.channels,
+        "signals": given.signals,
     }
 
 
@@ -264,6 +282,7 @@ def _known(study: Path, reader: str, mapping: Path | None) -> dict[File, Recordi
                     line["origin"],
                     line["world"],
                     tuple(line["channels"]),
+                    line["signals"],
                 )
     return found
 

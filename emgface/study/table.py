@@ -1,5 +1,6 @@
 """Run table: all trials of a study, including those missing from a complete design."""
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -7,6 +8,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import xarray as xr
 
 from emgface.errors import DataError, EmgfaceError, RecordingChanged
@@ -31,6 +33,7 @@ class Recording:
     origin: str  #: measured or simulated
     world: str  #: world of a simulated volunteer, otherwise empty
     channels: tuple[str, ...]  #: recorded channels of the EMG
+    signals: str = ""  #: digest of the samples alone, without names and identity
     error: EmgfaceError | None = None  #: reason why it cannot be used, although it is identified
     excluded: str = ""  #: reason for its exclusion; empty if it is not excluded
 
@@ -104,8 +107,19 @@ def as_recording(
         str(dataset.attrs["origin"]),
         str(dataset.attrs.get("world", "")),
         tuple(map(str, channels)),
+        samples_digest(dataset),
         error,
     )
+
+
+def samples_digest(dataset: xr.Dataset) -> str:
+    """Digest of the samples of sEMG and positions; equal for copies with other names or identity."""
+    digest = hashlib.sha256()
+    for name in ("emg", "position"):
+        if name in dataset:
+            values = np.ascontiguousarray(dataset[name].values, dtype=np.float64)
+            digest.update(f"{values.shape}".encode() + values.tobytes())
+    return digest.hexdigest()
 
 
 @lru_cache(maxsize=4)

@@ -183,3 +183,21 @@ def test_a_rate_without_the_pass_band_is_an_error_with_its_values(clean: xr.Data
     assert found and found[0].values["rate"] == pytest.approx(rate)
     assert found[0].values["half"] == pytest.approx(rate / 2)
     assert "at least an octave of the pass-band from 15 to 500 Hz" in found[0].clause
+
+
+@pytest.mark.parametrize("frames", [2, 5, None])
+def test_two_markers_at_one_place_are_a_warning(clean: xr.Dataset, frames: int | None) -> None:
+    """A copied trajectory, or two that the tracking joined; neither score nor check noticed it."""
+    names = [str(m) for m in clean["marker"].values]
+    clean["position"].values[4, :, :frames] = clean["position"].values[2, :, :frames]
+    said = [text for text in problems(check_recording(clean), "warning") if "exactly" in text]
+    assert len(said) == 1 and f"marker {names[2]}" in said[0] and names[4] in said[0]
+    count = clean.sizes["time_marker"] if frames is None else frames
+    assert f"in {count} frames, the first at t = {clean['time_marker'].values[0]:g} s" in said[0]
+
+
+def test_markers_that_are_equal_in_one_coordinate_or_frame_are_not(clean: xr.Dataset) -> None:
+    clean["position"].values[4, :2] = clean["position"].values[2, :2]
+    clean["position"].values[5, :, :1] = clean["position"].values[3, :, :1]
+    clean["position"].values[6:8, :, 10:20] = np.nan
+    assert not [text for text in problems(check_recording(clean), "warning") if "exactly" in text]

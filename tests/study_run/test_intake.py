@@ -3,6 +3,7 @@
 import os
 import pickle
 import shutil
+import warnings
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 import pytest
 import xarray as xr
 
-from emgface.errors import DataError, ExecutionError
+from emgface.errors import DataError, ExecutionError, FeatureWarning
 from emgface.recordings.dataset import find_recordings, write_recording
 from emgface.run.journal import Journal
 from emgface.run.runner import InProcess
@@ -180,4 +181,21 @@ def test_a_study_refuses_two_spellings_and_names_both_files_of_one_trial(tmp_pat
     (tmp_path / "1.nc").rename(tmp_path / "copy" / "0.nc")
     write_recording(recording().assign_attrs(volunteer="V1"), tmp_path / "copy" / "0.nc")
     with pytest.raises(DataError, match=r"copy/0.nc and 0.nc|0.nc and copy/0.nc"):
+        take_in(RecordingsConfiguration(folder=tmp_path), workers=1)
+
+
+def test_copies_of_a_recording_are_told(tmp_path: Path) -> None:
+    """Three copies under three names were three independent volunteers of the statistics."""
+    one = recording()
+    other = one.assign(emg=(1.0 + 1e-9) * one["emg"]).assign(
+        emg=lambda own: own["emg"].assign_attrs(units="V")
+    )
+    for k, given in enumerate((one, one, other)):
+        write_recording(given.assign_attrs(volunteer=f"V{k}"), tmp_path / f"{k}.nc")
+    with pytest.warns(FeatureWarning, match=r"0.nc \(V0 A 1\), 1.nc \(V1 A 1\) contain the same"):
+        found = take_in(RecordingsConfiguration(folder=tmp_path), workers=1)
+    assert len(found.recordings) == 3  # a warning, and no recording is left out
+    (tmp_path / "1.nc").unlink()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", FeatureWarning)
         take_in(RecordingsConfiguration(folder=tmp_path), workers=1)

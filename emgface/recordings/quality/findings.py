@@ -10,7 +10,12 @@ from emgface.errors import SignalError
 from emgface.recordings.findings import Finding
 from emgface.recordings.quality.cross_talk import cross_talk
 from emgface.recordings.quality.emg import emg_quality
-from emgface.recordings.quality.markers import LAYOUT, marker_quality, swapped_markers
+from emgface.recordings.quality.markers import (
+    LAYOUT,
+    coinciding_markers,
+    marker_quality,
+    swapped_markers,
+)
 from emgface.recordings.quality.plausible import doubtful_rate, doubtful_sides, wrong_size
 from emgface.recordings.quality.processed import processing
 from emgface.recordings.quality.sides import swapped_sides
@@ -52,6 +57,11 @@ def findings(
                 measures["marker", name] = row
                 found += _marker(name, row)
             found += _exchanged(swapped_markers(recording["position"]))
+            for one, other, frames, at in coinciding_markers(recording["position"]).itertuples(
+                False
+            ):
+                numbers = {"other": str(other), "frames": float(frames), "at": float(at)}
+                found.append(Finding("coincides", "marker", str(one), numbers))
             found += wrong_size(recording["position"])
         found += little_in_common(recording)
         for left, right, r, swapped in swapped_sides(recording).itertuples(index=False):
@@ -148,6 +158,13 @@ def _marker(name: str, row: Mapping[str, float]) -> list[Finding]:
     if row["largest_speed"] > (TOO_FAST if name in LAYOUT else TOO_FAST_ELSEWHERE):
         found.append(Finding("jumps", "marker", name, {"speed": row["largest_speed"]}))
     return found
+
+
+def _coinciding(table: pd.DataFrame) -> list[Finding]:
+    return [
+        Finding("coincides", "marker", str(first), {"other": str(second), "frames": n, "at": at})
+        for first, second, n, at in table.itertuples(index=False)
+    ]
 
 
 def _exchanged(table: pd.DataFrame) -> list[Finding]:

@@ -25,6 +25,7 @@ BETTER = 0.75
 """Misfit of exchanged names over that of the given ones, below which they are suspected."""
 OPPOSITE = -0.7
 """Cosine between the vectors from one marker to another below which they are opposite."""
+SAME = 2  #: frames with exactly the same position from which two markers coincide
 NEAREST = 0.003  #: jump of a marker [m] above which an exchange within a trial is suspected
 
 
@@ -63,6 +64,24 @@ def swapped_markers(position: xr.DataArray) -> pd.DataFrame:
     names = [str(m) for m in position["marker"].values]
     rows = _within(values, names, position["time_marker"].values) + _throughout(values, names)
     return pd.DataFrame(rows, columns=["first", "second", "time", "ratio"])
+
+
+def coinciding_markers(position: xr.DataArray) -> pd.DataFrame:
+    """Find pairs of markers with exactly the same position, which two measured points never have.
+
+    The columns are ``first``, ``second`` (names), ``frames`` (their number, at least `SAME`) and
+    ``time`` [s] of the first.
+    """
+    values = position.transpose("marker", "axis", "time_marker").values
+    names, time = [str(m) for m in position["marker"].values], position["time_marker"].values
+    rows: list[tuple[str, str, int, float]] = []
+    for i in range(len(names)):
+        for j in range(i + 1, len(names)):
+            equal = np.asarray((values[i] == values[j]).all(axis=0))
+            same = np.flatnonzero(equal & values[i].any(axis=0))  # zeros are no position
+            if same.size >= SAME:
+                rows.append((names[i], names[j], int(same.size), float(time[same[0]])))
+    return pd.DataFrame(rows, columns=["first", "second", "frames", "time"])
 
 
 _Row = tuple[str, str, float, float]
