@@ -1,0 +1,176 @@
+"""Plans of treatments: their schema, wrong values, and what is refused."""
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+
+import emgface as ef
+from emgface.choices import configure
+from emgface.errors import ConfigurationError, DataError, FaceError, TreatmentError
+from emgface.face.file import load_face, save_face
+from emgface.schema.validation import schema_folder
+from emgface.treatment.motions import gestures
+from emgface.treatment.plan import NOT_VALIDATED, Plan, plan_schema_text, read_plan
+from tests.treatment.plans import QUICK, wedge
+
+
+def test_the_schema_of_a_plan_is_that_of_its_model():
+    written = (schema_folder() / "treatment.json").read_text(encoding="utf-8")
+    assert written == plan_schema_text(), "write emgface.treatment.plan.plan_schema_text() to it"
+
+
+def test_every_length_of_a_plan_in_metres_is_refused_and_names_mm():
+    from pydantic import BaseModel
+
+    from emgface.treatment.plan import Change, Incision, Resection, Scar, Tumour, Wedge
+
+    found = []
+    for kind in (Wedge, Tumour, Incision, Change, Resection, Scar):
+        assert issubclass(kind, BaseModel)
+        for name, field in kind.model_fields.items():
+            more = field.json_schema_extra
+            if not isinstance(more, dict) or more.get("unit") != "mm":
+                continue
+            found.append(name)
+            three = name in ("centre", "radii")
+            value = [0.002, 0.098, 0.003] if three else 0.012
+            given = {name: value}
+            if kind is Tumour and name != "centre":
+                given["centre"] = [0.0, 98.0, -10.0]
+            if kind is Change:
+                given["stiffness"] = 2.0
+            aim = "98" if three else "12"
+            with pytest.raises(ConfigurationError, match=f"{name} = .* in mm.* write .*{aim}"):
+                configure(kind, given)
+    assert {"width", "height", "retraction", "margin", "centre", "radii", "radius"} <= set(found)
+    assert configure(Wedge, {"width": 0.0, "retraction": 0.0}).width == 0.0
+
+
+@pytest.mark.parametrize(
+    ("step", "message"),
+    [
+        ({"kind": "wedge", "widht": 12.0}, "step.0.wedge.widht', did you mean 'width'"),
+        ({"kind": "palsy", "qqqq": 1}, "valid names are branch, degree, kind, muscles, side$"),
+        ({"kind": "wedge", "scar": {"stifness": 2}}, "did you mean 'stiffness'"),
+        (
+            {"width": 12.0},
+            "has no 'kind', expected one of change, incision, palsy, resection, tumour",
+        ),
+    ],
+)
+def test_a_wrong_name_in_a_step_of_a_plan_is_answered_with_the_valid_ones(step, message):
+    with pytest.raises(ConfigurationError, match=message):
+        configure(Plan, {"step": [step]})
+    with pytest.raises(ConfigurationError) as many:
+        configure(Plan, {"step": [{"kind": "palsy"}] * 51})
+    assert len(str(many.value)) < 300
+
+
+def test_steps_combine_in_their_order_and_a_file_holds_them(coarse, tmp_path):
+    text = """
+    name = "both lips"
+    [[step]]
+    kind = "wedge"
+    width = 9.0
+    height = 9.0
+    [[step]]
+    kind = "wedge"
+    lip = "upper"
+    place = 0.3
+    width = 8.0
+    height = 8.0
+    [[step]]
+    kind = "palsy"
+    branch = "mandibular"
+    degree = 0.5
+    """
+    (tmp_path / "plan.toml").write_text(text, encoding="utf-8")
+    treated = ef.treat(coarse, tmp_path / "plan.toml")
+    again = load_face(save_face(treated, tmp_path / "treated.nc"))
+    entry = json.loads(again.attrs["treatment"])[-1]
+    assert [s["kind"] for s in entry["steps"]] == ["wedge", "wedge", "palsy"]
+    assert entry["note"] == NOT_VALIDATED
+    assert "simulated" in again.attrs["name"]
+    np.testing.assert_array_equal(again["stress_free_position"], treated["stress_free_position"])
+    assert again["muscle_strength"].sel(muscle="DAO_L") == 0.5
+
+
+@pytest.mark.parametrize(
+    ("step", "reason"),
+    [
+        (wedge(place=0.05)["step"][0], "at the commissure: corner of the mouth"),
+        (wedge(width=42.0, place=0.5)["step"][0], "too wide: cannot be sutured"),
+        ({"kind": "tumour", "centre": [0.0, 60.0, 40.0]}, "tumour: not in the lower lip"),
+        (
+            wedge(width=0.6, height=1.0, method="elements")["step"][0],
+            "too small: contains no element",
+        ),
+        ({"kind": "tumour", "surface": "../t.stl"}, "surface: in the folder of the plan"),
+        (
+            {"kind": "change", "stiffness": 2.0, "centre": [0, 0, 900], "radius": 1.0},
+            "too small: no element",
+        ),
+        ({"kind": "resection"}, "other model: applies to a jaw model"),
+    ],
+)
+def test_an_impossible_step_is_refused_with_its_reason(coarse, step, reason):
+    code, words = reason.split(": ")
+    with pytest.raises(TreatmentError, match=words) as caught:
+        ef.treat(coarse, {"name": "impossible", "step": [step]})
+    assert "step 1" in str(caught.value) and caught.value.reason == code
+    sent = pickle.loads(pickle.dumps(caught.value))
+    assert (sent.reason, str(sent)) == (code, str(caught.value))
+
+
+@pytest.mark.parametrize(
+    ("step", "reason"),
+    [
+        ({"kind": "wedge", "width": -1.0}, "greater than or equal to 0"),
+        ({"kind": "wedge", "widht": 1.0}, "widht"),
+        ({"kind": "wedge", "rejoin": ["OOX"]}, "OOX is unknown"),
+        ({"kind": "palsy", "muscles": ["ZYG_R"], "side": "left"}, "none of the muscles"),
+        ({"kind": "tumour"}, "either centre"),
+        ({"kind": "change"}, "expected a factor"),
+        ({"kind": "wedge", "height": float("nan")}, "finite"),
+    ],
+)
+def test_a_plan_with_a_wrong_value_is_refused(step, reason):
+    with pytest.raises(ConfigurationError, match=reason):
+        configure(Plan, {"step": [step]}, where="plan")
+
+
+def test_a_file_that_is_no_plan_is_refused(tmp_path):
+    (tmp_path / "plan.toml").write_bytes(b"\xff\xfe[[")
+    with pytest.raises(ConfigurationError, match="is not valid TOML|Cannot read"):
+        read_plan(tmp_path / "plan.toml")
+    with pytest.raises(ConfigurationError, match="is not valid TOML|Cannot read"):
+        read_plan(tmp_path / "absent.toml")
+
+
+def test_every_comparison_refuses_what_is_no_treatment(coarse, operated):
+    """Motions, page, compensation, the other cut and the outcomes of jaws ask one place."""
+    from emgface.anatomy.jaw.template import template_jaw
+    from emgface.treatment.compensation import compensated
+    from emgface.treatment.cut_difference import other_cut
+    from emgface.treatment.jaw_outcomes import jaw_outcome_table
+    from emgface.treatment.motions import compared_motions
+    from emgface.treatment.plan import Resection
+    from emgface.treatment.treat import treat_jaw
+
+    jaw = template_jaw()
+    resected = treat_jaw(jaw, Plan(step=(Resection(side="left"),)))
+    for refused in (
+        lambda: compared_motions(operated, coarse, gestures(coarse, ("A",)), QUICK, source=""),
+        lambda: compensated(operated, coarse, {}, QUICK),
+        lambda: other_cut(operated, coarse),
+        lambda: jaw_outcome_table(resected, jaw),
+    ):
+        with pytest.raises(DataError, match="exchange both"):
+            refused()
+
+
+def test_a_resection_is_refused_for_a_face(coarse):
+    with pytest.raises(FaceError, match="applies to a jaw model"):
+        ef.treat(coarse, {"step": [{"kind": "resection"}]})
