@@ -79,6 +79,16 @@ _CLOCK: Final = {
         "{rate:g} Hz, expected {low:g} to {high:g} Hz for surface EMG: check whether the rate is too "
         "{error}",
     ),
+    "no_lag": Meaning(
+        "warning",
+        "the table of scans states that sEMG starts at {first!r} and markers at {second!r}, which "
+        "cannot be compared: they were read as if they started together, correct the table",
+    ),
+    "coarse_lag": Meaning(
+        "warning",
+        "the table of scans states that sEMG starts at {first!r} and markers at {second!r}, in whole "
+        "seconds: their lag may be wrong by a second, state fractions",
+    ),
     "nothing_in_common": Meaning(
         "warning",
         "sEMG from {emg_from:.4g} to {emg_to:.4g} s and markers from {marker_from:.4g} to "

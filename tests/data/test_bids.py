@@ -486,3 +486,33 @@ def test_two_processes_complete_one_table(tmp_path: Path) -> None:
         for k in range(40):
             pool.submit(complete_table, path, ("filename", "acq_time"), [(f"{k}", "n/a")])
     assert len(read_tsv(path)) == 40
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "lag", "code"),
+    [
+        ("2024-12-31T23:59:59.900000", "2025-01-01T00:00:00.150000", 0.25, ""),
+        ("2024-06-01T01:00:00+02:00", "2024-05-31T23:00:00.250000+00:00", 0.25, ""),
+        ("2024-06-01T01:00:00", "2024-06-01T01:00:00", 0.0, ""),
+        ("2024-06-01T01:00:00", "2024-06-01T01:00:01", 1.0, "coarse_lag"),
+        ("2024-06-01T01:00:00.5Z", "2024-06-01T01:00:00.75", 0.0, "no_lag"),
+        ("01.06.2024 10:00", "2024-06-01T01:00:00.75", 0.0, "no_lag"),
+        ("2024-06-01T01:00:00.5", "n/a", 0.0, "no_lag"),
+        ("n/a", "n/a", 0.0, ""),
+    ],
+)
+def test_start_times_that_cannot_be_compared_are_told(
+    trial: xr.Dataset, tmp_path: Path, first: str, second: str, lag: float, code: str
+) -> None:
+    """A time with a zone made the reader fail, and one that is no date was a lag of zero."""
+    (emg, motion) = write_bids(trial, tmp_path)
+    (table,) = tmp_path.rglob("*_scans.tsv")
+    rows = [f"emg/{emg.name}\t{first}", f"motion/{motion.name}\t{second}"]
+    table.write_text("\n".join(["filename\tacq_time", *rows]) + "\n")
+    found = read_recording(emg)
+    apart = float(found["time_marker"][0] - found["time_emg"][0])
+    assert apart == pytest.approx(lag, abs=1e-6)
+    told = [f for f in findings_in(found) if f.code.endswith("_lag")]
+    assert [f.code for f in told] == ([code] if code else [])
+    for one in told:
+        assert repr(first) in one.clause and repr(second) in one.clause and one.kind == "marker"

@@ -1,5 +1,6 @@
 """Tables and JSON files that describe the signals of a BIDS dataset."""
 
+import re
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -16,6 +17,7 @@ from emgface.recordings.bids.names import (
     require_bids_name,
     trial_of,
 )
+from emgface.recordings.findings import Finding
 from emgface.schema.rules import one_line
 from emgface.schema.units import spelling
 from emgface.texts import json_in, open_text, read_text
@@ -262,8 +264,8 @@ def read_json(path: Path) -> dict[str, Any]:
     return content
 
 
-def start_times(path: Path) -> dict[str, datetime]:
-    """Return the start times, by file name, of the files of a volunteer from ``*_scans.tsv``."""
+def start_times(path: Path) -> dict[str, str]:
+    """Return the start times as stated in ``*_scans.tsv``, by file name, of the files of a volunteer."""
     found = entities(path)
     own = {key: found[key] for key in ORDER[:2] if key in found}
     table = path.parent.parent / file_name(own, "scans.tsv") if own else None
@@ -272,10 +274,23 @@ def start_times(path: Path) -> dict[str, datetime]:
     scans = read_tsv(table)
     if not {"filename", "acq_time"} <= set(scans.columns):
         return {}
-    result: dict[str, datetime] = {}
-    for name, told in zip(scans["filename"], scans["acq_time"], strict=True):
-        try:
-            result[Path(str(name)).name] = datetime.fromisoformat(str(told))
-        except ValueError:
-            continue
-    return result
+    return {
+        Path(str(name)).name: str(told).strip()
+        for name, told in zip(scans["filename"], scans["acq_time"], strict=True)
+        if str(told).strip() not in ("", "n/a", "nan")
+    }
+
+
+def lag_between(first: str, second: str) -> tuple[float, Finding | None]:
+    """Lag [s] of the second of two stated start times, with a finding if it is not known exactly.
+
+    Times without a zone are local (BIDS), so that they cannot be compared with those of a zone.
+    """
+    told = {"first": first[:40], "second": second[:40]}
+    try:
+        lag = (datetime.fromisoformat(second) - datetime.fromisoformat(first)).total_seconds()
+    except (ValueError, TypeError):  # no date, or a time with a zone and one without
+        return 0.0, Finding("no_lag", "marker", "", told)
+    if lag != 0.0 and not any(re.search(r"[.,]\d", one) for one in (first, second)):
+        return lag, Finding("coarse_lag", "marker", "", told)
+    return lag, None

@@ -21,6 +21,7 @@ from emgface.recordings.bids.names import (
 )
 from emgface.recordings.bids.sidecars import (
     device,
+    lag_between,
     positive_number,
     read_json,
     read_tsv,
@@ -65,19 +66,22 @@ def motion_of_trial(emg: Path, units: Mapping[str, str]) -> list[Part]:
     """Read the markers of the same trial as an EMG file of a BIDS dataset, none or one part.
 
     Further tracking systems have separate clocks and are listed in ``dropped``. If ``*_scans.tsv``
-    contains both start times, the lag of the markers is preserved.
+    contains both start times, the lag of the markers is preserved; those that cannot be compared are a
+    finding.
     """
     found = _partners(emg, "motion", ("motion.tsv",))
     if not found:
         return []
     part, _ = _load(found[0], units)
     started = start_times(emg)
-    if part.data is not None and {emg.name, found[0].name} <= started.keys():
-        lag = (started[found[0].name] - started[emg.name]).total_seconds()
+    if part.data is not None and {emg.name, found[0].name} & started.keys():
+        stated = (started.get(path.name, "n/a") for path in (emg, found[0]))
+        lag, doubt = lag_between(*stated)
         time = part.data["time_marker"]
         shifted = time.values + lag
         part = part._replace(
-            data=part.data.assign_coords(time_marker=("time_marker", shifted, time.attrs))
+            data=part.data.assign_coords(time_marker=("time_marker", shifted, time.attrs)),
+            findings=(*part.findings, *([doubt] if doubt else [])),
         )
     others = {path.name: "another tracking system, read it separately" for path in found[1:]}
     return [part._replace(dropped={**part.dropped, **others})]
