@@ -142,9 +142,8 @@ def _show(server: Any, open_page: bool) -> None:
 
     redirect = server.redirect()
     opened = open_page and webbrowser.open(redirect.as_uri())
-    say(
-        f"The page is {server.url}" + ("" if opened else "; open it in a browser of this computer.")
-    )
+    say("The page is:" if opened else "Open this page in a browser of this computer:")
+    say(server.url)
     say("Ctrl-C ends the program and writes the log.")
 
 

@@ -344,9 +344,8 @@ def _browse(path: Path, mapping: Path | None, save: Path) -> None:
     )
     server.start()
     opened = webbrowser.open(server.redirect().as_uri())
-    say(
-        f"The page is {server.url}" + ("" if opened else "; open it in a browser of this computer.")
-    )
+    say("The page is:" if opened else "Open this page in a browser of this computer:")
+    say(server.url)
     say("Ctrl-C ends the program.")
     try:
         while True:
