@@ -29,6 +29,7 @@ import sim
 from benchmarks.random_plans import random
 from benchmarks.report import Row
 from benchmarks.resected_jaws import jaw
+from benchmarks.slit import slit
 from emgface.api.given import simulation_of, study_of
 from emgface.errors import EmgfaceError
 from emgface.face.contact import contact_pairings
@@ -37,11 +38,10 @@ from emgface.face.lip_shape import lip_rim
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.template import template_face
 from emgface.files import write_text
-from emgface.treatment.closure import drawn_together, relaxed, ties
 from emgface.treatment.motions import compared_motions, gestures
-from emgface.treatment.outcomes import outcome_table, smile_asymmetry
+from emgface.treatment.outcomes import OUTCOMES, outcome_table, smile_asymmetry
+from emgface.treatment.pressure import PressureHeld, pressure_held
 from emgface.treatment.sampled_volume import sampled_volume
-from sim.grids import grid_mesh
 
 MIRROR = np.array([-1.0, 1.0, 1.0])
 
@@ -147,79 +147,6 @@ def zero() -> list[Row]:
     return rows
 
 
-def sheet(
-    cells: int = 20, width: float = 16.0, opening: float = 1e-3
-) -> tuple[float, float, float, float]:
-    """Force that closes a lens in a sheet, its closed form [N], the final gap [m], and imbalance [N].
-
-    A crack of length 2 a under the stress s opens by 4 s/E sqrt(a^2 - x^2); a lens of this shape is
-    therefore closed by the uniform traction s, with the force 2 a t s = E d t/2 for the opening d in
-    its middle. Plane stress, small strain, a = 1 m, thickness t = 0.05 m.
-    """
-    E, t = 1e4, 0.05
-    inner = np.linspace(0.0, 1.0, cells + 1)
-    ratio, outer = 1.25, [1.0]
-    while outer[-1] < width:
-        outer.append(
-            outer[-1] + (outer[-1] - (outer[-2] if len(outer) > 1 else 1.0 - inner[1])) * ratio
-        )
-    half = np.append(inner, outer[1:])
-    x = np.append(-half[:0:-1], half)
-    blocks: list[Any] = []
-    for sign in (1.0, -1.0):
-        y = half if sign > 0 else -half[::-1]
-        X, Y, Z = np.meshgrid(x, y, [0.0, t], indexing="ij")
-        lens = 0.5 * opening * np.sqrt(np.maximum(1.0 - X**2, 0.0)) * np.exp(-np.abs(Y))
-        blocks.append(grid_mesh(np.stack([X, Y + sign * lens, Z], axis=-1)))
-    n = blocks[0].n_nodes
-    X = np.concatenate([b.X for b in blocks])
-    hexahedra = np.concatenate([blocks[0].blocks[0].nodes, blocks[1].blocks[0].nodes + n])
-    tree = KDTree(X[n:] * [1.0, 0.0, 1.0])
-    low = np.flatnonzero(np.abs(blocks[0].X[:, 1]) < opening)
-    high = np.flatnonzero(np.abs(X[n:, 1]) < opening)
-    partner = high[KDTree(X[n:][high][:, [0, 2]]).query(X[low][:, [0, 2]])[1]] + n
-    del tree
-    outside = np.abs(X[low, 0]) >= 1.0 - 1e-9
-    welded = ties(np.stack([low[outside], partner[outside]], axis=1), 2 * n)
-    used, number = np.unique(welded, return_inverse=True)
-    elements, at = number[hexahedra], X[used]
-    pairs = number[np.stack([low[~outside], partner[~outside]], axis=1)]
-    solid = sim.Solid((sim.Material(sim.LinearElastic(E, 0.3)),))
-    held = sim.Fixed(np.flatnonzero(np.abs(at[:, 1]) > half[-1] - 1e-9))
-    scene = sim.Scene(sim.mesh_from_arrays(at, hex8=elements), (solid,), (held,))
-    same = ties(pairs, len(at))
-    met = drawn_together(scene, same, steps=2)
-    gap = float(np.linalg.norm(met[pairs[:, 0]] - met[pairs[:, 1]], axis=1).max())
-    kept, merged = np.unique(same, return_inverse=True)
-    tied = merged[elements]
-    free = at[elements]
-    mesh = sim.mesh_from_arrays(met[kept], hex8=tied)
-    from dataclasses import replace
-
-    both = sim.Scene(
-        mesh, (replace(solid, stress_free=free),),
-        (sim.Fixed(np.flatnonzero(np.abs(mesh.X[:, 1]) > half[-1] - 1e-9)),),
-    )  # fmt: skip
-    side = np.arange(len(tied)) < len(tied) // 2
-    suture = np.unique(merged[pairs[:, 0]])
-    closed = relaxed(both, mesh.X, side, suture)
-    force = float(np.abs(closed.traction[suture, 1].sum()))
-    return force, 0.5 * E * opening * t, gap, closed.imbalance
-
-
-def slit() -> list[Row]:
-    """Closure of a lens in a sheet against its closed form, for two meshes."""
-    rows: list[Row] = []
-    for cells in (10, 20, 40):
-        force, exact, gap, imbalance = sheet(cells)
-        error = force / exact - 1.0
-        rows.append((f"sheet, {cells} elements over half the slit: force", f"{100 * error:+.2f} %",
-                     "3 % (finest)", abs(error) < 0.03 or cells < 40))  # fmt: skip
-    rows.append(("edges meet within", f"{1e3 * gap:.2g} mm", "1e-3 mm", gap < 1e-6))
-    rows.append(("largest force on a free node", f"{imbalance:.2g} N", "1e-9 N", imbalance < 1e-9))
-    return rows
-
-
 def mirror() -> list[Row]:
     """Mirrored plans give mirrored faces and motions."""
     face = template_face(resolution="coarse")
@@ -284,22 +211,29 @@ def _closes(face: xr.Dataset, plan: dict[str, Any]) -> tuple[str, bool]:
 
 def joining() -> list[Row]:
     """Closing with joined and not joined fibres, and a sweep of the stiffness of the scar."""
-    face = template_face(resolution="coarse")
-    p, drives = (
-        parameters(sigma_max=100e3),
-        gestures(template_face(resolution="coarse"), ("closing", "A")),
-    )
+    face, p = template_face(resolution="coarse"), parameters(sigma_max=100e3)
     rows: list[Row] = []
-
-    def value(**given: Any) -> dict[str, float]:
-        treated = ef.treat(face, wedge(**given))
-        table = outcome_table(face, treated, compared_motions(face, treated, drives, p, source=""))
-        return dict(zip(table["outcome"], table["after"], strict=True))
-
-    both = [value(rejoin=choice)["residual gap when closing"] for choice in ("all", "none")]
-    rows.append(("residual gap, joined and not joined", f"{both[0]:.2f}, {both[1]:.2f} mm2",
-                 "larger if not joined", both[1] > both[0]))  # fmt: skip
-    sweep = [value(scar={"stiffness": s})["pursing, narrowing"] for s in (1.0, 3.0, 10.0)]
+    gaps, held = list[float](), list[PressureHeld]()
+    for choice in ("all", "none"):
+        treated = ef.treat(face, wedge(rejoin=choice))
+        settled = settle_face(treated, p)
+        closed = simulate_face(treated, gestures(treated)["closing"], p, settled=settled)
+        gaps.append(1e6 * float(closed["mouth_area"].min()))
+        held.append(pressure_held(treated, p, settled=settled))
+    rows.append(("residual gap, joined and not joined", f"{gaps[0]:.2f}, {gaps[1]:.2f} mm2",
+                 "larger if not joined", gaps[1] > gaps[0]))  # fmt: skip
+    force, pressure = [one.force for one in held], [one.pressure for one in held]
+    told = ", ".join("at least " * one.at_least + f"{one.pressure:.0f}" for one in held)
+    rows.append(("   force of the closed lips on each other", f"{force[0]:.2f}, {force[1]:.2f} N",
+                 "smaller if not joined", force[1] < force[0]))  # fmt: skip
+    rows.append(("   pressure held", f"{told} Pa", "smaller if not joined",
+                 pressure[1] < pressure[0] and not held[1].at_least))  # fmt: skip
+    narrowing = next(o for o in OUTCOMES if o.name == "pursing, narrowing")
+    sweep = list[float]()
+    for stiffness in (1.0, 3.0, 10.0):
+        treated = ef.treat(face, wedge(scar={"stiffness": stiffness}))
+        pursed = motion(treated, "A", sigma_max=100e3)
+        sweep.append(1e3 * narrowing.value(treated, pursed))
     steps = np.diff(sweep)
     rows.append(("pursing, narrowing, for scar 1, 3, 10", ", ".join(f"{v:.3f}" for v in sweep),
                  "monotone", bool((steps > 0).all() or (steps < 0).all())))  # fmt: skip
