@@ -183,13 +183,7 @@ def _sutured(
     progress: Progress | None,
 ) -> tuple[xr.Dataset, Report]:
     """Face whose wound is closed, at rest, with its scar."""
-    touching = parameters.model_copy(
-        update={
-            "gravity": False,
-            "contact": ContactParameters(between=("lips",)),  # where the lips meet at rest
-        }
-    )
-    p = touching.model_copy(update={"contact": NO_CONTACT})
+    p = parameters.model_copy(update={"gravity": False, "contact": NO_CONTACT})
     same = ties(wound.pairs, len(wound.position))
     opened, at = rebuilt(face, wound, np.arange(len(wound.position)), wound.position)
     met = wound.position.copy()
@@ -209,25 +203,14 @@ def _sutured(
     tied, number = rebuilt(face, wound, same, _mean(met, same))
     suture = np.unique(number[wound.pairs[:, 0]])
     F0 = centre_stretch(wound.stress_free, wound.position, wound.connectivity)
-    own = F0[tied["bundle_index"].values]
-    mesh_directions = tied["bundle_direction"].values[..., None]
-    before = np.asarray(np.linalg.solve(own, mesh_directions)[..., 0], dtype=np.float64)
+    before = _unstretched(tied, F0)
     side = _one_side(wound)[element_order(tied).face_index]
 
-    def at_rest(state: xr.Dataset) -> tuple[xr.Dataset, Closed]:
-        here, start = carried(state, before), state["position"].values
-        found = relaxed(compose_scene(here, p), start, side, suture)
-        if "lip_opening_node" in state and lip_opening(state, found.position) < 0.0:
-            with suppress(FaceError):  # a wound of some layers has no surface for contact
-                found = relaxed(compose_scene(here, touching), start, side, suture)
-        moved = state.assign(position=(("node", "axis"), found.position, {"units": "m"}))
-        return carried(moved, before), found
-
-    closed, closing = at_rest(tied)
+    closed, closing = _at_rest(tied, before, parameters, side, suture)
     report: Report = {"closing_force_N": closing.force}
     scarred, told = _scarred(closed, face, step, suture, wound)
     if scarred is not closed:
-        closed, closing = at_rest(scarred)
+        closed, closing = _at_rest(scarred, before, parameters, side, suture)
     report |= told
     closed["suture_node"] = ("suture", suture.astype(np.int32), {"units": "1"})
     area = _wall_area(closing.position, wound, number)
@@ -246,6 +229,46 @@ def _sutured(
         "moved_markers": closed.attrs.pop("moved_markers", ""),
         **report,
     }
+
+
+def _at_rest(
+    face: xr.Dataset,
+    before: Floats,
+    parameters: SimulationParameters,
+    side: NDArray[np.bool_],
+    suture: Integers,
+) -> tuple[xr.Dataset, Closed]:
+    """Face in equilibrium without gravity, its lips in contact if they would pass each other."""
+    p = parameters.model_copy(update={"gravity": False, "contact": NO_CONTACT})
+    start = face["position"].values
+    here = carried(face, before)
+    found = relaxed(compose_scene(here, p), start, side, suture)
+    if "lip_opening_node" in face and lip_opening(face, found.position) < 0.0:
+        p = p.model_copy(update={"contact": ContactParameters(between=("lips",))})
+        with suppress(FaceError):  # a wound of some layers has no surface for contact
+            found = relaxed(compose_scene(here, p), start, side, suture)
+    moved = face.assign(position=(("node", "axis"), found.position, {"units": "m"}))
+    return carried(moved, before), found
+
+
+def _unstretched(face: xr.Dataset, F0: Floats) -> Floats:
+    """Fibre directions (rows, 3) of a face in its stress-free state, whose stretch is F0 (elements,)."""
+    directions = face["bundle_direction"].values[..., None]
+    own = np.linalg.solve(F0[face["bundle_index"].values], directions)
+    return np.asarray(own[..., 0], dtype=np.float64)
+
+
+def _rested(face: xr.Dataset, parameters: SimulationParameters) -> xr.Dataset:
+    """Face with a residual stress, in equilibrium again after its stiffness has changed.
+
+    The forces on the suture remain those of the closure.
+    """
+    if "stress_free_position" not in face:
+        return face
+    free, position = face["stress_free_position"].values, face["position"].values
+    before = _unstretched(face, centre_stretch(free, position, face["connectivity"].values))
+    none = np.zeros(face.sizes["element"], dtype=bool)
+    return _at_rest(face, before, parameters, none, np.empty(0, dtype=np.int64))[0]
 
 
 def _mean(position: Floats, same: Integers) -> Floats:
@@ -343,7 +366,8 @@ def _scarred(
 def _change(
     face: xr.Dataset, step: Change, parameters: SimulationParameters, folder: Path, _: Any
 ) -> tuple[xr.Dataset, Report]:
-    return apply_change(face, step)
+    changed, report = apply_change(face, step)
+    return _rested(changed, parameters), report
 
 
 def _palsy(

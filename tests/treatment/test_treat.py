@@ -170,6 +170,19 @@ def test_a_second_excision_keeps_the_residual_stress_of_the_first(coarse):
     assert volumes[1] - volumes[2] == pytest.approx(removed[1], rel=0.05)
 
 
+def test_a_change_of_all_tissue_and_a_wedge_apply_in_any_order(coarse):
+    """Both faces are at rest, so that their equilibrium is the same, as are all lengths at rest."""
+    cut = wedge(scar=False)["step"][0]
+    stiff = {"kind": "change", "stiffness": 3.0}
+    one, two = (ef.treat(coarse, {"step": steps}) for steps in ([stiff, cut], [cut, stiff]))
+    apart = np.linalg.norm(one["position"].values - two["position"].values, axis=1).max()
+    moved = np.linalg.norm(
+        two["position"].values - ef.treat(coarse, {"step": [cut]})["position"].values, axis=1
+    ).max()
+    assert apart < 1e-6 < 0.01 * moved
+    np.testing.assert_allclose(one["bundle_direction"], two["bundle_direction"], atol=1e-3)
+
+
 @pytest.mark.parametrize("shape", ["V", "W", "shield", "rectangle"])
 def test_nodes_moved_onto_a_cut_lose_no_tissue(coarse, shape):
     """The mass that is lost is that of the removed volume, though nodes move on curved surfaces."""
