@@ -26,6 +26,7 @@ RISE: Final = 10.0
 """Largest change of an activation that follows a slider, per second of simulated time [1/s]."""
 FRAMES: Final = 30.0  #: largest number of frames sent to a page per second
 AGAIN: Final = 1.0  #: time after which a source that has stopped is asked again [s]
+REST: Final = 0.1  #: time without a request after which the motion of a preview is computed [s]
 WAITING: Final = 0.25  #: time between looks at a page that has not drawn its frame yet [s]
 LEFT_OUT: Final = 0.25
 """Delay after which sliders leave out the missed time instead of making up for it [s]."""
@@ -347,7 +348,11 @@ class LiveSession:
                     continue
                 if self._still and self._shown is not None:
                     shown, self._shown = self._shown, None
-                    self._ahead(shown, lambda shown=shown: self._other_than(shown))
+                    # Drawing the preview must not wait for the processor.
+                    with self._new:
+                        moved_on = self._new.wait_for(lambda: bool(self._asked), REST)
+                    if not moved_on:
+                        self._ahead(shown, lambda shown=shown: self._other_than(shown))
                     continue
                 if self._still:
                     with self._new:
