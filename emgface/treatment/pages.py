@@ -30,7 +30,7 @@ from emgface.pictures.page import as_json, cells, environment, policy, style, vi
 from emgface.pictures.render import VIEWS
 from emgface.pictures.stills import body_figure
 from emgface.treatment.motions import ComparedMotions
-from emgface.treatment.outcomes import OUTCOMES, with_words_of_bounds
+from emgface.treatment.outcomes import CLOSED, OUTCOMES, with_words_of_bounds
 from emgface.treatment.outline import outline_of
 from emgface.treatment.plan import CUTS, NOT_VALIDATED, Plan
 
@@ -296,13 +296,19 @@ def plain_sentences(
                 f"{PLAIN_UNITS[str(row.unit)]} (before: {least['before']}{before:.0f})."
             )
             continue
+        if row.unit == "mm2" and max(before, after) <= 1e6 * CLOSED:
+            found.append(
+                f"In the model, {words[name]} is below one square millimetre, as before, which counts "
+                "as closed."
+            )
+            continue
         if abs(after - before) < 0.05 * max(abs(before), 0.2):
             found.append(f"In the model, {words[name]} stays about the same.")
             continue
         size = "more" if after > before else "less"
         unit = PLAIN_UNITS[str(row.unit)]
         found.append(
-            f"In the model, {words[name]} is {size}: {after:.1f} instead of {before:.1f} {unit}."
+            f"In the model, {words[name]}: {after:.1f} instead of {before:.1f} {unit}, which is {size}."
         )
     for row in movements.itertuples():
         share = float(row[3])

@@ -4,6 +4,7 @@ import io
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 
@@ -11,8 +12,8 @@ import emgface as ef
 from emgface.choices import configure
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.treatment.motions import compared_motions, gestures
-from emgface.treatment.outcomes import movement_table, outcome_table
-from emgface.treatment.pages import compare_page, states_of
+from emgface.treatment.outcomes import OUTCOMES, movement_table, outcome_table
+from emgface.treatment.pages import compare_page, plain_sentences, states_of
 from emgface.treatment.plan import NOT_VALIDATED
 from tests.browser import needs_browser, started, until
 
@@ -137,3 +138,20 @@ def test_both_faces_move_under_one_cursor_and_turn_by_keys(
         assert min(changed(rest, settled(browser))) > 0.01
         severe = [e for e in browser.get_log("browser") if e["level"] == "SEVERE"]
         assert not severe, severe
+
+
+def test_small_gaps_are_closed_lips_on_the_plain_page():
+    """A gap counts as closed below 1 mm2, and a person is not told that it became smaller."""
+    gap = next(o.name for o in OUTCOMES if "gap that remains" in o.plain)
+    none = pd.DataFrame(columns=["movement", "words", "instruction", "amplitude ratio"])
+
+    def told(name, unit, before, after):
+        row = {"outcome": name, "unit": unit, "before": before, "after": after, "bound": ""}
+        (sentence,) = plain_sentences(pd.DataFrame([row]), none)
+        return sentence
+
+    assert "counts as closed" in told(gap, "mm2", 0.96, 0.02)
+    assert "3.0 instead of 0.0 square millimetres, which is more" in told(gap, "mm2", 0.02, 3.0)
+    assert "40.0 instead of 50.0 millimetres, which is less" in told(
+        "mouth width", "mm", 50.0, 40.0
+    )
