@@ -1,4 +1,4 @@
-"""Whether times that are used as seconds can be seconds, for drives of models and datasets in memory.
+"""Tests of times that are used as seconds, for drives of models and datasets in memory.
 
 Milliseconds, counters of samples and dates in other units are recognised by their intervals: a drive
 has some instants in each second.

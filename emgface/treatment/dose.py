@@ -283,7 +283,10 @@ def _outcomes_of(table: pd.DataFrame) -> list[str]:
 
 
 def bounds_of(table: pd.DataFrame) -> pd.DataFrame:
-    """Whether every outcome of every case is a lower bound; in none of an earlier table."""
+    """Return, per outcome and case, True if the value is a lower bound.
+
+    Tables of earlier versions do not state it; their values are not lower bounds.
+    """
     texts = table[BOUNDS].fillna("") if BOUNDS in table else [""] * len(table)
     told = [set(str(text).split(SEPARATOR)) for text in texts]
     names = _outcomes_of(table)

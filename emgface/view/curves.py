@@ -56,7 +56,7 @@ class Curves:
     clipped: int = field(init=False)  #: number of knots outside 0 to 1
 
     def same(self, other: "Curves") -> bool:
-        """Whether knots, duration and interpolation are equal."""
+        """Return True if knots, duration and interpolation are equal."""
         equal = self.knots.keys() == other.knots.keys() and all(
             np.array_equal(rows, other.knots[muscle]) for muscle, rows in self.knots.items()
         )

@@ -406,7 +406,7 @@ class LiveSession:
                 connection.send(json.dumps({"kind": "refused", "why": str(error)}))
 
     def _other_than(self, curves: Curves) -> bool:
-        """Whether something else is wanted than the complete motion of curves."""
+        """Return True if the page asks for anything but the complete motion of curves."""
         with self._new:
             asked = list(self._asked)
         other = any(preview or not one.same(curves) for _, one, preview in asked)

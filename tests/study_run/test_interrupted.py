@@ -30,29 +30,13 @@ from emgface.face.waypoints import INDEX
 from emgface.files import is_part
 from emgface.recordings.dataset import read_recording, write_recording
 from tests.api.test_command_files import paths
+from tests.study_run.test_cli import STUDY
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning"),
     pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning"),
     pytest.mark.skipif(not hasattr(os, "fork"), reason="needs to fork a process"),
 ]
-
-STUDY = """
-strategies = ["act_rel"]
-[recordings]
-folder = "{folder}"
-instructions = ["B"]
-[face]
-path = "{face}"
-[signals.normalisation]
-silent = "zero"
-[simulation]
-solver = "linearly_implicit"
-step = 0.02
-output = 0.02
-sigma_max = 100e3
-contact = {{ method = "none" }}
-"""
 
 QUICK: dict[str, str] = {
     "map": "map {rec} --out {o}/mapping.toml",
@@ -230,7 +214,10 @@ def grows(path: Path) -> bool:
 
 
 def content(path: Path) -> Any:
-    """What is to be equal in two runs: arrays of netCDF files, the length of texts and pictures."""
+    """Return the parts of a file that two runs must have in common.
+
+    They are the arrays of a netCDF file, and the length of a text or picture.
+    """
     if path.suffix == ".nc":
         with xr.open_dataset(path, decode_times=False) as opened:
             return {

@@ -158,7 +158,7 @@ def walked(browser: Any, at_least: int) -> None:
 
 
 def acts(browser: Any, keys: str) -> bool:
-    """Whether a key changes the page within two seconds, apart from what changes by itself."""
+    """Return True if a key changes the page within two seconds, apart from what changes by itself."""
     from selenium.webdriver.common.action_chains import ActionChains
 
     earlier = browser.execute_script(STATE)
