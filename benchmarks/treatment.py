@@ -282,13 +282,13 @@ def compensation() -> list[Row]:
 def convergence() -> list[Row]:
     """Changes by a wedge against the resolution of the face, for both methods of cutting.
 
-    Movements without contact, whose cost allows three resolutions. The interval of the finest face
+    Movements without contact, whose cost allows four resolutions. The interval of the finest face
     contains its two methods; a change that does not exceed it is not a result.
     """
     rows: list[Row] = []
     found: dict[str, dict[str, float]] = {}
     p = parameters(sigma_max=100e3, contact={"method": "none"})
-    resolutions = (576, 1200, 2448)
+    resolutions = (576, 1200, 2448, 4752)
     for resolution in resolutions:
         face = template_face(resolution=resolution)
         drives = gestures(face, ("A", "D", "opening"))

@@ -33,13 +33,15 @@ class LipRim:
 def lip_rim(face: xr.Dataset) -> LipRim:
     """Find the boundary loop of the skin at the mouth and divide it at the mouth corners.
 
+    The corners are the nodes `mouth_corner_node` of a treated or fitted face, which are those of the
+    face before it; otherwise the leftmost and the rightmost node of the loop.
+
     Raises FaceError if the face has no `lip_opening_node`, or they are not on a closed boundary of
     the skin.
     """
     if "lip_opening_node" not in face:
         raise FaceError("the face has no lip_opening_node, expected one node of each lip")
     top, bottom = (int(node) for node in face["lip_opening_node"].values)
-    position = face["position"].values
     faces, _ = faces_among(face["connectivity"].values, sheet_nodes(face, OUTER))
     neighbours: dict[int, list[int]] = {}
     for a, b in boundary_edges(faces):
@@ -50,13 +52,26 @@ def lip_rim(face: xr.Dataset) -> LipRim:
         raise FaceError(
             "the lip_opening_nodes lie on no common closed boundary of the skin, expected the mouth"
         )
-    x = position[loop, 0]
-    left, right = int(np.argmin(x)), int(np.argmax(x))
+    left, right = _corners(face, loop)
     rolled = np.roll(loop, -left)
     turn = (right - left) % len(loop)
     one, other = rolled[: turn + 1], np.concatenate([rolled[turn:], rolled[:1]])[::-1]
     upper, lower = (one, other) if top in one else (other, one)
     return LipRim(upper.astype(np.int64), lower.astype(np.int64))
+
+
+def _corners(face: xr.Dataset, loop: Integers) -> tuple[int, int]:
+    """Positions of the left and the right corner in the loop of the margin."""
+    if "mouth_corner_node" in face:
+        at = [np.flatnonzero(loop == node) for node in face["mouth_corner_node"].values]
+        if any(len(one) == 0 for one in at):
+            raise FaceError(
+                "a mouth_corner_node does not lie on the boundary of the skin at the mouth, which "
+                "contains the lip_opening_nodes: expected the corners between upper and lower margin"
+            )
+        return int(at[0][0]), int(at[1][0])
+    x = face["position"].values[loop, 0]
+    return int(np.argmin(x)), int(np.argmax(x))
 
 
 def has_mouth(face: xr.Dataset) -> bool:

@@ -13,6 +13,7 @@ import pandas as pd
 import xarray as xr
 
 import sim
+from emgface.face.lip_shape import has_mouth, lip_rim
 from emgface.face.parts import INNER, OUTER
 from emgface.face.quality import is_wedge
 from emgface.face.surface import boundary_faces, triangles
@@ -57,6 +58,10 @@ def carry(face: xr.Dataset, q: Floats) -> Carried:
         nodes = nodes[:: max(1, len(nodes) // CONTROLS)]
         spline = thin_plate(source[nodes], q[nodes], 0.5e-3)
         found["arch_position"].values[:] = spline(face["arch_position"].values)
+    if has_mouth(face):
+        rim = lip_rim(face)
+        corners = rim.upper[[0, -1]].astype(np.int32)
+        found["mouth_corner_node"] = ("mouth_corner", corners, {"units": "1"})
     return Carried(found, _fibres(face, found))
 
 

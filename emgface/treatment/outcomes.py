@@ -100,16 +100,23 @@ def _residual_area(face: xr.Dataset, motion: xr.Dataset | None) -> float:
 
 
 def _protrusion(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+    """Forward displacement of the lips when the mouth is narrowest, negative backwards [m]."""
     assert motion is not None
     if "lip_protrusion" not in motion:
         return float("nan")
     path = motion["lip_protrusion"].values
-    return float((path - path[0]).max())
+    return float(path[np.argmin(_width(motion))] - path[0])
+
+
+def _width(motion: xr.Dataset) -> Floats:
+    """Distance (time,) of the corner markers [m]."""
+    apart = _marker(motion, "corner_left") - _marker(motion, "corner_right")
+    return np.linalg.norm(apart, axis=1)
 
 
 def _narrowing(face: xr.Dataset, motion: xr.Dataset | None) -> float:
     assert motion is not None
-    width = np.linalg.norm(_marker(motion, "corner_left") - _marker(motion, "corner_right"), axis=1)
+    width = _width(motion)
     return float(width[0] - width.min())
 
 

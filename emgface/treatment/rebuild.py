@@ -17,6 +17,7 @@ from emgface.treatment.excise import Wound
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
+LIP_NODES: Final = "lip_opening_node", "mouth_corner_node"
 NEIGHBOURS: Final = 8  #: nodes whose displacement moves a point of a fibre
 
 
@@ -66,7 +67,7 @@ def rebuilt(
 
 def _of_nodes(face: xr.Dataset) -> list[str]:
     """Variables that name single nodes, or earlier sutures."""
-    names = ("marker_node", "lip_opening_node", "suture_node", "suture_traction")
+    names = ("marker_node", *LIP_NODES, "suture_node", "suture_traction")
     return [name for name in names if name in face]
 
 
@@ -149,7 +150,7 @@ def _surfaces(face: xr.Dataset, wound: Wound, number: Integers) -> dict[str, Any
 def _placed(
     face: xr.Dataset, wound: Wound, number: Integers, used: Integers
 ) -> tuple[dict[str, Any], list[str]]:
-    """Nodes of markers and of the lip opening; those that were removed are moved."""
+    """Nodes of markers, lip opening and mouth corners; those that were removed are moved."""
     old, position = face.sizes["node"], face["position"].values
     rim = lip_rim(face)
     skin, moved = sheet_nodes(face, OUTER), list[str]()
@@ -189,6 +190,10 @@ def _placed(
             for lip, n in zip(LIPS, nodes, strict=True)
         ]
         found["lip_opening_node"] = ("lip", np.array(lips, dtype=np.int32))
+        both = np.intersect1d(rim.upper, rim.lower)
+        corners = [nearest(int(rim.upper[k]), both, f"{side} corner of the mouth", set())
+                   for k, side in ((0, "left"), (-1, "right"))]  # fmt: skip
+        found["mouth_corner_node"] = ("mouth_corner", np.array(corners, dtype=np.int32))
     del old, used
     return found, moved
 
