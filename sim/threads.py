@@ -4,12 +4,13 @@ Dense linear algebra uses one thread, so that the order of its sums does not dep
 """
 
 import os
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import wraps
+from functools import lru_cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
-from threadpoolctl import threadpool_limits  # pyright: ignore[reportMissingTypeStubs]
+from threadpoolctl import ThreadpoolController  # pyright: ignore[reportMissingTypeStubs]
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -26,10 +27,16 @@ def one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def on_one_thread(*args: P.args, **kwargs: P.kwargs) -> R:
-        with threadpool_limits(limits=1, user_api="blas"):
+        with _controller(len(sys.modules)).limit(limits=1, user_api="blas"):
             return function(*args, **kwargs)
 
     return on_one_thread
+
+
+@lru_cache(maxsize=1)
+def _controller(modules: int) -> Any:
+    """Libraries that are loaded; the search takes some milliseconds, and only an import loads one."""
+    return ThreadpoolController()
 
 
 class _Threads:

@@ -11,7 +11,7 @@ from scipy import sparse
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from sim import LineMuscles, Solid, State, StepReport, System
-from sim.laws import FibreLaw
+from sim.laws import FibreLaw, slopes
 from sim.probes import Variable
 from sim.state import Control, Outputs
 
@@ -134,7 +134,7 @@ class MuscleForces:
         for law in dict.fromkeys(self.laws):
             used = np.array([other == law for other in self.laws])
             own = slice(None) if used.all() else used[self.muscle]
-            slope[own] = law.evaluate(stretch[own], level[own])[1]
+            slope[own] = slopes(law, stretch[own], level[own])
         summed = sparse.csr_array(
             (self.area, (self.muscle, np.arange(len(self.area)))),
             shape=(len(self.muscles), len(self.area)),

@@ -1,6 +1,5 @@
 """Motion of a reduced face, with the bound of its error."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -142,37 +141,12 @@ def simulate_reduced(
     InvertedElement, SingularSystem
         A step failed.
     """
-    trajectory = reduced_outputs(
-        reduced, activation, duration, step=step, output=output, further=further
-    )
-    return with_error(reduced, trajectory, activation, step=step)
-
-
-def reduced_outputs(
-    reduced: ReducedFace,
-    activation: Activation,
-    duration: float,
-    *,
-    step: float,
-    output: float,
-    further: tuple[Probe, ...] = (),
-    own: tuple[Probe, ...] = (),
-    initial: State | None = None,
-    checkpoint: int | None = None,
-    at_checkpoint: Callable[[State], None] | None = None,
-) -> xr.Dataset:
-    """Outputs of a reduced face for `with_error`, from its equilibrium or from another state.
-
-    The probes `further` record positions of full order, and `own` those of the reduced system, its
-    coordinates. `checkpoint` and `at_checkpoint` are those of `sim.simulate`.
-    """
     face, r = reduced.face, reduced.moving
     omitted = reduced.modes[face["marker_node"].values.astype(np.int64), :, r:]
     probes: list[Probe] = [
         reduced.markers,
         ReductionError(np.ascontiguousarray(omitted).reshape(-1, omitted.shape[2])),
         Iterations(),
-        *own,
     ]
     probes += [Lifted(probe, reduced.rest, reduced.modes[..., :r]) for probe in further]
     system = reduced.model.system
@@ -184,15 +158,13 @@ def reduced_outputs(
         steps=FixedStep(step),
         every=output,
         probes=probes,
-        initial=initial or reduced.equilibrium,
+        initial=reduced.equilibrium,
         work=Workspace(system),
-        checkpoint=checkpoint,
-        at_checkpoint=at_checkpoint,
     )
-    return trajectory
+    return _with_error(reduced, trajectory, activation, step=step)
 
 
-def with_error(
+def _with_error(
     reduced: ReducedFace, trajectory: xr.Dataset, activation: Activation, *, step: float
 ) -> xr.Dataset:
     """Outputs of a reduced face from its equilibrium, with their bound and the range of the training.

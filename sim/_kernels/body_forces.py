@@ -8,13 +8,13 @@ import numpy as np
 
 from sim._kernels.frames import add, cross, inner_product, minus, put, vector
 from sim._kernels.lines import tension, velocity_factor
-from sim._kernels.options import bare
+from sim._kernels.options import inner
 
 NEXT = tuple(np.uint64(k) for k in range(6))
 """Offsets of unsigned indices, which cannot count from the end of an array."""
 
 
-@bare
+@inner
 def _add_block(A, row, column, s, t, e, across, along):
     """A += V'(across 1 + along e e')W of derivatives V, W of two points by twists, with arms s, t.
 
@@ -36,13 +36,13 @@ def _add_block(A, row, column, s, t, e, across, along):
     _add_column(A, row, column + NEXT[5], e, m, z, (-t[1], t[0], 0.0), _less(t, s[2], 0.0, 0.0, st))
 
 
-@bare
+@inner
 def _less(t, x, a, b, c):
     """Vector (a, b, c) - x t."""
     return (a - x * t[0], b - x * t[1], c - x * t[2])
 
 
-@bare
+@inner
 def _add_column(A, i, j, e, m, x, u, v):
     """A[i:i + 6, j] += x (e, m) + (u, v)."""
     A[i, j] += x * e[0] + u[0]
@@ -53,7 +53,7 @@ def _add_column(A, i, j, e, m, x, u, v):
     A[i + NEXT[5], j] += x * m[2] + v[2]
 
 
-@bare
+@inner
 def add_wrench(x, c, s, f, factor):
     """x[c:c + 6] += factor (f, s x f)."""
     m = cross(s, f)
@@ -65,7 +65,7 @@ def add_wrench(x, c, s, f, factor):
     x[c + 5] += factor * m[2]
 
 
-@bare
+@inner
 def measure_segments(start, point, q, way):
     """Unit vectors and lengths of the segments of all fibres from positions q."""
     for k in range(len(start) - 1):
@@ -76,7 +76,7 @@ def measure_segments(start, point, q, way):
             way[i, 3] = size
 
 
-@bare
+@inner
 def _add_segment(a, b, first, arm, e, across, along, A, whole, g):
     """A += across V'V + along (V'e)(V'e)' and, if whole, g += V'e, for a segment a to b along e.
 
@@ -96,7 +96,7 @@ def _add_segment(a, b, first, arm, e, across, along, A, whole, g):
             add_wrench(g, row, s, e, 2.0 * block - 1.0)
 
 
-@bare
+@inner
 def _rate(point, first, last, v, way):
     """Rate of the length of segments first..last by the velocities v of points [m/s]."""
     rate = 0.0
@@ -105,7 +105,7 @@ def _rate(point, first, last, v, way):
     return rate
 
 
-@bare
+@inner
 def add_line(table, lines, k, activation, points, by_damping, by_stiffness, A, r, g):
     """Forces of fibre k on its points, and its share of A, after `measure_segments`.
 
@@ -155,7 +155,7 @@ def add_line(table, lines, k, activation, points, by_damping, by_stiffness, A, r
                     A[i, j] += x * g[j]
 
 
-@bare
+@inner
 def add_tension(table, lines, k, activation, points):
     """Forces of fibre k at rest on its points, after `measure_segments`."""
     way, point, total = points.way, table.point, 0.0
@@ -170,7 +170,7 @@ def add_tension(table, lines, k, activation, points):
             add(points.force, b, 0, e, -F)
 
 
-@bare
+@inner
 def add_morsels(morsel, plane, first, whole, points, by_damping, by_stiffness, A):
     """Forces of whole morsels on their points, and their share of A, as `sim.terms.crushable`."""
     for k in range(len(morsel)):
@@ -188,13 +188,13 @@ def add_morsels(morsel, plane, first, whole, points, by_damping, by_stiffness, A
             _add_block(A, c, c, s, s, normal, 0.0, along)
 
 
-@bare
+@inner
 def morsel_gap(plane, k, x):
     """Distance of a point x from the plane of morsel k."""
     return inner_product(minus(x, vector(plane, k)), vector(plane[k : k + 1, 3:6], 0))
 
 
-@bare
+@inner
 def add_points(first, points, by_stiffness, A, r):
     """Forces and moments of the loads of all points, and the rotation of their arms."""
     for p in range(len(first)):

@@ -8,7 +8,7 @@ The equations are those of `sim.integrators.linear_rows` and `sim.joints.compile
 from sim._kernels.dense import factorise, solve_lower, solve_upper
 from sim._kernels.frames import move, turned_tensor
 from sim._kernels.joints import evaluate_rows
-from sim._kernels.options import bare
+from sim._kernels.options import inner
 
 CHANGES, SINGLE = 20, 100
 """Largest number of updates of the whole active set, and of single rows after them."""
@@ -26,7 +26,7 @@ KEPT = 1e-9
 """Violation of rows up to which an earlier factor corrects them [m, rad]."""
 
 
-@bare
+@inner
 def _factor(on, m, place, S, T, positive, softened):
     """Factor of S (m, m) over the active rows with an increased diagonal; their number, -1 if singular.
 
@@ -48,7 +48,7 @@ def _factor(on, m, place, S, T, positive, softened):
     return k if good else -1
 
 
-@bare
+@inner
 def _solve(T, place, k, b, m, x, f):
     """Forces f (m,) with S f = -b of the k active rows, zero for the others."""
     for i in range(k):
@@ -61,7 +61,7 @@ def _solve(T, place, k, b, m, x, f):
         f[place[i]] = x[i]
 
 
-@bare
+@inner
 def _complementary(unilateral, near, m, b, S, T, on, place, positive, x, f):
     """Forces with S f + b = 0 of equations, and 0 <= f, S f + b >= 0, f (S f + b) = 0 of inequalities.
 
@@ -98,7 +98,7 @@ def _complementary(unilateral, near, m, b, S, T, on, place, positive, x, f):
     return False
 
 
-@bare
+@inner
 def _evaluate(column, table, frames, q, c, G, JA, JB, JP):
     """Values c, derivatives G by the velocities, and by twists of both bodies, at frames."""
     evaluate_rows(table, frames, q, c, JA, JB, JP)
@@ -112,7 +112,7 @@ def _evaluate(column, table, frames, q, c, G, JA, JB, JP):
                     G[k, column[b] + d] += J[k, d]
 
 
-@bare
+@inner
 def _drift(body_a, body_b, JA, JB, twists, drift):
     """Rates of rows by twists (n_bodies, 6)."""
     for k in range(len(drift)):
@@ -126,7 +126,7 @@ def _drift(body_a, body_b, JA, JB, twists, drift):
         drift[k] = s
 
 
-@bare
+@inner
 def _mobility(column, mass, inverse, body_a, body_b, near, m, G, Y, S):
     """Y = G M^-1 (m, n) and S = G M^-1 G' of some rows, with the inverse inertia of all bodies."""
     n = Y.shape[1]
@@ -151,7 +151,7 @@ def _mobility(column, mass, inverse, body_a, body_b, near, m, G, Y, S):
                 S[i, j] += G[near[j], d] * Y[i, d]
 
 
-@bare
+@inner
 def _push(f, m, Y, g):
     """Sum f Y of the forces of rows, into g."""
     for j in range(len(g)):
@@ -161,7 +161,7 @@ def _push(f, m, Y, g):
             g[j] += f[i] * Y[i, j]
 
 
-@bare
+@inner
 def _choose(chosen, near):
     """Numbers of the chosen rows, into near; their number."""
     m = 0
@@ -172,7 +172,7 @@ def _choose(chosen, near):
     return m
 
 
-@bare
+@inner
 def _hold(table, kinds, twists, h, step, rows):
     """Add h A^-1 G'f with the forces of rows to w1, as `sim.integrators.linear_rows`.
 
@@ -230,7 +230,7 @@ def _hold(table, kinds, twists, h, step, rows):
     return True
 
 
-@bare
+@inner
 def restrict(table, kinds, bodies, q, known, step, rows):
     """Remove from velocities g what rigid rows at the frames `step.ahead` do not allow.
 
@@ -265,7 +265,7 @@ def restrict(table, kinds, bodies, q, known, step, rows):
     return True
 
 
-@bare
+@inner
 def move_on_rows(table, kinds, bodies, twists, q, h, theta, known, most, drift, step, rows):
     """Move bodies by w1 with the forces of rows, and project frames and velocities to the rows.
 

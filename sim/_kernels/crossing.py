@@ -10,7 +10,7 @@ import numpy as np
 
 from sim._kernels.element import Indices, Reals
 from sim._kernels.grid import ROUNDING
-from sim._kernels.options import inner, kernel
+from sim._kernels.options import allocating, inner, kernel
 from sim._kernels.triangles import dot, point_triangle
 
 SHARP = 1e-9  # Barycentric tolerance, so that no point passes between two faces.
@@ -21,7 +21,7 @@ def _cubic(c0, c1, c2, c3, t):
     return c0 + t * (c1 + t * (c2 + t * c3))
 
 
-@inner
+@allocating
 def _roots(c0, c1, c2, c3, out):
     """Roots within 0-1 of a cubic, ascending, by bisection between its extrema."""
     cut = np.empty(4)
@@ -68,7 +68,7 @@ def _roots(c0, c1, c2, c3, out):
     return found
 
 
-@inner
+@allocating
 def _entry(p0, p1, a0, a1, b0, b1, c0, c1, weight):
     """Earliest time 0-1 at which a moving point enters a moving triangle through its front, or 2."""
     # (p - a) . (b - a) x (c - a), each difference linear in time

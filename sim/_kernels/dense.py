@@ -11,13 +11,13 @@ import math
 
 import numpy as np
 
-from sim._kernels.options import bare
+from sim._kernels.options import inner
 
 PIVOT = 1e-4
 """Least size of a negative pivot, relative to the diagonal; smaller ones would lose digits."""
 
 
-@bare
+@inner
 def copy(source, target):
     """Copy an array (n, m); an assignment of slices would count references."""
     for i in range(source.shape[0]):
@@ -25,7 +25,7 @@ def copy(source, target):
             target[i, j] = source[i, j]
 
 
-@bare
+@inner
 def factorise(A, sign, n):
     """Factor L J L' in place of a lower triangle, J = diag(sign), without exchange of rows.
 
@@ -52,7 +52,7 @@ def factorise(A, sign, n):
     return negative
 
 
-@bare
+@inner
 def solve_lower(L, x, n):
     """Solve L y = x in place, for a lower triangle L."""
     one, n = np.uint64(1), np.uint64(n)
@@ -65,7 +65,7 @@ def solve_lower(L, x, n):
                 x[i] -= y * L[i, k]
 
 
-@bare
+@inner
 def solve_upper(L, x, n):
     """Solve L'y = x in place, for a lower triangle L."""
     one, n = np.uint64(1), np.uint64(n)

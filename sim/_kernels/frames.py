@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._kernels.options import bare, bare_kernel
+from sim._kernels.options import bare_kernel, inner
 
 Array = NDArray[np.float64]
 
@@ -21,31 +21,31 @@ COASTS, LEFT = 30, 1e-13
 """Largest number of Newton iterations for a free rotation, and the relative momentum that remains."""
 
 
-@bare
+@inner
 def cross(a, b):
     """Cross product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
-@bare
+@inner
 def inner_product(a, b):
     """Scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@bare
+@inner
 def minus(a, b):
     """Difference."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-@bare
+@inner
 def vector(x, i):
     """Row i of an array (n, 3)."""
     return (x[i, 0], x[i, 1], x[i, 2])
 
 
-@bare
+@inner
 def add(x, i, j, v, factor):
     """x[i, j:j + 3] += factor v."""
     x[i, j] += factor * v[0]
@@ -53,13 +53,13 @@ def add(x, i, j, v, factor):
     x[i, j + 2] += factor * v[2]
 
 
-@bare
+@inner
 def put(x, i, j, v, factor):
     """x[i, j:j + 3] = factor v."""
     x[i, j], x[i, j + 1], x[i, j + 2] = factor * v[0], factor * v[1], factor * v[2]
 
 
-@bare
+@inner
 def times(I, k, e):  # noqa: E741
     """Sum of the three vectors e with row k of a matrix as factors."""
     a, b, c = I[k, 0], I[k, 1], I[k, 2]
@@ -70,7 +70,7 @@ def times(I, k, e):  # noqa: E741
     )
 
 
-@bare
+@inner
 def rotated(frames, b, v):
     """Vector from the axes of body b to space, v + 2 w (r x v) + 2 r x (r x v); body -1 is space."""
     if b < 0:
@@ -78,7 +78,7 @@ def rotated(frames, b, v):
     return turned(frames[b, 3], (frames[b, 4], frames[b, 5], frames[b, 6]), v)
 
 
-@bare
+@inner
 def turned(w, r, v):
     """Vector turned by a quaternion with scalar part w and vector part r."""
     t = cross(r, v)
@@ -90,7 +90,7 @@ def turned(w, r, v):
     )
 
 
-@bare
+@inner
 def placed(frames, b, v):
     """Position in space of a point that is v from the centre of body b, in its axes."""
     if b < 0:
@@ -99,7 +99,7 @@ def placed(frames, b, v):
     return (frames[b, 0] + r[0], frames[b, 1] + r[1], frames[b, 2] + r[2])
 
 
-@bare
+@inner
 def move(frames, b, d, i):
     """Move the centre of body b by d[i:i + 3] and turn it by the rotation vector d[i + 3:i + 6]."""
     add(frames, b, 0, (d[i], d[i + 1], d[i + 2]), 1.0)
@@ -122,7 +122,7 @@ def move(frames, b, d, i):
     frames[b, 5], frames[b, 6] = new[2] / size, new[3] / size
 
 
-@bare
+@inner
 def turn_between(start, end, b):
     """Rotation vector of body b from frames at the start to those at the end."""
     a, u = start[b, 3], (start[b, 4], start[b, 5], start[b, 6])
@@ -132,7 +132,7 @@ def turn_between(start, end, b):
     return rotation_vector(a * c + inner_product(u, v), r)
 
 
-@bare
+@inner
 def rotation_vector(w, r):
     """Rotation vector of a quaternion with scalar part w and vector part r."""
     s = -1.0 if w < 0.0 else 1.0
@@ -143,7 +143,7 @@ def rotation_vector(w, r):
     return (size * r[0], size * r[1], size * r[2])
 
 
-@bare
+@inner
 def rate_of_vector(theta, v, half):
     """Sum v + half theta x v + s theta x (theta x v), s = (1 - a/2 cot(a/2))/a^2 with the angle a.
 
@@ -164,7 +164,7 @@ def rate_of_vector(theta, v, half):
     )
 
 
-@bare
+@inner
 def turned_tensor(frames, b, I, out):  # noqa: E741
     """Symmetric tensor I (3, 3) from the axes of body b to space, Q I Q'."""
     e = (
@@ -182,7 +182,7 @@ def turned_tensor(frames, b, I, out):  # noqa: E741
     out[1, 0], out[2, 0], out[2, 1] = out[0, 1], out[0, 2], out[1, 2]
 
 
-@bare
+@inner
 def _of(I, v):  # noqa: E741
     """Product of a matrix (3, 3) and a vector."""
     return (
@@ -192,7 +192,7 @@ def _of(I, v):  # noqa: E741
     )
 
 
-@bare
+@inner
 def _turned_by(theta, v, sign):
     """Vector turned by the rotation vector sign theta."""
     angle = math.sqrt(inner_product(theta, theta))
@@ -203,7 +203,7 @@ def _turned_by(theta, v, sign):
     return turned(math.cos(0.5 * angle), (half * theta[0], half * theta[1], half * theta[2]), v)
 
 
-@bare
+@inner
 def _slope(theta, v):
     """Rotation in space that a change v of a rotation vector theta adds, dexp(theta) v."""
     angle2 = inner_product(theta, theta)
@@ -221,7 +221,7 @@ def _slope(theta, v):
     )
 
 
-@bare
+@inner
 def coasted(I, w0, h, theta):  # noqa: E741
     """Angular velocity w1 after a rotation without moment: I1 w1 = I w0, and True if it was found.
 
@@ -257,7 +257,7 @@ def coasted(I, w0, h, theta):  # noqa: E741
     return w, False
 
 
-@bare
+@inner
 def _column(I, d, w, L, e, s):  # noqa: E741
     """Derivative of I R'w - R'L along a change e of w, with the rotation s dexp(d) e of R."""
     turn = _slope(d, e)

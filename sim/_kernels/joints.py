@@ -20,7 +20,7 @@ from sim._kernels.frames import (
     rotation_vector,
     vector,
 )
-from sim._kernels.options import bare, bare_kernel
+from sim._kernels.options import bare_kernel, inner
 
 Array = NDArray[np.float64]
 
@@ -56,12 +56,12 @@ class RowTable(NamedTuple):
     curve: NDArray[np.float64]
 
 
-@bare
+@inner
 def _axis(frames, body, axes, k, i):
     return rotated(frames, body, (axes[k, 0, i], axes[k, 1, i], axes[k, 2, i]))
 
 
-@bare
+@inner
 def _height(curve, k, x):
     """Height of a curve and its slope."""
     at = min(max(x, curve[k, 0]), curve[k, 1])
@@ -70,13 +70,13 @@ def _height(curve, k, x):
     return f + slope * (x - at), slope
 
 
-@bare
+@inner
 def _set(J, k, force, moment):
     put(J, k, 0, force, 1.0)
     put(J, k, 3, moment, 1.0)
 
 
-@bare
+@inner
 def _between_axes(table, frames, k):
     """Value of a row of axes, and its derivative by the angular velocity of B less that of A."""
     a, b = table.body_a[k], table.body_b[k]
@@ -94,14 +94,14 @@ def _between_axes(table, frames, k):
     return angle, _axis(frames, a, table.axes_a, k, 2)
 
 
-@bare
+@inner
 def _quaternion(frames, b):
     if b < 0:
         return (1.0, 0.0, 0.0, 0.0)
     return (frames[b, 3], frames[b, 4], frames[b, 5], frames[b, 6])
 
 
-@bare
+@inner
 def _rotation(table, frames, k):
     """Component of the rotation vector theta of B in the axes of A, and its derivative, both turned.
 
@@ -123,7 +123,7 @@ def _rotation(table, frames, k):
     return inner_product(n, theta), rotated(frames, a, slope)
 
 
-@bare
+@inner
 def _of_place(table, frames, k, r):
     """Value of a row of the vector r from x_A to x_B, and its derivative by r."""
     a = table.body_a[k]
@@ -136,7 +136,7 @@ def _of_place(table, frames, k, r):
     return inner_product(n, r) - f, along
 
 
-@bare
+@inner
 def evaluate_rows(table, frames, q, c, JA, JB, JP):
     """Values c (m,), and their derivatives by twists of both bodies (m, 6) and points (m, 3)."""
     for k in range(len(c)):

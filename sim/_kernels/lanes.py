@@ -25,7 +25,7 @@ from numba.core.typeconv import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, models, overload, register_model
 
-from sim._kernels.options import inner
+from sim._kernels.options import allocating
 
 LANES = 8
 _BYTES = 8 * LANES  # of a cache line, too
@@ -213,6 +213,33 @@ def smallest(typingctx, x):
 
 
 @intrinsic
+def above(typingctx, x, limit, a, b):
+    """Return a where x > limit, otherwise b; of a number, or of every lane."""
+    kind = lanes if x == lanes else types.float64
+
+    def codegen(context, builder, sig, args):
+        pairs = zip(sig.args, args, strict=True)
+        x, limit, a, b = (v if t == kind else _spread(builder, v) for t, v in pairs)
+        return builder.select(builder.fcmp_ordered(">", x, limit), a, b)
+
+    return kind(*(t if t == kind else types.float64 for t in (x, limit, a, b))), codegen
+
+
+@intrinsic
+def largest(typingctx, x):
+    """Largest of the lanes, undefined if one is NaN; or the number."""
+
+    def codegen(context, builder, sig, args):
+        if sig.args[0] != lanes:
+            return args[0]
+        return _folded(
+            builder, args[0], lambda a, b: builder.select(builder.fcmp_ordered(">", a, b), a, b)
+        )
+
+    return types.float64(x if x == lanes else types.float64), codegen
+
+
+@intrinsic
 def _at_cache_line(typingctx, array):
     """View of the array from the next cache line, without its last row."""
 
@@ -228,7 +255,7 @@ def _at_cache_line(typingctx, array):
     return array(array), codegen
 
 
-@inner
+@allocating
 def rows(n):
     """Array of n rows of lanes aligned to a cache line."""
     return _at_cache_line(np.empty((n + 1, LANES)))

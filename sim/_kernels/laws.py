@@ -14,7 +14,8 @@ and bulk laws also receive the eight points of an element at once (`sim._kernels
 arithmetic, sqrt, exp and log, and no branches on their argument.
 """
 
-# pyright: basic, reportAttributeAccessIssue=false
+# pyright: basic, reportAttributeAccessIssue=false, reportCallIssue=false
+# pyright: reportGeneralTypeIssues=false
 # numba compiles these functions; those called from Python carry types
 
 import math
@@ -23,7 +24,8 @@ from typing import NamedTuple
 import numpy as np
 
 from sim._kernels.element import Indices, Reals
-from sim._kernels.options import inner
+from sim._kernels.lanes import above, largest
+from sim._kernels.options import bare_kernel, inner
 
 MOONEY_RIVLIN = 0
 NEO_HOOKE = 1
@@ -126,46 +128,42 @@ def bulk(code, kappa, J):
 @inner
 def blemker_active(r):
     """Active force-length curve f_act(r), its integral from 0 and its slope."""
-    if r <= 0.4 or r >= 1.6:
-        return (0.0 if r <= 0.4 else 508.0 / 750.0), 0.0, 0.0
-    if r <= 0.6:
-        x = r - 0.4
-        return 3.0 * x * x * x, 9.0 * x * x, 18.0 * x
-    if r < 1.4:
-        x = r - 1.0
-        return 0.024 + (x + 0.4) - 4.0 / 3.0 * (x * x * x + 0.064), 1.0 - 4.0 * x * x, -8.0 * x
-    x = r - 1.6
-    return 508.0 / 750.0 + 3.0 * x * x * x, 9.0 * x * x, 18.0 * x
+    x, y, z, end = r - 0.4, r - 1.0, r - 1.6, 508.0 / 750.0
+    w = 0.024 + (y + 0.4) - 4.0 / 3.0 * (y * y * y + 0.064)
+    f, k = 1.0 - 4.0 * y * y, -8.0 * y
+    if not (largest(-r) < -0.6 and largest(r) < 1.4):
+        w = above(-r, -1.4, w, above(-r, -1.6, end + 3.0 * z * z * z, end))
+        f = above(-r, -1.4, f, above(-r, -1.6, 9.0 * z * z, 0.0))
+        k = above(-r, -1.4, k, above(-r, -1.6, 18.0 * z, 0.0))
+        w = above(r, 0.6, w, above(r, 0.4, 3.0 * x * x * x, 0.0))
+        f = above(r, 0.6, f, above(r, 0.4, 9.0 * x * x, 0.0))
+        k = above(r, 0.6, k, above(r, 0.4, 18.0 * x, 0.0))
+    return w, f, k
 
 
 @inner
 def exponential_then_linear(P1, P2, r_star, r):
     """P1 (exp(P2 (r - 1)) - 1) up to r*, then its tangent line; integral from 1, value and slope."""
-    if r <= r_star:
-        e = math.exp(P2 * (r - 1.0))
-        return P1 * ((e - 1.0) / P2 - (r - 1.0)), P1 * (e - 1.0), P1 * P2 * e
-    e = math.exp(P2 * (r_star - 1.0))
-    P3 = P1 * P2 * e
-    f_star = P1 * (e - 1.0)
-    w_star = P1 * ((e - 1.0) / P2 - (r_star - 1.0))
-    x = r - r_star
-    return w_star + f_star * x + 0.5 * P3 * x * x, f_star + P3 * x, P3
+    low = above(r, r_star, r_star, r)
+    e, x = math.exp(P2 * (low - 1.0)), r - low
+    f, k = P1 * (e - 1.0), P1 * P2 * e
+    w = P1 * ((e - 1.0) / P2 - (low - 1.0))
+    return w + f * x + 0.5 * k * x * x, f + k * x, k
 
 
 @inner
 def blemker(p, stretch, activation):
     """dw/dstretch = sigma_max/stretch_opt (f_pas + a f_act), p = sigma_max, stretch_opt, r*, P1, P2."""
     r = stretch / p[1]
-    w_pas, f_pas, k_pas = 0.0, 0.0, 0.0
-    if r > 1.0 + KINK:
-        w_pas, f_pas, k_pas = exponential_then_linear(p[3], p[4], p[2] / p[1], r)
-    w, f, k = p[0] * w_pas, p[0] / p[1] * f_pas, p[0] / (p[1] * p[1]) * k_pas
+    w = f = k = 0.0 * r
+    if largest(r) > 1.0 + KINK:
+        # The curve begins with zero, but with a slope.
+        w, f, k = exponential_then_linear(p[3], p[4], p[2] / p[1], above(r, 1.0 + KINK, r, 1.0))
+        k = above(r, 1.0 + KINK, k, 0.0)
     if activation != 0.0:
         w_act, f_act, k_act = blemker_active(r)
-        w += p[0] * activation * w_act
-        f += p[0] / p[1] * activation * f_act
-        k += p[0] / (p[1] * p[1]) * activation * k_act
-    return w, f, k
+        w, f, k = w + activation * w_act, f + activation * f_act, k + activation * k_act
+    return p[0] * w, p[0] / p[1] * f, p[0] / (p[1] * p[1]) * k
 
 
 @inner
@@ -176,15 +174,16 @@ def generic(p, stretch, activation):
     f = p[0] * activation + f_pas / stretch
     k = (k_pas - f_pas / stretch) / stretch
     # The integral of f_pas/stretch has no elementary form; it is smooth on both sides of r*.
-    width = (stretch if stretch < p[2] else p[2]) - 1.0
+    low = above(stretch, p[2], p[2], stretch)
+    width = low - 1.0
     for i in range(GAUSS_X.size):
         r = 1.0 + width * GAUSS_X[i]
         w += width * GAUSS_W[i] * exponential_then_linear(p[3], p[4], p[2], r)[1] / r
-    if stretch > p[2]:
+    if largest(stretch) > p[2]:
         e = math.exp(p[4] * (p[2] - 1.0))
         P3 = p[3] * p[4] * e
         P4 = p[3] * (e - 1.0) - P3 * p[2]
-        w += P3 * (stretch - p[2]) + P4 * math.log(stretch / p[2])
+        w += P3 * (stretch - low) + P4 * math.log(stretch / low)
     return w, f, k
 
 
@@ -204,6 +203,13 @@ def fibre(code, p, stretch, activation):
     if code == CONSTANT:
         return constant(p, stretch, activation)
     return math.nan, math.nan, math.nan
+
+
+@bare_kernel
+def fibre_slopes(code: int, p: Reals, stretch: Reals, activation: Reals, out: Reals) -> None:
+    """Write the slopes dw/dstretch (n,) of a fibre law at stretches and activations (n,)."""
+    for i in range(stretch.size):
+        _, out[i], _ = fibre(code, p, stretch[i], activation[i])
 
 
 @inner

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.laws import KINK
-from sim._kernels.options import bare, bare_kernel
+from sim._kernels.options import bare_kernel, inner
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -46,14 +46,14 @@ class LineTable(NamedTuple):
     relation: Array
 
 
-@bare
+@inner
 def _constant(p, k, length, rest, activation):
     """Energy, tension and slope of `sim.laws.line.ConstantForce`."""
     F = p[k, 0] * (activation + p[k, 1])
     return F * (length - rest), F, 0.0
 
 
-@bare
+@inner
 def _peck(p, k, length, rest, activation):
     """Energy, tension and slope of `sim.laws.line.Peck`."""
     force_max, stretch_opt, stretch_max = p[k, 0], p[k, 1], p[k, 2]
@@ -77,7 +77,7 @@ def _peck(p, k, length, rest, activation):
     return w, F + phi * x / span, slope
 
 
-@bare
+@inner
 def _linear_spring(p, k, length, rest, activation):
     """Energy, tension and slope of `sim.laws.line.LinearSpring`."""
     slack, force_max = p[k, 2] * rest, p[k, 0]
@@ -87,7 +87,7 @@ def _linear_spring(p, k, length, rest, activation):
     return w, force_max * activation + stiff * x, stiff / slack if x > KINK else 0.0
 
 
-@bare
+@inner
 def _hill_fibres(force_max, passive, pennation, across, y, activation):
     """Energy, tension and slope of pennate fibres by their length y along the line of action."""
     l_opt = across / math.cos(pennation)
@@ -110,7 +110,7 @@ def _hill_fibres(force_max, passive, pennation, across, y, activation):
     return force_max * l_opt * w, force_max * f * cos, force_max * slope
 
 
-@bare
+@inner
 def _hill(p, k, length, rest, activation):
     """Energy, tension and slope of `sim.laws.hill.Hill`, by Newton steps within a bracket."""
     force_max, passive, pennation, strain = p[k, 0], p[k, 3], p[k, 4], p[k, 5]
@@ -140,7 +140,7 @@ def _hill(p, k, length, rest, activation):
     return w + 0.5 * stiff * e * e, F, slope * stiff / (slope + stiff)
 
 
-@bare
+@inner
 def _law(code, p, k, length, rest, activation):
     """Energy, tension and slope of the law with parameters p[k]; NaN without one of this code."""
     if code == CONSTANT:
@@ -154,7 +154,7 @@ def _law(code, p, k, length, rest, activation):
     return math.nan, math.nan, math.nan
 
 
-@bare
+@inner
 def tension(table, k, length, activation, factor):
     """Energy [J], tension [N] and slope [N/m] of fibre k at a length [m], with its spring.
 
@@ -167,7 +167,7 @@ def tension(table, k, length, activation, factor):
     return w, share * F + spring * strain, share * slope + spring
 
 
-@bare
+@inner
 def velocity_factor(table, k, rate):
     """Factor of the active tension at a rate of length [m/s], less 1, and its slope [s/m].
 

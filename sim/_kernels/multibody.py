@@ -39,12 +39,12 @@ from sim._kernels.frames import (
 )
 from sim._kernels.joints import RowTable
 from sim._kernels.lines import LineTable
-from sim._kernels.options import bare, bare_kernel
+from sim._kernels.options import bare_kernel, inner
 
 Array = NDArray[np.float64]
 
 
-@bare
+@inner
 def _place_points(body, place, frames, q, arm):
     """Positions of points, and their lever arms, from their places in the axes of their bodies."""
     for p in range(len(body)):
@@ -55,7 +55,7 @@ def _place_points(body, place, frames, q, arm):
             add(q, p, 0, vector(frames, body[p]), 1.0)
 
 
-@bare
+@inner
 def _velocities(body, arm, twists, v):
     """Velocities of points at their lever arms."""
     for p in range(len(body)):
@@ -68,7 +68,7 @@ def _velocities(body, arm, twists, v):
                 v[p, d] = twists[b, d] + u[d]
 
 
-@bare
+@inner
 def _carry(body, arm, led, twists, carried):
     """Velocities of points by the prescribed bodies (k,) with twists (k, 6); others stay zero."""
     for k in range(len(led)):
@@ -80,7 +80,7 @@ def _carry(body, arm, led, twists, carried):
                     carried[p, d] = twists[k, d] + v[d]
 
 
-@bare
+@inner
 def _start(column, mass, inertia, frames, twists, step):
     """Momentum p and velocities w0 of the state, and A = 0."""
     I = step.I  # noqa: E741
@@ -99,7 +99,7 @@ def _start(column, mass, inertia, frames, twists, step):
             )
 
 
-@bare
+@inner
 def _coast(bodies, table, kinds, known, h, theta, points, step, rows):
     """Move the initial frames `step.ahead` to the pose of the mass, after a motion without forces.
 
@@ -134,7 +134,7 @@ def _coast(bodies, table, kinds, known, h, theta, points, step, rows):
     return True
 
 
-@bare
+@inner
 def _add_mass(column, mass, inertia, step):
     """A += M at the pose `step.ahead`."""
     for b in range(len(column)):
@@ -148,7 +148,7 @@ def _add_mass(column, mass, inertia, step):
                 step.A[c + 3 + i, c + 3 + j] += step.I[i, j]
 
 
-@bare
+@inner
 def _equation(table, lines, activation, whole, h, theta, points, step):
     """Factor of A = M + theta h D + (theta h)^2 K, and the velocities w1 without rows.
 

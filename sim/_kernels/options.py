@@ -80,17 +80,18 @@ def kernel_and_inner(function: Callable[..., Any]) -> Any:
 
 
 def inner(function):
-    """Function for kernels alone; a call from Python raises TypeError.
+    """Function for kernels alone, without allocation; a call from Python raises TypeError.
 
     It has no wrapper for Python, and numba would jump to an invalid address. Compiled versions are
-    therefore not entered in the table for calls from Python.
+    therefore not entered in the table for calls from Python. References are not counted, as in
+    `bare_kernel`: an evaluation of the elements of a reduced face took three times as long with them.
     """
-    return _for_kernels(nb.njit(**_ALL, **_INNER)(function))
-
-
-def bare(function):
-    """As `inner`, without counted references as of `bare_kernel`."""
     return _for_kernels(nb.njit(**_BARE, **_INNER)(function))
+
+
+def allocating(function):
+    """As `inner`, for a function that allocates arrays."""
+    return _for_kernels(nb.njit(**_ALL, **_INNER)(function))
 
 
 def _for_kernels(compiled):

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from sim._kernels.element import Indices, Part, Reals
 from sim._kernels.lanes import LANES, load, store, total
 from sim._kernels.laws import FibreTable, LawTable
-from sim._kernels.options import inner, kernel
+from sim._kernels.options import bare_kernel, inner
 from sim._kernels.reduced_element import add_stiffness, add_stress, rows_of
 
 Singles = NDArray[np.float32]
@@ -40,11 +40,7 @@ STILL = 1e-12  #: displacement in a step below which a solution ends [m]
 
 
 class Elements(NamedTuple):
-    """Weighted elements of a solid, and the positions of their k nodes, of which the first m move.
-
-    Loops over elements compute the positions of a node before its first element and project its forces
-    after the last one, while its modes are in a cache.
-    """
+    """Weighted elements of a solid, and the positions of their k nodes, of which the first m move."""
 
     parts: tuple[Part, ...]  #: of elements with a weight, numbered by these nodes
     laws: LawTable
@@ -53,11 +49,7 @@ class Elements(NamedTuple):
     rest: Reals  #: (k, 3) positions where all coordinates are zero [m]
     #: (3 m * blocks, 8) derivative of the positions by the n coordinates, filled with zeros
     modes: Singles
-    #: (n,) for each element with a weight in their order: number of the first moving nodes that it and
-    #: those before require, and of nodes in `leaving` that no later one has
-    required: Indices
-    left: Indices
-    leaving: Indices  #: (m,) moving nodes, ordered by their last element
+    moving: int  #: m
 
 
 class Scratch(NamedTuple):
@@ -128,59 +120,55 @@ def _project(t, s, i):
 
 
 @inner
-def _clear(t, s, share):
-    """Begin a sum of forces, with nodes that do not move at a share of their positions at rest."""
-    s.f[:] = 0.0
-    s.force[:] = 0.0
-    for i in range(t.leaving.size, s.q.shape[0]):
+def _place_all(t, s, moving, share):
+    """Positions of all nodes, of those that do not move at a share of their positions at rest."""
+    for i in range(t.moving):
+        _place(t, s, i, moving, share)
+    for i in range(t.moving, s.q.shape[0]):
         for j in range(3):
             s.q[i, j] = share * t.rest[i, j]
+    s.f[:] = 0.0
+
+
+@inner
+def _project_all(t, s):
+    """Forces on the coordinates, of those on all moving nodes."""
+    s.force[:] = 0.0
+    for i in range(t.moving):
+        _project(t, s, i)
 
 
 @inner
 def _forces(t, activation, s, moving):
     """Forces of the elements on all coordinates, at those of `s.y`; energy, least det F, its element."""
-    energy, smallest, at = 0.0, math.inf, -1
-    element, placed, projected, first = 0, 0, 0, 0
-    _clear(t, s, np.float64(1.0))
+    energy, smallest, at, first = 0.0, math.inf, -1, 0
+    _place_all(t, s, moving, np.float64(1.0))
     for part in t.parts:
         for e in range(part.element.size):
-            while placed < t.required[element]:
-                _place(t, s, placed, moving, np.float64(1.0))
-                placed += 1
             own, J = add_stress(e, part, t.laws, t.fibres, activation, t.weight, first, s)
             energy += own
             if not (J >= smallest):
                 smallest, at = J, part.element[e]
             if not (smallest > 0.0):
                 return energy, smallest, at
-            while projected < t.left[element]:
-                _project(t, s, t.leaving[projected])
-                projected += 1
-            element += 1
             first += rows_of(e, part, t.fibres)
+    _project_all(t, s)
     return energy, smallest, at
 
 
 @inner
 def _stiffness(t, s, moving):
     """Product -K y in `s.force`, for `s.y` and what is kept of the elements."""
-    element, placed, projected, first = 0, 0, 0, 0
-    _clear(t, s, np.float64(0.0))
+    first = 0
+    _place_all(t, s, moving, np.float64(0.0))
     for part in t.parts:
         for e in range(part.element.size):
-            while placed < t.required[element]:
-                _place(t, s, placed, moving, np.float64(0.0))
-                placed += 1
             add_stiffness(e, part, t.fibres, first, s)
-            while projected < t.left[element]:
-                _project(t, s, t.leaving[projected])
-                projected += 1
-            element += 1
             first += rows_of(e, part, t.fibres)
+    _project_all(t, s)
 
 
-@kernel
+@bare_kernel
 def forces(t: Elements, activation: Reals, s: Scratch) -> tuple[float, float, int]:
     """Forces on all coordinates, in `s.force`, at the coordinates `s.y`.
 
@@ -310,7 +298,7 @@ def _bend(s, v):
     return work / size if size > 0.0 else 0.0
 
 
-@kernel
+@bare_kernel
 def advance(
     stages: int,
     t: Elements,

@@ -36,7 +36,7 @@ from sim._kernels.element import (
     put,
     take,
 )
-from sim._kernels.lanes import load, smallest, store, total
+from sim._kernels.lanes import largest, load, store, total
 from sim._kernels.laws import fibre_rests
 from sim._kernels.options import inner
 from sim._kernels.scatter import subtract_from_nodes
@@ -123,10 +123,10 @@ def add_stress(e, part, laws, fibres, activation, weight, first, s):
         a0, a1, a2 = along(F, fibres.direction, fibre)
         I4bar = scale * (a0 * a0 + a1 * a1 + a2 * a2)
         stretch = math.sqrt(I4bar)
-        s.acts[fibre] = not fibre_rests(code, fibres.p[muscle], -smallest(-stretch), drive)
+        s.acts[fibre] = not fibre_rests(code, fibres.p[muscle], largest(stretch), drive)
         if s.acts[fibre]:
             own_W, own_J, own_JJ, p_4, e_44, e_4J = by_stretch(
-                s.w, fibres, fibre, I4bar, stretch, drive, scale, dJ, ddJ
+                fibres, fibre, I4bar, stretch, drive, scale, dJ, ddJ
             )
             W, W_J, W_JJ, p_4 = W + own_W, W_J + own_J, W_JJ + own_JJ, dV * p_4
             P = _with_dyad(P, p_4 * a0, p_4 * a1, p_4 * a2, fibres, fibre)

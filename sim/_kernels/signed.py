@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sim._kernels.element import Indices, Reals
 from sim._kernels.nearest_faces import near_listed
-from sim._kernels.options import inner, kernel
+from sim._kernels.options import allocating, inner, kernel
 from sim._kernels.triangles import CORNER_0, EDGE_0, INSIDE_FACE, dot, point_triangle
 
 OPPOSED = 0.5  #: length of the difference of two normals above which they are opposite
@@ -28,14 +28,14 @@ def _length(v):
     return np.sqrt(dot(v, v))
 
 
-@inner
+@allocating
 def _size(x, triangle):
     """Longest side of a triangle."""
     a, b, c = x[triangle[0]], x[triangle[1]], x[triangle[2]]
     return max(_length(b - a), _length(c - b), _length(a - c))
 
 
-@inner
+@allocating
 def _on_edge(what, weight, x, triangle, across, free):
     """Feature of the closest point, with points close to an edge assigned to the edge.
 
@@ -100,7 +100,7 @@ def places(
         place[i] = _place(f, what, weight[i], triangles, edge)
 
 
-@inner
+@allocating
 def _signed(
     p, f, weight, value, what, x, triangles, across, free, by_face, by_corner, flat, blur, against,
     normal, way, outward
@@ -192,7 +192,7 @@ def signed(
         )  # fmt: skip
 
 
-@inner
+@allocating
 def _grouped(
     p, listed, first, ties, tie, squared, what, w, x, triangles, across, free, edge, by_face, by_corner,
     flat, blur, against, own, sums, gaps, at, group, nearest, rounded, way, outward
@@ -236,7 +236,7 @@ def _grouped(
     return groups
 
 
-@inner
+@allocating
 def _beside(
     p, i, n, radius, may, listed, first, ties, tie, at, x, triangles, across, by_face, blur, deepest,
     point, face, place, wall, weight, gap, normal, way

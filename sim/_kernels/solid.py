@@ -41,14 +41,14 @@ from sim._kernels.element import (
     stiffness_blocks,
     take,
 )
-from sim._kernels.lanes import LANES, load, rows, smallest, store, total
+from sim._kernels.lanes import largest, load, rows, smallest, store, total
 from sim._kernels.laws import FibreTable, LawTable, bulk, fibre, fibre_rests, isochoric
 from sim._kernels.options import by_chunk, by_colour, in_threads, inner
 from sim._kernels.scatter import Places, add_to_matrix, fetch_matrix, subtract_from_nodes
 
-# rows of the scratch array: stress, M, N and T, moduli, blocks, and results of fibre laws
-STRESS, _M, _N, _T, MODULI, _K, _LAW = map(np.int64, (0, 9, 18, 27, 36, 90, 138))
-ROWS = 141
+# rows of the scratch array: stress, M, N and T, moduli, and blocks
+STRESS, _M, _N, _T, MODULI, _K = map(np.int64, (0, 9, 18, 27, 36, 90))
+ROWS = 138
 
 
 @inner
@@ -135,15 +135,6 @@ def _add_fibre_moduli(w, e_44, e_4J, p_4, b0, b1, b2):
 
 
 @inner
-def fibre_at_points(w, code, p, stretch, drive):
-    """Energy, slope and curvature of a law of fibres, point by point."""
-    store(w, _LAW, stretch)
-    for k in range(LANES):
-        w[_LAW, k], w[_LAW + 1, k], w[_LAW + 2, k] = fibre(code, p, w[_LAW, k], drive)
-    return load(w, _LAW), load(w, _LAW + 1), load(w, _LAW + 2)
-
-
-@inner
 def by_invariants(F, C, J, laws, row):
     """Energy W of the isochoric and bulk laws, 2 W_1, 4 W_11, 2 W_1J, W_J and W_JJ.
 
@@ -168,10 +159,10 @@ def by_invariants(F, C, J, laws, row):
 
 
 @inner
-def by_stretch(w, fibres, row, I4bar, stretch, drive, scale, dJ, ddJ):
+def by_stretch(fibres, row, I4bar, stretch, drive, scale, dJ, ddJ):
     """Share of one fibre in W, W_J and W_JJ, and its 2 W_4, 4 W_44 and 2 W_4J."""
     muscle, share = fibres.muscle[row], fibres.weight[row]
-    W, wl, wll = fibre_at_points(w, fibres.code[muscle], fibres.p[muscle], stretch, drive)
+    W, wl, wll = fibre(fibres.code[muscle], fibres.p[muscle], stretch, drive)
     wl, wll = share * wl, share * wll
     w4 = wl / (2.0 * stretch)
     w44 = (wll - wl / stretch) / (4.0 * I4bar)
@@ -228,7 +219,7 @@ def element_stress(
         a0, a1, a2 = along(F, fibres.direction, fibre_row)
         I4bar = scale * (a0 * a0 + a1 * a1 + a2 * a2)
         stretch = math.sqrt(I4bar)
-        code, longest = fibres.code[muscle], -smallest(-stretch)
+        code, longest = fibres.code[muscle], largest(stretch)
         if fibre_rests(code, fibres.p[muscle], longest, drive):
             continue
         if not driven:
@@ -237,7 +228,7 @@ def element_stress(
             if with_moduli:
                 clear(w, MODULI, 9 * BLOCKS)
         own_W, own_J, own_JJ, p_4, e_44, e_4J = by_stretch(
-            w, fibres, fibre_row, I4bar, stretch, drive, scale, dJ, ddJ
+            fibres, fibre_row, I4bar, stretch, drive, scale, dJ, ddJ
         )
         W, W_J, W_JJ, p_4 = W + own_W, W_J + own_J, W_JJ + own_JJ, dV * p_4
         A = take(part.inverse, 9 * e)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels.laws import fibre
-from sim._kernels.options import inner, kernel_and_inner
+from sim._kernels.options import allocating, inner, kernel_and_inner
 from sim._kernels.symmetric import COLUMN, PLACE, ROW, contract
 from sim._kernels.tensor_laws import ISOCHORIC, SMALL, tensor_law
 
@@ -37,7 +37,7 @@ class PointScratch(NamedTuple):
     work: NDArray[np.float64]
 
 
-@inner
+@allocating
 def point_scratch():
     """Empty memory for one point."""
     F, cof, C, inverse = np.empty((3, 3)), np.empty((3, 3)), np.empty(6), np.empty(6)

@@ -1,7 +1,7 @@
 """Constitutive laws, one class per law; the closed forms are in `sim._kernels.laws`."""
 
 from sim.laws.bulk import BULK_LAWS, BulkLaw, LogarithmicBulk, QuadraticBulk
-from sim.laws.fibre import FIBRE_LAWS, Blemker, Constant, FibreLaw, Generic
+from sim.laws.fibre import FIBRE_LAWS, Blemker, Constant, FibreLaw, Generic, slopes
 from sim.laws.hill import Hill
 from sim.laws.isochoric import ISOCHORIC_LAWS, IsochoricLaw, MooneyRivlin, NeoHooke
 from sim.laws.line import LINE_LAWS, ConstantForce, LinearSpring, LineLaw, Peck
@@ -45,5 +45,6 @@ __all__ = [
     "Peck",
     "Prony",
     "QuadraticBulk",
+    "slopes",
     "TensorLaw",
 ]

@@ -132,3 +132,13 @@ def _toe(P1: float, P2: float, star: float, r: Array) -> Derivatives:
 N_FIBRE = 5
 FIBRE_LAWS: tuple[type[FibreLaw], ...] = (Blemker, Generic, Constant)
 """All fibre laws, which the derivative tests include."""
+
+
+def slopes(law: FibreLaw, stretch: Array, activation: Array) -> Array:
+    """Slopes dw/dstretch [Pa] alone, of any shape, by the kernel of the element loop."""
+    p = np.zeros(N_FIBRE)
+    p[: len(law.parameters())] = law.parameters()
+    found = np.empty(stretch.shape)
+    given = (np.ascontiguousarray(x).reshape(-1) for x in (stretch, activation))
+    laws.fibre_slopes(law.code, p, *given, found.reshape(-1))
+    return found

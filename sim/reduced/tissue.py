@@ -114,11 +114,6 @@ def elements_of(solid: ReducedSolid) -> Elements:
     n = solid.modes.shape[1]
     rows = np.zeros((m, 3, LANES * -(-n // LANES)), dtype=np.float32)
     rows[..., :n] = solid.modes.reshape(len(solid.rest), 3, n)[nodes[:m]]
-    # of every element, the moving nodes that it has
-    own = np.where(number[used] < m, number[used], -1)
-    last = np.full(m + 1, -1)  # of which the last is of nodes that do not move
-    last[own] = np.arange(len(used))[:, None]
-    leaving = np.argsort(last[:m], kind="stable")
     return Elements(
         # always as many parts as there are types of elements, so that kernels are compiled once
         tuple(parts + [empty] * (len(ELEMENT_TYPES) - len(parts))),
@@ -127,9 +122,7 @@ def elements_of(solid: ReducedSolid) -> Elements:
         np.ascontiguousarray(weight, dtype=np.float64),
         np.ascontiguousarray(solid.rest[nodes]),
         rows.reshape(-1, LANES),
-        np.maximum.accumulate(own.max(axis=1, initial=-1) + 1),
-        np.searchsorted(last[leaving], np.arange(len(used)), side="right"),
-        leaving,
+        int(m),
     )
 
 

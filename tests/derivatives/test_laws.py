@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sim._kernels import laws as kernel
+from sim._kernels.lanes import load, store
 from sim._kernels.lines import LineTable, tensions
 from sim.laws import (
     BULK_LAWS,
@@ -17,6 +18,7 @@ from sim.laws import (
     TENSOR_LAWS,
     ForceVelocity,
     Hill,
+    slopes,
 )
 from sim.laws.parameters import units
 
@@ -24,6 +26,30 @@ NONE = np.zeros(1)
 isochoric = nb.njit(lambda code, p, I1bar: kernel.isochoric(code, p, I1bar))
 bulk = nb.njit(lambda code, kappa, J: kernel.bulk(code, kappa, J))
 fibre = nb.njit(lambda code, p, stretch, drive: kernel.fibre(code, p, stretch, drive))
+
+
+@nb.njit
+def of_lanes(code, p, x, drive):
+    """Energy, slope and curvature (3, n, 8) of a fibre law at rows of eight stretches."""
+    out = np.empty((3, *x.shape))
+    for i in range(len(x)):
+        found = kernel.fibre(code, p, load(x, i), drive)
+        store(out[0], i, found[0])
+        store(out[1], i, found[1])
+        store(out[2], i, found[2])
+    return out
+
+
+@nb.njit
+def bulk_of_lanes(code, kappa, x):
+    """The same of a bulk law at rows of eight volume ratios."""
+    out = np.empty((3, *x.shape))
+    for i in range(len(x)):
+        found = kernel.bulk(code, kappa, load(x, i))
+        store(out[0], i, found[0])
+        store(out[1], i, found[1])
+        store(out[2], i, found[2])
+    return out
 
 
 def derivatives_agree(function, x, h=1e-5):
@@ -79,6 +105,31 @@ def test_fibre(cls, activation, stretch):
     here = law.evaluate(np.array(stretch), np.array(activation))
     equal_forms(here, fibre(law.code, p, stretch, activation))
     derivatives_agree(lambda x: fibre(law.code, p, x, activation), stretch)
+
+
+@pytest.mark.parametrize("law", [*FIBRE_LAWS, BULK_LAWS[1]], ids=lambda law: law.__name__)
+@pytest.mark.parametrize("activation", [0.0, 0.4])
+def test_eight_points_at_once_have_the_values_of_each(law, activation):
+    """On both sides of every place at which branches meet, and slopes alone."""
+    own = law()
+    ends = [0.4, 0.6, 1.0, 1.4, 1.6]
+    near = [end + side for end in ends for side in (-0.03, -1e-12, 0.0, 1e-12, 0.03)]
+    for x in (near, [0.7, 0.99], [1.1, 1.3], [0.2, 2.5]):
+        x = np.resize(np.array(x), 8 * -(-len(x) // 8))
+        if law in FIBRE_LAWS:
+            p = parameters(own, 5)
+            one = np.array([fibre(own.code, p, stretch, activation) for stretch in x])
+            found = of_lanes(own.code, p, x.reshape(-1, 8), activation)
+            of_class = own.evaluate(x, np.full_like(x, activation))[1]
+            np.testing.assert_allclose(
+                slopes(own, x, np.full_like(x, activation)), one[:, 1], rtol=1e-14, atol=1e-20
+            )
+            np.testing.assert_allclose(of_class, one[:, 1], rtol=1e-11, atol=1e-9 * own.sigma_max)
+        else:
+            one = np.array([bulk(own.code, own.kappa, J) for J in x])
+            found = bulk_of_lanes(own.code, own.kappa, x.reshape(-1, 8))
+        size = np.abs(one).max(axis=0)
+        np.testing.assert_allclose(found.reshape(3, -1).T, one, rtol=1e-12, atol=1e-12 * size.max())
 
 
 @pytest.mark.parametrize("cls", FIBRE_LAWS)

@@ -56,7 +56,7 @@ def test_kernels_are_compiled_by_one_set_of_options_and_never_in_parallel_by_num
 def test_kernels_do_not_assume_finite_values():
     """All flags of `fastmath` would assume that no number is NaN or infinite."""
     one = [options.inner, options.kernel, options.kernel_and_inner]
-    one += [options.bare, options.bare_kernel]
+    one += [options.allocating, options.bare_kernel]
     for decorator in one:
         flags = decorator(lambda x: x).targetoptions["fastmath"]
         assert set(flags) == {"contract", "reassoc", "nsz", "arcp"}

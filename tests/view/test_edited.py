@@ -1,13 +1,16 @@
-"""Edited motions: branches from a checkpoint, and their scores."""
+"""Edited motions: branches from a frame, and their scores."""
 
 import json
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import xarray as xr
 
 from analysis.scores import score
+from emgface.face.contact_parameters import ContactParameters
+from emgface.face.recipe import compose_scene
 from emgface.pictures.body import skin_of
 from emgface.pictures.encoding import middle_of
 from emgface.pictures.surface import SurfaceProbe
@@ -18,9 +21,11 @@ from emgface.run.store import Store
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.view.curves import Curves
 from emgface.view.edited import OUTPUT, EditedMotion
-from emgface.view.previewed import Previews
+from emgface.view.motions import Motions
 from emgface.view.scored import correlations
-from sim import Activation
+from sim import Activation, compile_scene
+from sim.reduced import ReducedContact
+from sim.reduced.contact import IMPULSES
 from tests.reduced.test_face import PARAMETERS, SMALL, short
 
 NOISE = 2e-4
@@ -76,37 +81,58 @@ BASE = {
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "cubic"])
-@pytest.mark.parametrize("step", [0.01, OUTPUT])
-def test_a_motion_branches_from_the_last_checkpoint_bit_for_bit(small, interpolation, step):
-    """Whatever changes: a late knot, an early one, the duration, nothing."""
-    one = edited(small)
+@pytest.mark.parametrize("step", [0.01, OUTPUT, 2 * OUTPUT])
+def test_a_motion_branches_from_the_last_frame_bit_for_bit(small, interpolation, step):
+    """Whatever changes: a late knot, an early one, the duration, nothing; also of previews."""
+    reduced, skin, _ = small
+    one = Motions(reduced, skin, OUTPUT, step)
     late = {**BASE, "OOP_R": [[0.0, 0.0], [0.45, 0.0], [0.5, 0.08]]}
     early = {**BASE, "ZYG_L": [[0.0, 0.0], [0.3, 0.12], [0.6, 0.0]]}
     since = []
     for knots, duration in ((BASE, 0.6), (late, 0.6), (late, 0.6), (late, 0.8), (late, 0.4), (BASE, 0.8),
                             (early, 0.6)):  # fmt: skip
         curves = Curves(knots, duration, interpolation)
-        branched, at = one.motion(curves, step)
-        whole, start = edited(small).motion(curves, step)
-        assert start == 0.0
-        since.append(at)
-        for name in whole.variables:
-            np.testing.assert_array_equal(branched[name].values, whole[name].values, str(name))
+        branched = one(curves)
+        whole = Motions(reduced, skin, OUTPUT, step)(curves)
+        assert whole.since == 0.0
+        since.append(branched.since)
+        for name in ("time", "skin", "markers", "coordinates", "levels", "bound"):
+            np.testing.assert_array_equal(getattr(branched, name), getattr(whole, name), name)
     assert since[0] == 0.0 and max(since[1:]) >= 0.3 and since[-1] == 0.0
     if interpolation == "linear":
-        assert since[1] == pytest.approx(0.4) and since[2] == pytest.approx(0.5)
+        assert 0.39 < since[1] <= 0.45 and since[2] == pytest.approx(0.6)
+
+
+def test_a_face_in_contact_branches_bit_for_bit(small):
+    """Steps with contact are taken one by one; their memory is a part of the states that are kept."""
+    reduced, skin, _ = small
+    parameters = reduced.parameters.model_copy(update={"contact": ContactParameters()})
+    whole = compile_scene(compose_scene(reduced.face, parameters)).contact
+    modes = reduced.modes.reshape(-1, reduced.modes.shape[2])
+    touching = replace(reduced)
+    touching.__dict__["contact"] = ReducedContact(whole, reduced.rest, modes)
+    late = {**BASE, "OOP_R": [[0.0, 0.0], [0.45, 0.0], [0.5, 0.08]]}
+    one = Motions(touching, skin, OUTPUT, 0.01)
+    one(Curves(BASE, 0.6))
+    branched = one(Curves(late, 0.6))
+    whole = Motions(touching, skin, OUTPUT, 0.01)(Curves(late, 0.6))
+    assert branched.since > 0.39 and IMPULSES in one._states[-1].memory
+    np.testing.assert_array_equal(branched.coordinates, whole.coordinates)
+    np.testing.assert_array_equal(branched.markers, whole.markers)
+    apart = Motions(reduced, skin, OUTPUT, 0.01)(Curves(late, 0.6)).coordinates
+    assert not np.array_equal(whole.coordinates, apart)
 
 
 def test_a_motion_computed_ahead_is_that_of_its_curves(small):
-    """The same positions, forces and bound, also if it was given up at any checkpoint."""
+    """The same positions, forces and bound, also if it was given up at any look."""
     base = Curves(BASE, 0.6)
     late = Curves({**BASE, "OOP_R": [[0.0, 0.0], [0.45, 0.0], [0.5, 0.08]]}, 0.6)
     whole, body = parts(edited(small)(late))
-    for checkpoints, ready in ((0, False), (2, False), (99, True)):
+    for looks, ready in ((0, False), (2, False), (99, True)):
         one, asked = edited(small), iter(range(1000))
-        one.ahead(late, lambda asked=asked, n=checkpoints: next(asked) >= n)
+        one.ahead(late, lambda asked=asked, n=looks: next(asked) >= n)
         assert (one._ready is not None) == ready
-        assert next(asked) == min(checkpoints + 1, 6)  # 5 checkpoints, and before the score
+        assert next(asked) == min(looks + 1, 6)  # 5 within the motion, and one before the score
         head, found = parts(one(late))
         assert found == body
         for name in ("time", "bound", "doubt", "clipped", "forces", "rho"):
@@ -124,7 +150,7 @@ def test_a_failed_motion_ahead_is_told_when_it_is_asked_for(small, monkeypatch):
         raise InvertedElement(3, -0.1, 0.2)
 
     with monkeypatch.context() as patch:
-        patch.setattr("emgface.view.edited.reduced_outputs", fails)
+        patch.setattr("emgface.view.motions.Motions.__call__", fails)
         one.ahead(curves, lambda: False)
         with pytest.raises(InvertedElement):
             one(curves)
@@ -163,41 +189,35 @@ def test_curves_are_the_same_only_with_equal_knots_and_times():
         assert not one.same(other) and not other.same(one)
 
 
-def test_a_preview_is_the_motion_with_long_steps(small):
-    """At the ends of its steps; the mean between them; also when only its end is computed."""
+@pytest.mark.parametrize("step", [0.01, 2 * OUTPUT])
+def test_a_motion_is_that_of_the_reduced_face(small, step):
+    """At the ends of its steps; previews have the mean of two steps between them."""
     reduced, skin, _ = small
-    previews = Previews(reduced, skin, OUTPUT)
     late = {**BASE, "OOP_R": [[0.0, 0.0], [0.45, 0.0], [0.5, 0.08]]}
-    since = []
-    for knots, duration in ((BASE, 0.6), (late, 0.6), (late, 0.6), (late, 0.82), (late, 0.1)):
+    motions = Motions(reduced, skin, OUTPUT, step)
+    for knots, duration in ((BASE, 0.6), (late, 0.6), (late, 0.82), (late, 0.1)):
         curves = Curves(knots, duration)
-        found = previews(curves)
-        since.append(found.since)
-        whole = Previews(reduced, skin, OUTPUT)(curves)
-        # Products of matrices with other numbers of rows are rounded differently.
-        np.testing.assert_allclose(found.skin, whole.skin, rtol=0.0, atol=1e-14)
-        np.testing.assert_allclose(found.markers, whole.markers, rtol=0.0, atol=1e-14)
-        assert found.bound == pytest.approx(whole.bound, rel=1e-12)
-        frames = round(duration / OUTPUT) + 1
+        found, frames = motions(curves), round(duration / OUTPUT) + 1
         np.testing.assert_allclose(found.time, OUTPUT * np.arange(frames))
         activation = Activation(*curves.activation(reduced.model.system.muscles))
-        length = 2.0 * OUTPUT
-        steps = (frames - 1) // 2
+        every = 2 if step > OUTPUT else 1
+        count = (frames - 1) // every
         expected = simulate_reduced(
-            reduced, activation, steps * length, step=length, output=length,
+            reduced, activation, count * every * OUTPUT, step=step, output=every * OUTPUT,
             further=(SurfaceProbe(skin.node),),
         )  # fmt: skip
         for values, name, node in ((found.markers, "position", "marker"),
                                    (found.skin, "surface_position", "surface_node")):  # fmt: skip
             given = expected[name].transpose("time", node, "axis").values
             assert len(values) == frames
-            np.testing.assert_allclose(values[::2], given, rtol=0.0, atol=1e-9)
-            ends = values[: 2 * steps + 1 : 2]
-            middle = values[1 : 2 * steps : 2]
-            np.testing.assert_allclose(middle, 0.5 * (ends[1:] + ends[:-1]), rtol=0.0, atol=1e-12)
-        if frames % 2:
+            np.testing.assert_allclose(values[::every][: count + 1], given, rtol=0.0, atol=1e-9)
+            if every == 2:
+                ends, middle = values[: 2 * count + 1 : 2], values[1 : 2 * count : 2]
+                np.testing.assert_allclose(
+                    middle, 0.5 * (ends[1:] + ends[:-1]), rtol=0.0, atol=1e-12
+                )
+        if frames % every or every == 1:
             assert found.bound == pytest.approx(float(expected["reduction_error"].max()), rel=1e-9)
-    assert since[0] == 0.0 and 0.35 < since[1] < 0.45 and since[2] == pytest.approx(0.6)
 
 
 def test_a_preview_is_scored_and_doubted_as_the_complete_motion(small):

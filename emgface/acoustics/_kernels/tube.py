@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from sim._kernels.options import bare, bare_kernel, kernel
+from sim._kernels.options import bare_kernel, inner, kernel
 
 STRIDE = 520
 """Distance of the rows of the state, which limits the number of nodes: a constant, so that compilers
@@ -28,7 +28,7 @@ A, IH, IV, HEAT, WALL, NODE, PUSH, DRAG, CELL, BLOW = (k * STRIDE for k in range
 ROWS = 22
 
 
-@bare
+@inner
 def fold_motion(dt, m, k, kc, zeta, rest, x, v, other, cubic, contact, load):
     """Move one mass by a step of the linearised trapezoidal rule, which damps at any step.
 
@@ -47,14 +47,14 @@ def fold_motion(dt, m, k, kc, zeta, rest, x, v, other, cubic, contact, load):
     return x + dt * middle, 2.0 * middle - v
 
 
-@bare
+@inner
 def hiss(gain, critical, flow, area, rho, mu):
     """Pressure [Pa] of turbulence per unit of noise: gain max(0, Re^2 - critical^2)."""
     re = 2.0 * rho * abs(flow) / (mu * math.sqrt(math.pi * area))
     return gain * max(0.0, re * re - critical * critical)
 
 
-@bare
+@inner
 def glottal_flow(dt, rho, mu, a1, a2, shape, before, drive, pa, pb, beyond):
     """Flow through the glottis, implicit in the pressure pa + pb U of the tract.
 
@@ -71,7 +71,7 @@ def glottal_flow(dt, rho, mu, a1, a2, shape, before, drive, pa, pb, beyond):
     return 2.0 * driving / (linear + root)
 
 
-@bare
+@inner
 def glottis(
     dt, air, folds, at_rest, motion, w, lung, unit, turbulence, pa, pb, beyond
 ):  # fmt: skip
@@ -111,7 +111,7 @@ def glottis(
     return flow, area
 
 
-@bare
+@inner
 def block_coefficients(b, k0, k1, zw, rho, immediate, per_wall, grid, s):
     """Coefficients that are constant in block b; returns True where the shape changes in it."""
     area, volume, inverse, rate, steady, surface, _ = grid
@@ -131,7 +131,7 @@ def block_coefficients(b, k0, k1, zw, rho, immediate, per_wall, grid, s):
     return moves
 
 
-@bare
+@inner
 def end_loads(dt, k0, immediate, ends, load, s, port):
     """Inverse mass and resistance of the openings, and their implicit parts; load 0: pressure 0."""
     for e in range(2):
@@ -145,7 +145,7 @@ def end_loads(dt, k0, immediate, ends, load, s, port):
                 s[NODE + at] = 1.0 / (k0 + s[WALL + at] + s[HEAT + at] * immediate + extra)
 
 
-@bare
+@inner
 def shape_within(f, b, area, volume, s):
     """Areas and inverse volumes at the fraction f of block b."""
     for i in range(area.shape[1]):
@@ -153,7 +153,7 @@ def shape_within(f, b, area, volume, s):
         s[IV + i] = 1.0 / (volume[b, i] + f * (volume[b + 1, i] - volume[b, i]))
 
 
-@bare
+@inner
 def known(i, k0, mass, stiff, s):
     """Known part of the continuity equation: pressure before, walls, heat, and flow of the cells."""
     j = max(i - 1, 0)
@@ -164,7 +164,7 @@ def known(i, k0, mass, stiff, s):
     return k0 * s[P + i] + s[HEAT + i] * heat - walls - flow
 
 
-@bare
+@inner
 def node_step(M, dt, k0, mass, stiff, zw, decay, gain, s):
     """Pressures and walls after a step; the walls and the memory follow the pressure in its middle."""
     d0, d1, d2, d3 = decay[0], decay[1], decay[2], decay[3]
@@ -189,7 +189,7 @@ def node_step(M, dt, k0, mass, stiff, zw, decay, gain, s):
         s[R + 3 * STRIDE + i] = d3 * r3 + g3 * middle
 
 
-@bare
+@inner
 def cell_step(M, k1, decay, gain, s):
     """Velocities after a step; cells without inverse length are closed."""
     d0, d1, d2, d3 = decay[0], decay[1], decay[2], decay[3]
@@ -207,7 +207,7 @@ def cell_step(M, k1, decay, gain, s):
         s[Q + 3 * STRIDE + i] = d3 * q3 + g3 * middle
 
 
-@bare
+@inner
 def join(branch, nose, k0, mass, stiff, s):
     """Give the first node of the nose and the node where it branches the same pressure."""
     one, two = known(branch, k0, mass, stiff, s), known(nose, k0, mass, stiff, s)
@@ -218,7 +218,7 @@ def join(branch, nose, k0, mass, stiff, s):
     s[PUSH + nose] = joined / s[NODE + nose] - two
 
 
-@bare
+@inner
 def jets(dt, air, turbulence, jet, last, unit, base, s, w):
     """Noise behind the narrowest cell; jets there and at the lips lose loss/2 rho u |u|."""
     rho, _, mu = air
