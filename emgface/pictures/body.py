@@ -12,6 +12,7 @@ from emgface.face.check import sheet_nodes
 from emgface.face.parts import OUTER, SKULL, Arch, arches_of, facets_of, surface_names
 from emgface.face.surface import boundary_faces, triangles
 from emgface.pictures.subdivision import follow, refined, rim, strip
+from emgface.pictures.suture import suture_colours
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -103,9 +104,13 @@ def skin_faces(face: xr.Dataset) -> tuple[NDArray[np.integer], NDArray[np.intege
 
 
 def body_of(face: xr.Dataset, skin: Skin | None = None) -> Body:
-    """Compute the drawn surface of a face, with its dental arches if it has them."""
+    """Compute the drawn surface of a face, with its dental arches and its suture if it has them."""
     skin = skin_of(face) if skin is None else skin
-    return make_body(face["position"].values[skin.node], skin, arches_of(face))
+    rest = face["position"].values[skin.node]
+    body = make_body(rest, skin, arches_of(face))
+    near, colour = suture_colours(face, body.points(rest)[: body.tissue])
+    body.colour[: body.tissue][near] = colour
+    return body
 
 
 def make_body(rest: NDArray[np.floating], skin: Skin, arches: Sequence[Arch]) -> Body:

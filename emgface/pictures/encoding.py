@@ -114,6 +114,11 @@ def whole(position: NDArray[Any], centre: NDArray[np.float64]) -> NDArray[np.int
     return steps.astype(np.int16)
 
 
+def quanta(position: NDArray[np.float64]) -> bytes:
+    """Positions as multiples of `QUANTUM`, limited to the range of int16."""
+    return np.clip(np.round(position / QUANTUM), -32767, 32767).astype("<i2").tobytes()
+
+
 def deltas(values: NDArray[np.int16]) -> str:
     """Encode frames of integers, with time as the first dim, as differences.
 

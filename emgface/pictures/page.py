@@ -35,6 +35,7 @@ from emgface.pictures.notes import Notes
 from emgface.pictures.picking import pick_data
 from emgface.pictures.render import VIEWS
 from emgface.pictures.surface import drawn_surface
+from emgface.pictures.suture import suture_words
 
 WIDE: Final = (
     12  #: number of columns above which a table is printed smaller, or upright if it is low
@@ -58,6 +59,7 @@ def face_page(face: xr.Dataset) -> str:
     data["pick"] = pick_data(face, skin)
     kind = str(face.attrs["origin"]).rpartition(", ")[2]
     words = f"The face model {face.attrs['name']} at rest, {kind} ({face.attrs['source']})."
+    words = f"{words} {suture_words(face)}".strip()
     return page_of(data, title=str(face.attrs["name"]), badge=f"{kind} face", words=words,
                    simulated=False)  # fmt: skip
 

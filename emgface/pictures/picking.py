@@ -49,7 +49,7 @@ def _elements(face: xr.Dataset, nodes: NDArray[np.int64]) -> tuple[NDArray[Any],
     connectivity, layer = face["connectivity"].values, face["layer"].values
     found = np.zeros(face.sizes["node"], dtype=np.int64)
     for k in np.argsort(layer, kind="stable"):
-        found[connectivity[k]] = k
+        found[connectivity[k][connectivity[k] >= 0]] = k  # short elements are filled with -1
     return found[nodes], layer[found[nodes]]
 
 

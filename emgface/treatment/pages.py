@@ -15,7 +15,6 @@ from scipy.spatial import KDTree
 from analysis.tables import Column, Table
 from emgface.face.identity import treatments_between
 from emgface.face.lip_shape import lip_rim
-from emgface.face.surface import element_edges
 from emgface.pictures.body import Body, body_of, skin_of
 from emgface.pictures.encoding import (
     body_data,
@@ -38,8 +37,6 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 CUT: Final = (0.62, 0.10, 0.16)  #: colour of the tissue that is removed
-STITCH: Final = ((0.98, 0.80, 0.25), (0.55, 0.05, 0.10))  #: suture, from no to the largest stress
-NEAR_SUTURE: Final = 1.3e-3  #: distance from the suture within which it is drawn [m]
 PLAIN_UNITS: Final = {"mm": "millimetres", "mm2": "square millimetres", "Pa": "pascals"}
 NO_SENSATION: Final = (
     "Sensation is not modelled. The activations after the treatment are those before it, which no "
@@ -56,7 +53,7 @@ def side_by_side(
 ) -> dict[str, Any]:
     """Surfaces and motions of both faces as data of the viewer."""
     names = list(motions.intact)
-    bodies = [_drawn_plan(intact, treated, folder), _drawn_suture(treated)]
+    bodies = [_drawn_plan(intact, treated, folder), body_of(treated)]
     rest = [f["position"].values[skin_of(f).node] for f in (intact, treated)]
     centre = middle_of(np.concatenate(rest))
     body, beside = joined(*bodies)
@@ -152,38 +149,10 @@ def _drawn_plan(intact: xr.Dataset, treated: xr.Dataset, folder: Path) -> Body:
     return body
 
 
-def _drawn_suture(treated: xr.Dataset) -> Body:
-    """Body of the treated face with the suture, coloured by the force on its nodes."""
-    skin = skin_of(treated)
-    body = body_of(treated, skin)
-    if "suture_node" not in treated:
-        return body
-    position = treated["position"].values
-    points = body.points(position[skin.node])[: body.tissue]
-    node = treated["suture_node"].values
-    pull = np.linalg.norm(treated["suture_traction"].values, axis=1)
-    edges, _ = element_edges(treated["connectivity"].values)
-    edges = np.unique(edges[np.isin(edges, node).all(axis=1)], axis=0)
-    if not len(edges):
-        return body
-    share = np.linspace(0.0, 1.0, 12)[:, None, None]
-    ends = position[edges]
-    line = ((1.0 - share) * ends[:, 0] + share * ends[:, 1]).reshape(-1, 3)
-    force = np.zeros(treated.sizes["node"])
-    force[node] = pull / max(float(pull.max()), 1e-12)
-    level = (
-        (1.0 - share[..., 0]) * force[edges[:, 0]] + share[..., 0] * force[edges[:, 1]]
-    ).ravel()
-    away, nearest = KDTree(line).query(points)
-    mine = away < NEAR_SUTURE
-    low, high = np.array(STITCH[0]), np.array(STITCH[1])
-    body.colour[: body.tissue][mine] = (low + level[nearest][:, None] * (high - low))[mine]
-    return body
-
-
 def states_of(treated: xr.Dataset, motions: ComparedMotions, names: tuple[str, ...]) -> Figure:
     """Draw the treated face from three sides, at rest and at the largest displacement of movements."""
-    body, skin = _drawn_suture(treated), skin_of(treated)
+    skin = skin_of(treated)
+    body = body_of(treated, skin)
     shown: dict[str, NDArray[np.floating]] = {"closed wound": treated["position"].values[skin.node]}
     for name in names:
         if name not in motions.treated:

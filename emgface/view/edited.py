@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from emgface.face.muscle_force import MuscleForces
 from emgface.pictures.body import Skin
-from emgface.pictures.encoding import measured_markers, whole
+from emgface.pictures.encoding import measured_markers, quanta, whole
 from emgface.reduced.model import ReducedFace
 from emgface.reduced.motion import step_ends
 from emgface.schema.netcdf import kind_of
 from emgface.view.curves import Curves, curves_of, read_curves
-from emgface.view.live import quanta
 from emgface.view.motions import Frames, Motions
 from emgface.view.scored import Scorer
 from sim import Activation

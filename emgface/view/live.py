@@ -13,7 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from emgface.errors import DataError, SignalError
-from emgface.pictures.encoding import QUANTUM
+from emgface.pictures.encoding import quanta
 from emgface.reduced.live import CausalFeature, weights_of
 from emgface.reduced.stream import SignalSource
 from emgface.view.curves import Curves, curves_from
@@ -254,8 +254,9 @@ class LiveSession:
         # While nothing else is asked for, the complete motion of a preview is computed.
         self._ahead: Callable[[Curves, Callable[[], bool]], None] = ahead or (lambda *_: None)
         self._shown: Curves | None = None
-        self._still, self._reset, self.ended, self._pages = False, False, False, 0
-        self.dropped = 0
+        self._still = self._reset = self.ended = False
+        self._editor: Connection | None = None  # the page for which the face stands still
+        self._pages = self.dropped = 0
 
     def talk(self, connection: Connection) -> None:
         """Converse with one page until it closes."""
@@ -271,6 +272,10 @@ class LiveSession:
                 connection.send(json.dumps({"kind": "refused", "why": str(error)}))
         with self._new:
             self._pages -= 1
+            self._asked = [one for one in self._asked if one[0] is not connection]
+            if self._editor is connection:  # it was closed or loaded again
+                self._editor, self._still = None, False
+            self._new.notify_all()
         ready.set()
 
     def _hear(self, connection: Connection, message: str | bytes, ready: threading.Event) -> None:
@@ -291,6 +296,7 @@ class LiveSession:
             if self._curves is None:
                 raise DataError("curves require a reduced face: start with --reduced FILE")
             curves = curves_from(said, self.face.muscles)
+            self._editor = connection
             with self._new:
                 self._asked = [one for one in self._asked if one[0] is not connection]
                 self._asked.append((connection, curves, said.get("preview") is True))
@@ -299,6 +305,7 @@ class LiveSession:
             self._reset = True
         elif kind in ("still", "go"):
             self._still = kind == "still"
+            self._editor = connection if self._still else None
             if self._still and self._pages > 1:
                 self.note(self.log.last, STILL)
         else:
@@ -344,7 +351,7 @@ class LiveSession:
             while not self.ended and (seconds is None or k * self.face.step < seconds - 1e-9):
                 if self._asked:
                     self._answer()
-                    self._still, began = True, self._continue(k)
+                    self._still, began = self._editor is not None, self._continue(k)
                     continue
                 if self._still and self._shown is not None:
                     shown, self._shown = self._shown, None
@@ -417,8 +424,8 @@ class LiveSession:
     ) -> None:
         latency, computing, lost, pace = times
         late = float(self.face.real_time and latency > self.face.step)
-        row = np.array([k * self.face.step, latency, computing, moved.bound, moved.distance,
-                        float(moved.trusted), moved.smallest_J, float(lost), late, pace])  # fmt: skip
+        doubts = moved.bound, moved.distance, float(moved.trusted), moved.smallest_J
+        row = np.array([k * self.face.step, latency, computing, *doubts, float(lost), late, pace])
         self.log.add(row, activation, moved.markers)
         if self._further:
             self._further(activation, moved.markers)
@@ -435,14 +442,6 @@ class LiveSession:
 
 
 def frame_of(row: Floats, activation: Floats, moved: Moved, centre: Floats) -> bytes:
-    """Numbers and activations in single precision, then skin and markers in `QUANTUM` as int16.
-
-    Positions are relative to `centre` (3,) [m], the origin of the coordinates of the page.
-    """
+    """Numbers and activations in single precision, then `quanta` about a centre (3,) [m]."""
     numbers = np.concatenate([row, activation]).astype("<f4").tobytes()
     return numbers + quanta(moved.skin - centre) + quanta(moved.markers - centre)
-
-
-def quanta(position: Floats) -> bytes:
-    """Positions as multiples of `QUANTUM`, limited to the range of int16."""
-    return np.clip(np.round(position / QUANTUM), -32767, 32767).astype("<i2").tobytes()

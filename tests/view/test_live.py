@@ -244,6 +244,36 @@ def test_other_pages_hear_why_the_face_stands_still(coarse, skin):
         assert texts == ([STILL] if others else [])
 
 
+@pytest.mark.parametrize("message", ["still", "curves"])
+def test_the_face_moves_again_when_the_page_that_edits_is_closed(coarse, skin, message):
+    """Or loaded again, which begins with the sliders, also while a motion is computed."""
+    closed = threading.Event()
+
+    def motion(curves, *, preview):
+        closed.wait(10.0)
+        return b"motion"
+
+    session = session_of(coarse, skin, curves=motion)
+    curves = {"kind": "curves", "knots": {"ZYG_L": [[0.0, 0.0]]}, "duration": 0.2}
+    page = Asking(curves if message == "curves" else {"kind": "still"})
+    talk = threading.Thread(target=session.talk, args=(page,), daemon=True)
+    run = threading.Thread(target=session.run, args=(60.0,), daemon=True)
+    talk.start()
+    time.sleep(0.1)
+    run.start()
+    time.sleep(0.2)
+    standing = len(session.log.rows)
+    page.close()
+    talk.join(10.0)
+    closed.set()
+    limit = time.monotonic() + 10.0
+    while len(session.log.rows) <= standing + 5 and time.monotonic() < limit:
+        time.sleep(0.02)
+    session.ended = True
+    run.join(10.0)
+    assert len(session.log.rows) > standing + 5
+
+
 def test_a_step_is_not_delayed_by_drawing(coarse, skin, monkeypatch):
     """Without a page, no frame is encoded."""
     monkeypatch.setattr("emgface.view.live.frame_of", lambda *given: pytest.fail("encoded"))

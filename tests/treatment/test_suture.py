@@ -1,0 +1,57 @@
+"""Pictures of a treated face: its suture, and places that are picked on it."""
+
+import numpy as np
+
+from emgface.face.parts import arches_of
+from emgface.pictures.body import body_of, make_body, skin_of
+from emgface.pictures.page import face_page
+from emgface.pictures.picking import LIPS, pick_data
+from emgface.pictures.suture import STITCH, WORDS
+from emgface.treatment.outline import outline_of
+from emgface.treatment.plan import read_plan
+
+
+def test_a_picture_of_a_treated_face_shows_its_suture(coarse, operated):
+    """On the skin along the nodes of the suture, and nowhere else."""
+    skin = skin_of(operated)
+    rest = operated["position"].values[skin.node]
+    body, plain = body_of(operated), make_body(rest, skin, arches_of(operated))
+    changed = np.flatnonzero((body.colour != plain.colour).any(axis=1))
+    assert len(changed) > 30 and changed.max() < body.tissue
+    suture = operated["position"].values[operated["suture_node"].values]
+    points = body.points(rest)
+    away = np.linalg.norm(points[changed, None] - suture[None], axis=2).min(axis=1)
+    assert away.max() < 5e-3
+    low, high = (np.array(colour) for colour in STITCH)
+    share = (body.colour[changed] - low) @ (high - low) / ((high - low) ** 2).sum()
+    assert 0.0 <= share.min() < 0.5 < share.max() <= 1.0
+    assert WORDS in face_page(operated) and WORDS not in face_page(coarse)
+    own = skin_of(coarse)
+    intact = make_body(coarse["position"].values[own.node], own, arches_of(coarse))
+    np.testing.assert_array_equal(body_of(coarse).colour, intact.colour)
+
+
+def test_places_picked_on_a_treated_face_are_accepted_by_another_treatment(operated, tmp_path):
+    """Its nodes, elements and lips are numbered anew."""
+    skin = skin_of(operated)
+    table = pick_data(operated, skin)
+    np.testing.assert_allclose(
+        np.array(table["position"]) / 1e3, operated["position"].values[table["node"]], atol=1e-7
+    )
+    connectivity = operated["connectivity"].values
+    for node, element in zip(table["node"], table["element"], strict=True):
+        assert node in connectivity[element]
+    assert set(table["muscle"]) - {""} <= set(map(str, operated["muscle"].values))
+    for lip in LIPS:
+        node, place = next(
+            (n, p) for n, own, p in zip(table["node"], table["lip"], table["place"], strict=True)
+            if own == lip and 0.3 < p < 0.7
+        )  # fmt: skip
+        path = tmp_path / f"{lip}.toml"
+        path.write_text(
+            f'name = "again"\n\n[[step]]\nkind = "wedge"\nlip = "{lip}"\nplace = {place}\n'
+            "width = 8.0\nheight = 8.0\n"
+        )
+        chart = outline_of(operated, read_plan(path).step[0], tmp_path).chart
+        away = np.linalg.norm(chart.origin - operated["position"].values[node])
+        assert away < 0.02
