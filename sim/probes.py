@@ -169,17 +169,20 @@ class StepErrors(_Named):
 
     The error of the step is NaN if the integrator has no estimate; the tolerance is 0 if it does not
     iterate. The errors of the input are those by the part of the activation that the line of a step
-    misses, lasting and passing (`sim.state.StepReport.input_error`).
+    misses, lasting and passing, and those of contact by rows of the start, lasting and passing, which
+    are NaN if surfaces press and the integrator has no estimate of them (`sim.state.StepReport`).
     """
 
     reads_errors: ClassVar[bool] = True
 
     def variables(self) -> tuple[Variable, ...]:
-        """Variables ``step_error``, ``input_error``, ``passing_error`` and ``iteration_error``."""
+        """Errors of the steps, their input, contact, and iteration."""
         return (
             *_over_markers("step_error", self.names),
             *_over_markers("input_error", self.names),
             *_over_markers("passing_error", self.names),
+            *_over_markers("contact_error", self.names),
+            *_over_markers("contact_passing_error", self.names),
             Variable("iteration_error", "m"),
         )
 
@@ -188,13 +191,16 @@ class StepErrors(_Named):
         nodes = self._of(len(state.q))
         none = np.zeros((len(nodes), 3))
         if report is None:
-            return none, none, none, 0.0
+            return none, none, none, none, none, 0.0
+        contact = (none, none) if report.contact_error is None else report.contact_error[:, nodes]
+        if report.contact_error is None and report.touching:
+            contact = (none + np.nan, none + np.nan)
         left = float(np.nan_to_num(report.increment))
         if report.local_error is None:
-            return none + np.nan, none, none, left
+            return none + np.nan, none, none, *contact, left
         missed = report.input_error
         lasting, passing = (none, none) if missed is None else missed[:, nodes]
-        return report.local_error[nodes], lasting, passing, left
+        return report.local_error[nodes], lasting, passing, *contact, left
 
 
 @dataclass(frozen=True)

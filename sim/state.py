@@ -193,6 +193,10 @@ class StepReport:
     #: of the step misses: what decays with the damping, and what the inertia makes good within about a
     #: step; None if it was not estimated or nothing is missed
     input_error: Array | None = field(default=None, compare=False, repr=False)
+    #: (2, n_points, 3) estimated errors of the positions [m] by rows of contact of the start of a stage:
+    #: by their forces, which decays with the damping, and by gaps, which the next step closes; None if
+    #: nothing presses or the method has no estimate
+    contact_error: Array | None = field(default=None, compare=False, repr=False)
     #: energies of tissue that turns; None for a method that iterates, and with bodies or joints
     swing: Swing | None = field(default=None, compare=False)
     #: largest change of the velocity of a point in a step, times the step [m]; NaN if not computed
@@ -221,18 +225,26 @@ def united(reports: Sequence[StepReport], rejected: int) -> StepReport:
         jump=float(np.fmax.reduce([r.jump for r in reports])),
         touching=sum(r.touching for r in reports),
         local_error=_sum([r.local_error for r in reports]),
-        input_error=_missed([r.input_error for r in reports if r.input_error is not None]),
+        input_error=_both([r.input_error for r in reports if r.input_error is not None]),
+        contact_error=_of_contact(reports),
         swing=Swing.united([r.swing for r in reports if r.swing is not None]),
         error=sum(r.error for r in reports),
     )
+
+
+def _of_contact(reports: Sequence[StepReport]) -> Array | None:
+    """Errors by contact of several steps; None if one of them presses without an estimate."""
+    found = [r.contact_error for r in reports if r.touching or r.contact_error is not None]
+    known = [error for error in found if error is not None]
+    return _both(known) if len(known) == len(found) else None
 
 
 def _any(known: list[bool | None]) -> bool | None:
     return None if None in known else any(known)
 
 
-def _missed(errors: list[Array]) -> Array | None:
-    """Sum of the lasting errors by missed activations, and the longest passing one of each point."""
+def _both(errors: list[Array]) -> Array | None:
+    """Sum of the lasting errors of several steps, and the longest passing one of each point."""
     if not errors:
         return None
     both = np.array(errors)

@@ -220,6 +220,30 @@ def carried_over(multipliers: Multipliers, rows: Rows, rho: Array) -> Multiplier
     return _shared(rows, rho, push, friction)
 
 
+def renewed(rows: Rows, force: Array, near: Rows, u: Array) -> tuple[Array, Array] | None:
+    """Change of active rows by the normals and closest points of others: of nodal forces, and of gaps.
+
+    `force` (k,) are the normal forces of the rows [N], `near` the rows of the same vertices at the end
+    of a stage, and u (n_nodes, 3) its displacements [m]. The forces (n_nodes, 3) [N] have the same
+    sizes; the gaps (k,) [m] are those of the closest ones of the other rows, zero for rows that do not
+    press. A vertex without another row keeps its own. None if nothing presses.
+    """
+    if not (force > 0.0).any():
+        return None
+    n_nodes, gap = len(u), np.zeros(len(rows))
+    kept = np.flatnonzero((force > 0.0) & np.isin(rows.slot, near.slot))
+    first = near.foremost()
+    at_end = np.zeros(int(max(rows.slot.max(), near.slot.max(initial=0))) + 1)
+    at_end[near.slot[first]] = near.gaps(u)[first]
+    gap[kept] = at_end[rows.slot[kept]]
+    before, size = rows.take(kept), force[kept]
+    after = near.take(np.flatnonzero(np.isin(near.slot, before.slot)))
+    along = Multipliers.of(before, np.ones(len(kept)), size, np.zeros((len(kept), 3)))
+    new = carried_over(along, after, np.ones(len(after))).normal
+    change = after.spread(new[:, None] * after.normal, n_nodes)
+    return change - before.spread(size[:, None] * before.normal, n_nodes), gap
+
+
 def _shared(rows: Rows, rho: Array, push: Array, friction: Array) -> Multipliers:
     """Distribute normal forces among all rows of a vertex, and friction to the closest one.
 

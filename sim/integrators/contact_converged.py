@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from sim.contact.rows import GIVEN_UP, Multipliers, Rows, at_end
-from sim.contact.step import ContactStep, Opened, carried_over, penalties
+from sim.contact.step import ContactStep, Opened, carried_over, penalties, renewed
 from sim.errors import NotConverged
 from sim.integrators.contract import require_upright
 from sim.integrators.newton import Iteration, Point, Potential
@@ -39,15 +39,26 @@ class Settled:
     #: (n_nodes, 3) contact forces at the end, and for released vertices those at the start [N]
     pushed: Array
     active: Rows  #: with contact forces
+    near: Rows  #: at the end
     #: state of the solver at the end
     step: ContactStep
     touching: TouchingInMatrix | TouchingApart
     opened: Opened
     work: Workspace
 
-    def held(self, rhs: Array) -> Array:
-        """Solve with the latest factor for a right-hand side (n,); active rows stay closed."""
-        return self.touching.held(rhs, self.work)
+    def held(self, rhs: Array, opening: Array | float = 0.0) -> Array:
+        """Solve with the latest factor for a right-hand side (n,), under the active rows.
+
+        They stay closed, or open by (k,) [m].
+        """
+        return self.touching.held(
+            rhs, self.work, np.broadcast_to(opening, len(self.touching.multipliers.rows))
+        )
+
+    def renewed(self) -> tuple[Array, Array] | None:
+        """Change of nodal forces (n_nodes, 3) [N] and of gaps (k,) [m] by the rows at the end."""
+        own = self.touching.multipliers
+        return renewed(own.rows, own.normal, self.near, self.q - self.step.q0)
 
     def kick(self, old: Index) -> Array:
         """Displacement (n,) due to the present forces on vertices whose slots are not in `old`.
@@ -181,7 +192,7 @@ def minimise_in_contact(
                 pushed += first.take(released).spread(begun[released], len(q))
                 active = multipliers.rows.take(np.flatnonzero(acting.force > 0.0))
                 solver = step, touching, opened, work
-                return Settled(point, q, here, went, memory, pushed, active, *solver)
+                return Settled(point, q, here, went, memory, pushed, active, near, *solver)
         renewals += 1
         new = near.joined(passed.without(near))
         contested = np.union1d(contested, new.slot[new.gaps(u) < -step.tolerances.residual])

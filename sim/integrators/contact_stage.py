@@ -17,7 +17,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sim.contact.rows import Rows, at_end, no_rows
-from sim.contact.step import ContactStep
+from sim.contact.step import ContactStep, renewed
 from sim.dense import inverse
 from sim.errors import NotConverged
 from sim.integrators.equilibrium_rows import FARTHEST, ReducedStiffness
@@ -63,16 +63,28 @@ class StageInContact:
     pushed: Array  #: (n_points, 3) contact forces at the end [N]
     reaction: Array | None  #: forces of joints
     rows: Rows
+    near: Rows  #: at the end
     at: RowsAt
     f: Array  #: (m,) forces of all rows
     step: ContactStep | None
     solver: RowsOfStep
 
-    def held(self, rhs: Array) -> Array:
-        """Solution (n,) for a right-hand side; joints and active rows stay closed."""
-        on = self.f != 0.0
+    def held(self, rhs: Array, opening: Array | float = 0.0) -> Array:
+        """Solution (n,) for a right-hand side under the active rows.
+
+        Those of joints stay closed, and those of contacts too, or open by (k,) [m].
+        """
+        on, wanted = self.f != 0.0, np.zeros(len(self.f))
         on[self.at.blocks.equations] = True
-        return self.at.kept(on, rhs, self.solver.solve)[0]
+        wanted[self.at.first] = opening
+        return self.at.kept(on, rhs, self.solver.solve, wanted)[0]
+
+    def renewed(self) -> tuple[Array, Array] | None:
+        """Change of nodal forces (n_points, 3) [N] and of gaps (k,) [m] by the rows at the end."""
+        if self.step is None:
+            return None
+        u = self.pose.q - self.step.q0
+        return renewed(self.rows, self.f[self.at.first], self.near, u)
 
     def kick(self, old: Index) -> Array:
         """Motion (n,) due to the present forces on vertices whose slots are not in `old`."""
@@ -134,7 +146,7 @@ class StageWithRows:
             made_here = made_here or self._rests
             point, at, f = self._settled(no_rows(), point, made_here, None)
             pose = self._phi.pose(point.d)
-            about = np.zeros_like(pose.q), f, no_rows(), at, f, None
+            about = np.zeros_like(pose.q), f, no_rows(), no_rows(), at, f, None
             return StageInContact(point, pose, self._went(), NOTHING, *about, self._rows)
         found = step.at_start(way)
         rows, searches, places = step.entering(found), 0, 0
@@ -161,7 +173,7 @@ class StageWithRows:
         pose, near = self._rows.moved_out(pose, near)
         memory = step.memory(pose.q, near, at.remembered, acting)
         pushed = rows.spread(acting.on_vertices(rows), len(pose.q))
-        about = memory, pushed, f[: at.joints] if at.joints else None, rows, at, f, step
+        about = memory, pushed, f[: at.joints] if at.joints else None, rows, near, at, f, step
         return StageInContact(point, pose, self._went(), *about, self._rows)
 
     def _went(self) -> Iteration:

@@ -71,7 +71,8 @@ class ConvergedEuler(Converged):
         gained = kinematics.momentum(u1 - u0, end.pose) - h * (Q0 - D.force(w0))
         error = self._freed(system, 0.5 * h * (end.w - w0), 0.5 * gained, D, h, end, work)
         missed = self._of_input(system, control, line, h, end, work)
-        return final_state(system, end, end.w, memory, h), report_of(h, [end], error, missed)
+        lag = self._of_contact(system, h, h, ((1.0, end),), work)
+        return final_state(system, end, end.w, memory, h), report_of(h, [end], error, missed, lag)
 
 
 @dataclass(frozen=True)

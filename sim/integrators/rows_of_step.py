@@ -159,9 +159,17 @@ class RowsAt:
         return f
 
     def kept(
-        self, on: Flags, rhs: Array, solve: Solve, *, exactly: bool = False
+        self,
+        on: Flags,
+        rhs: Array,
+        solve: Solve,
+        wanted: Array | None = None,
+        *,
+        exactly: bool = False,
     ) -> tuple[Array, Array]:
-        """Solution (n,) for a right-hand side under some rows, which stay closed, and impulses (m,).
+        """Solution (n,) for a right-hand side under some rows, and impulses (m,).
+
+        The rows stay closed, or open by `wanted` (m,).
 
         Rigid rows are corrected again with `exactly`, because the matrix S may be of another factor.
         """
@@ -175,6 +183,7 @@ class RowsAt:
             self.S[np.ix_(on, on)],
             lambda more: solve(G.T @ more),
             "the matrix of active rows",
+            wanted=0.0 if wanted is None else wanted[on],
             soft=self.compliance[on] / self.scale,
             cutoff=REDUNDANT,
             repeats=REPEATS if exactly else 2,

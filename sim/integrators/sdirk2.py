@@ -110,12 +110,16 @@ class Sdirk2(InelasticLimits):
         error = _error(h, w0, first.w, end.w)
         error = self._freed(whole, error, _error(h, *rates), D, s, end, work)
         missed = self._of_input(whole, control, line, s, end, work)
+        parts = ((1.0 - GAMMA, first), (GAMMA, end))
+        lag = self._of_contact(whole, h, s, parts, work)
         memory = {**whole.remember(end.pose.q), **end.memory}
         w = end.w
         if end.contact is not None:
             ahead = kinematics.advance(end.pose, s * w, t1 + s)
             w, _ = _stopped(system, w, ahead, end.contact.outside(ahead, s), s)
-        return final_state(system, end, w, memory, h), report_of(h, [first, end], error, missed)
+        return final_state(system, end, w, memory, h), report_of(
+            h, [first, end], error, missed, lag
+        )
 
 
 def _stopped(

@@ -1,6 +1,6 @@
 """Solution of one implicit stage by Newton's method to a tolerance."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial, reduce
 from typing import Final
@@ -82,6 +82,10 @@ class Solved:
         return {} if self.contact is None else self.contact.memory
 
 
+Parts = Sequence[tuple[float, Solved]]
+"""Stages of a step with their weights in the method."""
+
+
 @dataclass(frozen=True)
 class Converged(Iterative):
     """Implicit stages solved to a tolerance: Newton on the incremental potential.
@@ -144,6 +148,35 @@ class Converged(Iterative):
         """
         solve = partial(_solved_at, end, system, work)
         return relaxed(system, error, momentum, D, s, solve, end.pose)
+
+    def _of_contact(
+        self, system: System, h: float, s: float, parts: Parts, work: Workspace
+    ) -> Array | None:
+        """Errors (2, n_points, 3) of the positions [m] by rows of contact of the start of a stage.
+
+        With the normals and closest points of its end, the nodal forces of a stage would differ by
+        F = (G1 - G0)' lambda, and the gaps at the end of the step are g1 instead of 0. With the matrix A
+        of the last stage, the errors are minus the motion by the impulses h F, which lasts, and minus
+        the motion that closes the gaps, as the next step does:
+
+            A x = s h sum of b F over the stages + s^2 G' f,    G x = 0      lasting
+            A y = s^2 G' f,                                     G y = -g1    passing
+
+        `parts` are the stages with their weights b in the method. None if nothing presses, or if
+        nothing reads the errors.
+        """
+        end = parts[-1][1]
+        if not work.estimates or end.contact is None:
+            return None
+        found = [(b, part.contact.renewed()) for b, part in parts if part.contact is not None]
+        known = [b * change[0] for b, change in found if change is not None]
+        if not known:
+            return None
+        push = s * h * system.kinematics.generalised_force(np.sum(known, axis=0), end.pose)
+        last, none = found[-1][1], np.zeros_like(push)
+        passing = none if last is None else end.contact.held(none, -last[1])
+        moves = (end.contact.held(push), passing)
+        return -np.array([system.kinematics.displacements(x, end.pose) for x in moves])
 
     def _of_input(
         self,
@@ -225,6 +258,7 @@ def report_of(
     stages: list[Solved],
     local_error: Array | None = None,
     input_error: Array | None = None,
+    contact_error: Array | None = None,
 ) -> StepReport:
     """One report for the stages of a step and the estimated errors of its positions (n_nodes, 3)."""
     went = reduce(Iteration.joined, (stage.went for stage in stages))
@@ -233,5 +267,6 @@ def report_of(
         smallest_J=stages[-1].here.smallest_J,
         local_error=local_error,
         input_error=input_error,
+        contact_error=contact_error,
         **asdict(went),
     )

@@ -113,8 +113,12 @@ class TouchingInMatrix(Touching):
         """Contact forces at the end of the iteration."""
         return self.acting(d)
 
-    def held(self, rhs: Array, work: Workspace) -> Array:
-        """Solution with the factor, whose matrix contains the active rows."""
+    def held(self, rhs: Array, work: Workspace, opening: Array) -> Array:
+        """Solution with the factor, whose matrix contains the active rows, opened by (k,) [m]."""
+        if opening.any():
+            rows = self.multipliers.rows
+            push = (self.multipliers.rho * opening)[:, None] * rows.normal
+            rhs = rhs + self.scale * self.generalised(rows.spread(push, len(self._q0)))
         return self.answer(rhs, work)
 
     def opened(

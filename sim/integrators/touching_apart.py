@@ -176,11 +176,13 @@ class TouchingApart(Touching):
         slip = max(acting.slip, float(turned.max(initial=0.0)), self.missed)
         return replace(acting, force=own.normal, friction=own.tangent, slip=slip)
 
-    def held(self, rhs: Array, work: Workspace) -> Array:
-        """Solution x with the factor and D x = 0 for the active rows, and across sticking contacts.
+    def held(self, rhs: Array, work: Workspace, opening: Array) -> Array:
+        """Solution x with the factor and D x = opening (k,) [m] for the active rows.
 
-        x = A^-1 (rhs - s^2 D' f), (D C D' + 1/rho) f = D A^-1 rhs, with the compliance C = s^2 A^-1. The
-        solution is repeated, because C may belong to an earlier factor.
+        It does not move sticking contacts across their normals.
+
+        x = A^-1 (rhs - s^2 D' f), (D C D' + 1/rho) f = D A^-1 rhs - opening, with the compliance C = s^2
+        A^-1. The solution is repeated, because C may belong to an earlier factor.
         """
         multipliers = self.multipliers
         tangent = np.linalg.norm(multipliers.tangent, axis=1)
@@ -191,13 +193,14 @@ class TouchingApart(Touching):
             return x
         D, G = self._directions[on], self._rows(work).among(on)
         G[np.diag_indices_from(G)] += 1.0 / multipliers.rho[self._unit.contact[on]]
-        most = HELD_SHARE * float(np.abs(D @ x).max())
+        wanted = self._unit.components(opening, np.zeros((len(opening), 3)))[on]
+        most = HELD_SHARE * float(np.abs(D @ x - wanted).max())
 
         def push(f: Array) -> Array:
             return self.answer(self.scale * (D.T @ f), work)
 
         what = "the matrix of active contacts"
-        return held(x, D, G, push, what, repeats=HELD, most=most)[0]
+        return held(x, D, G, push, what, wanted=wanted, repeats=HELD, most=most)[0]
 
     def opened(
         self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
