@@ -69,3 +69,27 @@ def hard_drives(muscles: Sequence[str], seed: int = 0) -> Iterator[tuple[str, xr
         drive = xr.DataArray(values, dims=("muscle", "time"), coords=coords, attrs={"units": "1"})
         yield f"{kind} {k} {'+'.join(group)} {sides} {level:.2f}", drive, None
         k += 1
+
+
+def closing_drives(
+    muscles: Sequence[str], seed: int = 0
+) -> Iterator[tuple[str, xr.DataArray, None]]:
+    """Label and activation of rises of both parts of the orbicularis oris, without an end.
+
+    Levels are 0.2 to 1, rises take 0.05 to 0.3 s; sides of every second drive differ by up to half.
+    """
+    t = SAMPLE * np.arange(round(DURATION / SAMPLE) + 1)
+    k = 0
+    while True:
+        rng = np.random.default_rng([seed, k, 1])
+        level, rise, weaker = rng.uniform(0.2, 1.0), rng.uniform(0.05, 0.3), rng.uniform(0.5, 1.0)
+        weaker = weaker if k % 2 else 1.0
+        values = np.zeros((len(muscles), len(t)))
+        for row, name in enumerate(muscles):
+            if name[:-2] in ("OOP", "OOM"):
+                side = weaker if name[-1] == "L" else 1.0
+                values[row] = side * level * np.clip(t / rise, 0.0, 1.0)
+        coords = {"muscle": list(muscles), "time": ("time", t, {"units": "s"})}
+        drive = xr.DataArray(values, dims=("muscle", "time"), coords=coords, attrs={"units": "1"})
+        yield f"closing {k} {level:.2f} {weaker:.2f} in {rise:.2f} s", drive, None
+        k += 1
