@@ -1,8 +1,10 @@
-"""Error of a motion with contact that the error estimates of its steps cannot contain.
+"""Error of a motion by contact, which the other error estimates of its steps do not contain.
 
-Where two edges meet, a difference of micrometres decides on which side one passes the other, and two
-nearby motions part. Every step is accurate, so that its estimate remains small. The error is
-therefore estimated by repeating the motion with other time steps, or assumed.
+A converged stage presses along the normals that surfaces have at its start. Every step estimates the
+displacement by their change; these estimates are accumulated here. Where two edges meet, a difference of
+micrometres decides on which side one passes the other, and two nearby motions part: a factor on the
+estimate allows for small events of this kind. A repetition of the motion with other time steps finds
+more of them. The error of steps with one linear solution is assumed.
 """
 
 from collections.abc import Callable
@@ -12,13 +14,23 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
+from emgface.face.integration import INTEGRATORS
+from emgface.face.numerical_error import Floats, accumulated
 from emgface.face.simulation_parameters import SimulationParameters
 from sim import Contacts, SimulationError, System
+from sim.integrators.stage import Converged
+from sim.pattern import Flags
 from sim.probes import Variable
 from sim.state import Control, State, StepReport
 
+FACTOR: Final = 1.5
+"""Factor on the accumulated estimates of the steps.
+
+Without it, errors that events at edges enlarge exceed the estimate more often (docs/accuracy.md).
+"""
+
 ASSUMED: Final = 5e-4
-"""Largest error of a marker that is assumed from the first contact if a motion is not repeated [m].
+"""Largest error of a marker that is assumed from the first contact if no step estimates it [m].
 
 It is the largest distance between two motions of one trial with contact in different steps, of several
 settings and trials driven by EMG; that of the default settings from small steps is smaller
@@ -46,6 +58,8 @@ LOOSER: Final = 5.0
 
 ITERATED: Final = 5e-5
 """Largest tolerance of the iteration [m] to which the repetition increases it, tenfold at most."""
+BY_ASSUMPTION, BY_REPETITION, BY_STEPS = 0, 1, 2  #: values of ``event_error_measured``
+ERRORS: Final = ("contact_error", "contact_passing_error")  #: of `sim.StepErrors`
 FORCE, TOUCHING = "force_of_contact", "steps_with_contact"
 
 
@@ -81,23 +95,30 @@ def in_other_steps(parameters: SimulationParameters) -> SimulationParameters:
 
 
 def event_error(
-    motion: xr.Dataset, again: Callable[[], xr.Dataset] | None
+    motion: xr.Dataset, again: Callable[[], xr.Dataset] | None, memory: float = 0.0
 ) -> tuple[xr.DataArray, dict[str, float | str]]:
-    """Error (time,) [m] of the largest marker by events of contact, 0 before the first contact.
+    """Error (time,) [m] of the largest marker by contact, 0 before the first contact.
 
     `motion` contains ``position(marker, axis, time)`` [m] and, if surfaces may touch, the variables of
-    `ContactForce`. `again` repeats it with other time steps; the error is `MARGIN` times the largest
-    distance of a marker between both motions so far, and its run time is added to ``run_time_s`` of
-    the motion. If it is None or fails, the error is `ASSUMED_SHARE` of the largest displacement of a
-    marker since the first contact, and at most `ASSUMED`. The second result contains the attributes of a
-    motion with contact.
+    `ContactForce` and the `ERRORS` (marker, axis, time) [m] of `sim.StepErrors`. `again` repeats it
+    with other time steps; the error is `MARGIN` times the largest distance of a marker between both
+    motions so far, and its run time is added to ``run_time_s`` of the motion. If it is None or fails,
+    the error is `FACTOR` times the largest length so far of the errors of the steps, accumulated with
+    a `memory` [s] as in `emgface.face.numerical_error`. If the integrator does not estimate them, it is
+    `ASSUMED_SHARE` of the largest displacement of a marker since the first contact, and at most
+    `ASSUMED`. The second result contains the attributes of a motion with contact.
     """
     none = xr.zeros_like(motion["time"])
     force, steps = (motion.get(name, none).values for name in (FORCE, TOUCHING))
-    touching = np.maximum.accumulate((force > 0.0) | (steps > 0.0))
-    values, attrs = _assumed(motion["position"], touching), dict[str, float | str]()
+    touching = touched(force, steps)
+    attrs = dict[str, float | str]()
+    if touching.any() and ERRORS[0] in motion and bool(motion[ERRORS[0]].notnull().all()):
+        lasting, passing = (motion[name] for name in ERRORS)
+        values, kind = FACTOR * estimated(lasting, passing, memory), BY_STEPS
+    else:
+        values, kind = assumed(motion["position"], touching), BY_ASSUMPTION
     if touching.any():
-        attrs["event_error_measured"] = 0
+        attrs["event_error_measured"] = kind
     if again is not None and touching.any():
         try:
             other = again()
@@ -108,14 +129,31 @@ def event_error(
             distance = ((apart**2).sum("axis").max("marker") ** 0.5).values
             values = MARGIN * np.maximum.accumulate(distance)
             motion.attrs["run_time_s"] += other.attrs["run_time_s"]
-            attrs["event_error_measured"] = 1
+            attrs["event_error_measured"] = BY_REPETITION
     if attrs:
         attrs["event_error"] = float(values.max())
     found = xr.DataArray(values, dims="time", coords={"time": motion["time"]})
     return found.assign_attrs(units="m"), attrs
 
 
-def _assumed(position: xr.DataArray, touching: np.ndarray) -> np.ndarray:
+def touched(force: Floats, steps: Floats) -> Flags:
+    """Test if surfaces have touched so far (time,), from the two variables of `ContactForce`."""
+    return np.maximum.accumulate((force > 0.0) | (steps > 0.0))
+
+
+def estimated(lasting: xr.DataArray, passing: xr.DataArray, memory: float) -> Floats:
+    """Error (time,) [m] of the largest marker so far from `ERRORS` (marker, axis, time) [m].
+
+    The lasting ones are accumulated with a `memory` [s] (`emgface.face.numerical_error.accumulated`), to
+    which the passing ones of the step are added.
+    """
+    order = "time", "marker", "axis"
+    values = accumulated(lasting.transpose(*order).values, lasting["time"].values, memory)
+    lengths = np.linalg.norm(values + passing.transpose(*order).values, axis=2).max(axis=1)
+    return np.maximum.accumulate(lengths)
+
+
+def assumed(position: xr.DataArray, touching: Flags) -> Floats:
     """Error (time,) [m] that is assumed from the first contact; positions (marker, axis, time) [m]."""
     if not touching.any():
         return np.zeros(len(touching))
@@ -126,13 +164,18 @@ def _assumed(position: xr.DataArray, touching: np.ndarray) -> np.ndarray:
     return np.minimum(ASSUMED, ASSUMED_SHARE * so_far)
 
 
-def contact_statement(*, repeated: bool) -> str:
+def contact_statement(solver: str, *, repeated: bool) -> str:
     """Sentence on the part of contact in the estimated error, for the methods of a manuscript."""
     if repeated:
         return (
             "Every motion with contact was repeated with other time steps, and twice the largest "
-            "distance "
-            "of a marker between both was added to its estimated error"
+            "distance of a marker between both was added to its estimated error"
+        )
+    if isinstance(INTEGRATORS[solver], Converged):
+        return (
+            "From the first contact, the estimated error includes the displacement by the change of "
+            "the normals and closest points of the contacts within each step, multiplied by "
+            f"{FACTOR:g}, but not the distance between motions that pass an edge on different sides"
         )
     return (
         f"From the first contact, the estimated error includes {100 * ASSUMED_SHARE:g} % of the "
@@ -148,12 +191,16 @@ def contact_share(motion: xr.Dataset) -> str:
     error = 1e3 * float(motion.attrs.get("event_error", 0.0))
     if error == 0.0:
         return ""
-    if not motion.attrs["event_error_measured"]:
-        advice = "; --check-contact measures it for this motion"
+    if motion.attrs["event_error_measured"] == BY_REPETITION:
+        return f"of which {error:.2g} mm is twice the distance from the repetition with other time steps"
+    advice = "; --check-contact measures it for this motion"
+    advice = "" if "repetition_failed" in motion.attrs else advice
+    if motion.attrs["event_error_measured"] == BY_STEPS:
         return (
-            f"of which {error:.2g} mm is assumed for contact, from the distance between motions in "
-            f"different steps (docs/accuracy.md){'' if 'repetition_failed' in motion.attrs else advice}"
+            f"of which {error:.2g} mm is for contact, from the change of its normals within each step "
+            f"(docs/accuracy.md){advice}"
         )
     return (
-        f"of which {error:.2g} mm is twice the distance from the repetition with other time steps"
+        f"of which {error:.2g} mm is assumed for contact, from the distance between motions in "
+        f"different steps (docs/accuracy.md){advice}"
     )

@@ -14,6 +14,7 @@ from emgface.face.accuracy import SET_BY_ACCURACY
 from emgface.face.contact import touching
 from emgface.face.control import control_of, seconds
 from emgface.face.event_error import (
+    ERRORS,
     FORCE,
     TOUCHING,
     ContactForce,
@@ -200,9 +201,9 @@ def simulate_face(
     several; ``motion`` [m], the largest displacement of a
     marker, and, if the integrator has an estimate, the largest ``numerical_error`` [m] and
     ``inaccurate``, 1 if it exceeds a tenth of the motion. If surfaces touched, ``event_error`` [m]
-    is the part of contact in that error, and ``event_error_measured`` 1 if the motion was repeated
-    and 0 if that part is assumed (`emgface.face.event_error`), also where the repetition failed
-    (``repetition_failed``). With a reduced face
+    is the part of contact in that error, and ``event_error_measured`` 2 if the steps estimated it, 1
+    if the motion was repeated, and 0 if that part is assumed (`emgface.face.event_error`); where the
+    repetition failed, ``repetition_failed`` is the reason. With a reduced face
     (``parameters.reduced.file``) it is that of `emgface.reduced.motion.trusted_motion`; ``reduced`` is
     then 1, or 0 if the motion was not trusted and is that of full order (``reduction_doubt``).
 
@@ -268,14 +269,16 @@ def simulate_face(
     def again() -> xr.Dataset:
         return run(start, watched[:1], progress, in_other_steps(parameters))
 
-    of_contact, told = event_error(trajectory, again if parameters.check_contact else None)
+    of_contact, told = event_error(
+        trajectory, again if parameters.check_contact else None, parameters.beta
+    )
     kinds = ("step_error", "iteration_error", "input_error", "passing_error")
     step, *others = (trajectory[kind] for kind in kinds)
     of_steps = numerical_error(step, parameters.beta, *others)
     error = (of_steps + of_contact).assign_attrs(units="m")
     if forces and FORCE in trajectory:
         trajectory = trajectory.assign(contact_force=trajectory[FORCE])
-    recorded = [*kinds, FORCE, TOUCHING]
+    recorded = [*kinds, *ERRORS, FORCE, TOUCHING]
     trajectory = trajectory.drop_vars(recorded, errors="ignore")
     trajectory = trajectory.assign(numerical_error=error)
     trajectory.attrs |= told

@@ -2,12 +2,28 @@
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
 
 
 def largest_motion(trajectory: xr.Dataset) -> float:
     """Largest distance of a marker from its initial position [m], ``position(marker, axis, time)``."""
     moved = trajectory["position"] - trajectory["position"].isel(time=0)
     return float((moved**2).sum("axis").max() ** 0.5)
+
+
+def accumulated(errors: Floats, time: Floats, memory: float) -> Floats:
+    """Accumulate errors (n_times, ...): e(t + h) = exp(-h/memory) e(t) + error of the step.
+
+    Without a memory [s], errors do not last.
+    """
+    h = np.diff(time)
+    keep = np.exp(-h / memory) if memory > 0.0 else np.zeros(len(h))
+    out = errors.copy()
+    for k in range(1, len(out)):
+        out[k] += keep[k - 1] * out[k - 1]
+    return out
 
 
 def numerical_error(
@@ -19,7 +35,7 @@ def numerical_error(
 ) -> xr.DataArray:
     """Accumulate the errors of the steps with exponential decay: ``(time,)`` [m], largest marker.
 
-    e(t + h) = exp(-h/memory) e(t) + error of the step, per marker and axis. The length of the same sum
+    They are `accumulated` per marker and axis. The length of the same sum
     of the lasting errors by the activation that the lines of steps miss, that of the passing one of the
     step, and the sum of the iteration errors are added.
 
@@ -28,23 +44,18 @@ def numerical_error(
     within which a disturbance decays: beta for tissue with stiffness damping, since a mode much slower
     than its inertia relaxes as exp(-t/beta); 0 for no accumulation. `iteration_error` (time) [m] bounds
     the error of a position at the end of the iteration. The estimate excludes the error of the mesh and
-    events of contact (`emgface.face.event_error`). ``python -m benchmarks error_coverage`` measures how
+    contact (`emgface.face.event_error`). ``python -m benchmarks error_coverage`` measures how
     often it holds for activations from EMG, and with ``--hard`` for switches and spikes
     (docs/accuracy.md).
     """
     values = step_error.transpose("time", "marker", "axis").values
-    h = np.diff(step_error["time"].values)
-    keep = np.exp(-h / memory) if memory > 0.0 else np.zeros(len(h))
-    left = np.zeros(len(values)) if iteration_error is None else iteration_error.values.copy()
+    time = step_error["time"].values
+    left = np.zeros(len(values)) if iteration_error is None else iteration_error.values
     missed, passing = (
         np.zeros_like(values) if one is None else one.transpose("time", "marker", "axis").values
         for one in (input_error, passing_error)
     )
-    error, missed = values.copy(), missed.copy()
-    for k in range(1, len(values)):
-        error[k] += keep[k - 1] * error[k - 1]
-        missed[k] += keep[k - 1] * missed[k - 1]
-        left[k] += keep[k - 1] * left[k - 1]
+    error, missed, left = (accumulated(one, time, memory) for one in (values, missed, left))
     lengths = np.sum([np.linalg.norm(part, axis=2) for part in (error, missed, passing)], axis=0)
     largest = lengths.max(axis=1) + left
     return xr.DataArray(

@@ -36,7 +36,8 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
     check_contact: bool = choice(
         False,
         "Repeat every motion with contact with other time steps, and add twice the largest distance of "
-        "a marker between both to its estimated error; otherwise 0.5 mm is added.",
+        "a marker between both to its estimated error; otherwise every step estimates its own error of "
+        "contact.",
         source=f"{OWN}: `python -m benchmarks error_coverage --contact`",
         note="takes about twice as long; no effect where nothing touches",
     )

@@ -180,7 +180,7 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
     told.append(f"Motion was integrated by {INTEGRATORS[s.solver]} in steps{control}.")
     full_order = s.reduced.file is None or s.reduced.fall_back
     if s.contact.method != "none" and full_order:
-        told.append(f"{contact_statement(repeated=s.check_contact)}.")
+        told.append(f"{contact_statement(s.solver, repeated=s.check_contact)}.")
     if s.reduced.file is not None:
         otherwise = "at full order" if s.reduced.fall_back else "with the reduced face as well"
         told.append(

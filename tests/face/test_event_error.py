@@ -1,20 +1,28 @@
-"""Error by events of contact: assumed, or the distance from a repetition with other time steps."""
+"""Error by contact: of the steps, assumed, or the distance from a repetition with other time steps."""
 
 import numpy as np
 import pytest
 import xarray as xr
 
 from emgface.choices import configure
+from emgface.errors import ConfigurationError
 from emgface.face.event_error import (
     ASSUMED,
     ASSUMED_SHARE,
+    BY_ASSUMPTION,
+    BY_REPETITION,
+    BY_STEPS,
+    ERRORS,
+    FACTOR,
     FORCE,
     TOUCHING,
     ContactForce,
     contact_share,
+    contact_statement,
     event_error,
     in_other_steps,
 )
+from emgface.face.integration import INTEGRATORS
 from emgface.face.motion import simulate_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.stability import stability_warning
@@ -45,6 +53,20 @@ def motion_of(force, moved=0.0):
         coords={"time": 0.01 * np.arange(4.0)},
         attrs={"run_time_s": 2.0},
     )
+
+
+def test_errors_of_the_steps_accumulate_and_do_not_fall():
+    """The lasting ones decay, and the passing one of a step is added to their sum."""
+    motion = motion_of([0.0, 0.2, 0.2, 0.0], moved=0.1)
+    lasting, passing = (xr.zeros_like(motion["position"]) for _ in range(2))
+    lasting[0, 0, 1], lasting[0, 0, 2], passing[0, 1, 2] = 3e-5, 3e-5, 4e-5
+    motion = motion.assign(dict(zip(ERRORS, (lasting, passing), strict=True)))
+    found, told = event_error(motion, None, 0.02)
+    kept = 3e-5 * (1.0 + np.exp(-0.5))
+    np.testing.assert_allclose(found / FACTOR, [0.0, 3e-5, *2 * [np.hypot(kept, 4e-5)]])
+    assert told == {"event_error": float(found.max()), "event_error_measured": BY_STEPS}
+    unknown = motion.assign({ERRORS[0]: lasting.where(lasting["time"] < 0.02)})
+    assert event_error(unknown, None, 0.02)[1]["event_error_measured"] == BY_ASSUMPTION
 
 
 def test_an_error_is_assumed_from_the_first_contact():
@@ -131,18 +153,40 @@ def test_the_estimated_error_of_a_motion_with_contact_contains_its_events(coarse
     def run(**values):
         return simulate_face(coarse, drive, configure(SimulationParameters, base | values))
 
-    assumed = run()
-    share = assumed.attrs["event_error"]
-    assert 0.0 < share <= min(ASSUMED, ASSUMED_SHARE * assumed.attrs["motion"])
-    assert assumed.attrs["event_error_measured"] == 0
-    assert share < assumed.attrs["numerical_error"] < 3.0 * ASSUMED
-    assert f"{1e3 * share:.2g} mm is assumed" in contact_share(assumed)
-    assert "--check-contact" in contact_share(assumed)
+    own = run()
+    share = own.attrs["event_error"]
+    assert 0.0 < share < ASSUMED_SHARE * own.attrs["motion"]
+    assert own.attrs["event_error_measured"] == BY_STEPS
+    assert share < own.attrs["numerical_error"] < 3.0 * ASSUMED
+    assert f"{1e3 * share:.2g} mm is for contact" in contact_share(own)
+    assert "--check-contact" in contact_share(own)
 
     checked = run(check_contact=True)
-    np.testing.assert_array_equal(checked["position"], assumed["position"])
-    assert checked.attrs["event_error_measured"] == 1
+    np.testing.assert_array_equal(checked["position"], own["position"])
+    assert checked.attrs["event_error_measured"] == BY_REPETITION
     assert 1e-8 < checked.attrs["event_error"] < ASSUMED
     assert checked.attrs["numerical_error"] > checked.attrs["event_error"]
     assert "twice the distance from the repetition" in contact_share(checked)
     assert FORCE not in checked
+
+
+@pytest.mark.parametrize("solver", sorted(INTEGRATORS))
+def test_methods_say_how_each_solver_finds_the_error_of_contact(coarse, solver):
+    """Every solver that supports contact does what the methods of a manuscript say."""
+    values = {
+        "gravity": False,
+        "sigma_max": 100e3,
+        "solver": solver,
+        "error_tolerance": None,
+        "step": 5e-3,
+    }
+    try:
+        parameters = configure(SimulationParameters, values)
+    except ConfigurationError:
+        assert solver == "trapezoidal"
+        return
+    told = contact_statement(solver, repeated=False)
+    motion = simulate_face(coarse, 0.3 * pursing(coarse), parameters)
+    kind = motion.attrs["event_error_measured"]
+    assert kind == (BY_STEPS if "within each step" in told else BY_ASSUMPTION)
+    assert "repeated" in contact_statement(solver, repeated=True)
