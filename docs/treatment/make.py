@@ -51,7 +51,7 @@ def closed_wound() -> Figure:
 
 def doses(folder: Path) -> Figure:
     """Changes against the share of the lower lip that is removed, of five generated persons."""
-    setting = DoseSetting(movements=("A", "D", "opening"), contact=False)
+    setting = DoseSetting(resolution="medium", movements=("A", "D", "opening"), contact=False)
     every = cases(5, 2, ["V"], [0.1, 0.2, 0.3, 0.4], [0.5], ["all"])
     return dose_figure(dose_table(every, setting, folder), setting)
 
