@@ -22,6 +22,7 @@ MISFIT: Final = 2e-3  #: largest rms distance of fiducials after a rigid motion 
 OVERLAP: Final = 0.3  #: smallest share of an image inside the other after registration [1]
 FURTHEST: Final = 60e-3  #: largest motion by a registration [m]
 NEAR: Final = 8e-3  #: width of the surroundings of a region [m]
+EDGE: Final = 1.5e-3  #: distance from the border of a region within which voxels contain both sides [m]
 MOST: Final = 0.6  #: largest share of the image that is a region [1]
 VOXELS: Final = 4.0  #: in the radius of a ball around a click [1]
 AIR: Final = 0.0  #: value outside an image
@@ -153,8 +154,8 @@ def region_around(
 
     Morphological Chan-Vese (Marquez-Neila et al. 2014) from balls of this radius, first in the image,
     then in a box around the region, whose surroundings alone then count, in cubic voxels of a quarter
-    of the radius; the connected part with a click is kept. Raises FitError for a click outside the
-    image, or if the region fills it.
+    of the radius; the connected part with a click is kept. Its border is then found in the voxels of the
+    image (`_with_own_border`). Raises FitError for a click outside the image, or if the region fills it.
     """
     from skimage.measure import label
 
@@ -193,11 +194,11 @@ def region_around(
     }
     kept = sitk.GetImageFromArray(np.isin(parts, list(chosen)).astype(np.uint8))
     kept.CopyInformation(cubes)
-    mask = (
-        sitk.GetArrayFromImage(
-            sitk.Resample(kept, image, sitk.Transform(), sitk.sitkNearestNeighbor)
-        )
-        > 0
+    like = sitk.Resample(kept, image, sitk.Transform(), sitk.sitkNearestNeighbor)
+    mask = _with_own_border(
+        sitk.GetArrayFromImage(image),
+        sitk.GetArrayFromImage(like) > 0,
+        1e-3 * np.array(image.GetSpacing())[::-1],
     )
     if not mask.any():
         raise FitError(
@@ -223,6 +224,37 @@ def _grown(values: NDArray[Any], start: NDArray[np.bool_], iterations: int) -> N
             break
         start = found
     return start
+
+
+def _with_own_border(
+    values: NDArray[Any], mask: NDArray[np.bool_], spacing: NDArray[Any]
+) -> NDArray[np.bool_]:
+    """Region whose border is where values are midway between its median and that of its surroundings.
+
+    This is the criterion of Chan and Vese without their term of length, which makes small parts smaller.
+    Voxels near the border, which contain both sides, count for neither median, and they alone change; of
+    these the majority among neighbours decides, and parts without a core are left out. `spacing` is that of the axes of the values [m].
+    """
+    from scipy.ndimage import distance_transform_edt, uniform_filter
+    from skimage.measure import label
+
+    if not mask.any():
+        return mask
+    box = _box_around(mask, int(np.ceil(NEAR / spacing.min())))
+    own, v = mask[box], values[box]
+    inside: Any = distance_transform_edt(own, sampling=spacing)
+    outside: Any = distance_transform_edt(~own, sampling=spacing)
+    core = inside > min(EDGE, 0.8 * float(inside.max()))
+    around = (outside > EDGE) & (outside < NEAR)
+    if not around.any():
+        return mask
+    middle, beyond = float(np.median(v[core])), float(np.median(v[around]))
+    nearer = np.abs(v - middle) < np.abs(v - beyond)
+    new = np.where(np.maximum(inside, outside) < EDGE + spacing.max(), nearer, own)
+    parts: Any = label(uniform_filter(new.astype(np.float64), 3) > 0.5, connectivity=1)
+    found = mask.copy()
+    found[box] = (parts > 0) & np.isin(parts, np.unique(parts[core]))
+    return found
 
 
 def _box_around(mask: NDArray[np.bool_], more: int) -> tuple[slice, ...]:

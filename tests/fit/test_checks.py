@@ -2,7 +2,9 @@
 
 import math
 
-from benchmarks.fit_checks import Row, closed_forms, damaged, probe_coverage
+import pytest
+
+from benchmarks.fit_checks import Row, closed_forms, damaged, probe_coverage, stacks_and_labels
 
 
 def test_a_row_is_met_on_its_own_side_only_and_never_without_a_number() -> None:
@@ -17,6 +19,12 @@ def test_a_row_is_met_on_its_own_side_only_and_never_without_a_number() -> None:
 def test_intervals_of_a_strip_cover_the_truth_as_stated() -> None:
     (row,) = probe_coverage(40)
     assert row.met, row
+
+
+def test_stacks_of_a_phantom_and_their_labels_are_met() -> None:
+    pytest.importorskip("SimpleITK")
+    rows = stacks_and_labels()
+    assert len(rows) == 3 and all(row.met for row in rows), rows
 
 
 def test_a_wrong_end_of_one_input_misses_the_check() -> None:
