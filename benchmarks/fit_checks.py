@@ -1,7 +1,7 @@
 """Checks 1 to 6 of the fit of a person's own anatomy, as rows: check, quantity, measured, wanted, met.
 
 Closed forms and registration; one published face fitted to the other; generated persons fitted to each
-other, moved by orbicularis oris; stacks of a phantom combined and labelled; curves of a probe; damaged
+other (`benchmarks.fit_persons`); stacks of a phantom combined and labelled; curves of a probe; damaged
 inputs. The published faces and the jaw are read from the folder EMGFACE_SHARED.
 """
 
@@ -13,27 +13,20 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import xarray as xr
 from scipy.spatial.transform import Rotation
 
 import sim
 from benchmarks.fit_gap import fitted_published
-from benchmarks.fit_inputs import person_of
 from benchmarks.fit_phantoms import CENTRE, PLANES, RADII, stack
 from emgface.face.quality import element_quality
-from emgface.face.template import template_face
-from emgface.fit.carry import carry
 from emgface.fit.images import combined_stacks, region_around
 from emgface.fit.materials import Curve, fit_material
-from emgface.fit.person import fit_face
 from emgface.fit.probing import Block, probe_forces
 from emgface.fit.readers.surfaces import read_surface
 from emgface.fit.registration import closest_points
 from emgface.fit.similarity import Floats, Similarity, similarity, thin_plate
 from emgface.fit.targets import Target, sheets
 from emgface.fit.triangulated import Surface
-
-Moves = Callable[[xr.Dataset], Floats]
 
 DEPTHS: Final = np.linspace(0.3e-3, 1.5e-3, 5)  #: depths of an indentation [m]
 SOFT: Final = {"c10": 2500.0, "c20": 1175.0, "kappa": 25e3}
@@ -143,57 +136,6 @@ def between_published() -> list[Row]:
             2, least, float(quality.scaled_jacobian.min() - before.scaled_jacobian.min()), 0.0, True
         ),
     ]
-
-
-def between_persons(moved: Moves, persons: int = 20) -> list[Row]:
-    """Check 3: generated persons, each fitted to the next, under orbicularis oris 0.5.
-
-    The own mesh of the next has its own muscles, chosen by their distance from the fibres, and those
-    that the fit carries, with which the difference is that of the geometry alone.
-    """
-    base = moved(template_face(resolution="coarse"))
-    found = {
-        "own muscles": list[float](),
-        "carried muscles": list[float](),
-        "generic": list[float](),
-    }
-    for k in range(persons):
-        one, other = person_of(100 + k, "coarse"), person_of(101 + k, "coarse")
-        scans = {name: other.surface(name) for name in sheets(one.face)}
-        fitted = fit_face(
-            one.face,
-            other.landmarks,
-            simulated=True,
-            **{name: (scan.points, scan.triangles) for name, scan in scans.items()},
-        ).face
-        nodes, wanted = one.face["marker_node"].values, other.face["position"].values
-        # The fitted face is in a frame of its own, which only turns displacements.
-        frame = similarity(fitted["position"].values, wanted, scaled=False)
-        field = moved(fitted)[nodes] @ frame.rotation.T
-        own, carried = moved(other.face)[nodes], moved(carry(one.face, wanted).face)[nodes]
-        pairs = ((field, own), (field, carried), (base[nodes], own))
-        for values, (here, there) in zip(found.values(), pairs, strict=True):
-            values.append(_rms(here - there))
-        told = ", ".join(f"{name} {values[-1]:.2f}" for name, values in found.items())
-        print(f"person {k + 1}: {told} mm", flush=True)
-    nearer = float(np.mean(np.less(found["own muscles"], found["generic"])))
-    return [
-        *(
-            Row(
-                3,
-                f"markers of {persons} persons, {name}, mean rms [mm]",
-                float(np.mean(values)),
-                0.3,
-            )
-            for name, values in found.items()
-            if name != "generic"
-        ),
-        Row(3, "share of persons whose fitted face is nearer than the generic", nearer, 1.0, True),
-    ]
-
-
-def _rms(apart: Floats) -> float:
-    return 1e3 * float(np.sqrt((apart**2).sum(axis=1).mean()))
 
 
 def stacks_and_labels() -> list[Row]:

@@ -22,7 +22,9 @@ MISFIT: Final = 2e-3  #: largest rms distance of fiducials after a rigid motion 
 OVERLAP: Final = 0.3  #: smallest share of an image inside the other after registration [1]
 FURTHEST: Final = 60e-3  #: largest motion by a registration [m]
 NEAR: Final = 8e-3  #: width of the surroundings of a region [m]
-EDGE: Final = 1.5e-3  #: distance from the border of a region within which voxels contain both sides [m]
+EDGE: Final = (
+    1.5e-3  #: distance from the border of a region within which voxels contain both sides [m]
+)
 MOST: Final = 0.6  #: largest share of the image that is a region [1]
 VOXELS: Final = 4.0  #: in the radius of a ball around a click [1]
 AIR: Final = 0.0  #: value outside an image
@@ -233,7 +235,8 @@ def _with_own_border(
 
     This is the criterion of Chan and Vese without their term of length, which makes small parts smaller.
     Voxels near the border, which contain both sides, count for neither median, and they alone change; of
-    these the majority among neighbours decides, and parts without a core are left out. `spacing` is that of the axes of the values [m].
+    these the majority among neighbours decides, and parts without a core are left out. `spacing` is that
+    of the axes of the values [m].
     """
     from scipy.ndimage import distance_transform_edt, uniform_filter
     from skimage.measure import label

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -12,7 +12,7 @@ import xarray as xr
 from emgface.errors import FitError
 from emgface.face.parts import FREE
 from emgface.face.validity import check_face
-from emgface.fit.carry import carry
+from emgface.fit.carry import carry, rigid_points
 from emgface.fit.columns import Columns, ThicknessPrior
 from emgface.fit.corners import Corners
 from emgface.fit.courses import with_courses
@@ -25,6 +25,7 @@ from emgface.fit.inputs import (
     pair_points,
     provenance,
 )
+from emgface.fit.likeness import nearer_face, told_measures
 from emgface.fit.measures import distances, quality_rows
 from emgface.fit.readers.landmarks import Landmarks, landmarks_of
 from emgface.fit.readers.surfaces import Scan, read_surface, surface_of
@@ -50,7 +51,9 @@ class Fitted:
     """Fitted face with the measures of its report."""
 
     face: xr.Dataset  #: checked face model
-    source: xr.Dataset  #: face that was fitted
+    source: (
+        xr.Dataset
+    )  #: face whose mesh was deformed: of a generated one, that with the fitted measures
     targets: tuple[Target, ...]  #: surfaces in the frame of the face
     landmarks: pd.DataFrame  #: error at the landmark and of the spline without it [mm]
     distance: pd.DataFrame  #: distances of the surfaces by stage [mm]
@@ -113,6 +116,14 @@ def fit_face(
     paired = pair_points(face, marks, places, noise)
     notes = list(paired.notes)
     targets = _targets(face, scans, paired, notes)
+    if (nearer := nearer_face(face, paired, targets, noise)) is not face:
+        notes += told_measures(face, nearer)
+        if places is not None:
+            at = rigid_points(face, places.position, nearer["position"].values)
+            places = replace(places, position=at)
+        face = nearer
+        paired = pair_points(face, marks, places, noise)
+        targets = _targets(face, scans, paired, [])
     source = face["position"].values
     corners = Corners.of(face["connectivity"].values.astype(np.int64))
     columns = Columns.of(face)

@@ -218,10 +218,14 @@ def _possible(seed: int, index: int, *, preset: str, spread: float, asymmetry: f
 
 def shaped_positions(measures: Measures, grid: Grid) -> Floats:
     """Positions (nodes, 3) of an asymmetric face [m]; errors as of `calibrated_surfaces`."""
-    surfaces = calibrated_surfaces(measures)
-    position = node_positions(surfaces, grid)
-    if measures.width_asymmetry or measures.droop:
-        position = _asymmetry(measures, surfaces.mouth_half_width)(position)
+    return constructed_positions(calibrated_surfaces(measures), grid)
+
+
+def constructed_positions(surfaces: Surfaces, grid: Grid) -> Floats:
+    """Positions (nodes, 3) of the face of these surfaces, with the asymmetry of their measures [m]."""
+    position, own = node_positions(surfaces, grid), surfaces.measures
+    if own.width_asymmetry or own.droop:
+        position = _asymmetry(own, surfaces.mouth_half_width)(position)
     return position
 
 

@@ -1,0 +1,202 @@
+"""Measures of a generated face by least squares, as the first step of a fit to a person.
+
+Surfaces do not state where along the skin a node lies; the measures of the template do, by what faces
+have in common. The energy is that of springs to surfaces, contours and landmarks, in units of their
+variances, and of the deviations of the measures from those of the face, scaled like the landmarks, in
+units of their spread among adults; a rigid motion is found with them. Each round takes one step of
+Gauss and Newton. The face that is generated with these measures has its own muscles and attachments.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Final
+
+import numpy as np
+import xarray as xr
+from scipy.spatial.transform import Rotation
+
+from emgface.errors import FaceError, listed
+from emgface.face.template import template_face
+from emgface.face.template.build import constructed_positions
+from emgface.face.template.calibrate import Parameters, calibrated_surfaces, surface_measures
+from emgface.face.template.grid import RAYS_PER_STEP, Grid, make_grid, refined_grid
+from emgface.face.template.measures import Measures, bounds
+from emgface.face.template.norms import NORMS
+from emgface.face.template.surface import Surfaces
+from emgface.face.template.volunteers import ASYMMETRY
+from emgface.fit.carry import carry
+from emgface.fit.inputs import Paired
+from emgface.fit.similarity import Floats, Similarity, similarity
+from emgface.fit.springs import Rows
+from emgface.fit.targets import Pull, Target, pulling
+
+CORRELATED: Final = 1e-4  #: area over which the misfit of a surface is one independent value [m2]
+WIDTHS: Final = (4e-3, 2e-3, 1e-3, 0.6e-3, 0.4e-3, 0.3e-3, 0.3e-3, 0.3e-3)
+"""Standard deviations of the distance from a surface in the rounds of nearest points [m]."""
+HUBER: Final = 2.0  #: misfit in standard deviations beyond which a spring becomes weaker [1]
+FURTHEST: Final = 2.0  #: largest change of a measure in a round, in its spreads [1]
+STEP: Final = 1e-4  #: differences that give the derivatives, in spreads of the measures [1]
+SHARES: Final = (1.0, 0.75, 0.5, 0.25)
+"""Shares of the way to the fitted measures, of which the first that yields a face is taken."""
+SAME: Final = 1e-9  #: largest distance of the nodes of one face [m]
+
+SPREAD: Final = {n.name: 0.5e-3 * (n.men[1] + n.women[1]) for n in NORMS} | dict(ASYMMETRY)
+"""Standard deviations of the measures among adults [m]; of the asymmetry [1]."""
+
+
+@dataclass(frozen=True)
+class Family:
+    """Generated faces with one mesh, by the parameters of their construction."""
+
+    face: xr.Dataset  #: the member from which a fit starts
+    grid: Grid
+    measures: Measures
+    start: Floats  #: (n,) parameters of this member [m]
+
+    @classmethod
+    def of(cls, face: xr.Dataset) -> "Family | None":
+        """Family of a face; None unless its nodes are those of the generated face of its measures."""
+        attrs = face.attrs
+        names = [f"measure_{name}" for name in SPREAD]
+        if attrs.get("origin") != "generated" or not all(name in attrs for name in names):
+            return None
+        measures = Measures(**{name[8:]: float(attrs[name]) for name in names})
+        rays = int(attrs.get("rays", 0))
+        for grid in (make_grid(face.sizes["element"]), refined_grid(max(1, rays // RAYS_PER_STEP))):
+            if not np.array_equal(grid.connectivity, face["connectivity"].values):
+                continue
+            surfaces = calibrated_surfaces(measures)
+            nodes = constructed_positions(surfaces, grid)
+            if np.abs(nodes - face["position"].values).max() < SAME:
+                start = np.array([getattr(surfaces.measures, name) for name in SPREAD])
+                return cls(face, grid, measures, start)
+        return None
+
+    def surfaces(self, values: Floats) -> Surfaces:
+        """Surfaces of parameters (n,) [m]."""
+        return Surfaces(Parameters(**dict(zip(SPREAD, map(float, values), strict=True))))
+
+    def nodes(self, values: Floats) -> Floats:
+        """Nodes (n_nodes, 3) of the member with these parameters [m]."""
+        return constructed_positions(self.surfaces(values), self.grid)
+
+    def measures_of(self, values: Floats) -> Measures:
+        """Measures of the surfaces of parameters, within their bounds."""
+        surfaces = self.surfaces(values)
+        found = asdict(surfaces.measures) | surface_measures(surfaces)
+        return Measures(**{k: float(np.clip(v, *bounds(k))) for k, v in found.items()})
+
+    def member(self, values: Floats) -> xr.Dataset:
+        """Face with the measures of these parameters, or the nearest on the way to them that exists.
+
+        Muscles and attachments are those of the generated face; if the face of the beginning has others,
+        they are carried along.
+        """
+        for share in SHARES:
+            try:
+                measures = self.measures_of(self.start + share * (values - self.start))
+                return self._with(measures)
+            except (FaceError, ValueError):
+                continue
+        return self.face
+
+    def _with(self, measures: Measures) -> xr.Dataset:
+        face, attrs = self.face, self.face.attrs
+        if "muscle_radius" in attrs:
+            given = {"resolution": self.grid, "radius": float(attrs["muscle_radius"])}
+            same = template_face(measures=self.measures, **given)
+            if all(name in face and same[name].equals(face[name]) for name in same.data_vars):
+                found = template_face(measures=measures, name=str(attrs["name"]), **given)
+                return found.assign_attrs(source=attrs["source"])
+        nodes = constructed_positions(calibrated_surfaces(measures), self.grid)
+        told = {f"measure_{name}": value for name, value in asdict(measures).items()}
+        return carry(face, nodes).face.assign_attrs(told)
+
+
+def nearer_face(
+    face: xr.Dataset, paired: Paired, targets: Sequence[Target], noise: float
+) -> xr.Dataset:
+    """Generated face with the measures of a person; the face itself if it is not a generated one.
+
+    `noise` is the standard deviation of a landmark [m].
+    """
+    family = Family.of(face)
+    if family is None:
+        return face
+    landmarks = paired.points
+    motion = similarity(landmarks.source, landmarks.target)
+    spread = np.array(list(SPREAD.values()))
+    n = len(spread)
+    lengths = np.array([name != "width_asymmetry" for name in SPREAD])
+    expected = np.where(lengths, motion.scale, 1.0) * family.start
+    values, rigid = expected, replace(motion, scale=1.0)
+    prior = np.concatenate([np.ones(n), np.zeros(6)])
+
+    def springs(q: Floats, width: float, number: int) -> Rows:
+        rows = _robust(landmarks.rows(noise**-2), q, noise)
+        if not targets:
+            return rows
+        pull = Pull(1.0 / (CORRELATED * width**2), 0.0, 0.0, seed=number)
+        return rows.joined(_robust(pulling(q, targets, pull), q, width))
+
+    try:
+        for number, width in enumerate(WIDTHS):
+            own = family.nodes(values)
+            moved = [(family.nodes(values + STEP * s) - own) / STEP for s in np.diag(spread)]
+            q = rigid(own)
+            centre = q.mean(axis=0)
+            turns = [np.cross(axis, q - centre) for axis in np.eye(3)]
+            shifts = [np.broadcast_to(axis, q.shape) for axis in np.eye(3)]
+            slope: Floats = np.stack([*(m @ rigid.rotation.T for m in moved), *turns, *shifts])
+            H, g = _normal_equations(springs(q, width, number), slope, q)
+            g[:n] += (values - expected) / spread
+            step = -np.linalg.solve(H + np.diag(prior), g)
+            values = values + np.clip(step[:n], -FURTHEST, FURTHEST) * spread
+            turn = Rotation.from_rotvec(step[n:-3]).as_matrix()
+            shift = centre + step[-3:] - turn @ centre
+            rigid = Similarity(1.0, turn @ rigid.rotation, turn @ rigid.shift + shift)
+        before, after = (
+            _mean_square(springs(q, WIDTHS[0], 0), q)
+            for q in (motion(face["position"].values), rigid(family.nodes(values)))
+        )
+    except (FaceError, ValueError, np.linalg.LinAlgError):  # no surface has these measures
+        return face
+    return family.member(values) if after < before else face
+
+
+def _mean_square(rows: Rows, q: Floats) -> float:
+    r = _misfit(rows, q)
+    return float(np.einsum("ri,rij,rj->", r, rows.stiffness, r)) / len(r)
+
+
+def told_measures(before: xr.Dataset, after: xr.Dataset) -> list[str]:
+    """Sentence with the measures that differ by more than half of their spread."""
+    told = []
+    for name, spread in SPREAD.items():
+        a, b = (float(face.attrs[f"measure_{name}"]) for face in (before, after))
+        if abs(b - a) > 0.5 * spread:
+            unit = 1.0 if name == "width_asymmetry" else 1e-3
+            told.append(f"{name} {a / unit:.3g} to {b / unit:.3g}")
+    if not told:
+        return []
+    return [f"the measures of the generated face were fitted first [mm]: {listed(told, 32)}"]
+
+
+def _robust(rows: Rows, q: Floats, width: float) -> Rows:
+    """Springs whose stiffness is multiplied by the weight of Huber of their misfit."""
+    r = _misfit(rows, q)
+    stiffness = np.maximum(np.trace(rows.stiffness, axis1=1, axis2=2), 1e-30)
+    size = np.sqrt(np.einsum("ri,rij,rj->r", r, rows.stiffness, r) / stiffness)
+    weight = np.minimum(1.0, HUBER * width / np.maximum(size, 1e-12))
+    return replace(rows, stiffness=weight[:, None, None] * rows.stiffness)
+
+
+def _misfit(rows: Rows, q: Floats) -> Floats:
+    return np.einsum("rk,rki->ri", rows.weights, q[rows.nodes]) - rows.target
+
+
+def _normal_equations(rows: Rows, slope: Floats, q: Floats) -> tuple[Floats, Floats]:
+    """Matrix (n, n) and right side (n,) for the derivatives (n, n_nodes, 3) of the nodes."""
+    J = np.einsum("rk,prki->rip", rows.weights, slope[:, rows.nodes])
+    WJ = rows.stiffness @ J
+    return np.einsum("rip,riq->pq", J, WJ), np.einsum("ri,rip->p", _misfit(rows, q), WJ)

@@ -1,0 +1,79 @@
+"""Measures of a generated face before its mesh is deformed."""
+
+import numpy as np
+import pytest
+
+from benchmarks.fit_inputs import person_of
+from emgface.face.template import volunteer_face
+from emgface.fit.inputs import pair_points
+from emgface.fit.likeness import SPREAD, Family, nearer_face
+from emgface.fit.person import fit_face
+from emgface.fit.readers.landmarks import landmarks_of
+from emgface.fit.similarity import similarity
+
+
+@pytest.fixture(scope="module")
+def two():
+    return person_of(101, "coarse"), person_of(102, "coarse")
+
+
+def _fitted(one, other, names=("skin", "inner")):
+    scans = {name: other.surface(name) for name in names}
+    given = {name: (scan.points, scan.triangles) for name, scan in scans.items()}
+    return fit_face(one, other.landmarks, simulated=True, **given)
+
+
+def _apart(face, wanted):
+    """Distances of the nodes after the best rigid motion [mm]."""
+    q, wanted = face["position"].values, wanted["position"].values
+    frame = similarity(q, wanted, scaled=False)
+    return 1e3 * np.linalg.norm(frame(q) - wanted, axis=1)
+
+
+def test_nodes_of_another_generated_person_are_found(two):
+    """Surfaces alone leave them 1 mm apart, along the skin."""
+    one, other = two
+    found = _fitted(one.face, other)
+    plain = one.face.copy()
+    del plain.attrs["measure_mouth_width"]
+    alone = _fitted(plain, other)
+    assert np.median(_apart(alone.face, other.face)) > 0.5
+    assert np.median(_apart(found.face, other.face)) < 0.1
+    np.testing.assert_array_equal(found.face["fixed"], other.face["fixed"])
+    assert any("the measures of the generated face" in note for note in found.notes)
+    told = found.face.attrs["measure_mouth_width"]
+    assert told == pytest.approx(other.face.attrs["measure_mouth_width"], abs=0.5e-3)
+
+
+def test_landmarks_alone_bring_the_face_nearer(two):
+    one, other = two
+    found = _fitted(one.face, other, ())
+    before, after = (_apart(face, other.face) for face in (one.face, found.face))
+    assert np.median(after) < 0.7 * np.median(before)
+
+
+def test_only_nodes_that_its_measures_give_make_a_family(two):
+    one, other = two
+    family = Family.of(one.face)
+    assert family is not None
+    np.testing.assert_allclose(family.nodes(family.start), one.face["position"], atol=1e-9)
+    changed = one.face.copy(deep=True)
+    changed["position"].values[5] += 1e-4
+    other_origin = one.face.assign_attrs(origin="imported")
+    paired = pair_points(one.face, landmarks_of(other.landmarks), None, 1e-3)
+    for face in (changed, other_origin):
+        assert Family.of(face) is None
+        assert nearer_face(face, paired, [], 1e-3) is face
+
+
+def test_a_face_with_other_muscles_keeps_them():
+    face, _ = volunteer_face(3, 1, resolution="coarse", course_shift=2e-3)
+    family = Family.of(face)
+    assert family is not None
+    values = family.start.copy()
+    values[list(SPREAD).index("mouth_width")] += 2e-3
+    found = family.member(values)
+    np.testing.assert_array_equal(found["bundle_index"], face["bundle_index"])
+    np.testing.assert_array_equal(found["bundle_weight"], face["bundle_weight"])
+    assert found.attrs["measure_mouth_width"] > face.attrs["measure_mouth_width"] + 1e-3
+    np.testing.assert_allclose(found["position"], family.nodes(values), atol=0.1e-3)
