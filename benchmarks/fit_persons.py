@@ -16,6 +16,7 @@ from benchmarks.fit_inputs import MOTION, Person, person_of
 from benchmarks.report import markdown, say
 from emgface.errors import EmgfaceError
 from emgface.face.template import template_face
+from emgface.face.template.grid import LAYERS
 from emgface.fit.carry import carry
 from emgface.fit.inputs import points_of_face
 from emgface.fit.person import Fitted, fit_face
@@ -64,19 +65,20 @@ def of_person(
         return _rms(field[nodes] - there)
 
     plain = without_measures(one.face)
+    found = fitted_to(one.face, other)
+    q = in_frame(found, wanted)
+    layers = true_layers(other.face, q)
     rows = {
         "generic": apart(base),
         "unfitted": apart(moved(one.face)),
-        "fitted": _difference(moved, one.face, other, own),
+        "fitted": apart(moved(carry(found.face, q).face)),
+        "fitted, true depth of the layers": apart(moved(carry(found.face, layers).face)),
         "fitted without measures": _difference(moved, plain, other, own),
     }
     if not detailed:
         return rows
     rows["fitted to the skin only"] = _difference(moved, one.face, other, own, ("skin",))
-    found = fitted_to(one.face, other)
-    rows["fitted nodes, the rest true"] = apart(
-        moved(carry(other.face, in_frame(found, wanted)).face)
-    )
+    rows["fitted nodes, the rest true"] = apart(moved(carry(other.face, q).face))
     rows["true nodes, the rest fitted"] = apart(moved(carry(found.face, wanted).face))
     alone = fitted_to(plain, other)
     rows["without measures: fitted nodes, the rest true"] = apart(
@@ -93,6 +95,15 @@ def of_person(
     for name, face in (("fitted", one.face), ("fitted without measures", plain)):
         rows[f"outside the family: {name}"] = _difference(moved, face, far, there)
     return rows
+
+
+def true_layers(face: xr.Dataset, q: Floats) -> Floats:
+    """Nodes q (n, 3) with the shares of the layers in the thickness of a generated face [m]."""
+    shape = int(face.attrs["rays"]), int(face.attrs["rings"]) + 1, LAYERS + 1, 3
+    own, new = face["position"].values.reshape(shape), q.reshape(shape).copy()
+    depth = np.linalg.norm(own - own[:, :, :1], axis=-1, keepdims=True)
+    share = depth / depth[:, :, -1:]
+    return (new[:, :, :1] + share * (new[:, :, -1:] - new[:, :, :1])).reshape(-1, 3)
 
 
 def without_measures(face: xr.Dataset) -> xr.Dataset:
