@@ -147,7 +147,8 @@ def nearer_face(
             centre = q.mean(axis=0)
             turns = [np.cross(axis, q - centre) for axis in np.eye(3)]
             shifts = [np.broadcast_to(axis, q.shape) for axis in np.eye(3)]
-            slope: Floats = np.stack([*(m @ rigid.rotation.T for m in moved), *turns, *shifts])
+            turned = [m @ rigid.rotation.T for m in moved]
+            slope = np.array([*turned, *turns, *shifts], dtype=np.float64)
             H, g = _normal_equations(springs(q, width, number), slope, q)
             g[:n] += (values - expected) / spread
             step = -np.linalg.solve(H + np.diag(prior), g)
