@@ -18,7 +18,11 @@ from scipy.spatial.transform import Rotation
 from emgface.errors import FaceError, listed
 from emgface.face.template import template_face
 from emgface.face.template.build import constructed_positions
-from emgface.face.template.calibrate import Parameters, calibrated_surfaces, surface_measures
+from emgface.face.template.calibrate import (
+    ConstructionParameters,
+    calibrated_surfaces,
+    surface_measures,
+)
 from emgface.face.template.grid import RAYS_PER_STEP, Grid, make_grid, refined_grid
 from emgface.face.template.measures import Measures, bounds
 from emgface.face.template.norms import NORMS
@@ -74,7 +78,9 @@ class Family:
 
     def surfaces(self, values: Floats) -> Surfaces:
         """Surfaces of parameters (n,) [m]."""
-        return Surfaces(Parameters(**dict(zip(SPREAD, map(float, values), strict=True))))
+        return Surfaces(
+            ConstructionParameters(**dict(zip(SPREAD, map(float, values), strict=True)))
+        )
 
     def nodes(self, values: Floats) -> Floats:
         """Nodes (n_nodes, 3) of the member with these parameters [m]."""

@@ -28,8 +28,8 @@ _MIDLINE_S: Final = np.unique(
 
 
 @dataclass(frozen=True)
-class Parameters(Measures):
-    """Parameters of the construction, which are not measures and therefore not checked."""
+class ConstructionParameters(Measures):
+    """ConstructionParameters of the construction, which are not measures and therefore not checked."""
 
     def __post_init__(self) -> None:
         """Skip the check of the measures."""
@@ -76,7 +76,7 @@ def calibrated_surfaces(measures: Measures) -> Surfaces:
     told = {field.name: float(getattr(measures, field.name)) for field in fields(measures)}
     best: tuple[float, dict[str, float], Surfaces] | None = None
     for _ in range(_ROUNDS):
-        surfaces = Surfaces(Parameters(**told))
+        surfaces = Surfaces(ConstructionParameters(**told))
         try:
             found = surface_measures(surfaces)
         except ValueError:  # the parameters of the search do not define a surface
