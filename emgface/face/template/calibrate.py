@@ -29,7 +29,7 @@ _MIDLINE_S: Final = np.unique(
 
 @dataclass(frozen=True)
 class ConstructionParameters(Measures):
-    """ConstructionParameters of the construction, which are not measures and therefore not checked."""
+    """Parameters of the construction, which are not measures and therefore not checked."""
 
     def __post_init__(self) -> None:
         """Skip the check of the measures."""
