@@ -112,6 +112,38 @@ def test_curves_and_time_of_the_page(served, opened, tmp_path):
     assert "expected time" in found["why"]
 
 
+@pytest.mark.parametrize(
+    ("entered", "used"), [("0", 0.1), ("-1", 0.1), ("", 0.1), ("0.5", 0.5), ("1e9", 60.0)]
+)
+def test_the_duration_that_is_used_is_shown(served, opened, entered, used):
+    _, _, asked = served
+    press(opened, "tab-curves")
+    until(opened, f"return Number({STAGE}.motion) >= 1")
+    opened.execute_script(
+        "const d = document.getElementById('duration'); d.value = arguments[0];"
+        "d.dispatchEvent(new Event('change'))", entered,
+    )  # fmt: skip
+    soon(opened, lambda: asked[-1][0].duration == used)
+    shown = opened.execute_script("return document.getElementById('duration').value")
+    assert float(shown) == used
+
+
+def test_the_controls_of_time_are_within_a_narrow_page(opened):
+    press(opened, "tab-curves")
+    until(opened, f"return Number({STAGE}.motion) >= 1")
+    metrics = {"width": 420, "height": 380, "deviceScaleFactor": 1, "mobile": False}
+    opened.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    try:
+        wide, beyond = opened.execute_script(
+            "const bar = document.querySelector('.time'), end = bar.getBoundingClientRect().right;"
+            "return [document.getElementById('time').getBoundingClientRect().width,"
+            " [...bar.children].filter((c) => c.getBoundingClientRect().right > end).length]"
+        )
+    finally:
+        opened.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    assert wide > 60 and beyond == 0
+
+
 def test_forces_are_those_of_the_changed_curves_or_none(served, opened):
     """Never those of the former curves: not during a drag, not after curves without a motion."""
     _, _, asked = served

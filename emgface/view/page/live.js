@@ -183,7 +183,7 @@ function build() {
 const plot = $("curve");
 const edit = { knots: {}, chosen: -1, past: [], grip: false };
 const muscle = () => $("muscle").value;
-const end = () => Math.min(Math.max(Number($("duration").value) || 1, 0.1), 60);
+const end = () => Math.min(Math.max(Number($("duration").value), 0.1), 60);
 function knots(name = muscle()) { return edit.knots[name] || (edit.knots[name] = [[0, 0], [end(), 0]]); }
 function past() { edit.past.push(JSON.stringify(edit.knots)); if (edit.past.length > 200) edit.past.shift(); }
 function ask(preview) {
@@ -270,6 +270,7 @@ function curveEditor() {
   edit.knots = structuredClone(setup.curves.knots || {});
   $("duration").value = Number((setup.curves.duration || 1.6).toFixed(4));
   $("interpolation").value = setup.curves.interpolation || "linear";
+  $("duration").addEventListener("change", () => { $("duration").value = Number(end().toFixed(4)); });
   for (const id of ["muscle", "interpolation", "duration"]) $(id).addEventListener("change", () => { edit.chosen = -1; plotted(); ask(false); });
   plot.addEventListener("pointerdown", (event) => { edit.chosen = nearest(event); if (edit.chosen >= 0) { past(); edit.grip = true; plot.setPointerCapture(event.pointerId); } plotted(); });
   plot.addEventListener("pointermove", (event) => { if (edit.grip) move(edit.chosen, ...place(event)); });
