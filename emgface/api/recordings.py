@@ -123,7 +123,7 @@ def activate(
     import xarray as xr
 
     from emgface.api.given import changed, merged, recording_of, signals_of
-    from emgface.errors import ConfigurationError
+    from emgface.errors import ConfigurationError, listed
     from emgface.recordings.findings import findings_in
     from emgface.recordings.repeated import for_activation, stored_with, warn_of
     from emgface.signals.activation import activation_of, feature_range
@@ -134,6 +134,17 @@ def activate(
         raise ConfigurationError(
             f"the pass-band is {band!r}, expected its two edges in Hz: pass for example (20, 400)"
         )
+    if strategy == TRUE_STRATEGY:
+        given_too = {
+            "instruction": instruction, "band": band, "feature": feature,
+            "missing_side": missing_side, "missing_muscle": missing_muscle, "session": session,
+            "reference": reference, **{name: v for name, v in tables.items() if name != "resampling"},
+        }  # fmt: skip
+        if idle := [n for n, v in given_too.items() if v is not None and not _empty(v)]:
+            raise ConfigurationError(
+                f"strategy 'true' is the activation that a simulation stored, on which {listed(idle)} "
+                "has no effect, expected another strategy with it: leave it out"
+            )
     low, high = band if band is not None else (None, None)
     options: dict[str, Any] = {
         "filter": {"low": low, "high": high},
@@ -165,6 +176,10 @@ def activate(
     # A count that is zero throughout was warned of when it was computed.
     warn_of(one for one in findings_in(activation) if one.values.get("high") != 0.0)
     return stored_with(activation, found)
+
+
+def _empty(value: object) -> bool:
+    return isinstance(value, Mapping) and not value
 
 
 def _reach(session: object, reference: object, table: Any) -> dict[str, Any]:

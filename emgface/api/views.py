@@ -97,7 +97,7 @@ def _further(
 ) -> dict[str, Any]:
     """Measured markers, scores and the second motion of a page, or what a jaw is compared with."""
     from emgface.api.given import dataset_of, recording_of
-    from emgface.errors import ConfigurationError
+    from emgface.errors import ConfigurationError, listed
     from emgface.pictures.show import kind
 
     found: dict[str, Any] = {}
@@ -113,6 +113,12 @@ def _further(
             "recording: specify both, or leave the baselines out"
         )
     if kind(motion) != "trajectory":
+        given_too = {"recording": recording, "compare": compare, "face": face}
+        if idle := [name for name, value in given_too.items() if value is not None]:
+            raise ConfigurationError(
+                f"a {kind(motion).replace('_', ' ')} is shown without {listed(idle)}, expected the "
+                "motion of a face with it: leave it out"
+            )
         return found
     if recording is not None:
         from emgface.api.recordings import aligned_and_scored

@@ -8,6 +8,7 @@ from typing import Any
 
 import typer
 
+from emgface.cli.dependent import key_of, refuse_without_effect
 from emgface.cli.written import spare_inputs
 
 HUGE = float(2**63 - 1)
@@ -57,9 +58,12 @@ def guard(app: typer.Typer) -> None:
 
 
 def checked(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a command that refuses to run with wrong numbers or names, or to write what it reads."""
+    """Return a command that refuses wrong numbers, idle options, and to write what it reads."""
     if getattr(command, MARK, False):
         return command
+
+    parameters = inspect.signature(command).parameters.values()
+    defaults = {p.name: p.default for p in parameters if p.default is not p.empty}
 
     @wraps(command)
     def run(*args: Any, **values: Any) -> Any:
@@ -67,6 +71,7 @@ def checked(command: Callable[..., Any]) -> Callable[..., Any]:
         for name, value in given.items():
             refuse(name, value)
         spare_inputs(given)
+        refuse_without_effect(key_of(command), {**defaults, **given}, defaults)
         return command(*args, **values)
 
     setattr(run, MARK, True)  # noqa: B010  # functions declare no attributes

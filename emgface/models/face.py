@@ -22,6 +22,7 @@ from emgface.models.kinds import (
     chosen,
     levels_of,
     names_file,
+    refuse_unused,
 )
 
 LEVEL: Final = 0.3  #: of a muscle that is named without one
@@ -109,6 +110,7 @@ def activation_for(face: xr.Dataset, drive: Drive) -> xr.Dataset:
 
     path = Path(drive.source)
     if not names_file(drive.source):
+        refuse_unused(drive, ("study",), "levels of muscles")
         return _constant(face, levels_of(drive.source, LEVEL), drive.duration or DURATION)
     if drive.duration is not None:
         raise ConfigurationError(
@@ -119,11 +121,7 @@ def activation_for(face: xr.Dataset, drive: Drive) -> xr.Dataset:
         with open_netcdf(path) as opened:
             is_activation = "activation" in opened.variables
         if is_activation:
-            if given := [name for name in drive.recorded if name != "study"]:
-                raise ConfigurationError(
-                    f"{path.name} is an activation, to which {', '.join(given)} cannot be applied, "
-                    "expected a recording: simulate the recording, or omit these options"
-                )
+            refuse_unused(drive, ("study",), "an activation")
             return read_netcdf(path, "activation")
     return ef.activate(path, **drive.recorded)
 

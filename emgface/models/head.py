@@ -21,6 +21,7 @@ from emgface.models.kinds import (
     chosen,
     levels_of,
     names_file,
+    refuse_unused,
 )
 
 PARTS = ("face", "jaw", "tongue", "hyoid")
@@ -106,6 +107,7 @@ def move(head: Head, drive: Drive, progress: Progress) -> Moved:
     step: dict[str, Any] = {} if drive.step is None else {"step": drive.step}
     if (is_file := names_file(drive.source)) and _is_recording(path):
         return _followed(head, path, drive, progress)
+    refuse_unused(drive, (), "excitations of a head")
     if is_file:
         excitation, task = read_excitation(path), path.stem
     else:
@@ -136,6 +138,8 @@ def _followed(head: Head, path: Path, drive: Drive, progress: Progress) -> Moved
     from emgface.api.given import recording_of, study_of
 
     chosen(_followed, drive.settings)
+    used = ("mapping", "reference", "study", "strategy", "instruction")
+    refuse_unused(drive, used, "a recording that moves a head")
     told = drive.recorded
     given = recording_of(path, told.get("mapping"))
     efforts = [recording_of(one, told.get("mapping")) for one in told.get("reference") or ()]

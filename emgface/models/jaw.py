@@ -20,6 +20,7 @@ from emgface.models.kinds import (
     Progress,
     chosen,
     names_file,
+    refuse_unused,
 )
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 
@@ -95,6 +96,7 @@ def move(jaw: xr.Dataset, drive: Drive, progress: Progress) -> Moved:
     from emgface.anatomy.jaw.series import read_excitation
     from emgface.anatomy.jaw.tasks import with_series
 
+    refuse_unused(drive, (), "what moves a jaw")
     settings = dict(drive.settings)
     series, morsel = settings.pop("series", None), settings.pop("morsel", None)
     tolerance = tolerance_of(drive.accuracy)

@@ -182,7 +182,8 @@ class Kind:
 
     def build(self, person: Person) -> Any:
         """Generate the model of a person; ConfigurationError for options that it does not have."""
-        given = [name for name in self.without if getattr(person, name) not in (None, ())]
+        plain = Person()
+        given = [name for name in self.without if getattr(person, name) != getattr(plain, name)]
         if given:
             raise ConfigurationError(
                 f"a {self.name} has no {listed(given)}, expected only options of its kind: leave it out"
@@ -303,6 +304,20 @@ def parsed(settings: Sequence[str]) -> dict[str, str]:
             )
         found[name] = value
     return found
+
+
+def refuse_unused(drive: Drive, used: Sequence[str], what: str) -> None:
+    """Raise ConfigurationError for options of a recording that have no effect on what moves a model.
+
+    `used` are those that have one; `what` describes the input in the message.
+    """
+    if idle := [name for name in drive.recorded if name not in used]:
+        names = {"normalisation": "clip"}
+        said = listed([f"--{names.get(name, name).replace('_', '-')}" for name in idle])
+        raise ConfigurationError(
+            f"{drive.source} is {what}, to which {said} cannot be applied, expected a recording that "
+            "moves a face: simulate it, or omit these options"
+        )
 
 
 def names_file(source: str) -> bool:

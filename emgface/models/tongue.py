@@ -19,6 +19,7 @@ from emgface.models.kinds import (
     chosen,
     levels_of,
     names_file,
+    refuse_unused,
 )
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 
@@ -118,6 +119,7 @@ def move(tongue: xr.Dataset, drive: Drive, progress: Progress) -> Moved:
 
     if drive.accuracy is not None:
         raise TongueError("a tongue has no --accuracy, expected a --step: specify it in s")
+    refuse_unused(drive, (), "what moves a tongue")
     path, duration = Path(drive.source), drive.duration
     if names_file(drive.source):
         read_drive = read_gesture if path.suffix == ".txt" else read_excitation
