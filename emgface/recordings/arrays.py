@@ -10,12 +10,11 @@ import pandas as pd
 from emgface.errors import DataError, listed
 from emgface.recordings.draft import Draft
 from emgface.recordings.readers._arrays import read_array, read_texts
+from emgface.recordings.readers._declared import rates_of
 from emgface.recordings.readers._isolated import parsed
 from emgface.recordings.readers._parsers import parse_contents
 from emgface.schema.rules import hint
 
-_RATES: Final = frozenset("fs rate samplingrate samplerate srate samplingfrequency freq hz".split())
-"""Names of variables that contain a sampling rate."""
 _LEAST: Final = 100  #: fewest samples of a recording
 
 
@@ -56,11 +55,7 @@ def array_table(
         draft.lines.append(f"# other arrays in the file: {listed(others)}")
     draft.put("dims", ["channel", "time"] if transposed else ["time", "channel"])
     frame.columns = _labels(path, draft, name, columns, frame.shape[1], held["variables"])
-    rates = [
-        value
-        for key, value in held["numbers"].items()
-        if "".join(c for c in key.rpartition("/")[2].lower() if c.isalpha()) in _RATES
-    ]
+    rates = list(rates_of(held["numbers"]).values())
     return frame, rates[0] if rates else None
 
 

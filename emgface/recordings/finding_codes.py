@@ -127,6 +127,11 @@ _FLAGS: Final = {
         "{share:.0%} of the frames ({frames:.0f}) were interpolated or computed, not measured, by {by}",
     ),
     "left_out": Meaning("not EMG", "{why}"),
+    "repeated_label": Meaning(
+        "warning",
+        "{count:.0f} signals of the file have this label, of which the first was used: give them "
+        "different labels, or map each, the second by {other!r}",
+    ),
     "no_repetition": Meaning(
         "warning",
         "its name contains run-{label}, but repetitions are numbered from 1: it has no repetition, "

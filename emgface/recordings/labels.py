@@ -11,7 +11,14 @@ from pydantic import Field, field_validator
 
 from emgface.choices import Parameters, configure
 from emgface.errors import DataError, SchemaError, listed
-from emgface.recordings.findings import Finding, Kind, findings_in, renamed, with_findings
+from emgface.recordings.findings import (
+    Finding,
+    Kind,
+    findings_in,
+    only_findings,
+    renamed,
+    with_findings,
+)  # fmt: skip
 from emgface.recordings.trial_names import check_pattern, is_pattern, trial_in_name
 from emgface.schema.rules import hint
 from emgface.texts import read_toml
@@ -125,7 +132,7 @@ def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
         found = [str(v) for v in recording[dim].values] if dim in recording.coords else []
         # A channel that its file marks as bad is missing, and its finding says so.
         bad = {f.name for f in findings_in(recording) if (f.code, f.kind) == ("bad", dim)}
-        recording = renamed(recording, dim, chosen)
+        recording = renamed(_without_mapped(recording, chosen), dim, chosen)
         chosen = {k: name for k, name in chosen.items() if k in found or k not in bad}
         _demand(dim, chosen, found, dropped)
         for label in found:
@@ -154,6 +161,16 @@ def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
         original_names=json.dumps(names, ensure_ascii=False),
         dropped=json.dumps(dropped, ensure_ascii=False),
     )
+
+
+def _without_mapped(recording: xr.Dataset, chosen: Mapping[str, str]) -> xr.Dataset:
+    """Remove findings on repeated labels of which a mapping names the others as well."""
+
+    def keep(finding: Finding) -> Finding | None:
+        known = finding.code == "repeated_label" and str(finding.values["other"]) in chosen
+        return None if known else finding
+
+    return only_findings(recording, keep)
 
 
 def without_unusable(recording: xr.Dataset, unusable: Unusable) -> xr.Dataset:

@@ -130,7 +130,7 @@ def of_rate(
         raise DataError(f"{where} has the sampling rate {rate!r} Hz; expected a number above 0.")
     index = np.arange(samples)
     base = TimeBase(where, first + index / rate, rate, index, index, by)
-    base = replace(base, notes=_differing(rate, by, others or {}, samples))
+    base = replace(base, notes=differing(rate, by, others or {}, samples))
     return with_counter(base, witnesses or {}, duration=duration)
 
 
@@ -203,7 +203,7 @@ def contradicting(channels: Mapping[str, np.ndarray], rate: float, by: str) -> t
         if told and min(abs(other / rate - 1.0) for other in told) > CLOCKS_AGREE:
             near = min(told, key=lambda other: abs(np.log(other / rate)))
             place = f"the column {name!r}"
-            found += _differing(rate, by, {place: near}, values.size)
+            found += differing(rate, by, {place: near}, values.size)
     return tuple(found)
 
 
@@ -287,7 +287,7 @@ def of_stamps(
             "rate: the rate or the times are wrong, export the file again."
         )
     if nominal:
-        notes += _differing(rate, by, {nominal_by: nominal}, int(places[-1]) + 1, agree)
+        notes += differing(rate, by, {nominal_by: nominal}, int(places[-1]) + 1, agree)
         _require_placed(where, times, nominal, rate)
     base = TimeBase(where, times, rate, order, np.arange(times.size), by, (), notes)
     whole = bool(places[-1] == times.size - 1)
@@ -313,7 +313,7 @@ def _placed(base: TimeBase, places: np.ndarray, evidence: str) -> TimeBase:
     return replace(base, times=times, places=places, gaps=gaps, evidence=evidence)
 
 
-def _differing(
+def differing(
     rate: float,
     by: str,
     others: Mapping[str, float | None],

@@ -167,12 +167,29 @@ def assemble_parts(
         )
     told = [finding for data in found for finding in findings_in(data)]
     told += [finding for part in parts for finding in part.findings]
+    told += [finding for part in parts for finding in _repeated(part)]
     united = xr.merge([data.drop_attrs(deep=False) for data in found])
     united.attrs = {"origin": origin}
     united = with_findings(united, told)
     for name, value in notes.items():
         united.attrs[name] = json.dumps(value, ensure_ascii=False)
     return united.assign_attrs(device=device) if device else united
+
+
+def _repeated(part: Part) -> list[Finding]:
+    """Findings on channels and markers under a label that occurs several times in the file."""
+    if part.data is None:
+        return []
+    kind = "channel" if "emg" in part.data else "marker"
+    held = part.data[kind].values.tolist()
+    others = dict[str, list[str]]()
+    for name, given in part.names.items():
+        if name != given.strip() and given.strip() in held:
+            others.setdefault(given.strip(), []).append(name)
+    return [
+        Finding("repeated_label", kind, label, {"count": 1 + len(names), "other": names[0]})
+        for label, names in others.items()
+    ]
 
 
 def require_few(count: int, place: str, what: str) -> None:

@@ -16,6 +16,7 @@ from emgface.recordings.findings import Finding
 from emgface.recordings.readers._arrays import read_array, read_texts
 from emgface.recordings.readers._beside import file_beside
 from emgface.recordings.readers._build import require_few
+from emgface.recordings.readers._declared import rates_beside
 from emgface.recordings.readers._table_models import PositionTable, Table
 from emgface.recordings.timebase import (
     TimeBase,
@@ -55,9 +56,8 @@ def load_table(
     if table.variable is None:
         frame = _table(sidecar, path, table)
         cut = doubtful_lines(read_text(path, table.encoding), table.delimiter)
-        # A sidecar that lists its channels may use the names that pandas gives to repeated labels.
-        if wanted is None and not table.columns:
-            _require_labels(sidecar, path, table)
+        if not table.columns:
+            _require_labels(sidecar, path, table, wanted)
         for name in list(frame.columns):
             if frame[name].dtype.kind in "iuf":
                 continue
@@ -85,7 +85,10 @@ def load_table(
     if instants is None:
         rate = float(table.rate or np.nan)
         base = of_rate(path.name, len(frame), rate, by=f"'rate' in {sidecar.name}")
-        base = base.noting([*contradicting(columns, rate, f"'rate' in {sidecar.name}"), *cut])
+        by = f"'rate' in {sidecar.name}"
+        base = base.noting([*contradicting(columns, rate, by), *cut])
+        if table.variable is not None:
+            base = base.noting(rates_beside(path, table.variable, rate, len(frame), by))
         return frame, with_counter(base, columns), dropped
     named = xr.DataArray(instants, dims="time", name=f"{path.name}, {table.time}")
     time = to_si(named.assign_attrs(units=table.time_unit), "time").values
@@ -193,8 +196,13 @@ def _require_few_columns(path: Path, stream: io.StringIO, table: Table) -> None:
     stream.seek(0)
 
 
-def _require_labels(sidecar: Path, path: Path, table: Table) -> None:
-    """Refuse repeated labels, of which pandas renames all but the first, and samples in their place."""
+def _require_labels(
+    sidecar: Path, path: Path, table: Table, wanted: Mapping[str, str] | None
+) -> None:
+    """Refuse repeated labels, of which pandas renames all but the first, and samples in their place.
+
+    A sidecar that lists its channels may leave repeated labels out, or use the names of pandas.
+    """
     first = pd.read_csv(
         open_text(path, table.encoding), sep=table.delimiter, skipinitialspace=True, header=None,
         nrows=1, dtype=str, skiprows=table.skip_rows, index_col=False,
@@ -207,6 +215,8 @@ def _require_labels(sidecar: Path, path: Path, table: Table) -> None:
             f"list them as 'columns' in {sidecar.name}."
         )
     twice = [label for label in labels if label and labels.count(label) > 1]
+    if wanted is not None:
+        twice = [label for label in twice if label in wanted and f"{label}.1" not in wanted]
     if twice:
         raise DataError(
             f"{path.name} has several columns {twice[0]!r}; expected different labels: rename them, "

@@ -51,6 +51,7 @@ from emgface.recordings.readers._build import (
     position_array,
     unique_labels,
 )
+from emgface.recordings.readers._declared import require_stated_units
 from emgface.recordings.readers._table_models import EmgTable, PositionTable
 from emgface.recordings.readers._tables import by_marker, load_table
 from emgface.recordings.readers.text_exports import export_of, part_of
@@ -106,12 +107,17 @@ def read(path: Path, units: Mapping[str, str], folder: Path | None = None) -> xr
             parts.append(_export(path, sidecar.emg, units, folder))
     if sidecar.emg is not None and sidecar.emg.layout is None:
         frame, time, dropped = load_table(path, sidecar.emg, sidecar.emg.channels, folder)
+        if "emg" not in units:
+            wanted = sidecar.emg.channels or frame.columns
+            _require_stated(path, sidecar.emg, [c for c in frame.columns if c in wanted])
         labels, names = unique_labels([str(c) for c in frame.columns], "channel")
         unit = units.get("emg", sidecar.emg.unit)
         data = emg_array(np.ascontiguousarray(frame.to_numpy().T), labels, time, unit)
         parts.append(Part(data, {"emg": sidecar.emg.unit}, dropped, names))
     if sidecar.position is not None:
         frame, time, _ = load_table(path, sidecar.position, None, folder)
+        if "position" not in units:
+            _require_stated(path, sidecar.position, list(frame.columns))
         values, labels, dropped = by_marker(frame, sidecar.position)
         unit = units.get("position", sidecar.position.unit)
         data = position_array(values, labels, time, unit)
@@ -125,6 +131,14 @@ def read(path: Path, units: Mapping[str, str], folder: Path | None = None) -> xr
         repetition=sidecar.repetition,
     )
     return apply_labels(recording, labels)
+
+
+def _require_stated(path: Path, table: EmgTable | PositionTable, labels: list[str]) -> None:
+    """Refuse units in labels that contradict the sidecar; counts have the unit of their converter."""
+    if (table.step, table.zero) == (1.0, 0.0):
+        require_stated_units(path, labels, table.unit, "unit")
+    if table.time is not None:
+        require_stated_units(path, [table.time], table.time_unit, "time_unit")
 
 
 def _export(path: Path, table: EmgTable, units: Mapping[str, str], folder: Path | None) -> Part:
