@@ -115,5 +115,13 @@ class JournalWarning(UserWarning):
     """The journal of a study has damaged lines, which are ignored."""
 
 
+class MotionWarning(UserWarning):
+    """A simulated motion is inaccurate, depends on rounding, or its reduction is not trusted."""
+
+
+class FitWarning(UserWarning):
+    """Landmarks were ignored, or are too few or of a doubtful size."""
+
+
 class FeatureWarning(UserWarning):
     """A feature is zero, saturated, or of a narrowed pass-band, or a series begins late."""

@@ -202,6 +202,12 @@ def simulate(
         Trajectory: ``position`` (marker, axis, time) [m], ``lip_opening`` [m], ``smallest_J`` [1],
         energies [J], ``numerical_error`` [m]; see `emgface.face.motion.simulate_face`.
 
+    Warns
+    -----
+    MotionWarning
+        The estimated error exceeds a tenth of the motion, the motion depends on rounding, or its
+        reduction is not trusted.
+
     Raises
     ------
     ActivationError
@@ -220,6 +226,8 @@ def simulate(
 
     from emgface.api.given import dataset_of, face_of, simulation_of, study_of
     from emgface.api.progress import shown
+    from emgface.errors import MotionWarning
+    from emgface.face.doubts import doubts_of
     from emgface.face.identity import DIGEST
     from emgface.face.motion import settle_face, simulate_face
     from emgface.face.sigma_max import lower_sigma_max
@@ -281,6 +289,8 @@ def simulate(
         trajectory = lower_sigma_max(once, parameters, report=line.message)
     if skin:
         trajectory = with_surface(trajectory, model, skin)
+    for doubt in doubts_of(trajectory):
+        warnings.warn(doubt, MotionWarning, stacklevel=2)
     keep = (*TRIAL, "source_digest", "strategy", "montage", ATTRIBUTE)
     trajectory.attrs |= {name: told[name] for name in keep if name in told}
     return with_findings(trajectory, other) if other else trajectory

@@ -76,6 +76,11 @@ def fit(
     Dataset
         Checked face model in the frame of the face.
 
+    Warns
+    -----
+    FitWarning
+        Landmarks without a counterpart were ignored, are too few, or of a doubtful size.
+
     Raises
     ------
     FitError
@@ -87,7 +92,10 @@ def fit(
     >>> import emgface as ef
     >>> person = ef.fit("face.nc", landmarks="person.csv", skin="scan.ply", unit="mm")  # doctest: +SKIP
     """
+    import warnings
+
     from emgface.api.given import face_of, study_of
+    from emgface.errors import FitWarning
     from emgface.fit.person import fit_face
 
     found = fit_face(
@@ -95,6 +103,8 @@ def fit(
         on_face=on_face, noise=noise, thickness=thickness, name=name, simulated=simulated,
         courses=courses, volumes=volumes, progress=progress,
     )  # fmt: skip
+    for doubt in found.doubts:
+        warnings.warn(doubt, FitWarning, stacklevel=2)
     if report is not None:
         from emgface.fit.report import write_report
 

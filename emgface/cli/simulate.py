@@ -384,7 +384,6 @@ def _write_vtk(folder: Path, face: "xr.Dataset", nodes: "xr.DataArray") -> None:
 def _tell(trajectory: "xr.Dataset", written: str) -> None:
     """Report the files written, the displacement of the face and its accuracy."""
     from emgface.face.event_error import contact_share
-    from emgface.face.stability import stability_warning
 
     moved = 1e3 * trajectory.attrs["motion"]
     say(
@@ -394,11 +393,6 @@ def _tell(trajectory: "xr.Dataset", written: str) -> None:
         f"{float(trajectory['smallest_J'].min()):.2g}, largest marker displacement "
         f"{moved:.2f} mm."
     )
-    if warning := stability_warning(trajectory):
-        say(f"Warning: {warning}.")
-    if doubt := trajectory.attrs.get("reduction_doubt"):
-        ran = "is not trusted" if trajectory.attrs["reduced"] else "was repeated at full order"
-        say(f"Warning: the reduced motion {ran}, since {doubt}.")
     if trajectory.attrs.get("reduced"):
         bound = 1e3 * trajectory.attrs["reduction_error"]
         say(f"Bound of the error of the reduction: {bound:.2g} mm.")
@@ -411,7 +405,4 @@ def _tell(trajectory: "xr.Dataset", written: str) -> None:
     told = f"Estimated error of the time steps: {error:.2g} mm{share}"
     of_contact = contact_share(trajectory)
     told += f", {of_contact}." if of_contact else "."
-    if trajectory.attrs["inaccurate"]:
-        told += " It exceeds a tenth of the motion"
-        told += "." if of_contact else ": specify an --accuracy such as '0.1 mm'."
     say(told)

@@ -24,6 +24,8 @@ LEAST: Final = 4  #: smallest number of landmarks
 FLAT: Final = 0.05  #: smallest extent of the landmarks across a plane, relative to the largest [1]
 MIRRORED: Final = 0.6  #: ratio of the misfits of improper and proper map of a mirrored input [1]
 SCALE: Final = (0.6, 1.6)  #: ratio of sizes of two people
+USUAL_SCALE: Final = (0.75, 1.35)
+"""Ratio of sizes beyond which a unit, or the spacing of the voxels of an image, is doubtful."""
 OFF: Final = 0.012  #: distance of a landmark from the skin that is refused [m]
 DISAGREE: Final = 0.5  #: mean cosine of normals below which a surface is refused [1]
 
@@ -122,6 +124,12 @@ def match(
         raise FitError(
             f"{given.source}: the landmarks are {motion.scale:.3g} times as far apart as those of the "
             f"{model}, expected {SCALE[0]} to {SCALE[1]}: check the unit"
+        )
+    if not USUAL_SCALE[0] <= motion.scale <= USUAL_SCALE[1]:
+        notes.append(
+            f"the landmarks are {motion.scale:.3g} times as far apart as those of the {model}, usually "
+            f"{USUAL_SCALE[0]} to {USUAL_SCALE[1]}: check the unit, and the spacing of the voxels if "
+            "they are from an image"
         )
     check_strays(names, source, target, given.source, noise)
     if len(names) < ENOUGH:

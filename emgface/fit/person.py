@@ -63,6 +63,7 @@ class Fitted:
     prior: ThicknessPrior | None
     notes: tuple[str, ...]
     deformed: Deformed
+    doubts: tuple[str, ...] = ()  #: those of the notes that concern the landmarks
 
     def __repr__(self) -> str:
         """Name of the face instead of all tables."""
@@ -158,6 +159,7 @@ def fit_face(
         found, face, tuple(targets), _landmark_table(paired, source, result, noise), distance,
         quality_rows(face, found), carried.fibres,
         _thickness_table(columns, source, result.position, prior), prior, tuple(notes), result,
+        tuple(paired.notes),
     )  # fmt: skip
 
 

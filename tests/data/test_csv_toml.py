@@ -149,7 +149,7 @@ def test_the_row_named_counts_lines_of_the_file(tmp_path: Path) -> None:
 def test_encodings_are_specified_or_detected_by_a_byte_order_mark(
     tmp_path: Path, encoding: str
 ) -> None:
-    (tmp_path / "emg.csv").write_bytes("Größe µV\n1.5\n2.5\n".encode(encoding))
+    (tmp_path / "emg.csv").write_bytes("Größe mV\n1.5\n2.5\n".encode(encoding))
     plain = {"channels": "", "position": "", "position_clock": ""}
     # Python writes a byte order mark for two of these; the zeros of UTF-16 show it without one.
     marked = encoding in ("utf-16", "utf-8-sig", "utf-16-le")
@@ -158,7 +158,7 @@ def test_encodings_are_specified_or_detected_by_a_byte_order_mark(
             read_recording(sidecar(tmp_path, **plain))
     named = "rate = 2048" + ("" if marked else f'\nencoding = "{encoding}"')
     trial = read_recording(sidecar(tmp_path, emg_clock=named, **plain))
-    assert list(trial["channel"].values) == ["Größe µV"]
+    assert list(trial["channel"].values) == ["Größe mV"]
     np.testing.assert_array_equal(trial["emg"].values[0], [1.5e-3, 2.5e-3])
 
 
