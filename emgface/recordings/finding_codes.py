@@ -147,6 +147,11 @@ _FLAGS: Final = {
         "recorded as instruction {recorded!r}, but {given!r} was specified and used: omit it, or "
         "correct the recording",
     ),
+    "named_otherwise": Meaning(
+        "warning",
+        "its file states the {what} {recorded!r}, but its name or the mapping {given!r}, which was "
+        "used: correct one of them",
+    ),
     "missing": Meaning("error", "missing from the recording: {advice}"),
 }
 _FILLERS: Final = {

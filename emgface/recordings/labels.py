@@ -19,7 +19,7 @@ from emgface.recordings.findings import (
     renamed,
     with_findings,
 )  # fmt: skip
-from emgface.recordings.trial_names import check_pattern, is_pattern, trial_in_name
+from emgface.recordings.trial_names import FIELDS, check_pattern, is_pattern, trial_in_name
 from emgface.schema.rules import hint
 from emgface.texts import read_toml
 
@@ -151,16 +151,25 @@ def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
                 f"The table 'units' names {label!r}{hint(label, every)}; expected emg, position or the "
                 "label of a channel: repair the mapping."
             )
-    given = {
-        name: value
-        for name in ("volunteer", "instruction", "repetition")
-        if (value := getattr(labels, name)) is not None
-    }
+    given = {name: value for name in FIELDS if (value := getattr(labels, name)) is not None}
+    recording = with_findings(recording, _other_trial(recording.attrs, given))
     return recording.assign_attrs(
         **given,
         original_names=json.dumps(names, ensure_ascii=False),
         dropped=json.dumps(dropped, ensure_ascii=False),
     )
+
+
+def _other_trial(stated: Mapping[Any, Any], given: Mapping[str, Any]) -> list[Finding]:
+    """Findings on what a mapping or a name states about a trial and the file states otherwise."""
+    return [
+        Finding(
+            "named_otherwise",
+            values={"what": name, "recorded": str(stated[name]), "given": str(value)},
+        )
+        for name, value in given.items()
+        if stated.get(name) not in (None, "", value)
+    ]
 
 
 def _without_mapped(recording: xr.Dataset, chosen: Mapping[str, str]) -> xr.Dataset:

@@ -3,10 +3,13 @@
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
+import xarray as xr
 
 from emgface.errors import ConfigurationError
-from emgface.recordings.dataset import read_recording, read_recordings
+from emgface.recordings.dataset import read_recording, read_recordings, write_recording
+from emgface.recordings.findings import findings_in
 from emgface.recordings.labels import read_label_map
 from emgface.recordings.trial_names import trial_in_name
 from emgface.study.configuration import RecordingsConfiguration
@@ -94,3 +97,24 @@ def test_a_study_takes_the_pattern(tmp_path: Path) -> None:
     assert isinstance(study.recordings, RecordingsConfiguration)
     found = take_in(study.recordings)
     assert sorted(one.place for one in found.recordings) == [("V1", "A", 1), ("V1", "A", 2)]
+
+
+@pytest.mark.parametrize(
+    ("mapping", "told"),
+    [
+        ("{volunteer}_{instruction}_{repetition}.nc", ["volunteer", "instruction", "repetition"]),
+        ({"names": "{volunteer}_{instruction}_3.nc"}, ["volunteer", "instruction"]),
+        ({"repetition": 4}, ["repetition"]),
+        ({"files": {"V9_C_3.nc": {"volunteer": "V2"}}}, ["volunteer"]),
+        ({"volunteer": "V1", "instruction": "A", "repetition": 2}, []),
+        (None, []),
+    ],
+)
+def test_a_name_or_mapping_that_contradicts_the_recording_is_a_finding(tmp_path, mapping, told):
+    values = np.random.default_rng(0).normal(0.0, 1e-5, (1, 4000))
+    coords = {"channel": ["ZYG_L"], "time_emg": ("time_emg", np.arange(4000) / 2e3, {"units": "s"})}
+    emg = xr.DataArray(values, coords, ("channel", "time_emg"), "emg", {"units": "V"})
+    trial = {"volunteer": "V1", "instruction": "A", "repetition": 2, "origin": "simulated"}
+    path = write_recording(xr.Dataset({"emg": emg}, attrs=trial), tmp_path / "V9_C_3.nc")
+    found = findings_in(read_recording(path, mapping=mapping))
+    assert [f.values["what"] for f in found if f.code == "named_otherwise"] == told
