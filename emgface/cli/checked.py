@@ -9,11 +9,12 @@ import xarray as xr
 from analysis.tables import origin_of
 from emgface.api.readiness import refusals
 from emgface.cli.console import frame, out, say, show_table
-from emgface.errors import DataError, EmgfaceError
+from emgface.errors import DataError, EmgfaceError, listed
 from emgface.recordings.check import check_recording, problems
 from emgface.recordings.quality.plausible import doubtful_gains
 from emgface.schema.rules import one_line
 from emgface.signals.parameters import SignalChain
+from emgface.study.table import samples_digest
 
 COLUMNS = ("name", "signal", "rate", "duration", "unit", "finite", "longest_gap", "rms", "verdict",
            "reason")  # fmt: skip
@@ -29,6 +30,7 @@ class Checked:
     bad: list[str]
     refused: dict[str, str]
     volunteer: str
+    samples: str  #: digest of the samples alone
 
     def show(self) -> None:
         """Print the table in a terminal, and one sentence for each problem."""
@@ -64,7 +66,15 @@ def checked(
         names = report.loc[report["kind"] == "channel", "name"].astype(str)
         report = report[report["name"].isin(containing(channels, names, file))]
     volunteer = str(recording.attrs.get("volunteer", ""))
-    return Checked(file, origin_of(recording), report, problems(report), refused, volunteer)
+    return Checked(
+        file,
+        origin_of(recording),
+        report,
+        problems(report),
+        refused,
+        volunteer,
+        samples_digest(recording),
+    )
 
 
 def gains(done: Iterable[Checked]) -> list[str]:
@@ -76,6 +86,19 @@ def gains(done: Iterable[Checked]) -> list[str]:
             measures.setdefault(one.volunteer, {})[one.file] = rows.set_index("name")
     found = (doubtful_gains(files) for files in measures.values())
     return [f"{file}: {text}." for each in found for file, text in each.items()]
+
+
+def copies(done: Iterable[Checked]) -> list[str]:
+    """Sentences on recordings with the same samples, which a study would count as several trials."""
+    same: dict[str, list[str]] = {}
+    for one in done:
+        same.setdefault(one.samples, []).append(one.file)
+    return [
+        f"{listed(files)} contain the same samples, so that one trial would count several times in a "
+        "study: remove the copies."
+        for files in same.values()
+        if len(files) > 1
+    ]
 
 
 def containing(text: str, names: Iterable[str], file: str) -> list[str]:

@@ -64,7 +64,7 @@ def check(
     import pandas as pd
 
     from analysis.tables import no_formula
-    from emgface.cli.checked import Checked, checked, gains
+    from emgface.cli.checked import Checked, checked, copies, gains
     from emgface.cli.pages import overview_pages
     from emgface.errors import EmgfaceError
     from emgface.files import refuse_existing, write_text
@@ -109,7 +109,7 @@ def check(
     for folder in (path for path in paths if path.is_dir()):
         if sentence := told(folder):
             say(sentence)
-    for sentence in gains(done):
+    for sentence in [*gains(done), *copies(done)]:
         say(f"Warning: {sentence}")
     n_good = sum(not found.bad for found in done)
     if n_read or n_all > 1:

@@ -12,6 +12,7 @@ from analysis.axes import reference_cube
 from analysis.cube import TRIAL_DIMS
 from analysis.tables import Column, Table, origin_of, recordings
 from emgface import __version__
+from emgface.errors import listed
 from emgface.report.results import Results
 from emgface.run.digest import file_digest
 from emgface.run.provenance import now
@@ -122,9 +123,26 @@ def writer() -> list[tuple[str, str]]:
     return [*told, ("machine", f"{platform.system()} {platform.machine()}")]
 
 
+def repeated(cube: xr.Dataset) -> list[str]:
+    """Sentences on recordings that a cube contains as several trials, as when cubes were joined."""
+    same: dict[str, list[str]] = {}
+    for label, _, digest in recordings_in(cube):
+        same.setdefault(digest, []).append(label)
+    return [
+        f"The trials {listed(labels)} have the same recording, which counts {len(labels)} times in all "
+        "statistics: remove the copies from the cube."
+        for labels in same.values()
+        if len(labels) > 1
+    ]
+
+
 def recording_rows(results: Results) -> list[tuple[str, str, str]]:
     """List the recordings that were scored: trial, file and digest of its content."""
-    cube = results.base
+    return recordings_in(results.base)
+
+
+def recordings_in(cube: xr.Dataset) -> list[tuple[str, str, str]]:
+    """List the recordings of a cube: trial, file and digest of its content."""
     if "recording_digest" not in cube:
         return []
     dims = ("volunteer", "instruction", "repetition")

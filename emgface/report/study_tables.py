@@ -16,6 +16,7 @@ from analysis.robustness import levels_of, robustness, robustness_sentences, rob
 from analysis.sensitivity import choices_table, sensitivity
 from analysis.statistics.summary import statistics_table, study_statistics
 from analysis.tables import Table, report_tables
+from emgface.report.provenance import repeated
 from emgface.run.store import store_text
 from emgface.signals.montage import COMPLETE
 
@@ -48,7 +49,7 @@ def write_tables(cube: xr.Dataset, out: Path) -> Report:
     """
     base, folder = reference_cube(cube), out / "tables"
     compared, statistics, held = comparison(base), None, None
-    meaning = compared[0]
+    meaning = [*repeated(base), *compared[0]]
     tables = report_tables(base) | alignment_tables(base) | compared[1]
     if base.sizes["volunteer"] > 1 and base.sizes["strategy"] > 1:
         with suppress(AnalysisError):  # too few scores for any test

@@ -87,7 +87,11 @@ def render_report(
         "origin": str(cube.attrs["origin"]),
         "world": str(cube.attrs.get("world", "")),
         "limits": simulated_limits(cube),
-        "verdict": [*contents.verdict(cube), *filter(None, [provenance.warning(results.cube)])],
+        "verdict": [
+            *contents.verdict(cube),
+            *filter(None, [provenance.warning(results.cube)]),
+            *provenance.repeated(cube),
+        ],
         "sizes": {dim: cube.sizes[dim] for dim in contents.TRIAL_DIMS},
         "headline": _headline(cube) if scored else [],
         "scored": scored,
