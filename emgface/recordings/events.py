@@ -1,6 +1,8 @@
 """Start and end of trials and repetitions, from events or from the activity."""
 
+import warnings
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -9,12 +11,14 @@ import pandas as pd
 import xarray as xr
 from scipy.ndimage import uniform_filter1d
 
-from emgface.errors import DataError, SignalError
+from emgface.errors import DataError, SignalError, listed
 from emgface.recordings.bids.sidecars import read_tsv
 from emgface.recordings.synchronise import cut
 from emgface.signals.filters import sampling_rate
 
 COLUMNS = ("onset", "duration", "label")
+OVERLAP: Final = 0.1
+"""Part of a trial that the next one may share without a warning [1], such as rest between them."""
 
 
 def read_events(path: str | Path) -> pd.DataFrame:
@@ -59,7 +63,7 @@ def cut_trials(
     interval extends beyond the recording are omitted; a SignalError lists them after the last trial.
     """
     counts: dict[str, int] = {}
-    outside: list[str] = []
+    outside, spans = list[str](), list[tuple[float, float]]()
     for onset, duration, label in zip(*(events[c] for c in COLUMNS), strict=True):
         start, stop = float(onset) - before, float(onset) + float(duration) + after
         instruction = str(label) or str(recording.attrs.get("instruction", ""))
@@ -70,15 +74,32 @@ def cut_trials(
                 f"the event{shown} at {onset:.4g} s needs {start:.4g} to {stop:.4g} s and {beyond}"
             )
             continue
+        spans.append((start, stop))
         named = {"instruction": instruction} if instruction else {}
         yield cut(recording, start, stop).assign_attrs(
             **named, repetition=counts[instruction], cut_from=[start, stop]
+        )
+    if shared := _shared(spans):
+        warnings.warn(
+            f"successive trials share the samples from {listed(shared)}, which count twice in a study: "
+            "check onsets and durations, or shorten before and after",
+            stacklevel=2,
         )
     if outside:
         raise SignalError(
             f"{'; '.join(outside)}: expected every interval inside; shorten before and after, or omit "
             "the event"
         )
+
+
+def _shared(spans: list[tuple[float, float]]) -> list[str]:
+    """Parts in which successive intervals [s] overlap by more than `OVERLAP` of the shorter one."""
+    ordered = sorted(spans)
+    return [
+        f"{start:.4g} to {min(end, stop):.4g} s"
+        for (begin, end), (start, stop) in pairwise(ordered)
+        if min(end, stop) - start > OVERLAP * min(end - begin, stop - start)
+    ]
 
 
 def _beyond(recording: xr.Dataset, start: float, stop: float) -> str:

@@ -195,6 +195,14 @@ _EMG: Final = {
         "is never negative and {share:.0%} of its power lies below {below:g} Hz: it is an envelope or a "
         "moving average of EMG, export the raw signal",
     ),
+    "prefiltered": Meaning(
+        "warning",
+        "its file states {what}, within the 15 to 500 Hz of EMG: amplitudes are smaller than those of "
+        "other recordings, export the signal without this filter",
+    ),
+    "processed": Meaning(
+        "warning", "its file states the filter {text!r}: it is processed, export the raw signal"
+    ),
     "kind": Meaning("warning", "may be a {signal}, not EMG: {because}"),
     "hum": Meaning(
         "warning",

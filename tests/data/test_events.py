@@ -1,5 +1,6 @@
 """Synchronisation of clocks, trials and repetitions, compared with known values."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -79,6 +80,25 @@ def test_trials_are_cut_by_events(tmp_path: Path) -> None:
         for trial in cut_trials(long(), late):  # the other events are cut before
             written.append(trial.attrs["instruction"])
     assert written == ["A"]
+
+
+@pytest.mark.parametrize(
+    ("onsets", "durations", "told"),
+    [
+        ([2.0, 3.0], [2.0, 2.0], "from 3 to 4 s"),
+        ([3.0, 2.0], [2.0, 2.0], "from 3 to 4 s"),
+        ([2.0, 3.0], [5.0, 1.0], "from 3 to 4 s"),
+        ([2.0, 3.95], [2.0, 2.0], ""),
+        ([5.0, 2.0, 9.0], [2.0, 3.0, 1.0], ""),
+    ],
+)
+def test_trials_that_share_their_samples_are_warned_of(onsets, durations, told) -> None:
+    events = pd.DataFrame({"onset": onsets, "duration": durations, "label": "A"})
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert len(list(cut_trials(long(), events))) == len(onsets)
+    assert len(caught) == bool(told)
+    assert all(told in str(one.message) for one in caught)
 
 
 def test_invalid_events_are_refused(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ from emgface.recordings.readers._build import (
     voltages,
 )
 from emgface.recordings.readers._edf_records import Records, out_of_range, records_of
+from emgface.recordings.readers._filters import bands_of_table, stated_filters
 from emgface.recordings.readers._flags import bad_rows, with_bad_samples, without_bad
 from emgface.recordings.readers.bids_motion import motion_of_trial
 from emgface.recordings.timebase import TimeBase, of_blocks, of_rate, with_counter
@@ -46,6 +47,7 @@ class _Content(NamedTuple):
     rates: list[float]
     device: str
     records: Records | None
+    filters: list[str]
 
 
 def is_recording(path: Path) -> bool:
@@ -82,7 +84,11 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
             {label: names[label] for label in labels if label in names},
         )
         emg = _without_flagged(emg, content, base)
-    emg = emg._replace(dropped={**dropped, **emg.dropped}, findings=[*left, *emg.findings])
+    used = [i for i in keep if labels[i] not in emg.dropped]
+    told = stated_filters({labels[i]: content.filters[i] for i in used})
+    if sidecars is not None:
+        told += bands_of_table(sidecars.channels, [labels[i] for i in used])
+    emg = emg._replace(dropped={**dropped, **emg.dropped}, findings=[*left, *told, *emg.findings])
     if sidecars is not None:
         emg = without_bad(emg, "channel", bad_rows(sidecars.channels, labels), "channels.tsv")
     if sidecars is None:
@@ -202,6 +208,7 @@ def _load(path: Path) -> _Content:
                 [float(signal.sampling_frequency) for signal in signals],
                 _device(opened),
                 records,
+                [signal.prefiltering for signal in signals],
             )
             ranges = [(*signal.physical_range, *signal.digital_range) for signal in signals]
     except (ValueError, KeyError, IndexError, TypeError, ArithmeticError, Warning) as error:
