@@ -68,16 +68,33 @@ def sound(
     from emgface.anatomy.airway.area_function import ideal_vowel, lips_of_trial, with_lips
     from emgface.anatomy.airway.sound import synthesise, with_formants, write_wave
     from emgface.api.given import dataset_of
-    from emgface.errors import ConfigurationError
+    from emgface.errors import ConfigurationError, listed
 
     if source is None and wave is not None:
         raise ConfigurationError(
             "a wave file needs a source, expected 'folds', 'rosenberg' or a wave file with the flow of "
             "the glottis: name one, or leave the wave file out"
         )
+    given = {
+        "duration": duration is not None and source is None,
+        "lung": lung != 785.0 and source != "folds",
+        "tension": tension != 1.0 and source != "folds",
+        "pitch": pitch != 120.0 and source != "rosenberg",
+    }
+    if idle := [name for name, without in given.items() if without]:
+        raise ConfigurationError(
+            f"{listed(idle)} has no effect with source={source!r}: lung and tension are those of "
+            "'folds', the pitch that of 'rosenberg', expected none of another source: leave it out"
+        )
     tract = ideal_vowel(vowel)
     if motion is not None:
         tract = with_lips(tract, *lips_of_trial(dataset_of(motion, "trajectory", "mouth_area")))
+    lasts = float(tract["time"][-1] - tract["time"][0])
+    if motion is not None and duration is not None and duration > lasts + 1e-6:
+        raise ConfigurationError(
+            f"the motion lasts {lasts:g} s, expected a sound of at most this duration, and "
+            f"{duration:g} s was given: leave it out"
+        )
     tract = with_formants(tract)
     if source is None:
         return tract

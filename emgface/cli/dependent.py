@@ -55,8 +55,13 @@ def _without_mismatch(given: Given) -> bool:
     return world_of(str(given.get("world"))).pick_up == "mapping"
 
 
+def _table_of_areas(given: Given) -> bool:
+    areas = given.get("areas")
+    return areas is not None and areas.suffix.lower() != ".nc"
+
+
 _ROWS = (
-    Dependent(("row", "from_lips"), "--areas", _given("areas")),
+    Dependent(("row", "from_lips"), "--areas with a table", _table_of_areas),
     Dependent(("vowel",), "the idealised tract, which --areas replaces", _not_given("areas")),
 )
 _FOLDS = Dependent(("lung", "tension"), "--source folds", _is("source", "folds"))

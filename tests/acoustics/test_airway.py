@@ -104,6 +104,7 @@ def test_tables_of_areas(tmp_path):
         (TABLE, "third", "0 rows 'third'"),
         ("x,y\n1,2\n", None, "A0_cm2"),
         ("A0_cm2,length_m\n-1,0.17\n", None, "negative"),
+        ("A0_cm2,A1_cm2,length_m\n1e-4,3e-4,0.17\n", None, "areas up to 0.0003 cm2"),
         ("", None, "cannot be read"),
     ],
 )

@@ -3,6 +3,7 @@
 import inspect
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 import xarray as xr
@@ -36,8 +37,9 @@ WITHOUT = {
 }
 """Arguments with which the options have no effect, by what they need; none if it is a lone option."""
 
+WITHOUT["--areas with a table"] = {"areas": Path("areas.nc")}
 WITH = {
-    "--areas": {"areas": Path("areas.csv")},
+    "--areas with a table": {"areas": Path("areas.csv")},
     "--notch": {"notch": 50.0},
     "--landmarks": {"landmarks": Path("landmarks.csv")},
     "--course": {"course": ["ZYG_L=a.trk"]},
@@ -135,3 +137,32 @@ def test_what_belongs_to_the_motion_of_a_face_is_not_shown_with_a_face(name):
     face = ef.face(resolution="coarse")
     with pytest.raises(ConfigurationError, match=f"without {name}"):
         ef.show(face, **{name: face})
+
+
+@pytest.mark.parametrize(
+    ("source", "given"),
+    [
+        ("folds", {"pitch": 200.0}),
+        ("rosenberg", {"lung": 800.0}),
+        ("rosenberg", {"tension": 1.2}),
+        (None, {"duration": 1.0}),
+    ],
+)
+def test_what_a_source_of_sound_does_not_have_is_refused(source, given):
+    with pytest.raises(ConfigurationError, match=f"{next(iter(given))} has no effect"):
+        ef.sound(source=source, **given)
+
+
+def test_a_sound_is_no_longer_than_its_motion():
+    time = ("time", np.linspace(0.0, 0.5, 6), {"units": "s"})
+    coords = {"time": time, "axis": ["x", "y", "z"], "marker": ["corner_left"]}
+    motion = xr.Dataset(
+        {
+            "position": (("marker", "axis", "time"), np.zeros((1, 3, 6)), {"units": "m"}),
+            "mouth_area": ("time", np.full(6, 1e-4), {"units": "m2"}),
+            "lip_protrusion": ("time", np.zeros(6), {"units": "m"}),
+        },
+        coords,
+    )
+    with pytest.raises(ConfigurationError, match="the motion lasts 0.5 s"):
+        ef.sound(motion, duration=1.0)

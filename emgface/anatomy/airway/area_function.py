@@ -58,6 +58,7 @@ def area_function(
     )
 
 
+LEAST_WIDEST: Final = 0.05  #: area that the widest section of any vocal tract exceeds [cm2]
 _AREA = re.compile(r"A(0|[1-9][0-9]*)_cm2")
 """Name of a column of areas."""
 
@@ -118,6 +119,11 @@ def read_areas(path: Path, row: str | None = None, *, from_lips: bool = False) -
     length = table["length_m"].to_numpy(dtype=float)
     if not (np.isfinite(values).all() and (values >= 0.0).all() and np.isfinite(length).all()):
         raise DataError(f"{path.name} contains areas or lengths that are negative or not finite")
+    if values.max() < LEAST_WIDEST:
+        raise DataError(
+            f"{path.name} contains areas up to {values.max():.2g} cm2, expected those of a vocal tract, "
+            f"the widest above {LEAST_WIDEST:g} cm2: check the unit, 1 m2 is 1e4 cm2"
+        )
     if not (length > 0.0).all():
         raise DataError(f"{path.name} contains the length {length.min():g} m, expected lengths > 0")
     time = table["time_s"].to_numpy(dtype=float) if "time_s" in table else np.zeros(1)
