@@ -20,7 +20,7 @@ from sim.state import Array
 NO_NODES = np.empty(0, dtype=np.int64)
 NO_NORMALS = np.empty((0, 3))
 
-SAME_DISTANCE, SAME_TIME = 1e-9, 1e-9
+SAME_DISTANCE, SAME_TIME = 3e-8, 1e-9
 """Difference of distances [m] that is due to iterative solutions, and of fractions of a step that is
 due to rounding: of faces that differ by less all are rows, as on both sides of a symmetric face."""
 
@@ -28,7 +28,8 @@ Lists = tuple[Index, Index]
 """Places (n + 1,) of the first face of every point, and the faces of all points, ascending."""
 
 
-ROUNDING = 2e-9  #: additional radius of the lists, for equally close faces and rounding [m]
+#: additional radius of the lists, for equally close faces and rounding [m]
+ROUNDING = 2.0 * SAME_DISTANCE
 
 
 @dataclass(frozen=True, eq=False)
