@@ -72,7 +72,6 @@ DEPENDENT: Mapping[str, tuple[Dependent, ...]] = {
     "data_files.convert": (Dependent(("notch_width",), "--notch", _given("notch")),),
     "fit.fit": (
         Dependent(("on_face", "noise", "thickness"), "--landmarks", _given("landmarks")),
-        Dependent(("volume",), "--course", _given("course")),
     ),
     "inverse.run": (
         Dependent(("gain", "delay"), "own values, which --calibration replaces",

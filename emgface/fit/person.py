@@ -115,16 +115,21 @@ def fit_face(
         if given is not None
     }
     paired = pair_points(face, marks, places, noise)
-    notes = list(paired.notes)
+    notes, doubts = list(paired.notes), tuple(paired.notes)
     targets = _targets(face, scans, paired, notes)
     if (nearer := nearer_face(face, paired, targets, noise)) is not face:
-        notes += told_measures(face, nearer)
+        moved = places
         if places is not None:
             at = rigid_points(face, places.position, nearer["position"].values)
-            places = replace(places, position=at)
-        face = nearer
-        paired = pair_points(face, marks, places, noise)
-        targets = _targets(face, scans, paired, [])
+            moved = replace(places, position=at)
+        try:
+            again = pair_points(nearer, marks, moved, noise)
+        except FitError:
+            pass  # few landmarks may lie in one plane of the face with these measures: keep the other
+        else:
+            notes += told_measures(face, nearer)
+            face, paired = nearer, again
+            targets = _targets(face, scans, paired, [])
     source = face["position"].values
     corners = Corners.of(face["connectivity"].values.astype(np.int64))
     columns = Columns.of(face)
@@ -159,7 +164,7 @@ def fit_face(
         found, face, tuple(targets), _landmark_table(paired, source, result, noise), distance,
         quality_rows(face, found), carried.fibres,
         _thickness_table(columns, source, result.position, prior), prior, tuple(notes), result,
-        tuple(paired.notes),
+        doubts,
     )  # fmt: skip
 
 

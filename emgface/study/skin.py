@@ -19,6 +19,7 @@ SKIN: Final = Stage(
         "emgface.pictures.body",
         "emgface.pictures.subdivision",
         "emgface.pictures.surface",
+        "emgface.pictures.suture",
         "emgface.study.skin",
     ),
 )
