@@ -91,7 +91,7 @@ def _trial(
         "strategy": "",
         "label": name,
         "about": f"Simulated, {motions.words[name]}: before on the left, after on the right, with the "
-        f"same activations and sigma_max {sigma[0]:.4g} kPa. {NOT_VALIDATED.capitalize()}.",
+        f"same activations and sigma_max {sigma[0]:.4g} kPa.",
         "time": [round(float(t), 4) for t in time],
         "skin": deltas(whole(np.concatenate(skins, axis=1), centre)),
         "simulated": deltas(whole(np.concatenate(marks, axis=1), centre)),
