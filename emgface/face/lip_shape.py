@@ -62,6 +62,7 @@ def lip_rim(face: xr.Dataset) -> LipRim:
 
 def _corners(face: xr.Dataset, loop: Integers) -> tuple[int, int]:
     """Positions of the left and the right corner in the loop of the margin."""
+    x = face["position"].values[loop, 0]
     if "mouth_corner_node" in face:
         at = [np.flatnonzero(loop == node) for node in face["mouth_corner_node"].values]
         if any(len(one) == 0 for one in at):
@@ -69,8 +70,13 @@ def _corners(face: xr.Dataset, loop: Integers) -> tuple[int, int]:
                 "a mouth_corner_node does not lie on the boundary of the skin at the mouth, which "
                 "contains the lip_opening_nodes: expected the corners between upper and lower margin"
             )
-        return int(at[0][0]), int(at[1][0])
-    x = face["position"].values[loop, 0]
+        left, right = int(at[0][0]), int(at[1][0])
+        if x[left] >= x[right]:
+            raise FaceError(
+                "the left mouth_corner_node does not lie to the left of the right one (+x is right): "
+                "exchange them"
+            )
+        return left, right
     return int(np.argmin(x)), int(np.argmax(x))
 
 

@@ -53,6 +53,12 @@ def test_corners_that_are_not_at_the_mouth_are_refused(coarse):
         lip_rim(coarse.assign(mouth_corner_node=("mouth_corner", wrong)))
 
 
+def test_exchanged_corners_are_refused(coarse):
+    exchanged = lip_rim(coarse).upper[[-1, 0]].astype(np.int32)
+    with pytest.raises(FaceError, match="exchange them"):
+        lip_rim(coarse.assign(mouth_corner_node=("mouth_corner", exchanged)))
+
+
 def test_lips_that_are_drawn_backwards_have_a_negative_protrusion(coarse):
     protrusion = next(one for one in OUTCOMES if one.name == "pursing, protrusion")
     names = ["corner_left", "corner_right"]
