@@ -188,6 +188,20 @@ def toml_in(text: str, name: str) -> dict[str, Any]:
     return _shallow(content, name)
 
 
+def module_toml(module: str) -> dict[str, Any]:
+    """Return the data beside a module of the package, the TOML file with its name.
+
+    Such files are part of the source: `emgface.run.digest.code_version` follows them.
+    """
+    return tomllib.loads(Path(module).with_suffix(".toml").read_text(encoding="utf-8"))
+
+
+def module_rows(module: str) -> list[dict[str, str]]:
+    """Return the rows of the table beside a module of the package, the CSV file with its name."""
+    text = Path(module).with_suffix(".csv").read_text(encoding="utf-8")
+    return list(csv.DictReader(io.StringIO(text)))
+
+
 def _not_toml(name: str, error: Exception) -> ConfigurationError:
     told = " ".join(str(error).split())[:200]
     return ConfigurationError(

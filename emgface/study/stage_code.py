@@ -34,6 +34,7 @@ _ALIGNMENT = (
     "emgface.signals.resampling",
     "emgface.signals.filters",
     "emgface.face.measured",
+    "emgface.texts",
 )
 
 _FINDINGS = (

@@ -13,6 +13,7 @@ import xarray as xr
 
 from emgface.errors import ConfigurationError
 from emgface.muscles import INSTRUCTIONS, MUSCLES
+from emgface.texts import module_toml
 from emgface.volunteers.recruitment import Recruitment
 
 TRIAL_DURATION: Final = 1.8
@@ -33,52 +34,11 @@ class Phase:
     sides: Mapping[str, float]
 
 
-_BOTH: Final = {"L": 1.0, "R": 1.0}
-_LEFT: Final = {"L": 1.0, "R": 0.1}
-_RIGHT: Final = {"L": 0.1, "R": 1.0}
-_PURSE: Final = {"OOP": 0.60, "OOM": 0.12, "BUC": 0.20}
-_ASIDE: Final = {
-    "OOP": 0.15,
-    "OOM": 0.03,
-    "LLSAN": 0.15,
-    "RIS": 0.45,
-    "ZYG": 0.50,
-    "LAO": 0.15,
-    "BUC": 0.45,
-}
-_CLOSED_SMILE: Final = {
-    "OOP": 0.15,
-    "OOM": 0.03,
-    "LLSAN": 0.10,
-    "RIS": 0.40,
-    "ZYG": 0.50,
-    "LAO": 0.10,
-    "BUC": 0.40,
-}
-
 PHASES: Final[Mapping[str, tuple[Phase, ...]]] = {
-    "A": (Phase(0.18, 0.82, _PURSE, _BOTH),),
-    "B": (Phase(0.18, 0.82, {"LLSAN": 0.60}, _BOTH),),
-    "C": (Phase(0.18, 0.82, {"DAO": 0.60, "MEN": 0.40}, _BOTH),),
-    "D": (
-        Phase(
-            0.18,
-            0.82,
-            {"LLSAN": 0.20, "RIS": 0.45, "ZYG": 0.60, "LAO": 0.15, "DAO": 0.10, "DLI": 0.08},
-            _BOTH,
-        ),
-    ),
-    "E": (
-        Phase(0.10, 0.40, _ASIDE, _LEFT),
-        Phase(0.36, 0.66, _ASIDE, _RIGHT),
-        Phase(0.62, 0.92, _ASIDE, _LEFT),
-    ),
-    "F": (
-        Phase(0.10, 0.40, _PURSE, _BOTH),
-        Phase(0.36, 0.66, _CLOSED_SMILE, _BOTH),
-        Phase(0.62, 0.92, _PURSE, _BOTH),
-    ),
+    instruction: tuple(Phase(**burst) for burst in bursts)
+    for instruction, bursts in module_toml(__file__).items()
 }
+"""Bursts of every instruction, of ``instructions.toml``."""
 
 
 @dataclass(frozen=True)

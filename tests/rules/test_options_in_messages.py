@@ -40,7 +40,10 @@ def commands(command: Any, name: str = "") -> dict[str, set[str]]:
 
 
 def messages(path: Path) -> list[tuple[int, str]]:
-    """Texts of a module that are no docstrings and name an option."""
+    """Texts of a module that are no docstrings, or of its data, and name an option."""
+    if path.suffix != ".py":
+        lines = enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        return [(number, line) for number, line in lines if OPTION.search(line)]
     tree = ast.parse(path.read_text(encoding="utf-8"))
     docs = {
         id(node.body[0].value)
@@ -60,7 +63,9 @@ def test_options_in_messages_exist_where_they_are_stated(root: Path) -> None:
     held = commands(typer.main.get_command(app))
     every = set().union(*held.values()) | {"--version", "--debug", "--help", "--install-completion"}
     wrong: list[str] = []
-    for path in sorted((root / "emgface").rglob("*.py")):
+    for path in sorted(
+        path for suffix in ("py", "toml", "csv") for path in (root / "emgface").rglob(f"*.{suffix}")
+    ):
         name = path.relative_to(root).as_posix()
         if name == "emgface/cli/aliases.py":
             continue  # options of former commands

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -53,16 +54,21 @@ def test_other_source_text_is_another_result(tmp_path: Path, monkeypatch) -> Non
     assert store.get_or_compute(STAGE, {}, {}, compute).digest != first.digest
 
 
-def test_code_version_follows_every_file_of_a_package(tmp_path: Path, monkeypatch) -> None:
+@pytest.mark.parametrize("name", ["law.py", "law.toml", "law.csv"])
+@pytest.mark.parametrize("module", ["laws_of_a_test", "laws_of_a_test.law"])
+def test_code_version_follows_source_and_data(
+    tmp_path: Path, monkeypatch, name: str, module: str
+) -> None:
     package = tmp_path / "laws_of_a_test"
     package.mkdir()
-    (package / "__init__.py").write_text("")
-    (package / "law.py").write_text("x = 1\n")
+    for file in ("__init__.py", "law.py", name):
+        (package / file).write_text("")
     monkeypatch.syspath_prepend(str(tmp_path))
-    before = code_version.__wrapped__(("laws_of_a_test",))
-    assert code_version.__wrapped__(("laws_of_a_test",)) == before
-    (package / "law.py").write_text("x = 2\n")
-    assert code_version.__wrapped__(("laws_of_a_test",)) != before
+    monkeypatch.delitem(sys.modules, "laws_of_a_test", raising=False)  # of the case before
+    before = code_version.__wrapped__((module,))
+    assert code_version.__wrapped__((module,)) == before
+    (package / name).write_text("x = 2\n")
+    assert code_version.__wrapped__((module,)) != before
 
 
 def test_code_version_of_an_unknown_module_names_it() -> None:

@@ -22,6 +22,7 @@ from emgface.face.penetration import Penetration
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import MODELLED, MUSCLE_NAMES
+from emgface.texts import module_toml
 
 Floats = NDArray[np.float64]
 
@@ -48,60 +49,15 @@ PASSED: Final = 1e-4  #: depth above which lips are regarded as penetrating each
 MOVED: Final = 1e-4  #: displacement below which a marker is regarded as not moved [m]
 
 ACTIONS: Final[Mapping[str, Action]] = {
-    "ZYG": Action(
-        "draws the corner up and laterally",
-        GRAY,
-        (("corner_left", "x", -1), ("corner_left", "z", 1)),
-    ),
-    "RIS": Action(
-        "draws the corner laterally (and back)",
-        GRAY,
-        (("corner_left", "x", -1), ("corner_left", "y", -1)),
-    ),
-    "LLSAN": Action(
-        "raises the upper lip",
-        GRAY,
-        (("upper_lateral_left", "z", 1), ("upper_paramedian_left", "z", 1)),
-    ),
-    "LAO": Action("raises the corner", GRAY, (("corner_left", "z", 1),)),
-    "BUC": Action(
-        "presses cheek and lips against the teeth, draws the corner back",
-        GRAY,
-        (("corner_left", "x", -1), ("corner_left", "y", -1)),
-    ),
-    "OOP": Action(
-        "narrows the mouth and protrudes the lips",
-        STAVNESS,
-        (
-            ("corner_left", "x", 1),
-            ("corner_left", "y", 1),
-            ("upper_paramedian_left", "y", 1),
-            ("lower_paramedian_left", "y", 1),
-        ),
-    ),
-    "OOM": Action(
-        "narrows the mouth and closes the lips",
-        STAVNESS,
-        (("corner_left", "x", 1),),
-        closes=True,
-    ),
-    "DLI": Action(
-        "draws the lower lip down and a little laterally",
-        GRAY,
-        (
-            ("lower_paramedian_left", "z", -1),
-            ("lower_lateral_left", "z", -1),
-            ("lower_lateral_left", "x", -1),
-        ),
-    ),
-    "DAO": Action("draws the corner down", GRAY, (("corner_left", "z", -1),)),
-    "MEN": Action(
-        "raises the lower lip",
-        GRAY,
-        (("lower_paramedian_left", "z", 1), ("lower_lateral_left", "z", 1)),
-    ),
+    muscle: Action(
+        told["text"],
+        {"GRAY": GRAY, "STAVNESS": STAVNESS}[told["source"]],
+        tuple((marker, axis, sign) for marker, axis, sign in told["signs"]),
+        told.get("closes", False),
+    )
+    for muscle, told in module_toml(__file__).items()
 }
-"""Textbook actions of the modelled muscles."""
+"""Textbook actions of the modelled muscles, of ``actions.toml``."""
 
 
 def steady_positions(

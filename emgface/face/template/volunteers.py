@@ -8,56 +8,20 @@ import numpy as np
 from emgface.errors import FaceError
 from emgface.face.template.measures import MM, Measures
 from emgface.face.template.norms import NORMS
+from emgface.texts import module_toml
 
 TRUNCATION: Final = 2.5  #: number of standard deviations beyond which a measure is drawn again
 _ATTEMPTS: Final = 1000
 ASYMMETRY: Final[Mapping[str, float]] = {"width_asymmetry": 0.02, "droop": 1.0 * MM}
 """Standard deviations of the differences between the sides, with zero mean; chosen [1], [m]."""
 
-_OLDER: Final = {
-    # Lengthening and thinning of the lips, a wider mouth, a longer nose.
-    "upper_lip_height": 1.12,
-    "upper_vermilion_height": 0.75,
-    "lower_vermilion_height": 0.85,
-    "upper_lip_thickness": 0.85,
-    "lower_lip_thickness": 0.90,
-    "mouth_width": 1.03,
-    "nose_height": 1.04,
-    "cupid_bow": 0.6,
-    "skin_thickness": 0.9,
-}
+_GROUPS: Final = module_toml(__file__)
+_OLDER: Final[Mapping[str, float]] = _GROUPS["older"]
 _CHILD: Final = 0.86
-_AT_EIGHT: Final[Mapping[str, tuple[float, float]]] = {
-    # Boys, girls [mm]: 3D Facial Norms at eight years, from the same tables as the adults'.
-    "mouth_width": (41.5, 40.5),
-    "philtrum_width": (10.7, 10.1),
-    "upper_lip_height": (19.4, 18.5),
-    "upper_vermilion_height": (7.1, 7.1),
-    "lower_vermilion_height": (7.9, 7.4),
-    # Nasion-gnathion 107.4 and 104.0 less nose and upper lip.
-    "chin_height": (40.1, 38.3),
-    "nose_height": (47.9, 47.2),
-    "nose_width": (30.7, 29.5),
-    "face_width": (123.8, 120.3),
-    "jaw_width": (90.5, 87.3),
-}
-
-PRESETS: Final[Mapping[str, str]] = {
-    "adult": "midway between the means of men and women",
-    "woman": "means of women",
-    "man": "means of men",
-    "older_woman": (
-        "woman of about 70: longer upper lip and thinner vermilion, in the direction reported by "
-        "Iblher et al. 2008, J Plast Reconstr Aesthet Surg 61:1170-1176; the factors are chosen"
-    ),
-    "older_man": "man of about 70, with the factors of older_woman",
-    "girl": (
-        "girl of eight: 3D Facial Norms (Weinberg et al. 2016) where they have the measure; the other "
-        "lengths and all spreads are those of the woman times 0.86, which is chosen"
-    ),
-    "boy": "boy of eight: as for the girl, with the measures of the man",
-}
-"""Groups of people, with the origin of their means."""
+_AT_EIGHT: Final[Mapping[str, list[float]]] = _GROUPS["at_eight"]
+"""Boys, girls [mm]."""
+PRESETS: Final[Mapping[str, str]] = _GROUPS["presets"]
+"""Groups of people, with the origin of their means, of ``volunteers.toml``."""
 
 
 def preset_measures(preset: str = "adult") -> Measures:

@@ -11,67 +11,29 @@ from typing import Final
 
 from emgface.errors import JawError
 from emgface.face.template.measures import MM, Measures, parse_measures
-from emgface.face.template.norms import NORMS, Norm
+from emgface.face.template.norms import NORMS, SOURCES, Norm, read_norms
 
-BONWILL: Final = (
-    "A three-dimensional morphometric study on the position of temporomandibular joints, PubMed "
-    "26734666 (120 cone-beam scans)"
-)
-DOWNS: Final = "Downs 1948, Am J Orthod 34:812-840"
-BIBBY: Final = "Bibby and Preston 1981, Am J Orthod 80:92-97 (54 lateral radiographs)"
-SAGIV: Final = "Sagiv et al. 2016, Otolaryngol Head Neck Surg 154:674-678 (126 scans)"
-ECKEL: Final = (
-    "Eckel et al. 1994, Surg Radiol Anat 16:31-36; Sprinzl et al. 1999, Head Neck 21:743-750"
-)
-HYOID: Final = "Miller et al. 1998, J Forensic Sci 43:1138-1141"
-OWN: Final = "choice of this template"
-_QUOTED: Final = "rounded, as commonly quoted; the source was not available"
-_POOLED: Final = "mean of both sexes found; the sexes differ as the widths of their faces"
+_SOURCES: Final = SOURCES | {
+    "BONWILL": "A three-dimensional morphometric study on the position of temporomandibular joints, "
+    "PubMed 26734666 (120 cone-beam scans)",
+    "BIBBY": "Bibby and Preston 1981, Am J Orthod 80:92-97 (54 lateral radiographs)",
+    "SAGIV": "Sagiv et al. 2016, Otolaryngol Head Neck Surg 154:674-678 (126 scans)",
+    "ECKEL": "Eckel et al. 1994, Surg Radiol Anat 16:31-36; Sprinzl et al. 1999, Head Neck 21:743-750",
+    "HYOID": "Miller et al. 1998, J Forensic Sci 43:1138-1141",
+}
 
 BALKWILL: Final = 20.4
 """Angle of the plane through condyles and lower incisors to the occlusal plane [degrees]: mean of
-`BONWILL`, found."""
+the source of the distances of the condyles, found."""
 OCCLUSAL_CANT: Final = 9.3
-"""Angle of the occlusal plane to the Frankfort horizontal [degrees]: mean of `DOWNS`, as quoted."""
+"""Angle of the occlusal plane to the Frankfort horizontal [degrees]: mean of Downs 1948, Am J
+Orthod 34:812-840, as quoted."""
 EMINENCE_SLOPE: Final = 40.0
 """Slope of the condylar path at its start to the Frankfort horizontal [degrees]: within the 30 to 60
 degrees of normal eminences quoted by Suembuellue et al. 2012, Dentomaxillofac Radiol 41:234-240."""
 
-# fmt: off
-JAW_NORMS: Final = (
-    Norm("condyle_width", "between the centres of the condyles", (102.2, 5), (97.0, 5), (70, 125),
-         BONWILL, "assumption", f"99.6, range 85.2 to 112.6: {_POOLED}"),
-    Norm("condyle_distance", "condyle to the lower incisors", (106.0, 5), (100.6, 5), (70, 130),
-         BONWILL, "assumption", f"103.3, range 90.2 to 117.9: {_POOLED}"),
-    Norm("eminence_length", "fossa to crest of the eminence, horizontal", (17, 2), (16, 2), (8, 24),
-         OWN, "assumption", "with the slope of the start, a height of 7 mm"),
-    Norm("crown_height", "incisal edge to the bone of the lower incisors", (9.5, 1), (9.0, 1), (6, 13),
-         OWN, "assumption", "crown of a lower incisor"),
-    Norm("hyoid_back", "body of the hyoid behind the back of the chin", (38, 5), (34, 5), (15, 60),
-         BIBBY, "assumption", _QUOTED),
-    Norm("hyoid_drop", "body of the hyoid below the border of the mandible", (17, 5), (13, 4), (2, 40),
-         BIBBY, "assumption", _QUOTED),
-    Norm("hyoid_width", "between the ends of the greater horns", (42, 5), (38, 5), (25, 60),
-         HYOID, "assumption", _QUOTED),
-    Norm("hyoid_length", "body to the ends of the greater horns", (36, 4), (32, 3), (20, 50),
-         HYOID, "assumption", _QUOTED),
-    Norm("thyrohyoid_gap", "hyoid to the thyroid cartilage", (17, 4), (15, 4), (5, 35),
-         OWN, "assumption", "midline"),
-    Norm("thyroid_height", "thyroid cartilage in the midline", (20, 2.5), (15.5, 2), (8, 30),
-         ECKEL, "assumption", _QUOTED),
-    Norm("thyroid_depth", "laryngeal prominence to the posterior borders", (36, 3), (28, 2.5), (18, 48),
-         ECKEL, "assumption", _QUOTED),
-    Norm("thyroid_width", "between the posterior borders", (45, 5), (40, 4), (26, 60),
-         SAGIV, "assumption", "from the depth and the angles found, 63.5 and 93.3 degrees, less flare"),
-    Norm("cricothyroid_gap", "height of the cricothyroid membrane", (11.1, 2.3), (10.3, 1.7), (4, 18),
-         SAGIV, "found", ""),
-    Norm("cricoid_diameter", "outer diameter of the cricoid", (30, 2.5), (25, 2), (16, 40),
-         ECKEL, "assumption", _QUOTED),
-    Norm("neck_length", "hyoid to the sternal notch", (100, 12), (92, 12), (60, 140),
-         OWN, "assumption", "upright head"),
-)
-# fmt: on
-"""Measures of the jaw; those of face, teeth and chin are the ones of the face."""
+JAW_NORMS: Final = read_norms(__file__, _SOURCES)
+"""Measures of the jaw, of ``measures.csv``; those of face, teeth and chin are the ones of the face."""
 
 _BY_NAME: Final = {norm.name: norm for norm in JAW_NORMS}
 _SIZES: Final = ("face_width", "face_depth")

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from emgface.anatomy.jaw.model import JawLine
+from emgface.texts import module_rows
 
 Floats = NDArray[np.float64]
 
@@ -45,51 +46,25 @@ CLOSED: Final = 1.13
 the middle of 2.27 to 2.55 um in masseters of closed jaws (van Eijden and Raadsheer 1992, Anat Rec
 232:78-84)."""
 
-# fmt: off
-MUSCLES: Final = {
-    "at": JawMuscle("anterior temporalis", ("skull", "jaw"),
-                 ("condyle", 9, 40, 62), ("coronoid", -1, 2, -1), 158.0, 30, CLOSED),
-    "mt": JawMuscle("middle temporalis", ("skull", "jaw"),
-                 ("condyle", 16, 10, 66), ("coronoid", 0, 0, -2), 95.6, 30, CLOSED),
-    "pt": JawMuscle("posterior temporalis", ("skull", "jaw"),
-                 ("condyle", 17, -24, 44), ("coronoid", 0, -3, -4), 75.6, 28, CLOSED),
-    "sm": JawMuscle("superficial masseter", ("skull", "jaw"),
-                 ("zygoma", 2, 1, -2), ("gonion", 3, 8, 8), 190.4, 26, CLOSED),
-    "dm": JawMuscle("deep masseter", ("skull", "jaw"),
-                 ("arch", 0, 2, -2), ("gonion", 5, 16, 22), 81.6, 20, CLOSED),
-    "mp": JawMuscle("medial pterygoid", ("skull", "jaw"),
-                 ("condyle", -29, 32, -11), ("gonion", -4, 9, 6), 174.8, 18, CLOSED),
-    "sp": JawMuscle("superior lateral pterygoid", ("skull", "jaw"),
-                 ("condyle", -25, 29, 5), ("condyle", -3, 3, -1), 28.7, 22),
-    "ip": JawMuscle("inferior lateral pterygoid", ("skull", "jaw"),
-                 ("condyle", -29, 30, -13), ("condyle", -3, 3, -6), 66.9, 24),
-    "ad": JawMuscle("anterior digastric", ("jaw", "hyoid"),
-                 ("chin_back", 5, 1, -2), ("hyoid", 12, -4, 1), 40.0, 34),
-    "am": JawMuscle("anterior mylohyoid", ("jaw", "hyoid"),
-                 ("chin_back", 16, -6, 13), ("hyoid", 3, 1, 0), 18.0, 30),
-    "pm": JawMuscle("posterior mylohyoid", ("jaw", "hyoid"),
-                 ("gonion", -10, 33, 1), ("hyoid", 7, -2, 0), 18.0, 32),
-    "gh": JawMuscle("geniohyoid", ("jaw", "hyoid"),
-                 ("chin_back", 2, 2, 7), ("hyoid", 4, 1, 1), 18.0, 36),
-    "pd": JawMuscle("posterior digastric", ("skull", "hyoid"),
-                 ("condyle", 2, -21, -22), ("hyoid", 13, -5, 1), 40.0, 42),
-    "sh": JawMuscle("stylohyoid", ("skull", "hyoid"),
-                 ("condyle", -13, -7, -22), ("hyoid", 12, -6, 0), 10.5, 40),
-    "th": JawMuscle("thyrohyoid", ("hyoid", "thyroid"),
-                 ("hyoid", 12, -9, -1), ("notch", 13, -12, -6), 20.0, 18),
-    "stet": JawMuscle("sternothyroid", ("thyroid", "sternum"),
-                   ("notch", 13, -13, -9), ("sternum", 9, -2, 0), 20.0, 52),
-    "steh": JawMuscle("sternohyoid", ("hyoid", "sternum"),
-                   ("hyoid", 5, 0, -2), ("sternum", 12, 1, 0), 50.0, 70),
-    "oh": JawMuscle("omohyoid, superior belly", ("hyoid", "sternum"),
-                 ("hyoid", 11, -3, -2), ("sternum", 27, -20, 38), 50.0, 45),
-    "act": JawMuscle("anterior cricothyroid", ("thyroid", "cricoid"),
-                  ("thyroid_low", 7, -6, 1), ("cricoid", 4, 11, 2), 20.0, 8),
-    "pct": JawMuscle("posterior cricothyroid", ("thyroid", "cricoid"),
-                  ("thyroid_low", 12, -15, 1), ("cricoid", 8, 8, -2), 20.0, 9),
-}
-# fmt: on
-"""Muscles of the right side by their usual abbreviation."""
+
+def _muscle(row: Mapping[str, str]) -> JawMuscle:
+    def end(name: str) -> tuple[str, float, float, float]:
+        right, forward, up = (float(row[f"{name[0]}_{way}"]) for way in ("right", "forward", "up"))
+        return row[name], right, forward, up
+
+    return JawMuscle(
+        row["title"],
+        (row["from"], row["to"]),
+        end("origin"),
+        end("insertion"),
+        float(row["force"]),
+        float(row["fibre"]),
+        CLOSED if row["closer"] else 1.0,
+    )
+
+
+MUSCLES: Final = {row["name"]: _muscle(row) for row in module_rows(__file__)}
+"""Muscles of the right side by their usual abbreviation, of ``muscles.csv``."""
 
 GROUPS: Final = {
     "my": ("am", "pm"),
