@@ -1,4 +1,4 @@
-"""Elements, muscles and facets of a deformable part as labelled variables, and their checks.
+"""Elements, muscles and facets of a deformable part as arrays of a model, and their checks.
 
 Faces and tongues share these variables (`data_schema/face_model.json`, `tongue_model.json`).
 """
@@ -15,17 +15,14 @@ from emgface.face.parts import Bundle, Fibre, Floats, Integers
 from emgface.face.quality import element_quality
 from sim.indices import indices, whole_numbers
 
-Variable = tuple[str | tuple[str, ...], NDArray[Any]]
-"""Dims and values of a variable."""
 
-
-def muscle_variables(
+def muscle_arrays(
     fibres: Sequence[Fibre],
     bundles: Sequence[Bundle],
     muscles: Sequence[str],
     n_elements: int,
     error: type[DataError],
-) -> dict[str, Variable]:
+) -> dict[str, NDArray[Any]]:
     """Fibres, and elements with directions, in the order of the muscles.
 
     Raises the `error` if a muscle is unknown, some bundles have weights and others have none, or
@@ -49,16 +46,13 @@ def muscle_variables(
                 )
     points, elements = [len(f.position) for f in fibres], [len(rows) for rows in own]
     of_element = [order[bundle.muscle] for bundle in bundles]
-    found: dict[str, Variable] = {
-        "fibre_position": (("fibre_point", "axis"), stacked([f.position for f in fibres])),
-        "fibre_of_point": ("fibre_point", integers(np.repeat(np.arange(len(fibres)), points))),
-        "fibre_muscle": ("fibre", integers([order[fibre.muscle] for fibre in fibres])),
-        "bundle_muscle": ("bundle_element", integers(np.repeat(of_element, elements))),
-        "bundle_index": (
-            "bundle_element",
-            integers(np.concatenate([np.empty(0, dtype=np.int64), *own])),
-        ),
-        "bundle_direction": (("bundle_element", "axis"), stacked([b.direction for b in bundles])),
+    found: dict[str, NDArray[Any]] = {
+        "fibre_position": stacked([f.position for f in fibres]),
+        "fibre_of_point": integers(np.repeat(np.arange(len(fibres)), points)),
+        "fibre_muscle": integers([order[fibre.muscle] for fibre in fibres]),
+        "bundle_muscle": integers(np.repeat(of_element, elements)),
+        "bundle_index": integers(np.concatenate([np.empty(0, dtype=np.int64), *own])),
+        "bundle_direction": stacked([b.direction for b in bundles]),
     }
     weighted = [bundle.muscle for bundle in bundles if bundle.weight is not None]
     if weighted and len(weighted) < len(bundles):
@@ -67,20 +61,21 @@ def muscle_variables(
             "expected weights for all muscles or for none"
         )
     if weighted:
-        weight = np.concatenate([float_array(b.weight) for b in bundles if b.weight is not None])
-        found["bundle_weight"] = ("bundle_element", weight)
+        found["bundle_weight"] = np.concatenate(
+            [float_array(b.weight) for b in bundles if b.weight is not None]
+        )
     return found
 
 
-def facet_variables(facets: Mapping[str, Integers] | None) -> dict[str, Variable]:
-    """Nodes of the named parts of the boundary, one after the other."""
+def facet_arrays(facets: Mapping[str, Integers] | None) -> dict[str, Any]:
+    """Nodes of the named parts of the boundary, one after the other, and the names."""
     if not facets:
         return {}
     sizes = [len(nodes) for nodes in facets.values()]
-    nodes = np.concatenate([integers(rows) for rows in facets.values()])
     return {
-        "facet_node": (("facet", "facet_corner"), nodes),
-        "facet_surface": ("facet", integers(np.repeat(np.arange(len(facets)), sizes))),
+        "surface": list(facets),
+        "facet_node": np.concatenate([integers(rows) for rows in facets.values()]),
+        "facet_surface": integers(np.repeat(np.arange(len(facets)), sizes)),
     }
 
 

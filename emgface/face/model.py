@@ -5,23 +5,24 @@ and markers (`data_schema/face_model.json`). All faces, imported or generated, a
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from emgface.anatomy.mesh_model import (
-    Variable,
     codes,
-    facet_variables,
+    facet_arrays,
     float_array,
     integers,
-    muscle_variables,
+    muscle_arrays,
     stacked,
 )
 from emgface.errors import FaceError
 from emgface.face.parts import FRAME, LIPS, Arch, Bundle, Fibre, Floats, Integers
 from emgface.face.validity import check_face
 from emgface.muscles import AXES, FACE_MARKERS, LIP_MARKERS, MUSCLES
+from emgface.schema.validation import declared_variables
 
 
 def build_face(
@@ -62,48 +63,33 @@ def build_face(
     """
     node_id = np.arange(1, len(position) + 1) if node_id is None else node_id
     element_id = np.arange(1, len(connectivity) + 1) if element_id is None else element_id
-    ds = xr.Dataset(
-        {
-            "position": (("node", "axis"), float_array(position)),
-            "node_id": ("node", integers(node_id)),
-            "connectivity": (("element", "element_node"), integers(connectivity)),
-            "element_id": ("element", integers(element_id)),
-            "layer": ("element", codes(layer)),
-            "fixed": ("node", codes(fixed)),
-            **muscle_variables(fibres, bundles, MUSCLES, len(connectivity), FaceError),
-            "marker_node": ("marker", integers(marker_node)),
-            "face_marker_position": (("face_marker", "axis"), float_array(face_marker_position)),
-            "lip_opening_node": ("lip", integers(lip_opening_node)),
-        },
-        coords={
-            "axis": list(AXES),
-            "muscle": list(MUSCLES),
-            "marker": list(LIP_MARKERS),
-            "face_marker": list(FACE_MARKERS),
-            "lip": list(LIPS),
-        },
-        attrs={
-            "name": name,
-            "origin": origin,
-            "source": source,
-            "frame": FRAME,
-            "schema": "face_model",
-            "schema_version": 1,
-            **(attrs or {}),
-        },
+    variables = declared_variables(
+        "face_model",
+        axis=AXES,
+        muscle=MUSCLES,
+        marker=LIP_MARKERS,
+        face_marker=FACE_MARKERS,
+        lip=LIPS,
+        position=float_array(position),
+        node_id=integers(node_id),
+        connectivity=integers(connectivity),
+        element_id=integers(element_id),
+        layer=codes(layer),
+        fixed=codes(fixed),
+        **muscle_arrays(fibres, bundles, MUSCLES, len(connectivity), FaceError),
+        marker_node=integers(marker_node),
+        face_marker_position=float_array(face_marker_position),
+        lip_opening_node=integers(lip_opening_node),
+        **facet_arrays(facets),
+        **_rigid(arches),
+        **_lips(lips),
     )
-    if facets:
-        ds = ds.assign_coords(surface=list(facets))
-    ds = ds.assign(facet_variables(facets) | _rigid(arches) | _lips(lips))
-    for variable in ds.data_vars.values():
-        variable.attrs["units"] = "1"
-    metric = ("position", "fibre_position", "face_marker_position", "arch_position")
-    for metres in (name for name in metric if name in ds):
-        ds[metres].attrs["units"] = "m"
-    return check_face(ds)
+    described = {"name": name, "origin": origin, "source": source, "frame": FRAME}
+    described |= {"schema": "face_model", "schema_version": 1}
+    return check_face(xr.Dataset(variables, attrs={**described, **(attrs or {})}))
 
 
-def _rigid(arches: Sequence[Arch]) -> dict[str, Variable]:
+def _rigid(arches: Sequence[Arch]) -> dict[str, Any]:
     """Points and triangles of the rigid surfaces, one after the other."""
     if not arches:
         return {}
@@ -111,19 +97,18 @@ def _rigid(arches: Sequence[Arch]) -> dict[str, Variable]:
     rows = [integers(arch.triangles) + k for arch, k in zip(arches, shift, strict=True)]
     bones = np.repeat([arch.bone for arch in arches], [len(r) for r in rows])
     return {
-        "arch_position": (("arch_point", "axis"), stacked([arch.points for arch in arches])),
-        "arch_triangle": (("arch_facet", "arch_corner"), integers(np.concatenate(rows))),
-        "arch_bone": ("arch_facet", bones.astype(np.int8)),
+        "arch_position": stacked([arch.points for arch in arches]),
+        "arch_triangle": integers(np.concatenate(rows)),
+        "arch_bone": bones.astype(np.int8),
     }
 
 
-def _lips(lips: Mapping[str, Integers] | None) -> dict[str, Variable]:
+def _lips(lips: Mapping[str, Integers] | None) -> dict[str, Any]:
     """Triangles of the closed surfaces of the lips."""
     if not lips:
         return {}
     sizes = [len(lips[lip]) for lip in LIPS]
-    triangles = np.concatenate([integers(lips[lip]) for lip in LIPS])
     return {
-        "lip_triangle": (("lip_facet", "lip_corner"), triangles),
-        "lip_of_triangle": ("lip_facet", integers(np.repeat(np.arange(len(LIPS)), sizes))),
+        "lip_triangle": np.concatenate([integers(lips[lip]) for lip in LIPS]),
+        "lip_of_triangle": integers(np.repeat(np.arange(len(LIPS)), sizes)),
     }

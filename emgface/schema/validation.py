@@ -8,6 +8,7 @@ import json
 from collections.abc import Collection
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -76,6 +77,25 @@ def declaration(kind: str) -> ObjectDeclaration:
             f"expected one of {', '.join(kinds())}."
         )
     return ObjectDeclaration.model_validate(json.loads(path.read_text(encoding="utf-8")))
+
+
+def declared_variables(kind: str, **arrays: Any) -> dict[str, xr.Variable]:
+    """Return arrays of a kind of dataset as variables with the dims and units that it declares.
+
+    Values of coordinates of names are converted to text. Whether the values and their types agree with
+    the declaration is checked by `validate`.
+
+    Examples
+    --------
+    >>> declared_variables("sound", length=[0.17])["length"].attrs["units"]
+    'm'
+    """
+    known, found = declaration(kind).arrays(), dict[str, xr.Variable]()
+    for name, values in arrays.items():
+        array = known[name]
+        held = np.asarray(values, dtype=str) if array.dtype == "string" else values
+        found[name] = xr.Variable(array.dims, held, array.units and {"units": array.units})
+    return found
 
 
 def validate(

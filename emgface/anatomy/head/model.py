@@ -19,7 +19,7 @@ from emgface.anatomy.mesh_model import integers, stacked
 from emgface.errors import HeadError
 from emgface.face.parts import Arch, Integers
 from emgface.schema.netcdf import read_netcdf, write_netcdf
-from emgface.schema.validation import validate
+from emgface.schema.validation import declared_variables, validate
 from sim.indices import indices
 
 PARTS: Final = ("face", "jaw", "tongue", "hyoid")
@@ -165,48 +165,24 @@ def build_lists(
     sizes = [len(nodes) for nodes in attachments.values()]
     first = np.cumsum([0, *(len(s.points) for s in shells.values())])
     triangles = [s.triangles + k for s, k in zip(shells.values(), first, strict=False)]
-    one = {"units": "1"}
-    lists = xr.Dataset(
-        {
-            "attachment_pair": (
-                "attachment",
-                integers(np.repeat(np.arange(len(sizes)), sizes)),
-                one,
-            ),
-            "attachment_node": (
-                "attachment",
-                integers(np.concatenate([np.empty(0), *attachments.values()])),
-                one,
-            ),
-            "shell_bone": ("shell", integers([s.bone for s in shells.values()]), one),
-            "shell_position": (
-                ("shell_vertex", "axis"),
-                stacked([s.points for s in shells.values()]),
-                {"units": "m"},
-            ),
-            "shell_triangle": (
-                ("shell_face", "corner"),
-                integers(np.concatenate([np.empty((0, 3)), *triangles])),
-                one,
-            ),
-            "triangle_shell": (
-                "shell_face",
-                integers(np.repeat(np.arange(len(shells)), [len(t) for t in triangles])),
-                one,
-            ),
-            "exciter_gain": (("exciter", "muscle"), gain, one),
-        },
-        coords={
-            "axis": list(AXES),
-            "part": list(named),
-            "pair": np.array(list(attachments), dtype="U16"),
-            "contact": np.array(list(contacts), dtype="U16"),
-            "shell": np.array(list(shells), dtype="U16"),
-            "muscle": muscles,
-            "exciter": list(exciters),
-        },
-        attrs={"name": name, "origin": origin, "frame": FRAME},
+    variables = declared_variables(
+        "head_model",
+        axis=AXES,
+        part=list(named),
+        pair=list(attachments),
+        contact=list(contacts),
+        shell=list(shells),
+        muscle=muscles,
+        exciter=list(exciters),
+        attachment_pair=integers(np.repeat(np.arange(len(sizes)), sizes)),
+        attachment_node=integers(np.concatenate([np.empty(0), *attachments.values()])),
+        shell_bone=integers([s.bone for s in shells.values()]),
+        shell_position=stacked([s.points for s in shells.values()]),
+        shell_triangle=integers(np.concatenate([np.empty((0, 3)), *triangles])),
+        triangle_shell=integers(np.repeat(np.arange(len(shells)), [len(t) for t in triangles])),
+        exciter_gain=gain,
     )
+    lists = xr.Dataset(variables, attrs={"name": name, "origin": origin, "frame": FRAME})
     checked = {group: validate(part, KINDS[group]) for group, part in parts.items()}
     return Head(validate(lists, "head_model"), checked)
 

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from emgface.errors import JawError
-from emgface.schema.validation import validate
+from emgface.schema.validation import declared_variables, validate
 
 Floats = NDArray[np.float64]
 Vector = Floats | tuple[float, float, float]
@@ -72,18 +72,11 @@ class JawJoint:
     length: float = 0.0
 
 
-MUSCLE_VALUES = {
-    "force_max": "N",
-    "stretch_max": "1",
-    "tendon_ratio": "1",
-    "passive_fraction": "1",
-    "damping": "N s/m",
-}
-OPTIONAL_VALUES = {"stretch_opt": "1", "one_sided": "1"}
+MUSCLE_VALUES = ("force_max", "stretch_max", "tendon_ratio", "passive_fraction", "damping")
+OPTIONAL_VALUES = ("stretch_opt", "one_sided")
 """Parameters that a model may state for all of its muscles or springs."""
-SPRING_VALUES = {"stiffness": "N/m", "rest_length": "m", "damping": "N s/m"}
-
-_Variables = dict[str, tuple[Any, Any, dict[str, str]]]
+SPRING_VALUES = ("stiffness", "rest_length", "damping")
+"""Parameters of muscles and springs; units are those of the variables of a jaw_model."""
 
 
 def build_jaw(
@@ -110,130 +103,88 @@ def build_jaw(
     of_body = _numbered([body.name for body in bodies])
     of_point = _numbered(points)
     of_muscle = _numbered([muscle.name for muscle in muscles])
-    variables = _body_variables(bodies) | {
-        "point_body": (
-            "point",
-            _numbers([_number(of_body, b, f"point {p}") for p, (b, _) in points.items()]),
-            {"units": "1"},
-        ),
-        "point_position": (
-            ("point", "axis"),
-            _rows([x for _, x in points.values()]),
-            {"units": "m"},
-        ),
-    }
-    variables |= _line_variables("muscle", muscles, MUSCLE_VALUES, of_body)
-    variables |= _line_variables("spring", springs, SPRING_VALUES, of_body)
-    variables |= _joint_variables(joints, of_body, of_point)
-    if surfaces:
-        variables |= _surface_variables(surfaces, of_body)
     gain = np.zeros((len(exciters), len(muscles)))
     for k, (exciter, driven) in enumerate(exciters.items()):
         for muscle, factor in driven.items():
             gain[k, _number(of_muscle, muscle, f"exciter {exciter}")] = factor
-    variables["exciter_gain"] = (("exciter", "muscle"), gain, {"units": "1"})
-    dataset = xr.Dataset(
-        variables,
-        coords={
-            "axis": list(AXES),
-            "body": list(of_body),
-            "muscle": list(of_muscle),
-            "spring": np.array([s.name for s in springs], dtype="U32"),
-            "point": list(points),
-            "joint": [j.name for j in joints],
-            "exciter": list(exciters),
-        },
-        attrs={"name": name, "origin": origin, "source": source, "frame": FRAME, **(attrs or {})},
+    variables = declared_variables(
+        "jaw_model",
+        axis=AXES,
+        body=list(of_body),
+        muscle=list(of_muscle),
+        spring=[s.name for s in springs],
+        point=list(points),
+        joint=[j.name for j in joints],
+        exciter=list(exciters),
+        body_mass=[b.mass for b in bodies],
+        body_centre=_rows([b.centre for b in bodies]),
+        body_inertia=[np.zeros((3, 3)) if b.inertia is None else b.inertia for b in bodies],
+        body_damping=[b.damping[0] for b in bodies],
+        body_turn_damping=[b.damping[1] for b in bodies],
+        body_damped_at=_rows([b.centre if b.damped_at is None else b.damped_at for b in bodies]),
+        body_moves=np.array([b.moves for b in bodies], dtype=np.int8),
+        point_body=[_number(of_body, b, f"point {p}") for p, (b, _) in points.items()],
+        point_position=_rows([x for _, x in points.values()]),
+        **_line_arrays("muscle", muscles, MUSCLE_VALUES, of_body),
+        **_line_arrays("spring", springs, SPRING_VALUES, of_body),
+        **_joint_arrays(joints, of_body, of_point),
+        **(_surface_arrays(surfaces, of_body) if surfaces else {}),
+        exciter_gain=gain,
     )
-    return validate(dataset, "jaw_model")
+    described = {"name": name, "origin": origin, "source": source, "frame": FRAME}
+    return validate(xr.Dataset(variables, attrs=described | dict(attrs or {})), "jaw_model")
 
 
-def _body_variables(bodies: Sequence[JawBody]) -> _Variables:
-    return {
-        "body_mass": ("body", [b.mass for b in bodies], {"units": "kg"}),
-        "body_centre": (("body", "axis"), _rows([b.centre for b in bodies]), {"units": "m"}),
-        "body_inertia": (
-            ("body", "axis", "axis_of"),
-            np.array([np.zeros((3, 3)) if b.inertia is None else b.inertia for b in bodies]),
-            {"units": "kg m^2"},
-        ),
-        "body_damping": ("body", [b.damping[0] for b in bodies], {"units": "kg/s"}),
-        "body_turn_damping": ("body", [b.damping[1] for b in bodies], {"units": "kg m^2/s"}),
-        "body_damped_at": (
-            ("body", "axis"),
-            _rows([b.centre if b.damped_at is None else b.damped_at for b in bodies]),
-            {"units": "m"},
-        ),
-        "body_moves": ("body", np.array([b.moves for b in bodies], dtype=np.int8), {"units": "1"}),
-    }
-
-
-def _line_variables(
-    kind: str, lines: Sequence[JawLine], values: dict[str, str], of_body: Mapping[str, int]
-) -> _Variables:
+def _line_arrays(
+    kind: str, lines: Sequence[JawLine], values: Sequence[str], of_body: Mapping[str, int]
+) -> dict[str, Any]:
     held = [[_number(of_body, b, f"{kind} {x.name}") for b in x.bodies] for x in lines]
     ends = np.array([x.ends for x in lines], dtype=np.float64).reshape(-1, 2, 3)
-    found: _Variables = {
-        f"{kind}_body": ((kind, "end"), _numbers(held).reshape(-1, 2), {"units": "1"}),
-        f"{kind}_position": ((kind, "end", "axis"), ends, {"units": "m"}),
+    further = [value for value in OPTIONAL_VALUES if lines and value in lines[0].values]
+    return {
+        f"{kind}_body": _numbers(held).reshape(-1, 2),
+        f"{kind}_position": ends,
+        **{
+            f"{kind}_{value}": np.array([x.values[value] for x in lines], dtype=np.float64)
+            for value in (*values, *further)
+        },
     }
-    further = {k: unit for k, unit in OPTIONAL_VALUES.items() if lines and k in lines[0].values}
-    for value, unit in (values | further).items():
-        column = np.array([x.values[value] for x in lines], dtype=np.float64)
-        found[f"{kind}_{value}"] = (kind, column, {"units": unit})
-    return found
 
 
-def _joint_variables(
+def _joint_arrays(
     joints: Sequence[JawJoint], of_body: Mapping[str, int], of_point: Mapping[str, int]
-) -> _Variables:
+) -> dict[str, Any]:
     hinge = [joint.kind == "hinge" for joint in joints]
     guided = [
         _number(of_body if h else of_point, joint.point, f"joint {joint.name}")
         for joint, h in zip(joints, hinge, strict=True)
     ]
-    one = {"units": "1"}
+    curves = np.array([j.coefficients for j in joints], dtype=np.float64)
     return {
-        "joint_kind": ("joint", _numbers([KINDS.index(j.kind) for j in joints]), one),
-        "joint_body": (
-            "joint",
-            _numbers([_number(of_body, j.body, f"joint {j.name}") for j in joints]),
-            one,
-        ),
-        "joint_point": ("joint", _numbers(np.where(hinge, -1, guided)), one),
-        "joint_body_b": ("joint", _numbers(np.where(hinge, guided, -1)), one),
-        "joint_origin": (("joint", "axis"), _rows([j.origin for j in joints]), {"units": "m"}),
-        "joint_normal": (("joint", "axis"), _rows([j.normal for j in joints]), one),
-        "joint_forward": (("joint", "axis"), _rows([j.forward for j in joints]), one),
-        "joint_one_sided": ("joint", np.array([j.one_sided for j in joints], dtype=np.int8), one),
-        "joint_curve": (
-            ("joint", "power"),
-            np.array([j.coefficients for j in joints], dtype=np.float64).reshape(-1, 4),
-            one,
-        ),
-        "joint_length": ("joint", [j.length for j in joints], {"units": "m"}),
+        "joint_kind": _numbers([KINDS.index(j.kind) for j in joints]),
+        "joint_body": _numbers([_number(of_body, j.body, f"joint {j.name}") for j in joints]),
+        "joint_point": _numbers(np.where(hinge, -1, guided)),
+        "joint_body_b": _numbers(np.where(hinge, guided, -1)),
+        "joint_origin": _rows([j.origin for j in joints]),
+        "joint_normal": _rows([j.normal for j in joints]),
+        "joint_forward": _rows([j.forward for j in joints]),
+        "joint_one_sided": np.array([j.one_sided for j in joints], dtype=np.int8),
+        "joint_curve": curves.reshape(-1, 4),
+        "joint_length": np.array([j.length for j in joints], dtype=np.float64),
     }
 
 
-def _surface_variables(
+def _surface_arrays(
     surfaces: Sequence[tuple[str, Floats, NDArray[np.integer]]], of_body: Mapping[str, int]
-) -> _Variables:
+) -> dict[str, Any]:
     sizes = [len(points) for _, points, _ in surfaces]
     first = np.cumsum([0, *sizes[:-1]])
     bodies = [_number(of_body, body, "a surface") for body, _, _ in surfaces]
     triangles = [t + k for (_, _, t), k in zip(surfaces, first, strict=True)]
     return {
-        "surface_body": ("vertex", _numbers(np.repeat(bodies, sizes)), {"units": "1"}),
-        "surface_position": (
-            ("vertex", "axis"),
-            np.concatenate([points for _, points, _ in surfaces]),
-            {"units": "m"},
-        ),
-        "surface_triangle": (
-            ("triangle", "corner"),
-            _numbers(np.concatenate(triangles)),
-            {"units": "1"},
-        ),
+        "surface_body": _numbers(np.repeat(bodies, sizes)),
+        "surface_position": np.concatenate([points for _, points, _ in surfaces]),
+        "surface_triangle": _numbers(np.concatenate(triangles)),
     }
 
 

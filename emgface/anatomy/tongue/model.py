@@ -5,6 +5,7 @@ Elements, fibres, bundles and facets are those of a face; exciters and bodies ar
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -13,18 +14,17 @@ from numpy.typing import NDArray
 from emgface.anatomy.jaw.exciters import exciters_of
 from emgface.anatomy.jaw.model import AXES, FRAME
 from emgface.anatomy.mesh_model import (
-    Variable,
     check_elements,
     check_muscles,
     check_references,
-    facet_variables,
+    facet_arrays,
     float_array,
     integers,
-    muscle_variables,
+    muscle_arrays,
 )
 from emgface.errors import TongueError
 from emgface.face.parts import Bundle, Fibre, Floats, Integers
-from emgface.schema.validation import validate
+from emgface.schema.validation import declared_variables, validate
 from sim.indices import indices
 
 MARKERS = ("tip", "back", "base")
@@ -86,45 +86,34 @@ def build_tongue(
         for body, nodes in attachments.items()
     }
     held = [len(nodes) for nodes in attachments.values()]
-    variables: dict[str, Variable] = {
-        "position": (("node", "axis"), float_array(position)),
-        "node_id": ("node", integers(node_id)),
-        "connectivity": (("element", "element_node"), integers(connectivity)),
-        "element_id": ("element", integers(element_id)),
-        "attachment_node": ("attachment", integers(np.concatenate(list(attachments.values())))),
-        "attachment_body": ("attachment", integers(np.repeat(np.arange(len(held)), held))),
-        **muscle_variables(fibres, bundles, muscles, len(connectivity), TongueError),
-        **_places(fibres, bodies),
-        "muscle_force_max": ("muscle", float_array(np.array(list(force_max.values())))),
-        "exciter_gain": (("exciter", "muscle"), float_array(gain)),
-        "marker_node": ("marker", integers(list(markers.values()))),
-        **facet_variables(facets),
-    }
-    coords: dict[str, Sequence[str]] = {
+    arrays: dict[str, Any] = {
         "axis": AXES,
         "muscle": muscles,
         "exciter": list(exciters),
         "body": bodies,
         "marker": list(markers),
+        "position": float_array(position),
+        "node_id": integers(node_id),
+        "connectivity": integers(connectivity),
+        "element_id": integers(element_id),
+        "attachment_node": integers(np.concatenate(list(attachments.values()))),
+        "attachment_body": integers(np.repeat(np.arange(len(held)), held)),
+        **muscle_arrays(fibres, bundles, muscles, len(connectivity), TongueError),
+        **_places(fibres, bodies),
+        "muscle_force_max": float_array(np.array(list(force_max.values()))),
+        "exciter_gain": float_array(gain),
+        "marker_node": integers(list(markers.values())),
+        **facet_arrays(facets),
     }
-    if facets:
-        coords["surface"] = list(facets)
     if contour is not None:
-        variables["contour_node"] = ("contour", integers(contour))
+        arrays["contour_node"] = integers(contour)
     if postures:
-        coords["posture"] = list(postures)
-        shapes = float_array(np.array(list(postures.values())))
-        variables["posture_displacement"] = (("posture", "node", "axis"), shapes)
+        arrays["posture"] = list(postures)
+        arrays["posture_displacement"] = float_array(np.array(list(postures.values())))
     described = {"name": name, "origin": origin, "source": source, "frame": FRAME}
-    ds = xr.Dataset(
-        variables,
-        {dim: list(names) for dim, names in coords.items()},
-        {**described, "schema": "tongue_model", "schema_version": 1, **(attrs or {})},
-    )
-    units = {"position": "m", "fibre_position": "m", "posture_displacement": "m"}
-    units["muscle_force_max"] = "N"
-    for variable in ds.data_vars:
-        ds[variable].attrs["units"] = units.get(str(variable), "1")
+    described |= {"schema": "tongue_model", "schema_version": 1}
+    variables = declared_variables("tongue_model", **arrays)
+    ds = xr.Dataset(variables, attrs={**described, **(attrs or {})})
     return check_tongue(ds)
 
 
@@ -164,7 +153,7 @@ def attached_nodes(tongue: xr.Dataset) -> dict[str, NDArray[np.int64]]:
     return {body: nodes for body, nodes in found.items() if len(nodes)}
 
 
-def _places(fibres: Sequence[Fibre], bodies: Sequence[str]) -> dict[str, Variable]:
+def _places(fibres: Sequence[Fibre], bodies: Sequence[str]) -> dict[str, Any]:
     """Nodes and bodies of the points of fibres."""
     nodes, owners = list[Integers](), list[Integers]()
     for fibre in fibres:
@@ -174,6 +163,6 @@ def _places(fibres: Sequence[Fibre], bodies: Sequence[str]) -> dict[str, Variabl
         nodes.append(node)
         owners.append(np.where(node < 0, outside, -1))
     return {
-        "fibre_node": ("fibre_point", integers(np.concatenate(nodes))),
-        "fibre_body": ("fibre_point", integers(np.concatenate(owners))),
+        "fibre_node": integers(np.concatenate(nodes)),
+        "fibre_body": integers(np.concatenate(owners)),
     }
