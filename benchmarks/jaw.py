@@ -21,7 +21,8 @@ import pandas as pd
 import xarray as xr
 
 import sim
-from benchmarks.jaw_published import checks, reference
+from benchmarks.jaw_motions import reference
+from benchmarks.jaw_published import checks
 from benchmarks.report import finish
 from emgface.anatomy.jaw.emg import WEIGHTS, excitation_of
 from emgface.anatomy.jaw.outcomes import interincisal, outcome, point_displacement

@@ -41,93 +41,11 @@ TOGETHER = 5  #: drags in one call, which must end within the patience of the dr
 LIVE = 60.0  #: [s]
 WARM = 10.0  #: time after which the memory is first read [s]
 SEED = 0
-
-DRAG = """
-const [steps, done] = arguments;
-const c = document.getElementById("curve"), stage = document.getElementById("stage");
-c.setPointerCapture = () => {};
-const b = () => c.getBoundingClientRect();
-const fire = (name, x, y) => c.dispatchEvent(new PointerEvent(name, {pointerId: 1, buttons: 1,
-  clientX: b().left + x, clientY: b().top + y}));
-const until = (test) => new Promise((good) => {
-  const look = () => (test() ? good() : requestAnimationFrame(look)); look(); });
-const rows = [];
-(async () => {
-  for (const [muscle, x, from, to] of steps) {
-    const select = document.getElementById("muscle");
-    if (select.value !== muscle) {
-      const before = stage.dataset.motion;
-      select.value = muscle; select.dispatchEvent(new Event("change"));
-      await until(() => stage.dataset.shown !== before && stage.dataset.way === "complete");
-    }
-    const at = (t) => 34 + t * (c.clientWidth - 42), y = (v) => 8 + (1 - v) * (c.clientHeight - 28);
-    fire("pointerdown", at(x), y(from));
-    const last = stage.dataset.motion, began = performance.now();
-    fire("pointermove", at(x), y(to));
-    await until(() => stage.dataset.motion !== last && stage.dataset.shown === stage.dataset.motion);
-    const row = [performance.now() - began];
-    for (const part of ["waited", "simulated", "scored", "total"]) row.push(Number(stage.dataset[part]));
-    const preview = stage.dataset.motion, released = performance.now();
-    fire("pointerup", at(x), y(to));
-    await until(() => stage.dataset.motion !== preview && stage.dataset.shown === stage.dataset.motion);
-    row.push(performance.now() - released);
-    for (const part of ["waited", "simulated", "scored", "total"]) row.push(Number(stage.dataset[part]));
-    rows.push(row);
-  }
-  done(rows);
-})();
-"""
-
-MOVES = """
-const [seconds, done] = arguments;
-const slides = [...document.querySelectorAll("#grid input")], stage = document.getElementById("stage");
-document.getElementById("linked").checked = false;
-const reacted = []; let last = "";
-const first = Number(stage.dataset.frames), end = performance.now() + 1e3 * seconds;
-const timer = setInterval(() => {
-  const one = slides[Math.floor(Math.random() * slides.length)];
-  one.value = 0.3 * Math.random(); one.dispatchEvent(new Event("input"));
-  if (stage.dataset.reacted !== last) { last = stage.dataset.reacted; reacted.push(Number(last)); }
-  if (performance.now() < end) return;
-  clearInterval(timer);
-  done([Number(stage.dataset.frames) - first, reacted]);
-}, 1e3 / 30);
-"""
-
-SCROLL = """
-const [seconds, zoom, done] = arguments, c = document.getElementById("traces");
-let n = 0; const began = performance.now();
-const key = (n) => (zoom ? (n % 20 < 10 ? "-" : "+") : n % 200 < 100 ? "ArrowRight" : "ArrowLeft");
-const step = (now) => {
-  if (now - began > 1e3 * seconds) { done([n, now - began]); return; }
-  c.dispatchEvent(new KeyboardEvent("keydown", {key: key(n)}));
-  n++; requestAnimationFrame(step);
-};
-requestAnimationFrame(step);
-"""
-
-
-PLAY = """
-const [seconds, done] = arguments, stage = document.getElementById("stage");
-let n = 0, last = stage.dataset.frame; const began = performance.now();
-document.getElementById("play").click();
-const look = (now) => {
-  if (stage.dataset.frame !== last) { last = stage.dataset.frame; n++; }
-  if (now - began > 1e3 * seconds) done([n, now - began]); else requestAnimationFrame(look);
-};
-requestAnimationFrame(look);
-"""
-
-TURN = """
-const [seconds, done] = arguments, stage = document.getElementById("stage");
-let n = 0; const began = performance.now();
-const step = (now) => {
-  if (now - began > 1e3 * seconds) { done([n, now - began]); return; }
-  stage.dispatchEvent(new KeyboardEvent("keydown", {key: n % 20 < 10 ? "ArrowLeft" : "ArrowRight"}));
-  n++; requestAnimationFrame(step);
-};
-requestAnimationFrame(step);
-"""
+SCRIPTS = dict(
+    part.split("\n", 1)
+    for part in Path(__file__).with_suffix(".js").read_text(encoding="utf-8").split("\n// ")[1:]
+)
+"""Scripts that the page runs, by name."""
 
 
 def browser(width, height, *, emulated=True):
@@ -244,7 +162,7 @@ def drags(driver, process, url):
     rows, browsers = [], driver.service.process.pid
     before = [processor(process.pid), processor(browsers), page_time(driver)]
     for first in range(0, len(steps), TOGETHER):
-        rows += driver.execute_async_script(DRAG, steps[first : first + TOGETHER])
+        rows += driver.execute_async_script(SCRIPTS["drag"], steps[first : first + TOGETHER])
         say(f"{len(rows)} of {len(steps)}")
     after = [processor(process.pid), processor(browsers), page_time(driver)]
     rows = np.array(rows)
@@ -281,9 +199,9 @@ def minute(driver, process, url, log):
     """A minute of slider moves."""
     driver.get(url)
     until(driver, "return Number(document.getElementById('stage').dataset.frames) > 20")
-    driver.execute_async_script(MOVES, WARM)
+    driver.execute_async_script(SCRIPTS["moves"], WARM)
     before = memory(process)
-    frames, reacted = driver.execute_async_script(MOVES, LIVE)
+    frames, reacted = driver.execute_async_script(SCRIPTS["moves"], LIVE)
     grown = memory(process) - before
     process.send_signal(signal.SIGINT)
     process.wait(60)
@@ -331,7 +249,7 @@ def scrolled(driver, page, way):
             driver.execute_script("document.getElementById('in').click()")
         enlarged = zoom
         before = [page_time(driver), processor(browsers)]
-        n, ms = driver.execute_async_script(SCROLL, 5.0, act != "scrolled")
+        n, ms = driver.execute_async_script(SCRIPTS["scroll"], 5.0, act != "scrolled")
         own = [(page_time(driver) - before[0]) / n, (processor(browsers) - before[1]) / n]
         name = f"1/{2**zoom} of the hour {act}, {way}"
         for quantity, value in (("pictures per second", 1e3 * n / ms),
@@ -348,7 +266,7 @@ def played(driver, page, size):
     watch_page(driver)
     until(driver, "return document.getElementById('stage').dataset.ready === 'yes'")
     rows, browsers = [], driver.service.process.pid
-    for act, script in (("turned", TURN), ("played", PLAY)):
+    for act, script in (("turned", SCRIPTS["turn"]), ("played", SCRIPTS["play"])):
         before = [page_time(driver), processor(browsers)]
         n, ms = driver.execute_async_script(script, 10.0)
         own = [(page_time(driver) - before[0]) / n, (processor(browsers) - before[1]) / n]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.jaw_published import MARKERS, driven
+from benchmarks.jaw_motions import MARKERS, driven
 from emgface.anatomy.jaw.run import simulate_jaw
 from emgface.anatomy.jaw.series import ramps, read_probes
 from tests.jaw.conftest import TO_MM, here

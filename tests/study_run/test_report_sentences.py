@@ -16,7 +16,8 @@ from analysis.statistics.simulated import simulated_scores
 from emgface.cli import app
 from emgface.schema.netcdf import write_netcdf
 from tests.sentences import choices_of, conclusions_of, meanings, words
-from tests.study_run.test_report import scores, text_of
+from tests.study_run.test_report import text_of
+from tests.study_run.test_report_contents import scores
 
 
 def studied(seed: int, effect: float) -> xr.Dataset:

@@ -34,7 +34,7 @@ from emgface.view.page import live_page
 from emgface.view.recording import recording_page
 from tests.browser import needs_browser, until
 from tests.data.made_recordings import emg, noise
-from tests.study_run.test_report import scores
+from tests.study_run.test_report_contents import scores
 from tests.study_run.test_report_sentences import studied
 from tests.tongue.small import small_tongue_motion
 from tests.view.laid_out import faults_of
