@@ -9,7 +9,7 @@ import numpy as np
 from emgface.fit.corners import Corners
 from emgface.fit.loops import along
 from emgface.fit.mechanics import FINE, FitTissue
-from emgface.fit.similarity import Similarity, similarity, thin_plate
+from emgface.fit.similarity import GROWTH, Similarity, growth_of, similarity, thin_plate
 from emgface.fit.springs import Rows, at_nodes
 from emgface.fit.targets import LandmarkPoints, Pull, Target, pulling
 from emgface.fit.triangulated import Floats
@@ -29,7 +29,7 @@ BELOW, STIFFENING = 0.3, 10.0
 """Scaled Jacobian below which an element is relaxed, and factor on its stiffness."""
 NOISE: Final = 0.8e-3  #: standard deviation of a landmark [m]
 LANDMARK: Final = 50.0
-"""Stiffness of a landmark with this noise [N/m].
+"""Stiffness of a landmark with this noise [N/m], if shapes differ by `GROWTH`.
 
 With 5 N/m, landmarks near the rim are left behind by 7 mm.
 """
@@ -77,13 +77,15 @@ def deform(
     tissue = FitTissue.at_rest(corners, start)
     q = stages["mechanics"] = tissue.settle(guide)
     iterations = tissue.iterations
-    stiffness = LANDMARK * (NOISE / noise) ** 2
+    shown = growth_of(landmarks.source, landmarks.target, noise) / GROWTH
+    stiffness = LANDMARK * shown * (NOISE / noise) ** 2
     has_skin = any(target.only is None and target.name == "skin" for target in targets)
 
     def pulled(q: Floats, pull: Pull) -> Rows:
-        rows = pulling(q, targets, pull) if targets else guide
+        if not targets:
+            return guide  # the spline follows the landmarks as closely as their noise allows
         marks = landmarks.rows(stiffness, q if has_skin else None)
-        return rows.joined(marks, *([held(q)] if held else []))
+        return pulling(q, targets, pull).joined(marks, *([held(q)] if held else []))
 
     if targets:
         tissue = FitTissue.at_rest(corners, q)
@@ -121,7 +123,11 @@ def _spline(
 ) -> Floats:
     """Thin-plate spline of the landmarks, and of points of the contours paired by it."""
     of, to = landmarks.source, landmarks.target
-    q = thin_plate(of, to, noise)(source) if len(of) >= 4 else start
+
+    def spline(of: Floats, to: Floats) -> Floats:
+        return thin_plate(of, to, noise, growth_of(of, to, noise))(source)
+
+    q = spline(of, to) if len(of) >= 4 else start
     for _ in range(2):
         points, places = [of], [to]
         for target in targets:
@@ -131,5 +137,5 @@ def _spline(
                 places.append(foot[::EVERY])
         if len(points) == 1:
             break
-        q = thin_plate(np.concatenate(points), np.concatenate(places), noise)(source)
+        q = spline(np.concatenate(points), np.concatenate(places))
     return q

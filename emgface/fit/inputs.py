@@ -7,10 +7,13 @@ from typing import Final
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import CubicSpline
 
 from emgface.errors import FitError, listed
 from emgface.face.landmarks import MIDLINE
 from emgface.face.parts import OUTER
+from emgface.face.template.calibrate import profiles_of_tips
+from emgface.fit.family import Family
 from emgface.fit.readers.landmarks import Landmarks, plain
 from emgface.fit.readers.surfaces import Scan
 from emgface.fit.similarity import Similarity, misfit, rigid_of, similarity
@@ -51,18 +54,40 @@ def points_of_face(face: xr.Dataset) -> dict[str, Floats]:
     if "lip_opening_node" in face:
         for lip, node in zip(face["lip"].values, face["lip_opening_node"].values, strict=True):
             found[f"stomion_{lip}"] = position[node]
+    return found | {name: _tip(profile) for name, profile in _profiles(face).items()}
+
+
+def _profiles(face: xr.Dataset) -> dict[str, Floats]:
+    """Midline (n, 3) [m] of nose and of chin; of a generated face, that of its surfaces.
+
+    The nodes of a coarse mesh may be 8 mm from the tip of the nose.
+    """
+    if family := Family.of(face):
+        return profiles_of_tips(family.surfaces(family.start))
+    if "lip_opening_node" not in face:
+        return {}
+    position = face["position"].values
     nodes = Sheet.of(face, OUTER).nodes
     middle = position[nodes[np.abs(position[nodes, 0]) < MIDLINE]]
-    if len(middle) and "lip_opening_node" in face:
-        mouth = position[face["lip_opening_node"].values, 2]
-        height = float(np.ptp(position[nodes, 2]))
-        for name, own in (
-            ("pronasale", middle[middle[:, 2] > mouth.max() + 0.1 * height]),
-            ("pogonion", middle[middle[:, 2] < mouth.min() - 0.1 * height]),
-        ):
-            if len(own):
-                found[name] = own[np.argmax(own[:, 1])]
-    return found
+    middle = middle[np.argsort(middle[:, 2])]
+    mouth = position[face["lip_opening_node"].values, 2]
+    away = 0.1 * float(np.ptp(position[nodes, 2]))
+    parts = {
+        "pronasale": middle[middle[:, 2] > mouth.max() + away],
+        "pogonion": middle[middle[:, 2] < mouth.min() - away],
+    }
+    return {name: part for name, part in parts.items() if len(part)}
+
+
+def _tip(profile: Floats) -> Floats:
+    """Most anterior point of a curve through points (n, 3), by a cubic spline near the largest y."""
+    k = int(np.argmax(profile[:, 1]))
+    near = profile[max(0, k - 2) : k + 3]
+    place = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(near, axis=0), axis=1)))
+    if len(near) < 5 or not (np.diff(place) > 0.0).all():
+        return profile[k]
+    curve = CubicSpline(place, near)(np.linspace(0.0, place[-1], 401))
+    return np.asarray(curve[np.argmax(curve[:, 1])])
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,7 +174,7 @@ def pair_points(
     near = (skin := Sheet.of(face, OUTER).at(face["position"].values)).nearest(source)
     points = LandmarkPoints(
         found.names, source, to_face(found.target), skin.triangles[near.triangle], near.weights,
-        near.distance <= OFF,
+        source - near.foot, near.distance <= OFF,
     )  # fmt: skip
     return Paired(points, to_face, misfit(found.motion, source, found.target), found.notes)
 

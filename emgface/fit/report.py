@@ -95,7 +95,11 @@ def summary(fitted: Fitted) -> list[str]:
             f"{row['q95']:.2f} mm; the surface covers {row['covered']:.0%} of it."
         )
     if not len(last):
-        said.append("Only landmarks were given: the shape between them is that of the source face.")
+        said.append(
+            "Only landmarks were given: the shape between them is that of the source face (of a "
+            "generated one, with the measures that the landmarks suggest), which bends only as far as "
+            "their noise cannot explain."
+        )
     smallest = "smallest scaled Jacobian of hexahedra"
     said.append(
         f"No corner of an element is inverted; the smallest scaled Jacobian of the hexahedra is "

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RBFInterpolator
+from scipy.spatial.distance import cdist
 
 Floats = NDArray[np.float64]
 
@@ -63,13 +64,33 @@ def misfit(map_: Similarity, source: Floats, target: Floats) -> float:
     return float(np.sqrt(((map_(source) - target) ** 2).sum(axis=1).mean()))
 
 
-def thin_plate(source: Floats, target: Floats, noise: float | Floats) -> RBFInterpolator:
+def thin_plate(
+    source: Floats, target: Floats, noise: float | Floats, growth: float = GROWTH
+) -> RBFInterpolator:
     """Thin-plate spline x -> A x + t + sum_k w_k |x - p_k| through uncertain points (n, 3).
 
     In space the kernel of least bending is U(r) = r, with sum w = 0 and sum w p' = 0 (Bookstein 1989
     has the plane). `noise` [m] is the standard deviation of the targets, one or one for each; the
-    smoothing on the diagonal is noise^2 / `GROWTH`, for which the spline is the expectation of shapes
-    whose differences grow by `GROWTH`. The result is a function of points (n, 3).
+    smoothing on the diagonal is noise^2 / growth, for which the spline is the expectation of shapes
+    whose differences grow by `growth`. The result is a function of points (n, 3).
     """
     spread = np.broadcast_to(np.asarray(noise, dtype=np.float64), (len(source),))
-    return RBFInterpolator(source, target, kernel="linear", degree=1, smoothing=spread**2 / GROWTH)
+    return RBFInterpolator(source, target, kernel="linear", degree=1, smoothing=spread**2 / growth)
+
+
+def growth_of(source: Floats, target: Floats, noise: float) -> float:
+    """Growth of the difference of two shapes that points (n, 3) with `noise` [m] show, at most `GROWTH`.
+
+    It maximises the restricted likelihood of the points about an affine map: what noise explains is no
+    difference of shape, and bends nothing.
+    """
+    if len(source) < 7:
+        return GROWTH
+    P = np.column_stack([np.ones(len(source)), source - source.mean(axis=0)])
+    Q = np.linalg.qr(P, mode="complete")[0][:, P.shape[1] :]
+    values, vectors = np.linalg.eigh(-Q.T @ cdist(source, source) @ Q)
+    square = ((vectors.T @ Q.T @ target) ** 2).sum(axis=1)
+    growths = GROWTH * np.geomspace(1e-3, 1.0, 61)
+    variance = growths[:, None] * values + noise**2
+    loss = (target.shape[1] * np.log(variance) + square / variance).sum(axis=1)
+    return float(growths[np.argmin(loss)])

@@ -82,11 +82,14 @@ class LandmarkPoints:
     target: Floats  #: (n, 3) [m]
     nodes: Integers  #: (n, 3) nodes of the nearest triangle of the skin
     weights: Floats  #: (n, 3) barycentric coordinates
+    offset: (
+        Floats  #: (n, 3) from the point of the triangle, for example to a tip that it cuts off [m]
+    )
     on_skin: NDArray[np.bool_]  #: (n,) False of a rigid point beyond the mesh
 
     def at(self, q: Floats) -> Floats:
-        """Points (n, 3) of the skin at positions q [m]."""
-        return np.einsum("nk,nki->ni", self.weights, q[self.nodes])
+        """Points (n, 3) that belong to the landmarks at positions q [m]."""
+        return np.einsum("nk,nki->ni", self.weights, q[self.nodes]) + self.offset
 
     def rows(self, stiffness: float, along: Floats | None = None) -> Rows:
         """Springs of a stiffness [N/m] at the landmarks on the skin.
@@ -99,7 +102,7 @@ class LandmarkPoints:
         if along is not None:
             n = Surface(along, self.nodes[own]).normals
             W = W - stiffness * n[:, :, None] * n[:, None, :]
-        return Rows(self.nodes[own], self.weights[own], self.target[own], W)
+        return Rows(self.nodes[own], self.weights[own], (self.target - self.offset)[own], W)
 
 
 def pulling(q: Floats, targets: Sequence[Target], pull: Pull) -> Rows:

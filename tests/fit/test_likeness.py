@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from benchmarks.fit_inputs import person_of
-from emgface.face.template import volunteer_face
-from emgface.fit.inputs import pair_points
-from emgface.fit.likeness import SPREAD, Family, nearer_face
+from emgface.face.template import template_face, volunteer_face
+from emgface.fit.family import SPREAD, Family
+from emgface.fit.inputs import pair_points, points_of_face
+from emgface.fit.likeness import nearer_face
 from emgface.fit.person import fit_face
 from emgface.fit.readers.landmarks import landmarks_of
 from emgface.fit.similarity import similarity
@@ -77,3 +78,49 @@ def test_a_face_with_other_muscles_keeps_them():
     np.testing.assert_array_equal(found["bundle_weight"], face["bundle_weight"])
     assert found.attrs["measure_mouth_width"] > face.attrs["measure_mouth_width"] + 1e-3
     np.testing.assert_allclose(found["position"], family.nodes(values), atol=0.1e-3)
+
+
+@pytest.mark.parametrize("name", ["pronasale", "pogonion"])
+def test_tips_do_not_depend_on_the_mesh(name):
+    """The nodes of the coarse face are 8 mm from the tip of the nose."""
+    coarse, fine = (template_face(resolution=r, seed=3) for r in ("coarse", "fine"))
+    place = points_of_face(coarse)[name]
+    np.testing.assert_allclose(place, points_of_face(fine)[name], atol=1e-9)
+    nodes = fine["position"].values
+    assert np.linalg.norm(nodes - place, axis=1).min() < 1.5e-3
+    # of a face that is not of the family, by the curve through its nodes
+    imported = points_of_face(coarse.assign_attrs(origin="imported"))[name]
+    assert np.linalg.norm(imported - place) < 3.5e-3
+
+
+def test_landmarks_of_a_fine_face_bring_a_coarse_one_nearer():
+    """The measures that landmarks determine, such as the height of the upper lip, have no bias."""
+    generic = template_face(resolution="coarse")
+    spread, found = SPREAD["upper_lip_height"], []
+    for seed in (1, 2, 3):
+        person = template_face(resolution="medium", seed=seed)
+        fitted = fit_face(generic, points_of_face(person), simulated=True).face
+        own = template_face(resolution="coarse", seed=seed)
+        apart = [np.median(_apart(face, own)) for face in (generic, fitted)]
+        assert apart[1] < 0.8 * apart[0]
+        name = "measure_upper_lip_height"
+        found.append((fitted.attrs[name] - person.attrs[name]) / spread)
+    assert np.abs(found).max() < 1.0
+
+
+def test_noise_of_landmarks_bends_nothing():
+    """Noisy landmarks of the face itself move its markers less than they miss them."""
+    face = template_face(resolution="coarse")
+    marks = points_of_face(face)
+    rng = np.random.default_rng(1)
+    noisy = {name: p + 0.8e-3 * rng.standard_normal(3) for name, p in marks.items()}
+    found = fit_face(face, noisy, noise=0.8e-3, simulated=True)
+    nodes = face["marker_node"].values
+    moved = _apart(found.face, face)[nodes]
+    assert np.sqrt((moved**2).mean()) < 0.7  # the noise of one landmark is 1.4 mm
+    # what noise does not explain bends a face whose measures are unknown
+    plain = face.copy()
+    del plain.attrs["measure_mouth_width"]
+    bent = {name: p + [0.0, 0.0, 1.5 * p[1] ** 2] for name, p in marks.items()}
+    found = fit_face(plain, bent, noise=0.8e-3, simulated=True)
+    assert found.landmarks["error"].max() < 1.5

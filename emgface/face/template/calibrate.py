@@ -67,6 +67,13 @@ def surface_measures(surfaces: Surfaces) -> dict[str, float]:
     }
 
 
+def profiles_of_tips(surfaces: Surfaces) -> dict[str, NDArray[np.float64]]:
+    """Midline of the skin (n, 3) [m] on which the tip of the nose, and that of the chin, lies."""
+    skin, _ = surfaces.sheets(np.zeros(2), np.array([1.0, -1.0]), _MIDLINE_S)
+    base = int(np.flatnonzero(_MIDLINE_S == PERIORAL)[0])
+    return {"pronasale": skin[0, base:], "pogonion": skin[1, base:]}
+
+
 def calibrated_surfaces(measures: Measures) -> Surfaces:
     """Compute surfaces whose landmarks agree with the measures.
 
