@@ -65,14 +65,16 @@ class ConstraintSolver:
         saddle, conditions = self.saddle, self._constraints
         saddle.factorise(A.values, conditions.evaluate(pose)[1])
 
-        def solved(r: Array, gamma: Array, start: Array, error: float) -> Solution:
-            x, _ = saddle.solve(r, gamma, start, error)
+        def solved(
+            r: Array, gamma: Array, start: Array, error: float, *, correction: bool = False
+        ) -> Solution:
+            x, _ = saddle.solve(r, gamma, start, error, correction=correction)
             definite = saddle.definite is not False
             counts = saddle.iterations, saddle.factorisations
             return Solution(x, *counts, definite, saddle.roughly, again, saddle.roughly)
 
         def again(r: Array, error: float) -> Solution:
-            return solved(r, np.zeros(conditions.n), np.zeros(len(r)), error)
+            return solved(r, np.zeros(conditions.n), np.zeros(len(r)), error, correction=True)
 
         return solved(rhs, -conditions.drift(pose, pose.t), start, error)
 

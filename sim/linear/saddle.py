@@ -4,7 +4,6 @@ Small systems are factorised as they are. For large ones the factor is that of A
 sparsity of A and serves many steps as the preconditioner of an iteration with the saddle matrix itself.
 """
 
-from collections.abc import Callable
 from typing import cast
 
 import numpy as np
@@ -21,6 +20,7 @@ COMPLIANCE = 1e-8
 REFINEMENTS = 12
 ACCURACY = 1e-12  # Relative residual at which refinement ends.
 FAILURE = 1e-7  # Relative residual above which a solution is refused.
+CORRECTION = 1e-4  # That of a correction, whose error the next correction removes.
 # Entries of G relative to those of A, and of G'G/c. Thirty times larger: two iterations fewer with a
 # factor of the same matrix, and a condition at the limit of single precision, with which a factor takes
 # half the time. Three times smaller: three iterations more.
@@ -77,34 +77,24 @@ class QuasiDefinite:
         """As `approximate`, for right-hand sides (k, n)."""
         return self._solver.approximate_many(rhs)
 
-    def solve(self, rhs: Array) -> Array:
-        """Solve without the compliance, for a right-hand side (n,) or several (k, n) at once.
+    def solve(self, rhs: Array, accuracy: float = ACCURACY) -> Array:
+        """Solve without the compliance, refined until the residual no longer halves.
 
-        Raises SingularSystem if a solution is not finite, or does not satisfy the equations, because
-        the constraints are contradictory or redundant.
+        `accuracy` is the relative residual at which refinement ends earlier. Raises SingularSystem if a
+        solution is not finite, or does not satisfy the equations, because the constraints are
+        contradictory or redundant.
         """
-        if rhs.ndim == 1:
-            return self._refined(rhs[None], lambda r: self._solver.solve(r[0])[None])[0]
-        return self._refined(rhs, self._solver.approximate_many)
-
-    def _refined(self, rhs: Array, solve: Callable[[Array], Array]) -> Array:
-        """Solutions (k, n), each refined until its residual no longer halves."""
-        z, size = solve(rhs), np.abs(rhs).max(axis=1)
-        left, on = np.full(len(rhs), np.inf), np.arange(len(rhs))
+        z, size, left = self._solver.solve(rhs), float(np.abs(rhs).max()), np.inf
         for _ in range(REFINEMENTS):
-            products = [symmetric_product(self._pattern, self._values, row) for row in z[on]]
-            residual = rhs[on] - np.array(products)
-            before, left[on] = left[on], np.abs(residual).max(axis=1)
-            more = (left[on] > ACCURACY * size[on]) & ~(left[on] > 0.5 * before)
-            on = on[more]
-            if not len(on):
+            residual = rhs - symmetric_product(self._pattern, self._values, z)
+            before, left = left, float(np.abs(residual).max())
+            if left <= accuracy * size or left > 0.5 * before:
                 break
-            z[on] = z[on] + solve(residual[more])
-        if not (left <= FAILURE * size).all():
-            worst = (left / np.where(size > 0.0, size, 1.0)).max()
+            z = z + self._solver.solve(residual)
+        if not left <= max(FAILURE, accuracy) * size:
             raise SingularSystem(
-                f"the constrained system was solved to {worst:.1e} only, expected {FAILURE:g}: "
-                "the constraints are contradictory or linearly dependent"
+                f"the constrained system was solved to {left / (size or 1.0):.1e} only, expected "
+                f"{FAILURE:g}: the constraints are contradictory or linearly dependent"
             )
         return z
 
@@ -246,7 +236,13 @@ class Saddle:
             self._solver.factorise(values)
 
     def solve(
-        self, r: Array, gamma: Array, start: Array | None = None, error: float | None = None
+        self,
+        r: Array,
+        gamma: Array,
+        start: Array | None = None,
+        error: float | None = None,
+        *,
+        correction: bool = False,
     ) -> tuple[Array, Array]:
         """X (n_free,) and multipliers y (n,) with A x + G' y = r and G x = gamma.
 
@@ -254,7 +250,8 @@ class Saddle:
         the constraints are contradictory or redundant.
 
         An iteration begins with `start` (n_free,), by default zero, and the latest multipliers, and
-        leaves `error` at most in x, by default 1e-12 of the solution.
+        leaves `error` at most in x, by default 1e-12 of the solution. A direct solution leaves 1e-12 of
+        the right-hand side, and as a `correction`, whose error the next one removes, 1e-4.
         """
         assert self._scale is not None  # a matrix has been set
         rhs, solver = np.concatenate([r, self._scale * gamma]), self._solver
@@ -264,7 +261,7 @@ class Saddle:
             self.iterations, self.factorisations = solver.iterations, solver.factorisations
         else:
             with self._timed("solution"):
-                z = solver.solve(rhs)
+                z = solver.solve(rhs, CORRECTION if correction else ACCURACY)
         x, y = np.split(z, [len(r)])
         y = self._scale * y
         if start is not None:
@@ -277,5 +274,8 @@ class Saddle:
             return r.copy()
         rhs = np.concatenate([r, np.zeros((*r.shape[:-1], self._constraints.n))], axis=-1)
         solver = self._solver
-        z = solver.roughly(rhs) if isinstance(solver, ReusedFactor) else solver.solve(rhs)
+        if isinstance(solver, ReusedFactor):
+            z = solver.roughly(rhs)
+        else:
+            z = solver.approximate(rhs) if r.ndim == 1 else solver.approximate_many(rhs)
         return z[..., : r.shape[-1]]
