@@ -1,13 +1,15 @@
 """Processor time of steps in units U beside stored values, for the log of every change.
 
-    python -m benchmarks speed            # less than a minute
+    python -m benchmarks speed            # about a minute
     python -m benchmarks speed --store    # stores the values as those of later comparisons
     python -m benchmarks speed --only 3b,4c --threads 2
 
 U is one numerical factorisation plus one solution, in double precision and on one thread, of the
 published face with pointwise bulk, measured in the same process before and after the cases. Cases 1
 to 4c are those recorded with another simulator: steps of 5 ms, excitation from 0 at the start to its
-end value at 0.1 s, absolute tolerance of the iteration 1e-9 m. The values are of steps 9 to 16.
+end value at 0.1 s, absolute tolerance of the iteration 1e-9 m. The tongue and the coupled head are those
+of other recorded motions, in steps of 10 and 5 ms; the condyles stay on the planes of their start. The
+values are of steps 9 to 16.
 Without the published face, the same is measured on the coarse generated face. Nothing is asserted,
 because run times depend on the machine; a ratio to the stored value above 1.3 deserves a look.
 """
@@ -26,6 +28,8 @@ import pandas as pd
 import sim
 from benchmarks.other_simulator import BLEMKER, EULER, SHARED, TRAPEZOIDAL, Case, their_face
 from benchmarks.report import markdown, say
+from benchmarks.tongue import recorded_tongue
+from benchmarks.tongue_coupled import recorded_motion
 from benchmarks.unit import unit_seconds
 from emgface.face.accuracy import PRESETS
 from emgface.face.artisynth import import_artisynth
@@ -50,6 +54,12 @@ RECORDED: Final = {
     "4c OOP 0.1 with contact": Case("", "hard", "OOP", 0.1, TRAPEZOIDAL, GENERIC, contact=True),
 }
 """Cases of the comparison with another simulator, on the published face."""
+OTHERS: Final[dict[str, tuple[Callable[..., tuple[sim.System, sim.Activation]], str, float]]] = {
+    "tongue, element, 10 ms": (recorded_tongue, "element_GGP_0.2", 1e-2),
+    "head, no contact": (recorded_motion, "jhtface_nocontact_GGP_0.2", H),
+    "head, all contacts": (recorded_motion, "jhtface_contact_GGP_0.2", H),
+}
+"""Scene with its activation, recorded motion and step [s] of other comparisons."""
 FREE, TOUCHING = "study preset, 10 ms", "study preset, 10 ms, with contact"
 
 
@@ -72,18 +82,21 @@ class Run:
         }
 
 
+def rising(system: sim.System, group: str, level: float) -> sim.Activation:
+    """Muscles of a group rising to a level in `RAMP`."""
+    peak = np.array([level * name.startswith(group) for name in system.muscles])
+    return sim.Activation(np.array([0.0, RAMP]), np.stack([0.0 * peak, peak]))
+
+
 def timed(
     system: sim.System,
-    group: str,
-    level: float,
+    activation: sim.Activation,
     h: float,
     integrator: Integrator,
     threads: int,
-    steps: StepControl,
+    steps: StepControl | None = None,
 ) -> Run:
-    """Processor time of every step, with muscles of a group rising to a level in `RAMP`."""
-    peak = np.array([level * name.startswith(group) for name in system.muscles])
-    activation = sim.Activation(np.array([0.0, RAMP]), np.stack([0.0 * peak, peak]))
+    """Processor time of every step, of length `h` [s] without step control."""
     clock: Callable[[], float] = time.process_time if threads == 1 else time.perf_counter
     ends: list[float] = []
     for count in (1, LAST):  # the single step loads or compiles the kernels
@@ -93,7 +106,7 @@ def timed(
             activation,
             duration=count * h,
             integrator=integrator,
-            steps=steps,
+            steps=steps or sim.FixedStep(h),
             progress=lambda *_: ends.append(clock()),
             solver_threads=threads,
         )
@@ -106,8 +119,12 @@ def recorded(only: tuple[str, ...], threads: int) -> Iterator[tuple[str, Run]]:
         if chosen(name, only):
             say(name)
             system = their_face(SHARED / "artisynth_reference", case)
-            steps = sim.FixedStep(H)
-            yield name, timed(system, case.group, case.level, H, case.integrator, threads, steps)
+            drive = rising(system, case.group, case.level)
+            yield name, timed(system, drive, H, case.integrator, threads)
+    for name, (of_scene, motion, h) in OTHERS.items():
+        if chosen(name, only):
+            say(name)
+            yield name, timed(*of_scene(motion), h, EULER, threads)
 
 
 def generated(only: tuple[str, ...], threads: int) -> Iterator[tuple[str, Run]]:
@@ -130,7 +147,10 @@ def generated(only: tuple[str, ...], threads: int) -> Iterator[tuple[str, Run]]:
         own |= {} if name.endswith("contact") else {"contact": NO_CONTACT}
         p = SimulationParameters(**own)
         system, method = sim.compile_scene(compose_scene(face, p)), integrator_of(p)
-        yield name, timed(system, "OOP", 0.2, p.step, method, threads, steps_of(face, p))
+        yield (
+            name,
+            timed(system, rising(system, "OOP", 0.2), p.step, method, threads, steps_of(face, p)),
+        )
 
 
 def chosen(name: str, only: tuple[str, ...]) -> bool:

@@ -114,10 +114,10 @@ def recorded_levels(case: Mapping[str, Any]) -> tuple[np.ndarray, dict[str, np.n
     return time, found
 
 
-def repeated(
-    tongue: xr.Dataset, case: dict[str, Any], p: TongueParameters, until: float | None = None
-) -> xr.Dataset:
-    """Positions of all nodes over time under the excitations, scheme and step of a recorded case."""
+def driven(
+    tongue: xr.Dataset, case: dict[str, Any], p: TongueParameters
+) -> tuple[sim.System, sim.Activation]:
+    """Scene of a recorded case, and its activation."""
     system = sim.compile_scene(tongue_scene(tongue, p))
     time, levels = recorded_levels(case)
     known = set(map(str, tongue["exciter"].values))
@@ -129,9 +129,23 @@ def repeated(
         )
     excitation = Excitation(time, drive)
     values = excitation.activation(tongue)[0].transpose("time", "muscle").values
+    return system, sim.Activation(excitation.time, tongue_activation(tongue, system, values))
+
+
+def recorded_tongue(name: str) -> tuple[sim.System, sim.Activation]:
+    """Scene of a recorded case by its name, and its activation."""
+    case, _ = recorded(name)
+    return driven(published(SHARED, f"tongue/model_{case['variant']}"), case, parameters_of(case))
+
+
+def repeated(
+    tongue: xr.Dataset, case: dict[str, Any], p: TongueParameters, until: float | None = None
+) -> xr.Dataset:
+    """Positions of all nodes over time under the excitations, scheme and step of a recorded case."""
+    system, activation = driven(tongue, case, p)
     motion, _ = sim.simulate(
         system,
-        sim.Activation(excitation.time, tongue_activation(tongue, system, values)),
+        activation,
         duration=case["t_end_s"] if until is None else until,
         steps=sim.FixedStep(case["h_s"]),
         every=case["output_interval_s"],

@@ -70,6 +70,16 @@ def levels(case: Mapping[str, Any], head: RecordedHead, muscles: tuple[str, ...]
     return sim.Activation(time, values)
 
 
+def recorded_motion(name: str) -> tuple[sim.System, sim.Activation]:
+    """Scene of a recorded case, with the condyles on the planes of their start, and its activation."""
+    case, _ = recorded(name, "coupled")
+    contact = not any("contact" in c for c in case.get("changes_against_the_model_file") or ())
+    gravity = 1e-3 * np.array(case["gravity"])
+    head = recorded_head(case["variant"], contact=contact, gravity=gravity)
+    system = head.system(head.strips(head.start))
+    return system, levels(case, head, system.muscles)
+
+
 def repeated(
     name: str,
     step: float | None = None,

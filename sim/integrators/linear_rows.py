@@ -25,6 +25,7 @@ PASSES, STALE = 40, 6
 """Largest number of passes of a solution under rows, and that after which the compliance is computed
 again."""
 SHARE = 0.1  #: motion of rows that remains, relative to the tolerance of solution or contact
+FEW = 24  #: number of columns of the compliance that take the time of two corrections
 LARGE = 0.01  #: change, relative to the largest one in a solution, from which an update is made
 EXACT = 0.01  #: relative error of the Delassus matrix below which it is not updated
 
@@ -272,6 +273,8 @@ class LinearRows:
         w, f = self._begin(rows, at)
         Aw = A.times(w)
         f = self._with_equations(at, Aw, f)
+        if self._found.factorisations and len(np.unique(at.G.indices)) <= FEW:
+            self._work.contact.discard()  # a new factor gives few columns faster than corrections
         at.S = self._delassus(at.G)
         before, most, largest = at.before, 100.0 * STILL, 0.0
         if self._inverse is None:
