@@ -19,8 +19,9 @@ COMPLIANCE = 1e-8
 # Each refinement reduces the error due to the compliance by about its size.
 REFINEMENTS = 12
 ACCURACY = 1e-12  # Relative residual at which refinement ends.
-FAILURE = 1e-7  # Relative residual above which a solution is refused.
-CORRECTION = 1e-4  # That of a correction, whose error the next correction removes.
+# Relative residual above which a solution is refused, and at which that of a correction ends, which is
+# small itself.
+FAILURE = 1e-7
 # Entries of G relative to those of A, and of G'G/c. Thirty times larger: two iterations fewer with a
 # factor of the same matrix, and a condition at the limit of single precision, with which a factor takes
 # half the time. Three times smaller: three iterations more.
@@ -91,7 +92,7 @@ class QuasiDefinite:
             if left <= accuracy * size or left > 0.5 * before:
                 break
             z = z + self._solver.solve(residual)
-        if not left <= max(FAILURE, accuracy) * size:
+        if not left <= FAILURE * size:
             raise SingularSystem(
                 f"the constrained system was solved to {left / (size or 1.0):.1e} only, expected "
                 f"{FAILURE:g}: the constraints are contradictory or linearly dependent"
@@ -251,7 +252,7 @@ class Saddle:
 
         An iteration begins with `start` (n_free,), by default zero, and the latest multipliers, and
         leaves `error` at most in x, by default 1e-12 of the solution. A direct solution leaves 1e-12 of
-        the right-hand side, and as a `correction`, whose error the next one removes, 1e-4.
+        the right-hand side, and as a `correction`, which is small itself, 1e-7.
         """
         assert self._scale is not None  # a matrix has been set
         rhs, solver = np.concatenate([r, self._scale * gamma]), self._solver
@@ -261,7 +262,7 @@ class Saddle:
             self.iterations, self.factorisations = solver.iterations, solver.factorisations
         else:
             with self._timed("solution"):
-                z = solver.solve(rhs, CORRECTION if correction else ACCURACY)
+                z = solver.solve(rhs, FAILURE if correction else ACCURACY)
         x, y = np.split(z, [len(r)])
         y = self._scale * y
         if start is not None:
