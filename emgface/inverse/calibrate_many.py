@@ -166,6 +166,3 @@ def fit_one(laboratory: Laboratory, job: CalibrationJob) -> FittedTrial:
 
 def _failed(job: CalibrationJob, error: Exception) -> FittedTrial:
     return FittedTrial(job.name, "", f"failed:{type(error).__name__}", str(error))
-
-
-__all__ = ["calibrate_all"]

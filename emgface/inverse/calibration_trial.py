@@ -164,6 +164,3 @@ def _displacement(problem: Problem) -> Array:
     """Displacements (n_steps, m) of the markers from rest that are wanted [m]."""
     moved = problem.target.position - problem.state.q[problem.target.nodes]
     return moved.reshape(len(moved), -1)[1:]
-
-
-__all__ = ["CalibrationTrial", "fit_trial"]

@@ -64,6 +64,3 @@ def digest_of(*inputs: Array | object) -> str:
         )
         digest.update(raw)
     return digest.hexdigest()
-
-
-__all__ = ["Kept", "digest_of"]

@@ -184,6 +184,3 @@ def _inverted(laboratory: Laboratory, job: InversionJob, kept: Kept) -> xr.Datas
 def _failed(job: InversionJob, error: Exception) -> Inverted:
     job.out.unlink(missing_ok=True)
     return Inverted(job.path.stem, f"failed:{type(error).__name__}", str(error))
-
-
-__all__ = ["Inverted", "invert_all"]

@@ -93,6 +93,3 @@ def estimated_row(
     row[own] = 1.0
     row[other] = minimise_in_box(Q, c, 0.0 * c, 0.0 * c + 1.0).x
     return row
-
-
-__all__ = ["estimated_row", "in_order_of", "read_mixing"]

@@ -1,16 +1,12 @@
 """Motions of a face at full order, from which a reduced face is trained."""
 
-import pkgutil
 import time
 from dataclasses import dataclass
-from types import ModuleType
 from typing import Final
 
 import numpy as np
 import xarray as xr
 
-import sim
-import sim._kernels as kernels
 from emgface.face.motion import settle_face
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
@@ -35,21 +31,10 @@ from sim import (
     simulate,
 )
 
-
-def _modules(package: ModuleType) -> tuple[str, ...]:
-    """Modules of a package but those of reduced models, on which motions at full order do not depend."""
-    names = (f"{package.__name__}.{m.name}" for m in pkgutil.iter_modules(package.__path__))
-    return tuple(n for n in names if ".reduced" not in n and n != kernels.__name__)
-
-
 SNAPSHOTS: Final = Stage(
-    "snapshots",
-    (
-        *(m for m in MECHANICS if m != "sim" and not m.startswith("emgface.reduced")),
-        *_modules(sim),
-        *_modules(kernels),
-    ),
+    "snapshots", MECHANICS, without=("emgface.reduced", "sim.reduced", "sim._kernels.reduced")
 )
+"""Motions at full order do not depend on reduced models."""
 STEP: Final = 0.01
 """Time step of training and reduced motions [s]."""
 MECHANICAL: Final = (InvertedElement, NotConverged, SingularSystem, ContactFailure)

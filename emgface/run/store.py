@@ -27,6 +27,7 @@ import xarray as xr
 from emgface.errors import DataError, StoreError
 from emgface.files import expressible, new_part, plain_files, replace_file, result_file
 from emgface.plugins import versions
+from emgface.run.dependencies import reached
 from emgface.run.digest import canonical_json, code_version, file_digest, text_digest
 from emgface.run.objects import Objects
 from emgface.run.provenance import computing_environment, now
@@ -40,11 +41,18 @@ Outcome = Literal["computed", "reused", "recomputed"]
 class Stage:
     """Stage of the study whose results are stored in a folder of its name.
 
-    `modules` are the dotted names of the modules and packages whose source determines the result.
+    `modules` are the dotted names of the modules and packages that compute the result. What they import
+    determines it, too (`emgface.run.dependencies`), except what begins with one of `without`.
     """
 
     name: str
     modules: tuple[str, ...]
+    without: tuple[str, ...] = ()
+
+    @property
+    def reached(self) -> tuple[str, ...]:
+        """All modules and packages whose source determines the result."""
+        return reached(self.modules, self.without)
 
 
 @dataclass(frozen=True)
@@ -102,7 +110,7 @@ class Store:
         self, stage: Stage, inputs: Mapping[str, str], parameters: Mapping[str, Any]
     ) -> dict[str, Any]:
         """All inputs of a result, as plain data."""
-        code = {"modules": list(stage.modules), "version": code_version(stage.modules)}
+        code = {"modules": list(stage.modules), "version": code_version(stage.reached)}
         if of_others := versions(parameters):
             code["plugins"] = of_others
         return {

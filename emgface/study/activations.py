@@ -110,7 +110,7 @@ class ByMarkers:
     def digest(self) -> str:
         """Digest of the parameters and of the code of the strategies that follow the markers."""
         chosen = self._laboratory.study.inverse.model_dump(mode="json")
-        code = code_version((*INVERSE.modules, __name__))
+        code = code_version((*INVERSE.reached, __name__))
         return text_digest(f"{canonical_json(chosen)} {code}")
 
     def activation(

@@ -31,16 +31,8 @@ from emgface.study.stage_code import ALIGNED, SCORES
 from emgface.study.stages import Laboratory
 from emgface.study.table import PlannedTrial
 
-_CODE = (
-    *dict.fromkeys((*ALIGNED.modules, *SCORES.modules)),
-    "analysis.baselines",
-    "analysis.registration",
-    "analysis.individual",
-    "emgface.study.against_baselines",
-)
-
-TYPICAL = Stage("typical", (*_CODE, __name__))
-BASELINES = Stage("baselines", (*_CODE, __name__))
+TYPICAL = Stage("typical", (*ALIGNED.modules, *SCORES.modules, __name__))
+BASELINES = Stage("baselines", TYPICAL.modules)
 
 MOST_OTHERS: Final = 50
 """Largest number of other volunteers in a template, so that its cost does not grow with the study.

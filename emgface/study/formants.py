@@ -18,21 +18,7 @@ from emgface.study.outcomes import StudyRun
 from emgface.study.stages import Laboratory
 from emgface.study.table import PlannedTrial
 
-SOUND: Final = Stage(
-    "formants",
-    (
-        "emgface.acoustics",
-        "sim._kernels.options",
-        "sim.errors",
-        "analysis.formants",
-        "analysis.typed",
-        "emgface.anatomy.airway.area_function",
-        "emgface.texts",
-        "emgface.anatomy.airway.parameters",
-        "emgface.anatomy.airway.sound",
-        "emgface.study.formants",
-    ),
-)
+SOUND: Final = Stage("formants", ("analysis.formants", __name__))
 
 
 def compute_formants(

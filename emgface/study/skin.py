@@ -12,18 +12,8 @@ from emgface.run.mechanics import MECHANICS, OF_HEADS
 from emgface.run.store import Result, Stage
 from emgface.study.laboratory import Setup
 
-SKIN: Final = Stage(
-    "skin",
-    (
-        *MECHANICS,
-        "emgface.pictures.body",
-        "emgface.pictures.subdivision",
-        "emgface.pictures.surface",
-        "emgface.pictures.suture",
-        "emgface.study.skin",
-    ),
-)
-SKIN_OF_HEAD: Final = Stage("skin", (*SKIN.modules, *OF_HEADS))
+SKIN: Final = Stage("skin", (*MECHANICS, __name__), without=("emgface.anatomy",))
+SKIN_OF_HEAD: Final = Stage("skin", (*OF_HEADS, __name__))
 
 
 class SkinMotions:

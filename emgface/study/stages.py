@@ -95,7 +95,7 @@ class Laboratory(Setup):
             if self.study.face.head is None
             else (MOTION_OF_HEAD, ACTIVATION_OF_HEAD, SCORES_OF_HEAD)
         )
-        modules = {name for stage in (*STAGES, SKIN, *of_head) for name in stage.modules}
+        modules = {name for stage in (*STAGES, SKIN, *of_head) for name in stage.reached}
         chosen = self.study.model_dump(mode="json", include=tables)
         here = (__name__, "emgface.study.activations", "emgface.study.laboratory")
         code = code_version((*sorted(modules), *here))

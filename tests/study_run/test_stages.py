@@ -1,6 +1,5 @@
-"""Every stage lists all code that affects its results, so that no outdated result is used."""
+"""Results depend on the code of all modules that a stage reaches, so that no outdated one is used."""
 
-import ast
 import importlib.util
 from pathlib import Path
 
@@ -9,100 +8,81 @@ import pytest
 from emgface.anatomy.head.sweep import ROW
 from emgface.inverse.calibrate_many import FITTED
 from emgface.inverse.many import INVERTED
+from emgface.reduced.full_order import SNAPSHOTS
+from emgface.run import dependencies
+from emgface.run.dependencies import PASSIVE, reached
 from emgface.study.baselines import BASELINES, TYPICAL
 from emgface.study.formants import SOUND
 from emgface.study.skin import SKIN
-from emgface.study.stage_code import INVERSE, STAGES
-from emgface.volunteers.motions import MOTION, REST
+from emgface.study.stage_code import (
+    ACTIVATION,
+    ALIGNED,
+    INVERSE,
+    MOTION,
+    MOTION_OF_HEAD,
+    RANGE,
+    SCORES,
+    SCORES_OF_HEAD,
+    STAGES,
+)
+from emgface.volunteers.motions import MOTION as OF_VOLUNTEER
 
-PACKAGES = ("emgface", "sim", "analysis")
-PASSIVE = {
-    "emgface.plugins",  # finds the code of other packages, which enters the digest by itself
-    "emgface.errors",  # names of failures, which are not stored
-    "analysis.errors",
-    "emgface.muscles",  # names that stand in the datasets themselves
-    "emgface.choices",  # values, which enter the digest as parameters
-    "emgface.signals.parameters",
-    "emgface.face.simulation_parameters",
-    "emgface.face.accuracy",
-    "emgface.face.contact_parameters",
-    "sim._kernels.cache",  # location of compiled kernels
-}
-KEPT = {  # find and store inputs, whose digests are part of that of the result
-    *(f"emgface.run.{name}" for name in ("digest", "journal", "mechanics", "store")),
-    *(
-        f"emgface.study.{name}"
-        for name in ("laboratory", "motions", "outcomes", "stage_code", "stages", "table")
-    ),
-}
-TRACT = {  # make the tract, whose digest is part of that of formants, or what follows from these
-    "emgface.anatomy.airway.sections",
-    "emgface.face.artisynth_contact",
-    "emgface.face.lip_shape",
-    "emgface.files",
-    "emgface.schema.netcdf",
-    "analysis.cube",
-    "analysis.tables",
-}
-HEAD = {"emgface.anatomy.head.recorded"}  # of heads, whose stages list it
-NAMES = {"emgface._callable", "emgface.api"}  # public names, of which sweeps use none
-ALLOWED = {
-    **{stage: set() for stage in (*STAGES, INVERSE, INVERTED, FITTED, REST, MOTION)},
-    **{stage: KEPT for stage in (TYPICAL, BASELINES)},
-    SKIN: KEPT | HEAD,
-    SOUND: KEPT | TRACT,
-    ROW: NAMES,
-}
+FINDINGS = ("check", "finding_codes", "kinds", "labels", "quality.emg", "verdicts")
+SIGNALS = ("doubtful", "envelope", "features", "filters", "mapping", "montage", "normalisation")
+EXPECTED = {  # modules on which the results of a stage certainly depend
+    **{stage: [f"emgface.signals.{name}" for name in SIGNALS] for stage in (RANGE, ACTIVATION)},
+    MOTION: ["sim", "emgface.face.recipe", "emgface.face.waypoints", "emgface.reduced.motion"],
+    MOTION_OF_HEAD: ["emgface.anatomy.jaw.scene", "emgface.anatomy.tongue.scene"],
+    ALIGNED: ["analysis.lag", "analysis.matching", "emgface.recordings.head"],
+    SCORES: ["analysis.trajectory", *(f"emgface.recordings.{name}" for name in FINDINGS)],
+    SCORES_OF_HEAD: ["emgface.anatomy.jaw.recorded", "analysis.align"],
+    INVERSE: ["emgface.inverse.refine", "emgface.inverse.posterior", "emgface.face.measured"],
+    FITTED: ["emgface.inverse.calibration_trial", "emgface.inverse.markers"],
+    SKIN: ["emgface.pictures.surface", "emgface.pictures.subdivision"],
+    SOUND: ["emgface.acoustics", "emgface.anatomy.airway.sound"],
+    BASELINES: ["analysis.baselines", "analysis.registration", "emgface.study.against_baselines"],
+    ROW: ["emgface.anatomy.tongue.template.shape", "emgface.face.template.surface"],
+    SNAPSHOTS: ["emgface.face.motion", "sim.contact", "sim._kernels.solid"],
+}  # fmt: skip
 
 
-def source(module: str) -> Path:
-    spec = importlib.util.find_spec(module)
-    assert spec is not None and spec.origin is not None, module
-    return Path(spec.origin)
+@pytest.mark.parametrize("stage", EXPECTED, ids=lambda stage: stage.name)
+def test_a_stage_reaches_the_code_of_its_results(stage) -> None:
+    found = stage.reached
+    for name in EXPECTED[stage]:
+        assert any(name == one or name.startswith(f"{one}.") for one in found), name
+    assert all(importlib.util.find_spec(name) for name in found)
+    assert not PASSIVE & (set(found) - set(stage.modules))
 
 
-def imported(module: str) -> set[str]:
-    """First-party modules imported by the text of a module."""
-    found: set[str] = set()
-    for node in ast.walk(ast.parse(source(module).read_text())):
-        if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            for alias in node.names:
-                inner = f"{node.module}.{alias.name}"
-                is_first = node.module.split(".")[0] in PACKAGES
-                exists = is_first and importlib.util.find_spec(node.module) is not None
-                try:
-                    is_module = exists and importlib.util.find_spec(inner) is not None
-                except ModuleNotFoundError:
-                    is_module = False
-                found.add(inner if is_module else node.module)
-    return {name for name in found if name.split(".")[0] in PACKAGES}
+def test_what_only_shows_or_starts_results_is_no_part_of_their_code() -> None:
+    for stage in (*STAGES, INVERTED, TYPICAL, OF_VOLUNTEER):
+        for name in ("emgface.cli", "emgface.report", "emgface.view", "emgface.fit"):
+            assert not [one for one in stage.reached if one.startswith(name)], (stage.name, name)
+    assert not [name for name in SNAPSHOTS.reached if ".reduced" in name]
+    assert not [name for name in SKIN.reached if name.startswith("emgface.anatomy")]
 
 
-@pytest.mark.parametrize("stage", ALLOWED, ids=lambda stage: stage.name)
-def test_the_code_version_covers_everything_a_stage_imports(stage) -> None:
-    passive = PASSIVE | ALLOWED[stage]
-
-    def covered(module: str) -> bool:
-        return module in passive or any(
-            module == named or module.startswith(f"{named}.") for named in stage.modules
-        )
-
-    waiting, seen, uncovered = list(stage.modules), set(), set()
-    while waiting:
-        module = waiting.pop()
-        if module in seen or module in passive or module.split(".")[0] == "sim":
-            continue  # sim is listed whole, and imports nothing of the other two packages
-        seen.add(module)
-        for name in imported(module):
-            if not covered(name):
-                uncovered.add(f"{module} imports {name}")
-            else:
-                waiting.append(name)
-    assert not uncovered
-
-
-def test_an_import_that_is_not_listed_is_found() -> None:
-    assert "emgface.signals.filters" in imported("emgface.signals.resampling")
-    assert "emgface.face.simulation_parameters" in imported("emgface.face.recipe")
+def test_imports_are_followed_also_in_functions_and_those_of_packages(
+    tmp_path: Path, monkeypatch
+) -> None:
+    package = tmp_path / "stages_of_a_test"
+    (package / "inner").mkdir(parents=True)
+    texts = {
+        "__init__": "", "a": "def f():\n    from stages_of_a_test import b\n",
+        "b": "import stages_of_a_test.c as c\nfrom stages_of_a_test.inner import x\n",
+        "c": "import numpy\nfrom stages_of_a_test.d import NAME\n", "d": "NAME = 1\n",
+        "other": "", "inner/__init__": "x = 1\n", "inner/e": "from stages_of_a_test import g\n",
+        "g": "",
+    }  # fmt: skip
+    for name, text in texts.items():
+        (package / f"{name}.py").write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(dependencies, "PACKAGES", ("stages_of_a_test",))
+    monkeypatch.setattr(dependencies, "PASSIVE", frozenset({"stages_of_a_test.d"}))
+    found = {name.partition(".")[2] for name in reached(("stages_of_a_test.a",))}
+    assert found == {"a", "b", "c", "inner", "g"}
+    kept = reached(("stages_of_a_test.a",), ("stages_of_a_test.inner.e",))
+    assert {name.partition(".")[2] for name in kept} == {"a", "b", "c"}
+    named = reached(("stages_of_a_test.d",))
+    assert named == ("stages_of_a_test.d",)

@@ -189,6 +189,3 @@ def head_figure(motion: xr.Dataset, parts: Parts | None = None) -> "Figure":
         f"{motion.attrs.get('task', 'motion')} of the {motion.attrs['head']} (simulated)"
     )
     return figure
-
-
-__all__ = ["head_figure", "head_geometry", "head_page"]

@@ -177,15 +177,3 @@ def read_motion(path: str | Path) -> tuple[xr.Dataset, dict[str, xr.Dataset]]:
     """Read a motion and the parts of its head."""
     motion = read_netcdf(path, "head_motion")
     return motion, read_parts(path, motion["named"].values.tolist())
-
-
-__all__ = [
-    "OUTPUT",
-    "STEP",
-    "scene_activation",
-    "probes",
-    "raised",
-    "read_motion",
-    "simulate_head",
-    "write_motion",
-]

@@ -89,6 +89,3 @@ def _figure(geometry: Drawn, name: str, what: str, views: Mapping[str, str]) -> 
         panel.set_title(title)
     figure.suptitle(f"{name} at rest: {what}")
     return figure
-
-
-__all__ = ["head_at_rest", "head_model_figure", "jaw_model_figure", "tongue_model_figure"]

@@ -33,7 +33,14 @@ from sim.threads import one_blas_thread
 
 STEP_ERROR, MESH_ERROR = "_step_error", "_mesh_error"
 """Endings of the columns with the numerical errors of an outcome."""
-ROW: Final = Stage("sweep", (*MECHANICS, "emgface.anatomy", "emgface.choices", "emgface.face"))
+ROW: Final = Stage(
+    "sweep",
+    (
+        *MECHANICS,
+        "emgface.choices",
+        *(f"emgface.anatomy.head.{name}" for name in ("build", "outcomes", "plan", "run")),
+    ),
+)
 """Rows of sweeps; the module of their measure is part of their code, too."""
 
 

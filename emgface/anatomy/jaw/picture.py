@@ -290,6 +290,3 @@ _JOINTS = {
     "bite_R": "right teeth",
     "bite_L": "left teeth",
 }
-
-
-__all__ = ["drawn_times", "jaw_figure", "jaw_geometry", "jaw_page", "moving_page"]

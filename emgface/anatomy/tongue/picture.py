@@ -146,6 +146,3 @@ def tongue_figure(motion: xr.Dataset) -> "Figure":
     task = motion.attrs.get("task", "motion")
     figure.suptitle(f"{task} of the {motion.attrs['tongue']} (simulated)")
     return figure
-
-
-__all__ = ["tongue_figure", "tongue_geometry", "tongue_page", "tube"]

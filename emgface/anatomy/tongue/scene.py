@@ -236,6 +236,3 @@ def _outside_lines(tongue: xr.Dataset, numbers: Indices, p: TongueParameters) ->
         for line in _segments(tongue, numbers, share)
     ]
     return [sim.LineMuscles(names, fibres, sim.ConstantForce(1.0))]
-
-
-__all__ = ["TonguePart", "tongue_activation", "segment_forces", "tongue_part", "tongue_scene"]
