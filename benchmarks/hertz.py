@@ -20,7 +20,7 @@ import pandas as pd
 
 import sim
 from benchmarks.report import markdown
-from sim.grids import grid_mesh
+from sim.mesh import grid_mesh
 
 RADIUS, YOUNG, POISSON = 1.0, 1e4, 0.3
 WIDTH = 0.7  # of the radius: sides of the part that is modelled

@@ -40,7 +40,7 @@ from emgface.face.contact import contact_pairings
 from emgface.face.lips import lining
 from emgface.face.surface import boundary_faces, triangles
 from sim.contact import NodeSurface, Pairing, RigidShell
-from sim.contact.bodies import body_surfaces
+from sim.contact.surfaces import body_surfaces
 from sim.scene import Term
 
 Floats = np.ndarray

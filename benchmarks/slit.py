@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 import sim
 from benchmarks.report import Row
 from emgface.treatment.closure import drawn_together, relaxed, ties
-from sim.grids import grid_mesh
+from sim.mesh import grid_mesh
 
 
 def sheet(

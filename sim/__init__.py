@@ -30,7 +30,6 @@ from sim.errors import (
     ToleranceMissed,
     UnstableDamping,
 )
-from sim.grids import grid_cells, grid_mesh
 from sim.integrators import (
     ConvergedEuler,
     LinearlyImplicitEuler,
@@ -63,7 +62,7 @@ from sim.laws import (
     Prony,
     QuadraticBulk,
 )
-from sim.mesh import Mesh, mesh_from_arrays
+from sim.mesh import Mesh, grid_cells, grid_mesh, mesh_from_arrays
 from sim.prestretch import IN_VIVO, initial_stretch, stretch_field
 from sim.probes import (
     Contacts,

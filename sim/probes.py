@@ -8,12 +8,12 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 
 from sim.checks import real_numbers
+from sim.dense import dot
 from sim.errors import SceneError
 from sim.indices import count_of, index, indices, kept_until_known
 from sim.scene import Index
 from sim.state import Array, Control, Outputs, State, StepReport
 from sim.system import System
-from sim.vectors import dot
 
 AXES = ("x", "y", "z")
 

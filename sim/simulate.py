@@ -14,8 +14,8 @@ from sim.checks import number, whole
 from sim.errors import ControlError, SceneError, SlowStepsWarning
 from sim.integrators import ConvergedEuler, Integrator, Workspace
 from sim.integrators.contract import RunsSteps
-from sim.linear.threads import NOTE
-from sim.linear.threads import solver_threads as threads_of
+from sim.linear.pardiso import NOTE
+from sim.linear.pardiso import solver_threads as threads_of
 from sim.outputs import Interval, intervals, outputs_of, steps_to_outputs
 from sim.probes import Probe, ReadsErrors, SmallestJ
 from sim.record import Log

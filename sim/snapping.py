@@ -4,12 +4,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from sim.dense import dot, norm
 from sim.integrators.bodies_alone import BodiesAlone
 from sim.kinematics import Kinematics
 from sim.pattern import Flags
 from sim.state import Array, Control, Pose, State
 from sim.system import System
-from sim.vectors import dot, norm
 
 STILL = 1e-7  #: displacement below which the test is not applied [m]
 ROUNDING = 1e-6  #: relative rounding error of the product of displacement and change of force

@@ -6,8 +6,8 @@ from scipy.sparse import csr_array, triu
 from sim.constraints.union import Constraints
 from sim.errors import SingularSystem
 from sim.linear import linear_solver
-from sim.linear.conjugate_gradients import conjugate_gradients
 from sim.linear.contract import Operator
+from sim.linear.krylov import conjugate_gradients
 from sim.pattern import Array, Sparsity
 
 SHARE = 1e-10  #: largest relative change of the multipliers in the last iteration

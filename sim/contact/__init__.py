@@ -1,8 +1,7 @@
 """Contact: surfaces, search, distance, and constraints."""
 
-from sim.contact.bodies import body_surfaces
 from sim.contact.constraint import ConstraintContact
-from sim.contact.surfaces import NodeSurface, Pairing, RigidShell, boundary_surface
+from sim.contact.surfaces import NodeSurface, Pairing, RigidShell, body_surfaces, boundary_surface
 
 __all__ = [
     "ConstraintContact",

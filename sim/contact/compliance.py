@@ -2,7 +2,7 @@
 
 The contacts change in every iteration, but the tissue does not. With the compliance C of the
 unknowns of a surface and rows of directions D, forces f of the rows open them by W f with W = D C
-D', so that the active rows and their forces follow from a small dense matrix (`sim.contact.pushes`)
+D', so that the active rows and their forces follow from a small dense matrix (`sim.contact.cone`)
 for any size of the tissue.
 
 A compliance is used longer than the factor from which it was computed. As the stiffness of the
@@ -20,8 +20,6 @@ from collections.abc import Callable
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from sim.contact.rows import Rows
-from sim.pattern import SymmetricPattern
 from sim.scene import Index
 from sim.state import Array
 
@@ -30,19 +28,6 @@ KNOWN = 0.1  #: relative error below which updates are skipped
 LEARNT = 64  #: number of updates stored with the matrix
 
 Solve = Callable[[Array], Array]
-
-
-def directions(pattern: SymmetricPattern, rows: Rows, along: Array | None = None) -> csr_array:
-    """D (k, n_free), motion along directions (k, 3), by default the normals, by the free unknowns."""
-    along = rows.normal if along is None else along
-    k = len(rows)
-    place = np.full(3 * pattern.n_nodes, -1)
-    place[pattern.free] = np.arange(len(pattern.free))
-    column = place[(3 * rows.nodes[:, :, None] + np.arange(3)).reshape(k, 12)]
-    entry = (rows.weight[:, :, None] * along[:, None, :]).reshape(k, 12)
-    used = (column >= 0) & (entry != 0.0)
-    ends = np.r_[0, np.cumsum(used.sum(axis=1))]
-    return csr_array((entry[used], column[used], ends), shape=(k, len(pattern.free)))
 
 
 class Compliance:

@@ -7,9 +7,9 @@ import numpy as np
 
 from sim.checks import real_numbers, require
 from sim.contact.compiled import CompiledContact
+from sim.contact.rows import ContactTolerances
 from sim.contact.search import faces_within
 from sim.contact.surfaces import NodeSurface, Pairing
-from sim.contact.tolerances import ContactTolerances
 from sim.errors import SceneError
 from sim.mesh import Mesh
 from sim.pattern import distinct

@@ -1,4 +1,4 @@
-"""Contact rows, each of one vertex and one face, their multipliers and their forces.
+"""Contact rows, each of one vertex and one face, their lengths, directions, multipliers and forces.
 
 Of the relative displacement r of vertex and face since the start of the step, a row contains the
 gap g = gap0 + n . r at the end of the step. With its multipliers lambda (along n) and lambda_t
@@ -17,12 +17,87 @@ treatment of contact problems involving friction.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
+from sim.dense import dot
 from sim.errors import ContactFailure
 from sim.pattern import Flags, SymmetricPattern
 from sim.scene import Index
 from sim.state import Array
-from sim.vectors import dot
+
+LARGEST_SHARE = 0.2  #: largest tolerance relative to the approach distance
+
+
+@dataclass(frozen=True)
+class ContactTolerances:
+    """Lengths at which contact decides, in terms of two."""
+
+    length: float = 5e-4  #: distance of a vertex and a face below which they have a row [m]
+    share: float = 2e-3  #: gap, penetration or slip that an iteration leaves, relative to `length`
+
+    def _residuals(self, number: float) -> float:
+        return min(number * self.share, LARGEST_SHARE) * self.length
+
+    @property
+    def residual(self) -> float:
+        """Remaining gap or slip of an iteration [m]; ten times larger values cause visible gaps."""
+        return self._residuals(1.0)
+
+    @property
+    def solution(self) -> float:
+        """Error of an iterative linear solution [m], below the residual, so that gaps converge."""
+        return self._residuals(0.3)
+
+    @property
+    def converged(self) -> float:
+        """Residual of a converged step [m], which the correction of positions removes."""
+        return self._residuals(2.0)
+
+    @property
+    def noticed(self) -> float:
+        """Smallest penetration that is corrected [m]; smaller ones remain."""
+        return self._residuals(3.0)
+
+    @property
+    def left(self) -> float:
+        """Penetration after a correction above which rows are searched again [m]."""
+        return self._residuals(5.0)
+
+    @property
+    def accepted(self) -> float:
+        """Violation of rows that the correction removes [m]; limited, so that no vertex enters."""
+        return self._residuals(10.0)
+
+    @property
+    def unexpected(self) -> float:
+        """Depth of an inactive row above which a step is solved again [m]."""
+        return self._residuals(20.0)
+
+    @property
+    def considerable(self) -> float:
+        """Depth of an active row above which a step is solved again [m]."""
+        return 0.2 * self.length
+
+    @property
+    def likely(self) -> float:
+        """Gap below which rows may become active in the same iteration [m]."""
+        return 0.2 * self.length
+
+    @property
+    def slide(self) -> float:
+        """Sliding distance over which contact normals are low-pass filtered [m]."""
+        return 0.5 * self.length
+
+    @property
+    def hair(self) -> float:
+        """Initial depth up to which a vertex is regarded as on the surface [m]."""
+        return 0.2 * self.length
+
+    @property
+    def lift(self) -> float:
+        """Distance outside the surface from which the path of such a vertex starts [m]."""
+        return 2e-4 * self.length
+
 
 FIRST = np.array([0, 0, 0, 0, 1, 1, 1, 2, 2, 3])
 SECOND = np.array([0, 1, 2, 3, 1, 2, 3, 2, 3, 3])
@@ -268,3 +343,72 @@ class Acting:
         """Largest violation [m]: gap of an active row, penetration of an inactive one, or slip."""
         miss = np.where(self.force > 0.0, np.abs(self.gap), np.maximum(-self.gap, 0.0))
         return max(float(miss.max(initial=0.0)), self.slip)
+
+
+def directions(pattern: SymmetricPattern, rows: Rows, along: Array | None = None) -> csr_array:
+    """D (k, n_free), motion along directions (k, 3), by default the normals, by the free unknowns."""
+    along = rows.normal if along is None else along
+    k = len(rows)
+    place = np.full(3 * pattern.n_nodes, -1)
+    place[pattern.free] = np.arange(len(pattern.free))
+    column = place[(3 * rows.nodes[:, :, None] + np.arange(3)).reshape(k, 12)]
+    entry = (rows.weight[:, :, None] * along[:, None, :]).reshape(k, 12)
+    used = (column >= 0) & (entry != 0.0)
+    ends = np.r_[0, np.cumsum(used.sum(axis=1))]
+    return csr_array((entry[used], column[used], ends), shape=(k, len(pattern.free)))
+
+
+def across(normal: Array) -> tuple[Array, Array]:
+    """Two unit vectors (k, 3) perpendicular to normals and each other."""
+    one: Array = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)]).astype(np.float64)
+    one /= np.linalg.norm(one, axis=1, keepdims=True)
+    return one, np.cross(normal, one).astype(np.float64)
+
+
+class UnitVectors:
+    """Directions of all rows; the normal of each row is followed by two vectors across it.
+
+    Attributes
+    ----------
+    friction : (k,) coefficient; rows with zero have the normal alone.
+    first : (k,) index of the normal of each row.
+    contact : (m,) row of each direction.
+    """
+
+    def __init__(self, rows: Rows) -> None:
+        self._rows, self.friction = rows, rows.friction
+        self._size = np.where(rows.friction > 0.0, 3, 1)
+        self.first: Index = np.cumsum(self._size) - self._size
+        self.contact: Index = np.repeat(np.arange(len(rows)), self._size)
+        self._rubs = np.flatnonzero(rows.friction > 0.0)
+        self._across = self.first[self._rubs, None] + np.array([1, 2])
+        # (rubbing rows, 2, 3)
+        self._vectors = np.stack(across(rows.normal[self._rubs]), axis=1)
+
+    def directions(self, pattern: SymmetricPattern) -> csr_array:
+        """D (m, n_free), motion along all directions by the free unknowns."""
+        along = self._rows.normal[self.contact]
+        along[self._across] = self._vectors
+        return directions(pattern, self._rows.take(self.contact), along)
+
+    def of(self, contacts: Index) -> Index:
+        """Directions of some rows, in ascending order."""
+        return np.flatnonzero(np.isin(self.contact, contacts))
+
+    def is_of(self, contacts: Flags, sticking: Flags) -> Flags:
+        """Directions (m,): normals of some rows (k,), and vectors across others."""
+        out = sticking[self.contact]
+        out[self.first] = contacts
+        return out
+
+    def components(self, normal: Array, across: Array) -> Array:
+        """Components (m,) of vectors with normal components (k,) and parts (k, 3) across."""
+        out = normal[self.contact]
+        out[self._across] = np.einsum("kij,kj->ki", self._vectors, across[self._rubs])
+        return out
+
+    def vectors(self, components: Array) -> tuple[Array, Array]:
+        """Normal components (k,), and parts (k, 3) across, of components (m,)."""
+        across = np.zeros((len(self.first), 3))
+        across[self._rubs] = np.einsum("kij,ki->kj", self._vectors, components[self._across])
+        return components[self.first], across

@@ -5,8 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.contact.compiled import ALLOWED, DIRECTION, FORCE, FRICTION, MEMORY, PUSH, CompiledContact
-from sim.contact.direction import Move
+from sim.contact.compiled import (
+    ALLOWED,
+    DIRECTION,
+    FORCE,
+    FRICTION,
+    MEMORY,
+    PUSH,
+    CompiledContact,
+    Move,
+)
 from sim.contact.rows import Acting, Flags, Multipliers, RowPlaces, Rows
 from sim.pattern import SymmetricPattern
 from sim.scene import Index

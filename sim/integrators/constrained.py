@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from sim.dense import dot
 from sim.errors import NotConverged
 from sim.integrators.newton import (
     Iteration,
@@ -13,10 +14,9 @@ from sim.integrators.newton import (
     line_search,
     rounding_of,
 )
-from sim.integrators.touching_constrained import TouchingConstrained
+from sim.integrators.touching import TouchingConstrained
 from sim.integrators.workspace import Workspace
 from sim.state import Array
-from sim.vectors import dot
 
 MAX_SHIFTS = 12
 

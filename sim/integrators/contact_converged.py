@@ -10,11 +10,9 @@ from sim.contact.rows import GIVEN_UP, Multipliers, Rows, at_end
 from sim.contact.step import ContactStep, Opened, carried_over, penalties, renewed
 from sim.errors import NotConverged
 from sim.integrators.contract import require_upright
+from sim.integrators.factor import alike
 from sim.integrators.newton import Iteration, Point, Potential
-from sim.integrators.newton_factor import alike
-from sim.integrators.touching import InContact, TouchingInMatrix
-from sim.integrators.touching_apart import TouchingApart
-from sim.integrators.touching_constrained import TouchingConstrained
+from sim.integrators.touching import InContact, TouchingApart, TouchingConstrained, TouchingInMatrix
 from sim.integrators.workspace import Workspace
 from sim.scene import Index
 from sim.state import Array, Evaluation, Pose

@@ -18,28 +18,27 @@ from scipy.sparse import csr_array
 
 from sim.contact.rows import Rows, at_end, no_rows
 from sim.contact.step import ContactStep, renewed
-from sim.dense import inverse
+from sim.dense import dot, inverse
 from sim.errors import NotConverged
 from sim.integrators.equilibrium_rows import FARTHEST, ReducedStiffness
-from sim.integrators.incremental import PotentialOfMoves
+from sim.integrators.factor import Key
 from sim.integrators.linear_rows import ROUNDS
 from sim.integrators.newton import (
     Iteration,
     Point,
+    PotentialOfMoves,
     Tolerances,
     Trial,
     error_left,
     line_search,
     rounding_of,
 )
-from sim.integrators.newton_factor import Key
 from sim.integrators.rows_of_step import STILL, RowsAt, RowsOfStep, dense, joint_rows
 from sim.integrators.workspace import Workspace
 from sim.linear import NotPositiveDefinite
 from sim.multibody import MOST_DENSE
 from sim.scene import Index
 from sim.state import Array, Pose
-from sim.vectors import dot
 
 MAX_SHIFTS = 24  #: shifts of indefinite matrices that end a stage; an ordinary one has none
 PASSES, SHARE = 8, 0.02

@@ -10,9 +10,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sim.dense import inverse, least, reported
-from sim.integrators.incremental import PotentialOfMoves
-from sim.integrators.newton import Point
-from sim.integrators.newton_factor import NewtonFactor
+from sim.integrators.factor import NewtonFactor
+from sim.integrators.newton import Point, PotentialOfMoves
 from sim.integrators.rows_of_step import JointRows, joint_rows
 from sim.joints.compiled import REDUNDANT, ROWS
 from sim.matrix import Matrix

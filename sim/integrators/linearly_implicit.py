@@ -7,10 +7,9 @@ import numpy as np
 
 from sim.errors import InvertedElement
 from sim.integrators.contract import require_upright
-from sim.integrators.estimate import of_input, relaxed
+from sim.integrators.estimate import Turned, of_input, relaxed, swing_of
 from sim.integrators.linear_rows import LinearRows
 from sim.integrators.step_solver import Solution
-from sim.integrators.swing import Turned, swing_of
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
 from sim.linear import NotReached

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim.contact.coulomb import Blocks, forces
-from sim.contact.rows import Acting, Multipliers, Rows
+from sim.contact.cone import Blocks, forces
+from sim.contact.rows import Acting, Multipliers, Rows, across
 from sim.contact.step import CORRECTIONS, ContactStep
-from sim.dense import reported
+from sim.dense import held, reported
 from sim.errors import NotConverged
-from sim.held import held
-from sim.integrators.incremental import PotentialOfMoves
+from sim.integrators.newton import PotentialOfMoves
 from sim.integrators.step_solver import Solution
 from sim.joints.compiled import REDUNDANT
 from sim.matrix import Matrix
@@ -232,7 +231,7 @@ class RowsOfStep:
         m = j + int(size.sum())
         value, compliance, before = np.zeros(m), np.zeros(m), np.zeros(m)
         remembered = Multipliers.of(rows, np.ones(k), np.zeros(k), np.zeros((k, 3)))
-        tangents, slid = _across(rows.normal[rub]), np.zeros((len(rub), 3))
+        tangents, slid = across(rows.normal[rub]), np.zeros((len(rub), 3))
         if k:
             u, remembered = pose.q - self._step.q0, self._step.multipliers(rows, np.ones(k))
             value[first], before[first] = rows.gaps(u), remembered.normal
@@ -302,12 +301,3 @@ def _require_converged(left: float, error: float, until: float) -> None:
     if not left <= LEFT * error:
         reason = f"contact forces did not converge, {left:.2g} are left"
         raise NotConverged((), until, reason)
-
-
-def _across(normal: Array) -> tuple[Array, Array]:
-    """Two unit vectors (k, 3) perpendicular to normals and each other."""
-    axis: Index = np.argmin(np.abs(normal), axis=1)
-    one: Array = np.cross(normal, np.eye(3)[axis]).astype(np.float64)
-    one /= np.linalg.norm(one, axis=1, keepdims=True)
-    other: Array = np.cross(normal, one).astype(np.float64)
-    return one, other

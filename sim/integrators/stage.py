@@ -13,12 +13,16 @@ from sim.integrators.constrained import minimise_constrained
 from sim.integrators.contact_converged import Settled, minimise_in_contact, moved_upright
 from sim.integrators.contact_stage import StageInContact, StageWithRows
 from sim.integrators.estimate import of_input, relaxed
-from sim.integrators.incremental import (
+from sim.integrators.newton import (
     IncrementalPotential,
+    Iteration,
+    Point,
+    Potential,
     Stage,
+    Tolerances,
     VaryingInertia,
+    minimise,
 )
-from sim.integrators.newton import Iteration, Point, Potential, Tolerances, minimise
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
 from sim.matrix import Matrix

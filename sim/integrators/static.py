@@ -9,8 +9,7 @@ from sim.contact.step import ContactStep
 from sim.integrators.contact_converged import minimise_in_contact
 from sim.integrators.contact_stage import StageWithRows
 from sim.integrators.contract import require_fixed_contact, require_upright
-from sim.integrators.incremental import PotentialOfMoves
-from sim.integrators.newton import Point
+from sim.integrators.newton import Point, PotentialOfMoves
 from sim.integrators.stage import Iterative
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS

@@ -1,15 +1,21 @@
-"""Potentials with contact forces, and that with assembled rows.
+"""Potentials with contact forces, augmented Lagrangians of the gaps g >= 0, (11) of docs/step.md.
 
-They are augmented Lagrangians of the rows' gaps g >= 0, (11) of docs/step.md (`sim.contact.rows`).
+Contact forces follow from the Schur complement (5) of rows apart from the matrix, also under
+constraints (12), or the rows are assembled into the matrix.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from sim.contact.rows import Acting, Multipliers, RowPlaces, Rows
+import numpy as np
+
+from sim.contact.compliance import Compliance, RowCompliance
+from sim.contact.cone import frictional, pushes
+from sim.contact.rows import Acting, Multipliers, RowPlaces, Rows, UnitVectors, directions
 from sim.contact.step import pressed
+from sim.dense import held
 from sim.integrators.newton import Point, Potential
 from sim.integrators.workspace import Workspace
-from sim.linear.conjugate_gradients import conjugate_gradients
+from sim.linear.krylov import conjugate_gradients
 from sim.matrix import Matrix
 from sim.scene import Index
 from sim.state import Array, Pose
@@ -130,3 +136,259 @@ class TouchingInMatrix(Touching):
         """
         push = pressed(rows, wanted, pushing, self.system.point_pattern, diagonal, self.penalty)
         return self.opening(self.answer(self.scale * self.generalised(push), work))
+
+
+APART = 300.0  #: penalty of a row relative to the stiffness
+
+PASSES = 6  #: largest number of updates of the contact forces in one iteration
+
+ROUGH, SURE = (0.5, 1.0, 1.0), (0.02, 1e-3, 0.0)
+"""Tolerance of the displacement by a change of forces, relative to it and to the contact residual, and
+depth of omitted rows in residuals: while all steps were taken in full, and after a shortened or refused
+step, when rows that are closed in the potential but omitted in its model could prevent a descent."""
+
+HASTE = 0.5
+"""Factor on the criterion of slow convergence, because an iteration takes two solutions."""
+
+HELD, HELD_SHARE = 2, 0.05
+"""Number of corrections of a solution that keeps rows closed, and share of their opening left by it."""
+
+SOFT = 1e-3  #: relative regularisation of redundant rows in a correction
+
+AT_BOUND = 1e-9  #: relative distance of friction from its bound below which a contact slides
+
+
+class TouchingApart(Touching):
+    """Contact by the Schur complement, with a factor of the potential alone.
+
+    Each iteration minimises a quadratic model of the potential under all rows. The contact forces follow
+    from the Schur complement, and the displacement from the forces, which become the multipliers. Rows
+    with friction have three directions, the normal one and two across it.
+    """
+
+    penalty, patience, haste = APART, 2, HASTE
+
+    def __init__(self, potential: Potential, multipliers: Multipliers, q0: Array) -> None:
+        super().__init__(potential, multipliers, q0)
+        self._unit = UnitVectors(multipliers.rows)
+        self._directions = self._unit.directions(self.system.point_pattern)
+        self._compliance: RowCompliance | None = None
+        # of the last direction: previous and new forces (m,), displacements (n,) by the factor with the
+        # previous ones and by their change; of the last step: start, displacement by the factor, number
+        # of the factor
+        self._tried: tuple[Array, Array, Array, Array] | None = None
+        self._moved: tuple[Point, Array, int] | None = None
+        self._left = ROUGH
+        #: violation of Coulomb's law by the latest forces, 0 if they converged [m]
+        self.missed = 0.0
+        assert self.system.contact is not None  # it has the rows
+        self._tolerances = self.system.contact.tolerances
+
+    def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
+        """Point for the present multipliers, and the direction to the minimum of the model.
+
+        The gradient of the model is that of the potential; its matrix is the factorised one with the
+        quasi-Newton updates of later steps. The bounds of friction are those of the new normal forces,
+        so that the direction is one of descent.
+        """
+        (alone, rest), secants = self._rest(point), work.newton.inverse_secants
+        by_factor = work.newton.solve(self.scale * rest)
+        if self._moved is not None and self._moved[2] == work.newton.number:
+            before, moved, _ = self._moved
+            secants.learn(alone.d - before.d, alone.g - before.g, moved - by_factor)
+        self._moved = None
+        return self._directed(point, by_factor, by_factor + secants.added(rest), work)
+
+    def _rest(self, point: Point) -> tuple[Point, Array]:
+        """Point without contact, and the forces (n,) left there by the present contact forces."""
+        assert isinstance(point, InContact)  # result of `point`
+        forces = self._unit.components(self.multipliers.normal, self.multipliers.tangent)
+        return point.alone, self._directions.T @ forces - point.alone.g
+
+    def _directed(
+        self, point: Point, by_factor: Array, free: Array, work: Workspace
+    ) -> tuple[Point, Array]:
+        """Point and direction as of `direction`, from displacements (n,) by the present forces.
+
+        They are those by the factor, and in total.
+        """
+        forces = self._unit.components(self.multipliers.normal, self.multipliers.tangent)
+        acting = self.acting(point.d)
+        gap = self._unit.components(acting.gap, acting.across) + self._directions @ free
+        new, answer, pushed = self._pushed(gap, forces, self._rows(work), work)
+        self._tried = forces, new, by_factor, answer
+        bound = self.multipliers.rows.friction * new[self._unit.first]
+        self.multipliers = replace(self.multipliers, bound=bound)
+        return self.with_contact(self._rest(point)[0]), free + pushed
+
+    def _rows(self, work: Workspace) -> RowCompliance:
+        if self._compliance is None:
+            self._compliance = RowCompliance(self._directions, self._of_tissue(work))
+        return self._compliance
+
+    def _of_tissue(self, work: Workspace) -> Compliance:
+        return work.contact.compliance(self.scale)
+
+    def _response(self, change: Array, work: Workspace) -> Array:
+        """Displacement (n,) by a change of the forces, which the compliance learns."""
+        return self.answer(self.scale * change, work)
+
+    def _pushed(
+        self, gap: Array, forces: Array, compliance: RowCompliance, work: Workspace
+    ) -> tuple[Array, Array, Array]:
+        """Forces (m,) of the model, and displacements (n,) by their change: by the factor, and in total.
+
+        Gaps and slips (m,) are those after the displacement without a change of the forces (m,) [m, N].
+        """
+        unit, soft = self._unit, 1.0 / self.multipliers.rho
+        secants, D = work.newton.inverse_secants, self._directions
+        share, least, omitted = self._left
+        residual = self._tolerances.residual
+        new, answer = forces, np.zeros(D.shape[1])
+        pushed, on = answer, (forces[unit.first] > 0.0) | (gap[unit.first] < 0.0)
+        likely = on | (gap[unit.first] < self._tolerances.likely)
+        compliance.expect(unit.of(np.flatnonzero(likely)))
+        seen = secants.seen_by(D)
+        for _ in range(PASSES):
+            contacts = np.flatnonzero(on)
+            if not len(contacts):
+                break
+            rows = unit.of(contacts)
+            G = compliance.among(rows) + secants.between(seen[rows])
+            G[np.diag_indices_from(G)] += soft[unit.contact[rows]]
+            start, new = new, np.zeros_like(forces)
+            first, rubs = np.searchsorted(rows, unit.first[contacts]), unit.friction[contacts]
+            free = gap[rows] - G @ forces[rows]
+            new[rows], self.missed = frictional(G, free, first, rubs, start[rows])
+            change = D.T @ (new - forces)
+            answer = self._response(change, work)
+            pushed = answer + secants.added(change)
+            missed, size = compliance.learn(new - forces, answer)
+            more = ~on & ((gap + D @ pushed)[unit.first] < -omitted * residual)
+            if missed <= max(share * size, least * residual) and not more.any():
+                break
+            on |= more
+        return new, answer, pushed
+
+    def accepted(self, start: Point, end: Point, length: float, work: Workspace) -> Point:
+        """End of a step, with the forces of the model as the new multipliers."""
+        assert isinstance(start, InContact) and isinstance(end, InContact)
+        if length < 1.0:
+            self._left = SURE
+        assert self._tried is not None  # set by `direction`
+        (before, new, by_factor, answer), self._tried = self._tried, None
+        forces = before + length * (new - before)
+        self.multipliers = self.multipliers.forces(*self._unit.vectors(forces))
+        self._moved = start.alone, by_factor + length * answer, work.newton.number
+        return replace(end, g=end.alone.g - self._directions.T @ forces)
+
+    def refused(self, work: Workspace) -> bool:
+        """Test if the compliance may be inaccurate; if so, it is computed again."""
+        self._left = SURE
+        self._compliance = None
+        return work.contact.forget_compliance()
+
+    def settled(self, d: Array) -> Acting:
+        """Contact forces at the end of the iteration: the multipliers.
+
+        The slip contains that which friction in another direction than the multipliers would require.
+        """
+        acting, own = self.acting(d), self.multipliers
+        turned = np.linalg.norm(acting.friction - own.tangent, axis=1) / own.rho
+        slip = max(acting.slip, float(turned.max(initial=0.0)), self.missed)
+        return replace(acting, force=own.normal, friction=own.tangent, slip=slip)
+
+    def held(self, rhs: Array, work: Workspace, opening: Array) -> Array:
+        """Solution x with the factor and D x = opening (k,) [m] for the active rows.
+
+        It does not move sticking contacts across their normals.
+
+        x = A^-1 (rhs - s^2 D' f), (D C D' + 1/rho) f = D A^-1 rhs - opening, with the compliance C = s^2
+        A^-1. The solution is repeated, because C may belong to an earlier factor.
+        """
+        multipliers = self.multipliers
+        tangent = np.linalg.norm(multipliers.tangent, axis=1)
+        sticks = tangent < multipliers.rows.friction * multipliers.normal * (1.0 - AT_BOUND)
+        on = np.flatnonzero(self._unit.is_of(multipliers.normal > 0.0, sticks))
+        x = self.answer(rhs, work)
+        if not len(on):
+            return x
+        D, G = self._directions[on], self._rows(work).among(on)
+        G[np.diag_indices_from(G)] += 1.0 / multipliers.rho[self._unit.contact[on]]
+        wanted = self._unit.components(opening, np.zeros((len(opening), 3)))[on]
+        most = HELD_SHARE * float(np.abs(D @ x - wanted).max())
+
+        def push(f: Array) -> Array:
+            return self.answer(self.scale * (D.T @ f), work)
+
+        what = "the matrix of active contacts"
+        return held(x, D, G, push, what, wanted=wanted, repeats=HELD, most=most)[0]
+
+    def opened(
+        self, rows: Rows, wanted: Array, pushing: Index, diagonal: Array, work: Workspace
+    ) -> Array:
+        """Same as `TouchingInMatrix.opened`, with other active rows kept closed, without friction."""
+        own = self.multipliers.rows
+        others = np.flatnonzero(np.isin(own.slot, pushing) & ~np.isin(own.slot, rows.slot))
+        elsewhere = self._unit.first[others]
+        D = directions(self.system.point_pattern, rows)
+        G = self._rows(work).beside(D, elsewhere)
+        G[np.diag_indices_from(G)] *= 1.0 + SOFT
+        gap = np.r_[-wanted, np.zeros(len(elsewhere))]
+        force = pushes(G, gap, gap < 0.0)
+        push = D.T @ force[: len(rows)] + self._directions[elsewhere].T @ force[len(rows) :]
+        return self.opening(self.answer(self.scale * push, work))
+
+
+class TouchingConstrained(TouchingApart):
+    """Contact by the Schur complement, with a factor of the saddle matrix of tissue and constraints.
+
+    The compliance C of the Delassus matrix D C D' of the rows is that of motions that do not change the
+    constraints. Columns of C are solutions by an older factor, which satisfy the constraints roughly;
+    every solution for a change of the contact forces satisfies them, and updates C.
+    """
+
+    def __init__(self, potential: Potential, multipliers: Multipliers, q0: Array) -> None:
+        super().__init__(potential, multipliers, q0)
+        conditions = self.system.constraints
+        assert conditions is not None  # of tissue with constraints
+        self._none = np.zeros(conditions.n)
+        self._further, self._error, self._renewed = self._none, 0.0, False
+
+    def gradient(self, point: Point) -> Array:
+        """Gradient (n,) with the present contact forces."""
+        return -self._rest(point)[1]
+
+    def under_rows(
+        self, point: Point, free: Array, error: float, work: Workspace
+    ) -> tuple[Point, Array, Array]:
+        """Point for the present multipliers, direction, and change of the constraints' multipliers.
+
+        `free` (n,) is the direction under the present contact forces. Each solution leaves an `error`
+        [m] at most.
+        """
+        self._further, self._error = self._none, error
+        start, direction = self._directed(point, free, free, work)
+        return start, direction, self._further
+
+    def _of_tissue(self, work: Workspace) -> Compliance:
+        def solve_many(f: Array) -> Array:
+            return self.answer(self.scale * f, work)
+
+        return work.contact.compliance(self.scale, solve_many)
+
+    def _response(self, change: Array, work: Workspace) -> Array:
+        """Displacement (n,) by a change of the forces, which satisfies the constraints."""
+        push, saddle = self.scale * change, work.constraints.saddle
+        answer, y = saddle.solve(push, self._none, None, self._error)
+        self._further = y / self.scale
+        return answer
+
+    def refused(self, work: Workspace) -> bool:
+        """Test if the compliance may be inaccurate; if so, it is computed again, once."""
+        super().refused(work)
+        if self._renewed:
+            return False
+        work.contact.discard()
+        self._renewed = True
+        return True

@@ -8,9 +8,8 @@ import numpy as np
 
 from sim.contact.rows import Rows
 from sim.contact.step import ContactStep
-from sim.dense import least
+from sim.dense import held, least
 from sim.errors import SceneError
-from sim.held import held
 from sim.integrators.contract import require_fixed_contact, require_no_friction
 from sim.integrators.linear_rows import LinearRows
 from sim.integrators.workspace import Workspace

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim.dense import least, solved
-from sim.held import held
+from sim.dense import held, least, solved
 from sim.pattern import Index
 from sim.state import Array
 

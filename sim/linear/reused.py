@@ -16,7 +16,7 @@ from sim.linear.contract import (
     symmetric_product,
 )
 from sim.linear.equations import Equations
-from sim.linear.gmres import Iterate, gmres
+from sim.linear.krylov import Iterate, gmres
 from sim.pattern import Index, Sparsity
 from sim.state import Array
 

@@ -11,10 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sim._kernels.reduced_contact import contact_rows, push_apart
-from sim.contact.compiled import CompiledContact
-from sim.contact.direction import Direction
-from sim.contact.search import Candidates
-from sim.contact.signed_distance import SignedFaces
+from sim.contact.compiled import CompiledContact, Direction
+from sim.contact.search import Candidates, SignedFaces
 from sim.contact.surfaces import NodeSurface, RigidShell
 from sim.errors import SceneError
 from sim.pattern import Flags

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim.checks import real_numbers
+from sim.dense import dot
 from sim.errors import SceneError
 from sim.indices import count_of, kept_until_known, node_indices
 from sim.multibody import PointForces
 from sim.scene import CompiledTerm, Contribution, Index, Layout, Term
 from sim.state import Array, Control
-from sim.vectors import dot
 
 
 @dataclass(frozen=True)

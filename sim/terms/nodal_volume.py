@@ -13,13 +13,13 @@ from scipy.sparse import csr_array
 from sim._kernels import volume as kernel
 from sim.assembly import element_pair_keys, grouped, slots
 from sim.checks import real_numbers
+from sim.dense import dot
 from sim.matrix import Product
 from sim.mesh import Mesh
 from sim.pattern import distinct
 from sim.scene import CompiledTerm, Contribution, Index, Layout, Term
 from sim.state import Array, Control
 from sim.terms.volume import CompiledElementVolume, kappa_by_element, require_positive
-from sim.vectors import dot
 from sim.volumes import PointVolumes
 
 STAND_IN = 0.2

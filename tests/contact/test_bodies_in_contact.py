@@ -6,7 +6,7 @@ import pytest
 import sim
 from benchmarks.stability.rigid_rows import G, bodies_in_contact, cuboid, plate_on_tissue, tower
 from sim.contact import body_surfaces
-from sim.contact.coulomb import Blocks, forces
+from sim.contact.cone import Blocks, forces
 from sim.contact.step import ContactStep
 from sim.integrators import contact_stage
 from sim.integrators.linear_rows import LinearRows

@@ -7,7 +7,7 @@ import pytest
 
 import sim
 from benchmarks.hertz import hertz, pressed
-from sim.contact.coulomb import Blocks, forces
+from sim.contact.cone import Blocks, forces
 from sim.integrators.stage import Converged
 from tests.bodies import grid
 from tests.contact.scenes import (

@@ -7,14 +7,14 @@ import pytest
 from scipy.optimize import nnls
 
 import sim
-from sim.contact import pushes as pushes_module
+import sim.integrators.factor
+from sim.contact import cone
 from sim.contact.compiled import FORCE, MEMORY
-from sim.contact.compliance import AT_ONCE, KNOWN, LEARNT, Compliance, RowCompliance, directions
-from sim.contact.pushes import pushes
-from sim.contact.rows import Rows
-from sim.integrators import analysed
-from sim.integrators.contact_memory import ContactMemory
-from sim.integrators.quasi_newton import InverseSecants, SecantMemory
+from sim.contact.compliance import AT_ONCE, KNOWN, LEARNT, Compliance, RowCompliance
+from sim.contact.cone import pushes
+from sim.contact.rows import Rows, directions
+from sim.integrators.factor import InverseSecants, SecantMemory
+from sim.integrators.workspace import ContactMemory
 from sim.linear import FACTORS, linear_solver, pardiso_is_available, symmetric_product
 from tests.bodies import grid
 from tests.contact.scenes import box, moved, system_of, two_bodies
@@ -201,7 +201,7 @@ def test_a_cycling_active_set_ends_in_the_solution(monkeypatch):
     rng = np.random.default_rng(1)
     G, c = positive(12, rng), rng.normal(size=12)
     expected = pushes(G, c, c < 0.0)
-    monkeypatch.setattr(pushes_module, "CHANGES", 0)
+    monkeypatch.setattr(cone, "CHANGES", 0)
     np.testing.assert_allclose(pushes(G, c, c < 0.0), expected, atol=1e-8)
     L = np.linalg.cholesky(G)
     np.testing.assert_allclose(expected, nnls(L.T, -np.linalg.solve(L, c))[0], atol=1e-8)
@@ -257,8 +257,8 @@ def test_schur_complement_and_assembled_rows_give_the_same_motion(
     contact = sim.ConstraintContact((sim.Pairing(*surfaces), floor), friction=friction)
     system = system_of(mesh, contact, sim.Gravity((1.5, 0.0, -9.81)))
     ends = []
-    for most in (analysed.MOST_APART, -1):
-        monkeypatch.setattr(analysed, "MOST_APART", most)
+    for most in (sim.integrators.factor.MOST_APART, -1):
+        monkeypatch.setattr(sim.integrators.factor, "MOST_APART", most)
         ends.append(moved(system, integrator(), 12, h=0.005)[-1].q)
     assert np.abs(ends[0] - mesh.X).max() > 5e-4
     np.testing.assert_allclose(ends[0], ends[1], rtol=0, atol=1e-5)
@@ -299,7 +299,7 @@ def test_a_step_may_change_between_both_forms_of_contact(monkeypatch, linear, fr
     work, state = sim.Workspace(system, linear), system.rest_state()
     control = system.control(np.zeros(0))
     for most, apart in ((800, True), (-1, False), (800, True)):
-        monkeypatch.setattr(analysed, "MOST_APART", most)
+        monkeypatch.setattr(sim.integrators.factor, "MOST_APART", most)
         assert (work.form(system, state) is system) is apart
         state, report = sim.ConvergedEuler().step(system, state, control, 0.01, work)
         assert report.factorisations >= 1
@@ -360,8 +360,8 @@ def test_with_constraints_only_equilibria_have_rows_in_their_matrix(linear):
 def test_forces_by_the_schur_complement_are_those_of_assembled_rows(monkeypatch, linear, method):
     """With constant volumes; the assembled rows and their augmentation are another method."""
     system, ends = _of_constant_volume(tolerance=2e-5), []  # of 0.5 mm
-    for most in (analysed.MOST_APART, -1):
-        monkeypatch.setattr(analysed, "MOST_APART", most)
+    for most in (sim.integrators.factor.MOST_APART, -1):
+        monkeypatch.setattr(sim.integrators.factor, "MOST_APART", most)
         work, state = sim.Workspace(system, linear), system.rest_state()
         assert (work.form(system, state) is system) == (most > 0)
         for _ in range(8):

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import sim
-from sim.contact.compiled import FORCE, MEMORY
-from sim.contact.direction import Move
+from sim.contact.compiled import FORCE, MEMORY, Move
 from tests.bodies import grid, rotation
 from tests.contact.scenes import box, moved, square, system_of, two_bodies
 
@@ -83,7 +82,7 @@ def test_a_pair_beyond_reach_is_named(monkeypatch):
     mesh, lower, upper = two_bodies(grid((1, 1, 1)), grid((1, 1, 1)), [0.0, 0.0, 0.03])
     pairings = (sim.Pairing(lower, upper),)
     system = system_of(mesh, sim.ConstraintContact(pairings, reach=0.005))
-    monkeypatch.setattr("sim.integrators.analysed.MOST_APART", -1)  # rows in the matrix
+    monkeypatch.setattr("sim.integrators.factor.MOST_APART", -1)  # rows in the matrix
     v = np.zeros_like(mesh.X)
     v[upper.nodes, 2] = -1.0
     with pytest.raises(sim.ContactFailure, match="reach of 0.005 m.*increase the reach") as found:

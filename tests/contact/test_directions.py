@@ -7,8 +7,8 @@ import pytest
 
 import sim
 from sim.contact.compiled import DIRECTION, MEMORY
+from sim.contact.rows import ContactTolerances
 from sim.contact.step import TURN, ContactStep
-from sim.contact.tolerances import ContactTolerances
 from tests.bodies import grid, rotation
 from tests.contact.scenes import box, moved, system_of, two_bodies
 

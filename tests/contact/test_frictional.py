@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from sim.contact import frictional as module
-from sim.contact.coulomb import Blocks, forces
-from sim.contact.frictional import frictional
+from sim.contact import cone
+from sim.contact.cone import Blocks, forces, frictional
 
 
 def problem(seed, most=40, coefficients=(0.0, 0.1, 0.3, 0.8)):
@@ -59,8 +58,8 @@ def test_forces_equal_those_of_sweeps(seed):
 
 def test_without_convergence_the_bounds_are_obeyed(monkeypatch):
     """One iteration from each start leaves an error, but no force beyond a bound."""
-    monkeypatch.setattr(module, "CHANGES", 1)
-    monkeypatch.setattr(module, "SWEEPS", 1)
+    monkeypatch.setattr(cone, "NEWTON", 1)
+    monkeypatch.setattr(cone, "BETWEEN", 1)
     G, c, first, friction = problem(3)
     f, missed = frictional(G, c, first, friction, np.zeros(len(c)))
     u = G @ f + c

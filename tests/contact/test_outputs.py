@@ -5,7 +5,7 @@ import pytest
 
 import sim
 from emgface.face.penetration import depths
-from sim.contact.tolerances import ContactTolerances
+from sim.contact.rows import ContactTolerances
 from tests.bodies import grid
 from tests.contact.scenes import (
     CASES,

@@ -7,8 +7,14 @@ from scipy.spatial import ConvexHull
 
 import sim
 from sim._kernels import triangles as kernel
-from sim.contact.search import Candidates, closest_faces, entered_faces, nearest_faces
-from sim.contact.signed_distance import Recent, SignedFaces
+from sim.contact.search import (
+    Candidates,
+    Recent,
+    SignedFaces,
+    closest_faces,
+    entered_faces,
+    nearest_faces,
+)
 from tests.bodies import grid, rotation
 from tests.contact.scenes import edge_edge, entered_by, point_triangle
 

@@ -10,9 +10,8 @@ from scipy.spatial import KDTree
 import sim
 from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
-from sim.contact.search import Candidates
-from sim.contact.signed_distance import SignedFaces
-from sim.contact.tolerances import ContactTolerances
+from sim.contact.rows import ContactTolerances
+from sim.contact.search import Candidates, SignedFaces
 from sim.integrators.linear_rows import SHARE
 from tests.bodies import grid
 from tests.contact.scenes import CASES, contact_of, moved, system_of, two_bodies

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import sim
-from sim.contact.bodies import body_surfaces
 from sim.contact.rows import no_rows
+from sim.contact.surfaces import body_surfaces
 from sim.integrators.linear_rows import LinearRows
 from sim.joints import Spherical, Weld
 from sim.state import Line

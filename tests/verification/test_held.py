@@ -5,7 +5,7 @@ import pytest
 from scipy.sparse import csr_array
 
 import sim
-from sim.held import held
+from sim.dense import held
 
 RNG = np.random.default_rng(0)
 B = RNG.normal(size=(30, 30))

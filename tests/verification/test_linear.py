@@ -18,7 +18,7 @@ from sim.linear import (
     symmetric_product,
 )
 from sim.linear.equations import Equations
-from sim.linear.gmres import gmres
+from sim.linear.krylov import gmres
 from sim.linear.reused import PATIENCE, SINGULAR
 from tests.bodies import boundary, crossed_muscles, grid
 

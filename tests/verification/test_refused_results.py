@@ -8,7 +8,7 @@ import pytest
 
 import sim
 from sim.constraints import projection
-from sim.contact.coulomb import Blocks, forces
+from sim.contact.cone import Blocks, forces
 from sim.dense import inverse, least, solved
 from sim.integrators.newton import Trial, line_search
 from sim.linear.equations import Equations

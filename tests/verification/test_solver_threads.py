@@ -7,8 +7,7 @@ import pytest
 
 import sim
 from sim.linear import pardiso, pardiso_is_available
-from sim.linear.pardiso import AUTO, AVX2, STRICT
-from sim.linear.threads import NOTE, thread_count
+from sim.linear.pardiso import AUTO, AVX2, NOTE, STRICT, thread_count
 from tests.verification.test_same_bits import CONVERGED, block, drive
 
 needs_pardiso = pytest.mark.skipif(

@@ -21,7 +21,7 @@ from emgface.face.recipe import DAMPING, GRAVITY, compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.surface import triangles
 from sim.contact import NodeSurface, Pairing, RigidShell
-from sim.contact.bodies import body_surfaces
+from sim.contact.surfaces import body_surfaces
 from sim.embedding import Embedding
 from sim.kinematics.members import Member
 from sim.scene import Term
