@@ -127,6 +127,11 @@ class System(Described):
     # Which terms have a method is tested once, because tests take longer than a small force.
 
     @cached_property
+    def _acting(self) -> tuple[CompiledTerm, ...]:
+        """Terms with forces: contact acts by the rows of a step instead."""
+        return having(self.terms, "add")
+
+    @cached_property
     def _history(self) -> bool:
         """True if any term depends on the start of a step."""
         return bool(having(self.terms, "during"))
@@ -163,7 +168,7 @@ class System(Described):
     def force(self, q: Array, control: Control) -> Evaluation:
         """Forces and energy at positions q (n_nodes, 3) [m]."""
         f = np.zeros_like(q)
-        return _total(f, [term.add(q, control, f) for term in self.terms])
+        return _total(f, [term.add(q, control, f) for term in self._acting])
 
     def tangent(self, q: Array, control: Control) -> tuple[Evaluation, Array]:
         """Forces and stiffness at positions q.
@@ -174,7 +179,7 @@ class System(Described):
         K : (point_pattern.nnz,) values of the upper triangle of -df/dq [N/m].
         """
         f, K = np.zeros_like(q), np.zeros(self.point_pattern.nnz)
-        return _total(f, [term.add(q, control, f, K) for term in self.terms]), K
+        return _total(f, [term.add(q, control, f, K) for term in self._acting]), K
 
     @property
     def is_damped(self) -> bool:

@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from sim.contact.rows import ENTERED, NEAREST, WALL, ContactTolerances, Flags, Rows, no_rows
+from sim.contact.rows import ENTERED, NEAREST, NO_ROWS, WALL, ContactTolerances, Flags, Rows
 from sim.contact.search import (
     NO_NORMALS,
     Candidates,
@@ -18,8 +18,8 @@ from sim.contact.search import (
 )
 from sim.contact.surfaces import NodeSurface, Pairing, RigidShell, Surface, sides_of
 from sim.pattern import SymmetricPattern
-from sim.scene import CompiledTerm, Contribution, Index, Layout
-from sim.state import Array, Control, State
+from sim.scene import CompiledTerm, Index, Layout
+from sim.state import Array, State
 
 SELF_DEPTH = 0.2
 """Fraction of the approach distance that may lie behind a face of the same surface."""
@@ -40,6 +40,8 @@ class Move:
     #: t1
     t0: float
     t1: float
+    #: positions of shells at both ends, computed once for all trials of a step
+    shells: dict[RigidShell, tuple[Array, Array]] = field(default_factory=dict)
 
     @property
     def at_start(self) -> bool:
@@ -50,7 +52,9 @@ class Move:
         """Positions of the vertices of a surface at both ends [m]."""
         if isinstance(surface, NodeSurface):
             return self.q0, self.q
-        return surface.at(self.t0), surface.at(self.t1)
+        if surface not in self.shells:
+            self.shells[surface] = surface.at(self.t0), surface.at(self.t1)
+        return self.shells[surface]
 
 
 class Direction:
@@ -93,7 +97,7 @@ class Direction:
         approach = tolerances.length
         self._friction, self._approach, self._free = friction, approach, free
         self._tolerances = tolerances
-        self._own, self._signs, self._itself = own, faces, own is faces
+        self._own, self.signs, self._itself = own, faces, own is faces
         self.surface, self.faces = own.surface, faces.surface
         one = (vertices[:, 0] == vertices[:, 1]) & isinstance(self.surface, NodeSurface)
         self.nodes = np.where(one, vertices[:, 0], -1)
@@ -121,7 +125,7 @@ class Direction:
         # An open surface has no inside; depths in a closed one are not limited.
         radius = np.inf if self.faces.closed else self._approach
         found = self.closest(points, radius, x)
-        gap, _ = self._signs.signed(points, found, x)
+        gap, _ = self.signs.signed(points, found, x)
         np.maximum.at(deep, found.point, -np.nan_to_num(gap))
         return deep
 
@@ -154,12 +158,12 @@ class Direction:
         mine = move.ends(self.surface)[0 if move.at_start else 1]
         points, may = self.at(mine), allowed[self.slots]
         radius = self._approach + may + (0.0 if way is None else way[self.slots])
-        away = self.at(self._signs.normals(x)[1]) if self._itself else NO_NORMALS
+        away = self.at(self.signs.normals(x)[1]) if self._itself else NO_NORMALS
         outward = away if self._itself else self.at(self._own.normals(mine)[1])
         deepest = -SELF_DEPTH * self._approach if self._itself else -np.inf
-        met = self._signs.met(points, radius, may, x, self.candidates, away, outward, blur, deepest)
+        met = self.signs.met(points, radius, may, x, self.candidates, away, outward, blur, deepest)
         if not len(met.point):
-            return no_rows()
+            return NO_ROWS
         gap, normal, deep = met.gap, met.normal, may[met.point]
         if move.at_start and not faces.closed:
             # A vertex at this depth has not entered through the front, but passed around a free
@@ -185,9 +189,9 @@ class Direction:
         triangles = self.faces.triangles
         found = entered_faces(before, after, x0, x1, triangles, self.candidates)
         if not len(found.point):
-            return no_rows()
-        found, place = self._signs.places_of(found, x1)
-        normal = self._signs.normals_of(place, x1)
+            return NO_ROWS
+        found, place = self.signs.places_of(found, x1)
+        normal = self.signs.normals_of(place, x1)
         at = np.einsum("kj,kji->ki", found.weight, x1[triangles[found.face]])
         gap = np.einsum("ki,ki->k", normal, after[found.point] - at)
         return self._rows(move, found, (place, np.full(len(gap), ENTERED)), normal, gap)
@@ -207,18 +211,12 @@ class Direction:
             return points
         x0 = move.ends(self.faces)[0]
         found = self.closest(points, self._tolerances.hair, x0)
-        gap, normal = self._signs.signed(points, found, x0)
+        gap, normal = self.signs.signed(points, found, x0)
         hair = np.flatnonzero((gap < 0.0) & (allowed[self.slots][found.point] == 0.0))
         at = found.point[hair]
         share = 1.0 / np.bincount(at, minlength=len(points))[at]
         np.add.at(points, at, (share * (self._tolerances.lift - gap[hair]))[:, None] * normal[hair])
         return points
-
-    def outward(self, q: Array, rows: Rows) -> Array:
-        """Normals (k, 3) of rows on a surface of the mesh at nodal positions q; zero on a shell."""
-        if not isinstance(self.faces, NodeSurface):
-            return np.zeros((len(rows), 3))
-        return self._signs.normals_of(rows.place, q)
 
     def _rows(
         self, move: Move, found: Found | Met, about: tuple[Index, Index], normal: Array, gap: Array
@@ -266,7 +264,8 @@ class Direction:
         )
         on = self._carriers[nodes]
         together = ((on == on[:, :1]) | (weight == 0.0)).all(axis=1) & (on[:, 0] >= 0)
-        return rows.take(np.flatnonzero((felt > FELT) & ~together))
+        kept = (felt > FELT) & ~together
+        return rows if kept.all() else rows.take(np.flatnonzero(kept))
 
 
 MEMORY = "contact"  #: name of the memory in a state
@@ -365,10 +364,6 @@ class CompiledContact(CompiledTerm):
         none = np.empty(0, dtype=np.int64)
         return none if memory is None else np.flatnonzero(memory[:, FORCE] > 0.0)
 
-    def add(self, q: Array, control: Control, f: Array, K: Array | None = None) -> Contribution:
-        """No force and no stiffness, because multipliers separate the surfaces."""
-        return Contribution(0.0)
-
     def measure(self, state: State) -> tuple[Array, Array, Array]:
         """Number of active contacts, smallest gap [m] and normal force [N], per pairing."""
         memory, n = self.remembered(state.memory, state.q, state.t), len(self.names)
@@ -410,21 +405,23 @@ class CompiledContact(CompiledTerm):
         return out
 
     def outward(self, q: Array, rows: Rows) -> Array:
-        """Mean normals (k, 3) of the surfaces opposite to rows; see `Direction.outward`."""
+        """Normals (k, 3) of the surfaces opposite to rows at positions q of the mesh; zero of shells."""
         out = np.zeros((len(rows), 3))
         for direction in self._directions:
-            first, last = direction.slots[[0, -1]] if len(direction.slots) else (0, -1)
-            mine = np.flatnonzero((rows.slot >= first) & (rows.slot <= last))
-            out[mine] = direction.outward(q, rows.take(mine))
+            if len(direction.slots) and isinstance(direction.faces, NodeSurface):
+                first, last = direction.slots[[0, -1]]
+                mine = np.flatnonzero((rows.slot >= first) & (rows.slot <= last))
+                if len(mine):
+                    out[mine] = direction.signs.normals_of(rows.place[mine], q)
         return out
 
     def near(self, move: Move, allowed: Array, way: Array | None = None) -> Rows:
         """Rows of all vertices near a face; see `Direction.near`."""
-        return no_rows().joined(*(d.near(move, allowed, way) for d in self._directions))
+        return NO_ROWS.joined(*(d.near(move, allowed, way) for d in self._directions))
 
     def entered(self, move: Move, allowed: Array) -> Rows:
         """Rows of all vertices that enter a face on their path; see `Direction.entered`."""
-        return no_rows().joined(*(d.entered(move, allowed) for d in self._directions))
+        return NO_ROWS.joined(*(d.entered(move, allowed) for d in self._directions))
 
 
 def _points_on_edges(faces: SignedFaces, X: Array, number: int) -> tuple[Index, Array]:

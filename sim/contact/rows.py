@@ -15,6 +15,7 @@ treatment of contact problems involving friction.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -38,62 +39,62 @@ class ContactTolerances:
     def _residuals(self, number: float) -> float:
         return min(number * self.share, LARGEST_SHARE) * self.length
 
-    @property
+    @cached_property
     def residual(self) -> float:
         """Remaining gap or slip of an iteration [m]; ten times larger values cause visible gaps."""
         return self._residuals(1.0)
 
-    @property
+    @cached_property
     def solution(self) -> float:
         """Error of an iterative linear solution [m], below the residual, so that gaps converge."""
         return self._residuals(0.3)
 
-    @property
+    @cached_property
     def converged(self) -> float:
         """Residual of a converged step [m], which the correction of positions removes."""
         return self._residuals(2.0)
 
-    @property
+    @cached_property
     def noticed(self) -> float:
         """Smallest penetration that is corrected [m]; smaller ones remain."""
         return self._residuals(3.0)
 
-    @property
+    @cached_property
     def left(self) -> float:
         """Penetration after a correction above which rows are searched again [m]."""
         return self._residuals(5.0)
 
-    @property
+    @cached_property
     def accepted(self) -> float:
         """Violation of rows that the correction removes [m]; limited, so that no vertex enters."""
         return self._residuals(10.0)
 
-    @property
+    @cached_property
     def unexpected(self) -> float:
         """Depth of an inactive row above which a step is solved again [m]."""
         return self._residuals(20.0)
 
-    @property
+    @cached_property
     def considerable(self) -> float:
         """Depth of an active row above which a step is solved again [m]."""
         return 0.2 * self.length
 
-    @property
+    @cached_property
     def likely(self) -> float:
         """Gap below which rows may become active in the same iteration [m]."""
         return 0.2 * self.length
 
-    @property
+    @cached_property
     def slide(self) -> float:
         """Sliding distance over which contact normals are low-pass filtered [m]."""
         return 0.5 * self.length
 
-    @property
+    @cached_property
     def hair(self) -> float:
         """Initial depth up to which a vertex is regarded as on the surface [m]."""
         return 0.2 * self.length
 
-    @property
+    @cached_property
     def lift(self) -> float:
         """Distance outside the surface from which the path of such a vertex starts [m]."""
         return 2e-4 * self.length
@@ -174,12 +175,12 @@ class Rows:
         return self.take(np.flatnonzero(~np.isin(self.keys, others.keys)))
 
 
-def no_rows() -> Rows:
-    """No rows."""
-    index, real = np.empty(0, np.int64), np.empty(0)
-    vector = np.empty((0, 3))
-    nodes, weight = np.empty((0, 4), np.int64), np.empty((0, 4))
-    return Rows(index, index, index, nodes, weight, vector, real, vector, real, index)
+_NONE, _REAL, _VECTOR = np.empty(0, np.int64), np.empty(0), np.empty((0, 3))
+
+NO_ROWS = Rows(
+    *(_NONE, _NONE, _NONE, np.empty((0, 4), np.int64), np.empty((0, 4))),
+    *(_VECTOR, _REAL, _VECTOR, _REAL, _NONE),
+)
 
 
 def at_end(rows: Rows, lift: Array, near: Rows) -> Rows:
@@ -335,9 +336,9 @@ class Acting:
     slip: float  #: largest slip of a sticking contact [m]
     energy: float  #: of the augmentation [J]
 
-    def on_vertices(self, rows: Rows) -> Array:
-        """Total forces (k, 3) on the vertices [N]."""
-        return self.force[:, None] * rows.normal + self.friction
+    def on_nodes(self, rows: Rows, n_nodes: int) -> Array:
+        """Total forces (n_nodes, 3) on the nodes of the rows [N]."""
+        return rows.spread(self.force[:, None] * rows.normal + self.friction, n_nodes)
 
     def miss(self) -> float:
         """Largest violation [m]: gap of an active row, penetration of an inactive one, or slip."""

@@ -47,6 +47,7 @@ class ContactStep:
     ) -> None:
         self.contact, self.q0, self.tolerances = contact, state.q, contact.tolerances
         self._t0, self._t1 = state.t, t1
+        self._start = Move(state.q, state.q, state.t, t1)
         h = t1 - state.t
         self._turn, self._way = 1.0 if equilibrium else h / TURN, h * state.v
         self._memory = contact.remembered(state.memory, state.q, state.t)
@@ -58,7 +59,7 @@ class ContactStep:
         """Rows of the vertices near a face, with nodal displacements (n_nodes,) in the step [m]."""
         # A face near a vertex of a shell may have the largest displacement of all nodes.
         reach = np.r_[way, way.max(initial=0.0)][self.contact.vertex_of_slot]
-        rows = self.contact.near(self._move(self.q0), self._allowed, reach + self._removed)
+        rows = self.contact.near(self._start, self._allowed, reach + self._removed)
         return self._steadied(rows)
 
     def at(self, q: Array) -> Rows:
@@ -159,7 +160,7 @@ class ContactStep:
         return q
 
     def _move(self, q: Array) -> Move:
-        return Move(self.q0, q, self._t0, self._t1)
+        return replace(self._start, q=q)
 
     def multipliers(self, rows: Rows, rho: Array) -> Multipliers:
         """Rows with the multipliers of their vertices from the state."""

@@ -161,7 +161,7 @@ class _Triangles:
         )
         return sides[counts == 1]
 
-    @property
+    @cached_property
     def closed(self) -> bool:
         """True if the surface has an inside."""
         return len(self.open_edges) == 0

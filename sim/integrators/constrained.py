@@ -39,7 +39,7 @@ def minimise_constrained(
     """
     conditions = potential.system.constraints
     assert conditions is not None  # Callers check that the scene has constraints.
-    c, slopes = conditions.evaluate(potential.pose(point.d))
+    c, slopes = conditions.evaluate(point.pose)
     multiplier = (
         work.constraints.multipliers
         if work.constraints.multipliers is not None
@@ -50,7 +50,7 @@ def minimise_constrained(
     rho, shortest, factorisations, shifts, last = 0.0, 1.0, 0, 0, np.inf
     for iteration in range(1, tolerances.max_iterations + 1):
         with work.timed("tangent"):
-            A = _lagrangian_matrix(potential, point.d, multiplier)
+            A = _lagrangian_matrix(potential, point, multiplier)
         error = DIRECTION_ERROR * tolerances.tolerance
         g = point.g if rows is None else rows.gradient(point)
         step, multiplier, made, more = _newton_step(potential, A, slopes, g, c, error, work)
@@ -67,7 +67,7 @@ def minimise_constrained(
         length, end = found
         point = end if rows is None else rows.accepted(point, end, length, work)
         shortest = min(shortest, length)
-        c, slopes = conditions.evaluate(potential.pose(point.d))
+        c, slopes = conditions.evaluate(point.pose)
         G = conditions.matrix(slopes)
         residuals.append(float(np.abs(point.g + G.T @ multiplier).max()))
         size = np.sqrt(np.asarray(G.multiply(G).sum(axis=1)).ravel())
@@ -81,14 +81,14 @@ def minimise_constrained(
     raise NotConverged(tuple(residuals), until, f"limit of {tolerances.max_iterations} iterations")
 
 
-def _lagrangian_matrix(potential: Potential, d: Array, multiplier: Array) -> Array:
+def _lagrangian_matrix(potential: Potential, point: Point, multiplier: Array) -> Array:
     """Values of scale times the second derivative of phi + lambda . c."""
     conditions = potential.system.constraints
     assert conditions is not None
-    curvature, pose = np.zeros(potential.system.point_pattern.nnz), potential.pose(d)
+    curvature, pose = np.zeros(potential.system.point_pattern.nnz), point.pose
     conditions.evaluate(pose)
     conditions.add_curvature(pose.q, multiplier, curvature)
-    return potential.matrix(d).values + potential.scale * curvature
+    return potential.matrix(point).values + potential.scale * curvature
 
 
 def _newton_step(
@@ -130,7 +130,7 @@ def _search(
 
     def trial(length: float) -> Trial[Point]:
         end = potential.point(start.d + length * step)
-        now = rho * float(np.abs(conditions.evaluate(potential.pose(end.d))[0]).sum())
+        now = rho * float(np.abs(conditions.evaluate(end.pose)[0]).sum())
         return Trial(end, end.here.smallest_J, end.phi - start.phi + now - broken, None)
 
     rounding = rounding_of(start.phi, start.here.energy, broken)

@@ -70,7 +70,7 @@ class Settled:
         force = multipliers.normal[:, None] * multipliers.rows.normal + multipliers.tangent
         force = np.where(new[:, None], force, 0.0)
         push = self.touching.generalised(multipliers.rows.spread(force, len(self.q)))
-        return self.touching.freed(self.point.d, self.touching.scale * push, self.work)
+        return self.touching.freed(self.point, self.touching.scale * push, self.work)
 
     def outside(self, pose: Pose, after: float) -> Pose:
         """Pose a time [s] after the end, without penetration of the active rows."""
@@ -149,8 +149,8 @@ def minimise_in_contact(
         end, more = minimise(touching, touching.with_contact(point))
         assert isinstance(end, InContact)  # made by `touching`
         went = more if went is None else went.joined(more)
-        u = potential.positions(end.d) - step.q0
-        acting, point = touching.settled(end.d), end.alone
+        u = end.pose.q - step.q0
+        acting, point = touching.settled(end), end.alone
         now: Multipliers = touching.multipliers
         miss, bound = acting.miss(), now.bound
         multipliers = now.forces(acting.force, acting.friction)
@@ -163,7 +163,7 @@ def minimise_in_contact(
             rho = np.where(slow, STIFFER, 1.0) * multipliers.rho
             before, touching.multipliers = left, replace(multipliers, rho=rho)
             continue
-        touching.multipliers, q = multipliers, potential.positions(end.d)
+        touching.multipliers, q = multipliers, end.pose.q
         near = step.at(q)
         passed = step.passed(q, near)
         pushing = multipliers.pushing(acting)
@@ -186,7 +186,7 @@ def minimise_in_contact(
                 here = moved_upright(potential, point, q, until)
                 memory = step.memory(q, near, multipliers, acting)
                 released = np.flatnonzero(~np.isin(first.slot, pushing))
-                pushed = multipliers.rows.spread(acting.on_vertices(multipliers.rows), len(q))
+                pushed = acting.on_nodes(multipliers.rows, len(q))
                 pushed += first.take(released).spread(begun[released], len(q))
                 active = multipliers.rows.take(np.flatnonzero(acting.force > 0.0))
                 solver = step, touching, opened, work
@@ -206,7 +206,7 @@ def _stiffness_met(
     """Diagonal (n_free,) of the stiffness [N/m], once per integrator and step."""
     known = work.contact.stiffness
     if known is None or not alike(known[0], key):
-        A = potential.matrix(start.d).to_factorise()
+        A = potential.matrix(start).to_factorise()
         diagonal = A[potential.system.pattern.diagonal] / potential.scale
         # an active muscle may make the tangent negative; its absolute value is of the right size
         known = work.contact.stiffness = (key, np.abs(diagonal))

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim.contact.rows import Rows, at_end, no_rows
+from sim.contact.rows import NO_ROWS, Rows, at_end
 from sim.contact.step import ContactStep, renewed
 from sim.dense import dot, inverse
 from sim.errors import NotConverged
@@ -143,16 +143,16 @@ class StageWithRows:
             self._solve_densely()
         if step is None:
             made_here = made_here or self._rests
-            point, at, f = self._settled(no_rows(), point, made_here, None)
-            pose = self._phi.pose(point.d)
-            about = np.zeros_like(pose.q), f, no_rows(), no_rows(), at, f, None
+            point, at, f = self._settled(NO_ROWS, point, made_here, None)
+            pose = point.pose
+            about = np.zeros_like(pose.q), f, NO_ROWS, NO_ROWS, at, f, None
             return StageInContact(point, pose, self._went(), NOTHING, *about, self._rows)
         found = step.at_start(way)
         rows, searches, places = step.entering(found), 0, 0
         lift = rows.gap - found.gap  # initial depths may remain
         while True:
             point, at, f = self._settled(rows, point, made_here, f)
-            pose = self._phi.pose(point.d)
+            pose = point.pose
             near = step.at(pose.q)
             acting = at.acting(f, rows.gaps(pose.q - step.q0))
             missed = self._rows.missed(rows, acting, pose, near)
@@ -171,7 +171,7 @@ class StageWithRows:
                 raise NotConverged(tuple(self._residuals), self._until, reason)
         pose, near = self._rows.moved_out(pose, near)
         memory = step.memory(pose.q, near, at.remembered, acting)
-        pushed = rows.spread(acting.on_vertices(rows), len(pose.q))
+        pushed = acting.on_nodes(rows, len(pose.q))
         about = memory, pushed, f[: at.joints] if at.joints else None, rows, near, at, f, step
         return StageInContact(point, pose, self._went(), *about, self._rows)
 
@@ -181,7 +181,7 @@ class StageWithRows:
 
     def _renew(self, point: Point) -> None:
         with self._work.timed("tangent"):
-            A = self._phi.matrix(point.d)
+            A = self._phi.matrix(point)
         if self._rests:
             self._stiff = ReducedStiffness.regularised(self._phi, A, self._work.newton)
         try:
@@ -269,17 +269,17 @@ class StageWithRows:
                 break
         return f, u
 
-    def _at(self, rows: Rows, d: Array) -> RowsAt:
-        """Rows at a motion, with their derivatives by it."""
-        joints = None if self._system.rows is None else joint_rows(self._phi, d)
-        return self._rows.at(rows, self._phi.pose(d), joints, d)
+    def _at(self, rows: Rows, point: Point) -> RowsAt:
+        """Rows at a point, with their derivatives by its motion."""
+        joints = None if self._system.rows is None else joint_rows(self._phi, point.d)
+        return self._rows.at(rows, point.pose, joints, point.d)
 
     def _settled(
         self, rows: Rows, point: Point, made_here: bool, f: Array | None
     ) -> tuple[Point, RowsAt, Array]:
         """Motion under some rows, the rows there and their forces, from initial ones."""
         phi, tolerances = self._phi, self._tolerances
-        at, last = self._at(rows, point.d), np.inf
+        at, last = self._at(rows, point), np.inf
         for _ in range(tolerances.max_iterations):
             start, self._iterations = phi.at(point), self._iterations + 1
             if self._stiff is not None:
@@ -305,7 +305,7 @@ class StageWithRows:
                 made_here = True
                 continue
             length, point = found
-            at, moved = self._at(rows, point.d), length * float(np.abs(move).max(initial=0.0))
+            at, moved = self._at(rows, point), length * float(np.abs(move).max(initial=0.0))
             residual = float(np.abs(point.g - at.G.T @ f).max(initial=0.0))
             self._shortest = min(self._shortest, length)
             left, before_last, last = error_left(moved, last), last, moved

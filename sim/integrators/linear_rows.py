@@ -7,7 +7,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from sim.contact.compliance import Compliance
-from sim.contact.rows import Rows, no_rows
+from sim.contact.rows import NO_ROWS, Rows
 from sim.contact.step import ContactStep
 from sim.errors import NotConverged
 from sim.integrators.rows_of_step import STILL, JointRows, RowsAt, RowsOfStep, inverted
@@ -189,7 +189,7 @@ class LinearRows:
         """
         step, h, system, state = self._step, self._h, self._system, self._state
         kinematics, joints, moves = system.kinematics, system.rows, self._equation.moves
-        rows = near = no_rows()
+        rows = near = NO_ROWS
         if step is not None:
             way = np.linalg.norm(state.v, axis=1) * h
             way += np.linalg.norm(self._start.q - state.q, axis=1)
@@ -219,7 +219,7 @@ class LinearRows:
         if step is not None:
             near = near if joints is None else step.at(pose.q)
             memory = dict(step.memory(pose.q, near, at.remembered, acting))
-            pushed = used.spread(acting.on_vertices(used), len(pose.q))
+            pushed = acting.on_nodes(used, len(pose.q))
         on, rests = f != 0.0, np.zeros(len(f), dtype=bool)
         on[at.blocks.equations] = True
         rests[at.first] = (f[at.first] == 0.0) & (acting.gap < 100.0 * STILL)

@@ -32,6 +32,7 @@ class Point:
     """A trial configuration."""
 
     d: Array  #: (n_free,) displacement since the start of the step [m]
+    pose: Pose  #: after it
     g: Array  #: (n_free,) gradient of the potential, the residual force [N]
     phi: float  #: potential, up to a constant [J]
     here: Evaluation
@@ -56,20 +57,12 @@ class Potential(ABC):
     haste = 1.0
 
     @abstractmethod
-    def pose(self, d: Array) -> Pose:
-        """Pose after a motion."""
-
-    @abstractmethod
     def point(self, d: Array) -> Point:
         """Evaluate potential and gradient, which are undefined if det F <= 0 somewhere."""
 
     @abstractmethod
-    def matrix(self, d: Array) -> Matrix:
-        """Scale times the second derivative at d, or the part of it that is factorised."""
-
-    def positions(self, d: Array) -> Array:
-        """Positions of all points (n_points, 3)."""
-        return self.pose(d).q
+    def matrix(self, point: Point) -> Matrix:
+        """Scale times the second derivative at a point, or the part of it that is factorised."""
 
     def direction(self, point: Point, work: Workspace) -> tuple[Point, Array]:
         """Current iterate, and descent direction -H g with the quasi-Newton inverse H."""
@@ -212,7 +205,7 @@ def minimise(
     def renew() -> None:
         nonlocal factorisations, shifts, age
         with work.timed("tangent"):
-            A = potential.matrix(point.d)
+            A = potential.matrix(point)
         try:
             more = work.newton.factorise(A, potential.shift, key)
         except NotPositiveDefinite as error:
@@ -345,11 +338,11 @@ class IncrementalPotential(PotentialOfMoves):
         product += self.shift * d / self.scale
         g = product - self._momentum - self.system.kinematics.generalised_force(here.f, pose)
         phi = 0.5 * dot(d, product) - dot(self._momentum, d) + here.energy
-        return Point(d, g, phi, here)
+        return Point(d, pose, g, phi, here)
 
-    def matrix(self, d: Array) -> Matrix:
-        """s^2 times the second derivative at d, M + s D + s^2 K."""
-        pose = self.pose(d)
+    def matrix(self, point: Point) -> Matrix:
+        """s^2 times the second derivative at a point, M + s D + s^2 K."""
+        pose = point.pose
         here, K = self.system.tangent(pose.q, self._control)
         return implicit_matrix(self.system, pose, here, K, self._D, self._s, self.scale)
 
@@ -387,7 +380,7 @@ class VaryingInertia(IncrementalPotential):
         if here is None:
             here = self._evaluate(pose)
         force = self._resistance(d, pose) - kinematics.generalised_force(here.f, pose)
-        return Point(d, kinematics.gradient(force, d), self._phi(d, here), here)
+        return Point(d, pose, kinematics.gradient(force, d), self._phi(d, here), here)
 
     def _resistance(self, d: Array, pose: Pose) -> Array:
         """Forces of inertia and damping."""
@@ -409,7 +402,7 @@ class VaryingInertia(IncrementalPotential):
     def at(self, point: Point) -> Point:
         """Point with the quadratic of this iterate."""
         kinematics, d = self.system.kinematics, point.d
-        self._at = self.pose(d)
+        self._at = point.pose
         exact = kinematics.gradient(self._resistance(d, self._at), d)
         self._pull = self._quadratic(d) - exact
         return replace(point, phi=self._phi(d, point.here))

@@ -115,7 +115,7 @@ class Converged(Iterative):
         if system.contact is not None:
             contact = ContactStep(system.contact, state, stage.t)
         if system.rows is not None or (varies and contact is not None):
-            way = np.linalg.norm(phi.positions(phi.inertial_guess()) - state.q, axis=1)
+            way = np.linalg.norm(phi.pose(phi.inertial_guess()).q - state.q, axis=1)
             rows = StageWithRows(phi, contact, work, key, self, stage.t)
             done = rows.solve(start, AHEAD_OF_STAGE * way)
             here = done.point.here
@@ -124,14 +124,14 @@ class Converged(Iterative):
             return Solved(done.pose, phi.velocities(done.point.d), here, done.went, done)
         if contact is None:
             end, went = settle(phi, start)
-            return Solved(phi.pose(end.d), phi.velocities(end.d), end.here, went)
+            return Solved(end.pose, phi.velocities(end.d), end.here, went)
         v = system.kinematics.displacements(stage.u, stage.base)
         way = np.linalg.norm(stage.base.q + stage.s * v - state.q, axis=1)
         # Hard landings take up to 150 iterations in all, ordinary steps about ten.
         most = 3 * self.max_iterations
         found = minimise_in_contact(phi, start, contact, way, key, work, settle, stage.t, most)
         end = found.point
-        pose = replace(phi.pose(end.d), q=found.q)
+        pose = replace(end.pose, q=found.q)
         return Solved(pose, phi.velocities(end.d), found.here, found.went, found)
 
     def _freed(

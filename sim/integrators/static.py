@@ -66,7 +66,7 @@ class Static(Iterative):
             )
             end, went, moved, memory = found.point, found.went, found.q, dict(found.memory)
             least = found.here.smallest_J
-        pose = energy.pose(end.d)
+        pose = end.pose
         if moved is not None:
             pose = replace(pose, q=moved)
         still = np.zeros(system.pattern.n)
@@ -89,13 +89,13 @@ class _Energy(PotentialOfMoves):
         here = self._evaluate(pose)
         kinematics = self.system.kinematics
         g = kinematics.gradient(-kinematics.generalised_force(here.f, pose), d)
-        return Point(d, g, here.energy, here)
+        return Point(d, pose, g, here.energy, here)
 
-    def matrix(self, d: Array) -> Matrix:
-        """Second derivative K at d."""
-        pose = self.pose(d)
+    def matrix(self, point: Point) -> Matrix:
+        """Second derivative K at a point."""
+        pose = point.pose
         here, K = self.system.tangent(pose.q, self._control)
         A = stiffness_matrix(self.system, pose, K, here.f)
         # A shift of 1 % of the typical stiffness is effective without dominating the matrix.
-        self.shift = np.full(len(d), 0.01 * np.abs(A.values[A.pattern.diagonal]).mean())
+        self.shift = np.full(len(point.d), 0.01 * np.abs(A.values[A.pattern.diagonal]).mean())
         return A

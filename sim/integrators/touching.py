@@ -18,7 +18,7 @@ from sim.integrators.workspace import Workspace
 from sim.linear.krylov import conjugate_gradients
 from sim.matrix import Matrix
 from sim.scene import Index
-from sim.state import Array, Pose
+from sim.state import Array
 
 IN_MATRIX = 3.0
 """Penalty of a row relative to the stiffness, so small that factors can be reused."""
@@ -47,10 +47,6 @@ class Touching(Potential):
         self.system, self.base = potential.system, potential.base
         self.scale, self.shift = potential.scale, potential.shift
 
-    def pose(self, d: Array) -> Pose:
-        """Pose after a motion."""
-        return self._potential.pose(d)
-
     def generalised(self, f: Array) -> Array:
         """Generalised force (n,) of forces on nodes (n_nodes, 3)."""
         return self.system.kinematics.generalised_force(f, self.base)
@@ -63,16 +59,15 @@ class Touching(Potential):
         """Evaluate potential and augmentation, and their gradients."""
         return self.with_contact(self._potential.point(d))
 
-    def with_contact(self, point: Point) -> InContact:
-        """Point of the potential with augmentation."""
-        rows, acting = self.multipliers.rows, self.acting(point.d)
-        f = rows.spread(acting.on_vertices(rows), len(self._q0))
-        g = point.g - self.generalised(f)
-        return InContact(point.d, g, point.phi + acting.energy, point.here, point)
+    def with_contact(self, point: Point, acting: Acting | None = None) -> InContact:
+        """Point of the potential with augmentation; `acting` are the contact forces there, if known."""
+        acting = self.acting(point) if acting is None else acting
+        g = point.g - self.generalised(acting.on_nodes(self.multipliers.rows, len(self._q0)))
+        return InContact(point.d, point.pose, g, point.phi + acting.energy, point.here, point)
 
-    def matrix(self, d: Array) -> Matrix:
+    def matrix(self, point: Point) -> Matrix:
         """Scale times the second derivative of the potential."""
-        A = self._potential.matrix(d)
+        A = self._potential.matrix(point)
         self.shift = self._potential.shift
         return A
 
@@ -82,13 +77,13 @@ class Touching(Potential):
             return work.newton.solve(rhs)
         return work.constraints.saddle.roughly(rhs)
 
-    def freed(self, d: Array, rhs: Array, work: Workspace) -> Array:
+    def freed(self, point: Point, rhs: Array, work: Workspace) -> Array:
         """Solution (n,) for a right-hand side without the rows; the factor has none of them."""
         return self.answer(rhs, work)
 
-    def acting(self, d: Array) -> Acting:
-        """Contact forces at displacements d."""
-        return self.multipliers.at(self.positions(d) - self._q0)
+    def acting(self, point: Point) -> Acting:
+        """Contact forces at a point."""
+        return self.multipliers.at(point.pose.q - self._q0)
 
 
 class TouchingInMatrix(Touching):
@@ -102,22 +97,22 @@ class TouchingInMatrix(Touching):
         super().__init__(potential, multipliers, q0)
         self._places = places
 
-    def matrix(self, d: Array) -> Matrix:
+    def matrix(self, point: Point) -> Matrix:
         """Scale times the second derivative of potential and augmentation."""
-        A = super().matrix(d)
-        self._places.add(self.multipliers.stiffness(self.acting(d)), self.scale, A.values)
+        A = super().matrix(point)
+        self._places.add(self.multipliers.stiffness(self.acting(point)), self.scale, A.values)
         return A
 
-    def freed(self, d: Array, rhs: Array, work: Workspace) -> Array:
+    def freed(self, point: Point, rhs: Array, work: Workspace) -> Array:
         """Solution (n,) without the rows, which the factor contains and by which it is too small."""
-        times = super().matrix(d).times
+        times = super().matrix(point).times
         return conjugate_gradients(times, lambda r: self.answer(r, work), rhs, FREED, FREED_LIMIT)[
             0
         ]
 
-    def settled(self, d: Array) -> Acting:
+    def settled(self, point: Point) -> Acting:
         """Contact forces at the end of the iteration."""
-        return self.acting(d)
+        return self.acting(point)
 
     def held(self, rhs: Array, work: Workspace, opening: Array) -> Array:
         """Solution with the factor, whose matrix contains the active rows, opened by (k,) [m]."""
@@ -171,6 +166,7 @@ class TouchingApart(Touching):
     def __init__(self, potential: Potential, multipliers: Multipliers, q0: Array) -> None:
         super().__init__(potential, multipliers, q0)
         self._unit = UnitVectors(multipliers.rows)
+        self._rubs = bool((self._unit.friction > 0.0).any())
         self._directions = self._unit.directions(self.system.point_pattern)
         self._compliance: RowCompliance | None = None
         # of the last direction: previous and new forces (m,), displacements (n,) by the factor with the
@@ -191,35 +187,37 @@ class TouchingApart(Touching):
         quasi-Newton updates of later steps. The bounds of friction are those of the new normal forces,
         so that the direction is one of descent.
         """
-        (alone, rest), secants = self._rest(point), work.newton.inverse_secants
+        assert isinstance(point, InContact)  # result of `point`
+        alone, secants = point.alone, work.newton.inverse_secants
+        forces, rest = self._rest(alone)
         by_factor = work.newton.solve(self.scale * rest)
         if self._moved is not None and self._moved[2] == work.newton.number:
             before, moved, _ = self._moved
             secants.learn(alone.d - before.d, alone.g - before.g, moved - by_factor)
         self._moved = None
-        return self._directed(point, by_factor, by_factor + secants.added(rest), work)
+        return self._directed(alone, forces, by_factor, by_factor + secants.added(rest), work)
 
-    def _rest(self, point: Point) -> tuple[Point, Array]:
-        """Point without contact, and the forces (n,) left there by the present contact forces."""
-        assert isinstance(point, InContact)  # result of `point`
+    def _rest(self, alone: Point) -> tuple[Array, Array]:
+        """Contact forces (m,), and what they leave (n,) of the forces at a point without contact."""
         forces = self._unit.components(self.multipliers.normal, self.multipliers.tangent)
-        return point.alone, self._directions.T @ forces - point.alone.g
+        return forces, self._directions.T @ forces - alone.g
 
     def _directed(
-        self, point: Point, by_factor: Array, free: Array, work: Workspace
+        self, alone: Point, forces: Array, by_factor: Array, free: Array, work: Workspace
     ) -> tuple[Point, Array]:
-        """Point and direction as of `direction`, from displacements (n,) by the present forces.
+        """Point and direction as of `direction`, from displacements (n,) by the present forces (m,).
 
         They are those by the factor, and in total.
         """
-        forces = self._unit.components(self.multipliers.normal, self.multipliers.tangent)
-        acting = self.acting(point.d)
+        acting = self.acting(alone)
         gap = self._unit.components(acting.gap, acting.across) + self._directions @ free
         new, answer, pushed = self._pushed(gap, forces, self._rows(work), work)
         self._tried = forces, new, by_factor, answer
-        bound = self.multipliers.rows.friction * new[self._unit.first]
+        if not self._rubs:
+            return self.with_contact(alone, acting), free + pushed
+        bound = self._unit.friction * new[self._unit.first]
         self.multipliers = replace(self.multipliers, bound=bound)
-        return self.with_contact(self._rest(point)[0]), free + pushed
+        return self.with_contact(alone), free + pushed
 
     def _rows(self, work: Workspace) -> RowCompliance:
         if self._compliance is None:
@@ -288,12 +286,12 @@ class TouchingApart(Touching):
         self._compliance = None
         return work.contact.forget_compliance()
 
-    def settled(self, d: Array) -> Acting:
+    def settled(self, point: Point) -> Acting:
         """Contact forces at the end of the iteration: the multipliers.
 
         The slip contains that which friction in another direction than the multipliers would require.
         """
-        acting, own = self.acting(d), self.multipliers
+        acting, own = self.acting(point), self.multipliers
         turned = np.linalg.norm(acting.friction - own.tangent, axis=1) / own.rho
         slip = max(acting.slip, float(turned.max(initial=0.0)), self.missed)
         return replace(acting, force=own.normal, friction=own.tangent, slip=slip)
@@ -357,7 +355,8 @@ class TouchingConstrained(TouchingApart):
 
     def gradient(self, point: Point) -> Array:
         """Gradient (n,) with the present contact forces."""
-        return -self._rest(point)[1]
+        assert isinstance(point, InContact)  # result of `point`
+        return -self._rest(point.alone)[1]
 
     def under_rows(
         self, point: Point, free: Array, error: float, work: Workspace
@@ -368,7 +367,9 @@ class TouchingConstrained(TouchingApart):
         [m] at most.
         """
         self._further, self._error = self._none, error
-        start, direction = self._directed(point, free, free, work)
+        assert isinstance(point, InContact)  # result of `point`
+        forces = self._rest(point.alone)[0]
+        start, direction = self._directed(point.alone, forces, free, free, work)
         return start, direction, self._further
 
     def _of_tissue(self, work: Workspace) -> Compliance:

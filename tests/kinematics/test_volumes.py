@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import sim
-from sim.contact.rows import no_rows
+from sim.contact.rows import NO_ROWS
 from sim.contact.surfaces import body_surfaces
 from sim.integrators.linear_rows import LinearRows
 from sim.joints import Spherical, Weld
@@ -54,7 +54,7 @@ def rows_and_saddle(hard=()):
     missed = Missed(Line(silent, silent, 0.0, h), D, here, estimated=False, control=None)
     state, equation = replace(state, t=pose.t - h), LinearStep(A, rhs, 1.0, missed)
     step = LinearRows(system, state, equation, h, 1e-12, sim.Workspace(system))
-    _, w, f = step.under(no_rows())
+    _, w, f = step.under(NO_ROWS)
     now, m, n = rows.evaluate(pose), len(rows.names), system.pattern.n
     G = np.zeros((m, n))
     G[:, rows.columns] = now.G
