@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from sim.errors import InvertedElement
 from sim.pattern import Array
 
 
@@ -139,6 +140,12 @@ class Evaluation:
     energy: float  #: sum of the potentials of the terms [J]
     smallest_J: float  #: smallest det F over all Gauss points (inf if no term deforms)
     element: int  #: element in which it occurs, -1 if none
+
+
+def require_upright(element: int, smallest_J: float, t: float) -> None:
+    """Raise InvertedElement unless the smallest det F is positive (NaN is not)."""
+    if not smallest_J > 0.0:
+        raise InvertedElement(element, smallest_J, t)
 
 
 @dataclass(frozen=True)

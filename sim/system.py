@@ -1,4 +1,4 @@
-"""Compiled scene: sums of forces and tangents of all terms, and their states over a step."""
+"""Compiled scene: sums of forces and tangents of all terms, and matrices over independent velocities."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,7 +13,8 @@ from sim.described import Described
 from sim.errors import ControlError
 from sim.joints.compiled import Rows
 from sim.kinematics import Kinematics
-from sim.matrix import Product
+from sim.linear.contract import symmetric_product
+from sim.matrix import Matrix, Product, merged
 from sim.mesh import Mesh
 from sim.multibody import Multibody, lay_out_multibody
 from sim.pattern import Sparsity, SymmetricPattern
@@ -199,8 +200,9 @@ class System(Described):
 
     def damping(self, q: Array, control: Control, K: Array | None = None) -> Array:
         """Values of the damping matrix -df/dv of the points [N s/m]; K is the stiffness, if computed."""
-        values = np.zeros(self.point_pattern.nnz)
-        if self.damping_law is not None:
+        if self.damping_law is None:
+            values = np.zeros(self.point_pattern.nnz)
+        else:
             # the stiffness of a step depends on its length; damping always uses the relaxed one
             values = self.damping_law(q, control, None if self._in_step else K)
         if self._damped_terms:
@@ -265,3 +267,109 @@ def _nan_is_worst(item: tuple[float, int]) -> float:
 def _total(f: Array, parts: list[Contribution]) -> Evaluation:
     worst = min(((p.smallest_J, p.element) for p in parts), key=_nan_is_worst, default=(np.inf, -1))
     return Evaluation(f, sum(p.energy for p in parts), *worst)
+
+
+def products(system: System, pose: Pose) -> tuple[Product, ...]:
+    """Matrix-free products of the generalised stiffness, in addition to `System.tangent`."""
+    parts = system.products_of_points(pose.q)
+    return tuple(system.kinematics.product(part, pose) for part in parts)
+
+
+def stand_in(system: System, pose: Pose) -> Array:
+    """Approximation of the products, for the preconditioner."""
+    K = np.zeros(system.point_pattern.nnz)
+    for term in system.terms:
+        term.add_stand_in(pose.q, K)
+    return system.kinematics.generalised_matrix(K, None, pose)
+
+
+def damping_matrix(
+    system: System, pose: Pose, v: Array, control: Control, K: Array | None = None
+) -> Matrix:
+    """The generalised damping matrix with its products; K is that of the points, if computed.
+
+    Forces f(v) that are nonlinear in the velocities are replaced by f(v0) + df/dv (v - v0) at given
+    velocities v0 = v (n_points, 3) [m/s], with -f(v0) - D v0 in the offset. As v changes by O(h) in a
+    step, the error of this force is O(h^2), and a method of second order keeps its order.
+    """
+    law, kinematics = system.damping_law, system.kinematics
+    of_points = system.damping(pose.q, control, K)
+    at_v0 = None
+    if system.rate_terms:
+        f, D = np.zeros_like(pose.q), np.zeros_like(of_points)
+        for term in system.rate_terms:
+            term.add_rate_force(pose.q, v, control, f, D)
+        at_v0 = -_damped(system, D, (), v, pose) - kinematics.generalised_force(f, pose)
+        of_points = of_points + D
+    values = kinematics.generalised_matrix(of_points, None, pose)
+    kinematics.add_damping(values)
+    scaled: tuple[Product, ...] = ()
+    if law is not None:
+        moves = law.rest is None
+        of_terms = system.products_of_points(pose.q) if moves else system.products_at_rest
+        parts = (kinematics.product(part, pose) for part in of_terms)
+        scaled = tuple(part.scaled(law.beta) for part in parts)
+    offset, drift = None, kinematics.drift(pose, control.t)
+    if drift is not None:
+        offset = _damped(system, of_points, scaled, drift, pose)
+    if at_v0 is not None:
+        offset = at_v0 if offset is None else offset + at_v0
+    return Matrix(system.pattern, values, scaled, offset=offset)
+
+
+def _damped(
+    system: System, of_points: Array, products: tuple[Product, ...], drift: Array, pose: Pose
+) -> Array:
+    """Generalised damping force (n,) of velocities of the points (n_points, 3)."""
+    f, v = np.zeros(drift.size), drift.reshape(-1)[system.free]
+    f[system.free] = symmetric_product(system.point_pattern, of_points, v)
+    for part in products:
+        f[system.free] += replace(part, R=None).times(v)
+    return system.kinematics.generalised_force(f.reshape(-1, 3), pose)
+
+
+def stiffness_matrix(system: System, pose: Pose, K: Array, f: Array) -> Matrix:
+    """The generalised stiffness with its products, from forces and stiffness of the points."""
+    values = system.kinematics.generalised_matrix(K, f, pose)
+    parts = products(system, pose)
+    approximation = (lambda: stand_in(system, pose)) if parts else None
+    return Matrix(system.pattern, values, parts, approximation)
+
+
+def implicit_matrix(
+    system: System,
+    pose: Pose,
+    here: Evaluation,
+    K: Array,
+    D: Matrix,
+    by_damping: float,
+    by_stiffness: float,
+    inertia: Pose | None = None,
+) -> Matrix:
+    """M + by_damping D + by_stiffness R'KR; the values K of the points' stiffness are overwritten.
+
+    `pose` is that of the forces `here` and the stiffness K, and `inertia` that of the mass, by default
+    the same.
+    """
+    kinematics = system.kinematics
+    values = by_damping * D.values
+    stiffness = kinematics.generalised_matrix(K, here.f, pose)
+    np.multiply(stiffness, by_stiffness, out=stiffness)
+    np.add(values, stiffness, out=values)
+    kinematics.add_mass(values, pose if inertia is None else inertia)
+    parts = products(system, pose)
+    if not parts:
+        return Matrix(system.pattern, values)
+    beta = 0.0 if system.damping_law is None else system.damping_law.beta
+    share = by_damping * beta + by_stiffness
+    return Matrix(
+        system.pattern,
+        values,
+        merged(
+            [
+                *(part.scaled(by_stiffness) for part in parts),
+                *(part.scaled(by_damping) for part in D.products),
+            ]
+        ),
+        lambda: share * stand_in(system, pose),
+    )

@@ -41,7 +41,9 @@ class Move:
     t0: float
     t1: float
     #: positions of shells at both ends, computed once for all trials of a step
-    shells: dict[RigidShell, tuple[Array, Array]] = field(default_factory=dict)
+    shells: dict[RigidShell, tuple[Array, Array]] = field(
+        default_factory=dict["RigidShell", tuple[Array, Array]]
+    )
 
     @property
     def at_start(self) -> bool:

@@ -199,7 +199,8 @@ def _cosines(rows: Rows, others: Rows) -> tuple[Array, Array]:
     """
     order = np.argsort(others.slot, kind="stable")
     low, high = (np.searchsorted(others.slot[order], rows.slot, side) for side in ("left", "right"))
-    least, most = np.full(len(rows), np.inf), np.full(len(rows), -np.inf)
+    least = np.full(rows.slot.shape, np.inf)
+    most = -least
     for k in range(int((high - low).max(initial=0))):
         has = np.flatnonzero(low + k < high)
         cosine = np.einsum("ki,ki->k", rows.normal[has], others.normal[order[low[has] + k]])
@@ -261,7 +262,7 @@ def _shared(rows: Rows, rho: Array, push: Array, friction: Array) -> Multipliers
     """
     n, n_slots = rows.normal, len(push)
     count = np.bincount(rows.slot, minlength=n_slots)[rows.slot]
-    left, normal = push.copy(), np.zeros(len(rows))
+    left, normal = push.copy(), np.zeros_like(rows.gap)
     single = count.max(initial=1) == 1
     for _ in range(1 if single else SHARING):
         more = np.einsum("ki,ki->k", left[rows.slot], n) / count
@@ -272,7 +273,7 @@ def _shared(rows: Rows, rho: Array, push: Array, friction: Array) -> Multipliers
         np.subtract.at(left, rows.slot, more[:, None] * n)
     first = rows.foremost()
     number = np.bincount(rows.slot[first], minlength=n_slots)
-    tangent = np.zeros((len(rows), 3))
+    tangent = np.zeros_like(n)
     tangent[first] = friction[rows.slot[first]] / number[rows.slot[first], None]
     tangent -= np.einsum("ki,ki->k", tangent, n)[:, None] * n
     return Multipliers.of(rows, rho, normal, tangent)

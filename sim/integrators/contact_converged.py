@@ -9,13 +9,12 @@ import numpy as np
 from sim.contact.rows import GIVEN_UP, Multipliers, Rows, at_end
 from sim.contact.step import ContactStep, Opened, carried_over, penalties, renewed
 from sim.errors import NotConverged
-from sim.integrators.contract import require_upright
 from sim.integrators.factor import alike
 from sim.integrators.newton import Iteration, Point, Potential
 from sim.integrators.touching import InContact, TouchingApart, TouchingConstrained, TouchingInMatrix
 from sim.integrators.workspace import Workspace
 from sim.scene import Index
-from sim.state import Array, Evaluation, Pose
+from sim.state import Array, Evaluation, Pose, require_upright
 
 SLOW, STIFFER = 0.5, 4.0  #: ratio of gaps above which the penalty is increased, and its factor
 FRICTION_SETTLED = 1e-3  #: relative tolerance of the bounds of friction

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import ClassVar, Protocol, runtime_checkable
 
-from sim.errors import InvertedElement, SceneError
+from sim.errors import SceneError
 from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, Outputs, State, StepReport
 from sim.system import System
@@ -54,12 +54,6 @@ class RunsSteps(Protocol):
         Errors are those of `step`.
         """
         ...
-
-
-def require_upright(element: int, smallest_J: float, t: float) -> None:
-    """Raise InvertedElement unless the smallest det F is positive (NaN is not)."""
-    if not smallest_J > 0.0:
-        raise InvertedElement(element, smallest_J, t)
 
 
 def require_no_contact(system: System, integrator: str) -> None:

@@ -3,12 +3,10 @@
 from dataclasses import dataclass, fields
 from typing import ClassVar
 
-from sim.integrators.contract import require_upright
 from sim.integrators.stage import Converged, Stage, by_joints, final_state, report_of
 from sim.integrators.workspace import Workspace
-from sim.state import ControlAt, State, StepReport
-from sim.step_matrices import damping_matrix
-from sim.system import System
+from sim.state import ControlAt, State, StepReport, require_upright
+from sim.system import System, damping_matrix
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from sim.errors import SceneError
-from sim.integrators.contract import require_no_contact, require_upright
+from sim.integrators.contract import require_no_contact
 from sim.integrators.held import free_acceleration, held_acceleration
 from sim.integrators.workspace import Workspace
-from sim.state import Array, Control, ControlAt, Pose, State, StepReport
+from sim.state import Array, Control, ControlAt, Pose, State, StepReport, require_upright
 from sim.system import System
 
 

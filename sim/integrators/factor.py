@@ -17,7 +17,6 @@ from sim.linear.krylov import conjugate_gradients
 from sim.linear.reused import Timed
 from sim.matrix import Matrix
 from sim.pattern import Sparsity
-from sim.scene import having
 from sim.state import Array, State
 from sim.system import System
 
@@ -72,7 +71,7 @@ class AnalysedSolver:
         form, contact = self._with_products(system), system.contact
         if contact is None or system.with_rows is None or rows_apart:
             return form
-        if state is not None and not having(form.terms, "product"):
+        if state is not None and not form.has_products:
             few = len(contact.pushing(state)) * (3 if contact.rubs else 1) <= MOST_APART
             if few:
                 return form

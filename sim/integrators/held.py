@@ -7,8 +7,7 @@ from sim.joints.compiled import ROWS, Rows
 from sim.joints.contract import REACTIONS
 from sim.pattern import Flags
 from sim.state import Array, Control, State
-from sim.step_matrices import damping_matrix
-from sim.system import System
+from sim.system import System, damping_matrix
 
 BESIDE = 1e-5  #: time between the poses of the finite difference of the directions of rows [s]
 

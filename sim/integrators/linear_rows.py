@@ -11,12 +11,11 @@ from sim.contact.rows import NO_ROWS, Rows
 from sim.contact.step import ContactStep
 from sim.errors import NotConverged
 from sim.integrators.rows_of_step import STILL, JointRows, RowsAt, RowsOfStep, inverted
-from sim.integrators.step_solver import Solution
+from sim.integrators.step_solver import LinearStep, Solution
 from sim.integrators.workspace import Workspace
 from sim.joints.compiled import Rows as JointTable
 from sim.linear.equations import Equations
 from sim.state import Array, Pose, State
-from sim.step_matrices import LinearStep
 from sim.system import System
 
 AHEAD_OF_STEP = 1.5  #: factor on the initial velocity for the search range of vertices

@@ -6,16 +6,14 @@ from dataclasses import replace
 import numpy as np
 
 from sim.errors import InvertedElement
-from sim.integrators.contract import require_upright
 from sim.integrators.estimate import Turned, of_input, relaxed, swing_of
 from sim.integrators.linear_rows import LinearRows
-from sim.integrators.step_solver import Solution
+from sim.integrators.step_solver import LinearStep, Missed, Solution
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
 from sim.linear import NotReached
 from sim.snapping import concave
-from sim.state import Array, Evaluation, Pose, State, StepReport
-from sim.step_matrices import LinearStep, Missed
+from sim.state import Array, Evaluation, Pose, State, StepReport, require_upright
 from sim.system import System
 
 

@@ -18,8 +18,7 @@ from sim.integrators.workspace import Workspace
 from sim.linear import NotPositiveDefinite
 from sim.matrix import Matrix
 from sim.state import Array, Control, Evaluation, Pose
-from sim.step_matrices import implicit_matrix
-from sim.system import System
+from sim.system import System, implicit_matrix
 
 ARMIJO = 1e-4
 MAX_HALVINGS = 40

@@ -6,7 +6,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from sim.integrators.contract import require_upright
 from sim.integrators.converged_euler import InelasticLimits
 from sim.integrators.stage import (
     Stage,
@@ -17,7 +16,7 @@ from sim.integrators.stage import (
     report_of,
 )
 from sim.integrators.workspace import Workspace
-from sim.state import Array, ControlAt, Pose, State, StepReport
+from sim.state import Array, ControlAt, Pose, State, StepReport, require_upright
 from sim.system import System
 
 GAMMA = 1.0 - 1.0 / math.sqrt(2.0)

@@ -27,8 +27,7 @@ from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
 from sim.matrix import Matrix
 from sim.state import Array, ControlAt, Evaluation, Line, Pose, State, StepReport
-from sim.step_matrices import damping_matrix
-from sim.system import System
+from sim.system import System, damping_matrix
 
 AHEAD_OF_STAGE = 2.5
 """Factor on the displacements of a stage in the search for rows: the base of the next stage is ahead."""
@@ -239,7 +238,7 @@ def hits_limit(system: System, state: State, end: Solved, h: float) -> bool:
 
 def by_joints(system: System, pose: Pose, reaction: Array | None) -> Array:
     """Generalised force (n,) of the rows of joints at a pose; zero without."""
-    out, rows = np.zeros(system.pattern.n), system.rows
+    out, rows = np.zeros_like(system.mass), system.rows
     if rows is not None and reaction is not None:
         out[rows.columns] = rows.evaluate(pose).G.T @ reaction
     return out

@@ -8,15 +8,14 @@ import numpy as np
 from sim.contact.step import ContactStep
 from sim.integrators.contact_converged import minimise_in_contact
 from sim.integrators.contact_stage import StageWithRows
-from sim.integrators.contract import require_fixed_contact, require_upright
+from sim.integrators.contract import require_fixed_contact
 from sim.integrators.newton import Point, PotentialOfMoves
 from sim.integrators.stage import Iterative
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
 from sim.matrix import Matrix
-from sim.state import Array, Control, ControlAt, State, StepReport
-from sim.step_matrices import stiffness_matrix
-from sim.system import System
+from sim.state import Array, Control, ControlAt, State, StepReport, require_upright
+from sim.system import System, stiffness_matrix
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from sim.linear.equations import Equations
 from sim.linear.reused import Timed
 from sim.linear.saddle import Saddle
 from sim.matrix import Matrix
-from sim.state import Array, Pose
+from sim.state import Array, ControlAt, Evaluation, Line, Pose
 from sim.system import System
 
 REFINED, REFINEMENTS = 1e-11, 8
@@ -46,6 +46,27 @@ class Solution:
     #: solution for another right-hand side (n,) with them, with the largest error of an iterative one
     again: Callable[[Array, float], "Solution"] | None = None
     alone: Callable[[Array], Array] | None = None  #: as `roughly`, without equations
+
+
+@dataclass(frozen=True)
+class Missed:
+    """Data for the error estimate of a step, and for the test of its stability."""
+
+    line: Line  #: activation over the step
+    D: Matrix  #: damping [N s/m]
+    here: Evaluation  #: forces at the start under the control of the end
+    estimated: bool  #: True if the method has an estimate of its error
+    control: ControlAt | None  #: activation at all times
+
+
+@dataclass(frozen=True)
+class LinearStep:
+    """The equation of one linearly implicit step."""
+
+    A: Matrix  #: for the velocities
+    rhs: Array  #: (n_free,) right-hand side [N s]
+    moves: float  #: share of the new velocity in the motion
+    missed: Missed  #: what one linear solution leaves
 
 
 class StepSolver:

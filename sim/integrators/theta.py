@@ -8,7 +8,6 @@ from typing import ClassVar
 import numpy as np
 
 from sim.checks import real_numbers, require
-from sim.integrators.contract import require_upright
 from sim.integrators.linearly_implicit import (
     LinearStep,
     Missed,
@@ -17,9 +16,8 @@ from sim.integrators.linearly_implicit import (
     step_of,
 )
 from sim.integrators.workspace import Workspace
-from sim.state import ControlAt, Line, Outputs, State, StepReport, united
-from sim.step_matrices import damping_matrix, implicit_matrix
-from sim.system import System
+from sim.state import ControlAt, Line, Outputs, State, StepReport, require_upright, united
+from sim.system import System, damping_matrix, implicit_matrix
 
 
 class _Linearised:

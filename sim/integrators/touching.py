@@ -7,16 +7,18 @@ constraints (12), or the rows are assembled into the matrix.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from sim.contact.compliance import Compliance, RowCompliance
 from sim.contact.cone import frictional, pushes
-from sim.contact.rows import Acting, Multipliers, RowPlaces, Rows, UnitVectors, directions
+from sim.contact.rows import Acting, Multipliers, RowPlaces, Rows, across, directions
 from sim.contact.step import pressed
 from sim.dense import held
 from sim.integrators.newton import Point, Potential
 from sim.integrators.workspace import Workspace
 from sim.linear.krylov import conjugate_gradients
 from sim.matrix import Matrix
+from sim.pattern import Flags, SymmetricPattern
 from sim.scene import Index
 from sim.state import Array
 
@@ -27,6 +29,25 @@ PATIENCE = 6  #: number of iterations with one factor if rows are assembled
 
 FREED, FREED_LIMIT = 1e-4, 60
 """Relative error of a solution without the rows of the factor, and largest number of its iterations."""
+
+APART = 300.0  #: penalty of a row relative to the stiffness
+
+PASSES = 6  #: largest number of updates of the contact forces in one iteration
+
+ROUGH, SURE = (0.5, 1.0, 1.0), (0.02, 1e-3, 0.0)
+"""Tolerance of the displacement by a change of forces, relative to it and to the contact residual, and
+depth of omitted rows in residuals: while all steps were taken in full, and after a shortened or refused
+step, when rows that are closed in the potential but omitted in its model could prevent a descent."""
+
+HASTE = 0.5
+"""Factor on the criterion of slow convergence, because an iteration takes two solutions."""
+
+HELD, HELD_SHARE = 2, 0.05
+"""Number of corrections of a solution that keeps rows closed, and share of their opening left by it."""
+
+SOFT = 1e-3  #: relative regularisation of redundant rows in a correction
+
+AT_BOUND = 1e-9  #: relative distance of friction from its bound below which a contact slides
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,24 +154,53 @@ class TouchingInMatrix(Touching):
         return self.opening(self.answer(self.scale * self.generalised(push), work))
 
 
-APART = 300.0  #: penalty of a row relative to the stiffness
+class UnitVectors:
+    """Directions of all rows; the normal of each row is followed by two vectors across it.
 
-PASSES = 6  #: largest number of updates of the contact forces in one iteration
+    Attributes
+    ----------
+    friction : (k,) coefficient; rows with zero have the normal alone.
+    first : (k,) index of the normal of each row.
+    contact : (m,) row of each direction.
+    """
 
-ROUGH, SURE = (0.5, 1.0, 1.0), (0.02, 1e-3, 0.0)
-"""Tolerance of the displacement by a change of forces, relative to it and to the contact residual, and
-depth of omitted rows in residuals: while all steps were taken in full, and after a shortened or refused
-step, when rows that are closed in the potential but omitted in its model could prevent a descent."""
+    def __init__(self, rows: Rows) -> None:
+        self._rows, self.friction = rows, rows.friction
+        self._size = np.where(rows.friction > 0.0, 3, 1)
+        self.first: Index = np.cumsum(self._size) - self._size
+        self.contact: Index = np.repeat(np.arange(len(rows)), self._size)
+        self._rubs = np.flatnonzero(rows.friction > 0.0)
+        self._across = self.first[self._rubs, None] + np.array([1, 2])
+        vectors = across(rows.normal[self._rubs])
+        self._vectors = np.stack(vectors, axis=1)  # (rubbing rows, 2, 3)
 
-HASTE = 0.5
-"""Factor on the criterion of slow convergence, because an iteration takes two solutions."""
+    def directions(self, pattern: SymmetricPattern) -> csr_array:
+        """D (m, n_free), motion along all directions by the free unknowns."""
+        along = self._rows.normal[self.contact]
+        along[self._across] = self._vectors
+        return directions(pattern, self._rows.take(self.contact), along)
 
-HELD, HELD_SHARE = 2, 0.05
-"""Number of corrections of a solution that keeps rows closed, and share of their opening left by it."""
+    def of(self, on: Flags) -> Index:
+        """Directions of some rows (k,), in ascending order."""
+        return np.flatnonzero(on[self.contact])
 
-SOFT = 1e-3  #: relative regularisation of redundant rows in a correction
+    def is_of(self, contacts: Flags, sticking: Flags) -> Flags:
+        """Directions (m,): normals of some rows (k,), and vectors across others."""
+        out = sticking[self.contact]
+        out[self.first] = contacts
+        return out
 
-AT_BOUND = 1e-9  #: relative distance of friction from its bound below which a contact slides
+    def components(self, normal: Array, across: Array) -> Array:
+        """Components (m,) of vectors with normal components (k,) and parts (k, 3) across."""
+        out = normal[self.contact]
+        out[self._across] = np.einsum("kij,kj->ki", self._vectors, across[self._rubs])
+        return out
+
+    def vectors(self, components: Array) -> tuple[Array, Array]:
+        """Normal components (k,), and parts (k, 3) across, of components (m,)."""
+        across = np.zeros((len(self.first), 3))
+        across[self._rubs] = np.einsum("kij,ki->kj", self._vectors, components[self._across])
+        return components[self.first], across
 
 
 class TouchingApart(Touching):
@@ -245,13 +295,13 @@ class TouchingApart(Touching):
         new, answer = forces, np.zeros(D.shape[1])
         pushed, on = answer, (forces[unit.first] > 0.0) | (gap[unit.first] < 0.0)
         likely = on | (gap[unit.first] < self._tolerances.likely)
-        compliance.expect(unit.of(np.flatnonzero(likely)))
+        compliance.expect(unit.of(likely))
         seen = secants.seen_by(D)
         for _ in range(PASSES):
             contacts = np.flatnonzero(on)
             if not len(contacts):
                 break
-            rows = unit.of(contacts)
+            rows = unit.of(on)
             G = compliance.among(rows) + secants.between(seen[rows])
             G[np.diag_indices_from(G)] += soft[unit.contact[rows]]
             start, new = new, np.zeros_like(forces)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from sim.integrators.contract import require_no_contact, require_upright
+from sim.integrators.contract import require_no_contact
 from sim.integrators.converged_euler import InelasticLimits
 from sim.integrators.held import forces_at
 from sim.integrators.stage import (
@@ -15,7 +15,7 @@ from sim.integrators.stage import (
     report_of,
 )
 from sim.integrators.workspace import Workspace
-from sim.state import ControlAt, State, StepReport
+from sim.state import ControlAt, State, StepReport, require_upright
 from sim.system import System
 
 

@@ -175,7 +175,8 @@ class Workspace:
         products. A factor of another form is discarded.
         """
         form = self._solver.form(system, state, rows_apart=rows_apart)
-        self.constraints.take(form)
+        if form.constraints is not None:
+            self.constraints.take(form)
         begins = state is not None and form.contact is not None
         if begins and form.pattern is not self._solver.analysed:
             self.newton.forget()

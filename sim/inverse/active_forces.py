@@ -7,8 +7,7 @@ import numpy as np
 from sim.errors import SceneError
 from sim.scene import CompiledTerm, Index, having
 from sim.state import Array, Control, Pose
-from sim.step_matrices import damping_matrix
-from sim.system import System
+from sim.system import System, damping_matrix
 
 NEAR = 1e-7  #: displacement of the finite difference of the active stiffness along the step [m]
 

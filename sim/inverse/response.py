@@ -12,13 +12,13 @@ from sim.dense import held, least
 from sim.errors import SceneError
 from sim.integrators.contract import require_fixed_contact, require_no_friction
 from sim.integrators.linear_rows import LinearRows
+from sim.integrators.step_solver import LinearStep
 from sim.integrators.workspace import Workspace
 from sim.inverse.active_forces import NEAR, ActiveForces, require_affine
 from sim.joints.compiled import REDUNDANT, ROWS
 from sim.joints.compiled import Rows as JointRows
 from sim.state import Array, Control, ControlAt, Line, Pose, State, StepReport
-from sim.step_matrices import LinearStep, stiffness_matrix
-from sim.system import System
+from sim.system import System, stiffness_matrix
 
 Form = Literal["exact", "affine"]
 """Derivative of the step itself, or with the matrix of the step held constant."""

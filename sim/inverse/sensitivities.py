@@ -12,7 +12,6 @@ from sim.integrators import LinearlyImplicitEuler, Workspace
 from sim.integrators.contract import (
     require_fixed_contact,
     require_no_friction,
-    require_upright,
 )
 from sim.integrators.linear_rows import LinearRows
 from sim.inverse.active_forces import NEAR, ActiveForces
@@ -21,9 +20,8 @@ from sim.inverse.response import SOLVED, generalised_normals, under_normals
 from sim.inverse.splines import DEGREE, Splines, ends_of_steps
 from sim.inverse.targets import Target, Together
 from sim.pattern import Sparsity
-from sim.state import Array, Control, Line, State
-from sim.step_matrices import damping_matrix
-from sim.system import System
+from sim.state import Array, Control, Line, State, require_upright
+from sim.system import System, damping_matrix
 from sim.threads import one_blas_thread
 
 DECAYED = 3e-5

@@ -8,7 +8,6 @@ import xarray as xr
 
 from sim.errors import SceneError
 from sim.integrators import LinearlyImplicitEuler, Workspace
-from sim.integrators.contract import require_upright
 from sim.inverse.active_forces import ActiveForces
 from sim.inverse.force_targets import ForceTarget
 from sim.inverse.objective import MeasuredActivation, Objective, Weights
@@ -16,7 +15,7 @@ from sim.inverse.quadratic import minimise_in_box
 from sim.inverse.response import LinearlyImplicit, Response, step_response
 from sim.inverse.targets import Target, Together
 from sim.scene import Index
-from sim.state import Array, Control, State
+from sim.state import Array, Control, State, require_upright
 from sim.system import System
 from sim.threads import one_blas_thread
 

@@ -7,9 +7,8 @@ import numpy as np
 
 from sim.errors import SceneError
 from sim.linear.contract import Factor, LinearSolver, NotPositiveDefinite, symmetric_product
-from sim.linear.pardiso import Pardiso, PardisoLDLt, pardiso_is_available
+from sim.linear.pardiso import Pardiso, PardisoLDLt, SinglePardiso, pardiso_is_available
 from sim.linear.reused import NotReached, ReusedFactor
-from sim.linear.single import SinglePardiso
 from sim.linear.superlu import PivotingSuperLU, SuperLU
 
 FACTORS: dict[str, Callable[[], Factor]] = {

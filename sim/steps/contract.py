@@ -15,8 +15,7 @@ from sim.errors import (
 from sim.integrators.contract import Integrator
 from sim.integrators.workspace import Workspace
 from sim.state import ControlAt, Outputs, State, StepReport
-from sim.step_matrices import damping_matrix
-from sim.system import System
+from sim.system import System, damping_matrix
 
 GROWTH, DIVIDED, PERSISTS = 1.0, 4, 6
 """Growth of velocities by negative damping within the largest step, relative to them, that ends a

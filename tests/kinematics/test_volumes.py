@@ -9,9 +9,10 @@ import sim
 from sim.contact.rows import NO_ROWS
 from sim.contact.surfaces import body_surfaces
 from sim.integrators.linear_rows import LinearRows
+from sim.integrators.step_solver import LinearStep, Missed
 from sim.joints import Spherical, Weld
 from sim.state import Line
-from sim.step_matrices import LinearStep, Missed, damping_matrix, implicit_matrix
+from sim.system import damping_matrix, implicit_matrix
 from tests.bodies import grid, solid_system
 from tests.kinematics.scenes import dense, mixed_system, random_pose, swing
 from tests.kinematics.test_motion import run

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import sim
-from sim.step_matrices import damping_matrix
+from sim.system import damping_matrix
 from tests.bodies import dense, grid, rotation, solid_system
 
 RELATION = sim.ForceVelocity(v_max=3.0, curvature=0.3, lengthening=1.5)
