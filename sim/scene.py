@@ -16,7 +16,7 @@ from sim.checks import real_numbers
 from sim.described import Described, listed
 from sim.joints.contract import Joint
 from sim.kinematics.members import Member
-from sim.matrix import Product
+from sim.linear.contract import Product
 from sim.mesh import Mesh
 from sim.pattern import Index, SymmetricPattern
 from sim.state import Array, Control

@@ -13,8 +13,7 @@ from sim.described import Described
 from sim.errors import ControlError
 from sim.joints.compiled import Rows
 from sim.kinematics import Kinematics
-from sim.linear.contract import symmetric_product
-from sim.matrix import Matrix, Product, merged
+from sim.linear.contract import Matrix, Product, merged, symmetric_product
 from sim.mesh import Mesh
 from sim.multibody import Multibody, lay_out_multibody
 from sim.pattern import Sparsity, SymmetricPattern

@@ -14,7 +14,7 @@ from sim.integrators.factor import NewtonFactor
 from sim.integrators.newton import Point, PotentialOfMoves
 from sim.integrators.rows_of_step import JointRows, joint_rows
 from sim.joints.compiled import REDUNDANT, ROWS
-from sim.matrix import Matrix
+from sim.linear.contract import Matrix
 from sim.scene import Index
 from sim.state import Array
 

@@ -7,7 +7,7 @@ from typing import Final
 import numpy as np
 
 from sim.dense import dot
-from sim.matrix import Matrix
+from sim.linear.contract import Matrix
 from sim.state import Array, Control, ControlAt, Line, Pose, State, Swing
 from sim.system import System
 

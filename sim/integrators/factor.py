@@ -13,9 +13,9 @@ from scipy.sparse import csr_array
 
 from sim.dense import dot, inverse, norm
 from sim.linear import Factor, NotPositiveDefinite, ReusedFactor, solver_of_steps
+from sim.linear.contract import Matrix
 from sim.linear.krylov import conjugate_gradients
 from sim.linear.reused import Timed
-from sim.matrix import Matrix
 from sim.pattern import Sparsity
 from sim.state import Array, State
 from sim.system import System

@@ -16,7 +16,7 @@ from sim.dense import dot
 from sim.errors import NotConverged
 from sim.integrators.workspace import Workspace
 from sim.linear import NotPositiveDefinite
-from sim.matrix import Matrix
+from sim.linear.contract import Matrix
 from sim.state import Array, Control, Evaluation, Pose
 from sim.system import System, implicit_matrix
 

@@ -19,7 +19,7 @@ from sim.errors import NotConverged
 from sim.integrators.newton import PotentialOfMoves
 from sim.integrators.step_solver import Solution
 from sim.joints.compiled import REDUNDANT
-from sim.matrix import Matrix
+from sim.linear.contract import Matrix
 from sim.multibody import MOST_DENSE
 from sim.pattern import Flags, Sparsity
 from sim.scene import Index

@@ -25,7 +25,7 @@ from sim.integrators.newton import (
 )
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
-from sim.matrix import Matrix
+from sim.linear.contract import Matrix
 from sim.state import Array, ControlAt, Evaluation, Line, Pose, State, StepReport
 from sim.system import System, damping_matrix
 

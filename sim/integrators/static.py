@@ -13,7 +13,7 @@ from sim.integrators.newton import Point, PotentialOfMoves
 from sim.integrators.stage import Iterative
 from sim.integrators.workspace import Workspace
 from sim.joints.contract import REACTIONS
-from sim.matrix import Matrix
+from sim.linear.contract import Matrix
 from sim.state import Array, Control, ControlAt, State, StepReport, require_upright
 from sim.system import System, stiffness_matrix
 

@@ -20,10 +20,10 @@ from sim.linear import (
     ReusedFactor,
     linear_solver,
 )
+from sim.linear.contract import Matrix
 from sim.linear.equations import Equations
 from sim.linear.reused import Timed
 from sim.linear.saddle import Saddle
-from sim.matrix import Matrix
 from sim.state import Array, ControlAt, Evaluation, Line, Pose
 from sim.system import System
 

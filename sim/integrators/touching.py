@@ -16,8 +16,8 @@ from sim.contact.step import pressed
 from sim.dense import held
 from sim.integrators.newton import Point, Potential
 from sim.integrators.workspace import Workspace
+from sim.linear.contract import Matrix
 from sim.linear.krylov import conjugate_gradients
-from sim.matrix import Matrix
 from sim.pattern import Flags, SymmetricPattern
 from sim.scene import Index
 from sim.state import Array

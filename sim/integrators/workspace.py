@@ -10,8 +10,8 @@ from sim.integrators.bodies_alone import BodiesAlone
 from sim.integrators.factor import AnalysedSolver, Key, NewtonFactor
 from sim.integrators.step_solver import ConstraintSolver, Solution, StepSolver
 from sim.linear import Factor, ReusedFactor
+from sim.linear.contract import Matrix
 from sim.linear.equations import Equations
-from sim.matrix import Matrix
 from sim.state import Array, Pose, State
 from sim.system import System
 

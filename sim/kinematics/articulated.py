@@ -22,7 +22,7 @@ from sim.kinematics.chains import Chains
 from sim.kinematics.congruence import Congruence, lay_out
 from sim.kinematics.contract import Kinematics
 from sim.kinematics.paths import Path, Paths
-from sim.matrix import Product
+from sim.linear.contract import Product
 from sim.pattern import Index, Sparsity, SymmetricPattern
 from sim.state import Array, Pose, State
 

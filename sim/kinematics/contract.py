@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim.matrix import Product
+from sim.linear.contract import Product
 from sim.pattern import Index, Sparsity, SymmetricPattern
 from sim.state import Array, Pose, State
 

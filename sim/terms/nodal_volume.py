@@ -14,7 +14,7 @@ from sim._kernels import volume as kernel
 from sim.assembly import element_pair_keys, grouped, slots
 from sim.checks import real_numbers
 from sim.dense import dot
-from sim.matrix import Product
+from sim.linear.contract import Product
 from sim.mesh import Mesh
 from sim.pattern import distinct
 from sim.scene import CompiledTerm, Contribution, Index, Layout, Term

@@ -5,7 +5,7 @@ import pytest
 
 import sim
 from sim.linear import LINEAR_SOLVERS, NotPositiveDefinite, linear_solver, pardiso_is_available
-from sim.matrix import Matrix
+from sim.linear.contract import Matrix
 from sim.steps import Motion
 from sim.threads import set_thread_count, thread_count
 from tests.bodies import crossed_muscles, dense, grid, solid_system
