@@ -5,9 +5,9 @@ from typing import cast
 
 import numpy as np
 
-from analysis.errors import AnalysisError, StatisticsError
+from analysis.errors import StatisticsError
 
-Refused = type[AnalysisError]
+Refused = type[Exception]
 
 
 def number(name: str, value: object, *, error: Refused = StatisticsError) -> float:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.signal import butter, sosfilt
 
+from analysis.arguments import count
 from emgface.acoustics.errors import AcousticsError
 from emgface.acoustics.medium import Floats
 
@@ -196,7 +197,8 @@ class Turbulence:
         """Two independent noises of the variance of uniform noise in +-1/2, shape (2, n)."""
         if self.gain == 0.0 or n == 0:
             return np.zeros((2, n))
-        white = np.random.default_rng(seed).standard_normal((2, n))
+        begin = count("the seed", seed, least=0, error=AcousticsError)
+        white = np.random.default_rng(begin).standard_normal((2, n))
         low, high = self.band
         sos = butter(2, (low, min(high, 0.45 * rate)), "bandpass", fs=rate, output="sos")
         share = 2.0 * (min(high, 0.45 * rate) - low) / rate

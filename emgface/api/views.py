@@ -120,6 +120,12 @@ def _further(
                 "motion of a face with it: leave it out"
             )
         return found
+    alone = {"mapping": mapping, "face": face}
+    if recording is None and (idle := [name for name, x in alone.items() if x is not None]):
+        raise ConfigurationError(
+            f"{listed(idle)} of a trajectory has no effect without a recording, whose head the "
+            "face places: pass both, or leave it out"
+        )
     if recording is not None:
         from emgface.api.recordings import aligned_and_scored
 

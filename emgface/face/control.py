@@ -39,6 +39,12 @@ def _times(time: xr.DataArray) -> np.ndarray:
     times = seconds(time)
     if len(times) < 2:
         raise ActivationError(f"the activation has {len(times)} sample, expected at least two")
+    if not np.isfinite(times).all():
+        at = int(np.argmin(np.isfinite(times)))
+        raise ActivationError(
+            f"the time of sample {at + 1} of the activation is {times[at]}, expected finite times: "
+            "remove its sample"
+        )
     if not (np.diff(times) > 0.0).all():
         at = int(np.argmin(np.diff(times) > 0.0))
         raise ActivationError(

@@ -116,6 +116,11 @@ def require_rest(settled: xr.Dataset, face: xr.Dataset, parameters: SimulationPa
 
     One that does not state its parameters, as of earlier versions, is compared by its face alone.
     """
+    if "node_position" not in settled:
+        raise FaceError(
+            f"a dataset with {', '.join(map(str, list(settled.data_vars)[:3]))} was passed as an "
+            "equilibrium, expected node_position: pass the result of `settle_face`, or omit it"
+        )
     require_face(settled.attrs, face, "equilibrium")
     text = settled.attrs.get(REST)
     if text is None:

@@ -54,6 +54,11 @@ def wanted_positions(
     marker that is not in `left_out` is not visible at rest, those visible are fewer than two or
     mirrored, or the sizes of the mouths differ more than those of two heads.
     """
+    if "position" not in recording:
+        raise MarkerError(
+            "the recording has no position of markers, expected lip markers and face markers: choose a "
+            "recording with them"
+        )
     given = recording["position"]
     names = [str(name) for name in given["marker"].values]
     absent = [name for name in left_out if name not in names]

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 import emgface as ef
-from emgface.errors import FaceError, FeatureWarning
+from emgface.errors import EmgfaceError, FaceError, FeatureWarning
 from emgface.face.identity import DIGEST, NAME
 from emgface.inverse.calibration import over_session
 from emgface.muscles import LIP_MARKERS
@@ -175,3 +175,10 @@ def test_another_file_is_found_where_no_trial_is_named(coarse, drive, trial):
         given = bare[1].assign_attrs(origin="simulated", source_digest=digest)
         assert codes_of(lambda given=given: ef.score(given, motion, face=coarse))[0] == expected
     assert set(LIP_MARKERS) <= set(motion["marker"].values.tolist())
+
+
+def test_a_motion_is_shown_with_a_face_only_beside_its_recording(motions, coarse):
+    with pytest.raises(
+        EmgfaceError, match="face of a trajectory has no effect without a recording"
+    ):
+        ef.show(motions[0], face=coarse)

@@ -5,6 +5,7 @@ from typing import Final
 
 import numpy as np
 
+from analysis.arguments import count
 from emgface.errors import FaceError
 from emgface.face.template.measures import MM, Measures
 from emgface.face.template.norms import NORMS
@@ -53,7 +54,7 @@ def random_measures(
         raise FaceError(f"the asymmetry of the volunteers is {asymmetry}, expected a number >= 0")
     if preset not in PRESETS:
         _distribution(preset)
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(count("the seed", seed, least=0, error=FaceError))
     why = ""
     for _ in range(_ATTEMPTS):
         group = preset

@@ -1,0 +1,49 @@
+"""Arguments of `emgface` that another dataset, an infinite time or a negative seed makes useless."""
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import emgface as ef
+from emgface.acoustics.errors import AcousticsError
+from emgface.errors import EmgfaceError
+from emgface.face.motion import require_rest
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.inverse.markers import wanted_positions
+from emgface.signals.parameters import HeadFrameParameters
+
+
+@pytest.fixture(scope="module")
+def face():
+    return ef.face(resolution="coarse")
+
+
+def drive(face, times) -> xr.DataArray:
+    muscles = face["muscle"].values
+    coords = {"time": ("time", np.asarray(times), {"units": "s"}), "muscle": muscles}
+    return xr.DataArray(np.zeros((len(times), len(muscles))), coords, ("time", "muscle"))
+
+
+@pytest.mark.parametrize("times", [[0.0, 0.1, np.inf], [-np.inf, 0.0, 0.1], [0.0, np.nan, 0.2]])
+def test_times_of_an_activation_are_finite(face, times):
+    with pytest.raises(EmgfaceError, match="expected finite times"):
+        ef.simulate(drive(face, times), face, accuracy="draft")
+
+
+def test_an_equilibrium_is_the_result_of_an_equilibrium(face):
+    with pytest.raises(EmgfaceError, match="passed as an equilibrium, expected node_position"):
+        require_rest(face, face, SimulationParameters())
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "a", np.nan, True])
+def test_a_seed_is_a_whole_number(seed):
+    with pytest.raises(EmgfaceError, match="the seed is"):
+        ef.face(resolution="coarse", seed=seed)
+    with pytest.raises(AcousticsError, match="the seed is"):
+        ef.sound(duration=0.02, seed=seed)
+
+
+def test_an_inversion_needs_markers(face):
+    recording, time = xr.Dataset(), np.zeros(1)
+    with pytest.raises(EmgfaceError, match="no position of markers"):
+        wanted_positions(recording, np.zeros((10, 3)), face, HeadFrameParameters(), time, 0.0)
