@@ -26,7 +26,7 @@ import sim
 from benchmarks import fit_checks
 from benchmarks.fit_gap import fitted_published, gap
 from benchmarks.fit_inputs import DAMAGES, damaged, person_of
-from benchmarks.fit_persons import between_persons
+from benchmarks.fit_persons import between_persons, thickness_coverage
 from benchmarks.fit_worth import worth
 from benchmarks.report import finish, say
 from emgface.api.given import simulation_of, study_of
@@ -145,7 +145,7 @@ def six_checks(which: Iterable[int], persons: int, inputs: int, out: Path | None
 
 def main(
     only: Annotated[
-        list[str] | None, typer.Option(help="checks, damaged, published, gap or worth.")
+        list[str] | None, typer.Option(help="checks, damaged, published, gap, thickness or worth.")
     ] = None,
     check: Annotated[
         list[int] | None, typer.Option(help="Number of a check, by default all.")
@@ -165,6 +165,8 @@ def main(
     if only and "worth" in only:
         with tempfile.TemporaryDirectory() as temporary:
             worth(persons, tuple(instructions), out, work or Path(temporary), workers)
+    if only and "thickness" in only:
+        say(str(thickness_coverage(persons).cells()))
     if not only or "damaged" in only:
         damaged_inputs(inputs, first)
     if not only or "published" in only:

@@ -158,3 +158,19 @@ def _difference(
 
 def _rms(apart: Floats) -> float:
     return 1e3 * float(np.sqrt((apart**2).sum(axis=1).mean()))
+
+
+def thickness_coverage(persons: int, resolution: str = "coarse") -> Row:
+    """Share of the columns whose thickness lies in the interval of 90 % of a fit to the skin alone."""
+    generic, shares = template_face(resolution=resolution), []
+    for k in range(persons):
+        other = person_of(200 + k, resolution)
+        told = fitted_to(generic, other, ("skin",)).thickness
+        nodes = other.face["position"].values
+        skin, inner = nodes[told["node"]], nodes[told["inner_node"]]
+        true = 1e3 * np.linalg.norm(skin - inner, axis=1)
+        shares.append(float(((told["low"] <= true) & (true <= told["high"])).mean()))
+        say(f"person {k + 1}: {shares[-1]:.3f} of {len(true)} thicknesses within their intervals")
+    say(f"smallest {min(shares):.3f}; {sum(s >= 0.9 for s in shares)} of {persons} at least 0.9")
+    mean = float(np.mean(shares))
+    return Row(3, f"thicknesses of {persons} persons within intervals of 90 %", mean, 0.9, True)

@@ -17,8 +17,8 @@ from emgface.fit.family import Family
 from emgface.fit.readers.landmarks import Landmarks, plain
 from emgface.fit.readers.surfaces import Scan
 from emgface.fit.similarity import Similarity, misfit, rigid_of, similarity
+from emgface.fit.strays import CLICK, check_strays
 from emgface.fit.strays import LEAST as ENOUGH
-from emgface.fit.strays import check_strays
 from emgface.fit.targets import LandmarkPoints, Sheet
 from emgface.fit.triangulated import Floats, Surface
 
@@ -30,6 +30,11 @@ SCALE: Final = (0.6, 1.6)  #: ratio of sizes of two people
 USUAL_SCALE: Final = (0.75, 1.35)
 """Ratio of sizes beyond which a unit, or the spacing of the voxels of an image, is doubtful."""
 OFF: Final = 0.012  #: distance of a landmark from the skin that is refused [m]
+LOCAL: Final = (
+    0.5  #: extent of the landmarks, relative to the face, below which they are doubted [1]
+)
+BESIDE: Final = 2.0  #: largest distance of landmarks from the skin without a doubt, in deviations
+BENEATH: Final = 2e-3  #: smallest distance of the landmarks from bone or an inner surface [m]
 DISAGREE: Final = 0.5  #: mean cosine of normals below which a surface is refused [1]
 
 
@@ -171,6 +176,14 @@ def pair_points(
     """Pair landmarks of a person with those of a face; errors as of `match`."""
     found = match(points_of_face(face), given, on_face, noise, "face")
     to_face, source = found.rigid, found.source
+    size, whole = (
+        float(np.linalg.norm(np.ptp(x, axis=0))) for x in (source, face["position"].values)
+    )
+    if size < LOCAL * whole:
+        found.notes.append(
+            f"the landmarks span {1e3 * size:.0f} mm of a face of {1e3 * whole:.0f} mm; beyond them its "
+            "shape is extrapolated: add landmarks at its borders, for example nasion, chin and temples"
+        )
     near = (skin := Sheet.of(face, OUTER).at(face["position"].values)).nearest(source)
     points = LandmarkPoints(
         found.names, source, to_face(found.target), skin.triangles[near.triangle], near.weights,
@@ -229,23 +242,45 @@ def provenance(
     }  # fmt: skip
 
 
-def check_landmarks_on(skin: Surface, points: LandmarkPoints, name: str) -> None:
-    """Refuse landmarks that do not lie on the skin, with the evidence for the likely reason."""
+def check_landmarks_on(
+    skin: Surface, points: LandmarkPoints, name: str, noise: float
+) -> str | None:
+    """Refuse landmarks that do not lie on the skin, with the evidence for the likely reason.
+
+    Returns a doubt if they miss it by more than their noise explains.
+    """
     near = skin.nearest(points.target)
     far = points.on_skin & (near.distance > OFF)
-    if not far.any():
-        return
-    k = int(np.argmax(np.where(far, near.distance, 0.0)))
     many = float(np.median(near.distance[points.on_skin]))
-    raise FitError(
-        f"landmark {points.names[k]} lies {1e3 * near.distance[k]:.3g} mm from {name} (median of all "
-        f"{1e3 * many:.3g} mm), expected at most {1e3 * OFF:.0f} mm: "
-        + (
-            "check the unit and the frame (LPS or RAS) of both files"
-            if many > OFF
-            else "check this landmark, or whether the surface has a hole there"
+    if far.any():
+        k = int(np.argmax(np.where(far, near.distance, 0.0)))
+        raise FitError(
+            f"landmark {points.names[k]} lies {1e3 * near.distance[k]:.3g} mm from {name} (median of "
+            f"all {1e3 * many:.3g} mm), expected at most {1e3 * OFF:.0f} mm: "
+            + (
+                "check the unit and the frame (LPS or RAS) of both files"
+                if many > OFF
+                else "check this landmark, or whether the surface has a hole there"
+            )
         )
+    miss = float(np.sqrt(np.mean(near.distance[points.on_skin] ** 2)))
+    if miss <= (limit := BESIDE * max(noise, CLICK)):
+        return None
+    return (
+        f"the landmarks lie {1e3 * miss:.2g} mm rms from {name}, expected at most {1e3 * limit:.2g} mm "
+        f"for a noise of {1e3 * noise:.2g} mm: check whether they are of the same scan and pose"
     )
+
+
+def check_landmarks_off(surface: Surface, points: LandmarkPoints, name: str, kind: str) -> None:
+    """Refuse an inner surface, or one of bone, on which the landmarks of the skin lie."""
+    near = surface.nearest(points.target[points.on_skin])
+    if len(near.distance) and (beneath := float(np.median(near.distance))) < BENEATH:
+        raise FitError(
+            f"the landmarks of the skin lie {1e3 * beneath:.2g} mm from {name} (median), which was "
+            f"given as {kind}; expected at least {1e3 * BENEATH:.0f} mm of soft tissue between them: "
+            "check whether this is the surface of the skin"
+        )
 
 
 def facing(

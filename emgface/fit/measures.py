@@ -9,6 +9,8 @@ from emgface.face.quality import element_quality, is_wedge
 from emgface.fit.targets import Target
 from emgface.fit.triangulated import Floats, Surface
 
+MOST = 200_000  #: largest number of points of a surface whose distances are measured
+
 
 def distances(target: Target, q: Floats) -> dict[str, float]:
     """Mean, 95 % and largest distance [mm] of a sheet and its target, and the covered share [1].
@@ -19,10 +21,8 @@ def distances(target: Target, q: Floats) -> dict[str, float]:
     """
     moving = target.sheet.at(q)
     if target.only is None:
-        points, _, weight = moving.samples
-        first = _of_points(target.surface, points, weight)
-        points, _, weight = target.surface.samples
-        second = _of_points(moving, points, weight)
+        first = _of_points(target.surface, *_some(moving))
+        second = _of_points(moving, *_some(target.surface))
         d = np.concatenate([first[0], second[0]])
         w = np.concatenate([first[1], second[1]])
         mean = 0.5 * sum(float(np.average(a, weights=b)) for a, b, _ in (first, second) if len(a))
@@ -41,6 +41,13 @@ def distances(target: Target, q: Floats) -> dict[str, float]:
         "largest": 1e3 * float(d.max()),
         "covered": covered,
     }
+
+
+def _some(surface: Surface) -> tuple[Floats, Floats]:
+    """Samples of a surface and their areas, of a large one at most `MOST` at equal steps."""
+    points, _, weight = surface.samples
+    step = -(-len(points) // MOST)
+    return points[::step], weight[::step]
 
 
 def _of_points(surface: Surface, points: Floats, weight: Floats) -> tuple[Floats, Floats, float]:

@@ -19,6 +19,7 @@ from emgface.fit.courses import with_courses
 from emgface.fit.deform import NOISE, Deformed, Progress, deform
 from emgface.fit.inputs import (
     Paired,
+    check_landmarks_off,
     check_landmarks_on,
     facing,
     in_face_frame,
@@ -115,7 +116,9 @@ def fit_face(
         if given is not None
     }
     paired = pair_points(face, marks, places, noise)
-    notes, doubts = list(paired.notes), tuple(paired.notes)
+    notes = list(paired.notes)
+    notes += _check_places(scans, paired, noise)
+    doubts = tuple(notes)
     targets = _targets(face, scans, paired, notes)
     if (nearer := nearer_face(face, paired, targets, noise)) is not face:
         moved = places
@@ -178,6 +181,18 @@ def scan_of(given: Given, unit: str | None) -> Scan:
     return surface_of(points, triangles, unit=unit or "m")
 
 
+def _check_places(scans: Mapping[str, Scan], paired: Paired, noise: float) -> list[str]:
+    """Doubts about the places of the landmarks; FitError if a surface is not where they say."""
+    doubts = []
+    for kind, scan in scans.items():
+        surface = in_face_frame(scan, paired.to_face)
+        if kind == "skin":
+            doubts.append(check_landmarks_on(surface, paired.points, scan.source, noise))
+        else:
+            check_landmarks_off(surface, paired.points, scan.source, kind)
+    return [doubt for doubt in doubts if doubt]
+
+
 def _targets(
     face: xr.Dataset, scans: Mapping[str, Scan], paired: Paired, notes: list[str]
 ) -> list[Target]:
@@ -189,8 +204,6 @@ def _targets(
     for kind, scan in scans.items():
         surface = in_face_frame(scan, paired.to_face)
         notes.extend(f"{scan.source}: {note}" for note in scan.notes)
-        if kind == "skin":
-            check_landmarks_on(surface, paired.points, scan.source)
         sheet = own["skin" if kind == "skin" else "inner"]
         held = sheet.nodes[face["fixed"].values[sheet.nodes] != FREE]
         nodes, side = (held, -1.0) if kind == "bone" else (sheet.nodes, 1.0)

@@ -1,6 +1,6 @@
 """Triangulated surfaces: normals, samples, exact nearest points, open edges and their loops."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +11,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 SAMPLE = 0.8e-3  #: distance of the samples on triangles by which nearest triangles are found [m]
+BLOCK = 20_000  #: number of points whose nearest points are found together, for the memory
 CANDIDATES = 8  #: number of samples whose triangles are tested for the nearest point
 
 
@@ -130,6 +131,18 @@ class Surface:
         Triangles of the nearest samples are tested exactly. A point is `found` only if one of the
         `wide` nearest samples has a normal within the `cosine` of its own.
         """
+        parts = [
+            self._nearest(points[k : k + BLOCK], None if normals is None else normals[k : k + BLOCK],
+                          cosine, wide)
+            for k in range(0, max(1, len(points)), BLOCK)
+        ]  # fmt: skip
+        return Nearest(
+            *(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Nearest))
+        )
+
+    def _nearest(
+        self, points: Floats, normals: Floats | None, cosine: float, wide: int
+    ) -> "Nearest":
         _, owner, _ = self.samples
         k = CANDIDATES if normals is None else wide
         _, index = self.tree.query(points, k=min(k, len(owner)))

@@ -1,5 +1,7 @@
 """Registration of surfaces: known motions, closed forms of the smooth map, published bones."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -97,3 +99,20 @@ def test_a_smooth_deformation_of_a_bone_is_recovered(mandible):
     before = target.nearest(start(mandible.samples[0])).distance
     assert distance.mean() < 0.2e-3 and distance.mean() < 0.15 * before.mean()
     assert surface_volume(moved) == pytest.approx(surface_volume(target), rel=0.01)
+
+
+def test_nearest_points_of_many_points_need_little_memory(mandible):
+    """A scan of 400 000 triangles took 2.9 GB."""
+    rng = np.random.default_rng(0)
+    lo, hi = mandible.points.min(axis=0), mandible.points.max(axis=0)
+    points = rng.uniform(lo, hi, (60_000, 3))
+    mandible.tree  # noqa: B018  built beforehand
+    peaks = []
+    for some in (points[:20_000], points):
+        tracemalloc.start()
+        found = mandible.nearest(some)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 1.5 * peaks[0]
+    ends = np.r_[0:10, 59_990:60_000]
+    np.testing.assert_array_equal(mandible.nearest(points[ends]).foot, found.foot[ends])

@@ -81,12 +81,19 @@ def landmarks_of(
         else given
     )
     try:
-        points = np.array([[float(v) for v in p] for p in table.values()]).reshape(-1, 3)
+        given_points = [[_real(v) for v in p] for p in table.values()]
+        points = np.array(given_points, dtype=np.float64).reshape(-1, 3)
     except (TypeError, ValueError) as error:
         raise FitError(
             f"landmarks are not points of three numbers ({error}), expected {{name: (x, y, z)}}"
         ) from error
     return _checked(list(table), points, unit, "landmarks", "", None if unit else "m", least)
+
+
+def _real(value: Any) -> float:
+    if np.iscomplexobj(value):
+        raise TypeError(f"{value} is complex")
+    return float(value)
 
 
 def _checked(

@@ -56,6 +56,8 @@ def surface_of(
     points: Any, triangles: Any, *, unit: str | None = "m", name: str = "surface"
 ) -> Scan:
     """Check points (n, 3) and triangles (m, 3), and make their orientation consistent."""
+    if np.iscomplexobj(points):
+        raise FitError(f"{name} has complex points, expected real numbers")
     x = np.asarray(points, dtype=np.float64)
     t = whole_numbers(f"{name}: triangles", "point", triangles, error=FitError)
     if x.ndim != 2 or x.shape[1] != 3 or t.ndim != 2 or t.shape[1] != 3 or len(t) < LEAST_TRIANGLES:
