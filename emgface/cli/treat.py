@@ -1,13 +1,16 @@
 """``emgface treat``, ``compare`` and ``dose``: virtual treatment, and the movement that is left."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from emgface.cli import options
 from emgface.cli.console import frame, progress, say, show_table
 from emgface.cli.machine import announce_compilation, executing, graceful_stop
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 def treat(
@@ -27,28 +30,48 @@ def treat(
     from emgface.treatment.treat import treat_face, treat_jaw
 
     if model.is_file() and kind_of(model) == "jaw_model":
-        write_netcdf(
-            treat_jaw(read_netcdf(model, "jaw_model"), read_plan(plan)), out_path, "jaw_model"
-        )
-        say(f"Wrote {out_path}, simulated. {NOT_VALIDATED.capitalize()}.")
-        return
-    chosen: dict[str, Any] = {} if sigma_max is None else {"sigma_max": sigma_max}
-    parameters = simulation_of(study_of(None).simulation, None, chosen)
-    announce_compilation()
-    with progress("closing") as bar:
-        treated = treat_face(
-            load_face(model), read_plan(plan), parameters, folder=plan.parent, progress=bar.show
-        )
-    save_face(treated, out_path)
-    for step in treatments(treated)[-1:]:
-        for report in step["steps"]:
-            numbers = ", ".join(
-                f"{name.replace('_', ' ')} {value:.3g}"
-                for name, value in report.items()
-                if isinstance(value, float)
+        given = read_netcdf(model, "jaw_model")
+        treated = treat_jaw(given, read_plan(plan))
+        write_netcdf(treated, out_path, "jaw_model")
+    else:
+        chosen: dict[str, Any] = {} if sigma_max is None else {"sigma_max": sigma_max}
+        parameters = simulation_of(study_of(None).simulation, None, chosen)
+        announce_compilation()
+        given = load_face(model)
+        with progress("closing") as bar:
+            treated = treat_face(
+                given, read_plan(plan), parameters, folder=plan.parent, progress=bar.show
             )
-            say(f"Step {report['step']}, {report['kind']}: {numbers or 'done'}.")
+        save_face(treated, out_path)
+    if treated is given:
+        say(f"The plan {plan.name} changes nothing: {out_path} is the model itself.")
+    for entry in [] if treated is given else treatments(treated)[-1:]:
+        for report in entry["steps"]:
+            say(f"Step {report['step']}, {report['kind']}: {told_of(report)}.")
     say(f"Wrote {out_path}, simulated. {NOT_VALIDATED.capitalize()}.")
+
+
+def told_of(report: dict[str, Any]) -> str:
+    """Words of the report of a step: its numbers, and the names of what it concerns."""
+    found: list[str] = []
+    for name, value in report.items():
+        words = name.replace("_", " ")
+        if isinstance(value, float):
+            found.append(f"{words} {value:.3g}")
+        elif isinstance(value, list) and value:
+            found.append(f"{words} {' '.join(map(str, value))}")
+        elif name == "effect":
+            found.append(f"{words} {value}")
+    return ", ".join(found) or "done"
+
+
+def _write_table(path: Path, table: "pd.DataFrame") -> None:
+    """Write a table (csv) whose first line states that it is simulated, and not for decisions."""
+    from emgface.files import write_text
+    from emgface.treatment.plan import NOT_VALIDATED
+
+    text = table.to_csv(index=False, float_format="%.6g")
+    write_text(path, f"# simulated; {NOT_VALIDATED}\n{text}")
 
 
 def compare(
@@ -93,10 +116,12 @@ def compare(
     Complete motions are kept beside the page, and a repeated command computes only the others. Of two
     jaws, the outcomes are printed and written as a table, without a page.
     """
+    from dataclasses import replace
     from functools import partial
 
     from emgface.api.given import simulation_of, study_of
     from emgface.face.file import load_face
+    from emgface.face.identity import treatments_between
     from emgface.files import write_text
     from emgface.pictures.stills import write_figure
     from emgface.run.store import Store
@@ -106,6 +131,7 @@ def compare(
     from emgface.treatment.motions import TASKS, compared_motions, gestures, recorded
     from emgface.treatment.outcomes import movement_table, outcome_table, with_words_of_bounds
     from emgface.treatment.pages import compare_page, states_of
+    from emgface.treatment.plan import NOT_VALIDATED
 
     if before.is_file() and kind_of(before) == "jaw_model":
         return _compare_jaws(before, after, table)
@@ -114,9 +140,13 @@ def compare(
         chosen["contact"] = {"method": "none"}
     parameters = simulation_of(study_of(None).simulation, accuracy, chosen)
     intact, treated = load_face(before), load_face(after)
+    entries = treatments_between(intact, treated)
+    cases = None if spread is None else read_cases(spread, entries)
     activations, source = gestures(intact), "The activations are gestures of the instructions."
+    notes: tuple[str, ...] = ()
     if recordings is not None:
-        activations = recorded(recordings, mapping) | gestures(intact, tuple(TASKS))
+        found, notes = recorded(recordings, mapping)
+        activations = found | gestures(intact, tuple(TASKS))
         source = f"The activations are those of the recordings in {recordings.name}."
     announce_compilation()
     store = Store(out_path.with_suffix("").absolute() / "store", report=say)
@@ -127,37 +157,36 @@ def compare(
         )  # fmt: skip
         with progress("simulating") as bar:
             motions = simulated(treated, progress=bar.show)
+        motions = replace(motions, notes=(*notes, *motions.notes))
         outcomes = outcome_table(intact, treated, motions)
         if both_cuts:
-            other = other_cut(intact, treated, parameters, folder=after.parent)
+            other = other_cut(intact, treated, parameters)
             with progress("simulating the other cut") as bar:
                 again = simulated(other, progress=bar.show)
             outcomes = with_cut_difference(outcomes, outcome_table(intact, other, again))
-    if spread is not None:
-        outcomes = with_intervals(outcomes, read_cases(spread))
+    if cases is not None:
+        outcomes = with_intervals(outcomes, cases)
     tables = outcomes, movement_table(motions)
     for path, simple in ((out_path, False), (plain, True)):
         if path is not None:
-            page = compare_page(
-                intact, treated, motions, activations, tables, folder=after.parent, plain=simple
-            )
+            page = compare_page(intact, treated, motions, activations, tables, plain=simple)
             write_text(path, page)
     if picture is not None:
         write_figure(states_of(treated, motions, ("A", "D", *TASKS)), picture)
     if table is not None:
-        write_text(table, "# simulated\n" + tables[0].to_csv(index=False, float_format="%.6g"))
+        _write_table(table, tables[0])
     show_table(frame(with_words_of_bounds(tables[0].round(3), 3)), "outcomes, simulated")
     show_table(frame(tables[1].round(3)), "movement after, relative to before, simulated")
     for name, reason in motions.failed.items():
         say(f"The movement {name} could not be simulated: {reason}")
     for note in motions.notes:
         say(note)
-    say(f"Wrote {out_path}" + (f" and {plain}." if plain else "."))
+    written = " and ".join(str(path) for path in (out_path, plain) if path is not None)
+    say(f"Wrote {written}, simulated. {NOT_VALIDATED.capitalize()}.")
 
 
 def _compare_jaws(before: Path, after: Path, table: Path | None) -> None:
     """Print the outcomes of a jaw before and after its treatment, and write them."""
-    from emgface.files import write_text
     from emgface.schema.netcdf import read_netcdf
     from emgface.treatment.jaw_outcomes import jaw_outcome_table
     from emgface.treatment.plan import NOT_VALIDATED
@@ -167,7 +196,7 @@ def _compare_jaws(before: Path, after: Path, table: Path | None) -> None:
     with progress("simulating") as bar:
         found = jaw_outcome_table(*jaws, progress=bar.show)
     if table is not None:
-        write_text(table, "# simulated\n" + found.to_csv(index=False, float_format="%.6g"))
+        _write_table(table, found)
     show_table(frame(found.round(3)), "outcomes of the jaw, simulated")
     say(f"{NOT_VALIDATED.capitalize()}.")
 
@@ -220,7 +249,6 @@ def dose(
 
     Cases that are complete are kept beside the table, and a repeated command computes the others.
     """
-    from emgface.files import write_text
     from emgface.pictures.stills import write_figure
     from emgface.run.store import store_netcdf
     from emgface.treatment import dose
@@ -247,7 +275,7 @@ def dose(
                 every, setting, out_table.with_suffix(""), workers=chosen, observer=bar,
                 stopping=stopping,
             )  # fmt: skip
-    write_text(out_table, "# simulated\n" + table.to_csv(index=False, float_format="%.6g"))
+    _write_table(out_table, table)
     if cube is not None:
         store_netcdf(dose.cube_of(table, setting), cube)
     if figure is not None:

@@ -16,12 +16,20 @@ Floats = NDArray[np.float64]
 
 LIP: Final = 14e-3  #: distance from a margin within which an element belongs to the lip [m]
 STIFFEST: Final = 1e3  #: largest and inverse smallest factor of several steps on one element [1]
+STRONGEST: Final = 10.0  #: largest factor of several steps on one muscle [1]
 
 
 def with_factor(face: xr.Dataset, factor: Floats) -> xr.Dataset:
     """Face whose passive moduli are multiplied by a factor of every element (elements,)."""
     before = face["tissue_factor"].values if "tissue_factor" in face else 1.0
-    values = np.clip(before * factor, 1.0 / STIFFEST, STIFFEST)
+    values = before * factor
+    if (outside := (values > STIFFEST) | (values < 1.0 / STIFFEST)).any():
+        raise TreatmentError(
+            "stiffness",
+            f"the stiffness of {int(outside.sum())} elements is up to {values[outside].max():.3g} times "
+            f"that of the face, expected {1.0 / STIFFEST:g} to {STIFFEST:g}: factors of several steps "
+            "and of scars multiply, choose smaller ones",
+        )
     return face.assign(tissue_factor=("element", values, {"units": "1"}))
 
 
@@ -36,11 +44,11 @@ def with_strength(face: xr.Dataset, factor: Floats) -> xr.Dataset:
     """Face whose muscles have their active stress multiplied by a factor (muscles,)."""
     before = face["muscle_strength"].values if "muscle_strength" in face else 1.0
     values = before * factor
-    if (values > 10.0).any():
+    if (values > STRONGEST).any():
         raise TreatmentError(
             "strength",
-            f"the strength of a muscle is {values.max():.3g} times that of the face, expected at "
-            "most 10",
+            f"the strength of a muscle is {values.max():.3g} times that of the face, expected at most "
+            f"{STRONGEST:g}: factors of several steps multiply, choose smaller ones",
         )
     return face.assign(muscle_strength=("muscle", values, {"units": "1"}))
 

@@ -1,6 +1,5 @@
 """Difference of outcomes between both methods of cutting, the part of their error that a mesh causes."""
 
-from pathlib import Path
 from typing import Any, Final
 
 import pandas as pd
@@ -10,7 +9,7 @@ from emgface.errors import FaceError
 from emgface.face.identity import treatments_between
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.treatment.closure import Progress
-from emgface.treatment.plan import CUTS, Plan
+from emgface.treatment.plan import CUTS, Plan, applied_plan
 from emgface.treatment.treat import treat_face
 
 OTHER: Final = {"conforming": "elements", "elements": "conforming"}
@@ -35,7 +34,6 @@ def other_cut(
     treated: xr.Dataset,
     parameters: SimulationParameters | None = None,
     *,
-    folder: Path = Path(),
     progress: Progress | None = None,
 ) -> xr.Dataset:
     """Treat a face again by the plans of a treated one, with the other method of every cut.
@@ -45,8 +43,8 @@ def other_cut(
     """
     found = intact
     for entry in treatments_between(intact, treated):
-        plan = with_other_cut(Plan.model_validate(entry["plan"]))
-        found = treat_face(found, plan, parameters, folder=folder, progress=progress)
+        plan = with_other_cut(applied_plan(entry))
+        found = treat_face(found, plan, parameters, progress=progress)
     return found
 
 

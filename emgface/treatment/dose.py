@@ -31,13 +31,14 @@ from emgface.texts import labelled, open_text
 from emgface.treatment.jobs import NO_PRESSURE, pressure_attributes
 from emgface.treatment.motions import gestures
 from emgface.treatment.outcomes import FACTOR, OUTCOMES, bound_of
-from emgface.treatment.plan import NOT_VALIDATED, Plan
+from emgface.treatment.plan import NOT_VALIDATED, Plan, Tumour, steps_digest
 from emgface.treatment.treat import treat_face
 from sim import SimulationError
 from sim.threads import one_blas_thread
 
 OUTCOME: Final = Stage("treatment_outcomes", (*MECHANICS, "emgface.treatment", "emgface.choices"))
 AXES: Final = ("person", "draw", "shape", "share", "place", "rejoin")
+PLAN: Final = "plan"  #: column with the digest of the steps of a plan, empty for an excision
 BOUNDS: Final = "lower bounds"  #: column with the names of the outcomes that are lower bounds
 SEPARATOR: Final = "; "  #: between these names
 DRAWN: Final = {
@@ -110,7 +111,15 @@ def cases(
 
 
 def cases_of_plan(persons: int, draws: int, plan: Plan) -> list[Case]:
-    """The untreated face and that after a plan, of every person and draw."""
+    """The untreated face and that after a plan, of every person and draw.
+
+    Raises DataError if the plan contains the surface of a tumour, which is that of one person.
+    """
+    if any(isinstance(step, Tumour) and step.surface for step in plan.step):
+        raise DataError(
+            "the plan contains the surface of a tumour, which belongs to one person: expected its "
+            "centre and radii, or a wedge"
+        )
     steps = json.dumps([step.model_dump(mode="json") for step in plan.step])
     whole = [Case(p, d) for p, d in product(range(1, persons + 1), range(draws + 1))]
     return whole + [Case(w.person, w.draw, "plan", 1.0, steps=steps) for w in whole]
@@ -234,6 +243,7 @@ def _row_of(worker: _Worker, case: Case) -> dict[str, Any]:
     row = {axis: getattr(case, axis) for axis in AXES}
     row |= {str(name): float(value) for name, value in numbers}
     least = result.dataset["outcome"].values[result.dataset["at_least"].values > 0]
+    row[PLAN] = steps_digest([{"step": json.loads(case.steps)}]) if case.steps else ""
     row[BOUNDS] = SEPARATOR.join(map(str, least))
     row["end"] = result.dataset.attrs["end"]
     return row
@@ -279,7 +289,7 @@ def dose_table(
 
 def _outcomes_of(table: pd.DataFrame) -> list[str]:
     """Names of the outcomes in a table of cases."""
-    return [c for c in table.columns if c not in (*AXES, BOUNDS, "end")]
+    return [c for c in table.columns if c not in (*AXES, PLAN, BOUNDS, "end")]
 
 
 def bounds_of(table: pd.DataFrame) -> pd.DataFrame:
@@ -386,8 +396,11 @@ def intervals_by_dose(table: pd.DataFrame) -> pd.DataFrame:
     return found.reset_index()
 
 
-def read_cases(path: Path) -> pd.DataFrame:
-    """Read a table of cases; DataError if it has no axes of cases."""
+def read_cases(path: Path, entries: Sequence[Any]) -> pd.DataFrame:
+    """Read the table of cases of the plans of a treated face (`entries`).
+
+    Raises DataError if it has no axes of cases, or is that of other plans.
+    """
     try:
         table = pd.read_csv(labelled(open_text(path)), comment="#")
     except (OSError, ValueError) as error:
@@ -397,6 +410,15 @@ def read_cases(path: Path) -> pd.DataFrame:
     if missing := [axis for axis in (*AXES, "end") if axis not in table]:
         raise DataError(
             f"{path} has no column {missing[0]!r}, expected a table written by 'emgface dose'"
+        )
+    own = steps_digest(entry["plan"] for entry in entries)
+    cut = table["share"] > 0.0
+    stated = set(map(str, table.loc[cut, PLAN].dropna())) if PLAN in table else set[str]()
+    if stated != {own}:
+        raise DataError(
+            f"{path} contains other plans than that of the treated face ({own}; found "
+            f"{', '.join(sorted(stated)) or 'none'}), whose intervals are expected: "
+            "write it by 'emgface dose --plan' with the plan that was applied"
         )
     return table
 

@@ -77,21 +77,30 @@ def gestures(face: xr.Dataset, names: tuple[str, ...] = ()) -> dict[str, xr.Data
     return {name: found[name] for name in names or found}
 
 
-def recorded(folder: Path, mapping: Path | None = None) -> dict[str, xr.DataArray]:
-    """Activation of the first recording of every instruction in a folder.
+def recorded(
+    folder: Path, mapping: Path | None = None
+) -> tuple[dict[str, xr.DataArray], tuple[str, ...]]:
+    """Activation of the first recording of every instruction in a folder, and notes on the others.
 
-    Raises DataError if the folder has none; files that cannot be read are left out.
+    Raises DataError if the folder has none, or if the recordings are those of several volunteers.
     """
     import emgface as ef
 
     found: dict[str, xr.DataArray] = {}
+    persons: dict[str, str] = {}
     reasons: list[str] = []
+    notes: list[str] = []
     for path in sorted(p for p in folder.glob("*") if p.is_file()):
         try:
             recording = ef.read(path, mapping=mapping)
             name = str(recording.attrs.get("instruction", ""))
-            if name in INSTRUCTIONS and name not in found:
+            if name not in INSTRUCTIONS:
+                reasons.append(f"{path.name}: its instruction is {name or 'not stated'}")
+            elif name in found:
+                notes.append(f"{path.name} is another recording of {name} and was not used.")
+            else:
                 found[name] = ef.activate(recording)["activation"]
+                persons.setdefault(str(recording.attrs.get("volunteer", "")), path.name)
         except (DataError, OSError) as error:
             reasons.append(f"{path.name}: {error}")
     if not found:
@@ -99,7 +108,14 @@ def recorded(folder: Path, mapping: Path | None = None) -> dict[str, xr.DataArra
             f"{folder} contains no recording of an instruction A to F, expected at least one"
             + (f" ({reasons[0]})" if reasons else "")
         )
-    return {name: found[name] for name in sorted(found)}
+    if len(persons) > 1:
+        told = " and ".join(f"{who or 'nobody'} ({file})" for who, file in persons.items())
+        raise DataError(
+            f"{folder} contains recordings of several volunteers, {told}, expected those of one person: "
+            "make a folder for each"
+        )
+    notes += [f"Not used: {reason.rstrip('.')}." for reason in reasons]
+    return {name: found[name] for name in sorted(found)}, tuple(notes)
 
 
 def words_of(name: str, activation: xr.DataArray) -> str:

@@ -16,7 +16,7 @@ from emgface.face.lip_shape import LipRim, lip_rim
 from emgface.face.parts import OUTER
 from emgface.face.surface import faces_among
 from emgface.treatment.columns import Chart
-from emgface.treatment.plan import CUTS, Incision, Tumour, Wedge
+from emgface.treatment.plan import DRAWN, Incision, Tumour, Wedge
 
 Floats = NDArray[np.float64]
 Point = tuple[float, float]
@@ -25,6 +25,8 @@ MM: Final = 1e-3
 ABOVE: Final = 6e-3  #: continuation of the sides beyond the margin, which it follows obliquely [m]
 CORNER: Final = 2e-3  #: distance from the corner of the mouth within which nothing is cut [m]
 DEEP: Final = {"all": None, "outer": 1, "outer and centre": 2}  #: layers that are removed
+DEEPEST: Final = 40e-3  #: largest height of a wedge [m]
+WIDEST: Final = 80.0  #: largest width of a wedge [mm]
 TAPER: Final = 1.5  #: height of a V or shield that contains a tumour, over the depth of the tumour
 
 
@@ -61,18 +63,16 @@ class Outline:
         return inside
 
 
-def outline_of(face: xr.Dataset, step: Wedge | Tumour | Incision, folder: Path) -> Outline:
-    """Outline of a step on a face; the surface of a tumour is read from `folder`.
-
-    Raises TreatmentError if the place is at the corner of the mouth or the tumour is outside the lips.
-    """
-    assert isinstance(step, CUTS)
+def outline_of(face: xr.Dataset, step: Wedge | Incision) -> Outline:
+    """Outline of a step on a face; TreatmentError if the place is at the corner of the mouth."""
     rim = lip_rim(face)
-    margin = face["position"].values[rim.upper if step.lip == "upper" else rim.lower]
-    if isinstance(step, Tumour):
-        return _around(face, step, rim, margin, folder)
+    margin = _margin_of(face, rim, step.lip)
     width = MM * step.width if isinstance(step, Wedge) else 0.0
     return _drawn(face, step, (rim, margin), step.place, (width, MM * step.height))
+
+
+def _margin_of(face: xr.Dataset, rim: LipRim, lip: str) -> Floats:
+    return np.asarray(face["position"].values[rim.upper if lip == "upper" else rim.lower])
 
 
 def _along(margin: Floats) -> Floats:
@@ -86,7 +86,7 @@ def _at(margin: Floats, s: Floats | float) -> Floats:
 
 def _drawn(
     face: xr.Dataset,
-    step: Wedge | Tumour | Incision,
+    step: Wedge | Incision,
     lip: tuple[LipRim, Floats],
     place: float,
     size: tuple[float, float],
@@ -194,8 +194,14 @@ def _shaped(
     )
 
 
-def _around(face: xr.Dataset, step: Tumour, rim: LipRim, margin: Floats, folder: Path) -> Outline:
-    """Smallest shape at the margin that contains a tumour and its margin of healthy tissue."""
+def wedge_around(face: xr.Dataset, step: Tumour, folder: Path) -> Wedge:
+    """Smallest wedge that contains a tumour and its margin of healthy tissue.
+
+    The surface of the tumour is read from `folder`. Raises TreatmentError if the tumour is not in the
+    lip, or too deep for a wedge.
+    """
+    rim = lip_rim(face)
+    margin = _margin_of(face, rim, step.lip)
     points = _tumour_points(step, folder)
     position = face["position"].values
     centre = points.mean(axis=0)
@@ -222,13 +228,14 @@ def _around(face: xr.Dataset, step: Tumour, rim: LipRim, margin: Floats, folder:
     flat[:, 0] *= 1.0 if step.lip == "lower" else -1.0
     middle = 0.5 * (flat[:, 0].min() + flat[:, 0].max())
     depth = float(flat[:, 1].max())
-    if depth <= 0.0 or depth > 40e-3:
+    taper = 1.0 if step.shape == "rectangle" else TAPER
+    if depth <= 0.0 or taper * depth > DEEPEST:
         raise TreatmentError(
             "tumour",
             f"the tumour with its margin is {1e3 * depth:.1f} mm below the margin of the lip, expected "
-            "0 to 40 mm: check its centre",
+            f"0 to {1e3 * DEEPEST / taper:.1f} mm for this shape: check its centre",
         )
-    height = depth if step.shape == "rectangle" else TAPER * depth
+    height = taper * depth
     v = np.clip(flat[:, 1], 0.0, None) / height
     inside = {
         "V": 1.0 - v,
@@ -238,7 +245,9 @@ def _around(face: xr.Dataset, step: Tumour, rim: LipRim, margin: Floats, folder:
     }[step.shape]
     width = float(np.max(2.0 * np.abs(flat[:, 0] - middle) / inside))
     place = (s + middle) / length[-1]
-    return _drawn(face, step, (rim, margin), place, (width, height))
+    # one that is too wide or at the corner is refused where it is drawn
+    drawn = float(np.clip(place, 0.0, 1.0)), min(1e3 * width, WIDEST), 1e3 * height
+    return step.wedge(dict(zip(DRAWN, drawn, strict=True)))
 
 
 def _tumour_points(step: Tumour, folder: Path) -> Floats:

@@ -1,7 +1,6 @@
 """Pages that compare a treated with the intact face: both move side by side under one time cursor."""
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -31,7 +30,7 @@ from emgface.pictures.stills import body_figure
 from emgface.treatment.motions import ComparedMotions
 from emgface.treatment.outcomes import CLOSED, OUTCOMES, with_words_of_bounds
 from emgface.treatment.outline import outline_of
-from emgface.treatment.plan import CUTS, NOT_VALIDATED, Plan
+from emgface.treatment.plan import NOT_VALIDATED, Incision, Wedge, applied_plan
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -49,11 +48,10 @@ def side_by_side(
     treated: xr.Dataset,
     motions: ComparedMotions,
     activations: dict[str, xr.DataArray],
-    folder: Path,
 ) -> dict[str, Any]:
     """Surfaces and motions of both faces as data of the viewer."""
     names = list(motions.intact)
-    bodies = [_drawn_plan(intact, treated, folder), body_of(treated)]
+    bodies = [_drawn_plan(intact, treated), body_of(treated)]
     rest = [f["position"].values[skin_of(f).node] for f in (intact, treated)]
     centre = middle_of(np.concatenate(rest))
     body, beside = joined(*bodies)
@@ -129,7 +127,7 @@ def joined(one: Body, two: Body) -> tuple[Body, NDArray[np.int8]]:
     return body, side
 
 
-def _drawn_plan(intact: xr.Dataset, treated: xr.Dataset, folder: Path) -> Body:
+def _drawn_plan(intact: xr.Dataset, treated: xr.Dataset) -> Body:
     """Body of the intact face with the excisions of the plan drawn on the skin."""
     skin = skin_of(intact)
     body = body_of(intact, skin)
@@ -137,10 +135,10 @@ def _drawn_plan(intact: xr.Dataset, treated: xr.Dataset, folder: Path) -> Body:
     rim = lip_rim(intact)
     margins = {lip: intact["position"].values[getattr(rim, lip)] for lip in ("upper", "lower")}
     for entry in treatments_between(intact, treated):
-        for step in Plan.model_validate(entry["plan"]).step:
-            if not isinstance(step, CUTS):
+        for step in applied_plan(entry).step:
+            if not isinstance(step, (Wedge, Incision)):
                 continue
-            outline = outline_of(intact, step, folder)
+            outline = outline_of(intact, step)
             away = {lip: KDTree(x).query(points)[0] for lip, x in margins.items()}
             other = "upper" if step.lip == "lower" else "lower"
             mine = outline.contains(outline.chart.flat(points)) & (away[step.lip] < away[other])
@@ -179,7 +177,6 @@ def compare_page(
     activations: dict[str, xr.DataArray],
     tables: tuple[pd.DataFrame, pd.DataFrame],
     *,
-    folder: Path = Path(),
     plain: bool = False,
 ) -> str:
     """Write the page of a comparison as HTML without network requests; `plain` is that for the person.
@@ -188,7 +185,7 @@ def compare_page(
     """
     from emgface import __version__
 
-    data = side_by_side(intact, treated, motions, activations, folder)
+    data = side_by_side(intact, treated, motions, activations)
     entries = treatments_between(intact, treated)
     reports = [
         {"step": str(k["step"]), "kind": k["kind"], "facts": _facts(k)}

@@ -1,6 +1,8 @@
 """Plan of a treatment: its steps, their parameters, and the reader of its file."""
 
 import json
+from collections.abc import Iterable, Mapping
+from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -138,6 +140,10 @@ class Wedge(Sutured):
     )
 
 
+DRAWN: Final = ("place", "width", "height")
+"""Names of the numbers of a wedge that contains a tumour, in it and in the report of the step."""
+
+
 class Tumour(Sutured):
     """Excision of the smallest shape that contains a tumour with a margin."""
 
@@ -162,6 +168,11 @@ class Tumour(Sutured):
         if min(self.radii) <= 0.0:
             raise ValueError(f"radii = {self.radii}: expected positive lengths in mm")
         return self
+
+    def wedge(self, drawn: Mapping[str, float]) -> Wedge:
+        """Wedge of the same shape and suture, with the place and size `DRAWN`."""
+        own = {name: getattr(self, name) for name in (*Sutured.model_fields, "shape")}
+        return Wedge(**own | {name: drawn[name] for name in DRAWN})
 
 
 class Change(Lengths):
@@ -278,6 +289,26 @@ class Plan(Parameters):
         if len(value) > 80 or not value.isprintable():
             raise ValueError("the name of the plan is not printable or longer than 80 characters")
         return value
+
+
+def applied_plan(entry: Mapping[str, Any]) -> Plan:
+    """Plan of a treatment (`emgface.face.identity.treatments`), with wedges in place of tumours.
+
+    The wedge around a tumour is that of the report of the step; it requires no file of a surface.
+    """
+    plan = Plan.model_validate(entry["plan"])
+    steps = [
+        step.wedge(report) if isinstance(step, Tumour) and set(DRAWN) <= set(report) else step
+        for step, report in zip(plan.step, entry["steps"], strict=True)
+    ]
+    return plan.model_copy(update={"step": tuple(steps)})
+
+
+def steps_digest(plans: Iterable[Any]) -> str:
+    """Digest of the steps of some plans (as data) one after another, whatever their names are."""
+    steps = [step for plan in plans for step in Plan.model_validate(plan).step]
+    text = json.dumps([step.model_dump(mode="json") for step in steps], sort_keys=True)
+    return f"steps-{sha256(text.encode()).hexdigest()[:12]}"  # no number in a table
 
 
 def read_plan(path: Path) -> Plan:

@@ -1,6 +1,5 @@
 """Volume of the tissue within an outline, by sampling the untreated elements."""
 
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -12,7 +11,7 @@ from emgface.face.quality import is_wedge
 from emgface.treatment.columns import columns_of
 from emgface.treatment.excise import near_nodes
 from emgface.treatment.outline import outline_of
-from emgface.treatment.plan import Plan
+from emgface.treatment.plan import Wedge
 
 Floats = NDArray[np.float64]
 
@@ -26,9 +25,9 @@ def sampled_volume(face: xr.Dataset, step: dict[str, Any]) -> float:
     det(dX/dxi), where the point of the skin in the same column is inside the outline. It is independent
     of the moved nodes and the pieces of a conforming cut.
     """
-    own = configure(Plan, {"step": [step]}).step[0]
-    outline = outline_of(face, own, Path())  # pyright: ignore[reportArgumentType]
-    columns = columns_of(face, near_nodes(face, outline, own.lip))  # pyright: ignore
+    own = configure(Wedge, step)
+    outline = outline_of(face, own)
+    columns = columns_of(face, near_nodes(face, outline, own.lip))
     position = face["position"].values
     connectivity = face["connectivity"].values
     g = (2.0 * np.arange(SAMPLES) + 1.0) / SAMPLES - 1.0

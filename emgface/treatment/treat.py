@@ -22,9 +22,10 @@ from emgface.face.validity import check_face
 from emgface.treatment.changes import apply_change, apply_palsy, with_factor, with_share
 from emgface.treatment.closure import Closed, Progress, drawn_together, relaxed, ties
 from emgface.treatment.excise import Wound, excise
-from emgface.treatment.outline import MM, Outline, outline_of
+from emgface.treatment.outline import MM, Outline, outline_of, wedge_around
 from emgface.treatment.plan import (
     CUTS,
+    DRAWN,
     NOT_VALIDATED,
     Change,
     Incision,
@@ -56,17 +57,24 @@ def treat_face(
 
     The result is a face_model, with the plan and the report of every step in the attribute
     ``treatment`` (JSON) and the digest of the untreated face in ``parent``; a plan without effect
-    returns the face itself. `parameters` are those of the tissue that is closed (default: those of a
-    simulation); later runs with other parameters find their own equilibrium. `folder` contains the
-    surfaces of tumours. Raises TreatmentError, naming the step and the reason, if a step is not
-    possible, and FaceError if the face lacks what any treatment requires, such as a mouth.
+    returns the face itself. The report of a tumour contains the wedge around it (`applied_plan`).
+    `parameters` are those of the tissue that is closed (default: those of a simulation); later runs with
+    other parameters find their own equilibrium. `folder` contains the surfaces of tumours.
+
+    Raises TreatmentError, naming the step and the reason, if a step is not possible, and FaceError if
+    the face lacks what any treatment requires, such as a mouth.
     """
     parameters = parameters or SimulationParameters()
     treated, reports = face, list[Report]()
     for number, step in enumerate(plan.step, 1):
         try:
-            found, report = _APPLY[type(step)](treated, step, parameters, folder, progress)
-            treated = found if found is treated else _valid(found, step)
+            own, report = step, Report()
+            if isinstance(step, Tumour):
+                own = wedge_around(treated, step, folder)
+                report = {name: getattr(own, name) for name in DRAWN}
+            found, done = _APPLY[type(own)](treated, own, parameters, progress)
+            treated = found if found is treated else _valid(found, own)
+            report |= done
         except FaceError as error:
             told = f"step {number} ({step.kind}) of {plan.name!r}: {error}"
             if isinstance(error, TreatmentError):
@@ -117,9 +125,8 @@ def treat_jaw(jaw: xr.Dataset, plan: Plan) -> xr.Dataset:
 
 def _cut(
     face: xr.Dataset,
-    step: Wedge | Tumour | Incision,
+    step: Wedge | Incision,
     parameters: SimulationParameters,
-    folder: Path,
     progress: Progress | None,
 ) -> tuple[xr.Dataset, Report]:
     """Excise, close and scar; a step of no size changes nothing."""
@@ -127,7 +134,7 @@ def _cut(
         isinstance(step, Incision) and step.height == 0.0
     ):
         return face, {"effect": "none: the size is 0"}
-    outline = outline_of(face, step, folder)
+    outline = outline_of(face, step)
     try:
         closed, report = _unfolded(face, step, outline, parameters, progress, keep_markers=True)
     except FaceError as first:
@@ -144,7 +151,7 @@ def _cut(
 
 def _unfolded(
     face: xr.Dataset,
-    step: Wedge | Tumour | Incision,
+    step: Wedge | Incision,
     outline: Outline,
     parameters: SimulationParameters,
     progress: Progress | None,
@@ -177,7 +184,7 @@ def _folded(position: Floats, connectivity: Integers, wound: Wound) -> frozenset
 
 def _sutured(
     face: xr.Dataset,
-    step: Wedge | Tumour | Incision,
+    step: Wedge | Incision,
     wound: Wound,
     parameters: SimulationParameters,
     progress: Progress | None,
@@ -364,20 +371,20 @@ def _scarred(
 
 
 def _change(
-    face: xr.Dataset, step: Change, parameters: SimulationParameters, folder: Path, _: Any
+    face: xr.Dataset, step: Change, parameters: SimulationParameters, _: Any
 ) -> tuple[xr.Dataset, Report]:
     changed, report = apply_change(face, step)
     return _rested(changed, parameters), report
 
 
 def _palsy(
-    face: xr.Dataset, step: Palsy, parameters: SimulationParameters, folder: Path, _: Any
+    face: xr.Dataset, step: Palsy, parameters: SimulationParameters, _: Any
 ) -> tuple[xr.Dataset, Report]:
     return apply_palsy(face, step)
 
 
 def _resection(
-    face: xr.Dataset, step: Resection, parameters: SimulationParameters, folder: Path, _: Any
+    face: xr.Dataset, step: Resection, parameters: SimulationParameters, _: Any
 ) -> tuple[xr.Dataset, Report]:
     raise TreatmentError(
         "other model",
@@ -388,7 +395,6 @@ def _resection(
 
 _APPLY: Final[dict[type, Callable[..., tuple[xr.Dataset, Report]]]] = {
     Wedge: _cut,
-    Tumour: _cut,
     Incision: _cut,
     Change: _change,
     Palsy: _palsy,

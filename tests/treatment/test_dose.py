@@ -112,7 +112,35 @@ def test_an_interval_of_several_plans_is_refused(table, tmp_path):
     path = tmp_path / "other.csv"
     path.write_text("a,b\n1,2\n", encoding="utf-8")
     with pytest.raises(DataError, match="no column 'person'"):
-        dose.read_cases(path)
+        dose.read_cases(path, [])
+
+
+def test_an_interval_of_another_plan_than_that_of_the_face_is_refused(monkeypatch, tmp_path):
+    """Its changes would stand beside those of the face, without a sign that they are not its own."""
+    values = dict.fromkeys((o.name for o in OUTCOMES), 1.0)
+    monkeypatch.setattr(dose, "computed", lambda case, setting: dose._row(values, "reached"))
+    step = {"kind": "wedge", "width": 9.0}
+    plan, other = (
+        configure(Plan, {"name": name, "step": [step | given]})
+        for name, given in (("one", {}), ("two", {"height": 8.0}))
+    )
+    setting = dose.DoseSetting(movements=("A",))
+    path = tmp_path / "doses.csv"
+    table = dose.dose_table(dose.cases_of_plan(1, 0, plan), setting, tmp_path / "cases")
+    path.write_text("# simulated\n" + table.to_csv(index=False), encoding="utf-8")
+    renamed = plan.model_copy(update={"name": "another name"})
+    assert len(dose.read_cases(path, [{"plan": renamed.model_dump(mode="json")}])) == 2
+    with pytest.raises(DataError, match="other plans than that of the treated face"):
+        dose.read_cases(path, [{"plan": other.model_dump(mode="json")}])
+    shapes = dose.dose_table(
+        dose.cases(1, 0, ["V"], [0.2], [0.5], ["all"]), setting, tmp_path / "shapes"
+    )
+    path.write_text(shapes.to_csv(index=False), encoding="utf-8")
+    with pytest.raises(DataError, match="found none"):
+        dose.read_cases(path, [{"plan": plan.model_dump(mode="json")}])
+    surface = configure(Plan, {"step": [{"kind": "tumour", "surface": "tumour.stl"}]})
+    with pytest.raises(DataError, match="belongs to one person"):
+        dose.cases_of_plan(1, 0, surface)
 
 
 def test_a_case_is_treated_and_an_impossible_one_is_refused_with_its_reason():

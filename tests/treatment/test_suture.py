@@ -52,6 +52,6 @@ def test_places_picked_on_a_treated_face_are_accepted_by_another_treatment(opera
             f'name = "again"\n\n[[step]]\nkind = "wedge"\nlip = "{lip}"\nplace = {place}\n'
             "width = 8.0\nheight = 8.0\n"
         )
-        chart = outline_of(operated, read_plan(path).step[0], tmp_path).chart
+        chart = outline_of(operated, read_plan(path).step[0]).chart
         away = np.linalg.norm(chart.origin - operated["position"].values[node])
         assert away < 0.02

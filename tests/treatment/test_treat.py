@@ -13,6 +13,7 @@ import emgface as ef
 from emgface.choices import configure
 from emgface.errors import DataError, FaceError, Refused, TreatmentError
 from emgface.face.file import load_face, save_face
+from emgface.face.lip_shape import lip_rim
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.quality import element_quality
 from emgface.face.recipe import compose_scene
@@ -228,6 +229,45 @@ def test_a_strength_out_of_range_is_refused_where_steps_multiply(coarse):
     with pytest.raises(TreatmentError, match="step 2 .*expected at most 10") as caught:
         ef.treat(coarse, {"step": [strong, strong]})
     assert caught.value.reason == "strength"
+
+
+def test_a_stiffness_out_of_range_is_refused_where_steps_and_scars_multiply(coarse):
+    stiff = {"kind": "change", "stiffness": 100.0}
+    for second in (stiff, wedge(scar={"stiffness": 20.0})["step"][0]):
+        with pytest.raises(TreatmentError, match="step 2 .*expected 0.001 to 1000") as caught:
+            ef.treat(coarse, {"step": [stiff, second]})
+        assert caught.value.reason == "stiffness"
+    soft = {"kind": "change", "stiffness": 0.01}
+    with pytest.raises(TreatmentError, match="expected 0.001 to 1000"):
+        ef.treat(coarse, {"step": [soft, soft]})
+
+
+def test_the_surface_of_a_tumour_is_required_only_where_it_is_excised(coarse, tmp_path):
+    """The page draws the wedge of the report, and the other cut repeats it, without the file."""
+    trimesh = pytest.importorskip("trimesh")
+    from emgface.face.identity import treatments
+    from emgface.pictures.body import body_of
+    from emgface.treatment.cut_difference import other_cut
+    from emgface.treatment.pages import _drawn_plan
+
+    rim = lip_rim(coarse)
+    at = coarse["position"].values[rim.lower[len(rim.lower) // 2]] * 1e3
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
+    ball.apply_translation(at + [0.0, -1.0, -3.0])
+    ball.export(tmp_path / "tumour.stl")
+    path = tmp_path / "plan.toml"
+    path.write_text('[[step]]\nkind = "tumour"\nsurface = "tumour.stl"\nmargin = 2.0\n')
+    treated = ef.treat(coarse, path)
+    (tmp_path / "tumour.stl").unlink()
+    found = report(treated)
+    assert found["kind"] == "tumour" and found["width"] > 6.0 < found["height"]
+    assert (_drawn_plan(coarse, treated).colour != body_of(coarse).colour).any()
+    wedge_of_it = {name: found[name] for name in ("place", "width", "height")}
+    direct = {"kind": "wedge", "shape": "shield", "method": "elements"} | wedge_of_it
+    np.testing.assert_array_equal(
+        other_cut(coarse, treated)["position"], ef.treat(coarse, {"step": [direct]})["position"]
+    )
+    assert treatments(treated)[0]["plan"]["step"][0]["surface"] == "tumour.stl"
 
 
 def test_every_refusal_of_a_step_has_a_reason_that_programs_can_read():

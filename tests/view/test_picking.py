@@ -158,7 +158,7 @@ def test_wedges_and_muscles_are_steps_of_a_plan(coarse, page, tmp_path):
         path.write_text(picked(page, "wedge", [(node, "")]), encoding="utf-8")
         step = read_plan(path).step[-1]
         assert (step.kind, step.lip, step.place) == ("wedge", lip, place)
-        chart = outline_of(coarse, step, tmp_path).chart
+        chart = outline_of(coarse, step).chart
         away = np.linalg.norm(chart.origin - coarse["position"].values[node])
         assert away < 0.015  # at the margin next to the node
     muscle, node = next((m, n) for m, n in zip(table["muscle"], table["node"], strict=True) if m)
