@@ -40,8 +40,8 @@ LIPS: Final = 0  #: index of the pairing of both lips in the contact of a face
 class LoadSteps:
     """Steps of a load that rises: the first, the longest, and that below which none is tried.
 
-    A step doubles the next one; one without an equilibrium is divided by `DIVISOR`, and no later one is
-    longer than half of it.
+    A step doubles the next one; one without an equilibrium, or to another one, is divided by `DIVISOR`,
+    and no later one is longer than half of it.
     """
 
     first: float
@@ -136,7 +136,9 @@ def pressure_held(
     contact. The lips part where they no longer press on each other: their contact force, which falls
     with the pressure, vanishes. Steps from `step` to `LONGEST` times that bracket this pressure, and the
     interval is bisected, from the last equilibrium with a force, until it is as short as `step`. The
-    line through the last two positive forces gives the pressure within it.
+    line through the last two positive forces gives the pressure within it. A step longer than `step` in
+    which the force rises is divided: it has passed to another equilibrium, with lips that have slid
+    across each other, and not along those of the rising pressure.
 
     If no equilibrium is found above a pressure, or at `highest`, it is a lower bound. Air escapes at the
     first place without contact, at a pressure that is not larger; a mesh whose elements are as long as
@@ -201,7 +203,7 @@ def _risen(
     `to` leaves the state of the lips as it was if it fails.
     """
     course: list[tuple[float, float]] = []
-    reached, parted, failure = 0.0, np.inf, None
+    reached, parted, failure, force = 0.0, np.inf, None, lips.force
     length, longest = steps.first, steps.longest
     while reached < end and parted - reached > steps.first:
         aim = min(reached + length, end)
@@ -219,7 +221,12 @@ def _risen(
         if parting and lips.force == 0.0:
             lips.state, parted, length = before, aim, 0.5 * (aim - reached)
             continue
-        course.append((aim, lips.force))
+        if parting and lips.force > force and aim - reached > steps.first:
+            lips.state, length = before, max((aim - reached) / DIVISOR, steps.first)
+            longest = min(longest, max(0.5 * (aim - reached), steps.first))
+            continue
+        force = lips.force
+        course.append((aim, force))
         length = min(2.0 * (aim - reached), longest)
         reached = aim
     return Rise(tuple(course), reached, parted, failure)

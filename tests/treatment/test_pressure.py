@@ -94,6 +94,35 @@ def test_a_step_without_equilibrium_is_divided_and_the_last_one_is_stated():
     assert 5.0 - 0.4 < rise.reached <= 5.0 and lost.state == rise.reached
 
 
+class Sliding(Invented):
+    """Lips that slide to an equilibrium with more force by a step longer than 1.5."""
+
+    slid = False
+
+    @property
+    def force(self):
+        return 9.0 if self.slid else super().force
+
+    def to(self, load):
+        longer = load - self.state > 1.5 and self.state > 0.0
+        super().to(load)
+        self.slid = longer
+
+    def __setattr__(self, name, value):
+        if name == "state":
+            object.__setattr__(self, "slid", False)
+        object.__setattr__(self, name, value)
+
+
+def test_a_step_to_another_equilibrium_is_divided_until_the_force_falls():
+    """Lips that slide across each other press more again, and would only give a lower bound."""
+    lips = Sliding()
+    rise = pressure._risen(lips, lips.to, 20.0, LoadSteps(1.0, 4.0, 0.1), parting=True)
+    assert [aim for aim, _ in rise.course][:2] == [1.0, 2.0] and 3.0 in lips.tried
+    assert all(b < a for (_, a), (_, b) in zip(rise.course, rise.course[1:], strict=False))
+    assert 7.0 <= rise.reached < 8.0 <= rise.parted
+
+
 def test_soft_lips_close_and_hold_a_pressure_by_shorter_steps():
     """An untreated person whose tissue is soft, without an equilibrium at the first fifth at once."""
     face = volunteer_face(2026, 2, resolution="coarse")[0]
