@@ -140,6 +140,31 @@ def test_both_faces_move_under_one_cursor_and_turn_by_keys(
         assert not severe, severe
 
 
+@needs_browser
+def test_on_a_telephone_nothing_is_covered_and_the_plain_page_has_no_terms(
+    pages, tmp_path, tmp_path_factory
+):
+    """The words before | after stand beneath the buttons; the plain page names no muscle."""
+    boxes = """return ['.tag', ...[1, 2, 3, 4].map(k => `.views :nth-child(${k})`)].map(name => {
+        const b = document.querySelector(name).getBoundingClientRect()
+        return [b.left, b.top, b.right, b.bottom]})"""
+    for browser in started(tmp_path_factory.mktemp("profile")):
+        browser.set_window_size(420, 900)
+        for page, plain in zip(pages, (False, True), strict=True):
+            path = tmp_path / f"{plain}.html"
+            path.write_text(page, encoding="utf-8")
+            browser.get(path.as_uri())
+            until(browser, "return document.getElementById('stage').dataset.ready === 'yes'")
+            tag, *buttons = browser.execute_script(boxes)
+            for left, top, right, bottom in buttons:
+                assert right > left and bottom > top
+                assert tag[2] <= left or right <= tag[0] or tag[3] <= top or bottom <= tag[1]
+            text = browser.execute_script("return document.body.innerText")
+            assert NOT_VALIDATED in text
+            for term in ("sigma_max", "orbicularis", "Activation at this instant", "corner left"):
+                assert (term in text) != plain, term
+
+
 def test_small_gaps_are_closed_lips_on_the_plain_page():
     """A gap counts as closed below 1 mm2, and a person is not told that it became smaller."""
     gap = next(o.name for o in OUTCOMES if "gap that remains" in o.plain)
