@@ -52,6 +52,7 @@ class LoadSteps:
 DIVISOR: Final = 4.0
 SHARES: Final = LoadSteps(0.1, 0.2, 0.002)  #: of the share of the activations `CLOSING` [1]
 LONGEST: Final = 4.0  #: longest step of the pressure, relative to the first
+SLID: Final = 1.5  #: relative length of a step above which one with a rise of the force is divided
 SHORTEST: Final = 0.125  #: relative length below which no step is tried
 
 
@@ -136,9 +137,9 @@ def pressure_held(
     contact. The lips part where they no longer press on each other: their contact force, which falls
     with the pressure, vanishes. Steps from `step` to `LONGEST` times that bracket this pressure, and the
     interval is bisected, from the last equilibrium with a force, until it is as short as `step`. The
-    line through the last two positive forces gives the pressure within it. A step longer than `step` in
-    which the force rises is divided: it has passed to another equilibrium, with lips that have slid
-    across each other, and not along those of the rising pressure.
+    line through the last two positive forces gives the pressure within it. A step longer than `SLID`
+    times `step` in which the force rises is divided: it has passed to another equilibrium, with lips
+    that have slid across each other, and not along those of the rising pressure.
 
     If no equilibrium is found above a pressure, or at `highest`, it is a lower bound. Air escapes at the
     first place without contact, at a pressure that is not larger; a mesh whose elements are as long as
@@ -221,7 +222,7 @@ def _risen(
         if parting and lips.force == 0.0:
             lips.state, parted, length = before, aim, 0.5 * (aim - reached)
             continue
-        if parting and lips.force > force and aim - reached > steps.first:
+        if parting and lips.force > force and aim - reached > SLID * steps.first:
             lips.state, length = before, max((aim - reached) / DIVISOR, steps.first)
             longest = min(longest, max(0.5 * (aim - reached), steps.first))
             continue

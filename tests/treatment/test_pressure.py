@@ -114,6 +114,14 @@ class Sliding(Invented):
         object.__setattr__(self, name, value)
 
 
+class Rising(Invented):
+    """Lips that a pressure presses on each other."""
+
+    @property
+    def force(self):
+        return 1.0 + self.state
+
+
 def test_a_step_to_another_equilibrium_is_divided_until_the_force_falls():
     """Lips that slide across each other press more again, and would only give a lower bound."""
     lips = Sliding()
@@ -121,6 +129,9 @@ def test_a_step_to_another_equilibrium_is_divided_until_the_force_falls():
     assert [aim for aim, _ in rise.course][:2] == [1.0, 2.0] and 3.0 in lips.tried
     assert all(b < a for (_, a), (_, b) in zip(rise.course, rise.course[1:], strict=False))
     assert 7.0 <= rise.reached < 8.0 <= rise.parted
+    rising = Rising()  # also by steps whose sums are rounded, a finite number of times
+    rise = pressure._risen(rising, rising.to, 20.0, LoadSteps(0.7, 2.8, 0.1), parting=True)
+    assert rise.reached == 20.0 and len(rising.tried) < 100
 
 
 def test_soft_lips_close_and_hold_a_pressure_by_shorter_steps():
