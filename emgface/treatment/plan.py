@@ -172,7 +172,7 @@ class Tumour(Sutured):
     def wedge(self, drawn: Mapping[str, float]) -> Wedge:
         """Wedge of the same shape and suture, with the place and size `DRAWN`."""
         own: dict[str, Any] = {n: getattr(self, n) for n in (*Sutured.model_fields, "shape")}
-        return Wedge(**own | {name: drawn[name] for name in DRAWN})
+        return Wedge.model_validate(own | {name: drawn[name] for name in DRAWN})
 
 
 class Change(Lengths):
