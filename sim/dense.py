@@ -26,6 +26,12 @@ def norm(a: Array) -> float:
     return math.sqrt(dot(a, a))
 
 
+def curvature(s: Array, y: Array) -> float:
+    """Product of a step and the change of the gradient, or 0 if it is not positive beyond rounding."""
+    sy = dot(s, y)
+    return sy if sy > 1e-10 * norm(s) * norm(y) else 0.0
+
+
 @contextmanager
 def reported(what: str) -> Generator[None]:
     """Raise SingularSystem, which step controls catch, where LAPACK fails on a matrix `what`."""

@@ -66,10 +66,10 @@ def _complementary(unilateral, near, m, b, S, T, on, place, positive, x, f):
     """Forces with S f + b = 0 of equations, and 0 <= f, S f + b >= 0, f (S f + b) = 0 of inequalities.
 
     Row i of S (m, m) and b is row `near`[i] of the scene. The primal-dual active set strategy of
-    `sim.contact.pushes`. It may cycle; then the last row that violates its condition is changed alone,
-    which ends for a positive definite S. Source: Judice and Pires 1994, A block principal pivoting
-    algorithm for large-scale strictly monotone linear complementarity problems, Comput. Oper. Res. 21,
-    587-596.
+    `pushes` in `sim.contact.cone`. It may cycle; then the last row that violates its condition is
+    changed alone, which ends for a positive definite S. Source: Judice and Pires 1994, A block
+    principal pivoting algorithm for large-scale strictly monotone linear complementarity problems,
+    Comput. Oper. Res. 21, 587-596.
     """
     for softened in (0.0, SOFTENED):
         for i in range(m):

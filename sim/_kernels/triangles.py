@@ -80,43 +80,6 @@ def point_triangle(p: Reals, a: Reals, b: Reals, c: Reals, weight: Reals) -> tup
     return best, feature
 
 
-@kernel_and_inner
-def edge_edge(a: Reals, b: Reals, c: Reals, d: Reals, share: Reals) -> float:
-    """Squared distance of the segments ab and cd, with the fractions of the closest points."""
-    # Minimum over the closest points of the two lines, if within both, and each end and the other
-    # segment.
-    best = np.inf
-    uu = vv = uv = uw = vw = 0.0
-    for i in range(3):
-        u, v, w = b[i] - a[i], d[i] - c[i], c[i] - a[i]
-        uu, vv, uv, uw, vw = uu + u * u, vv + v * v, uv + u * v, uw + u * w, vw + v * w
-    det = uu * vv - uv * uv
-    if det > 1e-14 * uu * vv:
-        s, t = (uw * vv - uv * vw) / det, (uv * uw - uu * vw) / det
-        if 0.0 <= s <= 1.0 and 0.0 <= t <= 1.0:
-            d2 = 0.0
-            for i in range(3):
-                d2 += (a[i] + s * (b[i] - a[i]) - c[i] - t * (d[i] - c[i])) ** 2
-            share[0], share[1] = s, t
-            return d2
-    for k in range(4):
-        if k == 0:
-            s, t = 0.0, between(a, c, d)
-        elif k == 1:
-            s, t = 1.0, between(b, c, d)
-        elif k == 2:
-            s, t = between(c, a, b), 0.0
-        else:
-            s, t = between(d, a, b), 1.0
-        d2 = 0.0
-        for i in range(3):
-            d2 += (a[i] + s * (b[i] - a[i]) - c[i] - t * (d[i] - c[i])) ** 2
-        if d2 < best:
-            best = d2
-            share[0], share[1] = s, t
-    return best
-
-
 @kernel
 def within(p: Reals, x: Reals, triangles: Indices, distance: float, out: NDArray[np.bool_]) -> None:
     """Mask of the points (rows of out) within a distance of each face (column)."""

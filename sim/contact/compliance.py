@@ -30,6 +30,19 @@ LEARNT = 64  #: number of updates stored with the matrix
 Solve = Callable[[Array], Array]
 
 
+def learnt(f: Array, r: Array, Wf: Array, known: float) -> tuple[float, float, Array | None]:
+    """Update (m, m) of a Delassus matrix W such that forces f (m,) move the rows by r (m,).
+
+    Returns the largest error of W f before it, the largest of these motions, and the update, which is
+    None if the error is below the share `known`, or W would not remain positive definite.
+    """
+    fr, fWf = float(f @ r), float(f @ Wf)
+    missed, size = (float(np.abs(x).max(initial=0.0)) for x in (r - Wf, r))
+    if missed > known * size and fr > 0.0 and fWf > 0.0:
+        return missed, size, np.outer(r / fr, r) - np.outer(Wf / fWf, Wf)
+    return missed, size, None
+
+
 class Compliance:
     """Compliance C = E' H E of the unknowns of a surface, computed on demand.
 
@@ -153,10 +166,8 @@ class RowCompliance:
         of a row [m].
         """
         f, r = forces[self._known], self._directions @ motion
-        Wf = self._between @ f
-        fr, fWf = float(f @ r), float(f @ Wf)
-        missed, size = (float(np.abs(x).max(initial=0.0)) for x in (r - Wf, r))
-        if missed > KNOWN * size and fr > 0.0 and fWf > 0.0:
-            self._between += np.outer(r / fr, r) - np.outer(Wf / fWf, Wf)
+        missed, size, more = learnt(f, r, self._between @ f, KNOWN)
+        if more is not None:
+            self._between += more
             self._compliance.learn(self._directions.T @ f, motion)
         return missed, size

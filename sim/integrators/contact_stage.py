@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
+from sim.contact.compliance import learnt
 from sim.contact.rows import NO_ROWS, Rows, at_end
 from sim.contact.step import ContactStep, renewed
 from sim.dense import dot, inverse
@@ -257,12 +258,9 @@ class StageWithRows:
             answer = at.scale * self._solved(push)
             moved, seen = at.G @ answer, at.scale * (by_factor @ change)
             f, u = new, u + answer + secants.added(push)
-            missed = float(np.abs(moved - seen).max(initial=0.0))
-            fr, fs = float(change @ moved), float(change @ seen)
-            if missed > SHARE * float(np.abs(moved).max(initial=0.0)) and fr > 0.0 and fs > 0.0:
-                by_factor = (
-                    by_factor + (np.outer(moved / fr, moved) - np.outer(seen / fs, seen)) / at.scale
-                )
+            missed, _, more = learnt(change, moved, seen, SHARE)
+            if more is not None:
+                by_factor = by_factor + more / at.scale
                 at.S = by_factor + of_updates
                 compliance.learn(push, answer)
             if missed <= most:

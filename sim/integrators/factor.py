@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim.dense import dot, inverse, norm
+from sim.dense import curvature, dot, inverse
 from sim.linear import Factor, NotPositiveDefinite, ReusedFactor, solver_of_steps
 from sim.linear.contract import Matrix
 from sim.linear.krylov import conjugate_gradients
@@ -113,8 +113,8 @@ class SecantMemory:
 
     def learn(self, s: Array, y: Array) -> None:
         """Add a step s and the gradient change y, if the curvature is positive."""
-        sy = dot(s, y)
-        if sy > 1e-10 * norm(s) * norm(y):
+        sy = curvature(s, y)
+        if sy > 0.0:
             self._pairs.append((s, y, 1.0 / sy))
 
     def direction(self, g: Array, solve: Solve) -> Array:
@@ -150,7 +150,7 @@ class InverseSecants:
 
     def learn(self, s: Array, y: Array, z: Array) -> None:
         """Add a step s, the change y of the gradient and z = H0 y, if the curvature is positive."""
-        if dot(s, y) > 1e-10 * norm(s) * norm(y):
+        if curvature(s, y) > 0.0:
             self._pairs.append((s, y, z))
             self._lay_out()
 

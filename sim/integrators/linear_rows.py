@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim.contact.compliance import Compliance
+from sim.contact.compliance import Compliance, learnt
 from sim.contact.rows import NO_ROWS, Rows
 from sim.contact.step import ContactStep
 from sim.errors import NotConverged
@@ -126,18 +126,17 @@ class LinearRows:
         return 0.5 * (product + product.T)
 
     def _learn(self, at: RowsAt, f: Array, w: Array, largest: float) -> float:
-        """Update of the Delassus matrix such that impulses f (m,) change the velocities by w (n,).
+        """Update of an inexact Delassus matrix such that impulses f (m,) change velocities by w (n,).
 
         `largest` is the largest rate of a row of earlier changes in the solution, and the result with
         this one. Small changes are not learnt: an update has their relative error, so that rounding
         would grow from step to step.
         """
-        r, Sf = at.G @ w, at.S @ f
-        fr, fSf = float(f @ r), float(f @ Sf)
-        missed, size = (float(np.abs(x).max(initial=0.0)) for x in (r - Sf, r))
-        useful = missed > EXACT * size and size > LARGE * largest and fr > 0.0 and fSf > 0.0
-        if self._inverse is None and useful:
-            at.S += np.outer(r / fr, r) - np.outer(Sf / fSf, Sf)
+        if self._inverse is not None:
+            return largest
+        _, size, more = learnt(f, at.G @ w, at.S @ f, EXACT)
+        if more is not None and size > LARGE * largest:
+            at.S += more
             self._compliance().learn(at.G.T @ f, self._h**2 * w)
         return max(largest, size)
 

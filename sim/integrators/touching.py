@@ -384,7 +384,8 @@ class TouchingApart(Touching):
         G[np.diag_indices_from(G)] *= 1.0 + SOFT
         gap = np.r_[-wanted, np.zeros(len(elsewhere))]
         force = pushes(G, gap, gap < 0.0)
-        push = D.T @ force[: len(rows)] + self._directions[elsewhere].T @ force[len(rows) :]
+        here, there = np.split(force, [len(wanted)])
+        push = D.T @ here + self._directions[elsewhere].T @ there
         return self.opening(self.answer(self.scale * push, work))
 
 

@@ -78,13 +78,6 @@ def point_triangle(p, triangle):
     return float(np.sqrt(squared)), weight
 
 
-def edge_edge(first, second):
-    """Distance [m] of two segments (2, 3), and the fractions of the segments at the nearest points."""
-    share = np.zeros(2)
-    squared = kernel.edge_edge(first[0], first[1], second[0], second[1], share)
-    return float(np.sqrt(squared)), share
-
-
 def entered_by(before, after, x0, x1, triangles):
     """Faces that points without a vertex of their own enter first."""
     near = Candidates(triangles, np.full(len(before), -1))
