@@ -54,7 +54,9 @@ def random_measures(
         raise FaceError(f"the asymmetry of the volunteers is {asymmetry}, expected a number >= 0")
     if preset not in PRESETS:
         _distribution(preset)
-    generator = np.random.default_rng(count("the seed", seed, least=0, error=FaceError))
+    for one in seed if isinstance(seed, tuple | list) else (seed,):
+        count("the seed", one, least=0, error=FaceError)
+    generator = np.random.default_rng(seed)
     why = ""
     for _ in range(_ATTEMPTS):
         group = preset
