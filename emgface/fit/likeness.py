@@ -20,7 +20,7 @@ from emgface.fit.family import SPREAD, Family
 from emgface.fit.inputs import Paired
 from emgface.fit.similarity import Floats, Similarity, similarity
 from emgface.fit.springs import Rows
-from emgface.fit.targets import Pull, Target, pulling
+from emgface.fit.targets import UNCOVERED, Pull, Target, pulling
 
 CORRELATED: Final = 1e-4  #: area over which the misfit of a surface is one independent value [m2]
 WIDTHS: Final = (4e-3, 2e-3, 1e-3, 0.6e-3, 0.4e-3, 0.3e-3, 0.3e-3, 0.3e-3)
@@ -49,11 +49,11 @@ def nearer_face(
     values, rigid = expected, replace(motion, scale=1.0)
     prior = np.concatenate([np.ones(n), np.zeros(6)])
 
-    def springs(q: Floats, width: float, number: int) -> Rows:
+    def springs(q: Floats, width: float, number: int, beyond: float = UNCOVERED) -> Rows:
         rows = _robust(landmarks.rows(noise**-2), q, noise)
         if not targets:
             return rows
-        pull = Pull(1.0 / (CORRELATED * width**2), 0.0, 0.0, seed=number)
+        pull = Pull(1.0 / (CORRELATED * width**2), 0.0, 0.0, seed=number, beyond=beyond)
         return rows.joined(_robust(pulling(q, targets, pull), q, width))
 
     try:
@@ -74,7 +74,7 @@ def nearer_face(
             shift = centre + step[-3:] - turn @ centre
             rigid = Similarity(1.0, turn @ rigid.rotation, turn @ rigid.shift + shift)
         before, after = (
-            _mean_square(springs(q, WIDTHS[0], 0), q)
+            _mean_square(springs(q, WIDTHS[0], 0, beyond=0.0), q)
             for q in (motion(face["position"].values), rigid(family.nodes(values)))
         )
     except (FaceError, ValueError, np.linalg.LinAlgError):  # no surface has these measures

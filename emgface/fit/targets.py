@@ -16,6 +16,8 @@ from emgface.fit.triangulated import Floats, Integers, Surface
 
 LOOP_BAND = 3e-3  #: width of surface to which the springs of a contour are equivalent [m]
 BACK_SPRINGS = 6000  #: number of springs from a target to the mesh
+UNCOVERED = 0.35
+"""Distance from which a point of a fine target is not covered, relative to a triangle of a mesh [1]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +73,8 @@ class Pull:
     along_curve: float  #: share along contours [1]
     back: float = 1.0  #: factor on the springs from the target to the mesh [1]
     seed: int = 0  #: of the points of the target with springs
+    #: distance from which points of a fine target have springs, relative to a triangle of the mesh [1]
+    beyond: float = UNCOVERED
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,13 +150,20 @@ def _to_surface(
 
 
 def _from_surface(moving: Surface, target: Target, pull: Pull) -> Rows:
-    """Springs from points of the target to the mesh, so that none of it remains uncovered."""
+    """Springs from points of the target that the mesh does not cover.
+
+    A flat triangle of a convex part lies within a finer scan, although its nodes lie on it: springs of
+    all points would push the nodes outwards, on coarse lips by more than a millimetre.
+    """
     points, owner, _ = target.surface.samples
     rng = np.random.default_rng(pull.seed)
     pick = rng.choice(len(points), min(BACK_SPRINGS, len(points)), replace=False)
     normal = target.surface.normals[owner[pick]]
     near = moving.nearest(points[pick], target.side * normal, wide=20)
-    use = near.found & ~moving.at_open_edge[near.triangle]
+    # chords lie within an arc in proportion to the square of their lengths
+    own = moving.areas[near.triangle]
+    finer = np.maximum(own - target.surface.areas[owner[pick]], 0.0) * np.sqrt(2.0 / own)
+    use = near.found & ~moving.at_open_edge[near.triangle] & (near.distance >= pull.beyond * finer)
     share = np.full(len(pick), pull.back * target.surface.areas.sum() / len(pick))
     W = along_normal(share, normal, pull.stiffness, pull.tangential)
     nodes = moving.triangles[near.triangle]

@@ -11,6 +11,7 @@ from emgface.fit.likeness import nearer_face
 from emgface.fit.person import fit_face
 from emgface.fit.readers.landmarks import landmarks_of
 from emgface.fit.similarity import similarity
+from emgface.fit.targets import sheets
 
 
 @pytest.fixture(scope="module")
@@ -124,3 +125,19 @@ def test_noise_of_landmarks_bends_nothing():
     bent = {name: p + [0.0, 0.0, 1.5 * p[1] ** 2] for name, p in marks.items()}
     found = fit_face(plain, bent, noise=0.8e-3, simulated=True)
     assert found.landmarks["error"].max() < 1.5
+
+
+def test_a_fine_scan_does_not_push_nodes_of_coarse_lips_outwards():
+    """Nodes of the coarse person lie on the scan, triangles between them within it."""
+    own, _ = volunteer_face(1, 4, resolution="coarse")
+    fine, _ = volunteer_face(1, 4, resolution="medium")
+    skin = (fine["position"].values, sheets(fine)["skin"].triangles)
+    found = fit_face(
+        template_face(resolution="coarse"), points_of_face(fine), simulated=True, skin=skin
+    )
+    markers = own["marker_node"].values
+    places = found.face["position"].values[markers]
+    wanted = own["position"].values[markers]
+    frame = similarity(places, wanted, scaled=False)
+    apart = 1e3 * np.linalg.norm(frame(places) - wanted, axis=1)
+    assert np.sqrt((apart**2).mean()) < 0.6
