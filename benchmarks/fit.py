@@ -27,7 +27,7 @@ from benchmarks import fit_checks
 from benchmarks.fit_gap import fitted_published, gap
 from benchmarks.fit_inputs import DAMAGES, damaged, person_of
 from benchmarks.fit_persons import between_persons, thickness_coverage
-from benchmarks.fit_worth import worth
+from benchmarks.fit_worth import CONDITIONS, worth
 from benchmarks.report import finish, say
 from emgface.api.given import simulation_of, study_of
 from emgface.errors import EmgfaceError
@@ -154,6 +154,9 @@ def main(
     first: Annotated[int, typer.Option(help="Number of the first of them.")] = 0,
     persons: Annotated[int, typer.Option(help="Number of simulated persons.")] = 20,
     instructions: Annotated[str, typer.Option(help="Their instructions, such as BD.")] = "BD",
+    condition: Annotated[
+        list[str] | None, typer.Option(help=f"Worth in one of: {'; '.join(CONDITIONS)}.")
+    ] = None,
     workers: Annotated[int, typer.Option(help="Number of processes.")] = 1,
     out: Annotated[Path, typer.Option(help="Folder of table and figure.")] = Path("docs/fit"),
     work: Annotated[
@@ -164,7 +167,8 @@ def main(
         six_checks(check or range(1, 7), persons, inputs, out if check is None else None)
     if only and "worth" in only:
         with tempfile.TemporaryDirectory() as temporary:
-            worth(persons, tuple(instructions), out, work or Path(temporary), workers)
+            folder = work or Path(temporary)
+            worth(persons, tuple(instructions), out, folder, workers, condition or ())
     if only and "thickness" in only:
         say(str(thickness_coverage(persons).cells()))
     if not only or "damaged" in only:

@@ -103,14 +103,20 @@ def write_faces(index: int, folder: Path, preset: str = "adult") -> str:
 
 
 def cubes(
-    persons: int, instructions: Sequence[str], work: Path, workers: int
+    persons: int,
+    instructions: Sequence[str],
+    work: Path,
+    workers: int,
+    chosen: Sequence[str] = (),
 ) -> dict[str, xr.Dataset]:
-    """Cube of every condition, with the face as the axis ``geometry``."""
+    """Cube of every condition, or of those `chosen`, with the face as the axis ``geometry``."""
     faces = work / "faces"
     for index in range(1, persons + 1):
         write_faces(index, faces)
     found: dict[str, xr.Dataset] = {}
     for condition, (world, strategy) in CONDITIONS.items():
+        if chosen and condition not in chosen:
+            continue
         folder = work / world.label.replace(" ", "_")
         _record(world, folder, persons, instructions, work, workers)
         used = [name for name in GEOMETRIES if name not in THICKNESS or condition in VARIED]
@@ -248,11 +254,16 @@ def worth_figure(found: dict[str, xr.Dataset]) -> Any:
 
 
 def worth(
-    persons: int, instructions: Sequence[str], out: Path, work: Path, workers: int
+    persons: int,
+    instructions: Sequence[str],
+    out: Path,
+    work: Path,
+    workers: int,
+    chosen: Sequence[str] = (),
 ) -> dict[str, xr.Dataset]:
     """Simulate, fit and score; write table and figure to `out`, and print the table with its cost."""
     began = time.monotonic()
-    found = cubes(persons, instructions, work, workers)
+    found = cubes(persons, instructions, work, workers, chosen)
     table = worth_table(found)
     out.mkdir(parents=True, exist_ok=True)
     (out / "worth.csv").write_text(table.csv(), encoding="utf-8")
