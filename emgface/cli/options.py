@@ -113,8 +113,8 @@ SettingOption = Annotated[
     typer.Option(
         "--set",
         metavar="NAME=VALUE",
-        help="Setting of the kind of model, such as law=hill or gravity=false; an unknown name lists "
-        "those that the model has. Repeatable.",
+        help="Setting of the kind of model, such as law=hill or gravity=false; of a face, a parameter "
+        "of the table [simulation] of a study file, such as contact.method=none. Repeatable.",
     ),
 ]
 GravityOption = Annotated[bool, typer.Option(help="Simulate gravity.")]

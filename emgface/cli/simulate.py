@@ -181,14 +181,13 @@ def _move_face(
     """Simulate a face and write what was requested."""
     import emgface as ef
     from emgface.api.given import face_of, study_of
-    from emgface.models.face import activation_for
-    from emgface.models.kinds import chosen
+    from emgface.models.face import activation_for, parameters_of
     from emgface.pictures.movie import check_movie
     from emgface.pictures.surface import without_surface
     from emgface.schema.netcdf import write_netcdf
     from sim import Positions
 
-    chosen(_move_face, drive.settings)  # a face has none
+    choices = parameters_of(drive.settings, changes)
     page, movie, vtk = outputs.page, outputs.movie, outputs.vtk
     if movie:
         check_movie(movie)
@@ -206,7 +205,7 @@ def _move_face(
             probes=(Positions(),) if vtk else (),
             progress=bar.show,
             solver_threads=solver_threads,
-            **changes,
+            **choices,
         )
         nodes = trajectory.get("node_position")
         trajectory = trajectory.drop_vars("node_position", errors="ignore")

@@ -1,5 +1,6 @@
 """Faces as a kind of model (`emgface.models.kinds.Functions`)."""
 
+import tomllib
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from emgface.choices import configure
 from emgface.errors import ConfigurationError, FitError, listed
 from emgface.face.file import load_face as read
 from emgface.face.file import save_face as write
@@ -94,10 +96,43 @@ def move(face: xr.Dataset, drive: Drive, progress: Progress) -> Moved:
     """Simulate a face by an activation, a recording or levels of muscles."""
     import emgface as ef
 
-    chosen(move, drive.settings)
     step: dict[str, Any] = {} if drive.step is None else {"step": drive.step}
-    given = activation_for(face, drive)
-    return Moved(ef.simulate(given, face, accuracy=drive.accuracy, progress=progress, **step))
+    given, choices = activation_for(face, drive), parameters_of(drive.settings, step)
+    return Moved(ef.simulate(given, face, accuracy=drive.accuracy, progress=progress, **choices))
+
+
+def parameters_of(settings: Mapping[str, str], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of a simulation: `given` ones by name, and settings such as ``contact.method=none``.
+
+    Names and values of settings are those of the table ``[simulation]`` of a study file. Raises
+    ConfigurationError for an unknown name, with the nearest one, and for one that is specified twice.
+    """
+    from emgface.api.given import merged
+    from emgface.face.simulation_parameters import SimulationParameters
+
+    found: dict[str, Any] = dict(given)
+    for name, text in settings.items():
+        first, *rest = name.split(".")
+        if first not in SimulationParameters.model_fields:
+            configure(SimulationParameters, {first: text}, where=f"--set {name}")
+        if first in given:
+            raise ConfigurationError(
+                f"{first} is specified by --set {name}={text} and by another option, expected one of "
+                "them: leave one out"
+            )
+        value: Any = _of_study(text)
+        for part in reversed(rest):
+            value = {part: value}
+        found = merged(found, {first: value})
+    return found
+
+
+def _of_study(text: str) -> Any:
+    """Value of a text as in a study file, where names may lack their quotation marks."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
 
 
 def activation_for(face: xr.Dataset, drive: Drive) -> xr.Dataset:

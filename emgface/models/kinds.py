@@ -271,7 +271,8 @@ def chosen(
     for name, text in settings.items():
         if name not in names:
             raise ConfigurationError(
-                f"there is no setting {name!r}, expected one of {', '.join(names) or 'none'}"
+                f"there is no setting {name!r}, expected "
+                + (f"one of {', '.join(names)}" if names else "none: leave it out")
             )
         found[name] = _value(name, text, known[name].default)
     return found
@@ -294,13 +295,21 @@ def _value(name: str, text: str, default: object) -> Any:
 
 
 def parsed(settings: Sequence[str]) -> dict[str, str]:
-    """Settings such as ``variant=larynx`` by name; ConfigurationError without an equals sign."""
+    """Settings such as ``variant=larynx`` by name.
+
+    Raises ConfigurationError without an equals sign, or for a name that is specified twice.
+    """
     found: dict[str, str] = {}
     for one in settings:
         name, sign, value = (part.strip() for part in one.partition("="))
         if not (sign and name and value):
             raise ConfigurationError(
                 f"the setting {one!r} is not of the form NAME=VALUE, such as law=hill: correct it"
+            )
+        if name in found:
+            raise ConfigurationError(
+                f"{name} is specified twice, as {found[name]} and {value}, expected one value: "
+                "leave one out"
             )
         found[name] = value
     return found

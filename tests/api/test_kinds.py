@@ -1,19 +1,24 @@
 """Kinds of models and their commands: one example of every command, former names, the help."""
 
 import inspect
+import json
 import shlex
 from importlib import metadata
 from pathlib import Path
 
 import pytest
 import typer
+import xarray as xr
 from packaging.version import Version
 from typer.testing import CliRunner, Result
 
+from emgface.choices import configure
 from emgface.cli import LISTED, app
 from emgface.cli.aliases import ALIASES, table, translated
 from emgface.deprecation import FORMER
 from emgface.errors import ConfigurationError
+from emgface.face.simulation_parameters import SimulationParameters
+from emgface.models.face import parameters_of
 from emgface.models.kinds import KINDS, Functions, Person, chosen, names_file, parsed
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -72,6 +77,54 @@ def test_options_of_other_kinds_are_refused_and_nothing_is_written(kind, tmp_pat
     if kind != "head":
         assert run("build", kind, "--out", out, "--parts", "jaw").exit_code == 2
         assert not out.exists()
+
+
+def leaves(values: dict, before: str = ""):
+    """Values of a nested mapping by dotted names."""
+    for name, value in values.items():
+        if isinstance(value, dict):
+            yield from leaves(value, f"{before}{name}.")
+        elif value is not None:
+            yield before + name, value
+
+
+DEFAULTS = dict(leaves(SimulationParameters().model_dump(mode="json")))
+
+
+def test_every_parameter_of_a_simulation_is_a_setting_of_a_face() -> None:
+    assert len(DEFAULTS) >= 30
+    texts = {name: v if isinstance(v, str) else json.dumps(v) for name, v in DEFAULTS.items()}
+    for name, text in texts.items():
+        given = dict(leaves(parameters_of(parsed([f"{name}={text}"]), {})))
+        assert given == {name: DEFAULTS[name]}
+    whole = configure(SimulationParameters, parameters_of(texts, {}))
+    assert whole == SimulationParameters()
+
+
+@pytest.mark.parametrize(
+    ("settings", "given", "said"),
+    [
+        (["outpt=0.1"], {}, "did you mean 'output'"),
+        (["surface=true"], {}, "unknown parameter 'surface'"),
+        (["contact.method=none"], {"contact": {"method": "none"}}, "another option"),
+        (["step=0.01", "step=0.02"], {}, "step is specified twice"),
+        (["step"], {}, "NAME=VALUE"),
+    ],
+)
+def test_settings_of_a_face_that_are_refused(settings, given, said) -> None:
+    with pytest.raises(ConfigurationError, match=said):
+        parameters_of(parsed(settings), given)
+
+
+def test_a_setting_of_a_face_has_the_effect_of_its_option(tmp_path) -> None:
+    face, one, other = (tmp_path / name for name in ("face.nc", "one.nc", "other.nc"))
+    assert run("build", "face", "--out", face, "--resolution", "coarse").exit_code == 0
+    common = ("simulate", "ZYG_L=0.2", "--face", face, "--duration", "0.05", "--accuracy", "draft")
+    assert run(*common, "--no-contact", "--out", one).exit_code == 0
+    found = run(*common, "--set", "contact.method=none", "--out", other)
+    assert found.exit_code == 0, found.output
+    with xr.open_dataset(one) as a, xr.open_dataset(other) as b:
+        assert a["position"].identical(b["position"])
 
 
 @pytest.mark.parametrize("words", ["build nose --out n.nc", "import nose . --out n.nc"])
