@@ -59,8 +59,8 @@ def _mixed_model(cube: xr.Dataset, seed: int) -> Outcome:
 
 
 def _mixed_model_in_general(cube: xr.Dataset, seed: int) -> Outcome:
-    found = mixed_model(compare(cube, contrasts=[PAIR]))
-    fixed = mixed_model(compare(cube, contrasts=[PAIR]), scope="these instructions")
+    data = compare(cube, contrasts=[PAIR])
+    found, fixed = mixed_model(data), mixed_model(data, scope="these instructions")
     return {
         "mixed model, instructions": (float(found["p"][0]), _holds(found, 0.0)),
         "mixed model, misread": (float(fixed["p"][0]), _holds(fixed, 0.0)),

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 import xarray as xr
+from statsmodels.stats.multitest import multipletests
 from synthetic_cubes import cube as small_cube
 from synthetic_scores import fail, of_rho
 
@@ -147,6 +148,13 @@ def test_holm_of_a_worked_example() -> None:
     found = holm(np.array([0.01, 0.04, 0.03, np.nan, 0.005]))
     np.testing.assert_allclose(found, [0.03, 0.06, 0.06, np.nan, 0.02])
     assert np.isnan(holm(np.full(2, np.nan))).all() and holm(np.zeros(0)).shape == (0,)
+
+
+def test_holm_has_the_bits_of_another_implementation() -> None:
+    rng = np.random.default_rng(5)
+    for n in (1, 2, 3, 7, 40):
+        p = rng.choice([rng.uniform(0, 1, n), rng.uniform(0, 0.02, n), rng.integers(1, 4, n) / 64])
+        np.testing.assert_array_equal(holm(p), multipletests(p, method="holm")[1])
 
 
 def test_planted_differences_are_found_and_only_these() -> None:
