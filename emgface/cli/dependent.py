@@ -66,7 +66,9 @@ _ROWS = (
 )
 _FOLDS = Dependent(("lung", "tension"), "--source folds", _is("source", "folds"))
 _SOUND = Dependent(("source", "lung", "tension"), "a sound to write (--out)", _given("wave"))
-_FACES = "recordings plain picture spread both_cuts mapping accuracy sigma_max contact workers"
+_FACES = (
+    "recordings plain picture spread both_cuts reduced mapping accuracy sigma_max contact workers"
+)
 
 DEPENDENT: Mapping[str, tuple[Dependent, ...]] = {
     "data_files.convert": (Dependent(("notch_width",), "--notch", _given("notch")),),
@@ -106,9 +108,11 @@ DEPENDENT: Mapping[str, tuple[Dependent, ...]] = {
     ),
     "sound.trial": (*_ROWS, _SOUND, _FOLDS),
     "treat.compare": (
-        Dependent(tuple(_FACES.split()), "two faces",
-                  _kind("before", "face_model")),
+        Dependent(tuple(_FACES.split()), "two faces, found a jaw",
+                  _kind("before", "face_model", "reduced_face")),
         Dependent(("mapping",), "recordings", _given("recordings")),
+        Dependent(("both_cuts",), "full order (the face of the other cut has no reduced one)",
+                  _not_given("reduced")),
     ),
     "treat.dose": (
         Dependent(("shapes", "shares", "places", "rejoin"), "generated shapes, which --plan replaces",

@@ -105,6 +105,13 @@ def compare(
             "interval of both.",
         ),
     ] = False,
+    reduced: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Reduced face ('reduce') of the face before, and, repeated, of that after the "
+            "treatment, simulated with the contact of its training."
+        ),
+    ] = None,
     mapping: options.MappingOption = None,
     accuracy: options.AccuracyOption = "draft",
     sigma_max: options.SigmaMaxOption = None,
@@ -124,6 +131,7 @@ def compare(
     from emgface.face.identity import treatments_between
     from emgface.files import write_text
     from emgface.pictures.stills import write_figure
+    from emgface.reduced.model import contact_of
     from emgface.run.store import Store
     from emgface.schema.netcdf import kind_of
     from emgface.treatment.cut_difference import other_cut, with_cut_difference
@@ -132,15 +140,20 @@ def compare(
     from emgface.treatment.outcomes import movement_table, outcome_table, with_words_of_bounds
     from emgface.treatment.pages import compare_page, states_of
     from emgface.treatment.plan import NOT_VALIDATED
+    from emgface.treatment.reduced_pair import reduced_pair, refuse_reduced
 
     if before.is_file() and kind_of(before) == "jaw_model":
         return _compare_jaws(before, after, table)
+    refuse_reduced(before, after)
     chosen: dict[str, Any] = {} if sigma_max is None else {"sigma_max": sigma_max}
+    if reduced:
+        chosen["contact"] = contact_of(reduced[0])
     if not contact:
         chosen["contact"] = {"method": "none"}
     parameters = simulation_of(study_of(None).simulation, accuracy, chosen)
     intact, treated = load_face(before), load_face(after)
     entries = treatments_between(intact, treated)
+    pair = reduced_pair(reduced, intact, treated, parameters) if reduced else None
     cases = None if spread is None else read_cases(spread, entries)
     activations, source = gestures(intact), "The activations are gestures of the instructions."
     notes: tuple[str, ...] = ()
@@ -156,7 +169,7 @@ def compare(
             store=store, workers=executed, stopping=stopping,
         )  # fmt: skip
         with progress("simulating") as bar:
-            motions = simulated(treated, progress=bar.show)
+            motions = simulated(treated, progress=bar.show, reduced=pair)
         motions = replace(motions, notes=(*notes, *motions.notes))
         outcomes = outcome_table(intact, treated, motions)
         if both_cuts:

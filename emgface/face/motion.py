@@ -230,6 +230,7 @@ def simulate_face(
         trajectory, doubt = trusted_motion(face, control, duration, parameters, further)
         if trajectory is not None:
             return _described(trajectory, face, activation, parameters, pace)
+        further = tuple(probe for probe in further if not isinstance(probe, Mouth))  # as below
     system = sim.compile_scene(compose_scene(face, parameters))
     control, duration, pace = control_of(activation, system.muscles, parameters)
     start = branch.state if branch else _start(face, parameters, system, settled)

@@ -8,12 +8,14 @@ from typing import Any, Final
 import xarray as xr
 
 from emgface.errors import FaceError
+from emgface.face.lip_shape import has_mouth
 from emgface.face.motion import settle_face, simulate_face
+from emgface.face.mouth import Mouth
 from emgface.face.sigma_max import WEAKER
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.pictures.body import skin_of
 from emgface.pictures.surface import SurfaceProbe, with_surface
-from emgface.run.digest import dataset_digest
+from emgface.run.digest import dataset_digest, file_digest
 from emgface.run.mechanics import MECHANICS
 from emgface.run.runner import Workers
 from emgface.run.store import Stage, Store
@@ -73,14 +75,20 @@ class FailedJob:
 
 
 class Faces:
-    """Intact and treated face with the activations of their movements; results are kept in a store."""
+    """Intact and treated face with the activations of their movements; results are kept in a store.
+
+    `reduced` are the files of the reduced faces of both, with which the movements are simulated; the
+    pressure that the lips hold is found at full order.
+    """
 
     def __init__(
         self,
         faces: tuple[xr.Dataset, xr.Dataset],
         activations: Mapping[str, xr.DataArray],
         store: Store | None = None,
+        reduced: tuple[Path, Path] | None = None,
     ) -> None:
+        self.reduced = reduced
         self.given, self.activations, self._store = faces, dict(activations), store
         self._skins = [skin_of(face) for face in faces]
         self._digests = [] if store is None else [dataset_digest(face) for face in faces]
@@ -100,31 +108,41 @@ class Faces:
         if job.name != PRESSED:
             own = self.activations[job.name].to_dataset(name="activation")
             stage, inputs = MOTION, inputs | {"activation": dataset_digest(own)}
+            if self.reduced is not None:
+                inputs |= {"reduced": file_digest(self.reduced[job.which])}
         return self._store.get_or_compute(
             stage, inputs, {"simulation": job.parameters.model_dump(mode="json")},
             lambda: self._computed(job), label=job.name,
         ).dataset  # fmt: skip
 
     def _computed(self, job: Job) -> xr.Dataset:
-        face, p, key = self.given[job.which], job.parameters, (job.which, job.parameters.sigma_max)
+        face, p, skin = self.given[job.which], job.parameters, self._skins[job.which]
+        activation = self.activations.get(job.name)
+        if self.reduced is not None and activation is not None:
+            p = p.model_copy(
+                update={"reduced": p.reduced.model_copy(update={"file": self.reduced[job.which]})}
+            )
+            probes = (SurfaceProbe(skin.node), *([Mouth.of(face)] if has_mouth(face) else []))
+            return with_surface(simulate_face(face, activation, p, further=probes), face, skin)
+        key = job.which, p.sigma_max
         if key not in self._settled:
             self._settled[key] = settle_face(face, p)
-        if job.name == PRESSED:
+        if activation is None:
             return xr.Dataset(attrs=pressure_attributes(face, p, self._settled[key]))
-        skin = self._skins[job.which]
         motion = simulate_face(
-            face, self.activations[job.name], p, settled=self._settled[key],
-            further=(SurfaceProbe(skin.node),),
-        )  # fmt: skip
+            face, activation, p, settled=self._settled[key], further=(SurfaceProbe(skin.node),)
+        )
         return with_surface(motion, face, skin)
 
 
-Given = tuple[tuple[xr.Dataset, xr.Dataset], dict[str, xr.DataArray], Path]
+Given = tuple[
+    tuple[xr.Dataset, xr.Dataset], dict[str, xr.DataArray], Path, tuple[Path, Path] | None
+]
 
 
 def _prepared(given: Given, report: Callable[[str], None]) -> Faces:
-    faces, activations, folder = given
-    return Faces(faces, activations, Store(folder, report=report))
+    faces, activations, folder, reduced = given
+    return Faces(faces, activations, Store(folder, report=report), reduced)
 
 
 def _simulated(faces: Faces, job: Job) -> FailedJob | None:
@@ -160,7 +178,7 @@ def results(
                 lost.add(job.name)
             yield job, found
         return
-    given = faces.given, faces.activations, faces.store.folder
+    given = faces.given, faces.activations, faces.store.folder, faces.reduced
     task = Task(_prepared, given, _simulated, lambda job: job.which)
     count = 0
     for index, done in task.outcomes(jobs, workers, starting=lambda _: not stopping()):

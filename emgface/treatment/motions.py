@@ -27,6 +27,7 @@ from emgface.treatment.jobs import (
     Job,
     results,
 )
+from emgface.treatment.reduced_pair import notes_of_reduction
 
 RISE, HOLD = 0.25, 0.25  #: time of the rise of a gesture and time at its level [s]
 TASKS: Final[Mapping[str, tuple[str, Mapping[str, float]]]] = {
@@ -136,16 +137,19 @@ def compared_motions(
     store: Store | None = None,
     workers: int | Workers = 1,
     stopping: Callable[[], bool] = lambda: False,
+    reduced: tuple[Path, Path] | None = None,
 ) -> ComparedMotions:
     """Simulate both faces for every activation, with the same sigma_max in a movement.
 
     With a `store`, complete motions are kept there, a repeated call computes only the others, and
     several `workers` share them. A movement that fails at every admissible sigma_max is listed in
-    `failed`; the others are not affected. Raises DataError if `treated` is neither `intact` nor a
-    treatment of it, and KeyboardInterrupt if `stopping` returns True, after what has begun.
+    `failed`; the others are not affected. With the files of the `reduced` faces of both
+    (`emgface.treatment.reduced_pair`), `notes` state the bound of their error. Raises DataError if
+    `treated` is neither `intact` nor a treatment of it, and KeyboardInterrupt if `stopping` returns
+    True, after what has begun.
     """
     treatments_between(intact, treated)
-    faces = Faces((intact, treated), activations, store)
+    faces = Faces((intact, treated), activations, store, reduced)
     own = "closing" in activations and parameters.contact.method != "none"
     total, ended = 2 * (len(activations) + own), 0
 
@@ -179,7 +183,8 @@ def compared_motions(
                 notes.append(f"The pressure held {when} is a lower bound: {held.attrs[BOUNDED]}.")
     words = {name: words_of(name, given) for name, given in activations.items()}
     before, after = ({n: motions[n][k] for n in activations if n in motions} for k in (0, 1))
-    return ComparedMotions(before, after, words, source, failed, tuple(sorted(notes)))
+    of_reduction = () if reduced is None else notes_of_reduction(before, after)
+    return ComparedMotions(before, after, words, source, failed, (*of_reduction, *sorted(notes)))
 
 
 _Pair = dict[int, "xr.Dataset | FailedJob"]
