@@ -10,6 +10,7 @@ import gzip
 import io
 import json
 import math
+import re
 import tomllib
 import zlib
 from pathlib import Path
@@ -184,7 +185,7 @@ def toml_in(text: str, name: str) -> dict[str, Any]:
         content = tomllib.loads(text)
     # ValueError includes TOMLDecodeError and integers of thousands of digits.
     except (ValueError, RecursionError) as error:
-        raise _not_toml(name, error) from error
+        raise _not_toml(name, error, text) from error
     return _shallow(content, name)
 
 
@@ -202,11 +203,22 @@ def module_rows(module: str) -> list[dict[str, str]]:
     return list(csv.DictReader(io.StringIO(text)))
 
 
-def _not_toml(name: str, error: Exception) -> ConfigurationError:
+def _line_of(error: Exception) -> int:
+    """Number of the line in which an error of a TOML file is, from 1; 0 if it is not stated."""
+    found = re.search(r"at line (\d+)", str(error))
+    return int(found[1]) if found else 0
+
+
+def _not_toml(name: str, error: Exception, text: str = "") -> ConfigurationError:
     told = " ".join(str(error).split())[:200]
+    line = (
+        text.splitlines()[at - 1] if 0 < (at := _line_of(error)) <= len(text.splitlines()) else ""
+    )
+    comma = re.search(r"=\s*([-+]?\d+),(\d+)\s*(#|$)", line)
+    advice = f"write {comma[1]}.{comma[2]}, with a point" if comma else "repair it"
     return ConfigurationError(
         f"{name} is not valid TOML ({type(error).__name__}: {told}); expected lines such as "
-        "name = 'value' in UTF-8: repair it."
+        f"name = 'value' in UTF-8: {advice}."
     )
 
 

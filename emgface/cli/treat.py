@@ -48,6 +48,8 @@ def treat(
     for entry in [] if treated is given else treatments(treated)[-1:]:
         for report in entry["steps"]:
             say(f"Step {report['step']}, {report['kind']}: {told_of(report)}.")
+            for doubt in report.get("doubts", ()):
+                say(f"Warning: step {report['step']}: {doubt}.")
     say(f"Wrote {out_path}, simulated. {NOT_VALIDATED.capitalize()}.")
 
 
@@ -58,7 +60,7 @@ def told_of(report: dict[str, Any]) -> str:
         words = name.replace("_", " ")
         if isinstance(value, float):
             found.append(f"{words} {value:.3g}")
-        elif isinstance(value, list) and value:
+        elif isinstance(value, list) and value and name != "doubts":
             found.append(f"{words} {' '.join(map(str, value))}")
         elif name == "effect":
             found.append(f"{words} {value}")

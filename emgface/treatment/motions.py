@@ -115,6 +115,8 @@ def recorded(
             f"{folder} contains recordings of several volunteers, {told}, expected those of one person: "
             "make a folder for each"
         )
+    if absent := [name for name in INSTRUCTIONS if name not in found]:
+        notes.append(f"No recording of {', '.join(absent)} was found: their outcomes are absent.")
     notes += [f"Not used: {reason.rstrip('.')}." for reason in reasons]
     return {name: found[name] for name in sorted(found)}, tuple(notes)
 

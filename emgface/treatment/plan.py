@@ -38,22 +38,41 @@ SHORTEST: Final = 0.1
 """Lengths of a plan that are positive and shorter are those in metres [mm]; no element is as short."""
 
 
+DOUBTED: Final = {"width": 3.0, "height": 3.0}
+"""Lengths of a plan that are positive and shorter may be in cm [mm]; others below 1 mm."""
+
+
 class Lengths(Parameters):
     """Base of the tables of a plan, whose lengths are in mm."""
 
-    @model_validator(mode="after")
-    def _in_mm(self) -> "Lengths":
+    def _lengths(self) -> dict[str, tuple[float, ...]]:
+        """Lengths [mm] by name, those of a point together."""
+        found: dict[str, tuple[float, ...]] = {}
         for name, field in type(self).model_fields.items():
             more, value = field.json_schema_extra, getattr(self, name)
-            if value is None or not isinstance(more, dict) or more.get("unit") != "mm":
-                continue
-            every = value if isinstance(value, tuple) else (value,)
+            if value is not None and isinstance(more, dict) and more.get("unit") == "mm":
+                found[name] = value if isinstance(value, tuple) else (value,)
+        return found
+
+    def doubts(self) -> tuple[str, ...]:
+        """Sentences on lengths so short that they may be in cm."""
+        own = (
+            f"{name} = {value[0]:g} is in mm; if it is in cm, write {name} = {10 * value[0]:g}"
+            for name, value in self._lengths().items()
+            if len(value) == 1 and 0.0 < value[0] < DOUBTED.get(name, 1.0)
+        )
+        parts = (value for _, value in self if isinstance(value, Lengths))
+        return (*own, *(told for part in parts for told in part.doubts()))
+
+    @model_validator(mode="after")
+    def _in_mm(self) -> "Lengths":
+        for name, every in self._lengths().items():
             if 0.0 < max(abs(one) for one in every) < SHORTEST:
                 of_mm = [f"{1e3 * one:g}" for one in every]
                 told = of_mm[0] if len(of_mm) == 1 else f"[{', '.join(of_mm)}]"
                 raise ValueError(
-                    f"{name} = {value}: lengths of a plan are in mm, and this one is shorter than "
-                    f"{SHORTEST:g} mm; if it is in metres, write {name} = {told}"
+                    f"{name} = {getattr(self, name)}: lengths of a plan are in mm, and this one is "
+                    f"shorter than {SHORTEST:g} mm; if it is in metres, write {name} = {told}"
                 )
         return self
 

@@ -53,6 +53,8 @@ DIVISOR: Final = 4.0
 SHARES: Final = LoadSteps(0.1, 0.2, 0.002)  #: of the share of the activations `CLOSING` [1]
 LONGEST: Final = 4.0  #: longest step of the pressure, relative to the first
 SLID: Final = 1.5  #: relative length of a step above which one with a rise of the force is divided
+SLIDE: Final = 0.05
+"""Rise of the force after a fall, relative to that without load, that is a slide of the lips."""
 SHORTEST: Final = 0.125  #: relative length below which no step is tried
 
 
@@ -137,13 +139,14 @@ def pressure_held(
     contact. The lips part where they no longer press on each other: their contact force, which falls
     with the pressure, vanishes. Steps from `step` to `LONGEST` times that bracket this pressure, and the
     interval is bisected, from the last equilibrium with a force, until it is as short as `step`. The
-    line through the last two positive forces gives the pressure within it. A step longer than `SLID`
-    times `step` in which the force rises is divided: it has passed to another equilibrium, with lips
-    that have slid across each other, and not along those of the rising pressure.
+    line through the last two positive forces gives the pressure within it. A step in which the force
+    rises is divided if it is longer than `SLID` times `step`, or if the force fell before and the rise
+    is larger than `SLIDE` of that without pressure: it has passed to another equilibrium, with lips that
+    have slid across each other, and not along those of the rising pressure.
 
-    If no equilibrium is found above a pressure, or at `highest`, it is a lower bound. Air escapes at the
-    first place without contact, at a pressure that is not larger; a mesh whose elements are as long as
-    the lips are high does not resolve this place. `settled` is the face at rest under gravity.
+    If no such equilibrium is found above a pressure, or at `highest`, it is a lower bound. Air escapes
+    at the first place without contact, at a pressure that is not larger; a mesh whose elements are as
+    long as the lips are high does not resolve this place. `settled` is the face at rest under gravity.
 
     Raises FaceError if the simulation is without contact of the lips, the face has no free inner surface
     or no mouth, or the lips find no equilibrium under the activations alone.
@@ -204,7 +207,8 @@ def _risen(
     `to` leaves the state of the lips as it was if it fails.
     """
     course: list[tuple[float, float]] = []
-    reached, parted, failure, force = 0.0, np.inf, None, lips.force
+    reached, parted, failure, fell = 0.0, np.inf, None, False
+    pressed = force = lips.force
     length, longest = steps.first, steps.longest
     while reached < end and parted - reached > steps.first:
         aim = min(reached + length, end)
@@ -222,11 +226,22 @@ def _risen(
         if parting and lips.force == 0.0:
             lips.state, parted, length = before, aim, 0.5 * (aim - reached)
             continue
-        if parting and lips.force > force and aim - reached > SLID * steps.first:
-            lips.state, length = before, max((aim - reached) / DIVISOR, steps.first)
-            longest = min(longest, max(0.5 * (aim - reached), steps.first))
+        long = aim - reached > SLID * steps.first
+        slid = fell and lips.force - force > SLIDE * pressed
+        if parting and lips.force > force and (slid or long):
+            least = steps.first if long else 0.0
+            length = max((aim - reached) / DIVISOR, least)
+            longest = min(longest, max(0.5 * (aim - reached), least))
+            if length < steps.shortest:
+                failure = FaceError(
+                    f"the lips slide across each other, and their force rises from {force:.2f} to "
+                    f"{lips.force:.2f} N"
+                )
+            lips.state = before
+            if failure is not None:
+                break
             continue
-        force = lips.force
+        fell, force = lips.force < force, lips.force
         course.append((aim, force))
         length = min(2.0 * (aim - reached), longest)
         reached = aim

@@ -29,6 +29,7 @@ from emgface.treatment.plan import (
     NOT_VALIDATED,
     Change,
     Incision,
+    Lengths,
     Palsy,
     Plan,
     Resection,
@@ -75,6 +76,8 @@ def treat_face(
             found, done = _APPLY[type(own)](treated, own, parameters, progress)
             treated = found if found is treated else _valid(found, own)
             report |= done
+            if isinstance(step, Lengths) and (doubts := step.doubts()):
+                report["doubts"] = list(doubts)
         except FaceError as error:
             told = f"step {number} ({step.kind}) of {plan.name!r}: {error}"
             if isinstance(error, TreatmentError):

@@ -79,6 +79,16 @@ def test_a_deep_or_huge_toml_file_is_refused(text: str, told: str, tmp_path: Pat
         read_recording(path)
 
 
+def test_a_decimal_comma_in_a_toml_file_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text('name = "a, b"\nwidth = 12,5  # mm\n', encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"write 12\.5, with a point"):
+        read_toml(path)
+    path.write_text("width = 12 5\n", encoding="utf-8")
+    with pytest.raises(ConfigurationError, match="repair it"):
+        read_toml(path)
+
+
 def test_a_compressed_text_that_expands_beyond_reason_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.csv.gz"
     row = b"0.0,0.0,0.0,0.0\n"

@@ -15,7 +15,7 @@ from emgface.run.digest import dataset_digest
 from emgface.treatment import dose, jaw_outcomes
 from emgface.treatment.motions import recorded
 from emgface.treatment.outcomes import OUTCOMES
-from emgface.treatment.plan import NOT_VALIDATED, Plan
+from emgface.treatment.plan import NOT_VALIDATED, Incision, Plan, Tumour, Wedge
 
 ZERO = '[[step]]\nkind = "wedge"\nwidth = 0.0\n\n[[step]]\nkind = "palsy"\ndegree = 0.0\n'
 
@@ -34,6 +34,19 @@ def test_a_plan_without_effect_is_told_and_leaves_the_face_as_it_is(coarse, tmp_
         # every consumer has the same face, bit for bit
         written = load_face(tmp_path / f"{name}.nc")
         assert dataset_digest(written) == dataset_digest(load_face(face))
+
+
+def test_lengths_that_may_be_in_cm_are_told(coarse, tmp_path):
+    face = save_face(coarse, tmp_path / "face.nc")
+    text = '[[step]]\nkind = "change"\ncentre = [0.0, 105.0, 0.0]\nradius = 0.9\nstiffness = 2.0\n'
+    (tmp_path / "plan.toml").write_text(text, encoding="utf-8")
+    result = done("treat", tmp_path / "plan.toml", face, "--out", tmp_path / "stiff.nc")
+    told = "Warning: step 1: radius = 0.9 is in mm; if it is in cm, write radius = 9."
+    assert result.exit_code or told in " ".join(result.output.split())
+    for step in (Wedge(width=1.2), Wedge(height=1.2), Incision(height=2.9), Tumour(
+            centre=(0.0, 50.0, 0.0), margin=0.5), Wedge(scar={"radius": 0.3})):  # fmt: skip
+        assert len(step.doubts()) == 1, step
+    assert not Wedge(width=3.0).doubts() and not Wedge(width=0.0, scar=None).doubts()
 
 
 def test_a_step_is_told_with_the_muscles_that_it_weakens(coarse, tmp_path):
@@ -102,7 +115,8 @@ def test_recordings_that_are_not_used_are_named(folder):
     told = "\n".join(notes)
     assert "V1_A_2.nc is another recording of A and was not used." in told
     assert "V1_Z.nc: its instruction is Z" in told and "x_E.nc: it is damaged" in told
-    assert len(notes) == 3
+    assert "No recording of B, C, E, F was found: their outcomes are absent." in notes
+    assert len(notes) == 4
 
 
 def test_recordings_of_several_persons_are_refused(folder):

@@ -134,6 +134,23 @@ def test_a_step_to_another_equilibrium_is_divided_until_the_force_falls():
     assert rise.reached == 20.0 and len(rising.tried) < 100
 
 
+class Slipping(Invented):
+    """Lips whose equilibrium ends at a pressure, above which they press more, by steps of any length."""
+
+    @property
+    def force(self):
+        return 9.0 if self.state > 5.0 else super().force
+
+
+def test_a_rise_of_the_force_that_no_division_removes_ends_the_search_before_it():
+    lips, steps = Slipping(), LoadSteps(1.0, 4.0, 0.1)
+    rise = pressure._risen(lips, lips.to, 20.0, steps, parting=True)
+    assert 5.0 - 0.4 < rise.reached <= 5.0 and np.isinf(rise.parted)
+    assert "slide across each other, and their force rises from 3." in str(rise.failure)
+    assert lips.state == rise.reached and len(lips.tried) < 30
+    assert all(b < a for (_, a), (_, b) in zip(rise.course, rise.course[1:], strict=False))
+
+
 def test_soft_lips_close_and_hold_a_pressure_by_shorter_steps():
     """An untreated person whose tissue is soft, without an equilibrium at the first fifth at once."""
     face = volunteer_face(2026, 2, resolution="coarse")[0]
