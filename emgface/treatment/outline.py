@@ -16,7 +16,7 @@ from emgface.face.lip_shape import LipRim, lip_rim
 from emgface.face.parts import OUTER
 from emgface.face.surface import faces_among
 from emgface.treatment.columns import Chart
-from emgface.treatment.plan import DRAWN, Incision, Tumour, Wedge
+from emgface.treatment.plan import DRAWN, SHORTEST, Incision, Tumour, Wedge
 
 Floats = NDArray[np.float64]
 Point = tuple[float, float]
@@ -27,6 +27,7 @@ CORNER: Final = 2e-3  #: distance from the corner of the mouth within which noth
 DEEP: Final = {"all": None, "outer": 1, "outer and centre": 2}  #: layers that are removed
 DEEPEST: Final = 40e-3  #: largest height of a wedge [m]
 WIDEST: Final = 80.0  #: largest width of a wedge [mm]
+LARGEST: Final = 0.2  #: largest extent of a tumour, above which it is in another unit [m]
 TAPER: Final = 1.5  #: height of a V or shield that contains a tumour, over the depth of the tumour
 
 
@@ -137,14 +138,14 @@ def chart_at(
         corners[flat, 1] - corners[flat, 0], corners[flat, 2] - corners[flat, 0]
     )
     away = np.linalg.norm(middle - origin, axis=1)
-    mine = (away < max(height, 1.2 * float(away.min()))) & _of_lip(position, rim, lip, middle)
+    mine = (away < max(height, 1.2 * float(away.min()))) & of_lip(position, rim, lip, middle)
     out = normal[mine].sum(axis=0)
     out = out - (out @ along) * along
     out /= np.linalg.norm(out)
     return Chart(origin, along, np.cross(out, along), out)
 
 
-def _of_lip(position: Floats, rim: LipRim, lip: str, points: Floats) -> NDArray[np.bool_]:
+def of_lip(position: Floats, rim: LipRim, lip: str, points: Floats) -> NDArray[np.bool_]:
     """Mask of the points that are nearer to the margin of a lip than to that of the other."""
     upper, lower = (KDTree(position[nodes]).query(points)[0] for nodes in (rim.upper, rim.lower))
     return np.asarray(upper < lower if lip == "upper" else lower < upper)
@@ -207,7 +208,7 @@ def wedge_around(face: xr.Dataset, step: Tumour, folder: Path) -> Wedge:
     centre = points.mean(axis=0)
     skin = sheet_nodes(face, OUTER)
     away, _ = KDTree(position[skin]).query(centre)
-    if away > 15e-3 or not _of_lip(position, rim, step.lip, centre[None])[0]:
+    if away > 15e-3 or not of_lip(position, rim, step.lip, centre[None])[0]:
         raise TreatmentError(
             "tumour",
             f"the centre of the tumour is {1e3 * away:.1f} mm from the skin or not in the {step.lip} "
@@ -282,4 +283,12 @@ def _tumour_points(step: Tumour, folder: Path) -> Floats:
         raise TreatmentError(
             "surface", f"the surface {path} has {len(points)} points, expected a closed surface"
         )
-    return points * (MM if step.unit == "mm" else 1.0)
+    scale, other = (MM, "m") if step.unit == "mm" else (1.0, "mm")
+    across = scale * float(np.ptp(points, axis=0).max())
+    if not MM * SHORTEST < across < LARGEST:
+        raise TreatmentError(
+            "surface",
+            f"the surface {path} is {1e3 * across:.3g} mm across, expected {SHORTEST:g} to "
+            f"{1e3 * LARGEST:g} mm: if its lengths are in {other}, write unit = '{other}'",
+        )
+    return scale * points

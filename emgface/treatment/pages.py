@@ -30,7 +30,7 @@ from emgface.pictures.stills import body_figure
 from emgface.treatment.motions import ComparedMotions
 from emgface.treatment.outcomes import CLOSED, OUTCOMES, with_words_of_bounds
 from emgface.treatment.outline import outline_of
-from emgface.treatment.plan import NOT_VALIDATED, Incision, Wedge, applied_plan
+from emgface.treatment.plan import CUTS, NOT_VALIDATED, Incision, Wedge, applied_plan
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -192,6 +192,8 @@ def compare_page(
         for entry in entries
         for k in entry["steps"]
     ]
+    cuts = any(isinstance(step, CUTS) for e in entries for step in applied_plan(e).step)
+    event = "operation" if cuts else "treatment"
     script = viewer_script()
     outcomes, movements = tables
     rendered = environment("emgface.treatment").get_template(
@@ -208,7 +210,10 @@ def compare_page(
         steps=reports,
         failed=motions.failed,
         notes=motions.notes,
-        sentences=plain_sentences(outcomes, movements, [motions.words[n] for n in motions.failed]),
+        sentences=plain_sentences(
+            outcomes, movements, [motions.words[n] for n in motions.failed], event
+        ),
+        event=event,
         outcomes=_table(with_words_of_bounds(outcomes), "outcomes, simulated"),
         movements=_table(movements, "movement after, relative to before, simulated"),
         warning=NOT_VALIDATED,
@@ -234,11 +239,14 @@ def _facts(step: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def plain_sentences(
-    outcomes: pd.DataFrame, movements: pd.DataFrame, lost: Iterable[str] = ()
+    outcomes: pd.DataFrame,
+    movements: pd.DataFrame,
+    lost: Iterable[str] = (),
+    event: str = "operation",
 ) -> list[str]:
     """Sentences without terms of the field on what becomes larger and what smaller.
 
-    `lost` are the words of movements that could not be simulated.
+    `lost` are the words of movements that could not be simulated, `event` that of the treatment.
     """
     words = {outcome.name: outcome.plain for outcome in OUTCOMES if outcome.plain}
     found: list[str] = []
@@ -247,7 +255,7 @@ def plain_sentences(
         known = np.isfinite([before, after])
         if name in words and known.sum() == 1:
             when = "before" if known[0] else "after"
-            found.append(f"The model could work out {words[name]} only {when} the operation.")
+            found.append(f"The model could work out {words[name]} only {when} the {event}.")
         if name not in words or not known.all():
             continue
         if row.unit == "1":

@@ -86,6 +86,14 @@ def test_the_plain_page_states_what_could_not_be_worked_out(made):
     )
 
 
+def test_the_plain_page_calls_only_a_cut_an_operation(made):
+    coarse, _, motions, drives, tables = made
+    weak = ef.treat(coarse, {"name": "weak", "step": [{"kind": "palsy", "degree": 0.5}]})
+    same = replace(motions, treated=motions.intact)
+    page = compare_page(coarse, weak, same, drives, tables, plain=True)
+    assert "How the lips may move after a treatment" in page and "operation" not in page
+
+
 @needs_browser
 @pytest.mark.parametrize("query", ["", "?plain"])
 def test_both_faces_move_under_one_cursor_and_turn_by_keys(

@@ -13,6 +13,7 @@ from emgface.face.file import load_face, save_face
 from emgface.schema.validation import schema_folder
 from emgface.treatment.motions import gestures
 from emgface.treatment.plan import NOT_VALIDATED, Plan, plan_schema_text, read_plan
+from emgface.treatment.treat import treat_face
 from tests.treatment.plans import QUICK, wedge
 
 
@@ -122,6 +123,30 @@ def test_an_impossible_step_is_refused_with_its_reason(coarse, step, reason):
     assert "step 1" in str(caught.value) and caught.value.reason == code
     sent = pickle.loads(pickle.dumps(caught.value))
     assert (sent.reason, str(sent)) == (code, str(caught.value))
+
+
+def test_an_excision_of_an_earlier_suture_is_refused_with_its_cause(coarse, operated):
+    with pytest.raises(TreatmentError, match="contains the suture of an earlier one"):
+        ef.treat(operated, wedge())
+    with pytest.raises(TreatmentError) as elsewhere:  # a wound of its own that cannot be closed
+        ef.treat(operated, wedge(lip="upper", width=42.0, place=0.5))
+    assert "suture of an earlier" not in str(elsewhere.value)
+
+
+@pytest.mark.parametrize(("scale", "unit", "other"), [(3e-3, "mm", "m"), (3.0, "m", "mm")])
+def test_a_surface_in_another_unit_is_refused_with_the_right_one(
+    coarse, tmp_path, scale, unit, other
+):
+    pytest.importorskip("trimesh")
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    lines = [f"v {x} {y} {z}" for x, y, z in scale * corners]
+    lines += ["f 1 3 2", "f 1 2 4", "f 2 3 4", "f 1 4 3"]
+    (tmp_path / "tumour.obj").write_text("\n".join(lines), encoding="utf-8")
+    step = {"kind": "tumour", "surface": "tumour.obj", "unit": unit}
+    plan = configure(Plan, {"step": [step]})
+    with pytest.raises(TreatmentError, match=f"write unit = '{other}'") as caught:
+        treat_face(coarse, plan, folder=tmp_path)
+    assert caught.value.reason == "surface"
 
 
 @pytest.mark.parametrize(
