@@ -1,7 +1,7 @@
 """``emgface treat``, ``compare`` and ``dose``: virtual treatment, and the movement that is left."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
@@ -10,6 +10,8 @@ from emgface.cli.console import frame, progress, say, show_table
 from emgface.cli.machine import announce_compilation, executing, graceful_stop
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     import pandas as pd
 
 
@@ -220,6 +222,16 @@ def _words(text: str) -> tuple[str, ...]:
     return tuple(word.strip() for word in text.split(",") if word.strip())
 
 
+def _chosen(text: str, option: str, allowed: "Iterable[str]") -> tuple[str, ...]:
+    """Words joined by commas, each one of those allowed; typer.BadParameter otherwise."""
+    found, known = _words(text), tuple(allowed)
+    if not found or any(word not in known for word in found):
+        raise typer.BadParameter(
+            f"{option} = {text!r}: expected some of {', '.join(known)}, joined by commas"
+        )
+    return found
+
+
 def _numbers(text: str, option: str, high: float) -> tuple[float, ...]:
     """Numbers joined by commas, between 0 and `high`; typer.BadParameter otherwise."""
     try:
@@ -264,24 +276,25 @@ def dose(
 
     Cases that are complete are kept beside the table, and a repeated command computes the others.
     """
+    from emgface.muscles import INSTRUCTIONS
     from emgface.pictures.stills import write_figure
     from emgface.run.store import store_netcdf
     from emgface.treatment import dose
     from emgface.treatment.dose_figure import dose_figure
     from emgface.treatment.motions import TASKS
-    from emgface.treatment.plan import NOT_VALIDATED, read_plan
+    from emgface.treatment.plan import NOT_VALIDATED, Shape, read_plan
 
+    moved = _chosen(movements, "--movements", (*INSTRUCTIONS, *TASKS))
     setting = dose.DoseSetting(
-        resolution=resolution, movements=_words(movements), sigma_max=sigma_max, contact=contact
+        resolution=resolution, movements=moved, sigma_max=sigma_max, contact=contact
     )
-    if unknown := [m for m in setting.movements if m not in (*"ABCDEF", *TASKS)]:
-        raise typer.BadParameter(f"movement {unknown[0]!r}: expected A to F, {', '.join(TASKS)}")
     if plan is not None:
         every = dose.cases_of_plan(persons, draws, read_plan(plan))
     else:
         every = dose.cases(
-            persons, draws, _words(shapes), _numbers(shares, "--shares", 0.75),
-            _numbers(places, "--places", 1.0), _words(rejoin),
+            persons, draws, _chosen(shapes, "--shapes", get_args(Shape)),
+            _numbers(shares, "--shares", 0.75), _numbers(places, "--places", 1.0),
+            _chosen(rejoin, "--rejoin", ("all", "none")),
         )  # fmt: skip
     announce_compilation()
     with executing(workers, scheduler) as chosen, graceful_stop() as stopping:

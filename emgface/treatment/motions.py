@@ -87,6 +87,9 @@ def recorded(
     """
     import emgface as ef
 
+    if not folder.is_dir():
+        what = "is a file" if folder.exists() else "does not exist"
+        raise DataError(f"{folder} {what}, expected a folder with the recordings of one person")
     found: dict[str, xr.DataArray] = {}
     persons: dict[str, str] = {}
     reasons: list[str] = []

@@ -119,6 +119,21 @@ def test_recordings_that_are_not_used_are_named(folder):
     assert len(notes) == 4
 
 
+def test_what_is_no_folder_of_recordings_is_named(folder):
+    (folder / "V1_A.nc").touch()
+    for path, told in (("V1_A.nc", "is a file"), ("other", "does not exist")):
+        with pytest.raises(DataError, match=f"{told}, expected a folder"):
+            recorded(folder / path)
+
+
+@pytest.mark.parametrize("option", ["--shapes", "--rejoin", "--movements"])
+def test_unknown_words_of_a_dose_are_refused_before_anything_is_computed(option, tmp_path):
+    result = done("dose", "--out", tmp_path / "doses.csv", option, "V,unheard")
+    assert result.exit_code == 2
+    assert "expected some of" in " ".join(result.output.replace("│", " ").split())
+    assert not list(tmp_path.iterdir())
+
+
 def test_recordings_of_several_persons_are_refused(folder):
     for name in ("V1_A.nc", "V2_D.nc"):
         (folder / name).touch()
