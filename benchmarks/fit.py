@@ -2,6 +2,7 @@
 
     python -m benchmarks fit --only checks
     python -m benchmarks fit --only damaged --inputs 300
+    python -m benchmarks fit --only sound --persons 40
     python -m benchmarks fit --only published
     python -m benchmarks fit --only gap
     python -m benchmarks fit --only worth --persons 20 --workers 2
@@ -15,7 +16,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import pandas as pd
@@ -24,6 +25,7 @@ import xarray as xr
 
 import sim
 from benchmarks import fit_checks
+from benchmarks.fit_ends import BAD, NEAR, end_of
 from benchmarks.fit_gap import fitted_published, gap
 from benchmarks.fit_inputs import DAMAGES, damaged, person_of
 from benchmarks.fit_persons import between_persons, thickness_coverage
@@ -33,15 +35,10 @@ from emgface.api.given import simulation_of, study_of
 from emgface.errors import EmgfaceError
 from emgface.face.recipe import compose_scene
 from emgface.face.template import template_face
-from emgface.face.validity import check_face
 from emgface.fit.carry import carry
-from emgface.fit.measures import distances
-from emgface.fit.person import fit_face
-from emgface.fit.targets import Target, sheets
-from emgface.fit.triangulated import Surface
+from emgface.fit.deform import NOISE
 
 LEVELS = {"OOP_L": 0.5, "OOP_R": 0.5}
-FAR = 1.2  #: distance from the skin of the person beyond which a fitted face is called wrong [mm]
 
 
 def damaged_inputs(inputs: int, first: int = 0) -> int:
@@ -52,35 +49,28 @@ def damaged_inputs(inputs: int, first: int = 0) -> int:
     for number in range(first, first + inputs):
         name, marks, points, triangles = damaged(person, number)
         start = time.process_time()
-        try:
-            found = fit_face(generic, marks, skin=(points, triangles), simulated=True)
-            check_face(found.face)
-            apart = distances(_true_skin(generic, person, found), found.face["position"].values)
-            end = "face" if apart["mean"] < FAR else "face far from the person"
-            # scans that are themselves somewhere else
-            bad += end != "face" and name not in ("self_intersection", "doubled", "other_pose")
-        except EmgfaceError as error:
-            end = "refused"
-            bad += ":" not in str(error)
-        except Exception as error:  # a defect, which is counted
-            end = f"defect: {type(error).__name__}"
-            bad += 1
-        ends[name][end] += 1
-        print(f"{number} {name}: {end}, {time.process_time() - start:.1f} s", flush=True)
+        end = end_of(generic, person, marks, (points, triangles))
+        bad += end.startswith(BAD)
+        ends[name][end.partition(":")[0]] += 1
+        say(f"{number} {name}: {end}, {time.process_time() - start:.1f} s")
     for name, counted in ends.items():
-        print(f"  {name:20s} " + ", ".join(f"{n} {end}" for end, n in sorted(counted.items())))
-    print(f"{inputs} damaged inputs, {bad} without a located error or a face near the person [0]")
+        say(f"  {name:20s} " + ", ".join(f"{n} {end}" for end, n in sorted(counted.items())))
+    say(f"{inputs} damaged inputs, {bad} without a located error, a doubt or a near face [0]")
     return bad
 
 
-def _true_skin(face: xr.Dataset, person: Any, fitted: Any) -> Target:
-    """Skin of the person in the frame of the fitted face."""
-    import json
-
-    motion = np.array(json.loads(fitted.face.attrs["fit_frame"])).reshape(3, 4)
-    skin = person.surface()
-    moved = skin.points @ motion[:, :3].T + motion[:, 3]
-    return Target("skin", sheets(face)["skin"], Surface(moved, skin.triangles))
+def sound_inputs(persons: int) -> int:
+    """Print how fits of undamaged inputs end; return how many are refused, doubted or far."""
+    generic, bad = template_face(resolution="coarse"), 0
+    for k in range(persons):
+        person, rng = person_of(300 + k), np.random.default_rng(k)
+        marks = {n: p + NOISE * rng.standard_normal(3) for n, p in person.landmarks.items()}
+        skin = person.surface()
+        end = end_of(generic, person, marks, (skin.points, skin.triangles))
+        bad += not end.startswith(f"{NEAR}:")
+        say(f"person {k + 1}: {end}")
+    say(f"{persons} sound inputs, {bad} refused, doubted or with a face far from the person [0]")
+    return bad
 
 
 def moved(face: xr.Dataset, steps: int = 4) -> np.ndarray:
@@ -145,7 +135,8 @@ def six_checks(which: Iterable[int], persons: int, inputs: int, out: Path | None
 
 def main(
     only: Annotated[
-        list[str] | None, typer.Option(help="checks, damaged, published, gap, thickness or worth.")
+        list[str] | None,
+        typer.Option(help="checks, damaged, sound, published, gap, thickness or worth."),
     ] = None,
     check: Annotated[
         list[int] | None, typer.Option(help="Number of a check, by default all.")
@@ -173,6 +164,8 @@ def main(
         say(str(thickness_coverage(persons).cells()))
     if not only or "damaged" in only:
         damaged_inputs(inputs, first)
+    if only and "sound" in only:
+        sound_inputs(persons)
     if not only or "published" in only:
         for further in (0, 12, 40):
             try:

@@ -79,7 +79,8 @@ def fit(
     Warns
     -----
     FitWarning
-        Landmarks without a counterpart were ignored, are too few, or of a doubtful size.
+        Landmarks without a counterpart were ignored, are too few, of a doubtful size, or of another
+        pose than a surface; a part of a surface is far from the place that they suggest.
 
     Raises
     ------

@@ -10,15 +10,14 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from emgface.errors import FitError, listed
-from emgface.face.landmarks import MIDLINE
 from emgface.face.parts import OUTER
 from emgface.face.template.calibrate import profiles_of_tips
 from emgface.fit.family import Family
 from emgface.fit.readers.landmarks import Landmarks, plain
 from emgface.fit.readers.surfaces import Scan
 from emgface.fit.similarity import Similarity, misfit, rigid_of, similarity
-from emgface.fit.strays import CLICK, check_strays
 from emgface.fit.strays import LEAST as ENOUGH
+from emgface.fit.strays import check_strays
 from emgface.fit.targets import LandmarkPoints, Sheet
 from emgface.fit.triangulated import Floats, Surface
 
@@ -33,8 +32,7 @@ OFF: Final = 0.012  #: distance of a landmark from the skin that is refused [m]
 LOCAL: Final = (
     0.5  #: extent of the landmarks, relative to the face, below which they are doubted [1]
 )
-BESIDE: Final = 2.0  #: largest distance of landmarks from the skin without a doubt, in deviations
-BENEATH: Final = 2e-3  #: smallest distance of the landmarks from bone or an inner surface [m]
+TIP: Final = 0.03  #: distance of the tip of a nose or chin within which its curve is followed [m]
 DISAGREE: Final = 0.5  #: mean cosine of normals below which a surface is refused [1]
 
 
@@ -72,16 +70,45 @@ def _profiles(face: xr.Dataset) -> dict[str, Floats]:
     if "lip_opening_node" not in face:
         return {}
     position = face["position"].values
-    nodes = Sheet.of(face, OUTER).nodes
-    middle = position[nodes[np.abs(position[nodes, 0]) < MIDLINE]]
-    middle = middle[np.argsort(middle[:, 2])]
-    mouth = position[face["lip_opening_node"].values, 2]
-    away = 0.1 * float(np.ptp(position[nodes, 2]))
-    parts = {
-        "pronasale": middle[middle[:, 2] > mouth.max() + away],
-        "pogonion": middle[middle[:, 2] < mouth.min() - away],
-    }
-    return {name: part for name, part in parts.items() if len(part)}
+    mouth, nasion = position[face["lip_opening_node"].values], _point(face, "nasion")
+    middle = _midline(Sheet.of(face, OUTER).at(position), mouth.mean(axis=0), nasion)
+    z, low, high = middle[:, 2], mouth[:, 2].min(), mouth[:, 2].max()
+    top = z.max() if nasion is None else nasion[2]  # a forehead may be anterior to the nose
+    nose, chin = middle[z > high + 0.2 * (top - high)], middle[z < 0.5 * (low + z.min())]
+    found = {"pronasale": _around_tip(nose, top), "pogonion": _around_tip(chin, low)}
+    return {name: part for name, part in found.items() if len(part)}
+
+
+def _around_tip(profile: Floats, top: float) -> Floats:
+    """Points near the most anterior one below `top`, without the underside at the same height [m]."""
+    below = profile[profile[:, 2] <= top]
+    if not len(below):
+        return below
+    tip = below[np.argmax(below[:, 1])]
+    return profile[np.linalg.norm(profile - tip, axis=1) < TIP]
+
+
+def _midline(skin: Surface, mouth: Floats, nasion: Floats | None) -> Floats:
+    """Points (n, 3) of the edges of a skin in the plane of mouth, nasion and the axis y, by z [m].
+
+    A fitted or treated face is not symmetric, and has no nodes in the plane x = 0.
+    """
+    slope = 0.0 if nasion is None else (nasion[0] - mouth[0]) / (nasion[2] - mouth[2])
+    x = skin.points[:, 0] - mouth[0] - slope * (skin.points[:, 2] - mouth[2])
+    t = skin.triangles
+    edges = np.unique(np.sort(np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])), axis=0)
+    a, b = edges[(x[edges] < 0.0).sum(axis=1) == 1].T
+    share = (x[a] / (x[a] - x[b]))[:, None]
+    points = skin.points[a] + share * (skin.points[b] - skin.points[a])
+    found = np.unique(np.round(points, 6), axis=0)  # once where several edges meet
+    return found[np.argsort(found[:, 2])]
+
+
+def _point(face: xr.Dataset, name: str) -> Floats | None:
+    """Face marker of this name [m]; None if the face has none."""
+    if "face_marker_position" not in face or name not in face["face_marker"].values:
+        return None
+    return face["face_marker_position"].sel(face_marker=name).values
 
 
 def _tip(profile: Floats) -> Floats:
@@ -89,7 +116,7 @@ def _tip(profile: Floats) -> Floats:
     k = int(np.argmax(profile[:, 1]))
     near = profile[max(0, k - 2) : k + 3]
     place = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(near, axis=0), axis=1)))
-    if len(near) < 5 or not (np.diff(place) > 0.0).all():
+    if len(near) < 4 or not (np.diff(place) > 0.0).all():
         return profile[k]
     curve = CubicSpline(place, near)(np.linspace(0.0, place[-1], 401))
     return np.asarray(curve[np.argmax(curve[:, 1])])
@@ -240,47 +267,6 @@ def provenance(
         "fit_of": "simulated" if simulated else "measured",
         "fit_frame": json.dumps([float(v) for v in motion]),
     }  # fmt: skip
-
-
-def check_landmarks_on(
-    skin: Surface, points: LandmarkPoints, name: str, noise: float
-) -> str | None:
-    """Refuse landmarks that do not lie on the skin, with the evidence for the likely reason.
-
-    Returns a doubt if they miss it by more than their noise explains.
-    """
-    near = skin.nearest(points.target)
-    far = points.on_skin & (near.distance > OFF)
-    many = float(np.median(near.distance[points.on_skin]))
-    if far.any():
-        k = int(np.argmax(np.where(far, near.distance, 0.0)))
-        raise FitError(
-            f"landmark {points.names[k]} lies {1e3 * near.distance[k]:.3g} mm from {name} (median of "
-            f"all {1e3 * many:.3g} mm), expected at most {1e3 * OFF:.0f} mm: "
-            + (
-                "check the unit and the frame (LPS or RAS) of both files"
-                if many > OFF
-                else "check this landmark, or whether the surface has a hole there"
-            )
-        )
-    miss = float(np.sqrt(np.mean(near.distance[points.on_skin] ** 2)))
-    if miss <= (limit := BESIDE * max(noise, CLICK)):
-        return None
-    return (
-        f"the landmarks lie {1e3 * miss:.2g} mm rms from {name}, expected at most {1e3 * limit:.2g} mm "
-        f"for a noise of {1e3 * noise:.2g} mm: check whether they are of the same scan and pose"
-    )
-
-
-def check_landmarks_off(surface: Surface, points: LandmarkPoints, name: str, kind: str) -> None:
-    """Refuse an inner surface, or one of bone, on which the landmarks of the skin lie."""
-    near = surface.nearest(points.target[points.on_skin])
-    if len(near.distance) and (beneath := float(np.median(near.distance))) < BENEATH:
-        raise FitError(
-            f"the landmarks of the skin lie {1e3 * beneath:.2g} mm from {name} (median), which was "
-            f"given as {kind}; expected at least {1e3 * BENEATH:.0f} mm of soft tissue between them: "
-            "check whether this is the surface of the skin"
-        )
 
 
 def facing(

@@ -13,14 +13,12 @@ from emgface.errors import FitError
 from emgface.face.parts import FREE
 from emgface.face.validity import check_face
 from emgface.fit.carry import carry, rigid_points
-from emgface.fit.columns import Columns, ThicknessPrior
+from emgface.fit.columns import SPREAD, Columns, ThicknessPrior
 from emgface.fit.corners import Corners
 from emgface.fit.courses import with_courses
 from emgface.fit.deform import NOISE, Deformed, Progress, deform
 from emgface.fit.inputs import (
     Paired,
-    check_landmarks_off,
-    check_landmarks_on,
     facing,
     in_face_frame,
     pair_points,
@@ -28,6 +26,7 @@ from emgface.fit.inputs import (
 )
 from emgface.fit.likeness import nearer_face, told_measures
 from emgface.fit.measures import distances, quality_rows
+from emgface.fit.places import check_landmarks_off, check_landmarks_on, unexpected_part
 from emgface.fit.readers.landmarks import Landmarks, landmarks_of
 from emgface.fit.readers.surfaces import Scan, read_surface, surface_of
 from emgface.fit.similarity import similarity
@@ -64,7 +63,7 @@ class Fitted:
     prior: ThicknessPrior | None
     notes: tuple[str, ...]
     deformed: Deformed
-    doubts: tuple[str, ...] = ()  #: those of the notes that concern the landmarks
+    doubts: tuple[str, ...] = ()  #: those of the notes that doubt an input
 
     def __repr__(self) -> str:
         """Name of the face instead of all tables."""
@@ -111,7 +110,7 @@ def fit_face(
     marks = landmarks_of(landmarks, unit)
     places = None if on_face is None else landmarks_of(on_face)
     scans = {
-        kind: scan_of(given, unit)
+        kind: scan_of(given, unit, kind)
         for kind, given in (("skin", skin), ("inner", inner), ("bone", bone))
         if given is not None
     }
@@ -152,6 +151,16 @@ def fit_face(
         source, corners, paired.points, targets, noise=noise, progress=progress,
         held=thick if prior is not None and targets else None,
     )  # fmt: skip
+    depth = SPREAD * float(np.median(columns.thickness(source)))
+    unexpected = [
+        unexpected_part(
+            target, result.stages["spline"], paired.points, noise,
+            0.0 if target.name == "skin" else depth, scans[target.name].source,
+        )
+        for target in targets
+    ]  # fmt: skip
+    told = [doubt for doubt in unexpected if doubt]
+    notes += told
     carried = carry(face, result.position)
     inputs = {"landmarks": marks, **scans}
     found = carried.face.assign_attrs(provenance(face, name, inputs, paired.to_face, simulated))
@@ -167,18 +176,18 @@ def fit_face(
         found, face, tuple(targets), _landmark_table(paired, source, result, noise), distance,
         quality_rows(face, found), carried.fibres,
         _thickness_table(columns, source, result.position, prior), prior, tuple(notes), result,
-        doubts,
+        (*doubts, *told),
     )  # fmt: skip
 
 
-def scan_of(given: Given, unit: str | None) -> Scan:
-    """Surface from a file, or from points and triangles, which are in metres without a unit."""
+def scan_of(given: Given, unit: str | None, name: str = "surface") -> Scan:
+    """Surface from a file, or from points and triangles (m without a unit), which have a `name`."""
     if isinstance(given, Scan):
         return given
     if isinstance(given, str | os.PathLike):
         return read_surface(given, unit=unit)
     points, triangles = given
-    return surface_of(points, triangles, unit=unit or "m")
+    return surface_of(points, triangles, unit=unit or "m", name=name)
 
 
 def _check_places(scans: Mapping[str, Scan], paired: Paired, noise: float) -> list[str]:

@@ -131,6 +131,21 @@ def _check_exchanges(names: Sequence[str], predictions: Predictions, given: str)
         )
 
 
+def spread_of_spline(at: Floats, places: Floats, noise: float) -> Floats:
+    """Standard deviation (k,) per coordinate of the spline through points (n, 3) at `places` (k, 3) [m].
+
+    With k the covariances of a place with the points and the drift, and M the bordered matrix of the
+    spline, the variance is -k' M^-1 k (universal kriging).
+    """
+    centre = at.mean(axis=0)
+    size = np.abs(at - centre).max()
+    P, p = (np.column_stack([np.ones(len(x)), (x - centre) / size]) for x in (at, places))
+    K = noise**2 * np.eye(len(at)) - GROWTH * cdist(at, at)
+    M = np.block([[K, P], [P.T, np.zeros((P.shape[1], P.shape[1]))]])
+    k = np.vstack([-GROWTH * cdist(at, places), p.T])
+    return np.sqrt(np.maximum(-(k * np.linalg.solve(M, k)).sum(axis=0), 0.0))
+
+
 def left_out(source: Floats, target: Floats, noise: float) -> Floats:
     """Distance (n,) of every landmark from the place that the others predict [m]; NaN if they cannot."""
     if len(source) < LEAST - 1:

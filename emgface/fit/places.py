@@ -1,0 +1,143 @@
+"""Landmarks and surfaces of one person compared with each other: place, pose, expected shape.
+
+Landmarks of the skin lie on a scan of the skin, and above an inner surface or bone. A motion of all of
+them that reduces their squared distances from the scan, in units of the variance of a landmark, by more
+than chance (chi-square with six degrees of freedom) shows that the scan was taken in another pose. The
+spline through the landmarks predicts where a surface lies, with the standard deviation of
+`emgface.fit.strays`; parts of a surface beyond the limit for landmarks are named by their place.
+"""
+
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from emgface.errors import FitError
+from emgface.fit.inputs import OFF
+from emgface.fit.strays import CLICK, STRAY, spread_of_spline
+from emgface.fit.targets import LandmarkPoints, Target
+from emgface.fit.triangulated import Floats, Surface
+
+BESIDE: Final = 2.0  #: largest distance of landmarks from the skin without a doubt, in deviations
+BENEATH: Final = 2e-3  #: smallest distance of the landmarks from bone or an inner surface [m]
+CHANCE: Final = 1e-3  #: probability that landmarks of one pose are doubted [1]
+HUBER: Final = 2.0  #: distance in deviations from which a landmark counts linearly
+STEPS: Final = 5  #: number of steps to the motion of the landmarks
+POINTS: Final = 3000  #: number of points of a surface that are compared with the prediction
+
+
+def check_landmarks_on(
+    skin: Surface, points: LandmarkPoints, name: str, noise: float
+) -> str | None:
+    """Refuse landmarks that do not lie on the skin, with the evidence for the likely reason.
+
+    Returns a doubt if they miss it by more than their noise explains, or lie on it after a motion.
+    """
+    near = skin.nearest(points.target)
+    far = points.on_skin & (near.distance > OFF)
+    many = float(np.median(near.distance[points.on_skin]))
+    if far.any():
+        k = int(np.argmax(np.where(far, near.distance, 0.0)))
+        raise FitError(
+            f"landmark {points.names[k]} lies {1e3 * near.distance[k]:.3g} mm from {name} (median of "
+            f"all {1e3 * many:.3g} mm), expected at most {1e3 * OFF:.0f} mm: "
+            + (
+                "check the unit and the frame (LPS or RAS) of both files"
+                if many > OFF
+                else "check this landmark, or whether the surface has a hole there"
+            )
+        )
+    miss = float(np.sqrt(np.mean(near.distance[points.on_skin] ** 2)))
+    sigma = max(noise, CLICK)
+    gain, size = motion_onto(skin, points.target[points.on_skin], sigma)
+    if gain > chi2.isf(CHANCE, 6):
+        return (
+            f"the landmarks lie {1e3 * miss:.2g} mm rms from {name}, and fit it much better after a "
+            f"common motion by about {1e3 * size:.2g} mm: check whether they are of the same scan and "
+            "pose"
+        )
+    if miss <= (limit := BESIDE * sigma):
+        return None
+    return (
+        f"the landmarks lie {1e3 * miss:.2g} mm rms from {name}, expected at most {1e3 * limit:.2g} mm "
+        f"for a noise of {1e3 * noise:.2g} mm: check whether they are of the same scan and pose"
+    )
+
+
+def motion_onto(skin: Surface, points: Floats, sigma: float) -> tuple[float, float]:
+    """Reduction of the squared distances from a surface by a rigid motion, and its mean size [m].
+
+    Squares are in units of `sigma` [m], and linear beyond `HUBER`, so that one point decides little.
+    """
+
+    def away(x: Floats) -> tuple[Floats, Floats, float]:
+        near = skin.nearest(x)
+        n = skin.normals[near.triangle]
+        d = np.einsum("ni,ni->n", x - near.foot, n) / sigma
+        size = np.abs(d)
+        loss = np.where(size < HUBER, size**2, HUBER * (2.0 * size - HUBER))
+        return d, n, float(loss.sum())
+
+    d, n, first = away(points)
+    centre, now, best, kept = points.mean(axis=0), points, first, points
+    reach = np.linalg.norm(points - centre, axis=1).max()
+    for _ in range(STEPS):
+        A = np.column_stack([np.cross(now - centre, n) / reach, n])
+        weight = np.sqrt(np.minimum(1.0, HUBER / np.maximum(np.abs(d), 1e-12)))
+        x = -sigma * np.linalg.lstsq(weight[:, None] * A, weight * d, rcond=1e-3)[0]
+        turn = Rotation.from_rotvec(x[:3] / reach).as_matrix()
+        now = (now - centre) @ turn.T + centre + x[3:]
+        d, n, loss = away(now)
+        if loss < best:
+            best, kept = loss, now
+    return first - best, float(np.linalg.norm(kept - points, axis=1).mean())
+
+
+def check_landmarks_off(surface: Surface, points: LandmarkPoints, name: str, kind: str) -> None:
+    """Refuse an inner surface, or one of bone, on which the landmarks of the skin lie."""
+    near = surface.nearest(points.target[points.on_skin])
+    if len(near.distance) and (beneath := float(np.median(near.distance))) < BENEATH:
+        raise FitError(
+            f"the landmarks of the skin lie {1e3 * beneath:.2g} mm from {name} (median), which was "
+            f"given as {kind}; expected at least {1e3 * BENEATH:.0f} mm of soft tissue between them: "
+            "check whether this is the surface of the skin"
+        )
+
+
+def unexpected_part(
+    target: Target, spline: Floats, points: LandmarkPoints, noise: float, depth: float, name: str
+) -> str | None:
+    """Doubt about a surface that is far from the nodes (n_nodes, 3) of the spline [m].
+
+    `depth` is the standard deviation of the depth of the surface under the skin [m]. Parts beyond the
+    open edges of both, which a scan may have, are not judged.
+    """
+    at, distance = _apart(target, spline)
+    if not len(at):
+        return None
+    expected = spread_of_spline(points.target, at, noise)
+    z = distance / np.sqrt(expected**2 + max(noise, CLICK) ** 2 + depth**2)
+    k = int(np.argmax(z))
+    if z[k] <= STRAY:
+        return None
+    near = points.names[int(np.argmin(np.linalg.norm(points.target - at[k], axis=1)))]
+    return (
+        f"{name} has a part {1e3 * distance[k]:.0f} mm from the place that the landmarks suggest, "
+        f"nearest to landmark {near} ({np.mean(z > STRAY):.1%} of it beyond {STRAY:g} standard "
+        f"deviations, here {1e3 * distance[k] / z[k]:.2g} mm): look at the report whether the person "
+        "has this shape; otherwise repair the surface"
+    )
+
+
+def _apart(target: Target, spline: Floats) -> tuple[Floats, Floats]:
+    """Points of a surface (n, 3), or nodes that it attracts, and their distances (n,) [m]."""
+    if target.only is not None:
+        at = spline[target.only]
+        near, other = target.surface.nearest(at), target.surface
+    else:
+        samples = target.surface.samples[0]
+        at, other = samples[:: -(-len(samples) // POINTS)], target.sheet.at(spline)
+        near = other.nearest(at)
+    use = ~other.at_border(near)
+    return at[use], near.distance[use]

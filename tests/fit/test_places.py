@@ -1,0 +1,169 @@
+"""Scans in another pose and of an unexpected shape are told, sound ones are not; tips of faces."""
+
+import re
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from benchmarks.fit_ends import DOUBTED, NEAR, apart, end_of, judged
+from benchmarks.fit_inputs import damaged, person_of
+from emgface.errors import FitError
+from emgface.face.artisynth import import_artisynth
+from emgface.face.template import template_face
+from emgface.fit.carry import carry
+from emgface.fit.inputs import points_of_face
+from emgface.fit.person import fit_face
+from emgface.fit.places import check_landmarks_on, unexpected_part
+from emgface.fit.similarity import GROWTH
+from emgface.fit.strays import spread_of_spline
+from emgface.fit.targets import LandmarkPoints, Target, sheets
+from emgface.fit.triangulated import Surface
+
+NOISE = 0.8e-3
+
+
+@pytest.fixture(scope="module")
+def face():
+    return template_face(resolution="medium")
+
+
+def landmarks(face, noise=0.0, seed=0) -> LandmarkPoints:
+    points = points_of_face(face)
+    there = np.array(list(points.values()))
+    given = there + noise * np.random.default_rng(seed).standard_normal(there.shape)
+    near = (skin := sheets(face)["skin"].at(face["position"].values)).nearest(there)
+    return LandmarkPoints(
+        tuple(points), there, given, skin.triangles[near.triangle], near.weights,
+        there - near.foot, near.distance < 0.012,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("shift", [(3.7, 0, 0), (0, 3.0, 0), (0, 0, 6.0), (2.0, 2.0, -2.0)])
+def test_a_scan_that_was_moved_by_millimetres_is_doubted(face, shift):
+    skin = sheets(face)["skin"].at(face["position"].values)
+    moved = Surface(skin.points + 1e-3 * np.array(shift), skin.triangles)
+    told = check_landmarks_on(moved, landmarks(face, NOISE), "scan.ply", NOISE)
+    assert told is not None and "common motion" in told
+
+
+def test_landmarks_with_their_noise_are_not_doubted(face):
+    skin = sheets(face)["skin"].at(face["position"].values)
+    for seed in range(40):
+        assert check_landmarks_on(skin, landmarks(face, NOISE, seed), "scan.ply", NOISE) is None
+
+
+def test_one_landmark_beside_the_scan_is_no_motion(face):
+    skin, points = sheets(face)["skin"].at(face["position"].values), landmarks(face, NOISE)
+    points.target[points.names.index("pronasale")] += [0.0, 8e-3, 0.0]
+    assert check_landmarks_on(skin, points, "scan.ply", NOISE) is None
+
+
+def test_the_spread_of_a_spline_is_that_of_drawn_shapes():
+    """One dimension: between points h apart without noise, the variance of the middle is GROWTH h."""
+    at = np.column_stack([np.linspace(-0.5, 0.5, 101), np.zeros((101, 2))])
+    at[::2, 1], at[::4, 2] = 1e-9, 1e-9
+    with np.errstate(all="ignore"):
+        sd = spread_of_spline(at, np.array([[0.005, 5e-10, 2.5e-10]]), 1e-9)
+    # variogram 2 G h; middle of a gap h of a random walk: 2 G h / 4
+    assert sd[0] == pytest.approx(np.sqrt(2.0 * GROWTH * 0.01 / 4.0), rel=0.05)
+
+
+def bumped(skin: Surface, height: float) -> Surface:
+    centre = skin.points[np.argmin(np.abs(skin.points - skin.points.mean(axis=0)).sum(axis=1))]
+    weight = np.exp(-((np.linalg.norm(skin.points - centre, axis=1) / 0.015) ** 2))
+    return Surface(skin.points + height * weight[:, None] * [0.0, 1.0, 0.0], skin.triangles)
+
+
+@pytest.mark.parametrize(("height", "is_told"), [(0.0, False), (0.004, False), (0.03, True)])
+def test_a_part_of_a_scan_far_from_its_expected_place_is_told_with_its_place(face, height, is_told):
+    nodes, sheet = face["position"].values, sheets(face)["skin"]
+    target = Target("skin", sheet, bumped(sheet.at(nodes), height))
+    told = unexpected_part(target, nodes, landmarks(face), NOISE, 0.0, "scan.ply")
+    assert (told is not None) == is_told
+    if told:
+        assert re.match(r"scan.ply has a part \d\d mm from .*, nearest to landmark \w+", told)
+
+
+def test_bone_is_compared_by_the_nodes_it_attracts(face):
+    nodes, sheet = face["position"].values, sheets(face)["inner"]
+    surface = sheet.at(nodes)
+    for away, is_told in ((0.0, False), (0.03, True)):
+        moved = Surface(surface.points - [0.0, away, 0.0], surface.triangles)
+        target = Target("bone", sheet, moved, sheet.nodes[::7], -1.0)
+        told = unexpected_part(target, nodes, landmarks(face), NOISE, 1.5e-3, "bone.stl")
+        assert (told is not None) == is_told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [53, 118])
+def test_inputs_that_gave_a_far_face_silently_are_doubted(generic, person, number):
+    _, marks, points, triangles = damaged(person, number)
+    assert end_of(generic, person, marks, (points, triangles)).startswith(f"{DOUBTED}, far")
+
+
+@pytest.fixture(scope="module")
+def fitted(generic, person):
+    skin = person.surface()
+    return fit_face(generic, person.landmarks, skin=(skin.points, skin.triangles)).face
+
+
+def test_the_ends_see_wrong_faces(fitted, person):
+    """Negative controls: the same face mirrored, turned, enlarged, and with two points exchanged."""
+    assert judged(fitted, person, ()).startswith(f"{NEAR}:")
+    q = fitted["position"].values
+    centre = q.mean(axis=0)
+    turned = Rotation.from_rotvec([0.0, 0.1, 0.0]).as_matrix()
+    wrong = {
+        "mirrored": fitted.assign(position=fitted["position"] * [-1.0, 1.0, 1.0]),
+        "turned": carry(fitted, (q - centre) @ turned.T + centre).face,
+        "enlarged": carry(fitted, 1.1 * (q - centre) + centre).face,
+        "exchanged": fitted.copy(deep=True),
+    }
+    markers = wrong["exchanged"]["marker_node"].values
+    markers[[0, 1]] = markers[[1, 0]]
+    for name, face in wrong.items():
+        assert judged(face, person, ()).startswith("far"), (name, apart(face, person))
+
+
+def test_an_error_without_a_place_and_any_other_exception_are_bad_ends(
+    monkeypatch, generic, person
+):
+    import benchmarks.fit_ends as module
+
+    for error, end in ((FitError("no"), "unlocated"), (ValueError("x"), "defect")):
+
+        def fail(*given, _error=error, **named):
+            raise _error
+
+        monkeypatch.setattr(module, "fit_face", fail)
+        assert end_of(generic, person, {}, None).startswith(end)
+
+
+def test_tips_of_a_fitted_face_are_where_those_of_the_person_are(fitted, person):
+    """Its mesh has no nodes in the plane x = 0: the tips were nodes up to 47 mm elsewhere."""
+    assert apart(fitted, person)[1] < 3.0
+
+
+@pytest.mark.parametrize("seed", [302, 303])
+def test_the_chin_is_below_the_fold_under_the_lip(seed):
+    face = template_face(resolution="coarse", seed=seed)
+    known = points_of_face(face)
+    face.attrs = {k: v for k, v in face.attrs.items() if not k.startswith("measure_")}
+    found = points_of_face(face)
+    for name in ("pronasale", "pogonion"):
+        assert np.linalg.norm(found[name] - known[name]) < 4e-3, name
+
+
+def test_the_tip_of_the_nose_of_the_published_face_is_not_on_its_forehead(shared):
+    points = points_of_face(import_artisynth(shared / "artisynth_models"))
+    # published landmarks prn, sl (fold under the lip) and pg
+    assert np.linalg.norm(points["pronasale"] - [0.0, 0.0936, -0.0616]) < 6e-3
+    assert -0.1190 < points["pogonion"][2] < -0.0944
+
+
+def test_sound_persons_are_not_doubted(generic):
+    other, rng = person_of(301), np.random.default_rng(1)
+    marks = {k: p + NOISE * rng.standard_normal(3) for k, p in other.landmarks.items()}
+    skin = other.surface()
+    assert end_of(generic, other, marks, (skin.points, skin.triangles)).startswith(f"{NEAR}:")
