@@ -48,7 +48,7 @@ def fitted_published(further: int) -> tuple[Fitted, Floats]:
     X, own = face["position"].values, sheets(face)
     found = fit_face(
         face, {name: B[node] for name, node in marks.items()},
-        on_face={name: X[node] for name, node in marks.items()},
+        on_face={name: X[node] for name, node in marks.items()}, rim=True,
         **{name: (B, sheet.triangles) for name, sheet in own.items()},
     )  # fmt: skip
     there = np.array([B[marks[name]] for name in found.deformed.landmarks.names])

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from emgface.face.template import template_face
 from emgface.fit.inputs import points_of_face
+from emgface.fit.loops import length
 from emgface.fit.targets import sheets
 from emgface.fit.triangulated import Surface
 
@@ -152,6 +154,16 @@ def cut(rng, marks, x, t):
     return marks, x, t[along[t].mean(axis=1) < np.quantile(along, rng.uniform(0.05, 0.9))]
 
 
+def cropped(rng, marks, x, t):
+    """A scan that ends up to 25 mm within the rim of the face, without the landmarks beyond it."""
+    surface = Surface(x, t)
+    rim = x[max(surface.loops, key=lambda loop: length(x[loop]))]
+    within = KDTree(rim).query(x)[0] >= rng.uniform(0.0, 0.025)
+    t = t[within[t].all(axis=1)]
+    near = KDTree(x[np.unique(t)])
+    return {k: v for k, v in marks.items() if near.query(v)[0] < 0.01}, x, t
+
+
 def empty(rng, marks, x, t):
     return (marks, x, t[:0]) if rng.random() < 0.5 else ({}, x, t)
 
@@ -181,13 +193,14 @@ def other_pose(rng, marks, x, t):
 DAMAGES: tuple[Damage, ...] = (
     holes, flipped_part, flipped_all, wrong_unit, wrong_side, sides_exchanged, mirrored, scan_mirrored,
     noise, landmark_noise, self_intersection, doubled, exchanged, cut, empty, huge, debris, other_pose,
+    cropped,
 )  # fmt: skip
 
 
-def damaged(person: Person, number: int):
-    """Kind, landmarks, points and triangles of one damaged input."""
+def damaged(person: Person, number: int, damage: Damage | None = None):
+    """Kind, landmarks, points and triangles of one damaged input, by default of all kinds in turn."""
     rng = np.random.default_rng(number)
     surface = person.surface()
-    damage = DAMAGES[number % len(DAMAGES)]
+    damage = damage or DAMAGES[number % len(DAMAGES)]
     given = {k: v.copy() for k, v in person.landmarks.items()}
     return damage.__name__, *damage(rng, given, surface.points.copy(), surface.triangles.copy())

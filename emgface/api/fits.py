@@ -22,6 +22,7 @@ def fit(
     bone: "Given | None" = None,
     unit: str | None = None,
     on_face: "Marks | None" = None,
+    rim: bool = False,
     noise: float = 0.8e-3,
     thickness: float = 0.0,
     courses: "Mapping[str, Any] | None" = None,
@@ -51,6 +52,9 @@ def fit(
         Unit of all files that do not state it: "mm", "cm", "m".
     on_face : mapping, DataFrame or path-like, optional
         Places of landmarks on the face that is fitted, in its frame.
+    rim : bool
+        The surfaces end at the rim of the face, as those of another mesh do, and the rim is a contour
+        like that of the mouth. A scan ends where it was cut off.
     noise : float
         Standard deviation of a landmark [m].
     thickness : float
@@ -101,7 +105,7 @@ def fit(
 
     found = fit_face(
         face_of(face, study_of(None)), landmarks, skin=skin, inner=inner, bone=bone, unit=unit,
-        on_face=on_face, noise=noise, thickness=thickness, name=name, simulated=simulated,
+        on_face=on_face, rim=rim, noise=noise, thickness=thickness, name=name, simulated=simulated,
         courses=courses, volumes=volumes, progress=progress,
     )  # fmt: skip
     for doubt in found.doubts:

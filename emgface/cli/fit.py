@@ -94,6 +94,12 @@ def fit(
             help="Jaw from which that of --frame was fitted (for a tongue); default: the generated one."
         ),
     ] = None,
+    rim: Annotated[
+        bool,
+        typer.Option(
+            "--rim", help="The surfaces end at the rim of the face, as those of another mesh do."
+        ),
+    ] = False,
     noise: Annotated[float, typer.Option(help="Standard deviation of a landmark, in mm.")] = 0.8,
     thickness: Annotated[
         float,
@@ -138,7 +144,8 @@ def fit(
         found = kind.fit(
             kind.build(Person()) if generated else kind.functions.read(path),
             Evidence(
-                landmarks=landmarks, places=on_face, surfaces=given, unit=unit, noise=1e-3 * noise,
+                landmarks=landmarks, places=on_face, surfaces=given, unit=unit, rim=rim,
+                noise=1e-3 * noise,
                 thickness=thickness, frame=frame, before=before,
                 courses=parts_of("--course", course) or None, volumes=_volumes(volume),
                 name=name or out_path.stem, simulated=simulated,

@@ -30,7 +30,7 @@ USUAL_SCALE: Final = (0.75, 1.35)
 """Ratio of sizes beyond which a unit, or the spacing of the voxels of an image, is doubtful."""
 OFF: Final = 0.012  #: distance of a landmark from the skin that is refused [m]
 LOCAL: Final = (
-    0.5  #: extent of the landmarks, relative to the face, below which they are doubted [1]
+    0.5  #: extent of the landmarks, or of a scan, of a face below which they are doubted [1]
 )
 TIP: Final = 0.03  #: distance of the tip of a nose or chin within which its curve is followed [m]
 DISAGREE: Final = 0.5  #: mean cosine of normals below which a surface is refused [1]

@@ -18,6 +18,7 @@ from emgface.fit.corners import Corners
 from emgface.fit.courses import with_courses
 from emgface.fit.deform import NOISE, Deformed, Progress, deform
 from emgface.fit.inputs import (
+    LOCAL,
     Paired,
     facing,
     in_face_frame,
@@ -90,6 +91,7 @@ def fit_face(
     bone: Given | None = None,
     unit: str | None = None,
     on_face: Marks | None = None,
+    rim: bool = False,
     noise: float = NOISE,
     thickness: float = 0.0,
     courses: Mapping[str, Any] | None = None,
@@ -118,7 +120,7 @@ def fit_face(
     notes = list(paired.notes)
     notes += _check_places(scans, paired, noise)
     doubts = tuple(notes)
-    targets = _targets(face, scans, paired, notes)
+    targets = _targets(face, scans, paired, notes, rim)
     if (nearer := nearer_face(face, paired, targets, noise)) is not face:
         moved = places
         if places is not None:
@@ -131,7 +133,7 @@ def fit_face(
         else:
             notes += told_measures(face, nearer)
             face, paired = nearer, again
-            targets = _targets(face, scans, paired, [])
+            targets = _targets(face, scans, paired, [], rim)
     source = face["position"].values
     corners = Corners.of(face["connectivity"].values.astype(np.int64))
     columns = Columns.of(face)
@@ -159,7 +161,8 @@ def fit_face(
         )
         for target in targets
     ]  # fmt: skip
-    told = [doubt for doubt in unexpected if doubt]
+    distance = _distances(face, targets, result)
+    told = [doubt for doubt in unexpected if doubt] + _small(distance, scans)
     notes += told
     carried = carry(face, result.position)
     inputs = {"landmarks": marks, **scans}
@@ -170,7 +173,6 @@ def fit_face(
     _check_corners(corners, result.position)
     found, sentences = with_courses(check_face(found), courses or {}, volumes)
     notes += sentences
-    distance = _distances(face, targets, result)
     _check_distances(distance, scans)
     return Fitted(
         found, face, tuple(targets), _landmark_table(paired, source, result, noise), distance,
@@ -203,7 +205,7 @@ def _check_places(scans: Mapping[str, Scan], paired: Paired, noise: float) -> li
 
 
 def _targets(
-    face: xr.Dataset, scans: Mapping[str, Scan], paired: Paired, notes: list[str]
+    face: xr.Dataset, scans: Mapping[str, Scan], paired: Paired, notes: list[str], rim: bool
 ) -> list[Target]:
     """Surfaces in the frame of the face, with outward normals."""
     source = face["position"].values
@@ -218,7 +220,7 @@ def _targets(
         nodes, side = (held, -1.0) if kind == "bone" else (sheet.nodes, 1.0)
         surface, turned = facing(surface, sheet.at(start), nodes, side, scan.source)
         notes.extend([turned] if turned else [])
-        targets.append(Target(kind, sheet, surface, held if kind == "bone" else None, side))
+        targets.append(Target(kind, sheet, surface, held if kind == "bone" else None, side, rim))
     return targets
 
 
@@ -233,6 +235,16 @@ def _distances(face: xr.Dataset, targets: Sequence[Target], result: Deformed) ->
         for target in targets:
             rows.append({"stage": stage, "surface": target.name, **distances(target, q)})
     return pd.DataFrame(rows, columns=["stage", "surface", "mean", "q95", "largest", "covered"])
+
+
+def _small(table: pd.DataFrame, scans: Mapping[str, Scan]) -> list[str]:
+    """Doubt about a scan of the skin that covers less than half of it."""
+    return [
+        f"{scans['skin'].source} covers {covered:.0%} of the skin; beyond it the shape is extrapolated "
+        "from the landmarks: use a scan of the whole face, or add landmarks at its borders"
+        for covered in table.loc[table["surface"] == "skin", "covered"].tail(1)
+        if covered < LOCAL
+    ]
 
 
 def _check_distances(table: pd.DataFrame, scans: Mapping[str, Scan]) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from emgface.face.check import sheet_nodes
 from emgface.face.parts import INNER, OUTER
 from emgface.face.surface import faces_among, triangles
-from emgface.fit.loops import LoopPair, along, pair_loops
+from emgface.fit.loops import LoopPair, along, length, pair_loops
 from emgface.fit.springs import NO_ROWS, Rows, across, along_normal, at_nodes
 from emgface.fit.triangulated import Floats, Integers, Surface
 
@@ -58,10 +58,15 @@ class Target:
     only: Integers | None = None
     #: -1 if its outward normals oppose those of the tissue, as on a bone
     side: float = 1.0
+    #: the surface ends at the rim of the sheet; a scan ends where it was cut off
+    rim: bool = False
 
     def pairs(self, q: Floats) -> list[LoopPair]:
         """Contours of the sheet with a counterpart on the target."""
-        return pair_loops(self.sheet.loops, q, self.surface) if self.only is None else []
+        if self.only is not None:
+            return []
+        loops = sorted(self.sheet.loops, key=lambda loop: -length(q[loop]))
+        return pair_loops(tuple(loops if self.rim else loops[1:]), q, self.surface)
 
 
 @dataclass(frozen=True)

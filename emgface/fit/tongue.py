@@ -122,7 +122,7 @@ def _target(
     sheet = Sheet(np.unique(own), own, ())
     aim = in_face_frame(scan, to_frame)
     aim, turned = facing(aim, sheet.at(q), sheet.nodes, 1.0, scan.source)
-    return Target("tongue", sheet, aim), [*scan.notes, *([turned] if turned else [])]
+    return Target("tongue", sheet, aim, rim=True), [*scan.notes, *([turned] if turned else [])]
 
 
 def _check(miss: float, source: str) -> None:

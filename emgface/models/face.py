@@ -77,7 +77,7 @@ def fit(
         )
     found = fit_face(
         face, evidence.landmarks, **evidence.surfaces, unit=evidence.unit,
-        on_face=evidence.places, noise=evidence.noise, thickness=evidence.thickness,
+        on_face=evidence.places, rim=evidence.rim, noise=evidence.noise, thickness=evidence.thickness,
         courses=evidence.courses, volumes=evidence.volumes, name=evidence.name,
         simulated=evidence.simulated, progress=progress,
     )  # fmt: skip

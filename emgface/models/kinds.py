@@ -76,6 +76,7 @@ class Evidence:
     landmarks, places : files or values of landmarks, and of their places on the model.
     surfaces : files or scans by the name of the part, such as "skin" or "jaw".
     unit : unit of the files that do not state it.
+    rim : the surfaces end at the rim of the face, which is then a contour (face).
     noise : standard deviation of a landmark [m].
     thickness : thickness where no data determine it, in standard deviations (face).
     frame : fitted model of the same person: the face of a jaw, the jaw of a tongue.
@@ -89,6 +90,7 @@ class Evidence:
     places: Any = None
     surfaces: Mapping[str, Any] = field(default_factory=dict[str, Any])
     unit: str | None = None
+    rim: bool = False
     noise: float = 0.8e-3
     thickness: float = 0.0
     frame: Path | None = None
@@ -194,7 +196,9 @@ class Kind:
         self, model: Any, evidence: Evidence, progress: Callable[[str, int, int], None]
     ) -> FittedModel:
         """Fit a model to a person; ConfigurationError for inputs that its kind does not have."""
-        given = [name for name in self.not_fitted if getattr(evidence, name) not in (None, 0.0)]
+        given = [
+            name for name in self.not_fitted if getattr(evidence, name) not in (None, 0.0, False)
+        ]
         if given:
             raise ConfigurationError(
                 f"the fit of a {self.name} has no {listed(given)}, expected only inputs of its kind: "
@@ -213,11 +217,11 @@ KINDS: Final[Mapping[str, Kind]] = {
         ),
         Kind(
             "jaw", "jaw_model", "jaw_motion", "emgface.models.jaw", ("resolution", *OF_HEADS),
-            ("thickness", "before", *OF_FACES),
+            ("rim", "thickness", "before", *OF_FACES),
         ),
         Kind(
             "tongue", "tongue_model", "tongue_motion", "emgface.models.tongue", OF_HEADS,
-            ("thickness", "landmarks", "places", *OF_FACES),
+            ("rim", "thickness", "landmarks", "places", *OF_FACES),
         ),
         Kind("head", "head_model", "head_motion", "emgface.models.head"),
     )

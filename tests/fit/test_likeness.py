@@ -22,7 +22,7 @@ def two():
 def _fitted(one, other, names=("skin", "inner")):
     scans = {name: other.surface(name) for name in names}
     given = {name: (scan.points, scan.triangles) for name, scan in scans.items()}
-    return fit_face(one, other.landmarks, simulated=True, **given)
+    return fit_face(one, other.landmarks, rim=True, simulated=True, **given)
 
 
 def _apart(face, wanted):

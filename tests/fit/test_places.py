@@ -4,15 +4,17 @@ import re
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from benchmarks.fit_ends import DOUBTED, NEAR, apart, end_of, judged
-from benchmarks.fit_inputs import damaged, person_of
+from benchmarks.fit_inputs import damaged, other_pose, person_of, self_intersection
 from emgface.errors import FitError
 from emgface.face.artisynth import import_artisynth
 from emgface.face.template import template_face
 from emgface.fit.carry import carry
 from emgface.fit.inputs import points_of_face
+from emgface.fit.loops import length
 from emgface.fit.person import fit_face
 from emgface.fit.places import check_landmarks_on, unexpected_part
 from emgface.fit.similarity import GROWTH
@@ -95,10 +97,28 @@ def test_bone_is_compared_by_the_nodes_it_attracts(face):
         assert (told is not None) == is_told
 
 
+@pytest.mark.parametrize(
+    ("crop", "end"), [(0.01, f"{NEAR}:"), (0.015, f"{NEAR}:"), (0.025, DOUBTED)]
+)
+def test_a_scan_that_ends_within_the_face_does_not_shrink_it(generic, person, crop, end):
+    """The rim of the face was pulled to the border of the scan: temples 20 mm too far inside."""
+    skin, rng = person.surface(), np.random.default_rng(0)
+    rim = skin.points[max(skin.loops, key=lambda loop: length(skin.points[loop]))]
+    within = KDTree(rim).query(skin.points)[0] >= crop
+    triangles = skin.triangles[within[skin.triangles].all(axis=1)]
+    near = KDTree(skin.points[np.unique(triangles)])
+    marks = {
+        k: p + NOISE * rng.standard_normal(3)
+        for k, p in person.landmarks.items()
+        if near.query(p)[0] < 0.01
+    }
+    assert end_of(generic, person, marks, (skin.points, triangles)).startswith(end)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [53, 118])
-def test_inputs_that_gave_a_far_face_silently_are_doubted(generic, person, number):
-    _, marks, points, triangles = damaged(person, number)
+@pytest.mark.parametrize(("number", "damage"), [(53, other_pose), (118, self_intersection)])
+def test_inputs_that_gave_a_far_face_silently_are_doubted(generic, person, number, damage):
+    _, marks, points, triangles = damaged(person, number, damage)
     assert end_of(generic, person, marks, (points, triangles)).startswith(f"{DOUBTED}, far")
 
 

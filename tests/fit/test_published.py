@@ -52,7 +52,7 @@ def test_published_faces_are_fitted_to_each_other(shared, way):
     scans = {name: _renumbered(B, sheet.triangles) for name, sheet in own.items()}
     found = fit_face(
         face, {name: B[node] for name, node in marks.items()},
-        on_face={name: X[node] for name, node in marks.items()},
+        on_face={name: X[node] for name, node in marks.items()}, rim=True,
         **{name: (s.points, s.triangles) for name, s in scans.items()},
     )  # fmt: skip
     q = found.face["position"].values
