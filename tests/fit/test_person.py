@@ -22,7 +22,7 @@ def fitted(generic, person):
     skin, inner = person.surface(), person.surface("inner")
     return fit_face(
         generic, person.landmarks, skin=(skin.points, skin.triangles),
-        inner=(inner.points, inner.triangles), simulated=True,
+        inner=(inner.points, inner.triangles), rim=True, simulated=True,
     )  # fmt: skip
 
 
