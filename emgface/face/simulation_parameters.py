@@ -55,7 +55,7 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
     def _startable(self) -> "SimulationParameters":
         if self.accuracy == "realtime" and self.reduced.file is None:
             raise ValueError(
-                "accuracy = 'realtime' requires a reduced face: specify reduced.file (emgface face "
+                "accuracy = 'realtime' requires a reduced face: specify reduced.file (emgface "
                 "reduce), or choose another accuracy"
             )
         soft = self.incompressibility in ("element", "nodal")

@@ -27,6 +27,15 @@ def test_spikes_of_a_reversed_signal_are_the_same(rate: float) -> None:
     assert found.tolist() == back.tolist() == [1000, 4200]
 
 
+def test_the_level_and_a_drift_of_a_signal_do_not_matter() -> None:
+    """A second difference is neither changed by a constant nor by a straight line."""
+    values = np.random.default_rng(2).standard_normal(5000)
+    values[[1000, 4200]] += 50.0, -70.0
+    alone, lifted = spikes(values, 2000.0), spikes(values + 1e3 + 0.1 * np.arange(5000), 2000.0)
+    assert lifted.at.tolist() == alone.at.tolist() == [1000, 4200]
+    np.testing.assert_allclose(lifted.distance, alone.distance, rtol=1e-9)
+
+
 @pytest.mark.parametrize("kind", ["noise", "bursts", "units", "steps", "rare steps", "gap", "jump"])
 def test_signals_without_spikes(kind: str) -> None:
     """Noise, bursts, action potentials, the resolution and gaps are no spikes (200 channels each)."""

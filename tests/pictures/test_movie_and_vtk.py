@@ -110,7 +110,11 @@ def test_files_for_paraview(face: xr.Dataset, tmp_path: Path) -> None:
     cells = face["connectivity"].values
     np.testing.assert_array_equal(found["connectivity"][:, 0], cells[cells >= 0])
     assert set(found["types"][:, 0]) == {12} and found["offsets"][-1, 0] == (cells >= 0).sum()
-    assert len(arrays(tmp_path / "out" / "teeth.vtu")["Points"]) == face.sizes["arch_point"]
+    teeth = arrays(tmp_path / "out" / "teeth.vtu")
+    assert len(teeth["Points"]) == face.sizes["arch_point"]
+    corners = np.concatenate([arch.points[arch.triangles] for arch in arches_of(face)])
+    np.testing.assert_array_equal(teeth["Points"][teeth["connectivity"][:, 0]], corners.reshape(-1, 3))
+    np.testing.assert_array_equal(teeth["offsets"][:, 0], 3 * np.arange(1, len(corners) + 1))
     assert "imulated by emgface" in (tmp_path / "out" / "simulated_0000.vtu").read_text()
     with pytest.raises(DataError, match="record all nodes of this face"):
         write_vtk(tmp_path, face, moved[:, :5], np.array([0.0, 0.04]))

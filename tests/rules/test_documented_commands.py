@@ -140,6 +140,20 @@ def test_commands_that_do_not_exist_are_found(command: str, why: str) -> None:
     assert wrong(command.split()) == why
 
 
+def test_every_command_in_a_message_exists() -> None:
+    """In all texts of the package, where a quotation mark or bracket precedes the command."""
+    found: list[tuple[str, str, str]] = []
+    for path in sorted((ROOT / "emgface").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                text = " ".join(node.value.split())
+                for one in re.findall(r"['(`\[](emgface [a-z][^'`)\]]*)", text):
+                    words = re.split(r"[,;:]| (?:for|of|with|if|to|or|and)\b", one)[0].split()
+                    found.append((path.name, one, wrong(words)))
+    assert len(found) > 60
+    assert not [one for one in found if one[2]]
+
+
 def every_option() -> set[str]:
     """Options of all commands, measurements, studies and makers of pages."""
     found, left = {"--help", "--version", "--debug"}, [whole()]

@@ -171,7 +171,7 @@ def _with_tables(content: dict[str, Any], path: Path) -> dict[str, Any]:
         )
     if guesses := content.get("unconfirmed"):
         raise DataError(
-            f"{path.name} lists {listed(guesses)} as unconfirmed, which are guesses of 'emgface data "
+            f"{path.name} lists {listed(guesses)} as unconfirmed, which are guesses of 'emgface "
             "describe'; expected entries that a person has checked: correct them and delete the line "
             "'unconfirmed'."
         )
