@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from emgface.recordings.exclusions import Exclusion
+    from emgface.study.configuration import StudyConfiguration
 
 FORMATS = (
     "netCDF (.nc), C3D (.c3d), TRC (.trc), EDF and BDF (.edf, .bdf), Poly5 (.poly5, .s00), "
@@ -33,7 +34,8 @@ def check(
     paths: Annotated[
         list[Path],
         typer.Argument(
-            help=f"Recordings, folders of recordings, or a face, jaw, tongue or head: {FORMATS}."
+            help="Recordings, folders of recordings, a study file, or a face, jaw, tongue or head: "
+            f"{FORMATS}."
         ),
     ],
     study: Annotated[
@@ -59,7 +61,8 @@ def check(
 ) -> None:
     """Examine every channel and marker, or a model; fail if one cannot be used.
 
-    In a terminal the results are tables; into a pipe or file they are written as one CSV table.
+    Of a study file, its recordings are examined with its mapping and its signal chain. In a
+    terminal the results are tables; into a pipe or file they are written as one CSV table.
     """
     import pandas as pd
 
@@ -79,9 +82,11 @@ def check(
             raise typer.Exit(BAD_INPUT)
         return
     refuse_existing(exclude)
-    chain = options.chain_with(
-        SignalChain(), missing_side=missing_side, missing_muscle=missing_muscle
-    )
+    chain = SignalChain()
+    if planned := _study_alone(paths):
+        paths, chain = [planned.recordings.folder], planned.signals
+        mapping = mapping or planned.recordings.mapping
+    chain = options.chain_with(chain, missing_side=missing_side, missing_muscle=missing_muscle)
     n_files = 0
     if page is not None:
         n_files = sum(len(find_recordings(path)) if path.is_dir() else 1 for path in paths)
@@ -122,6 +127,19 @@ def check(
         say(f"Wrote {exclude}: {len(excluded)} trials; check it before using it in a study.")
     if n_good < n_all or unusable:
         raise typer.Exit(BAD_INPUT)
+
+
+def _study_alone(paths: list[Path]) -> "StudyConfiguration | None":
+    """Study, if a study file is the only file to check."""
+    from emgface.texts import read_toml
+
+    if len(paths) != 1 or paths[0].suffix.lower() != ".toml" or not paths[0].is_file():
+        return None
+    if "schema_version" not in read_toml(paths[0]):
+        return None
+    from emgface.study.file import load_study
+
+    return load_study(paths[0])
 
 
 def _without_models(paths: list[Path]) -> tuple[list[Path], bool]:

@@ -134,10 +134,12 @@ def test_tiny_motion_above_the_noise_is_kept() -> None:
         assert float(one["rho"]) == pytest.approx(float(one["attenuation"]), abs=0.08)
 
 
-def test_a_trial_of_noise_only_is_refused() -> None:
+@pytest.mark.parametrize("count", [20, 160])
+def test_a_trial_of_noise_only_is_refused(count: int) -> None:
+    """Also of few frames, in which the first component of noise is many times larger."""
     for seed in range(10):
         with pytest.raises(AlignmentError, match="does not move beyond its noise"):
-            align(trajectory(amplitude=0.0, noise=1e-4, seed=seed), trajectory())
+            align(trajectory(amplitude=0.0, noise=1e-4, count=count, seed=seed), trajectory())
 
 
 def test_small_motion_shared_by_all_markers_is_aligned() -> None:

@@ -233,6 +233,22 @@ def test_a_check_states_which_later_step_would_refuse(foreign: Path, tmp_path: P
     assert "'emgface score' would refuse it: it contains no marker positions" in blind.stderr
 
 
+def test_a_study_file_is_checked_by_its_recordings(foreign: Path, tmp_path: Path) -> None:
+    """With the mapping and the montage of the study, as its run would read them."""
+    named = [f"{json.dumps(WORDS.get(n, n))} = {json.dumps(n)}" for n in CHANNELS if n != "MEN_L"]
+    (tmp_path / "map.toml").write_text("\n".join(["[channels]", *named]))
+    study = tmp_path / "study.toml"
+    place = json.dumps(str(foreign.parent))
+    text = f'schema_version = 1\n[recordings]\nfolder = {place}\nmapping = "map.toml"\n'
+    study.write_text(text)
+    result = run("check", study)
+    assert "refuse it: missing channel MEN_L (" in result.stderr
+    study.write_text(text + '[signals.montage]\nmissing_side = "mirror"\n')
+    assert "1 pass every later step" in run("check", study).stderr
+    study.write_text(text.replace("mapping", "maping"))
+    one_sentence(run("check", study), "ConfigurationError", "maping")
+
+
 def test_a_table_is_folded_to_the_terminal(monkeypatch: pytest.MonkeyPatch, capsys) -> None:
     shown = io.StringIO()
     terminal = Console(file=shown, width=60, force_terminal=True, color_system=None)
