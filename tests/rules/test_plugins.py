@@ -6,9 +6,11 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 import xarray as xr
+from hatchling.builders.wheel import WheelBuilder
 
 from emgface.children import child_environment, python_command
 from emgface.errors import ConfigurationError
@@ -32,7 +34,7 @@ import emgface as ef
 
 def blocks() -> dict[str, str]:
     """Files of the example package of the page, by their names in the line above each."""
-    pattern = r"`(lab_parts/\S+|pyproject\.toml)`:\n\n```\w+\n(.*?)^```"
+    pattern = r"`(lab_parts/\S+)`:\n\n```\w+\n(.*?)^```"
     return dict(re.findall(pattern, PAGE, re.M | re.S))
 
 
@@ -49,14 +51,15 @@ def install(folder: Path, name: str, points: str, files: dict[str, str]) -> None
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory) -> Path:
-    """Folder in which the example package of the page is installed."""
-    folder = tmp_path_factory.mktemp("site")
-    files = blocks()
-    points = re.sub(
-        r'^\[project\.entry-points\."(\S+)"\]', r"[\1]", files.pop("pyproject.toml"), flags=re.M
-    )
-    points = re.sub(r"^\[(?:project|build-system)\]\n(?:.+\n)*", "", points, flags=re.M)
-    install(folder, "lab_parts", points.replace('"', ""), {"lab_parts/__init__.py": "", **files})
+    """Folder in which the example package of the page is installed, from nothing but its files."""
+    folder, source = tmp_path_factory.mktemp("site"), tmp_path_factory.mktemp("source")
+    for path, text in blocks().items():
+        (source / path).parent.mkdir(parents=True, exist_ok=True)
+        (source / path).write_text(text, encoding="utf-8")
+    builder = WheelBuilder(str(source / "lab_parts"))
+    (wheel,) = builder.build(directory=str(source / "dist"), versions=["standard"])
+    with ZipFile(wheel) as archive:
+        archive.extractall(folder)
     return folder
 
 
