@@ -33,13 +33,11 @@ class Checked:
     samples: str  #: digest of the samples alone
 
     def show(self) -> None:
-        """Print the table in a terminal, and one sentence for each problem."""
+        """Print the table in a terminal, and one sentence for each error."""
         if out.is_terminal:
             show_table(frame(self.report[list(COLUMNS)]), f"{self.file} ({self.origin})")
         for sentence in self.bad:
             say(f"{self.file}: {sentence}")
-        for step, reason in self.refused.items():
-            say(f"{self.file}: 'emgface {step}' would refuse it: {reason.rstrip('.')}.")
 
     def labelled(self) -> pd.DataFrame:
         """Table with file and origin in each row."""
@@ -75,6 +73,19 @@ def checked(
         volunteer,
         samples_digest(recording),
     )
+
+
+def later_steps(done: Iterable[Checked]) -> list[str]:
+    """Sentences on later steps, each with the recordings that it would refuse for the same reason."""
+    same: dict[tuple[str, str], list[str]] = {}
+    for one in done:
+        for refusal in one.refused.items():
+            same.setdefault(refusal, []).append(one.file)
+    return [
+        f"{listed(files)}: 'emgface {step}' would refuse {'it' if len(files) == 1 else 'each'}: "
+        f"{reason.rstrip('.')}."
+        for (step, reason), files in same.items()
+    ]
 
 
 def gains(done: Iterable[Checked]) -> list[str]:

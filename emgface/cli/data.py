@@ -67,7 +67,7 @@ def check(
     import pandas as pd
 
     from analysis.tables import no_formula
-    from emgface.cli.checked import Checked, checked, copies, gains
+    from emgface.cli.checked import Checked, checked, copies, gains, later_steps
     from emgface.cli.pages import overview_pages
     from emgface.errors import EmgfaceError
     from emgface.files import refuse_existing, write_text
@@ -114,6 +114,8 @@ def check(
     for folder in (path for path in paths if path.is_dir()):
         if sentence := told(folder):
             say(sentence)
+    for sentence in later_steps(done):
+        say(sentence)
     for sentence in [*gains(done), *copies(done)]:
         say(f"Warning: {sentence}")
     n_good = sum(not found.bad for found in done)

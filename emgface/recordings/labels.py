@@ -11,6 +11,7 @@ from pydantic import Field, field_validator
 
 from emgface.choices import Parameters, configure
 from emgface.errors import DataError, SchemaError, listed
+from emgface.muscles import INSTRUCTIONS
 from emgface.recordings.findings import (
     Finding,
     Kind,
@@ -58,6 +59,18 @@ class Labels(Parameters):
     volunteer: str | None = None  #: trial, if the file does not specify it
     instruction: str | None = None
     repetition: int | None = Field(default=None, ge=1)  #: counted from 1
+    #: letter of the study for what files or their names call an instruction, such as ``smile``
+    instructions: dict[str, str] = Field(default_factory=dict)
+
+    @field_validator("instructions")
+    @classmethod
+    def _letters(cls, values: dict[str, str]) -> dict[str, str]:
+        for name, letter in values.items():
+            if letter not in INSTRUCTIONS:
+                raise ValueError(
+                    f"{name!r} is instruction {letter!r}, expected one of {', '.join(INSTRUCTIONS)}"
+                )
+        return values
 
 
 class LabelMap(Labels):
@@ -152,6 +165,11 @@ def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
                 "label of a channel: repair the mapping."
             )
     given = {name: value for name in FIELDS if (value := getattr(labels, name)) is not None}
+    called = given.get("instruction", recording.attrs.get("instruction"))
+    if called in labels.instructions:
+        given["instruction"] = labels.instructions[called]
+        if recording.attrs.get("instruction") == called:  # no contradiction of file and mapping
+            recording = recording.assign_attrs(instruction=given["instruction"])
     recording = with_findings(recording, _other_trial(recording.attrs, given))
     return recording.assign_attrs(
         **given,

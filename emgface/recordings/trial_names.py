@@ -41,7 +41,7 @@ def trial_in_name(pattern: str, path: Path) -> dict[str, Any]:
 
     The pattern may contain folders: as many parts of the path are compared as it has. A field is
     a text without ``/``, that of the volunteer as long as possible, the repetition a number. Case
-    is ignored.
+    is ignored. A pattern without the suffix of a file fits files of any suffix.
 
     Examples
     --------
@@ -53,6 +53,9 @@ def trial_in_name(pattern: str, path: Path) -> dict[str, Any]:
     first = next((k for k, part in enumerate(parts) if "{" in part), 0)
     parts = parts[first:]
     text = "/".join(path.parts[-len(parts) :])
+    suffix = Path(parts[-1]).suffix if parts else ""
+    if not suffix or "{" in suffix:
+        text = text.removesuffix(path.suffix)
     form = ""
     for k, piece in enumerate(_FIELD.split("/".join(parts))):
         if k % 2 == 0:

@@ -1,6 +1,7 @@
 """Run table: all trials of a study, including those missing from a complete design."""
 
 import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -161,7 +162,7 @@ def place_of(recording: xr.Dataset, name: str) -> Place:
     if place[1] not in INSTRUCTIONS:
         raise DataError(
             f"{name} is of instruction {place[1]!r}, expected one of "
-            f"{', '.join(INSTRUCTIONS)}: name the file accordingly, or state its instruction in a "
-            f'mapping ([files."{name}"], instruction = "A")'
+            f"{', '.join(INSTRUCTIONS)}: name the file accordingly, or let a mapping state the letter "
+            f'([instructions], {json.dumps(place[1], ensure_ascii=False)} = "A")'
         )
     return place

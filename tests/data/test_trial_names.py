@@ -10,11 +10,12 @@ import xarray as xr
 from emgface.errors import ConfigurationError
 from emgface.recordings.dataset import read_recording, read_recordings, write_recording
 from emgface.recordings.findings import findings_in
-from emgface.recordings.labels import read_label_map
+from emgface.recordings.labels import apply_labels, read_label_map
 from emgface.recordings.trial_names import trial_in_name
 from emgface.study.configuration import RecordingsConfiguration
 from emgface.study.file import load_study
 from emgface.study.intake import take_in
+from emgface.study.table import place_of
 from tests.data.conftest import recording
 from tests.data.test_c3d import make_c3d
 
@@ -33,6 +34,10 @@ PATTERN = "{volunteer}_{instruction}_{repetition}.c3d"
         ("/study/{volunteer}/trial {repetition} ({instruction}).c3d", "q/V1/trial 2 (B).c3d",
          ("V1", "B", 2)),
         ("{volunteer}.{instruction}.{repetition}.c3d", "V1xAx3.c3d", None),
+        ("{volunteer}_{instruction}_{repetition}", "x/V1_A_3.c3d", ("V1", "A", 3)),
+        ("{volunteer}.{instruction}.{repetition}", "P.1.A.3.poly5", ("P.1", "A", 3)),
+        ("{volunteer}-{instruction}{repetition}", "P01-smile2.c3d", ("P01", "smile", 2)),
+        ("{volunteer}_{repetition}.{instruction}", "V1_3.c3d", None),
     ],
 )  # fmt: skip
 def test_a_pattern_states_the_trial(pattern, path, found) -> None:
@@ -82,6 +87,23 @@ def test_one_mapping_has_tables_per_file(tmp_path: Path) -> None:
     assert list(second["channel"].values) == ["ZYG_R"] and second.attrs["volunteer"] == "V9"
     # A common entry counts more than the name of a file, and an entry of the file more than both.
     assert first.attrs["instruction"] == "C" and second.attrs["repetition"] == 2
+
+
+def test_words_for_instructions_are_translated(tmp_path: Path) -> None:
+    """Of the names of files, of the files themselves, and of the mapping; without a contradiction."""
+    make_c3d(tmp_path / "P01-smile2.c3d")
+    words: dict = {"instructions": {"smile": "B", "purse": "A"}}
+    named = words | {"names": "{volunteer}-{instruction}{repetition}"}
+    read = read_recording(tmp_path / "P01-smile2.c3d", mapping=named)
+    assert place_of(read, "") == ("P01", "B", 2)
+    other = read_recording(tmp_path / "P01-smile2.c3d", mapping=named | {"instruction": "purse"})
+    assert other.attrs["instruction"] == "A"
+    stated = recording().assign_attrs(instruction="smile")
+    found = apply_labels(stated, read_label_map(words))
+    assert found.attrs["instruction"] == "B"
+    assert "named_otherwise" not in {one.code for one in findings_in(found)}
+    with pytest.raises(ConfigurationError, match="'smile' is instruction 'G'"):
+        read_label_map({"instructions": {"smile": "G"}})
 
 
 def test_a_study_takes_the_pattern(tmp_path: Path) -> None:

@@ -113,7 +113,9 @@ def test_files_for_paraview(face: xr.Dataset, tmp_path: Path) -> None:
     teeth = arrays(tmp_path / "out" / "teeth.vtu")
     assert len(teeth["Points"]) == face.sizes["arch_point"]
     corners = np.concatenate([arch.points[arch.triangles] for arch in arches_of(face)])
-    np.testing.assert_array_equal(teeth["Points"][teeth["connectivity"][:, 0]], corners.reshape(-1, 3))
+    np.testing.assert_array_equal(
+        teeth["Points"][teeth["connectivity"][:, 0]], corners.reshape(-1, 3)
+    )
     np.testing.assert_array_equal(teeth["offsets"][:, 0], 3 * np.arange(1, len(corners) + 1))
     assert "imulated by emgface" in (tmp_path / "out" / "simulated_0000.vtu").read_text()
     with pytest.raises(DataError, match="record all nodes of this face"):

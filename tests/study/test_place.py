@@ -17,6 +17,10 @@ def test_a_recording_states_its_trial() -> None:
     ("changed", "said"),
     [
         ({"instruction": "G"}, r"a.nc is of instruction 'G', expected one of A, B, C, D, E, F"),
+        (
+            {"instruction": "smile"},
+            r'let a mapping state the letter .\[instructions\], "smile" = "A"',
+        ),
         ({"volunteer": None}, r"a.nc does not specify its volunteer, expected"),
         ({"instruction": None, "repetition": None}, r"its instruction and repetition, .*names = "),
     ],

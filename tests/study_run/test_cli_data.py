@@ -226,6 +226,10 @@ def test_a_check_states_which_later_step_would_refuse(foreign: Path, tmp_path: P
         "'emgface score'" not in result.stderr and "convert" not in result.stderr.split("1 of")[0]
     )
     assert "0 pass every later step" in result.stderr
+    second = shutil.copy(foreign, tmp_path / "second.nc")  # one sentence for both
+    both = run("check", foreign, second).stderr
+    assert both.count("'emgface activate' would refuse each: missing") == 1
+    assert f"{foreign.name}, second.nc: 'emgface activate'" in both
     treated = run("check", foreign, "--missing-side", "mirror")
     assert "1 pass every later step" in treated.stderr
     alone = read_recording(foreign).drop_dims(["time_marker", "marker"])
