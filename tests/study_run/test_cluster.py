@@ -74,6 +74,21 @@ def test_jobs_are_done_by_workers_that_may_die_and_the_loss_of_the_scheduler_is_
         cluster.close()
 
 
+@needed
+def test_a_scheduler_without_workers_is_told_once() -> None:
+    """A study that waits for the first worker would otherwise look like one that computes."""
+    from distributed import LocalCluster
+
+    with LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as cluster:
+        workers = DaskWorkers(cluster.scheduler_address)
+        with pytest.warns(UserWarning, match="has no workers: jobs wait until one joins") as told:
+            for _ in range(2):
+                workers._counted = -1e9
+                assert workers.threads == 0
+        workers.end()
+    assert len([w for w in told if "no workers" in str(w.message)]) == 1
+
+
 def test_an_open_port_is_warned_of() -> None:
     from emgface.run.cluster import open_port
 
