@@ -56,6 +56,8 @@ INSTRUCTIONS: Final = {
     "E": "left-right-left with closed mouth",
     "F": "purse lips, closed mouth smile, purse lips",
 }
+LETTERS: Final = ", ".join(f"{letter} ({what})" for letter, what in INSTRUCTIONS.items())
+"""Instructions in messages: a letter alone tells nobody what it stands for."""
 
 RELEVANT: Final = {
     "A": ("OOP", "OOM", "BUC"),

@@ -8,7 +8,7 @@ from pydantic import field_validator
 
 from emgface.choices import Parameters, choice, configure, parameter
 from emgface.errors import ConfigurationError
-from emgface.muscles import INSTRUCTIONS
+from emgface.muscles import INSTRUCTIONS, LETTERS
 from emgface.texts import read_toml
 
 Place = tuple[str, str, int]  #: volunteer, instruction, repetition
@@ -32,9 +32,7 @@ class Exclusion(Parameters):
     @classmethod
     def _known(cls, value: str | None) -> str | None:
         if value is not None and value not in INSTRUCTIONS:
-            raise ValueError(
-                f"instruction {value!r} is unknown, expected one of {', '.join(INSTRUCTIONS)}"
-            )
+            raise ValueError(f"instruction {value!r} is unknown, expected one of {LETTERS}")
         return value
 
     @property

@@ -11,7 +11,7 @@ from pydantic import Field, field_validator
 
 from emgface.choices import Parameters, configure
 from emgface.errors import DataError, SchemaError, listed
-from emgface.muscles import INSTRUCTIONS
+from emgface.muscles import INSTRUCTIONS, LETTERS
 from emgface.recordings.findings import (
     Finding,
     Kind,
@@ -67,9 +67,7 @@ class Labels(Parameters):
     def _letters(cls, values: dict[str, str]) -> dict[str, str]:
         for name, letter in values.items():
             if letter not in INSTRUCTIONS:
-                raise ValueError(
-                    f"{name!r} is instruction {letter!r}, expected one of {', '.join(INSTRUCTIONS)}"
-                )
+                raise ValueError(f"{name!r} is instruction {letter!r}, expected one of {LETTERS}")
         return values
 
 

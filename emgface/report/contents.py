@@ -91,10 +91,12 @@ def features(cube: xr.Dataset) -> list[str]:
     """State in how many scored trials the feature of a muscle has a narrow range or is mainly noise."""
     reasons = cube["reason"].values[cube["status"].values == "ok"].tolist()
     told: list[str] = []
-    for code, what in (
-        ("narrow count", "counts within a narrow range of steps, which Eq. 8 stretches to 0-1"),
-        ("weak burst", "is mainly noise, because the muscle is hardly more active than at rest"),
-    ):
+    for code, what, remedy in (
+        ("narrow count", "counts within a narrow range of steps, which Eq. 8 stretches to 0-1",
+         "the findings of each activation state the threshold that would serve"),
+        ("weak burst", "is mainly noise, because the muscle is hardly more active than at rest",
+         "no threshold serves: a muscle at rest, or a poor electrode"),
+    ):  # fmt: skip
         named = [re.search(rf"{code} \(([^)]*)\)", reason) for reason in reasons]
         hits = [one.group(1) for one in named if one is not None]
         if not hits:
@@ -103,8 +105,7 @@ def features(cube: xr.Dataset) -> list[str]:
         most, times = counted.most_common(1)[0]
         told.append(
             f"In {len(hits)} of {_n(len(reasons), 'scored trial')}, the feature of at least one muscle "
-            f"{what} (first of all {most}, named in {times}); the findings of each activation state "
-            "the threshold that would serve."
+            f"{what} (first of all {most}, named in {times}); {remedy}."
         )
     return told
 

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import ConfigurationError, SchemaError
-from emgface.muscles import INSTRUCTIONS, MODELLED, RELEVANT
+from emgface.muscles import LETTERS, MODELLED, RELEVANT
 from emgface.plugins import plugins, require_name
 from emgface.schema.rules import one_line
 from emgface.signals.parameters import STRATEGIES, StrategyParameters
@@ -43,7 +43,7 @@ def needed_muscles(strategy: str, instruction: str | None) -> tuple[str, ...]:
     if instruction not in RELEVANT:
         raise ConfigurationError(
             f"instruction {instruction!r} has no row in the table of relevant muscles, "
-            f"expected one of {', '.join(INSTRUCTIONS)}: specify one of these, or use another strategy"
+            f"expected one of {LETTERS}: specify one of these, or use another strategy"
         )
     return tuple(name for name in MODELLED if name in RELEVANT[instruction])
 

@@ -18,7 +18,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template.resolution import Resolution
 from emgface.face.template.volunteers import PRESETS, preset_measures
 from emgface.inverse.configuration import InverseConfiguration
-from emgface.muscles import INSTRUCTIONS
+from emgface.muscles import INSTRUCTIONS, LETTERS
 from emgface.plugins import names_schema, require_name
 from emgface.recordings.exclusions import Exclusion
 from emgface.signals.parameters import STRATEGIES, SignalChain
@@ -232,8 +232,7 @@ class RecordingsConfiguration(Parameters):
         unknown = [value for value in values if value not in INSTRUCTIONS]
         if unknown:
             raise ValueError(
-                f"instruction {', '.join(unknown)} is unknown, expected some of "
-                f"{', '.join(INSTRUCTIONS)}"
+                f"instruction {', '.join(unknown)} is unknown, expected some of {LETTERS}"
             )
         return values
 

@@ -166,8 +166,8 @@ def run_study(
     if run.muted:
         observer.message(
             f"In {len(run.muted)} of {len(intake.recordings)} recordings the feature of at least "
-            "one muscle is zero or saturated throughout; it is listed in the attribute "
-            f"'warnings' of the results in {kept.folder / 'activation'} ."
+            "one muscle is zero or saturated throughout: 'emgface report' names the muscles, with a "
+            f"threshold to try (attribute 'warnings' of the results in {kept.folder / 'activation'})."
         )
     return StudyResult(path, journal.path, run.entries, kept.events, dict(intake.unreadable))
 

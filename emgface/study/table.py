@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import DataError, EmgfaceError, RecordingChanged
-from emgface.muscles import INSTRUCTIONS
+from emgface.muscles import INSTRUCTIONS, LETTERS
 from emgface.recordings.dataset import read_recording
 from emgface.recordings.exclusions import Place
 from emgface.run.digest import dataset_digest
@@ -162,7 +162,7 @@ def place_of(recording: xr.Dataset, name: str) -> Place:
     if place[1] not in INSTRUCTIONS:
         raise DataError(
             f"{name} is of instruction {place[1]!r}, expected one of "
-            f"{', '.join(INSTRUCTIONS)}: name the file accordingly, or let a mapping state the letter "
+            f"{LETTERS}: name the file accordingly, or let a mapping state the letter "
             f'([instructions], {json.dumps(place[1], ensure_ascii=False)} = "A")'
         )
     return place

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import ConfigurationError
-from emgface.muscles import INSTRUCTIONS, MUSCLES
+from emgface.muscles import LETTERS, MUSCLES
 from emgface.texts import module_toml
 from emgface.volunteers.recruitment import Recruitment
 
@@ -116,7 +116,7 @@ def true_activation(
     """
     if instruction not in PHASES:
         raise ConfigurationError(
-            f"instruction {instruction!r} is unknown, expected one of {', '.join(INSTRUCTIONS)}"
+            f"instruction {instruction!r} is unknown, expected one of {LETTERS}"
         )
     timing, levels = timing or Timing(), levels or {}
     time = np.arange(round((duration + tail) * sampling_rate) + 1) / sampling_rate

@@ -13,7 +13,7 @@ from emgface.face.motion import load_kernels
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import volunteer_face
 from emgface.face.template.grid import LAYERS, make_grid
-from emgface.muscles import INSTRUCTIONS
+from emgface.muscles import INSTRUCTIONS, LETTERS
 from emgface.recordings.dataset import write_recording
 from emgface.recordings.events import cut_trials
 from emgface.run.observer import Observer, Silent
@@ -79,7 +79,7 @@ def make_volunteers(
     unknown = [instruction for instruction in instructions if instruction not in INSTRUCTIONS]
     if unknown:
         raise ConfigurationError(
-            f"instruction {unknown[0]!r} is unknown, expected some of {', '.join(INSTRUCTIONS)}"
+            f"instruction {unknown[0]!r} is unknown, expected some of {LETTERS}"
         )
     observer = observer or Silent()
     settings = settings or VolunteerParameters()

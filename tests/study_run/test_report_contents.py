@@ -12,6 +12,7 @@ from analysis.tables import origin_of, report_tables
 from analysis.trial import Trial
 from emgface.choices import configure
 from emgface.face.simulation_parameters import SimulationParameters
+from emgface.recordings.finding_codes import CODES
 from emgface.report import contents
 from emgface.report.methods import methods
 from emgface.report.results import Results, open_results, representative
@@ -39,6 +40,20 @@ def test_a_planted_difference_is_found_and_no_other_is_claimed() -> None:
     *contrasts, last = still.conclusions
     assert len(contrasts) == 3 and all("a difference may exist" in one for one in contrasts)
     assert last.startswith("No statement is made about instructions in general: 2 instructions")
+
+
+def test_a_doubtful_feature_is_told_with_the_advice_of_its_finding() -> None:
+    """No threshold helps a muscle that is not active, and the report must not promise one."""
+    for code in ("narrow_count", "weak_burst"):
+        cube = scores()
+        reasons = np.full(cube["status"].shape, "", dtype=object)
+        reasons.flat[0] = f"check: {code.replace('_', ' ')} (ZYG_L, OOM_L)"
+        cube["reason"] = cube["status"].dims, reasons
+        cube["status"][:] = "ok"
+        (sentence,) = contents.features(cube)
+        assert "1 of " in sentence and "first of all ZYG_L, named in 1" in sentence
+        for advice in ("would serve", "no threshold serves"):
+            assert (advice in sentence) == (advice in CODES[code].clause)
 
 
 def alone(cube: xr.Dataset, folder: Path) -> str:
