@@ -7,8 +7,9 @@ opposite, a sum a difference, a product a quotient, ``and`` an ``or``; ``not`` o
 whole number is increased by one, two arguments are swapped. The tests that are run are those in the
 `--files` files that are nearest to the module by imports and by name, without those marked slow. A
 fault is ``caught`` if a test fails that passes without it, ``survived`` if all pass, ``unfinished``
-after `--seconds`, ``untested`` if no test imports the module. Some survivors are no faults: a change
-of a tolerance or of a line width alters no result that a test could expect.
+after `--seconds`, ``untested`` if no test imports the module; ``ill-typed`` if no test fails in time and
+pyright, where it is installed, refuses the module. Some survivors are no faults: a change of a
+tolerance or of a line width alters no result that a test could expect.
 """
 
 import ast
@@ -21,6 +22,7 @@ import tempfile
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import pandas as pd
@@ -120,13 +122,15 @@ def drawn(count: int, seed: int) -> list[Fault]:
 
 
 def imported(path: Path, known: set[str]) -> set[str]:
-    """Modules of the tree that a file imports anywhere in its text."""
+    """Modules of the tree that a file imports anywhere in its text, or names to import them later."""
     names = set[str]()
     for node in ast.walk(ast.parse(path.read_bytes())):
         if isinstance(node, ast.ImportFrom) and node.module and not node.level:
             names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
         elif isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            names.add(node.value.partition(":")[0])
     return names & known
 
 
@@ -150,12 +154,11 @@ class Tests:
         """Files of tests that import a module, those over fewer modules and of like names first."""
         start = _name(ROOT / module)
         distance, left = {start: 0}, deque([start])
-        if not self.importers[start]:  # loaded by its package, like a reader
-            left.append(start.rpartition(".")[0])
-            distance[left[-1]] = 1
         while left:
             name = left.popleft()
-            for other in self.importers[name] - distance.keys():
+            # Without importers it is loaded by its package, like a reader.
+            importers = self.importers[name] or {name.rpartition(".")[0]} & self.importers.keys()
+            for other in importers - distance.keys():
                 distance[other] = distance[name] + 1
                 left.append(other)
         words = set(re.findall(r"[a-z0-9]+", start.replace("_", ".")))
@@ -194,6 +197,15 @@ def failed(root: Path, tests: list[str], seconds: float) -> str | None:
     return named[0] if named else f"exit status {done.returncode}"
 
 
+def ill_typed(root: Path, module: Path) -> bool:
+    """Whether pyright refuses a module of a tree."""
+    if find_spec("pyright") is None:
+        return False
+    command = python_command("-m", "pyright", "--pythonpath", sys.executable, str(module))
+    done = subprocess.run(command, cwd=root, env=child_environment(), capture_output=True)
+    return done.returncode == 1
+
+
 def outcome(fault: Fault, copy: Path, tests: list[str], seconds: float) -> tuple[str, str]:
     """What the tests say of a fault, and the test that fails."""
     if not tests:
@@ -201,6 +213,8 @@ def outcome(fault: Fault, copy: Path, tests: list[str], seconds: float) -> tuple
     fault.apply(copy)
     try:
         test = failed(copy, tests, seconds)
+        if not test and ill_typed(copy, fault.module):
+            return "ill-typed", ""
     finally:
         shutil.copy2(ROOT / fault.module, copy / fault.module)
     if test is None:

@@ -118,6 +118,14 @@ def test_a_header_that_contradicts_the_file_is_refused(
         read_recording(tmp_path / "a.edf")
 
 
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_every_number_of_records_is_read(tmp_path: Path, counts: np.ndarray, number: int) -> None:
+    for name, kept in (("all", counts), ("some", counts[:, :number])):
+        (tmp_path / f"{name}.edf").write_bytes(packed(kept))
+    every, some = (read_recording(tmp_path / f"{n}.edf")["emg"].values for n in ("all", "some"))
+    np.testing.assert_array_equal(some, every[:, : 50 * number])
+
+
 def test_an_interrupted_recording_keeps_its_whole_records(
     tmp_path: Path, counts: np.ndarray
 ) -> None:

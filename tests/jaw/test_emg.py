@@ -45,6 +45,14 @@ def recording(truth):
     return simulated_recording(truth, person=3)
 
 
+def test_a_simulated_recording_lasts_as_long_as_its_motion(recording, truth):
+    """Both clocks start with the motion and end less than a sample before its end."""
+    last = float(truth["time"][-1])
+    for time in (recording["time_emg"].values, recording["time_marker"].values):
+        assert time[0] == float(truth["time"][0])
+        assert -1e-9 < last - time[-1] < time[1] - time[0]
+
+
 def driven(jaw, u):
     return run_excitation(jaw, excitation_in(u), step=STEP)
 
