@@ -201,6 +201,16 @@ def test_more_labels_than_one_parameter_holds(tmp_path: Path) -> None:
     assert list(read_recording(tmp_path / "trial.c3d")["marker"].values) == labels
 
 
+def test_any_numbers_of_points_and_channels_are_read(tmp_path: Path) -> None:
+    """Among them as many analog samples in a frame as the points have values."""
+    for points, channels in ((4 * PER_FRAME, 16), (PER_FRAME, 4), (4, 1), (5, 2)):
+        labels = {"point_labels": [f"P{i}" for i in range(points)],
+                  "analog_labels": [f"E{i}" for i in range(channels)]}  # fmt: skip
+        make_c3d(tmp_path / "a.c3d", **labels, analog_units=["mV"] * channels)
+        read = read_recording(tmp_path / "a.c3d")
+        assert read.sizes.get("marker", 0) == points and read.sizes.get("channel", 0) == channels
+
+
 @pytest.mark.parametrize("part", [0.0, 0.001, 0.1, 0.6, 0.97])
 def test_a_truncated_file_is_refused(tmp_path: Path, part: float) -> None:
     path = tmp_path / "trial.c3d"

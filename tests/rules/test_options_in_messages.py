@@ -26,7 +26,12 @@ STATED_BY: dict[str, tuple[str, ...]] = {
     "emgface/recordings/exclusions.py": ("check",),
 }
 """Commands that state the messages of a module; the longest name counts."""
-OTHER_PROGRAMS = {"--tls-ca-file", "--scheduler-file", "--nthreads", "--contact"}  #: of dask and the benchmarks
+OTHER_PROGRAMS = {
+    "--tls-ca-file",
+    "--scheduler-file",
+    "--nthreads",
+    "--contact",
+}  #: of dask and the benchmarks
 
 
 def commands(command: Any, name: str = "") -> dict[str, set[str]]:

@@ -16,7 +16,7 @@ from emgface.recordings.dataset import read_recording, write_recording
 from emgface.report.results import open_results, study_cube
 from emgface.run.digest import file_digest
 from emgface.run.lines import lines, run_files, written
-from emgface.run.retention import export, unused_files
+from emgface.run.retention import export, unused_files, used_results
 from emgface.run.state import read_state
 from emgface.run.store import store_netcdf
 from emgface.study.audit import explain, reproduce
@@ -121,6 +121,22 @@ def test_gc_finds_what_no_study_uses_and_nothing_else(folder: Path) -> None:
     line.write_bytes(b"".join(whole[:-1]))  # the run of this process has not ended
     with pytest.raises(StoreError, match="is running"):
         unused_files([folder])
+
+
+def test_results_of_an_outcome_that_was_replaced_are_unused(folder: Path) -> None:
+    """But for the state of rest, which trials share; the results of the last outcome are used."""
+    (path,) = run_files(folder)
+    made = [{k: v for k, v in json.loads(line).items() if k != "check"}
+            for line in path.read_bytes().splitlines()]  # fmt: skip
+    first = next(k for k, line in enumerate(made) if line["event"] == "trial")
+    old = "0" * 32
+    stages = [{**stage, "digest": old} for stage in made[first]["stages"]]
+    made.insert(first, {**made[first], "stages": stages})
+    before = used_results([folder])[(folder / "store").resolve()]
+    path.write_bytes(b"".join(map(written, made)))
+    after = used_results([folder])[(folder / "store").resolve()]
+    assert {"motion", "scores", "rest"} <= {stage["stage"] for stage in stages}
+    assert after - before == {("rest", old)} and before <= after
 
 
 def test_an_exported_study_is_complete(shown: Path, folder: Path, tmp_path: Path) -> None:

@@ -132,9 +132,9 @@ def _check_counts(
         if record is None or record.kind < 2 or len(record.data) < least * record.kind:
             raise _error(path, f"has no {group}:{name} of {least} numbers", "one for each channel")
     frames = last - first + 1 if last >= first else 0
-    width = 4 * points + per_frame
-    # Integers have 2 bytes; numbers of frames beyond 16 bits are stored elsewhere.
-    if (block - 1) * _BLOCK > len(data) or (width == 0 and frames > 1 and last != 65535):
+    empty = not (points or per_frame)
+    # Numbers of frames beyond 16 bits are stored elsewhere.
+    if (block - 1) * _BLOCK > len(data) or (empty and frames > 1 and last != 65535):
         raise _error(path, f"begins its data at byte {(block - 1) * _BLOCK} of {len(data)}", "data")
 
 
