@@ -201,7 +201,8 @@ def ill_typed(root: Path, module: Path) -> bool:
     """Whether pyright refuses a module of a tree."""
     if find_spec("pyright") is None:
         return False
-    command = python_command("-m", "pyright", "--pythonpath", sys.executable, str(module))
+    python, *safe = python_command("-m", "pyright")
+    command = [python, *safe, "--pythonpath", python, str(module)]
     done = subprocess.run(command, cwd=root, env=child_environment(), capture_output=True)
     return done.returncode == 1
 
