@@ -1,4 +1,4 @@
-"""Division of the pieces of a cut surface."""
+"""Division of the pieces of a cut surface, and area of a suture."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from emgface.treatment.plane import triangulated
+from emgface.treatment.treat import _wall_area
 
 
 def triangulations(i: int, j: int) -> list[list[tuple[int, int, int]]]:
@@ -33,3 +34,13 @@ def test_no_other_division_has_a_better_worst_triangle(n: int) -> None:
         worst = min(quality(x[part]) for part in triangulated(surface, list(range(n))))
         best = max(min(quality(x[list(t)]) for t in each) for each in triangulations(0, n - 1))
         assert worst == pytest.approx(best, rel=1e-6)
+
+
+def test_the_area_of_a_suture_is_that_of_faces_between_two_elements() -> None:
+    """Of two cubes one on the other; a face with sutured nodes of one element alone does not count."""
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    position = 1e-2 * np.array([[*xy, z] for z in range(3) for xy in square])
+    cubes = np.array([np.arange(8), np.arange(4, 12)])
+    nodes = np.arange(4, 12)  # those between the cubes, and those on top
+    wound: Any = SimpleNamespace(connectivity=cubes, pairs=np.column_stack([nodes, nodes]))
+    assert _wall_area(position, wound, np.arange(12)) == pytest.approx(1e-4)
