@@ -30,6 +30,7 @@ FURTHEST: Final = 2.0  #: largest change of a measure in a round, in its spreads
 STEP: Final = 1e-4  #: differences that give the derivatives, in spreads of the measures [1]
 
 
+@np.errstate(invalid="ignore", divide="ignore")  # measures of the search may have no surface
 def nearer_face(
     face: xr.Dataset, paired: Paired, targets: Sequence[Target], noise: float
 ) -> xr.Dataset:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from emgface.errors import FitError
+from emgface.errors import FaceError, FitError
 from emgface.face.parts import FREE
 from emgface.face.validity import check_face
 from emgface.fit.carry import carry, rigid_points
@@ -102,6 +102,11 @@ def fit_face(
 ) -> Fitted:
     """Fit a face to landmarks and surfaces; arguments and errors as of `emgface.fit`."""
     check_face(face)
+    if "stress_free_position" in face:
+        raise FitError(
+            f"the face {face.attrs['name']!r} has closed wounds, whose stress-free shapes belong to its "
+            "own geometry; expected an untreated face: fit that one first, and then treat the result"
+        )
     if not 1e-5 <= noise <= 1e-2:
         raise FitError(f"the noise of landmarks is {noise} m, expected 1e-5 to 1e-2")
     if not abs(thickness) <= MOST_DEVIATIONS:
@@ -171,7 +176,15 @@ def fit_face(
         found.attrs["fit_thickness_deviation"] = float(thickness)
     found.attrs.pop("muscle_radius", None)
     _check_corners(corners, result.position)
-    found, sentences = with_courses(check_face(found), courses or {}, volumes)
+    try:
+        check_face(found)
+    except FaceError as error:
+        why = "; ".join((*doubts, *told)) or "the inputs are too far from the shape of a face"
+        raise FitError(
+            f"the fitted mesh is not usable ({error}), because: {why}. Expected surfaces and landmarks "
+            "of the whole face: add landmarks on both sides, or leave the surface out"
+        ) from error
+    found, sentences = with_courses(found, courses or {}, volumes)
     notes += sentences
     _check_distances(distance, scans)
     return Fitted(

@@ -115,6 +115,27 @@ def test_a_scan_that_ends_within_the_face_does_not_shrink_it(generic, person, cr
     assert end_of(generic, person, marks, (skin.points, triangles)).startswith(end)
 
 
+def test_a_scan_of_one_half_is_a_face_or_an_error_that_says_so(generic, person):
+    """It was an error of the mesh, without the reason."""
+    q, skin, points = person.face["position"].values, person.surface(), points_of_face(person.face)
+    sheet = sheets(person.face)["skin"]
+    own = sheet.triangles[q[sheet.triangles].mean(axis=1)[:, 0] > 0.0]
+    marks = {k: person.landmarks[k] for k, p in points.items() if p[0] > -1.5e-3}
+    end = end_of(generic, person, marks, (person.moved(q), own))
+    assert len(skin.triangles) > len(own)
+    assert end.startswith((DOUBTED, NEAR)) or "% of the skin" in end, end
+
+
+def test_a_treated_face_is_not_fitted(generic, person):
+    """The stress-free shapes of its wounds stayed in the frame of the old geometry."""
+    rest = generic["position"].values[np.maximum(generic["connectivity"].values, 0)]
+    treated = generic.assign(
+        stress_free_position=(("element", "element_node", "axis"), rest, {"units": "m"})
+    )
+    with pytest.raises(FitError, match="has closed wounds"):
+        fit_face(treated, person.landmarks)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("number", "damage"), [(53, other_pose), (118, self_intersection)])
 def test_inputs_that_gave_a_far_face_silently_are_doubted(generic, person, number, damage):
