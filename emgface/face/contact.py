@@ -74,4 +74,5 @@ def declared_contact(pairings: tuple[Pairing, ...], contact: ContactParameters) 
         initial_penetration=contact.initial_penetration,
         removal_speed=contact.removal_speed,
         edge_points=EDGE_POINTS,
+        renewals=contact.renewals,
     )

@@ -46,6 +46,17 @@ class ContactParameters(Parameters):
         le=1,
     )
 
+    renewals: int = parameter(
+        0,
+        "Largest number of times in a step that the normals and closest points of contacts are "
+        "replaced by those at its end.",
+        source="this package: points measured by `python -m benchmarks contact_methods`",
+        note="1 halves the error of contact in steps of one size and takes 1.7 times as long; of "
+        "equal run time are shorter steps, whose error is larger (docs/accuracy.md)",
+        ge=0,
+        le=3,
+    )
+
     @model_validator(mode="after")
     def _something_touches(self) -> "ContactParameters":
         if self.between is None:
@@ -71,6 +82,8 @@ class ContactParameters(Parameters):
         }
         if self.method == "constraint" and self.initial_penetration == "removed":
             how["constraint"] += f", initial overlap removed at {1e3 * self.removal_speed:g} mm/s"
+        if self.method == "constraint" and self.renewals:
+            how["constraint"] += ", with the normals and closest points at the end of a step"
         where = " and ".join(pairs[name] for name in self.between or pairs)
         where += "" if self.between else ", where the face has them"
         return f"contact {where} ({how[self.method]}, {rubbing})"

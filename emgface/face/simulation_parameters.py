@@ -91,6 +91,12 @@ class SimulationParameters(TissueParameters, MuscleParameters, TimeStepping):
                 "'constraint', the default: choose 'sdirk2', 'converged' or a linearly implicit "
                 "solver, or method = 'none'"
             )
+        if self.contact.renewals and self.solver.startswith("linearly_implicit"):
+            raise ValueError(
+                f"contact.renewals = {self.contact.renewals} has no effect with solver = "
+                f"'{self.solver}', which does not iterate: choose 'sdirk2' or 'converged', or leave it "
+                "out"
+            )
         against = self.contact.between if self.contact.method != "none" else None
         if self.support > 0.0 and "teeth" in (against or ()):
             raise ValueError(

@@ -47,7 +47,8 @@ UPPER, LOWER = "lip opening, upper", "lip opening, lower"
 
 def mechanics_of(parameters: SimulationParameters) -> str:
     """Parameters to which a reduced face is bound, as JSON."""
-    return canonical_json(parameters.model_dump(mode="json", exclude=set(NOT_MECHANICS)))
+    left_out: dict[str, Any] = dict.fromkeys(NOT_MECHANICS, True) | {"contact": {"renewals"}}
+    return canonical_json(parameters.model_dump(mode="json", exclude=left_out))
 
 
 def parameters_of(dataset: xr.Dataset) -> SimulationParameters:
@@ -64,7 +65,7 @@ def contact_of(path: Path) -> dict[str, Any]:
 
 def _mechanics(dataset: xr.Dataset) -> dict[str, Any]:
     """Parameters to which a reduced face is bound; earlier files, without contact, do not state it."""
-    absent = {"contact": NO_CONTACT.model_dump(mode="json")}
+    absent = {"contact": NO_CONTACT.model_dump(mode="json", exclude={"renewals"})}
     return absent | json.loads(dataset.attrs["mechanics"])
 
 
