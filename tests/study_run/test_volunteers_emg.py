@@ -91,7 +91,7 @@ def test_burst_is_smooth_to_its_curvature() -> None:
 
 
 def test_an_unknown_instruction_is_named() -> None:
-    with pytest.raises(ConfigurationError, match="'G'.*A \(purse lips\), B \(raise"):
+    with pytest.raises(ConfigurationError, match="'G'.*A .purse lips., B .raise"):
         true_activation("G")
 
 
