@@ -187,3 +187,13 @@ def test_ambiguous_commas_are_a_guess(tmp_path: Path) -> None:
 def test_units_in_labels() -> None:
     labels = ["a [µV]", "b (mV)", "c/V", "d_uV", "marker_m", "e", "time s", "Force [N]", "x (mm)"]
     assert [unit_in(label) for label in labels] == ["uV", "mV", "V", "uV", "", "", "", "", "mm"]
+
+
+@pytest.mark.parametrize(("between", "labelled"), [("", True), ("V,V\n", False)])
+def test_labels_count_as_those_of_the_file_directly_above_the_numbers(
+    tmp_path: Path, between: str, labelled: bool
+) -> None:
+    rows = "".join(f"{0.25 * k},{-0.5 * k}\n" for k in range(20))
+    (tmp_path / "a.csv").write_text(f"left,right\n{between}{rows}")
+    found = text_layout(tmp_path / "a.csv")
+    assert (found.labels, found.labelled) == (("left", "right"), labelled)

@@ -66,3 +66,12 @@ def test_rows_beyond_the_page_are_counted() -> None:
     many = many.assign_coords(channel=[f"c{i}" for i in range(42)])
     figure = overview_figure(xr.Dataset({"emg": many}, attrs={"origin": "simulated"}))
     assert "18 more are not drawn" in texts(figure)
+
+
+def test_spectra_hang_from_their_strongest_line() -> None:
+    """It is half a row above the middle, and the weakest that is drawn 60 dB lower."""
+    figure = overview_figure(recording(noise()))
+    (panel,) = (axes for axes in figure.axes if "Hz" in axes.get_xlabel())
+    for row, line in enumerate(panel.lines[:14]):  # those of muscle bands follow
+        drawn = np.asarray(line.get_ydata()) + row
+        assert abs(drawn.max() - 0.5) < 1e-9 and -0.4 <= drawn.min() < 0.4
