@@ -95,6 +95,7 @@ def _opened(face: xr.Dataset, motion: xr.Dataset | None) -> float:
 
 
 def _residual_area(face: xr.Dataset, motion: xr.Dataset | None) -> float:
+    """Smallest area of the opening between the lips [m^2]."""
     assert motion is not None
     return float(motion["mouth_area"].min()) if "mouth_area" in motion else float("nan")
 
@@ -138,11 +139,6 @@ def smile_asymmetry(face: xr.Dataset, motion: xr.Dataset | None) -> float:
     return (right - left) / max(right + left, 1e-9)
 
 
-def _rounded(face: xr.Dataset, motion: xr.Dataset | None) -> float:
-    """Smallest area of the opening, to which the lips are rounded [m^2]."""
-    return _residual_area(face, motion)
-
-
 def _lips_close(face: xr.Dataset, motion: xr.Dataset | None) -> float:
     """1 if the opening between the lips vanishes, as /p b m/ require, otherwise 0."""
     area = _residual_area(face, motion)
@@ -173,7 +169,7 @@ def formant_of_lips(area: float) -> float:
 
 
 def _formant(face: xr.Dataset, motion: xr.Dataset | None) -> float:
-    return formant_of_lips(_rounded(face, motion))
+    return formant_of_lips(_residual_area(face, motion))
 
 
 OUTCOMES: Final = (
@@ -198,7 +194,7 @@ OUTCOMES: Final = (
         "pressure held before the lips part", "Pa", "closing", _pressure,
         "the pressure in the mouth that the closed lips hold", _pressure_at_least,
     ),
-    Outcome("rounding, smallest opening", "mm2", "A", _rounded, "the round opening of an “oo”"),
+    Outcome("rounding, smallest opening", "mm2", "A", _residual_area, "the round opening of an “oo”"),
     Outcome("rounding, first formant of a uniform tract", "Hz", "A", _formant),
     Outcome("smile, excursion of the corners", "mm", "D", _smile, "how far the corners move in a smile"),
     Outcome("smile, asymmetry", "1", "D", smile_asymmetry),

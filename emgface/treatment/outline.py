@@ -27,6 +27,7 @@ CORNER: Final = 2e-3  #: distance from the corner of the mouth within which noth
 DEEP: Final = {"all": None, "outer": 1, "outer and centre": 2}  #: layers that are removed
 DEEPEST: Final = 40e-3  #: largest height of a wedge [m]
 WIDEST: Final = 80.0  #: largest width of a wedge [mm]
+THICK: Final = 15e-3  #: largest distance of the tissue of a lip from its skin [m]
 LARGEST: Final = 0.2  #: largest extent of a tumour, above which it is in another unit [m]
 TAPER: Final = 1.5  #: height of a V or shield that contains a tumour, over the depth of the tumour
 
@@ -151,6 +152,13 @@ def of_lip(position: Floats, rim: LipRim, lip: str, points: Floats) -> NDArray[n
     return np.asarray(upper < lower if lip == "upper" else lower < upper)
 
 
+def in_excision(face: xr.Dataset, outline: Outline, lip: str, points: Floats) -> NDArray[np.bool_]:
+    """Mask of the points (n, 3) of a lip in an outline, up to `THICK` from the plane of its chart."""
+    inside = outline.contains(outline.chart.flat(points))
+    inside &= np.abs((points - outline.chart.origin) @ outline.chart.out) < THICK
+    return inside & of_lip(face["position"].values, lip_rim(face), lip, points)
+
+
 def _shaped(
     shape: str,
     chart: Chart,
@@ -208,7 +216,7 @@ def wedge_around(face: xr.Dataset, step: Tumour, folder: Path) -> Wedge:
     centre = points.mean(axis=0)
     skin = sheet_nodes(face, OUTER)
     away, _ = KDTree(position[skin]).query(centre)
-    if away > 15e-3 or not of_lip(position, rim, step.lip, centre[None])[0]:
+    if away > THICK or not of_lip(position, rim, step.lip, centre[None])[0]:
         raise TreatmentError(
             "tumour",
             f"the centre of the tumour is {1e3 * away:.1f} mm from the skin or not in the {step.lip} "

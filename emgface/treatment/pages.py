@@ -9,11 +9,9 @@ import xarray as xr
 from markupsafe import Markup
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from analysis.tables import Column, Table
 from emgface.face.identity import treatments_between
-from emgface.face.lip_shape import lip_rim
 from emgface.pictures.body import Body, body_of, skin_of
 from emgface.pictures.encoding import (
     body_data,
@@ -29,7 +27,7 @@ from emgface.pictures.render import VIEWS
 from emgface.pictures.stills import body_figure
 from emgface.treatment.motions import ComparedMotions
 from emgface.treatment.outcomes import CLOSED, OUTCOMES, with_words_of_bounds
-from emgface.treatment.outline import outline_of
+from emgface.treatment.outline import in_excision, outline_of
 from emgface.treatment.plan import CUTS, NOT_VALIDATED, Incision, Wedge, applied_plan
 
 Floats = NDArray[np.float64]
@@ -132,18 +130,12 @@ def _drawn_plan(intact: xr.Dataset, treated: xr.Dataset) -> Body:
     skin = skin_of(intact)
     body = body_of(intact, skin)
     points = body.points(intact["position"].values[skin.node])[: body.tissue]
-    rim = lip_rim(intact)
-    margins = {lip: intact["position"].values[getattr(rim, lip)] for lip in ("upper", "lower")}
     for entry in treatments_between(intact, treated):
         for step in applied_plan(entry).step:
             if not isinstance(step, (Wedge, Incision)):
                 continue
-            outline = outline_of(intact, step)
-            away = {lip: KDTree(x).query(points)[0] for lip, x in margins.items()}
-            other = "upper" if step.lip == "lower" else "lower"
-            mine = outline.contains(outline.chart.flat(points)) & (away[step.lip] < away[other])
-            depth = (points - outline.chart.origin) @ outline.chart.out
-            body.colour[: body.tissue][mine & (np.abs(depth) < 15e-3)] = CUT
+            mine = in_excision(intact, outline_of(intact, step), step.lip, points)
+            body.colour[: body.tissue][mine] = CUT
     return body
 
 

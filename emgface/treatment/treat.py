@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from emgface.errors import FaceError, JawError, TreatmentError
 from emgface.face.contact_parameters import NO_CONTACT, ContactParameters
 from emgface.face.identity import with_treatment
-from emgface.face.lip_shape import lip_opening, lip_rim
+from emgface.face.lip_shape import lip_opening
 from emgface.face.quality import element_centres, element_quality
 from emgface.face.recipe import compose_scene, element_order
 from emgface.face.simulation_parameters import SimulationParameters
@@ -22,7 +22,7 @@ from emgface.face.validity import check_face
 from emgface.treatment.changes import apply_change, apply_palsy, with_factor, with_share
 from emgface.treatment.closure import Closed, Progress, drawn_together, relaxed, ties
 from emgface.treatment.excise import Wound, excise
-from emgface.treatment.outline import MM, Outline, of_lip, outline_of, wedge_around
+from emgface.treatment.outline import MM, Outline, in_excision, outline_of, wedge_around
 from emgface.treatment.plan import (
     CUTS,
     DRAWN,
@@ -42,7 +42,6 @@ from emgface.treatment.resection import resect
 from sim.elements import HEX8, WEDGE6
 
 Floats = NDArray[np.float64]
-DEEP: Final = 15e-3  #: depth from the skin within which a suture is that of the same lip [m]
 Integers = NDArray[np.int64]
 Report = dict[str, Any]
 
@@ -158,9 +157,7 @@ def _of_suture(error: FaceError, face: xr.Dataset, outline: Outline, lip: str) -
     if "suture_node" not in face or not isinstance(error, TreatmentError):
         return error
     closed = face["position"].values[face["suture_node"].values]
-    inside = outline.contains(outline.chart.flat(closed))
-    inside &= np.abs((closed - outline.chart.origin) @ outline.chart.out) < DEEP
-    if not (inside & of_lip(face["position"].values, lip_rim(face), lip, closed)).any():
+    if not in_excision(face, outline, lip, closed).any():
         return error
     return TreatmentError(
         error.reason,
