@@ -2,7 +2,8 @@
 
 A face is near its person if the skin is, and if every named point (markers of lips and face, margins
 of the lips, tips of nose and chin) is at its place: a mirrored face, or one from exchanged landmarks,
-has nearly the same skin, but points elsewhere.
+has nearly the same skin, but points elsewhere. A tip is where the skin is most anterior, which is not
+determined along a flat chin; the distance of its place from the fitted skin is judged.
 """
 
 import json
@@ -25,6 +26,7 @@ NEAR: Final = "near"
 DOUBTED: Final = "doubted"  #: before near or far
 REFUSED: Final = "refused"
 BAD: Final = ("far", "defect", "unlocated")  #: ends that are a defect: nothing was told
+TIPS: Final = ("pronasale", "pogonion")
 SKIN: Final = 1.2  #: mean distance from the skin of the person beyond which a face is far [mm]
 POINT: Final = 4.0
 """Distance of a named point from its place beyond which a face is far [mm]: five times the noise."""
@@ -60,4 +62,6 @@ def apart(face: xr.Dataset, person: Person) -> tuple[float, float]:
     names = sorted(wanted.keys() & found.keys())
     there = to_face(person.moved(np.array([wanted[n] for n in names])))
     off = np.linalg.norm(np.array([found[n] for n in names]) - there, axis=1)
+    own = sheets(face)["skin"].at(face["position"].values).nearest(there).distance
+    off = np.where(np.isin(names, TIPS), own, off)
     return distances(target, face["position"].values)["mean"], 1e3 * float(off.max())

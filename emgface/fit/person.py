@@ -27,7 +27,12 @@ from emgface.fit.inputs import (
 )
 from emgface.fit.likeness import nearer_face, told_measures
 from emgface.fit.measures import distances, quality_rows
-from emgface.fit.places import check_landmarks_off, check_landmarks_on, unexpected_part
+from emgface.fit.places import (
+    check_landmarks_off,
+    check_landmarks_on,
+    missed_landmarks,
+    unexpected_part,
+)
 from emgface.fit.readers.landmarks import Landmarks, landmarks_of
 from emgface.fit.readers.surfaces import Scan, read_surface, surface_of
 from emgface.fit.similarity import similarity
@@ -167,7 +172,9 @@ def fit_face(
         for target in targets
     ]  # fmt: skip
     distance = _distances(face, targets, result)
-    told = [doubt for doubt in unexpected if doubt] + _small(distance, scans)
+    marked = _landmark_table(paired, source, result, noise)
+    missed = missed_landmarks(paired.points.names, 1e-3 * marked["error"].to_numpy(), noise)
+    told = [doubt for doubt in (*unexpected, missed) if doubt] + _small(distance, scans)
     notes += told
     carried = carry(face, result.position)
     inputs = {"landmarks": marks, **scans}
@@ -188,7 +195,7 @@ def fit_face(
     notes += sentences
     _check_distances(distance, scans)
     return Fitted(
-        found, face, tuple(targets), _landmark_table(paired, source, result, noise), distance,
+        found, face, tuple(targets), marked, distance,
         quality_rows(face, found), carried.fibres,
         _thickness_table(columns, source, result.position, prior), prior, tuple(notes), result,
         (*doubts, *told),

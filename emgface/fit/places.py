@@ -7,6 +7,7 @@ spline through the landmarks predicts where a surface lies, with the standard de
 `emgface.fit.strays`; parts of a surface beyond the limit for landmarks are named by their place.
 """
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,12 @@ BESIDE: Final = 2.0  #: largest distance of landmarks from the skin without a do
 BENEATH: Final = 2e-3  #: smallest distance of the landmarks from bone or an inner surface [m]
 CHANCE: Final = 1e-3  #: probability that landmarks of one pose are doubted [1]
 HUBER: Final = 2.0  #: distance in deviations from which a landmark counts linearly
+MISSED: Final = 5e-3
+"""Distance of the fitted face from a landmark that is doubted, or five deviations of it [m].
+
+The largest of sound persons, with a noise of 0.8 mm, is 4.4 mm (`python -m benchmarks fit --only
+sound`); that of faces with a point 6 to 7 mm from its place is as large.
+"""
 STEPS: Final = 5  #: number of steps to the motion of the landmarks
 POINTS: Final = 3000  #: number of points of a surface that are compared with the prediction
 
@@ -103,6 +110,24 @@ def check_landmarks_off(surface: Surface, points: LandmarkPoints, name: str, kin
             f"given as {kind}; expected at least {1e3 * BENEATH:.0f} mm of soft tissue between them: "
             "check whether this is the surface of the skin"
         )
+
+
+def missed_landmarks(names: Sequence[str], miss: Floats, noise: float) -> str | None:
+    """Doubt about a fitted surface that ends far from landmarks, `miss` (n,) [m], NaN beyond the skin.
+
+    Surfaces decide across the skin and landmarks along it: where both belong to one face, the fitted
+    place of a landmark is within a few standard deviations.
+    """
+    limit = max(MISSED, 5.0 * noise)
+    far = [k for k in np.argsort(-np.nan_to_num(miss)) if miss[k] > limit]
+    if not far:
+        return None
+    told = ", ".join(f"{names[k]} {1e3 * miss[k]:.1f} mm" for k in far[:3])
+    return (
+        f"the fitted face misses {len(far)} of {int(np.isfinite(miss).sum())} landmarks by more than "
+        f"{1e3 * limit:.1f} mm ({told}): look at the report there, whether the landmark or the surface "
+        "beside it is wrong (holes, folds, a second layer)"
+    )
 
 
 def unexpected_part(

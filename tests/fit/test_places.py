@@ -16,7 +16,7 @@ from emgface.fit.carry import carry
 from emgface.fit.inputs import points_of_face
 from emgface.fit.loops import length
 from emgface.fit.person import fit_face
-from emgface.fit.places import check_landmarks_on, unexpected_part
+from emgface.fit.places import check_landmarks_on, missed_landmarks, unexpected_part
 from emgface.fit.similarity import GROWTH
 from emgface.fit.strays import spread_of_spline
 from emgface.fit.targets import LandmarkPoints, Target, sheets
@@ -134,6 +134,25 @@ def test_a_treated_face_is_not_fitted(generic, person):
     )
     with pytest.raises(FitError, match="has closed wounds"):
         fit_face(treated, person.landmarks)
+
+
+def test_landmarks_that_the_fitted_face_misses_are_named():
+    names = ("nasion", "chin", "corner_left", "temple_left")
+    miss = np.array([0.003, 0.0061, 0.0071, np.nan])
+    told = missed_landmarks(names, miss, NOISE)
+    assert told is not None and "2 of 3 landmarks by more than 5.0 mm" in told
+    assert "(corner_left 7.1 mm, chin 6.1 mm)" in told and "nasion" not in told
+    assert missed_landmarks(names, np.array([0.0049, 0.001, 0.0, np.nan]), NOISE) is None
+    assert missed_landmarks(names, miss, 1.5e-3) is None  # five deviations of a larger noise
+
+
+@pytest.mark.slow
+def test_a_fold_beside_the_corner_of_the_mouth_is_told():
+    """Its part of the surface is where the landmarks suggest; the corner ends 7 mm from its landmark."""
+    person = person_of(5)
+    _, marks, points, triangles = damaged(person, 10)
+    end = end_of(template_face(resolution="coarse"), person, marks, (points, triangles))
+    assert end.startswith(f"{DOUBTED}, far") and "corner_right 7" in end, end
 
 
 @pytest.mark.slow
