@@ -169,11 +169,10 @@ def empty(rng, marks, x, t):
 
 
 def huge(rng, marks, x, t):
-    return (
-        marks,
-        np.where(rng.random(x.shape) < 1e-3, rng.choice([1e9, 1e300, np.inf, np.nan]), x),
-        t,
-    )
+    hit = rng.random(x.shape) < 1e-3
+    size = rng.choice([1e9, 1e300, np.inf, np.nan])
+    hit[rng.integers(len(x)), 0] = True  # at least one
+    return marks, np.where(hit, size, x), t
 
 
 def debris(rng, marks, x, t):

@@ -153,6 +153,20 @@ def _named_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
+def toml_value(text: str) -> Any:
+    """Value of a text as in a TOML file, where names may lack their quotation marks.
+
+    Examples
+    --------
+    >>> toml_value("1e-3"), toml_value("none"), toml_value("['lips']")
+    (0.001, 'none', ['lips'])
+    """
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return text
+
+
 def read_toml(path: Path) -> dict[str, Any]:
     """Return the tables of a TOML file.
 

@@ -114,7 +114,7 @@ SettingOption = Annotated[
         "--set",
         metavar="NAME=VALUE",
         help="Setting of the kind of model, such as law=hill or gravity=false; of a face, a parameter "
-        "of the table [simulation] of a study file, such as contact.method=none. Repeatable.",
+        "of the table simulation of a study file, such as contact.method=none. Repeatable.",
     ),
 ]
 GravityOption = Annotated[bool, typer.Option(help="Simulate gravity.")]

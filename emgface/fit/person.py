@@ -31,6 +31,7 @@ from emgface.fit.places import (
     check_landmarks_off,
     check_landmarks_on,
     missed_landmarks,
+    second_layer,
     unexpected_part,
 )
 from emgface.fit.readers.landmarks import Landmarks, landmarks_of
@@ -217,6 +218,7 @@ def _check_places(scans: Mapping[str, Scan], paired: Paired, noise: float) -> li
     doubts = []
     for kind, scan in scans.items():
         surface = in_face_frame(scan, paired.to_face)
+        doubts.append(second_layer(surface, scan.source))
         if kind == "skin":
             doubts.append(check_landmarks_on(surface, paired.points, scan.source, noise))
         else:

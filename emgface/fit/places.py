@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
@@ -23,6 +25,8 @@ from emgface.fit.triangulated import Floats, Surface
 BESIDE: Final = 2.0  #: largest distance of landmarks from the skin without a doubt, in deviations
 BENEATH: Final = 2e-3  #: smallest distance of the landmarks from bone or an inner surface [m]
 CHANCE: Final = 1e-3  #: probability that landmarks of one pose are doubted [1]
+LARGE: Final = 0.1  #: area of a part of a surface, relative to the largest, that may be a layer [1]
+LAYER: Final = 0.01  #: largest distance of a second layer from the first [m]
 HUBER: Final = 2.0  #: distance in deviations from which a landmark counts linearly
 MISSED: Final = 5e-3
 """Distance of the fitted face from a landmark that is doubted, or five deviations of it [m].
@@ -110,6 +114,28 @@ def check_landmarks_off(surface: Surface, points: LandmarkPoints, name: str, kin
             f"given as {kind}; expected at least {1e3 * BENEATH:.0f} mm of soft tissue between them: "
             "check whether this is the surface of the skin"
         )
+
+
+def second_layer(surface: Surface, name: str) -> str | None:
+    """Doubt about a surface of which a large part lies over another one, facing the same way."""
+    t, n = surface.triangles, len(surface.points)
+    graph = coo_array((np.ones(t.size), (t.ravel(), np.roll(t, 1, axis=1).ravel())), shape=(n, n))
+    part = connected_components(graph, directed=False)[1][t[:, 0]]
+    area = np.bincount(part, surface.areas)
+    first, *others = np.argsort(area)[::-1].tolist()
+    largest = Surface(surface.points, t[part == first])
+    for other in others:
+        if area[other] < LARGE * area[first]:
+            break
+        own = np.flatnonzero(part == other)
+        near = largest.nearest(surface.points[t[own]].mean(axis=1))
+        alike = np.einsum("ni,ni->n", surface.normals[own], largest.normals[near.triangle]) > 0.5
+        if np.mean(alike & (near.distance < LAYER)) > 0.5:
+            return (
+                f"{name} has a second layer {1e3 * float(np.median(near.distance)):.2g} mm from the "
+                "first, between which the fit cannot decide: remove one of them"
+            )
+    return None
 
 
 def missed_landmarks(names: Sequence[str], miss: Floats, noise: float) -> str | None:

@@ -1,6 +1,5 @@
 """Faces as a kind of model (`emgface.models.kinds.Functions`)."""
 
-import tomllib
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -109,6 +108,7 @@ def parameters_of(settings: Mapping[str, str], given: Mapping[str, Any]) -> dict
     """
     from emgface.api.given import merged
     from emgface.face.simulation_parameters import SimulationParameters
+    from emgface.texts import toml_value
 
     found: dict[str, Any] = dict(given)
     for name, text in settings.items():
@@ -120,19 +120,11 @@ def parameters_of(settings: Mapping[str, str], given: Mapping[str, Any]) -> dict
                 f"{first} is specified by --set {name}={text} and by another option, expected one of "
                 "them: leave one out"
             )
-        value: Any = _of_study(text)
+        value: Any = toml_value(text)
         for part in reversed(rest):
             value = {part: value}
         found = merged(found, {first: value})
     return found
-
-
-def _of_study(text: str) -> Any:
-    """Value of a text as in a study file, where names may lack their quotation marks."""
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text
 
 
 def activation_for(face: xr.Dataset, drive: Drive) -> xr.Dataset:

@@ -34,6 +34,7 @@ WITHOUT = {
     "generated shapes, which --plan replaces": {"plan": Path("plan.toml")},
     "--kind face": {"kind": "jaw"},
     "a world without mismatched pick-up": {"world": "mismatched"},
+    "full order (the face of the other cut has no reduced one)": {"reduced": [Path("a.nc")]},
 }
 """Arguments with which the options have no effect, by what they need; none if it is a lone option."""
 
@@ -55,7 +56,7 @@ WITH = {
 """Arguments with which they have one; none if that is the default."""
 
 KIND_OF_FILE = {
-    "two faces": ("before", "jaw_model"),
+    "two faces, found a jaw": ("before", "jaw_model"),
     "the motion of a jaw": ("motion", "trajectory"),
 }
 

@@ -16,7 +16,12 @@ from emgface.fit.carry import carry
 from emgface.fit.inputs import points_of_face
 from emgface.fit.loops import length
 from emgface.fit.person import fit_face
-from emgface.fit.places import check_landmarks_on, missed_landmarks, unexpected_part
+from emgface.fit.places import (
+    check_landmarks_on,
+    missed_landmarks,
+    second_layer,
+    unexpected_part,
+)
 from emgface.fit.similarity import GROWTH
 from emgface.fit.strays import spread_of_spline
 from emgface.fit.targets import LandmarkPoints, Target, sheets
@@ -134,6 +139,23 @@ def test_a_treated_face_is_not_fitted(generic, person):
     )
     with pytest.raises(FitError, match="has closed wounds"):
         fit_face(treated, person.landmarks)
+
+
+def test_a_second_layer_of_a_scan_is_told():
+    """A copy shifted by 3 mm is; two halves apart from each other, or a wall behind, are not."""
+    skin = person_of(5).surface()
+    x, t = skin.points, skin.triangles
+    both = np.concatenate([t, t + len(x)])
+    doubled = Surface(np.concatenate([x, x + [0.0, 3e-3, 0.0]]), both)
+    told = second_layer(doubled, "scan.ply")
+    assert told is not None and "second layer 2" in told
+    wall = Surface(
+        np.concatenate([x, x + [0.0, 3e-3, 0.0]]), np.concatenate([t, t[:, ::-1] + len(x)])
+    )
+    upper = x[t][:, :, 2].min(axis=1) > np.median(x[:, 2])
+    lower = x[t][:, :, 2].max(axis=1) < np.median(x[:, 2])
+    halves = Surface(x, t[upper | lower])
+    assert [second_layer(one, "scan.ply") for one in (skin, wall, halves)] == [None] * 3
 
 
 def test_landmarks_that_the_fitted_face_misses_are_named():
