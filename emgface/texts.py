@@ -153,12 +153,12 @@ def _named_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return found
 
 
-def toml_value(text: str) -> Any:
+def value_of_toml(text: str) -> Any:
     """Value of a text as in a TOML file, where names may lack their quotation marks.
 
     Examples
     --------
-    >>> toml_value("1e-3"), toml_value("none"), toml_value("['lips']")
+    >>> value_of_toml("1e-3"), value_of_toml("none"), value_of_toml("['lips']")
     (0.001, 'none', ['lips'])
     """
     try:

@@ -108,7 +108,7 @@ def parameters_of(settings: Mapping[str, str], given: Mapping[str, Any]) -> dict
     """
     from emgface.api.given import merged
     from emgface.face.simulation_parameters import SimulationParameters
-    from emgface.texts import toml_value
+    from emgface.texts import value_of_toml
 
     found: dict[str, Any] = dict(given)
     for name, text in settings.items():
@@ -120,7 +120,7 @@ def parameters_of(settings: Mapping[str, str], given: Mapping[str, Any]) -> dict
                 f"{first} is specified by --set {name}={text} and by another option, expected one of "
                 "them: leave one out"
             )
-        value: Any = toml_value(text)
+        value: Any = value_of_toml(text)
         for part in reversed(rest):
             value = {part: value}
         found = merged(found, {first: value})
