@@ -31,8 +31,8 @@ HUBER: Final = 2.0  #: distance in deviations from which a landmark counts linea
 MISSED: Final = 5e-3
 """Distance of the fitted face from a landmark that is doubted, or five deviations of it [m].
 
-The largest of sound persons, with a noise of 0.8 mm, is 4.4 mm (`python -m benchmarks fit --only
-sound`); that of faces with a point 6 to 7 mm from its place is as large.
+The largest of 16 sound persons, with a noise of 0.8 mm, is 4.4 mm; that of faces with a named point 6 to
+7 mm from its place is as large.
 """
 STEPS: Final = 5  #: number of steps to the motion of the landmarks
 POINTS: Final = 3000  #: number of points of a surface that are compared with the prediction
