@@ -1,4 +1,4 @@
-"""How the fit of one input ends: a located error, or a face near or far, with or without a doubt.
+"""Outcome of the fit of one input: a located error, or a face near to or far from its person.
 
 A face is near its person if the skin is, and if every named point (markers of lips and face, margins
 of the lips, tips of nose and chin) is at its place: a mirrored face, or one from exchanged landmarks,

@@ -198,7 +198,7 @@ def failed(root: Path, tests: list[str], seconds: float) -> str | None:
 
 
 def ill_typed(root: Path, module: Path) -> bool:
-    """Whether pyright refuses a module of a tree."""
+    """Return True if pyright reports an error in a module of a tree."""
     if find_spec("pyright") is None:
         return False
     python, *safe = python_command("-m", "pyright")

@@ -124,7 +124,7 @@ CONSUMERS = {
         study_of({"face": {"path": str(folder / f"{name}.nc")}}).face
     ),
 }
-"""What each command computes from the file of a face."""
+"""Functions that compute the result of a command from the file of a face, by command."""
 BY_MOTION = "compare score volunteers fit tabulate".split()
 """Commands whose faces are read like those of `simulate`; `compare` has its own test below."""
 NO_FACE = (
