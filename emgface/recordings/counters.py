@@ -6,15 +6,22 @@ import numpy as np
 
 LEAST: Final = 50  #: samples from which a counter can be recognised
 REGULAR: Final = 0.8  #: least part of the steps that are regular ones
+RETURN: Final = 0.9  #: part of its range by which a counter falls when it returns to its beginning
+BACK: Final = 0.75  #: part of the modulus from which a step ahead is rather a small step back
 LARGEST: Final = 2**53  #: counts above which float64 does not represent every integer
 
 
 class Counter(NamedTuple):
-    """Step of a counter, its modulus (0: it does not return), and the samples lost after each."""
+    """Step of a counter, its modulus (0: it does not return), and the samples lost after each.
+
+    `irregular` lists the samples after which it neither continues nor returns to its beginning; the
+    samples lost are not known then, and `lost` is 0.
+    """
 
     step: float
     modulus: float
     lost: np.ndarray
+    irregular: np.ndarray
 
 
 def counter_of(values: np.ndarray, least: int = LEAST) -> Counter | None:
@@ -22,27 +29,40 @@ def counter_of(values: np.ndarray, least: int = LEAST) -> Counter | None:
 
     A counter increases by the same step from sample to sample, except where it returns to its
     beginning or samples were lost; only integers count, and `least` samples are needed. The samples
-    lost after one are the least number: it may be larger by any multiple of the modulus. A counter
-    that repeats a value, or returns at irregular places, is no sample counter.
+    lost after one are the least number: it may be larger by any multiple of the modulus. A loss
+    may contain the return, after which the counter falls from the middle of its range. A small step
+    back, a repeated count, and a counter that begins again once are irregular: samples were repeated,
+    stored in another order, or are those of two recordings.
     """
     if values.size < least or not np.isfinite(values).all() or np.abs(values).max() > LARGEST:
         return None
+    values = _without_damage(values)
     steps = np.diff(values)
     step = float(np.median(steps))
     regular = np.abs(steps - step) <= 1e-3 * abs(step)
     if step <= 0 or regular.mean() < REGULAR or not _whole(values, step):
         return None
+    span = float(np.ptp(values))
     falls = steps < 0
-    modulus = 0.0
-    if falls.any() and float(-steps[falls].max()) < 0.5 * float(np.ptp(values)):
-        return None  # it returns from the middle of its range
-    if falls.any():
-        modulus = _modulus(float(values.max() - values.min()) + step, step)
-    steps = np.where(falls, steps + modulus, steps)
-    lost = np.rint(steps / step).astype(np.int64) - 1
-    if (lost < 0).any():
-        return None
-    return Counter(step, modulus, lost)
+    returns = -steps > RETURN * span
+    modulus, known = _modulus(span + step, step)
+    if 2 * returns.sum() <= falls.sum() or (returns.sum() < 2 and not known):
+        modulus = 0.0
+    ahead = np.mod(steps, modulus) if modulus else steps
+    irregular = np.flatnonzero((ahead < 0.5 * step) | ((ahead > BACK * modulus) & (modulus > 0.0)))
+    lost = np.rint(ahead / step).astype(np.int64) - 1
+    return Counter(step, modulus, np.zeros_like(lost) if irregular.size else lost, irregular)
+
+
+def _without_damage(values: np.ndarray) -> np.ndarray:
+    """Counts with single wrong ones replaced, between neighbours that are two steps apart."""
+    steps = np.diff(values)
+    step = float(np.median(steps))
+    away = np.abs(steps[:-1] - step) > 1e-3 * abs(step)
+    wrong = np.flatnonzero(away & (np.abs(steps[:-1] + steps[1:] - 2 * step) <= 1e-3 * abs(step)))
+    result = values.copy()
+    result[wrong + 1] = values[wrong] + step
+    return result
 
 
 def _whole(values: np.ndarray, step: float) -> bool:
@@ -51,9 +71,13 @@ def _whole(values: np.ndarray, step: float) -> bool:
     return bool(np.abs(counts - np.rint(counts)).max() < 1e-3)
 
 
-def _modulus(held: float, step: float) -> float:
-    """Modulus of a counter by its range: the next power of 2 or 10 if it is within a tenth of it."""
+def _modulus(held: float, step: float) -> tuple[float, bool]:
+    """Modulus of a counter by its range: the next power of 2 or 10 if it is within a tenth of it.
+
+    The second value is False if there is no such power, and the modulus is the range itself.
+    """
     counts = held / step
-    known = sorted([2.0**k for k in range(3, 33)] + [10.0**k for k in range(1, 10)])
-    near = next((number for number in known if number >= counts - 0.5), counts)
-    return step * (near if near <= 1.1 * counts else round(counts))
+    powers = sorted([2.0**k for k in range(3, 33)] + [10.0**k for k in range(1, 10)])
+    near = next((number for number in powers if number >= counts - 0.5), np.inf)
+    known = near <= 1.1 * counts
+    return step * (near if known else round(counts)), known

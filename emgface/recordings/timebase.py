@@ -145,14 +145,26 @@ def with_counter(
 
     A counter that returns to its beginning after m samples does not show whether k m more are lost.
     The `duration` [s] that the file states decides, if there is one gap and the duration shows a
-    multiple of m; otherwise the evidence of the gaps states that their number is ambiguous.
+    multiple of m; otherwise the evidence of the gaps states that their number is ambiguous. A counter
+    that repeats, steps back or begins again is a finding. A column with the name of a time counts
+    only if its usual step is the period of the samples, since rounded times repeat and jump.
     Raises DataError if more are lost than a recording may lack (`LARGEST_GROWTH`).
     """
     for name, values in channels.items():
         if values.shape != (base.stored,) or base.gaps:
             continue
         counter = counter_of(values, least)
-        if counter is None or not counter.lost.any():
+        if counter is None or not (counter.lost.any() or counter.irregular.size):
+            continue
+        periods = [counter.step * unit * base.rate for unit in (1.0, 1e-3, 1e-6, 1e-9)]
+        if _TIMES.fullmatch(name.strip()) and min(abs(p - 1.0) for p in periods) > CLOCKS_AGREE:
+            continue
+        if counter.irregular.size:
+            after = int(counter.irregular[0])
+            base = base.noting([Finding("counter", values={
+                "counter": name, "places": counter.irregular.size, "at": float(base.times[after + 1]),
+                "before": float(values[after]), "after": float(values[after + 1]),
+            })])  # fmt: skip
             continue
         lost, evidence = _resolved(base, counter, f"the counter {name!r}", duration)
         # The step at index k is that from stored sample k to k + 1.
@@ -335,40 +347,54 @@ def differing(
 def _period(times: np.ndarray) -> float:
     """Usual interval of ascending times [s], not affected by jitter, rounding and a few gaps.
 
-    The median of (t[i + m] - t[i]) / m is taken for the m whose values scatter least.
+    The mean of (t[i + m] - t[i]) / m between the quartiles, over which rounding averages out, is
+    taken for the m whose values scatter least.
     """
     best = (np.inf, float("nan"))
     for lag in (1, 4, 16, 64, 256, 1024):
         if lag > 1 and lag > times.size // 20:
             break
         slopes = (times[lag:] - times[:-lag]) / lag
-        low, middle, high = np.percentile(slopes, [25, 50, 75])
+        low, high = np.percentile(slopes, [25, 75])
+        middle = float(slopes[(slopes >= low) & (slopes <= high)].mean())
         if middle > 0 and (high - low) / middle < 0.5 * best[0]:
-            best = ((high - low) / middle, float(middle))
+            best = ((high - low) / middle, middle)
     return best[1]
 
 
 def _places(times: np.ndarray, period: float) -> np.ndarray:
     """Index of each instant among uniform ones, with lost samples between them.
 
-    Jitter delays a sample and hence shortens a later interval; a loss does not.
+    Jitter delays a sample and hence shortens a later interval; a loss does not. Rounding to a step
+    longer than the period lengthens an interval by at most that step.
     """
     excess = np.diff(times) - period
     jitter = max(float(-excess.min()), 0.0)
-    least = max(LOST * period, BEYOND_JITTER * jitter)
+    step = _resolution(times)
+    least = max(LOST * period, BEYOND_JITTER * jitter, 1.001 * step if step > period else 0.0)
     candidates = np.flatnonzero(excess > least)
     lost = np.zeros(excess.size, dtype=np.int64)
+    if step > period and candidates.size:
+        period = _longest(times, candidates)
     lag = times - period * np.arange(times.size)
     edges = np.concatenate(([-1], candidates, [excess.size]))
     around = max(1, round(0.5 / period))
     for number, k in enumerate(candidates, start=1):
         before = lag[max(edges[number - 1] + 1, k + 1 - around) : k + 1]
         after = lag[k + 1 : min(edges[number + 1] + 1, k + 1 + around)]
-        step = float(excess[k])
+        longer = float(excess[k])
         if jitter > 0.1 * period:
-            step = float(np.median(after) - np.median(before))
-        lost[k] = max(round(step / period), 0)
+            longer = float(np.median(after) - np.median(before))
+        lost[k] = max(round(longer / period), 0)
     return np.concatenate(([0], np.cumsum(1 + lost)))
+
+
+def _longest(times: np.ndarray, gaps: np.ndarray) -> float:
+    """Period of the longest part of rounded times without a gap after one of its samples."""
+    ends = np.concatenate(([0], gaps + 1, [times.size]))
+    k = int(np.argmax(np.diff(ends)))
+    part = times[ends[k] : ends[k + 1]]
+    return _line(np.arange(part.size), part)[0]
 
 
 def _line(places: np.ndarray, times: np.ndarray) -> tuple[float, float]:
@@ -425,8 +451,10 @@ def _require_near(
 
 
 def _resolution(times: np.ndarray) -> float:
-    """Step to which times were rounded [s], 0 if they were not."""
-    for step in (0.1, 0.01, 0.001, 1e-4, 1e-5):
+    """Step to which ascending times were rounded [s], 0 if they were not."""
+    steps = np.diff(times)
+    shortest = float(np.min(steps, where=steps > 1e-9, initial=np.inf))
+    for step in (shortest, 0.1, 0.01, 0.001, 1e-4, 1e-5):
         counts = times / step
         if float(np.abs(counts - np.rint(counts)).max()) < 1e-3:
             return step

@@ -156,11 +156,62 @@ def test_a_counter_that_returns_does_not_hide_that_the_loss_is_ambiguous(
         np.sin(np.arange(1000)),
         np.zeros(1000),
         np.linspace(0, 1, 30),
-        np.where(np.arange(1000) == 400, 5, np.arange(1000)),
     ],
 )
 def test_other_signals_are_no_counters(values: np.ndarray) -> None:
     assert counter_of(np.asarray(values, dtype=float)) is None
+
+
+COUNTS = np.arange(4000)
+
+
+@pytest.mark.parametrize(
+    ("values", "place"),
+    [
+        (np.r_[COUNTS[:3000], COUNTS[:1000]], 3000),  # two recordings in one file
+        (np.r_[COUNTS[:1000], COUNTS[:3000]], 1000),
+        (np.r_[COUNTS[:500], COUNTS[490:3990]] % 256, 500),  # a packet stored twice
+        (np.r_[COUNTS[:500], COUNTS[520:530], COUNTS[500:520], COUNTS[530:]] % 256, 510),
+        (np.r_[COUNTS[:500], 499, COUNTS[500:3999]], 500),
+    ],
+)
+def test_a_counter_that_does_not_continue_is_told(values: np.ndarray, place: int) -> None:
+    base = of_rate("a", values.size, RATE, witnesses={"n": values.astype(float)})
+    assert not base.gaps
+    (finding,) = base.findings("channel")
+    assert finding.code == "counter"
+    assert finding.values["at"] == pytest.approx(place / RATE)
+
+
+def test_a_loss_may_contain_the_return_of_a_counter() -> None:
+    kept = lost((500, 140))  # counts 244 to 127
+    base = of_rate("a", kept.size, RATE, witnesses={"n": kept % 256})
+    assert [(gap.samples, round(gap.at * RATE)) for gap in base.gaps] == [(140, 500)]
+
+
+def test_single_damaged_counts_hide_no_loss() -> None:
+    kept = lost((700, 30))
+    values = np.where(np.arange(kept.size) == 400, 5, kept)
+    base = of_rate("a", kept.size, RATE, witnesses={"n": values})
+    assert [(gap.samples, round(gap.at * RATE)) for gap in base.gaps] == [(30, 700)]
+
+
+@pytest.mark.parametrize("rate", [960.0, 1024.0])
+def test_rounded_times_are_no_counter(rate: float) -> None:
+    times = np.rint(1e3 * np.arange(4000) / rate)
+    base = of_rate("a", times.size, rate, witnesses={"time [ms]": times})
+    assert not base.gaps
+    assert not base.findings("channel")
+
+
+@pytest.mark.parametrize("step", [0.01, 0.005])
+def test_times_rounded_beyond_the_period_have_no_false_gaps(step: float) -> None:
+    times = np.arange(8000) / RATE
+    base = of_stamps("a", step * np.rint(times / step))
+    assert (base.gaps, base.rate) == ((), pytest.approx(RATE, rel=1e-4))
+    kept = np.delete(times, slice(3000, 3900))
+    (gap,) = of_stamps("a", step * np.rint(kept / step)).gaps
+    assert (gap.after, gap.samples) == (2999, pytest.approx(900, abs=10))
 
 
 def test_blocks_leave_pauses_and_overlaps_are_refused() -> None:
