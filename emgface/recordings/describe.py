@@ -27,6 +27,7 @@ from emgface.recordings.readers._build import unique_labels
 from emgface.recordings.readers._table_models import EmgTable
 from emgface.recordings.readers._tables import load_table
 from emgface.recordings.readers.text_exports import export_of, left_out, part_of
+from emgface.recordings.timebase import of_stamps
 from emgface.schema.units import DIVISORS
 
 TEXTS: Final = (".csv", ".txt", ".tsv", ".dat", ".asc", ".gz")  #: suffixes of text tables
@@ -219,15 +220,21 @@ def _clock(
             draft.lines.append(f"# The column {toml_value(name)} is a counter and is left out.")
             continue
         step = np.diff(values)
-        if len(values) < 3 or not (step > 0).all() or np.ptp(step) > 0.2 * step.mean():
-            if _TIME.fullmatch(name):
-                counting.append(name)
+        mean = float(step.mean()) if step.size else 0.0
+        if len(values) < 3 or not (step > 0).all() or np.ptp(step) > 0.2 * mean:
+            if not _TIME.fullmatch(name):
+                continue
+            counting.append(name)
+            try:
+                mean = 1.0 / of_stamps(f"The column {toml_value(name)}", values).rate
                 draft.lines.append(
-                    f"# The column {toml_value(name)} is not used, because its steps are uneven "
-                    f"({step.min():.4g} to {step.max():.4g}): samples are lost, or times are wrong."
+                    f"# The steps of the column {toml_value(name)} are uneven ({step.min():.4g} to "
+                    f"{step.max():.4g}): samples that are lost become gaps."
                 )
-            continue
-        mean = float(step.mean())
+            except DataError as error:
+                draft.lines.append(f"# {error}".replace("\n", " "))
+                continue
+            counting.pop()
         if _INDEX.fullmatch(name) or (mean == 1.0 and not _TIME.fullmatch(name)):
             counting.append(name)
             continue
@@ -270,13 +277,17 @@ def _emg(
     spread = [_fast(frame[name].to_numpy()) for name in names]
     spread = [value for value in spread if value > 0]
     typical = float(np.median(spread)) if spread else float("nan")
+    lacking = [name for name in names if units.get(name) not in DIVISORS["V"]]
     if unit is not None:
         draft.put("unit", unit)
-    elif len(told) == 1:
-        unit = told.pop()
-        lacking = [name for name in names if units.get(name) not in DIVISORS["V"]]
+    elif told and (len(told) == 1 or not lacking):
+        unit = next(units[name] for name in names if units.get(name) in told)
         why = "as the labels say" if not lacking else f"the label {lacking[0]!r} states none"
         draft.put("unit", unit, why, table="emg", sure=not lacking)
+        others = [name for name in names if units.get(name) in told - {unit}]
+        if others:
+            listing = ", ".join(f"{toml_value(n)} = {toml_value(units[n])}" for n in others)
+            draft.lines.append(f"units = {{ {listing} }}  # of other columns, as their labels say")
     else:
         unit, why = _plausible(typical)
         why = why if spread else "no column varies"

@@ -129,6 +129,7 @@ def _text(path: Path) -> tuple[str, str | None]:
             text = codecs.getincrementaldecoder("utf-8")().decode(data, whole)
         except UnicodeDecodeError:
             text, encoding = data.decode("latin-1"), "latin-1"
+    text = text.replace("\r\n", "\n").replace("\r", "\n")  # lines of old programs end in a return
     widest = max(map(_width_of, text.split("\n", 400)[:400]), default=0)
     require_few(widest, f"{path.name} has", "columns")
     return (text if whole else text.rpartition("\n")[0]), encoding

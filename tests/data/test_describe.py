@@ -139,7 +139,23 @@ def test_an_uneven_clock_is_no_signal(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("\n".join(["time,zyg", *rows([late, 1e3 * EMG[0]], ",")]))
     draft = describe(tmp_path / "a.csv")
     assert tomllib.loads(draft)["emg"]["channels"] == {"zyg": "zyg"}
-    assert '"time" = "time"' not in draft and "its steps are uneven" in draft
+    assert tomllib.loads(draft)["emg"]["time"] == "time"
+    assert "are uneven" in draft and "become gaps" in draft
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_every_column_has_its_own_unit_and_lines_any_end(end: str, tmp_path: Path) -> None:
+    table = rows([TIME, 1e6 * EMG[0], 1e3 * EMG[1]], ",")
+    text = end.join(["time [s],zyg [uV],oos [mV]", *table]) + end
+    (tmp_path / "a.csv").write_bytes(text.encode())
+    draft = describe(tmp_path / "a.csv")
+    assert tomllib.loads(draft)["emg"]["units"] == {"oos [mV]": "mV"}
+    (tmp_path / "a.toml").write_text(draft)
+    found = read_recording(tmp_path / "a.toml")["emg"]
+    np.testing.assert_allclose(found, EMG[:2], atol=2e-6 * float(np.abs(EMG).max()) + 1e-9)
+    (tmp_path / "a.toml").write_text(draft.replace('"oos [mV]" = "mV"', '"oos" = "mV"'))
+    with pytest.raises(DataError, match="'units' names 'oos'; expected columns of a.csv"):
+        read_recording(tmp_path / "a.toml")
 
 
 def test_arrays_are_described(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from emgface.errors import DataError
 from emgface.recordings.dataset import read_recording, readers, write_recording
 from emgface.recordings.findings import findings_in
 from emgface.recordings.synchronise import cut
@@ -192,6 +193,45 @@ def test_lost_samples_are_gaps(name: str, tmp_path: Path) -> None:
     np.testing.assert_allclose(found["emg"].sel(channel="E1"), whole[:size], atol=4e-8)
     (gap,) = [f for f in findings_in(found) if f.code == "gap"]
     assert (gap.values["samples"], gap.values["at"]) == (30, pytest.approx(0.7))
+
+
+@pytest.mark.parametrize("name", [n for n in OF_EMG if n != "netcdf"])
+def test_the_unit_of_a_channel_in_a_mapping_replaces_that_of_the_file(
+    name: str, tmp_path: Path
+) -> None:
+    path = OF_EMG[name](tmp_path, EMG, np.arange(N))
+    own, single, every = (
+        read_recording(path, mapping={"units": units})["emg"].sel(channel=["E1", "E2"])
+        for units in ({}, {"E2": "mV"}, {"E2": "mV", "emg": "nV"})
+    )
+    np.testing.assert_allclose(single, own * [[1.0], [1e3]], rtol=1e-9)
+    np.testing.assert_allclose(every, own * [[1e-3], [1e3]], rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", OF_MARKERS)
+def test_the_unit_of_positions_in_a_mapping_replaces_that_of_the_file(
+    name: str, tmp_path: Path
+) -> None:
+    path = OF_MARKERS[name](tmp_path, MARKER, np.arange(FRAMES))
+    own, given = (
+        read_recording(path, mapping={"units": units})["position"]
+        for units in ({}, {"position": "cm"})
+    )
+    np.testing.assert_allclose(given, 10.0 * own, rtol=1e-9)
+
+
+@pytest.mark.parametrize("units", [{"E2": "mV"}, {"emg": "mV"}])
+def test_a_recording_in_si_units_takes_no_unit(units: dict[str, str], tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="states its units"):
+        read_recording(netcdf(tmp_path, EMG, np.arange(N)), mapping={"units": units})
+
+
+@pytest.mark.parametrize("name", [n for n in OF_EMG if n not in ("netcdf", "csv_toml", "xdf")])
+def test_a_packet_stored_twice_is_told(name: str, tmp_path: Path) -> None:
+    kept = np.r_[0:700, 680:1980]
+    found = read_recording(OF_EMG[name](tmp_path, EMG[:, kept], kept))
+    (told,) = [f for f in findings_in(found) if f.code != "left_out"]
+    assert (told.code, told.values["at"]) == ("counter", pytest.approx(0.7))
 
 
 @pytest.mark.parametrize("name", OF_EMG)

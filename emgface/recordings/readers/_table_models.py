@@ -79,6 +79,7 @@ class EmgTable(Table):
     """Description of the CSV file of EMG, with the names of its columns."""
 
     channels: dict[str, str] | None = None
+    units: dict[str, str] = Field(default_factory=dict)  #: units of columns that are not in `unit`
 
 
 class PositionTable(Table):

@@ -35,7 +35,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
+import pandas as pd
 import xarray as xr
 from pydantic import Field
 
@@ -47,14 +47,16 @@ from emgface.recordings.readers._beside import file_beside
 from emgface.recordings.readers._build import (
     Part,
     assemble_parts,
-    emg_array,
     position_array,
     unique_labels,
+    voltages,
 )
 from emgface.recordings.readers._declared import require_stated_units
 from emgface.recordings.readers._table_models import EmgTable, PositionTable
 from emgface.recordings.readers._tables import by_marker, load_table
 from emgface.recordings.readers.text_exports import export_of, part_of
+from emgface.recordings.timebase import TimeBase
+from emgface.schema.rules import hint
 from emgface.signals.filters import sampling_rate
 from emgface.texts import read_toml
 
@@ -107,13 +109,7 @@ def read(path: Path, units: Mapping[str, str], folder: Path | None = None) -> xr
             parts.append(_export(path, sidecar.emg, units, folder))
     if sidecar.emg is not None and sidecar.emg.layout is None:
         frame, time, dropped = load_table(path, sidecar.emg, sidecar.emg.channels, folder)
-        if "emg" not in units:
-            wanted = sidecar.emg.channels or frame.columns
-            _require_stated(path, sidecar.emg, [c for c in frame.columns if c in wanted])
-        labels, names = unique_labels([str(c) for c in frame.columns], "channel")
-        unit = units.get("emg", sidecar.emg.unit)
-        data = emg_array(np.ascontiguousarray(frame.to_numpy().T), labels, time, unit)
-        parts.append(Part(data, {"emg": sidecar.emg.unit}, dropped, names))
+        parts.append(_emg(path, sidecar.emg, units, frame, time, dropped))
     if sidecar.position is not None:
         frame, time, _ = load_table(path, sidecar.position, None, folder)
         if "position" not in units:
@@ -133,10 +129,41 @@ def read(path: Path, units: Mapping[str, str], folder: Path | None = None) -> xr
     return apply_labels(recording, labels)
 
 
-def _require_stated(path: Path, table: EmgTable | PositionTable, labels: list[str]) -> None:
+def _emg(
+    path: Path,
+    table: EmgTable,
+    units: Mapping[str, str],
+    frame: pd.DataFrame,
+    time: TimeBase,
+    dropped: dict[str, str],
+) -> Part:
+    """Convert the columns of EMG, each from the unit that the mapping or the sidecar states."""
+    columns = [str(column) for column in frame.columns]
+    if unknown := [label for label in table.units if label not in columns]:
+        raise DataError(
+            f"{path.name}: the table 'units' names {unknown[0]!r}{hint(unknown[0], columns)}; expected "
+            f"columns of {table.file} that are read: correct the sidecar."
+        )
+    called = table.channels or {}
+    given = {c: units[name] for c in columns for name in (called.get(c, c), c) if name in units}
+    if "emg" not in units:
+        for column in columns:
+            if column not in given and (column in called or table.channels is None):
+                _require_stated(path, table, [column], table.units.get(column))
+    labels, names = unique_labels(columns, "channel")
+    found = [table.units.get(column, table.unit) for column in columns]
+    every = [given.get(c, units.get("emg", own)) for c, own in zip(columns, found, strict=True)]
+    chosen = dict(zip(labels, every, strict=True))
+    part = voltages(frame.to_numpy().T, labels, found, time, chosen, names)
+    return part._replace(dropped={**part.dropped, **dropped})
+
+
+def _require_stated(
+    path: Path, table: EmgTable | PositionTable, labels: list[str], unit: str | None = None
+) -> None:
     """Refuse units in labels that contradict the sidecar; counts have the unit of their converter."""
     if (table.step, table.zero) == (1.0, 0.0):
-        require_stated_units(path, labels, table.unit, "unit")
+        require_stated_units(path, labels, unit or table.unit, "units" if unit else "unit")
     if table.time is not None:
         require_stated_units(path, [table.time], table.time_unit, "time_unit")
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from emgface.errors import DataError
+from emgface.errors import DataError, UnitsError, listed
 from emgface.recordings.findings import Kind, with_findings
 from emgface.recordings.timebase import TimeBase, of_stamps
 from emgface.schema.netcdf import open_netcdf, read_netcdf
@@ -25,7 +25,15 @@ def is_recording(path: Path) -> bool:
 
 
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
-    """Read a recording as it was written, in SI units; gaps in its times are NaN."""
+    """Read a recording as it was written, in SI units; gaps in its times are NaN.
+
+    Raises UnitsError if `units` is not empty, because every variable of the file states its unit.
+    """
+    if units:
+        raise UnitsError(
+            f"{path.name} states its units, and a mapping specifies that of {listed(units)}; expected "
+            "one statement: remove the table 'units' from the mapping."
+        )
     recording = read_netcdf(path, "recording")
     clocks: tuple[tuple[str, Kind], ...] = (("time_emg", "channel"), ("time_marker", "marker"))
     for dim, kind in clocks:
