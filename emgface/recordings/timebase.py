@@ -173,6 +173,20 @@ def with_counter(
     return base
 
 
+def with_losses(base: TimeBase, losses: Mapping[int, int], evidence: str) -> TimeBase:
+    """Insert the samples that a file states to be lost, by the index of the stored one they precede."""
+    steps = np.ones(base.stored, dtype=np.int64)
+    steps[:1] = 0
+    for index, number in losses.items():
+        if not (0 < index < base.stored and number > 0):
+            raise DataError(
+                f"{base.where}: {number} samples are lost before sample {index + 1} of {base.stored} by "
+                f"{evidence}; expected a number above 0 and a stored sample: correct the markers."
+            )
+        steps[index] += number
+    return base if base.gaps or not losses else _placed(base, np.cumsum(steps), evidence)
+
+
 def _resolved(
     base: TimeBase, counter: Counter, by: str, duration: float | None
 ) -> tuple[np.ndarray, str]:

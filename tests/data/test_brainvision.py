@@ -7,6 +7,7 @@ import pytest
 
 from emgface.errors import DataError, UnitsError
 from emgface.recordings.dataset import find_recordings, read_recording
+from emgface.recordings.findings import findings_in
 from emgface.recordings.inventory import inventory_table
 from emgface.recordings.labels import note
 
@@ -56,6 +57,18 @@ def test_counts_become_volts(tmp_path: Path, kind: str, order: str) -> None:
     np.testing.assert_allclose(trial["emg"].values[1], stored[1] * 0.001 / 1e3, rtol=1e-15)
     np.testing.assert_allclose(trial["time_emg"], np.arange(200) / 2000.0, rtol=1e-15)
     assert note(trial, "dropped") == {"Temp": "in 'C', not a voltage"}
+
+
+@pytest.mark.parametrize(
+    "marker", ["Comment,LostSamples: 30,101,1,0", "LostSamples,Lost samples 30,101"]
+)
+def test_samples_that_markers_call_lost_are_gaps(tmp_path: Path, marker: str) -> None:
+    trial = read_recording(make(tmp_path, markers=f"Mk1=New Segment,,1,1,0\nMk2={marker}"))
+    lost = np.isnan(trial["emg"].values[0])
+    np.testing.assert_array_equal(np.flatnonzero(lost), np.arange(100, 130))
+    assert [f.code for f in findings_in(trial) if f.code != "left_out"] == ["gap"]
+    with pytest.raises(DataError, match="30 samples are lost before sample 901 of 200"):
+        read_recording(make(tmp_path, markers=f"Mk1={marker.replace('101', '901')}"))
 
 
 def test_an_old_header_is_in_the_code_page_of_windows(tmp_path: Path) -> None:

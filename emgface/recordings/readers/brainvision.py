@@ -5,6 +5,7 @@ samples written as text, are refused.
 """
 
 import codecs
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -16,13 +17,14 @@ from emgface.errors import DataError
 from emgface.recordings.readers._beside import file_beside
 from emgface.recordings.readers._build import assemble_parts, positive, unique_labels, voltages
 from emgface.recordings.readers._flags import with_bad_samples
-from emgface.recordings.timebase import of_rate
+from emgface.recordings.timebase import of_rate, with_losses
 from emgface.texts import decoded, marked_encoding
 
 SUFFIXES = (".vhdr",)
 FORMAT = "BrainVision"
 
 _FORMATS = {"INT_16": "i2", "UINT_16": "u2", "INT_32": "i4", "IEEE_FLOAT_32": "f4"}
+_LOST = re.compile(r"[^,]*,?\s*lost ?samples:?\s*(\d+)\s*,\s*(\d+).*", re.IGNORECASE)
 _UNIT = "\u00b5V"  #: default unit of a channel, specified by the format
 
 
@@ -50,12 +52,13 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     interval = positive(path, "SamplingInterval", common.get("SamplingInterval", ""))
     rate = 1e6 / interval  # an interval in microseconds
     channels = [_channel(path, sections.get("Channel Infos", {}), i + 1) for i in range(count)]
-    bad = _bad_intervals(path, common)
+    bad, lost = _marked(path, common)
     samples = _samples(path, common, sections.get("Binary Infos", {}), count)
     labels, names = unique_labels([channel.label for channel in channels], "channel")
     values = [row * channel.resolution for row, channel in zip(samples, channels, strict=True)]
     witnesses = dict(zip(labels, values, strict=True))
     base = of_rate(path.name, samples.shape[1], rate, by="SamplingInterval", witnesses=witnesses)
+    base = with_losses(base, lost, "markers 'LostSamples'")
     found = [channel.unit for channel in channels]
     part = voltages(values, labels, found, base, units, names)
     for start, stop, channel in bad:
@@ -129,10 +132,13 @@ def _beside(path: Path, name: str) -> Path | None:
     return file_beside(path.parent, plain, path.name) if plain else None
 
 
-def _bad_intervals(path: Path, common: Mapping[str, str]) -> list[tuple[int, int, int | None]]:
-    """First sample, end and channel (None for all) of the intervals that markers call bad.
+def _marked(
+    path: Path, common: Mapping[str, str]
+) -> tuple[list[tuple[int, int, int | None]], dict[int, int]]:
+    """Intervals that markers call bad, and numbers of lost samples by the index that they precede.
 
-    Refuses a recording that is not one continuous sequence of samples.
+    An interval has its first sample, its end and its channel (None for all). Refuses a recording that
+    is not one continuous sequence of samples.
     """
     kind, domain = common.get("SegmentationType", ""), common.get("DataType", "TIMEDOMAIN")
     if kind not in ("", "NOTSEGMENTED") or domain != "TIMEDOMAIN" or "AveragedSegments" in common:
@@ -142,8 +148,9 @@ def _bad_intervals(path: Path, common: Mapping[str, str]) -> list[tuple[int, int
         )
     markers = _beside(path, common.get("MarkerFile", ""))
     bad: list[tuple[int, int, int | None]] = []
+    lost = dict[int, int]()
     if markers is None or not markers.is_file():
-        return bad
+        return bad, lost
     for told in _sections(markers).get("Marker Infos", {}).values():
         cells = told.split(",")
         if cells[0] == "New Segment" and len(cells) > 2 and cells[2].strip() not in ("0", "1"):
@@ -151,12 +158,14 @@ def _bad_intervals(path: Path, common: Mapping[str, str]) -> list[tuple[int, int
                 f"{path.name} was paused: a new segment begins at sample {cells[2]}; expected a "
                 "continuous recording: export each part as a separate file."
             )
+        if told_lost := _LOST.fullmatch(told):
+            lost[int(told_lost[2]) - 1] = int(told_lost[1])
         if cells[0].strip() == "Bad Interval" and len(cells) > 4:
             numbers = [cell.strip() for cell in cells[2:5]]
             if all(number.isascii() and number.isdigit() for number in numbers):
                 start, size, channel = map(int, numbers)
                 bad.append((max(start - 1, 0), start - 1 + size, channel - 1 if channel else None))
-    return bad
+    return bad, lost
 
 
 def _samples(
