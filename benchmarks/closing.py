@@ -36,10 +36,12 @@ def closed_by(
     ramp: float,
     damping: str,
     volume: str,
+    renewals: int | None = None,
 ) -> dict[str, object]:
     """One row: a face closed by the muscles of both sides whose names a text joins by +."""
     soft = {"bulk_potential": "quadratic"} if volume in ("element", "nodal") else {}
     options = {"damping_tangent": damping, "incompressibility": volume, "gravity": False} | soft
+    options["contact"] = {"renewals": renewals}
     p = SimulationParameters.model_validate({"sigma_max": 1e3 * stress, **options})
     system, into = sim.compile_scene(compose_scene(face, p)), Penetration(face)
     names = () if muscles == "all" else tuple(muscles.split("+"))
@@ -83,11 +85,12 @@ def main(
     ramp: float = 0.1,
     damping: str = "rest",
     volume: str = "pointwise",
+    renewals: int | None = None,
 ) -> None:
-    """Measure, print and store."""
+    """Measure, print and store; `renewals` are those of contact (default: of the solver)."""
     used, rows = face_of(face, resolution), list[dict[str, object]]()
     for name in muscles:
         for kilo in stress.split(","):
             say(f"{name}, {kilo} kPa")
-            rows.append(closed_by(used, name, float(kilo), level, ramp, damping, volume))
+            rows.append(closed_by(used, name, float(kilo), level, ramp, damping, volume, renewals))
     finish("closing", pd.DataFrame(rows), out)

@@ -3,7 +3,7 @@
     python -m benchmarks contact_methods OUT                          # 20 trials of a second
     python -m benchmarks contact_methods OUT --trials 3 --setting "study|sdirk2, 10 ms"
     python -m benchmarks contact_methods OUT --trials 0               # tables and figure of OUT alone
-    python -m benchmarks contact_methods OUT --renewals 1             # normals at the end of a stage
+    python -m benchmarks contact_methods OUT --renewals 0             # normals of the start of a stage
 
 Activations are estimated from the EMG of simulated volunteers (`error_coverage`), of the instructions
 that close the lips, in random order, on the generated face. Every trial is computed by each method and
@@ -326,7 +326,7 @@ def main(
     setting: str = "",
     trials: int = 20,
     duration: float = 0.0,
-    renewals: int = 0,
+    renewals: int = 1,
 ) -> None:
     """Measure, store after every trial, print.
 

@@ -3,7 +3,6 @@
 import numpy as np
 import xarray as xr
 
-from emgface.face.contact_parameters import ContactParameters
 from emgface.face.lip_shape import has_mouth
 from emgface.face.lips import lining, lip_surface
 from emgface.face.parts import LIPS, MANDIBLE, arches_of
@@ -60,19 +59,20 @@ def contact_pairings(
 
 def contact_terms(face: xr.Dataset, parameters: SimulationParameters) -> tuple[Term, ...]:
     """Contact terms of the scene of a face, if any; errors as of `contact_pairings`."""
-    contact, between = parameters.contact, touching(face, parameters)
+    between = touching(face, parameters)
     if not between:
         return ()
-    return (declared_contact(contact_pairings(face, between), contact),)
+    return (declared_contact(contact_pairings(face, between), parameters),)
 
 
-def declared_contact(pairings: tuple[Pairing, ...], contact: ContactParameters) -> Term:
+def declared_contact(pairings: tuple[Pairing, ...], parameters: SimulationParameters) -> Term:
     """Contact of some pairings with the chosen parameters."""
+    contact = parameters.contact
     return ConstraintContact(
         pairings,
         friction=contact.friction,
         initial_penetration=contact.initial_penetration,
         removal_speed=contact.removal_speed,
         edge_points=EDGE_POINTS,
-        renewals=contact.renewals,
+        renewals=contact.renewals_with(parameters.solver),
     )

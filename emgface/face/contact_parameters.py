@@ -46,13 +46,14 @@ class ContactParameters(Parameters):
         le=1,
     )
 
-    renewals: int = parameter(
-        0,
+    renewals: int | None = parameter(
+        None,
         "Largest number of times in a step that the normals and closest points of contacts are "
-        "replaced by those at its end.",
+        "replaced by those at its end; default: 1 with 'sdirk2' and 'converged', 0 with linearly "
+        "implicit solvers, which do not iterate.",
         source="this package: points measured by `python -m benchmarks contact_methods`",
         note="in 20 trials from EMG, 1 reduced the error to 0.6 of that with 0, for 1.2 times the run "
-        "time (docs/accuracy.md)",
+        "time (docs/accuracy.md); a finished study of an earlier version, which lacks this, has 0",
         ge=0,
         le=3,
     )
@@ -68,8 +69,13 @@ class ContactParameters(Parameters):
             )
         return self
 
-    @property
-    def told(self) -> str:
+    def renewals_with(self, solver: str) -> int:
+        """Number of renewals as specified, or that of a solver."""
+        if self.renewals is not None:
+            return self.renewals
+        return 0 if solver.startswith("linearly_implicit") else 1
+
+    def told(self, solver: str) -> str:
         """Phrase on the contact for the methods of a manuscript."""
         pairs = {
             "lips": "of the lips with each other",
@@ -82,7 +88,7 @@ class ContactParameters(Parameters):
         }
         if self.method == "constraint" and self.initial_penetration == "removed":
             how["constraint"] += f", initial overlap removed at {1e3 * self.removal_speed:g} mm/s"
-        if self.method == "constraint" and self.renewals:
+        if self.method == "constraint" and self.renewals_with(solver):
             how["constraint"] += ", with the normals and closest points at the end of a step"
         where = " and ".join(pairs[name] for name in self.between or pairs)
         where += "" if self.between else ", where the face has them"

@@ -1,7 +1,8 @@
 """Error of a motion by contact, which the other error estimates of its steps do not contain.
 
-A converged stage presses along the normals that surfaces have at its start. Every step estimates the
-displacement by their change; these estimates are accumulated here. Where two edges meet, a difference of
+A converged stage presses along the normals that surfaces have at its start, unless they are renewed.
+Every step estimates the displacement by their change, before a renewal; these estimates are accumulated
+here. Where two edges meet, a difference of
 micrometres decides on which side one passes the other, and two nearby motions part: a factor on the
 estimate allows for small events of this kind. A repetition of the motion with other time steps finds
 more of them. The error of steps with one linear solution is assumed.

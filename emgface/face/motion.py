@@ -1,7 +1,7 @@
 """Equilibrium of a face under gravity, and its motion under an activation."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -40,8 +40,8 @@ Progress = Callable[[int, int], None]
 SETTLE_STEP, SETTLE_CHUNK, SETTLE_LIMIT, SETTLED_SPEED = 0.05, 0.5, 20.0, 1e-5
 """Step [s], time between checks [s], longest time [s], and speed [m/s] regarded as rest."""
 
-NOT_OF_REST: Final = frozenset(
-    {
+NOT_OF_REST: Final[dict[str, Any]] = dict.fromkeys(
+    (
         *SET_BY_ACCURACY,
         "accuracy",
         "output",
@@ -49,11 +49,12 @@ NOT_OF_REST: Final = frozenset(
         "sigma_max_policy",
         "reduced",
         "check_contact",
-    }
-)
-"""Parameters that do not affect the equilibrium of a face."""
-NOT_OF_STILLNESS: Final = frozenset(
-    {"linear_solver", "alpha", "beta", "damping_tangent", "stiffening", "line_force"}
+    ),
+    True,
+) | {"contact": {"renewals"}}
+"""Parameters that do not affect the equilibrium of a face, as those that `model_dump` excludes."""
+NOT_OF_STILLNESS: Final[dict[str, Any]] = dict.fromkeys(
+    ("linear_solver", "alpha", "beta", "damping_tangent", "stiffening", "line_force"), True
 )
 """Further ones that act on moving or active tissue only; stored equilibria are told apart by them."""
 REST: Final = "rest_parameters"  #: attribute of an equilibrium with its parameters (JSON)
@@ -81,7 +82,10 @@ def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Datase
     allowed, and InvertedElement, with the ``element`` id of the face model, if the weight inverts
     an element.
     """
-    system = sim.compile_scene(compose_scene(face, parameters))
+    still = parameters.model_copy(
+        update={"contact": parameters.contact.model_copy(update={"renewals": 0})}
+    )
+    system = sim.compile_scene(compose_scene(face, still))
     state = system.rest_state()
     if parameters.gravity or parameters.prestress.method != "none":
         work = sim.Workspace(system, parameters.linear_solver)
@@ -103,9 +107,14 @@ def settle_face(face: xr.Dataset, parameters: SimulationParameters) -> xr.Datase
     return belongs(at_rest, face)
 
 
+def of_rest(parameters: SimulationParameters) -> dict[str, Any]:
+    """Parameters by which stored equilibria are found again."""
+    return parameters.model_dump(mode="json", exclude=NOT_OF_REST)
+
+
 def _of_rest(parameters: SimulationParameters) -> dict[str, Any]:
     """Parameters that affect the equilibrium; the mesh itself is that without any load."""
-    told = parameters.model_dump(mode="json", exclude={*NOT_OF_REST, *NOT_OF_STILLNESS})
+    told = parameters.model_dump(mode="json", exclude=NOT_OF_REST | NOT_OF_STILLNESS)
     if parameters.gravity or parameters.prestress.method != "none":
         return told
     return {name: told[name] for name in ("gravity", "prestress")}
@@ -125,7 +134,7 @@ def require_rest(settled: xr.Dataset, face: xr.Dataset, parameters: SimulationPa
     text = settled.attrs.get(REST)
     if text is None:
         return
-    own, used = json.loads(str(text)), json.loads(canonical_json(_of_rest(parameters)))
+    own, used = (_leaves(json.loads(t)) for t in (str(text), canonical_json(_of_rest(parameters))))
     # A parameter that another version lacks is not compared.
     differ = [name for name in own if name in used and own[name] != used[name]]
     if differ:
@@ -135,6 +144,15 @@ def require_rest(settled: xr.Dataset, face: xr.Dataset, parameters: SimulationPa
             f"the equilibrium was computed with {name} = {own[name]}{more}, found {name} = {used[name]} "
             "in the simulation: pass the equilibrium of these parameters, or omit it"
         )
+
+
+def _leaves(told: Mapping[str, Any], table: str = "") -> dict[str, Any]:
+    """Values by the name of a parameter with its tables, such as "contact.friction"."""
+    found = dict[str, Any]()
+    for name, value in told.items():
+        below = isinstance(value, Mapping)
+        found |= _leaves(value, f"{table}{name}.") if below else {f"{table}{name}": value}
+    return found
 
 
 def _settled(

@@ -44,7 +44,9 @@ WEAKER: Final = 0.8
 
 
 def with_steps(parameters: SimulationParameters) -> SimulationParameters:
-    """The same tissue, muscles and contact with the steps of the training."""
+    """The same tissue, muscles and contact with the steps of the training, without renewals."""
+    contact = parameters.contact.model_copy(update={"renewals": None})
+    parameters = parameters.model_copy(update={"contact": contact})
     steps = {"step": STEP, "output": STEP}
     return parameters.as_accurate("published").model_copy(update=steps)
 

@@ -1,7 +1,8 @@
 """Conversion of datasets of older versions of a declaration to the present one."""
 
+import json
 from collections.abc import Callable, Mapping
-from typing import Final
+from typing import Any, Final
 
 import xarray as xr
 
@@ -16,6 +17,30 @@ def _cube_1_to_2(cube: xr.Dataset) -> xr.Dataset:
     return cube.assign(status=status)
 
 
+BEFORE_RENEWALS: Final = {"simulation": {"contact": {"renewals": 0}}}
+"""Values in effect where the configuration of a study lacks the names, which is complete otherwise."""
+
+
+def _cube_2_to_3(cube: xr.Dataset) -> xr.Dataset:
+    """Version 3 renews the rows of contact by default; earlier studies ran without, if unspecified."""
+    text = cube.attrs.get("configuration")
+    if text is None:
+        return cube
+    whole = _completed(json.loads(str(text)), BEFORE_RENEWALS)
+    return cube.assign_attrs(configuration=json.dumps(whole))
+
+
+def _completed(values: Mapping[str, Any], absent: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested values with those of `absent` where they lack a name; tables that they lack stay absent."""
+    own = dict(values)
+    for name, value in absent.items():
+        if not isinstance(value, Mapping):
+            own.setdefault(name, value)
+        elif isinstance(own.get(name), Mapping):
+            own[name] = _completed(own[name], value)
+    return own
+
+
 def _trajectory_1_to_2(trajectory: xr.Dataset) -> xr.Dataset:
     """Version 1 contained the unsigned distance of the lips, which cannot be converted."""
     return trajectory.drop_vars("lip_opening", errors="ignore")
@@ -23,6 +48,7 @@ def _trajectory_1_to_2(trajectory: xr.Dataset) -> xr.Dataset:
 
 MIGRATIONS: Final[Mapping[tuple[str, int], Migration]] = {
     ("cube", 1): _cube_1_to_2,
+    ("cube", 2): _cube_2_to_3,
     ("trajectory", 1): _trajectory_1_to_2,
 }
 """Conversion to the next version, by kind and version."""

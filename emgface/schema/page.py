@@ -42,10 +42,14 @@ def study_schema_text() -> str:
     return json.dumps(study_schema(), indent=1, ensure_ascii=False) + "\n"
 
 
+def _versions(older: list[str]) -> str:
+    return f"version {older[0]} is" if len(older) == 1 else f"versions {' and '.join(older)} are"
+
+
 def _section(declared: ObjectDeclaration) -> str:
     older = [str(version) for kind, version in MIGRATIONS if kind == declared.kind]
     lines = [f"## {declared.kind}", "", f"{declared.title}. Version {declared.version}"]
-    lines[-1] += f"; version {', '.join(older)} is migrated." if older else "."
+    lines[-1] += f"; {_versions(older)} migrated." if older else "."
     if declared.any_of:
         lines += ["", f"At least one of {_code(declared.any_of)} is required."]
     if not declared.extra_variables:

@@ -8,7 +8,7 @@ from typing import Any, Self
 import xarray as xr
 
 from emgface.anatomy.head.model import Head
-from emgface.face.motion import NOT_OF_REST, settle_face
+from emgface.face.motion import of_rest, settle_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.run.digest import dataset_digest, file_digest
 from emgface.run.store import Result, Store
@@ -119,7 +119,7 @@ class Setup:
         return self.store.get_or_compute(
             REST,
             {"face": self.face_digest},
-            parameters.model_dump(mode="json", exclude=set(NOT_OF_REST)),
+            of_rest(parameters),
             lambda: settle_face(self.face, parameters),
             label=f"rest, sigma_max {parameters.sigma_max / 1e3:.4g} kPa",
         )

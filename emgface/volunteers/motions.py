@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import xarray as xr
 
-from emgface.face.motion import NOT_OF_REST, settle_face, simulate_face
+from emgface.face.motion import of_rest, settle_face, simulate_face
 from emgface.face.sigma_max import lower_sigma_max
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.run.digest import dataset_digest
@@ -33,7 +33,7 @@ class Mover:
         return self._store.get_or_compute(
             REST,
             {"face": self._digest},
-            parameters.model_dump(mode="json", exclude=set(NOT_OF_REST)),
+            of_rest(parameters),
             lambda: settle_face(self.face, parameters),
             label="rest",
         ).dataset

@@ -39,7 +39,7 @@ class ContactStep:
     """Contact of a scene from a state to a time.
 
     The time t1 is the end of the step [s]. In a quasi-static step (`equilibrium`) normals are not
-    filtered.
+    filtered and rows not renewed, so that an equilibrium does not depend on the renewals of motions.
     """
 
     def __init__(
@@ -49,6 +49,7 @@ class ContactStep:
         self._t0, self._t1 = state.t, t1
         self._start = Move(state.q, state.q, state.t, t1)
         h = t1 - state.t
+        self.renewals = 0 if equilibrium else contact.renewals
         self._turn, self._way = 1.0 if equilibrium else h / TURN, h * state.v
         self._memory = contact.remembered(state.memory, state.q, state.t)
         self._removed = contact.removed(self._memory[:, ALLOWED], h)

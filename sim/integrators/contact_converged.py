@@ -20,6 +20,8 @@ SLOW, STIFFER = 0.5, 4.0  #: ratio of gaps above which the penalty is increased,
 FRICTION_SETTLED = 1e-3  #: relative tolerance of the bounds of friction
 UPDATES, RENEWALS = 200, 20  #: largest numbers of updates of multipliers and of rows
 
+Replaced = tuple[Multipliers, Rows, Array]
+"""Rows with forces, those at the end, and displacements (n_nodes, 3) [m], when rows were renewed."""
 Minimise = Callable[[Potential, Point], tuple[Point, Iteration]]
 
 
@@ -42,6 +44,8 @@ class Settled:
     touching: TouchingInMatrix | TouchingApart
     opened: Opened
     work: Workspace
+    #: change of rows when they were first renewed, if they were
+    replaced: Replaced | None = None
 
     def held(self, rhs: Array, opening: Array | float = 0.0) -> Array:
         """Solve with the latest factor for a right-hand side (n,), under the active rows.
@@ -53,9 +57,22 @@ class Settled:
         )
 
     def renewed(self) -> tuple[Array, Array] | None:
-        """Change of nodal forces (n_nodes, 3) [N] and of gaps (k,) [m] by the rows at the end."""
+        """Change of nodal forces (n_nodes, 3) [N] and of gaps (k,) [m] by the rows at the end.
+
+        If the rows were renewed, it is that of the rows before, which bounds what remains of it.
+        """
         own = self.touching.multipliers
-        return renewed(own.rows, own.normal, self.near, self.q - self.step.q0)
+        if self.replaced is None:
+            return renewed(own.rows, own.normal, self.near, self.q - self.step.q0)
+        before, near, u = self.replaced
+        change = renewed(before.rows, before.normal, near, u)
+        if change is None:
+            return None
+        # rows may have been found again since
+        gap = np.zeros(1 + max(int(rows.slot.max(initial=-1)) for rows in (before.rows, own.rows)))
+        pressed = before.normal > 0.0
+        gap[before.rows.slot[pressed]] = change[1][pressed]
+        return change[0], np.where(own.normal > 0.0, gap[own.rows.slot], 0.0)
 
     def kick(self, old: Index) -> Array:
         """Displacement (n,) due to the present forces on vertices whose slots are not in `old`.
@@ -141,6 +158,7 @@ def minimise_in_contact(
     first, begun = rows, multipliers.normal[:, None] * rows.normal + multipliers.tangent
     contested = np.empty(0, dtype=np.int64)
     point, went, renewals, places, miss = start, None, 0, 0, np.inf
+    replaced: Replaced | None = None
     before = np.full(len(rows), np.inf)
     for _ in range(UPDATES):
         if went is not None and went.iterations > most:
@@ -168,10 +186,11 @@ def minimise_in_contact(
         pushing = multipliers.pushing(acting)
         last = renewals == RENEWALS
         deep = step.considerable(passed, u, pushing).any()
-        if places < step.contact.renewals and not (last or deep):
+        if places < step.renewals and not (last or deep):
             rows = multipliers.rows
             moved = at_end(rows, np.zeros(len(rows)), near)
             if moved is not rows:
+                replaced = replaced or (multipliers, near, u)
                 touching = touched(replace(multipliers, rows=moved))
                 before = np.full(len(rows), np.inf)
                 multipliers, places = touching.multipliers, places + 1
@@ -188,7 +207,7 @@ def minimise_in_contact(
                 pushed = acting.on_nodes(multipliers.rows, len(q))
                 pushed += first.take(released).spread(begun[released], len(q))
                 active = multipliers.rows.take(np.flatnonzero(acting.force > 0.0))
-                solver = step, touching, opened, work
+                solver = step, touching, opened, work, replaced
                 return Settled(point, q, here, went, memory, pushed, active, near, *solver)
         renewals += 1
         new = near.joined(passed.without(near))

@@ -36,17 +36,23 @@ def stepped(system, method, state, h, *, estimates=True):
 @pytest.mark.parametrize("friction, in_matrix", [(0.0, False), (0.2, False), (0.0, True)])
 @pytest.mark.parametrize("name", METHODS)
 def test_the_error_is_the_distance_from_the_step_with_rows_of_the_end(name, friction, in_matrix):
-    """In size and direction, to a third."""
+    """In size and direction, to a third.
+
+    Renewed steps estimate the same distance, to a half, which their own error is far below.
+    """
     method = METHODS[name]
-    own, renewed = (sliding(n, friction, in_matrix=in_matrix) for n in (0, 20))
+    own, once, renewed = (sliding(n, friction, in_matrix=in_matrix) for n in (0, 1, 20))
     start, sizes = moved(own, method, 32, EVERY)[-1], []
     assert np.abs(start.q - own.mesh.X).max() > 1e-3
     for h in (2e-3, 1e-3):
-        (one, report), (two, after) = (stepped(s, method, start, h) for s in (own, renewed))
+        (one, report), (two, _) = (stepped(s, method, start, h) for s in (own, renewed))
         true = one.q - two.q
         assert np.linalg.norm(report.contact_error.sum(axis=0) - true) < np.linalg.norm(true) / 3.0
         sizes.append(np.linalg.norm(report.contact_error.sum(axis=0)))
-        assert np.linalg.norm(after.contact_error) < 1e-2 * sizes[-1], "rows of the end leave none"
+        for system in (once, renewed):
+            new, after = stepped(system, method, start, h)
+            assert np.linalg.norm(after.contact_error.sum(axis=0) - true) < np.linalg.norm(true) / 2
+            assert np.linalg.norm(new.q - two.q) < 0.1 * np.linalg.norm(true)
     assert 3.0 < sizes[0] / sizes[1] < 5.0, "of second order in one step"
 
 

@@ -111,7 +111,7 @@ def head_scene(
     terms: list[Term] = list(whole.terms)
     pairings = _pairings(head, first, surfaces)
     if pairings and p.contact.method != "none":
-        terms.append(declared_contact(pairings, p.contact))
+        terms.append(declared_contact(pairings, p))
     if jaw is not None:
         terms += jaw.scene.terms if gravity else jaw.scene.terms[1:]
         members += jaw.scene.reductions
