@@ -3,13 +3,15 @@
     python -m benchmarks speed            # about a minute
     python -m benchmarks speed --store    # stores the values as those of later comparisons
     python -m benchmarks speed --only 3b,4c --threads 2
+    python -m benchmarks speed --memory   # with the largest memory of every case, twice the time
 
 U is one numerical factorisation plus one solution, in double precision and on one thread, of the
 published face with pointwise bulk, measured in the same process before and after the cases. Cases 1
 to 4c are those recorded with another simulator: steps of 5 ms, excitation from 0 at the start to its
 end value at 0.1 s, absolute tolerance of the iteration 1e-9 m. The tongue and the coupled head are those
 of other recorded motions, in steps of 10 and 5 ms; the condyles stay on the planes of their start. The
-values are of steps 9 to 16.
+values are of steps 9 to 16. With --memory, every case is repeated in a process of its own, whose
+largest resident memory is printed.
 Without the published face, the same is measured on the coarse generated face. Nothing is asserted,
 because run times depend on the machine; a ratio to the stored value above 1.3 deserves a look.
 """
@@ -19,6 +21,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Final
 
@@ -31,6 +34,7 @@ from benchmarks.report import markdown, say
 from benchmarks.tongue import recorded_tongue
 from benchmarks.tongue_coupled import recorded_motion
 from benchmarks.unit import unit_seconds
+from emgface.children import safe_children
 from emgface.face.accuracy import PRESETS
 from emgface.face.artisynth import import_artisynth
 from emgface.face.contact_parameters import NO_CONTACT
@@ -153,6 +157,27 @@ def generated(only: tuple[str, ...], threads: int) -> Iterator[tuple[str, Run]]:
         )
 
 
+def largest_memory() -> float:
+    """Largest resident memory [MB] of this process, without that of the process that started it."""
+    try:
+        lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+    except OSError:  # not Linux
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return next(float(line.split()[1]) for line in lines if line.startswith("VmHWM")) / 1024
+
+
+def alone(name: str, published: bool, threads: int) -> float:
+    """Largest memory [MB] of this process after one case."""
+    next((recorded if published else generated)((name,), threads))
+    return largest_memory()
+
+
+def memory_of(name: str, published: bool, threads: int) -> float:
+    """Largest memory [MB] of a process that computes one case."""
+    with safe_children(), get_context("spawn").Pool(1) as pool:
+        return pool.apply(alone, (name, published, threads))
+
+
 def chosen(name: str, only: tuple[str, ...]) -> bool:
     """Test if a case begins with one of the names, of which none means all."""
     return not only or name.startswith(only)
@@ -176,7 +201,7 @@ def stored(face: str) -> dict[str, float]:
     return dict(zip(own["case"], own["median U"], strict=True))
 
 
-def main(only: str = "", threads: int = 1, store: bool = False) -> None:
+def main(only: str = "", threads: int = 1, store: bool = False, memory: bool = False) -> None:
     """Measure and print; with --store, the values become those of later comparisons."""
     system, face = matrix_of_unit()
     units = [unit_seconds(system, time.process_time)]
@@ -189,6 +214,8 @@ def main(only: str = "", threads: int = 1, store: bool = False) -> None:
     for row in rows:
         row["stored U"] = before.get(str(row["case"]), float("nan"))
         row["ratio"] = float(row["median U"]) / row["stored U"]
+        if memory:
+            row["MB"] = memory_of(str(row["case"]), row["case"] in {*RECORDED, *OTHERS}, threads)
     table = pd.DataFrame(rows)
     clock = "processor time" if threads == 1 else "wall time"
     print(
@@ -199,10 +226,9 @@ def main(only: str = "", threads: int = 1, store: bool = False) -> None:
     means = {name: run.row(unit)["mean U"] for name, run in runs}
     if FREE in means and TOUCHING in means:
         print(f"study preset, contact over without: {means[TOUCHING] / means[FREE]:.2f}")
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(f"largest memory of the process: {peak:.0f} MB")
+    print(f"largest memory of the process: {largest_memory():.0f} MB")
     if store:
-        _store(table.drop(columns=["stored U", "ratio"]), face)
+        _store(table.drop(columns=["stored U", "ratio", "MB"], errors="ignore"), face)
 
 
 def _store(table: pd.DataFrame, face: str) -> None:
