@@ -124,5 +124,9 @@ class FitWarning(UserWarning):
     """Landmarks were ignored, or are too few or of a doubtful size."""
 
 
+class TreatmentWarning(UserWarning):
+    """A length of a plan may be in another unit, or a step of a treatment is doubtful."""
+
+
 class FeatureWarning(UserWarning):
     """A feature is zero, saturated, or of a narrowed pass-band, or a series begins late."""

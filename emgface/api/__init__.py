@@ -10,16 +10,18 @@ from emgface.api.faces import face, reduce, simulate
 from emgface.api.fits import fit
 from emgface.api.inversions import invert
 from emgface.api.models import build
-from emgface.api.recordings import activate, read, score
+from emgface.api.recordings import activate, describe, read, score
 from emgface.api.sounds import sound
 from emgface.api.studies import report, study
-from emgface.api.treatments import treat
+from emgface.api.treatments import compare, treat
 from emgface.api.views import show
 
 __all__ = [
     "activate",
     "build",
     "check",
+    "compare",
+    "describe",
     "face",
     "fit",
     "invert",

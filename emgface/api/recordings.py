@@ -52,6 +52,66 @@ def read(path: "File", *, mapping: "Mapping[str, Any] | File | None" = None) -> 
     return recording_of(path, mapping)
 
 
+def describe(
+    path: "File",
+    *,
+    out: "File | None" = None,
+    rate: float | None = None,
+    unit: str | None = None,
+    columns: "Sequence[str] | None" = None,
+    variable: str | None = None,
+    confirmed: bool = False,
+) -> str:
+    """Draft the sidecar of a text table, a MATLAB or an HDF5 file from its contents.
+
+    Parameters
+    ----------
+    path : path-like
+        Table or array.
+    out : path-like, optional
+        Sidecar to write (TOML), in the folder of the file or above it.
+    rate : float, optional
+        Sampling rate [Hz], if it is known.
+    unit : str, optional
+        Unit of the EMG, if it is known: V, mV, uV or nV.
+    columns : sequence of str, optional
+        Labels of the columns, if the file contains none.
+    variable : str, optional
+        Array of a MATLAB or HDF5 file that contains the recording.
+    confirmed : bool
+        Accept all guesses, which are otherwise listed under ``unconfirmed``.
+
+    Returns
+    -------
+    str
+        Sidecar (TOML).
+
+    Raises
+    ------
+    DataError
+        The file is absent, of a format that requires no sidecar, or contains no rows of numbers.
+    UnitsError
+        `unit` is no voltage.
+
+    Examples
+    --------
+    >>> import emgface as ef
+    >>> print(ef.describe("recording.csv", out="recording.toml"))  # doctest: +SKIP
+    """
+    from emgface.files import refuse_existing, write_text
+    from emgface.recordings.describe import describe as draft
+
+    refuse_existing(None if out is None else Path(out))
+    beside = None if out is None else Path(out).parent
+    text = draft(
+        Path(path), beside=beside, rate=rate, unit=unit, columns=columns, variable=variable,
+        confirmed=confirmed,
+    )  # fmt: skip
+    if out is not None:
+        write_text(Path(out), text)
+    return text
+
+
 def activate(
     recording: "Data",
     *,

@@ -1,14 +1,17 @@
-"""Virtual treatment of a face."""
+"""Virtual treatment of a face, and the comparison of its movement before and after."""
 
 import os
-from collections.abc import Mapping
+import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    import xarray as xr
+import xarray as xr
 
-    from emgface.api.given import Data
+if TYPE_CHECKING:
+    from emgface.api.given import Data, File
+    from emgface.api.progress import Show
+    from emgface.treatment.comparison import FaceComparison
     from emgface.treatment.plan import Plan
 
 
@@ -17,14 +20,14 @@ def treat(
     plan: "Plan | Mapping[str, Any] | str | os.PathLike[str]",
     **choices: Any,
 ) -> "xr.Dataset":
-    """Treat a face by a plan: excise and close, weaken, stiffen.
+    """Treat a face or a jaw by a plan: excise and close, weaken, stiffen, resect.
 
     A research model, not validated on patients; not for treatment decisions.
 
     Parameters
     ----------
     face : Dataset or path-like
-        Face model.
+        Face model, or jaw model.
     plan : Plan, mapping or path-like
         Steps of the treatment (`emgface.treatment.plan.Plan`), or the path of its TOML file.
     **choices : Any
@@ -34,9 +37,10 @@ def treat(
     Returns
     -------
     Dataset
-        Face model in which the wound is closed and the tissue in equilibrium, with the plan, a report
-        of every step and the digest of the untreated face as attributes. A plan without effect
-        returns the face itself.
+        Face model in which the wound is closed and the tissue in equilibrium, or jaw model, with the
+        plan, a report of every step and the digest of the untreated model as attributes. A plan
+        without effect returns the model itself. Doubts on lengths that may be in another unit are
+        warnings (TreatmentWarning).
 
     Raises
     ------
@@ -53,8 +57,11 @@ def treat(
     """
     from emgface.api.given import face_of, simulation_of, study_of
     from emgface.choices import configure
+    from emgface.errors import ConfigurationError, TreatmentWarning
+    from emgface.face.identity import treatments
+    from emgface.schema.netcdf import kind_of, read_netcdf
     from emgface.treatment.plan import Plan, read_plan
-    from emgface.treatment.treat import treat_face
+    from emgface.treatment.treat import treat_face, treat_jaw
 
     folder = Path()
     if isinstance(plan, Plan):
@@ -63,6 +70,124 @@ def treat(
         own = configure(Plan, plan, where="plan")
     else:
         own, folder = read_plan(Path(plan)), Path(plan).parent
+    if (
+        not isinstance(face, xr.Dataset)
+        and Path(face).is_file()
+        and kind_of(Path(face)) == "jaw_model"
+    ):
+        face = read_netcdf(Path(face), "jaw_model")
+    if isinstance(face, xr.Dataset) and "body_mass" in face:  # a jaw
+        if choices:
+            raise ConfigurationError(
+                f"{next(iter(choices))} was specified for a jaw, expected no parameter of a simulation: "
+                "the treatment of a jaw simulates nothing"
+            )
+        return treat_jaw(face, own)
     study = study_of(None)
     parameters = simulation_of(study.simulation, None, choices)
-    return treat_face(face_of(face, study), own, parameters, folder=folder)
+    given = face_of(face, study)
+    treated = treat_face(given, own, parameters, folder=folder)
+    for entry in [] if treated is given else treatments(treated)[-1:]:
+        for report in entry["steps"]:
+            for doubt in report.get("doubts", ()):
+                warnings.warn(f"step {report['step']}: {doubt}", TreatmentWarning, stacklevel=2)
+    return treated
+
+
+def compare(
+    before: "Data",
+    after: "Data",
+    recordings: "File | None" = None,
+    *,
+    mapping: "File | None" = None,
+    page: "File | None" = None,
+    plain: "File | None" = None,
+    reduced: "Sequence[File]" = (),
+    both_cuts: bool = False,
+    spread: "File | None" = None,
+    store: "File | None" = None,
+    accuracy: str = "draft",
+    workers: int = 1,
+    progress: "Show | bool | None" = None,
+    **choices: Any,
+) -> "FaceComparison":
+    """Simulate two faces under the same activations, and compare their movement.
+
+    A research model, not validated on patients; not for treatment decisions.
+
+    Parameters
+    ----------
+    before, after : Dataset or path-like
+        Face models before and after a treatment (`treat`).
+    recordings : path-like, optional
+        Folder with recordings of the instructions of one person; by default, the activations are the
+        gestures of the instructions. `mapping` is their mapping file.
+    page, plain : path-like, optional
+        Pages to write (HTML): with both faces under one time cursor, and without terms of the field.
+    reduced : sequence of path-like
+        Reduced faces of both (`reduce`), simulated with the contact of their training.
+    both_cuts : bool
+        Also cut by the other method, and give the interval of both.
+    spread : path-like, optional
+        Table of ``emgface dose --plan``, whose intervals the outcomes get.
+    store : path-like, optional
+        Folder that keeps complete motions, so that a repeated call computes only the others; by
+        default that of the page, if one is written.
+    accuracy : str
+        "draft", "study", "reference", "published", or the desired error such as "0.1 mm".
+    workers : int
+        Number of processes that simulate.
+    progress : bool or callable, optional
+        Print a line of progress; by default for more than a few seconds.
+    **choices : Any
+        Parameters of the table ``[simulation]`` of a study file, such as ``sigma_max=100e3`` [Pa] or
+        ``contact={"method": "none"}``.
+
+    Returns
+    -------
+    FaceComparison
+        ``outcomes`` and ``movement`` (DataFrame): clinical measures before and after with their units,
+        rho [1] and amplitude ratio [1] by movement; ``motions`` of both faces (`ComparedMotions`);
+        ``page(plain=False)`` returns the page as text.
+
+    Raises
+    ------
+    DataError
+        A face is not valid, `after` is no treatment of `before`, or no recording can be used.
+    FaceError
+        A reduced face belongs to neither of them, or was trained with other parameters.
+    ConfigurationError
+        A name or value of a parameter is not valid.
+
+    Examples
+    --------
+    >>> import emgface as ef
+    >>> compared = ef.compare("face.nc", "operated.nc", page="page.html")  # doctest: +SKIP
+    >>> compared.outcomes  # doctest: +SKIP
+    """
+    from emgface.api.given import face_of, simulation_of, study_of
+    from emgface.api.progress import shown
+    from emgface.files import write_text
+    from emgface.reduced.model import contact_of
+    from emgface.treatment.comparison import compare_faces
+    from emgface.treatment.reduced_pair import refuse_reduced
+
+    study = study_of(None)
+    refuse_reduced(*(Path(given) for given in (before, after) if not isinstance(given, xr.Dataset)))
+    given = {"contact": contact_of(Path(reduced[0]))} if reduced else {}
+    parameters = simulation_of(study.simulation, accuracy, given | choices)
+    if store is None and page is not None:
+        store = Path(page).with_suffix("").absolute() / "store"
+    with shown(progress, "comparison") as line:
+        compared = compare_faces(
+            face_of(before, study), face_of(after, study), parameters,
+            recordings=None if recordings is None else Path(recordings),
+            mapping=None if mapping is None else Path(mapping),
+            reduced=[Path(file) for file in reduced], both_cuts=both_cuts,
+            spread=None if spread is None else Path(spread),
+            store=None if store is None else Path(store), workers=workers, progress=line.show,
+        )  # fmt: skip
+    for path, simple in ((page, False), (plain, True)):
+        if path is not None:
+            write_text(Path(path), compared.page(plain=simple))
+    return compared

@@ -37,19 +37,15 @@ def describe(
     """
     import tomllib
 
-    from emgface.errors import UnitsError
     from emgface.files import refuse_existing, write_text
     from emgface.recordings.describe import describe as draft
-    from emgface.schema.units import DIVISORS, spelling
 
     refuse_existing(out_path)
-    if unit is not None and spelling(unit) not in DIVISORS["V"]:
-        raise UnitsError(f"the unit of EMG is {unit!r}, expected one of {', '.join(DIVISORS['V'])}")
     text = draft(
         path,
         beside=None if out_path is None else out_path.parent,
         rate=rate,
-        unit=None if unit is None else spelling(unit),
+        unit=unit,
         columns=None if columns is None else [label.strip() for label in columns.split(",")],
         variable=variable,
         confirmed=confirm,

@@ -127,24 +127,18 @@ def compare(
     Complete motions are kept beside the page, and a repeated command computes only the others. Of two
     jaws, the outcomes are printed and written as a table, without a page.
     """
-    from dataclasses import replace
-    from functools import partial
-
     from emgface.api.given import simulation_of, study_of
     from emgface.face.file import load_face
-    from emgface.face.identity import treatments_between
     from emgface.files import write_text
     from emgface.pictures.stills import write_figure
     from emgface.reduced.model import contact_of
-    from emgface.run.store import Store
     from emgface.schema.netcdf import kind_of
-    from emgface.treatment.cut_difference import other_cut, with_cut_difference
-    from emgface.treatment.dose import read_cases, with_intervals
-    from emgface.treatment.motions import TASKS, compared_motions, gestures, recorded
-    from emgface.treatment.outcomes import movement_table, outcome_table, with_words_of_bounds
-    from emgface.treatment.pages import compare_page, states_of
+    from emgface.treatment.comparison import compare_faces
+    from emgface.treatment.motions import TASKS
+    from emgface.treatment.outcomes import with_words_of_bounds
+    from emgface.treatment.pages import states_of
     from emgface.treatment.plan import NOT_VALIDATED
-    from emgface.treatment.reduced_pair import reduced_pair, refuse_reduced
+    from emgface.treatment.reduced_pair import refuse_reduced
 
     if before.is_file() and kind_of(before) == "jaw_model":
         return _compare_jaws(before, after, table)
@@ -155,45 +149,29 @@ def compare(
     if not contact:
         chosen["contact"] = {"method": "none"}
     parameters = simulation_of(study_of(None).simulation, accuracy, chosen)
-    intact, treated = load_face(before), load_face(after)
-    entries = treatments_between(intact, treated)
-    pair = reduced_pair(reduced, intact, treated, parameters) if reduced else None
-    cases = None if spread is None else read_cases(spread, entries)
-    activations, source = gestures(intact), "The activations are gestures of the instructions."
-    notes: tuple[str, ...] = ()
-    if recordings is not None:
-        found, notes = recorded(recordings, mapping)
-        activations = found | gestures(intact, tuple(TASKS))
-        source = f"The activations are those of the recordings in {recordings.name}."
+    faces = load_face(before), load_face(after)
     announce_compilation()
-    store = Store(out_path.with_suffix("").absolute() / "store", report=say)
-    with executing(workers, None) as executed, graceful_stop("simulations") as stopping:
-        simulated = partial(
-            compared_motions, intact, activations=activations, parameters=parameters, source=source,
-            store=store, workers=executed, stopping=stopping,
+    with (
+        executing(workers, None) as executed,
+        graceful_stop("simulations") as stopping,
+        progress("simulating") as bar,
+    ):
+        compared = compare_faces(
+            *faces, parameters,
+            recordings=recordings, mapping=mapping, reduced=reduced or (), both_cuts=both_cuts,
+            spread=spread, store=out_path.with_suffix("").absolute() / "store", workers=executed,
+            stopping=stopping, progress=bar.show, report=say,
         )  # fmt: skip
-        with progress("simulating") as bar:
-            motions = simulated(treated, progress=bar.show, reduced=pair)
-        motions = replace(motions, notes=(*notes, *motions.notes))
-        outcomes = outcome_table(intact, treated, motions)
-        if both_cuts:
-            other = other_cut(intact, treated, parameters)
-            with progress("simulating the other cut") as bar:
-                again = simulated(other, progress=bar.show)
-            outcomes = with_cut_difference(outcomes, outcome_table(intact, other, again))
-    if cases is not None:
-        outcomes = with_intervals(outcomes, cases)
-    tables = outcomes, movement_table(motions)
+    motions = compared.motions
     for path, simple in ((out_path, False), (plain, True)):
         if path is not None:
-            page = compare_page(intact, treated, motions, activations, tables, plain=simple)
-            write_text(path, page)
+            write_text(path, compared.page(plain=simple))
     if picture is not None:
-        write_figure(states_of(treated, motions, ("A", "D", *TASKS)), picture)
+        write_figure(states_of(compared.treated, motions, ("A", "D", *TASKS)), picture)
     if table is not None:
-        _write_table(table, tables[0])
-    show_table(frame(with_words_of_bounds(tables[0].round(3), 3)), "outcomes, simulated")
-    show_table(frame(tables[1].round(3)), "movement after, relative to before, simulated")
+        _write_table(table, compared.outcomes)
+    show_table(frame(with_words_of_bounds(compared.outcomes.round(3), 3)), "outcomes, simulated")
+    show_table(frame(compared.movement.round(3)), "movement after, relative to before, simulated")
     for name, reason in motions.failed.items():
         say(f"The movement {name} could not be simulated: {reason}")
     for note in motions.notes:

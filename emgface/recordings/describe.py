@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
-from emgface.errors import DataError, EmgfaceError, listed
+from emgface.errors import DataError, EmgfaceError, UnitsError, listed
 from emgface.recordings.counters import LEAST, counter_of
 from emgface.recordings.dataset import read_recording
 from emgface.recordings.draft import Draft, toml_value
@@ -28,7 +28,7 @@ from emgface.recordings.readers._table_models import EmgTable
 from emgface.recordings.readers._tables import load_table
 from emgface.recordings.readers.text_exports import export_of, left_out, part_of
 from emgface.recordings.timebase import of_stamps
-from emgface.schema.units import DIVISORS
+from emgface.schema.units import DIVISORS, spelling
 
 TEXTS: Final = (".csv", ".txt", ".tsv", ".dat", ".asc", ".gz")  #: suffixes of text tables
 PLAUSIBLE: Final = (1e-6, 1e-3)
@@ -58,11 +58,15 @@ def describe(
     of the file. Known properties are the sampling `rate` [Hz], the `unit` of the EMG, the
     labels of the `columns`, if the file contains none, and the `variable` of a MATLAB or HDF5 file
     that contains the recording; `confirmed` accepts all guesses. Raises DataError if the file is
-    absent, of a format that requires no sidecar, or contains no rows of numbers.
+    absent, of a format that requires no sidecar, or contains no rows of numbers, and UnitsError if
+    `unit` is no voltage.
     """
     from emgface.recordings.arrays import array_table  # importing parsers of arrays is slow
 
     path = Path(path)
+    unit = None if unit is None else spelling(unit)
+    if unit not in (None, *DIVISORS["V"]):
+        raise UnitsError(f"the unit of EMG is {unit!r}, expected one of {', '.join(DIVISORS['V'])}")
     if not path.is_file():
         raise DataError(f"No file {path}; expected a table or array: check the path.")
     suffix = path.suffix.lower()
