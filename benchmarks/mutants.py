@@ -10,15 +10,16 @@ of processor time) or ``memory``. A changed sample is valid and necessarily sile
 mutants of each mutation are therefore printed with their place. Simulated data throughout.
 """
 
-import json
+import multiprocessing
 import random
 import resource
 import signal
-import subprocess
 import tempfile
 import warnings
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -26,12 +27,13 @@ import numpy as np
 import typer
 import xarray as xr
 
-from emgface.children import child_environment, python_command
+from emgface.children import safe_children
 from emgface.errors import DataError
 
 SECONDS, MEMORY = 10, 3 << 30  #: limits of one mutant [s], and of its process [byte]
 OUTCOMES = ("refused", "unlocated", "told", "same", "silent", "crash", "hang", "memory")
 Made = tuple[Path, Path, dict[str, str]]  #: path to open, file to damage, units of the mapping
+LOADED = "tests.data.test_mutations", "tests.data.made_exports", "emgface.recordings.dataset"
 _SIGNS = (b",", b";", b"\t", b".", b" ", b"-", b"e", b"\n", b"\r\n", b"9", b"0", b"nan", b'"')
 
 
@@ -135,49 +137,49 @@ def outcome(path: Path, units: dict[str, str], valid: tuple[str, str]) -> str:
     return "same" if same else "told" if told != valid[1] else "silent"
 
 
-def worker(name: str, start: int, stop: int, first: int) -> None:
-    """Print the outcomes of the mutants start..stop - 1 from place `first` on, for `outcomes`."""
+def worker(name: str, start: int, stop: int, first: int, told: Connection) -> None:
+    """Tell the outcomes of the mutants start..stop - 1 from place `first` on to `outcomes`."""
     with tempfile.TemporaryDirectory() as folder:
         path, target, units = formats()[name](Path(folder))
         whole = target.read_bytes()
-        arrays, told = opened(path, units)
+        arrays, said = opened(path, units)
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
         for k in range(start, stop)[first:]:
             kind, at, data = mutant(whole, f"{name} {k}")
             target.write_bytes(data)
-            print(json.dumps({"begun": [kind, at]}), flush=True)
+            told.send((kind, at))
             signal.setitimer(signal.ITIMER_PROF, SECONDS)  # ends the process: a hang
-            found = outcome(path, units, (repr(arrays), told))
+            found = outcome(path, units, (repr(arrays), said))
             signal.setitimer(signal.ITIMER_PROF, 0.0)
-            print(json.dumps({"done": found}), flush=True)
+            told.send(found)
 
 
 def outcomes(name: str, seeds: range) -> list[tuple[str, int, str]]:
     """Mutation, place and outcome of every mutant of a format; a process that ends is replaced."""
     found: list[tuple[str, int, str]] = []
-    code = (
-        "import sys; from benchmarks.mutants import worker; "
-        "worker(sys.argv[1], *map(int, sys.argv[2:]))"
-    )
     while len(found) < len(seeds):
-        own = [name, str(seeds.start), str(seeds.stop), str(len(found))]
         begun, before = None, len(found)
-        with subprocess.Popen(
-            python_command("-c", code, *own), env=child_environment(), stdout=subprocess.PIPE,
-            text=True,
-        ) as child:  # fmt: skip
-            assert child.stdout is not None
-            for line in child.stdout:
-                content = json.loads(line)
-                if "begun" in content:
-                    begun = content["begun"]
+        with safe_children():
+            server = multiprocessing.get_context("forkserver")  # imports once, and forks here
+            server.set_forkserver_preload(["benchmarks.mutants", *LOADED])
+            ours, theirs = server.Pipe(duplex=False)
+            own = (name, seeds.start, seeds.stop, len(found), theirs)
+            child = server.Process(target=worker, args=own)
+            child.start()
+        theirs.close()
+        with suppress(EOFError):  # the end of the process
+            while True:
+                content = ours.recv()
+                if isinstance(content, tuple):
+                    begun = content
                 elif begun is not None:
-                    found.append((begun[0], begun[1], content["done"]))
+                    found.append((*begun, content))
                     begun = None
+        child.join()
         if begun is not None:
-            hung = child.returncode == -signal.SIGPROF
-            result = "hang" if hung else f"crash, status {child.returncode}"
-            found.append((begun[0], begun[1], result))
+            hung = child.exitcode == -signal.SIGPROF
+            result = "hang" if hung else f"crash, status {child.exitcode}"
+            found.append((*begun, result))
         elif len(found) == before:
             raise DataError(f"the valid file of {name!r} cannot be read, expected a recording")
     return found
