@@ -229,45 +229,70 @@ function webgl() {
   };
 }
 
+// Fills the pixels whose centres are in a triangle of three points [pixels], where it is nearer than
+// what they show. A path of the canvas for each triangle takes a hundred times as long.
+function fill(screen, i, j, l, paint) {
+  const { at, width, height, pixels, depth } = screen;
+  const ax = at[i], ay = at[i + 1], bx = at[j], by = at[j + 1], cx = at[l], cy = at[l + 1];
+  const whole = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax);
+  if (!whole) return;
+  const left = Math.max(0, Math.ceil(Math.min(ax, bx, cx) - 0.5)), right = Math.min(width - 1, Math.floor(Math.max(ax, bx, cx) - 0.5));
+  const top = Math.max(0, Math.ceil(Math.min(ay, by, cy) - 0.5)), bottom = Math.min(height - 1, Math.floor(Math.max(ay, by, cy) - 0.5));
+  for (let row = top; row <= bottom; row++) {
+    for (let column = left, y = row + 0.5; column <= right; column++) {
+      const x = column + 0.5;
+      const a = ((bx - x) * (cy - y) - (by - y) * (cx - x)) / whole;
+      const b = ((cx - x) * (ay - y) - (cy - y) * (ax - x)) / whole;
+      if (a < -1e-6 || b < -1e-6 || a + b > 1 + 1e-6) continue;
+      const near = a * at[i + 2] + b * at[j + 2] + (1 - a - b) * at[l + 2], pixel = row * width + column;
+      if (near > depth[pixel]) { depth[pixel] = near; pixels[pixel] = paint; }
+    }
+  }
+}
+
 function plain() {
   const pen = canvas.getContext("2d");
-  const flat = new Float32Array(position.length), turned = new Float32Array(position.length);
-  const paint = [0, 0, 0], mean = [0, 0, 0];
+  const at = new Float32Array(position.length), turned = new Float32Array(position.length);
+  const paint = [0, 0, 0], mean = [0, 0, 0], n = [0, 0, 0];
   return (points) => {
     const ratio = Math.min(window.devicePixelRatio || 1, 2);
-    const width = canvas.clientWidth, height = canvas.clientHeight;
-    canvas.width = width * ratio; canvas.height = height * ratio;
-    pen.setTransform(ratio, 0, 0, ratio, (width * ratio) / 2, (height * ratio) / 2);
-    const { frame, middle, half, shift } = camera(width, height), scale = height / 2 / half;
-    const project = (x, y, z, side) => {
-      const at = [x - middle[0], y - middle[1], z - middle[2]];
-      return [(along(frame[0], ...at) + side * shift) * scale, -along(frame[1], ...at) * scale, along(frame[2], ...at)];
+    const { clientWidth, clientHeight } = canvas;
+    const width = canvas.width = clientWidth * ratio, height = canvas.height = clientHeight * ratio;
+    if (!canvas.width || !canvas.height) return;
+    const { frame, middle, half, shift } = camera(clientWidth, clientHeight), scale = height / 2 / half;
+    const project = (x, y, z, side, into, k) => {
+      x -= middle[0]; y -= middle[1]; z -= middle[2];
+      into[k] = width / 2 + (along(frame[0], x, y, z) + side * shift) * scale;
+      into[k + 1] = height / 2 - along(frame[1], x, y, z) * scale;
+      into[k + 2] = along(frame[2], x, y, z);
+      return into;
     };
     normals();
-    for (let i = 0; i < flat.length; i += 3) {
-      flat.set(project(position[i], position[i + 1], position[i + 2], beside[i / 3]), i);
+    for (let i = 0; i < at.length; i += 3) {
+      project(position[i], position[i + 1], position[i + 2], beside[i / 3], at, i);
       for (let k = 0; k < 3; k++) turned[i + k] = along(frame[k], normal[i], normal[i + 1], normal[i + 2]);
     }
-    const order = Array.from({ length: drawn / 3 }, (_, k) => k);
-    const depth = order.map((k) => flat[3 * triangles[3 * k] + 2] + flat[3 * triangles[3 * k + 1] + 2] + flat[3 * triangles[3 * k + 2] + 2]);
-    order.sort((p, q) => depth[p] - depth[q]);
-    for (const k of order) {
-      const [i, j, l] = [3 * triangles[3 * k], 3 * triangles[3 * k + 1], 3 * triangles[3 * k + 2]];
-      const front = (flat[j] - flat[i]) * (flat[l + 1] - flat[i + 1]) - (flat[j + 1] - flat[i + 1]) * (flat[l] - flat[i]) < 0;
-      const n = unit([0, 1, 2].map((c) => (front ? 1 : -1) * (turned[i + c] + turned[j + c] + turned[l + c])));
-      for (let c = 0; c < 3; c++) mean[c] = (colour[i + c] + colour[j + c] + colour[l + c]) / 3;
-      lit(mean, ...n, paint);
+    const picture = pen.createImageData(canvas.width, canvas.height), { data: content } = picture;
+    const depth = new Float32Array(content.length / 4).fill(-Infinity);
+    const screen = { at, width: canvas.width, height: canvas.height, pixels: new Uint32Array(content.buffer), depth };
+    for (let k = 0; k < drawn; k += 3) {
+      const i = 3 * triangles[k], j = 3 * triangles[k + 1], l = 3 * triangles[k + 2];
+      const front = (at[j] - at[i]) * (at[l + 1] - at[i + 1]) - (at[j + 1] - at[i + 1]) * (at[l] - at[i]) < 0;
+      for (let c = 0; c < 3; c++) {
+        n[c] = (front ? 1 : -1) * (turned[i + c] + turned[j + c] + turned[l + c]);
+        mean[c] = (colour[i + c] + colour[j + c] + colour[l + c]) / 3;
+      }
+      lit(mean, ...unit(n), paint);
       if (!front) for (let c = 0; c < 3; c++) paint[c] = data.mouth[c] + data.light.inside * (paint[c] - data.mouth[c]);
-      pen.fillStyle = pen.strokeStyle = `rgb(${paint.map((c) => Math.round(255 * c)).join()})`;
-      pen.beginPath();
-      pen.moveTo(flat[i], flat[i + 1]); pen.lineTo(flat[j], flat[j + 1]); pen.lineTo(flat[l], flat[l + 1]);
-      pen.closePath(); pen.fill(); pen.lineWidth = 0.7; pen.stroke();
+      const [red, green, blue] = paint.map((c) => Math.round(255 * c));
+      fill(screen, i, j, l, (255 << 24) | (blue << 16) | (green << 8) | red);
     }
+    pen.putImageData(picture, 0, 0);
     for (const kind of KINDS) {
-      (points[kind] ?? []).forEach((at, m) => {
-        if (!at) return;
-        const [u, v] = project(...at, data.beside ? data.sides[m] : 0);
-        mark(pen, kind, u, v, 5, 1.2);
+      (points[kind] ?? []).forEach((point, m) => {
+        if (!point) return;
+        const [u, v] = project(...point, data.beside ? data.sides[m] : 0, [], 0);
+        mark(pen, kind, u, v, 5 * ratio, 1.2 * ratio);
       });
     }
   };
