@@ -23,10 +23,11 @@ from emgface.treatment.motions import (
 )
 from emgface.treatment.outcomes import movement_table, outcome_table
 from emgface.treatment.pages import compare_page
+from emgface.treatment.plan import NOT_VALIDATED
 from emgface.treatment.reduced_pair import reduced_pair
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FaceComparison:
     """Two faces under the same activations, simulated.
 
@@ -41,6 +42,12 @@ class FaceComparison:
     activations: dict[str, xr.DataArray]
     outcomes: pd.DataFrame
     movement: pd.DataFrame
+
+    def __repr__(self) -> str:
+        """Return the outcomes, with what they are of."""
+        names = [str(face.attrs["name"]) for face in (self.intact, self.treated)]
+        told = f"{names[0]} and {names[1]}, simulated; {NOT_VALIDATED}"
+        return f"{told}\n{self.outcomes.round(3).to_string(index=False)}"
 
     def page(self, *, plain: bool = False) -> str:
         """Return the page with both faces (HTML); `plain` omits the terms of the field."""

@@ -36,6 +36,8 @@ def test_a_comparison_in_python_is_that_of_the_command(coarse, monkeypatch, tmp_
     assert np.abs(table["change"]).max() > 0.01
     assert list(compared.motions.intact) == ["D"] == list(compared.movement["movement"])
     assert (tmp_path / "a.html").read_text() == (tmp_path / "c.html").read_text()
+    assert "mouth width" in repr(compared) and f"simulated; {NOT_VALIDATED}" in repr(compared)
+    assert len(repr(compared)) < 5000
     for page in ("a.html", "b.html"):
         assert NOT_VALIDATED.lower() in (tmp_path / page).read_text(encoding="utf-8").lower()
     again = ef.compare(
