@@ -5,7 +5,8 @@ import re
 
 from emgface.face.event_error import ASSUMED
 
-FOLD = {3: "threefold", 4: "fourfold", 5: "fivefold", 6: "sixfold", 7: "sevenfold", 8: "eightfold"}
+NAMES = "three four five six seven eight nine ten eleven twelve".split()
+FOLD = {number: f"{name}fold" for number, name in enumerate(NAMES, 3)}
 
 
 def test_the_price_of_contact_is_that_of_the_stored_run_times(root):
