@@ -20,6 +20,7 @@ from analysis.baselines import (
     with_baselines,
 )
 from analysis.errors import CubeError
+from analysis.figures import baseline_plot
 from analysis.scores import correlation_3d, score
 
 OPTIONS = {"scaling": "length", "smallest_motion": 1e-9}
@@ -174,3 +175,20 @@ def test_unknown_baselines_are_refused() -> None:
     with pytest.raises(CubeError, match="template_rho has dims"):
         with_baselines(data, {"template_rho": data["rho"]})
     assert not has_baselines(with_baselines(data, {}))
+
+
+@pytest.mark.parametrize("absent", [None, "ceiling"])
+def test_the_figure_spans_the_range_from_template_to_ceiling(absent: str | None) -> None:
+    data = cube()
+    added = filled(data, template_rho=0.5, ceiling=0.9, template_volunteers=np.inf)
+    if absent is not None:
+        added[absent][:] = np.nan
+    figure = baseline_plot(with_baselines(data, added))
+    levels = {"template_rho": 0.5, "ceiling": 0.9}
+    expected = {value for name, value in levels.items() if name != absent}
+    for panel, shown in zip(figure.axes[:2], (lambda v: v, lambda v: 1.0 - v), strict=True):
+        lines = [line.get_xydata() for line in panel.lines if len(line.get_xdata()) == 2]
+        wide = [xy for xy in lines if np.ptp(xy[:, 0]) == pytest.approx(0.9)]
+        assert {round(float(y), 9) for xy in wide for y in xy[:, 1]} == {
+            round(shown(v), 9) for v in expected
+        }

@@ -63,7 +63,7 @@ def test_differences_of_two_strategies_are_means_over_trials() -> None:
     one = activation(strategy="act_all")
     other = one.copy(deep=True).assign_attrs(strategy="inverse")
     other["activation"] = (0.5 * one["activation"]).assign_attrs(one["activation"].attrs)
-    figure = difference_map({"inverse": [(other, one), (one, one)]})
+    figure = difference_map({"inverse": 2 * [(other, one), (one, one)]})
     size, course = (panel.collections[0].get_array() for panel in figure.axes[:2])
     expected = -0.25 * one["activation"].mean("time").values[:, None]
     np.testing.assert_allclose(size, expected, atol=1e-12)

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from synthetic_trajectories import once, there_and_back, trajectory
 
-from analysis.align import align
+from analysis.align import _check_signal, align
 from analysis.errors import AlignmentError
 from analysis.noise import attenuation, marker_noise, noise_level, sampled_share, unit_noise
 from analysis.scores import DROWNED, correlation_3d, score
@@ -160,3 +160,16 @@ def test_the_noise_stated_in_a_dataset_is_used() -> None:
     scored = score(found, trajectory())
     assert list(scored["noise"].values) == list(found["noise"].values)
     assert (np.diff(scored["attenuation"].values) != 0).all()
+
+
+@pytest.mark.parametrize(("share", "moves"), [(0.95, False), (1.05, True)])
+def test_a_component_must_exceed_the_variance_of_that_of_noise(share: float, moves: bool) -> None:
+    """That of ten markers with 30 coordinates, one of which is unknown, and 120 samples."""
+    noise = np.sqrt(3.0) * 1e-4 * np.array([1.0] * 9 + [np.nan])  # 0.1 mm in each coordinate
+    wanted = 1e-8 * (1.0 + np.sqrt(30 / 120)) ** 2
+    course = np.sqrt(2.0 * share * 1.5 * wanted) * np.sin(2.0 * np.pi * np.arange(120) / 120)
+    if moves:
+        _check_signal(course, noise, 0.5)
+    else:
+        with pytest.raises(AlignmentError, match="does not move beyond its noise"):
+            _check_signal(course, noise, 0.5)

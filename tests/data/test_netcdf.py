@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 
 from emgface.errors import DataError, SchemaError, UnitsError
+from emgface.schema import netcdf
 from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.schema.validation import kinds, validate
 
@@ -143,3 +144,19 @@ def test_writing_does_not_change_the_dataset(trial: xr.Dataset, tmp_path: Path) 
     before = trial.copy(deep=True)
     write_netcdf(trial, tmp_path / "trial.nc", "recording")
     xr.testing.assert_identical(trial, before)
+
+
+@pytest.mark.parametrize("numbers", [40, 60])
+def test_arrays_are_refused_by_their_bytes_together(tmp_path, monkeypatch, numbers: int) -> None:
+    """Two arrays of 8-byte numbers, and room for 800 bytes."""
+    monkeypatch.setattr(netcdf, "ROOM", 800)
+    monkeypatch.setattr(netcdf, "ROOM_PER_BYTE", 0)
+    path = tmp_path / "a.nc"
+    data = {name: ("n", np.zeros(numbers)) for name in ("one", "two")}
+    xr.Dataset(data).to_netcdf(path)
+    with netCDF4.Dataset(path) as opened:
+        if numbers == 40:
+            netcdf._check_sizes(path, opened)
+        else:
+            with pytest.raises(DataError, match="'two' has the shape"):
+                netcdf._check_sizes(path, opened)

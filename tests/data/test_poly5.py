@@ -202,3 +202,9 @@ def test_a_status_that_marks_all_samples_is_the_reason_that_is_stated(
     assert (table.loc[["E1", "E2"], "verdict"] == "error").all() or not all_of_them
     codes = [f.code for f in findings_in(trial)]
     assert codes[1:] == (["all_bad", "all_bad"] if all_of_them else ["bad_interval"])
+
+
+def test_a_rate_of_zero_is_refused(tmp_path: Path) -> None:
+    path = make_poly5(tmp_path / "a.poly5", signals(), rate=0)
+    with pytest.raises(DataError, match="sampling rate of 0 Hz"):
+        read_recording(path)

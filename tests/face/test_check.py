@@ -10,6 +10,7 @@ import xarray as xr
 
 from emgface.face.check import face_report, sheet_nodes
 from emgface.face.quality import element_quality, is_wedge
+from emgface.face.surface import element_edges
 
 COUNTS = {
     "nodes": 8720,
@@ -169,3 +170,14 @@ def test_equilateral_prism_and_cube_are_ideal() -> None:
     quality = element_quality(prism, np.array([[0, 1, 2, 3, 4, 5, -1, -1]]))
     assert quality.scaled_jacobian[0] == pytest.approx(1.0, abs=1e-14)
     assert quality.volume[0] == pytest.approx(h, rel=1e-14)
+
+
+def test_edges_of_elements_are_the_sides_of_their_faces() -> None:
+    """Twelve of a cube, each of length one."""
+    cube = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    corners = np.concatenate([cube, cube + [0, 0, 1]])
+    edges, element = element_edges(np.arange(8)[None])
+    assert len(np.unique(np.sort(edges, axis=1), axis=0)) == 12 and not element.any()
+    np.testing.assert_array_equal(
+        np.abs(corners[edges[:, 0]] - corners[edges[:, 1]]).sum(axis=1), np.ones(12)
+    )

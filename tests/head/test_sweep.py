@@ -3,8 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from typer.testing import CliRunner
 
 from emgface.anatomy.head.build import build_head
@@ -129,3 +131,15 @@ def test_plan_of_a_command_and_its_refusals(jaw: Head, tmp_path: Path) -> None:
     told = CliRunner().invoke(app, ["sweep", str(plan), *options])
     assert told.exit_code == 0 and "1 runs, 0 failed" in told.output, told.output
     assert pd.read_csv(out)["end"].tolist() == ["reached"]
+
+
+def test_the_speed_at_the_end_is_that_of_the_last_step():
+    """A marker that speeds up: 1 mm in the last step of 10 ms, less before."""
+    position = np.zeros((4, 1, 3))
+    position[:, 0, 2] = [0.0, 0.1e-3, 0.3e-3, 1.3e-3]
+    motion = xr.Dataset(
+        {"position": (("time", "marker", "axis"), position)},
+        {"time": [0.0, 0.01, 0.03, 0.04], "marker": ["tip"]},
+    )
+    found = outcomes(motion, Head(xr.Dataset(), {}))
+    assert found == pytest.approx({"tip_forward_mm": 0.0, "tip_up_mm": 1.3, "speed_mm_s": 100.0})

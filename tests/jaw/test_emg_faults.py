@@ -10,7 +10,7 @@ from emgface.anatomy.jaw.effort import tell_exchanged_sides
 from emgface.anatomy.jaw.emg import excitation_of
 from emgface.anatomy.jaw.recorded import score_motion, simulated_recording
 from emgface.anatomy.jaw.run import run_task
-from emgface.anatomy.jaw.series import excitation_in
+from emgface.anatomy.jaw.series import excitation_in, started
 from emgface.anatomy.jaw.tasks import TASKS
 from emgface.anatomy.jaw.template import template_jaw
 from emgface.choices import configure
@@ -180,3 +180,9 @@ def test_another_rate_than_that_of_the_willison_threshold_is_told(recorded):
         warnings.filterwarnings("ignore", "the pass-band ends at 450 Hz")
         excitation_of(own, chain("wamp"), reference=[effort])
         excitation_of(low[0], chain("rms"), reference=low[1:])
+
+
+def test_a_published_series_of_one_instant_is_read():
+    assert started("a.txt", ["1.5", "1.5", "1"], np.zeros(1)) == [1.5]
+    with pytest.raises(JawError, match="do not ascend"):
+        started("a.txt", ["1.5", "1.4", "1"], np.zeros(1))

@@ -73,6 +73,13 @@ def study_file(laboratory: Path, folder: Path, recordings: Path | None = None) -
     return path
 
 
+def counted(output: str) -> tuple[int, int]:
+    """Numbers of results that a study computed and took from its store."""
+    found = re.search(r"(\d+) results were computed, (\d+) were already stored", output)
+    assert found is not None, output
+    return int(found[1]), int(found[2])
+
+
 # what works
 
 
@@ -167,7 +174,11 @@ def test_a_trial_stage_by_stage_gives_the_scores_of_the_study(
         result = run(*step)
         assert result.exit_code == 0, result.output
     assert "simulated" in result.stdout and picture.exists()
-    whole = run("study", "run", study, "--out", tmp_path / "study", "--workers", 1)
+    whole, again = (
+        run("study", "run", study, "--out", tmp_path / "study", "--workers", 1) for _ in range(2)
+    )
+    computed, reused = counted(whole.output)
+    assert computed > 0 and counted(again.output) == (0, computed + reused)
     assert whole.exit_code == 0, whole.output
     assert "act_rel" in whole.stdout and "simulated recordings" in whole.stdout
     cube = xr.load_dataset(tmp_path / "study" / "cube.nc")

@@ -1,11 +1,14 @@
 """Recording browser: bins, filter of a part, marks of the user, and the mapping of them."""
 
+import base64
 import json
 import warnings
+import zlib
 
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.signal import welch
 from typer.testing import CliRunner
 
 import emgface as ef
@@ -299,3 +302,12 @@ def test_a_saved_mapping_is_checked(recording, tmp_path):
     good = b'[unusable]\nchannels = ["ZYG_L"]\n'
     assert json.loads(page.save(good).body) == {"wrote": "m.toml"}
     assert (tmp_path / "m.toml").read_bytes() == good
+
+
+def test_spectra_of_the_page_are_in_tenths_of_a_decibel(recording):
+    found = RecordingPage(recording, "trial")._spectra()
+    stored = zlib.decompress(base64.b64decode(found["decibel"]))
+    drawn = np.frombuffer(stored, "<i2").reshape(-1, found["count"])
+    size = 2 * (found["count"] - 1)
+    power = welch(recording["emg"].values, 2.0 * found["largest"], nperseg=size)[1]
+    np.testing.assert_allclose(drawn, 100.0 * np.log10(power), atol=0.51)
