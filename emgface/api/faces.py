@@ -140,9 +140,10 @@ def reduce(
 
 
 def simulate(
-    activation: "xr.DataArray | Data",
+    activation: "xr.DataArray | Data | Mapping[str, float]",
     face: "Data | None" = None,
     *,
+    duration: float | None = None,
     study: "Given" = None,
     accuracy: str | None = None,
     settled: "xr.Dataset | None" = None,
@@ -162,10 +163,13 @@ def simulate(
 
     Parameters
     ----------
-    activation : Dataset, DataArray or path-like
-        ``activation`` (muscle, time) [1] of every muscle of the face, at times in s.
+    activation : Dataset, DataArray, path-like or mapping
+        ``activation`` (muscle, time) [1] of every muscle of the face, at times in s; or levels [1] of
+        some muscles, which are reached in 0.1 s.
     face : Dataset or path-like, optional
         Face model; default: that of the study, which by default is a generated face.
+    duration : float, optional
+        Simulated time [s] of levels of muscles; default: 0.5.
     study : path-like, mapping or StudyConfiguration, optional
         Study whose tables ``[simulation]`` and ``[face]`` apply.
     accuracy : str, optional
@@ -221,17 +225,19 @@ def simulate(
     --------
     >>> import emgface as ef
     >>> trajectory = ef.simulate("activation.nc", "face.nc", accuracy="draft")  # doctest: +SKIP
+    >>> trajectory = ef.simulate({"ZYG_L": 0.5, "ZYG_R": 0.5})  # doctest: +SKIP
     """
     import xarray as xr
 
     from emgface.api.given import dataset_of, face_of, simulation_of, study_of
     from emgface.api.progress import shown
-    from emgface.errors import MotionWarning
+    from emgface.errors import ConfigurationError, MotionWarning
     from emgface.face.doubts import doubts_of
     from emgface.face.identity import DIGEST
     from emgface.face.motion import settle_face, simulate_face
     from emgface.face.sigma_max import lower_sigma_max
     from emgface.face.waypoints import Branch, WayPoints
+    from emgface.models.face import constant_activation
     from emgface.pictures.body import skin_of
     from emgface.pictures.surface import SurfaceProbe, with_surface
     from emgface.recordings.belonging import TRIAL, of_face
@@ -242,6 +248,13 @@ def simulate(
     plan = study_of(study)
     parameters = simulation_of(plan.simulation, accuracy, choices)
     model = face_of(face, plan)
+    if isinstance(activation, Mapping) and not isinstance(activation, xr.Dataset):
+        activation = constant_activation(model, activation, duration)
+    elif duration is not None:
+        raise ConfigurationError(
+            f"duration = {duration:g} s cannot be applied to an activation, whose times are its own, "
+            "expected levels of muscles with it: leave it out"
+        )
     if isinstance(activation, xr.DataArray):
         named = activation.to_dataset(name="activation", promote_attrs=False)
         drive = dataset_of(named, "activation", "activation")["activation"]

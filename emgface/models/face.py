@@ -138,7 +138,7 @@ def activation_for(face: xr.Dataset, drive: Drive) -> xr.Dataset:
     path = Path(drive.source)
     if not names_file(drive.source):
         refuse_unused(drive, ("study",), "levels of muscles")
-        return _constant(face, levels_of(drive.source, LEVEL), drive.duration or DURATION)
+        return constant_activation(face, levels_of(drive.source, LEVEL), drive.duration)
     if drive.duration is not None:
         raise ConfigurationError(
             f"--duration {drive.duration:g} cannot be applied to {path.name}, whose times are its own, "
@@ -153,13 +153,27 @@ def activation_for(face: xr.Dataset, drive: Drive) -> xr.Dataset:
     return ef.activate(path, **drive.recorded)
 
 
-def _constant(face: xr.Dataset, levels: Mapping[str, float], duration: float) -> xr.Dataset:
-    """Activation that rises linearly to its levels."""
+def constant_activation(
+    face: xr.Dataset, levels: Mapping[str, float], duration: float | None = None
+) -> xr.Dataset:
+    """Activation (muscle, time) that rises linearly within `RISE` to the levels [1] of some muscles.
+
+    `duration` [s] is `DURATION` by default. Raises ConfigurationError if the face lacks a muscle, a
+    level is not from 0 to 1, or the duration is not above 0.
+    """
+    duration = DURATION if duration is None else float(duration)
+    if not 0.0 < duration < np.inf:
+        raise ConfigurationError(f"the duration is {duration:g} s, expected a number above 0")
     muscles = face["muscle"].values.tolist()
     if unknown := [name for name in levels if name not in muscles]:
         raise ConfigurationError(
             f"the face has no muscle {unknown[0]!r}, expected one of {', '.join(muscles)}"
         )
+    for name, level in levels.items():
+        if not isinstance(level, int | float | np.number) or not 0.0 <= level <= 1.0:
+            raise ConfigurationError(
+                f"the level of {name} is {level!r}, expected a number from 0 to 1"
+            )
     time = np.linspace(0.0, duration, max(2, round(duration / 0.01) + 1))
     values = np.outer([levels.get(name, 0.0) for name in muscles], np.clip(time / RISE, 0.0, 1.0))
     return xr.Dataset(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from pydantic import BaseModel
+from typer.testing import CliRunner
 
 import emgface as ef
 import sim
@@ -16,7 +17,9 @@ from analysis.noise import marker_noise
 from analysis.scores import amplitude_ratio, correlation_3d, rmse, score
 from analysis.trajectory import checked
 from emgface.choices import Parameters, configure
+from emgface.cli import app
 from emgface.errors import ConfigurationError, DataError, FeatureWarning, SchemaError
+from emgface.face.file import save_face
 from emgface.recordings.findings import findings_in
 from emgface.signals.activation import feature_range
 from emgface.signals.parameters import SignalChain
@@ -108,6 +111,42 @@ def test_a_face_that_is_none_is_refused(face):
     )
     with pytest.raises(DataError):
         ef.simulate(activation, face)
+
+
+@pytest.mark.parametrize(
+    ("levels", "given", "told"),
+    [
+        ({"X": 0.1}, {}, "no muscle 'X'"),
+        ({"ZYG_L": 2.0}, {}, "level of ZYG_L is 2.0"),
+        ({"ZYG_L": np.nan}, {}, "level of ZYG_L is nan"),
+        ({"ZYG_L": "a"}, {}, "level of ZYG_L is 'a'"),
+        ({"ZYG_L": 0.1}, {"duration": 0.0}, "duration is 0 s"),
+        (xr.Dataset({"activation": ("time", [0.0])}), {"duration": 1.0}, "whose times are its own"),
+    ],
+)
+def test_levels_of_muscles_are_checked(levels, given, told):
+    with pytest.raises(ConfigurationError, match=told):
+        ef.simulate(levels, ef.face(resolution="coarse"), **given)
+
+
+def test_levels_of_muscles_are_those_of_the_command(tmp_path):
+    face = tmp_path / "face.nc"
+    save_face(ef.face(resolution="coarse"), face)
+    options = [
+        "--no-contact",
+        "--accuracy",
+        "draft",
+        "--duration",
+        "0.05",
+        "--out",
+        tmp_path / "m.nc",
+    ]
+    command = ["simulate", "ZYG_L=0.5,ZYG_R=0.25", "--model", face, *options]
+    result = CliRunner().invoke(app, list(map(str, command)))
+    assert result.exit_code == 0, result.output
+    given = {"accuracy": "draft", "duration": 0.05, "contact": {"method": "none"}}
+    own = ef.simulate({"ZYG_L": 0.5, "ZYG_R": 0.25}, face, **given)
+    np.testing.assert_array_equal(ef.read(tmp_path / "m.nc")["position"], own["position"])
 
 
 def motion(units: str = "s") -> xr.Dataset:
