@@ -19,6 +19,7 @@ from emgface.errors import FitError, listed
 from emgface.fit.deform import NOISE
 from emgface.fit.inputs import Matched, facing, frame_of_inputs, in_face_frame, match, provenance
 from emgface.fit.person import Given, Marks, scan_of
+from emgface.fit.places import left_landmarks
 from emgface.fit.readers.landmarks import landmarks_of
 from emgface.fit.readers.surfaces import Scan
 from emgface.fit.registration import SmoothMap, closest_points, smooth_map
@@ -71,12 +72,15 @@ def fit_jaw(
     """
     validate(jaw, "jaw_model")
     own = surfaces_of(jaw)
-    scans = {body: scan_of(given, unit) for body, given in (surfaces or {}).items()}
-    if unknown := [body for body in scans if body not in own]:
+    if unknown := [body for body in surfaces or {} if body not in own]:
         raise FitError(
             f"the jaw has no surface of {listed(unknown)}, expected some of {listed(own)}: name the "
             "surface by its body"
         )
+    scans = {
+        body: scan_of(given, unit, body, 0.5 * float(np.ptp(own[body].points, axis=0).max()))
+        for body, given in (surfaces or {}).items()
+    }
     marks = None if landmarks is None else landmarks_of(landmarks, unit)
     if marks is None and not scans:
         raise FitError("no landmarks and no surface are given, expected at least one of them")
@@ -104,9 +108,13 @@ def fit_jaw(
     found = found.assign_attrs(provenance(jaw, name, inputs, to_frame, simulated))
     distance = _distances(own, found, targets, motion)
     _check(distance, scans)
+    errors = _landmarks(matched, aims, moved)
+    if matched is not None:
+        notes += matched.notes
+        left = left_landmarks(1e-3 * errors["error"].to_numpy(), noise)
+        notes += [left] if left else []
     return FittedBones(
-        validate(found, "jaw_model"), distance, _landmarks(matched, aims, moved),
-        _bodies(jaw, found), tuple(notes + (matched.notes if matched else [])), jaw, targets,
+        validate(found, "jaw_model"), distance, errors, _bodies(jaw, found), tuple(notes), jaw, targets,
         None if aims is None else aims[1],
     )  # fmt: skip
 

@@ -9,7 +9,7 @@ import xarray as xr
 from emgface.face.parts import CENTRE, INNER, OUTER
 from emgface.face.surface import element_edges
 from emgface.face.template.norms import NORMS
-from emgface.fit.springs import Rows, at_nodes
+from emgface.fit.springs import NO_ROWS, Rows
 from emgface.fit.triangulated import Floats, Integers
 
 SPREAD: Final = float(
@@ -29,16 +29,25 @@ SPREAD: Final = float(
 The root mean square of the coefficients of variation of the thicknesses in
 `emgface.face.template.norms` (Stephan and Simpson 2008; Arnett et al. 1999).
 """
-SOFTNESS: Final = 1e5  #: stiffness of the springs of the prior, per area [Pa/m]
+SOFTNESS: Final = 4e5  #: stiffness of the springs of the prior, per area [Pa/m]
 INTERVAL: Final = 1.645  #: half width of an interval of 90 % in standard deviations
 
 
 @dataclass(frozen=True, eq=False)
 class Columns:
-    """Node of the skin and of the inner surface at the ends of each column (n,)."""
+    """Nodes (n, 4) of each column, from the skin through the layers to the inner surface."""
 
-    skin: Integers
-    inner: Integers
+    nodes: Integers
+
+    @property
+    def skin(self) -> Integers:
+        """Nodes of the skin (n,)."""
+        return self.nodes[:, 0]
+
+    @property
+    def inner(self) -> Integers:
+        """Nodes of the inner surface (n,)."""
+        return self.nodes[:, -1]
 
     @classmethod
     def of(cls, face: xr.Dataset) -> "Columns":
@@ -59,16 +68,20 @@ class Columns:
         down = edges[depth[edges[:, 1]] == depth[edges[:, 0]] + 1]
         below = np.full(n, -1)
         below[down[:, 0]] = down[:, 1]
-        skin = np.flatnonzero(depth == 0)
-        end = skin
+        nodes = [np.flatnonzero(depth == 0)]
         for _ in range(3):
-            end = np.where(end >= 0, below[end], -1)
-        good = end >= 0
-        return cls(skin[good], end[good])
+            nodes.append(np.where(nodes[-1] >= 0, below[nodes[-1]], -1))
+        whole = np.column_stack(nodes)
+        return cls(whole[whole[:, -1] >= 0])
 
     def thickness(self, q: Floats) -> Floats:
         """Length (n,) of every column [m]."""
         return np.linalg.norm(q[self.skin] - q[self.inner], axis=1)
+
+    def shares(self, q: Floats) -> Floats:
+        """Shares (n, 3) of the layers in the length of every column [1]."""
+        layers = np.linalg.norm(np.diff(q[self.nodes], axis=1), axis=2)
+        return layers / layers.sum(axis=1, keepdims=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +90,7 @@ class ThicknessPrior:
 
     columns: Columns
     mean: Floats  #: (n,) median thickness [m]
+    shares: Floats  #: (n, 3) of the layers in the thickness [1]
     free: Integers  #: columns whose inner nodes no data determine
     #: thickness of this face in standard deviations of the logarithm: a member of the ensemble
     deviation: float = 0.0
@@ -92,7 +106,8 @@ class ThicknessPrior:
     ) -> "ThicknessPrior":
         """Thickness of the source times the scale of the similarity; not of nodes that are `known`."""
         free = np.flatnonzero(~np.isin(columns.inner, known))
-        return cls(columns, scale * columns.thickness(source), free, deviation)
+        mean = scale * columns.thickness(source)
+        return cls(columns, mean, columns.shares(source), free, deviation)
 
     @property
     def wanted(self) -> Floats:
@@ -105,10 +120,24 @@ class ThicknessPrior:
         return self.mean / width, self.mean * width
 
     def rows(self, q: Floats, area: Floats) -> Rows:
-        """Springs that pull inner nodes to their thickness at q; `area` (n_nodes,) of the skin."""
-        wanted = self.wanted[self.free]
-        skin, inner = self.columns.skin[self.free], self.columns.inner[self.free]
-        along = q[inner] - q[skin]
+        """Springs between the ends of every layer, of its length along the column at q.
+
+        `area` (n_nodes,) is that of the skin. The springs of a column have no resultant: springs to
+        fixed places would push tissue that no scan holds away, by millimetres at a rim.
+        """
+        nodes, wanted = self.columns.nodes[self.free], self.wanted[self.free]
+        along = q[nodes[:, -1]] - q[nodes[:, 0]]
         along /= np.linalg.norm(along, axis=1, keepdims=True)
-        W = (SOFTNESS * area[skin])[:, None, None] * along[:, :, None] * along[:, None, :]
-        return at_nodes(inner, q[skin] + wanted[:, None] * along, W)
+        layers = nodes.shape[1] - 1
+        W = (layers * SOFTNESS * area[nodes[:, 0]])[:, None, None]
+        W = W * along[:, :, None] * along[:, None, :]
+        weights = np.tile([1.0, -1.0, 0.0], (len(nodes), 1))
+        return NO_ROWS.joined(
+            *(
+                Rows(
+                    nodes[:, [k + 1, k, k]], weights,
+                    (self.shares[self.free, k] * wanted)[:, None] * along, W,
+                )
+                for k in range(layers)
+            )
+        )  # fmt: skip

@@ -287,7 +287,7 @@ def facing(
     if abs(mean) < DISAGREE and abs(float(np.median(cosine))) < DISAGREE:
         raise FitError(
             f"{name} has no consistent outer side (mean cosine {mean:.2f} with the normals of the "
-            "face), expected outward triangles: repair the surface"
+            "model), expected outward triangles: repair the surface"
         )
     if float(np.median(cosine)) > 0.0:
         return surface, None

@@ -31,9 +31,11 @@ from emgface.fit.places import (
     check_landmarks_off,
     check_landmarks_on,
     missed_landmarks,
+    other_side,
     second_layer,
     unexpected_part,
 )
+from emgface.fit.readers.guard import FACE
 from emgface.fit.readers.landmarks import Landmarks, landmarks_of
 from emgface.fit.readers.surfaces import Scan, read_surface, surface_of
 from emgface.fit.similarity import similarity
@@ -130,8 +132,10 @@ def fit_face(
     paired = pair_points(face, marks, places, noise)
     notes = list(paired.notes)
     notes += _check_places(scans, paired, noise)
-    doubts = tuple(notes)
-    targets = _targets(face, scans, paired, notes, rim)
+    targets, turned = _targets(face, scans, paired, rim)
+    doubts = (*notes, *(d for k in turned if (d := other_side(k, scans[k].source))))
+    notes = [*doubts, *(f"{s.source}: {note}" for s in scans.values() for note in s.notes)]
+    notes += [said for kind, said in turned.items() if kind == "skin"]
     if (nearer := nearer_face(face, paired, targets, noise)) is not face:
         moved = places
         if places is not None:
@@ -144,7 +148,7 @@ def fit_face(
         else:
             notes += told_measures(face, nearer)
             face, paired = nearer, again
-            targets = _targets(face, scans, paired, [], rim)
+            targets, _ = _targets(face, scans, paired, rim)
     source = face["position"].values
     corners = Corners.of(face["connectivity"].values.astype(np.int64))
     columns = Columns.of(face)
@@ -203,14 +207,17 @@ def fit_face(
     )  # fmt: skip
 
 
-def scan_of(given: Given, unit: str | None, name: str = "surface") -> Scan:
-    """Surface from a file, or from points and triangles (m without a unit), which have a `name`."""
+def scan_of(given: Given, unit: str | None, name: str, least: float = FACE[0]) -> Scan:
+    """Surface from a file, or from points and triangles (m without a unit), which have a `name`.
+
+    `least` [m] is the smallest extent of the surface.
+    """
     if isinstance(given, Scan):
         return given
     if isinstance(given, str | os.PathLike):
-        return read_surface(given, unit=unit)
+        return read_surface(given, unit=unit, least=least)
     points, triangles = given
-    return surface_of(points, triangles, unit=unit or "m", name=name)
+    return surface_of(points, triangles, unit=unit or "m", name=name, least=least)
 
 
 def _check_places(scans: Mapping[str, Scan], paired: Paired, noise: float) -> list[str]:
@@ -227,23 +234,23 @@ def _check_places(scans: Mapping[str, Scan], paired: Paired, noise: float) -> li
 
 
 def _targets(
-    face: xr.Dataset, scans: Mapping[str, Scan], paired: Paired, notes: list[str], rim: bool
-) -> list[Target]:
-    """Surfaces in the frame of the face, with outward normals."""
+    face: xr.Dataset, scans: Mapping[str, Scan], paired: Paired, rim: bool
+) -> tuple[list[Target], dict[str, str]]:
+    """Surfaces in the frame of the face, with outward normals, and a note by kind on those turned."""
     source = face["position"].values
     start = similarity(paired.points.source, paired.points.target)(source)
     own = sheets(face)
-    targets: list[Target] = []
+    targets, notes = list[Target](), dict[str, str]()
     for kind, scan in scans.items():
         surface = in_face_frame(scan, paired.to_face)
-        notes.extend(f"{scan.source}: {note}" for note in scan.notes)
         sheet = own["skin" if kind == "skin" else "inner"]
         held = sheet.nodes[face["fixed"].values[sheet.nodes] != FREE]
         nodes, side = (held, -1.0) if kind == "bone" else (sheet.nodes, 1.0)
         surface, turned = facing(surface, sheet.at(start), nodes, side, scan.source)
-        notes.extend([turned] if turned else [])
+        if turned:
+            notes[kind] = turned
         targets.append(Target(kind, sheet, surface, held if kind == "bone" else None, side, rim))
-    return targets
+    return targets, notes
 
 
 def _check_corners(corners: Corners, q: Floats) -> None:

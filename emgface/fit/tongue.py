@@ -80,7 +80,7 @@ def fit_tongue(
     inputs: dict[str, Scan | None] = {}
     target, rows, notes = None, list[dict[str, Any]](), list[str]()
     if surface is not None:
-        inputs["tongue"] = scan = scan_of(surface, unit)
+        inputs["tongue"] = scan = scan_of(surface, unit, "tongue")
         target, notes = _target(tongue, q, scan, frame_of_inputs(after))
         rows.append({"stage": "with the bones", **distances(target, q)})
         with_bone = _springs(held, moved(X[held]), np.full(len(held), WITH_BONE))

@@ -172,3 +172,25 @@ def test_inputs_that_cannot_be_right_are_refused(jaw, inputs, name):
     marks, scans, why = _refusals(inputs)[name]
     with pytest.raises(FitError, match=why):
         fit_jaw(jaw, landmarks=marks, surfaces=scans, simulated=True)
+
+
+@pytest.mark.parametrize(("forward", "told"), [(0.0, False), (4e-3, True)])
+def test_landmarks_and_surfaces_of_two_poses_are_told(jaw, inputs, own, forward, told):
+    """The smooth map bent the jaw between them, silently."""
+    marks, scans = inputs
+    rng = np.random.default_rng(SEED)
+    noisy = {k: p + 0.8e-3 * rng.standard_normal(3) for k, p in marks.items()}
+    points, triangles = scans["jaw"]
+    scan = points + forward * MOTION[0][:, 1], triangles
+    notes = fit_jaw(jaw, landmarks=noisy, surfaces={"jaw": scan}, simulated=True).notes
+    assert any("same person, pose and frame" in note for note in notes) == told
+
+
+def test_small_bodies_may_have_a_surface(jaw, inputs, own):
+    """A cricoid of 30 mm was refused as too small for a face."""
+    cricoid = surfaces_of(own)["cricoid"]
+    scan = _moved(cricoid.points), cricoid.triangles
+    found = fit_jaw(jaw, landmarks=inputs[0], surfaces={"cricoid": scan}, simulated=True)
+    assert found.distance["mean"].iloc[-1] < 0.5
+    with pytest.raises(FitError, match="cricoid has an extent of .* mm, expected 1. to 600 mm"):
+        fit_jaw(jaw, landmarks=inputs[0], surfaces={"cricoid": (0.1 * scan[0], scan[1])})

@@ -68,6 +68,18 @@ def test_the_skin_is_refused_as_a_surface_beneath_it(face, surfaces, kind):
         ef.fit(face, landmarks=points_of_face(face), **{kind: surfaces["skin"]})
 
 
+@pytest.mark.parametrize("kind", ["inner", "bone"])
+@pytest.mark.parametrize("turned", [False, True])
+def test_bone_and_inner_surface_are_told_apart_by_their_sides(face, surfaces, kind, turned):
+    """Bone given as inner moved the inner surface by 3 mm, silently: its triangles face the tissue."""
+    points, triangles = surfaces["inner"]
+    outward = triangles if kind == "inner" else triangles[:, ::-1]
+    scan = points, outward[:, ::-1] if turned else outward
+    said = told(face, points_of_face(face), skin=surfaces["skin"], **{kind: scan})
+    assert (f"given as {kind}, face the other way" in said) == turned
+    assert bool(said) == turned
+
+
 def test_complex_points_are_refused(face, surfaces):
     marks = points_of_face(face)
     with pytest.raises(FitError, match="complex"):

@@ -149,3 +149,25 @@ def test_the_interval_contains_nine_of_ten_log_normal_thicknesses(generic):
 def test_the_spread_of_thickness_is_that_of_soft_tissue_without_the_skin():
     """14 %, as docs/fit and the command state; sizes other than thicknesses spread otherwise."""
     assert pytest.approx(0.14, abs=5e-4) == SPREAD
+
+
+def test_springs_of_a_column_reach_its_thickness_and_push_nothing(generic):
+    """Springs to fixed places carried tissue that no scan holds away, by 8 mm at the temples."""
+    columns, X = Columns.of(generic), generic["position"].values
+    area = sheets(generic)["skin"].at(X).point_areas
+    prior = ThicknessPrior.scaled(columns, X, 1.0, np.zeros(0, dtype=np.int64), 1.0)
+    rows = prior.rows(X, area)
+    r = np.einsum("rk,rki->ri", rows.weights, X[rows.nodes]) - rows.target
+    force = np.einsum("rij,rj->ri", rows.stiffness, r)
+    assert np.linalg.norm(force) > 0.0
+    np.testing.assert_allclose(rows.weights.sum(axis=1), 0.0, atol=1e-15)
+    # each column at its thickness, along its own direction: no force is left
+    q, nodes = X.copy(), columns.nodes
+    along = X[nodes[:, -1]] - X[nodes[:, 0]]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    depth = np.cumsum(prior.shares * prior.wanted[:, None], axis=1)
+    q[nodes[:, 1:]] = X[nodes[:, :1]] + depth[:, :, None] * along[:, None]
+    rest = prior.rows(q, area)
+    left = np.einsum("rk,rki->ri", rest.weights, q[rest.nodes]) - rest.target
+    np.testing.assert_allclose(left, 0.0, atol=1e-12)
+    np.testing.assert_allclose(columns.thickness(q), prior.wanted, rtol=1e-12)

@@ -249,3 +249,13 @@ def test_sound_persons_are_not_doubted(generic):
     marks = {k: p + NOISE * rng.standard_normal(3) for k, p in other.landmarks.items()}
     skin = other.surface()
     assert end_of(generic, other, marks, (skin.points, skin.triangles)).startswith(f"{NEAR}:")
+
+
+def test_a_thicker_face_ends_where_its_scan_does(generic):
+    """The prior of thickness pushed the temples off the scan by 8 mm, and the fit was refused."""
+    other = person_of(301)
+    skin = other.surface()
+    found = fit_face(generic, other.landmarks, skin=(skin.points, skin.triangles), thickness=1.0)
+    assert judged(found.face, other, found.doubts).startswith(f"{NEAR}:")
+    reached = 1e-3 * found.thickness["after"].to_numpy() / found.prior.wanted
+    assert np.median(reached) == pytest.approx(1.0, abs=0.01)

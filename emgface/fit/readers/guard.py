@@ -105,11 +105,11 @@ def metres(
     extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     known = stated or unit
     if known is None:
-        likely = [u for u, factor in UNITS.items() if FACE[0] <= factor * extent <= FACE[1]]
+        likely = [u for u, factor in UNITS.items() if least <= factor * extent <= FACE[1]]
         hint = (
-            f"a face of this size is likely in {' or '.join(likely)}"
+            f"a surface of this size is likely in {' or '.join(likely)}"
             if likely
-            else ("no unit gives the size of a face")
+            else ("no unit gives the expected size")
         )
         raise FitError(
             f"{name} does not state its unit; its extent is {extent:.4g} units, and {hint}: give the "
@@ -119,6 +119,6 @@ def metres(
     if not least <= size <= FACE[1]:
         raise FitError(
             f"{name} has an extent of {extent:.4g} {known}, that is {1e3 * size:.4g} mm, expected "
-            f"{1e3 * least:.0f} to {1e3 * FACE[1]:.0f} mm for a face: check the unit"
+            f"{1e3 * least:.0f} to {1e3 * FACE[1]:.0f} mm: check the unit"
         )
     return UNITS[known] * points

@@ -15,7 +15,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from emgface.errors import FitError
-from emgface.fit.readers.guard import content_of, metres
+from emgface.fit.readers.guard import FACE, content_of, metres
 from emgface.fit.triangulated import Floats, Integers, Surface
 from sim.indices import whole_numbers
 
@@ -38,8 +38,13 @@ class Scan:
     notes: list[str] = field(default_factory=list)
 
 
-def read_surface(path: str | os.PathLike[str], *, unit: str | None = None) -> Scan:
-    """Read a surface; FitError if the file is damaged, too large, or its unit is not known."""
+def read_surface(
+    path: str | os.PathLike[str], *, unit: str | None = None, least: float = FACE[0]
+) -> Scan:
+    """Read a surface; FitError if the file is damaged, too large, or its unit is not known.
+
+    `least` [m] is the smallest extent of the surface.
+    """
     content = content_of(path, MOST_BYTES)
     ending = next((e for e in ENDINGS if content.name.lower().endswith(e)), None)
     if ending is None:
@@ -48,12 +53,17 @@ def read_surface(path: str | os.PathLike[str], *, unit: str | None = None) -> Sc
             "surface as one of them"
         )
     points, triangles = _loaded(content.data, ending, content.name)
-    scan = surface_of(points, triangles, unit=unit, name=content.name)
+    scan = surface_of(points, triangles, unit=unit, name=content.name, least=least)
     return Scan(scan.surface, content.name, content.digest, scan.notes)
 
 
 def surface_of(
-    points: Any, triangles: Any, *, unit: str | None = "m", name: str = "surface"
+    points: Any,
+    triangles: Any,
+    *,
+    unit: str | None = "m",
+    name: str = "surface",
+    least: float = FACE[0],
 ) -> Scan:
     """Check points (n, 3) and triangles (m, 3), and make their orientation consistent."""
     if np.iscomplexobj(points):
@@ -73,7 +83,7 @@ def surface_of(
         bad = int(np.argmax(((t < 0) | (t >= len(x))).any(axis=1)))
         raise FitError(f"{name}: triangle {bad} refers to a point that does not exist")
     used, corner = np.unique(t, return_inverse=True)
-    x, t = metres(x[used], unit, name), corner.reshape(-1, 3).astype(np.int64)
+    x, t = metres(x[used], unit, name, least=least), corner.reshape(-1, 3).astype(np.int64)
     notes: list[str] = []
     x, t = _merged(x, t)
     area = Surface(x, t).areas

@@ -30,6 +30,7 @@ MOST_OF_PART: Final = 120_000_000  #: voxels of the box around a part
 SPACING: Final = (0.03, 10.0)  #: smallest and largest distance of voxels [mm]
 FIELD: Final = (0.02, 1.5)  #: smallest and largest extent of a volume of a head [m]
 LEAST: Final = 500  #: smallest number of voxels of a part
+SMALLEST: Final = 0.02  #: smallest extent of a part, such as a cricoid [m]
 SMOOTHING: Final = 0.7  #: standard deviation of the Gaussian on a mask, in the largest spacing [1]
 TURNED: Final = 1e-3  #: deviation of the axes of a volume from right angles [1]
 
@@ -194,7 +195,7 @@ def _scan(volume: Volume, index: Floats, triangle: Integers, name: str, notes: l
     corners = (points - points.mean(axis=0))[triangle]
     if np.linalg.det(corners).sum() < 0.0:
         triangle = triangle[:, ::-1].copy()
-    scan = surface_of(points, triangle, unit="m", name=name)
+    scan = surface_of(points, triangle, unit="m", name=name, least=SMALLEST)
     return Scan(scan.surface, name, volume.digest, notes + scan.notes)
 
 
