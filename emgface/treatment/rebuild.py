@@ -67,7 +67,7 @@ def rebuilt(
 
 def _of_nodes(face: xr.Dataset) -> list[str]:
     """Variables that name single nodes, or earlier sutures."""
-    names = ("marker_node", *LIP_NODES, "suture_node", "suture_traction")
+    names = ("marker_node", *LIP_NODES, "suture_node", "suture_traction", "suture_cut")
     return [name for name in names if name in face]
 
 

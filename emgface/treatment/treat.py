@@ -235,12 +235,9 @@ def _sutured(
     if scarred is not closed:
         closed, closing = _at_rest(scarred, before, parameters, side, suture)
     report |= told
-    closed["suture_node"] = ("suture", suture.astype(np.int32), {"units": "1"})
+    closed = closed.assign(_sutures(face, number, suture, closing.traction[suture]))
     area = _wall_area(closing.position, wound, number)
     stress = np.linalg.norm(closing.traction[suture], axis=1).sum() / area if area else 0.0
-    closed["suture_traction"] = (
-        ("suture", "axis"), closing.traction[suture], {"units": "N"},
-    )  # fmt: skip
     quality = element_quality(face["position"].values, face["connectivity"].values)
     return closed, {
         "removed_volume_mm3": 1e9 * wound.removed,
@@ -251,6 +248,32 @@ def _sutured(
         "smallest_J": closing.smallest_J,
         "moved_markers": closed.attrs.pop("moved_markers", ""),
         **report,
+    }
+
+
+def _sutures(
+    face: xr.Dataset, number: Integers, suture: Integers, traction: Floats
+) -> dict[str, Any]:
+    """Variables of the nodes of a new suture, after those of earlier ones that are left.
+
+    `number` are the new numbers of the nodes. The forces of an earlier suture are those of its closure.
+    """
+    node, force, of_cut = suture, traction, np.zeros(len(suture), dtype=np.int32)
+    if "suture_node" in face:
+        old, first = np.unique(number[face["suture_node"].values], return_index=True)
+        first = first[(old >= 0) & ~np.isin(old, suture)]
+        before = (
+            face["suture_cut"].values
+            if "suture_cut" in face
+            else np.zeros_like(face["suture_node"])
+        )
+        node = np.concatenate([number[face["suture_node"].values[first]], node])
+        force = np.concatenate([face["suture_traction"].values[first], force])
+        of_cut = np.concatenate([before[first], of_cut + before.max() + 1])
+    return {
+        "suture_node": ("suture", node.astype(np.int32), {"units": "1"}),
+        "suture_traction": (("suture", "axis"), force, {"units": "N"}),
+        "suture_cut": ("suture", of_cut.astype(np.int32), {"units": "1"}),
     }
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+import emgface as ef
 from emgface.face.parts import arches_of
 from emgface.pictures.body import body_of, make_body, skin_of
 from emgface.pictures.page import face_page
@@ -9,6 +10,7 @@ from emgface.pictures.picking import LIPS, pick_data
 from emgface.pictures.suture import STITCH, WORDS
 from emgface.treatment.outline import outline_of
 from emgface.treatment.plan import read_plan
+from tests.treatment.plans import wedge
 
 
 def test_a_picture_of_a_treated_face_shows_its_suture(coarse, operated):
@@ -29,6 +31,26 @@ def test_a_picture_of_a_treated_face_shows_its_suture(coarse, operated):
     own = skin_of(coarse)
     intact = make_body(coarse["position"].values[own.node], own, arches_of(coarse))
     np.testing.assert_array_equal(body_of(coarse).colour, intact.colour)
+
+
+def test_every_suture_keeps_its_forces(coarse, operated):
+    """Of two wedges, only the nodes and forces of the last suture were kept."""
+    twice = ef.treat(operated, wedge(lip="upper", width=8.0, place=0.6))
+    cut = twice["suture_cut"].values
+    assert set(cut) == {0, 1} and set(operated["suture_cut"].values) == {0}
+    first = cut == 0
+    np.testing.assert_array_equal(
+        np.sort(twice["suture_traction"].values[first], axis=0),
+        np.sort(operated["suture_traction"].values, axis=0),
+    )
+    position, node = twice["position"].values, twice["suture_node"].values
+    earlier = operated["position"].values[operated["suture_node"].values]
+    away = np.linalg.norm(position[node[first], None] - earlier[None], axis=2).min(axis=1)
+    assert away.max() < 4e-3  # the second closure moves the first suture a little
+    assert position[node[first], 2].max() < position[node[~first], 2].mean()
+    # without the number of the cut, as in files of an earlier version
+    again = ef.treat(operated.drop_vars("suture_cut"), wedge(lip="upper", width=8.0, place=0.6))
+    np.testing.assert_array_equal(again["suture_cut"].values, cut)
 
 
 def test_places_picked_on_a_treated_face_are_accepted_by_another_treatment(operated, tmp_path):
