@@ -120,7 +120,7 @@ def fitted_to(
     """Fit of a face to landmarks and surfaces of a person."""
     scans = {name: other.surface(name) for name in names}
     given: dict[str, Any] = {name: (s.points, s.triangles) for name, s in scans.items()}
-    return fit_face(face, other.landmarks, rim=True, simulated=True, **given)
+    return fit_face(face, other.landmarks, rim="inner" in names, simulated=True, **given)
 
 
 def in_frame(found: Fitted, wanted: Floats) -> Floats:

@@ -87,7 +87,7 @@ def write_faces(index: int, folder: Path, preset: str = "adult") -> str:
     skin = scanned["position"].values, sheets(scanned)["skin"].triangles
 
     def fitted(**given: Any) -> xr.Dataset:
-        return fit_face(generic, marks, rim=True, simulated=True, name=name, **given).face
+        return fit_face(generic, marks, simulated=True, name=name, **given).face
 
     made: dict[str, Callable[[], xr.Dataset]] = {
         "generic": lambda: generic,
