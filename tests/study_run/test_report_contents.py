@@ -175,8 +175,11 @@ def test_methods_state_every_choice_of_the_mechanics() -> None:
     assert "chosen by error control with a tolerance of 0.1 mm" in controlled
     assert "lips and cheeks with the teeth, where the face has them" in chosen(), "the default"
     assert "support of 5 N/m" in chosen(support=5.0)
-    held = chosen(contact={"between": ["lips"], "friction": 0.2})
-    assert "contact of the lips with each other (node-to-face constraints, friction 0.2)" in held
+    rubbing = {"contact": {"between": ["lips"], "friction": 0.2}}
+    lips = "contact of the lips with each other (node-to-face constraints{}, friction 0.2)"
+    renewed = ", with the normals and closest points at the end of a step"
+    assert lips.format(renewed) in chosen(**rubbing)
+    assert lips.format("") in chosen(**rubbing, solver="linearly_implicit", error_tolerance=None)
     assert "contact" not in chosen(contact={"method": "none"})
     assert "the estimated error includes the displacement by the change of the normals" in chosen()
     of_one = chosen(solver="linearly_implicit", error_tolerance=None)
