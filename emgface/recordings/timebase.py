@@ -16,14 +16,13 @@ import numpy as np
 from emgface.errors import DataError
 from emgface.recordings.counters import LEAST, Counter, counter_of
 from emgface.recordings.findings import Finding, Kind
+from emgface.recordings.stamps import line_through, places_of, resolution_of, usual_period
 
 RATES_AGREE: Final = 2e-4
 """Relative difference of two statements of a rate from which they contradict each other."""
 CLOCKS_AGREE: Final = 2e-3
 """Relative difference of a rate from that of another clock from which they contradict each other."""
 UNIFORM: Final = 1e-3  #: part of the period by which stored instants may differ from uniform ones
-LOST: Final = 0.6  #: excess of an interval, in periods, from which samples may be missing
-BEYOND_JITTER: Final = 1.5  #: excess of a gap over the largest shortening of an interval by jitter
 ARRIVAL: Final = 0.05  #: step back of times of arrival [s] that is regarded as jitter
 AWAY: Final = 0.6  #: largest distance of an instant from the uniform ones, in periods
 LARGEST_GROWTH: Final = (
@@ -286,7 +285,7 @@ def of_stamps(
     notes: tuple[Finding, ...] = ()
     back = np.flatnonzero(np.diff(times) < 0)
     shared = bool((np.diff(times) == 0).all())
-    period = _period(times) if not back.size else _period(np.sort(times))
+    period = usual_period(times) if not back.size else usual_period(np.sort(times))
     if shared or not period > 0:
         raise DataError(
             f"{where}: all {times.size} samples are at {times[0]:.6g} s; expected ascending times."
@@ -302,8 +301,8 @@ def of_stamps(
     agree = CLOCKS_AGREE if jittered else RATES_AGREE
     if nominal and abs(period * nominal - 1.0) < CLOCKS_AGREE:
         period = 1.0 / nominal
-    places = _places(times, period)
-    period, start = _line(places, times)
+    places = places_of(times, period)
+    period, start = line_through(places, times)
     uniform = 0.1 if irregular else AWAY
     _require_near(where, times, start + period * places, period, jittered, uniform, order)
     rate = 1.0 / period
@@ -358,67 +357,6 @@ def differing(
     return tuple(found)
 
 
-def _period(times: np.ndarray) -> float:
-    """Usual interval of ascending times [s], not affected by jitter, rounding and a few gaps.
-
-    The mean of (t[i + m] - t[i]) / m between the quartiles, over which rounding averages out, is
-    taken for the m whose values scatter least.
-    """
-    best = (np.inf, float("nan"))
-    for lag in (1, 4, 16, 64, 256, 1024):
-        if lag > 1 and lag > times.size // 20:
-            break
-        slopes = (times[lag:] - times[:-lag]) / lag
-        low, high = np.percentile(slopes, [25, 75])
-        middle = float(slopes[(slopes >= low) & (slopes <= high)].mean())
-        if middle > 0 and (high - low) / middle < 0.5 * best[0]:
-            best = ((high - low) / middle, middle)
-    return best[1]
-
-
-def _places(times: np.ndarray, period: float) -> np.ndarray:
-    """Index of each instant among uniform ones, with lost samples between them.
-
-    Jitter delays a sample and hence shortens a later interval; a loss does not. Rounding to a step
-    longer than the period lengthens an interval by at most that step.
-    """
-    excess = np.diff(times) - period
-    jitter = max(float(-excess.min()), 0.0)
-    step = _resolution(times)
-    least = max(LOST * period, BEYOND_JITTER * jitter, 1.001 * step if step > period else 0.0)
-    candidates = np.flatnonzero(excess > least)
-    lost = np.zeros(excess.size, dtype=np.int64)
-    if step > period and candidates.size:
-        period = _longest(times, candidates)
-    lag = times - period * np.arange(times.size)
-    edges = np.concatenate(([-1], candidates, [excess.size]))
-    around = max(1, round(0.5 / period))
-    for number, k in enumerate(candidates, start=1):
-        before = lag[max(edges[number - 1] + 1, k + 1 - around) : k + 1]
-        after = lag[k + 1 : min(edges[number + 1] + 1, k + 1 + around)]
-        longer = float(excess[k])
-        if jitter > 0.1 * period:
-            longer = float(np.median(after) - np.median(before))
-        lost[k] = max(round(longer / period), 0)
-    return np.concatenate(([0], np.cumsum(1 + lost)))
-
-
-def _longest(times: np.ndarray, gaps: np.ndarray) -> float:
-    """Period of the longest part of rounded times without a gap after one of its samples."""
-    ends = np.concatenate(([0], gaps + 1, [times.size]))
-    k = int(np.argmax(np.diff(ends)))
-    part = times[ends[k] : ends[k + 1]]
-    return _line(np.arange(part.size), part)[0]
-
-
-def _line(places: np.ndarray, times: np.ndarray) -> tuple[float, float]:
-    """Slope and value at zero of the line through instants in the least-squares sense."""
-    middle, centre = float(places.mean()), float(times.mean())
-    away = places - middle
-    slope = float(away @ (times - centre) / (away @ away))
-    return slope, centre - slope * middle
-
-
 def _require_finite(where: str, times: np.ndarray) -> None:
     bad = np.flatnonzero(~np.isfinite(times))
     if bad.size:
@@ -453,7 +391,7 @@ def _require_near(
     away = np.abs(times - uniform)
     k = int(np.argmax(away))
     jitter = max(float((period - np.diff(times)).max()), 0.0)
-    allowed = max(uniform_within * period, 0.51 * _resolution(times))
+    allowed = max(uniform_within * period, 0.51 * resolution_of(times))
     if jittered:
         allowed = max(allowed, 1.5 * period, 2.0 * jitter, 0.005)
     if away[k] > allowed:
@@ -462,17 +400,6 @@ def _require_near(
             f"samples at {1.0 / period:.6g} Hz; expected uniform ones with gaps: resample the signal, "
             "or cut the recording there."
         )
-
-
-def _resolution(times: np.ndarray) -> float:
-    """Step to which ascending times were rounded [s], 0 if they were not."""
-    steps = np.diff(times)
-    shortest = float(np.min(steps, where=steps > 1e-9, initial=np.inf))
-    for step in (shortest, 0.1, 0.01, 0.001, 1e-4, 1e-5):
-        counts = times / step
-        if float(np.abs(counts - np.rint(counts)).max()) < 1e-3:
-            return step
-    return 0.0
 
 
 def _require_placed(where: str, times: np.ndarray, nominal: float, rate: float) -> None:
