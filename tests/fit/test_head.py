@@ -108,8 +108,17 @@ def test_a_head_of_fitted_parts_is_written_and_read(parts, tongues, tmp_path):
 
 def test_parts_that_do_not_belong_together_are_refused(parts):
     models, generic = parts
-    with pytest.raises(HeadError, match="a generated tongue does not fit"):
+    with pytest.raises(
+        HeadError, match="face, jaw are fitted to a person, but the tongue would be"
+    ):
         build_head(models=models)
+    told = "then the jaw with that face as --frame .* give --model jaw=FILE --model tongue=FILE"
+    with pytest.raises(HeadError, match=f"{told}, or build only --parts face$"):
+        build_head(models={"face": models["face"]})
+    with pytest.raises(HeadError, match="the jaw would be generated"):  # it was built silently
+        build_head(["face", "jaw"], models={"face": models["face"]})
+    with pytest.raises(HeadError, match="but the given jaw not, with"):
+        build_head(["face", "jaw"], models={"face": models["face"], "jaw": generic})
     elsewhere = models["jaw"].copy()
     frame = np.array(json.loads(elsewhere.attrs["fit_frame"]))
     elsewhere.attrs["fit_frame"] = json.dumps([float(v) for v in frame + 1e-3])

@@ -16,7 +16,7 @@ from emgface.anatomy.jaw.template.muscles import GROUPS
 from emgface.anatomy.tongue.model import attached_nodes
 from emgface.anatomy.tongue.template.build import person, template_tongue
 from emgface.anatomy.tongue.template.palate import palate
-from emgface.errors import HeadError
+from emgface.errors import HeadError, listed
 from emgface.face.parts import MANDIBLE, SKULL, Arch, Integers, arches_of
 from emgface.face.quality import element_quality
 from emgface.face.template import Measures, template_face
@@ -26,6 +26,8 @@ from emgface.fit.similarity import similarity
 from emgface.schema.validation import validate
 
 HYOID = ("hyoid", "thyroid", "cricoid")
+OWNER: Final = {"face": ("face",), "jaw": ("jaw", "hyoid"), "tongue": ("tongue",)}
+"""Parts of a head that a model of a kind contains."""
 SAME: Final = 1e-6  #: largest difference of two frames that are the same [m, 1]
 
 
@@ -58,7 +60,8 @@ def build_head(
     Raises
     ------
     HeadError
-        A part or contact pair is unknown, or models were fitted in different frames.
+        A part or contact pair is unknown, models were fitted in different frames, or a part of a
+        person is joined with generated ones.
     FaceError, JawError, TongueError
         As of the parts.
     """
@@ -115,15 +118,15 @@ def _fitted(models: Mapping[str, xr.Dataset]) -> bool:
 
 
 def _checked(models: Mapping[str, xr.Dataset], named: Sequence[str]) -> dict[str, xr.Dataset]:
-    """Models of the named parts in one frame; HeadError otherwise."""
-    owner = {"face": ("face",), "jaw": ("jaw", "hyoid"), "tongue": ("tongue",)}
+    """Models of the named parts of one person in one frame; HeadError otherwise."""
     for part, model in models.items():
-        if part not in owner or not set(owner[part]) & set(named):
+        if part not in OWNER or not set(OWNER[part]) & set(named):
             raise HeadError(
                 f"a model of {part!r} is given, expected face, jaw or tongue, among the "
                 f"parts {', '.join(named)}"
             )
         validate(model, KINDS[part])
+    _check_one_person(models, named)
     frames = {
         part: np.array(json.loads(model.attrs["fit_frame"]))
         for part, model in models.items()
@@ -136,12 +139,28 @@ def _checked(models: Mapping[str, xr.Dataset], named: Sequence[str]) -> dict[str
                 f"{first} and {part} were fitted in different frames, expected one: fit the {part} with "
                 "the fitted face as its frame"
             )
-    if _fitted(models) and "tongue" in named and "tongue" not in models:
-        raise HeadError(
-            "a generated tongue does not fit in fitted bones, expected a model of the tongue: fit it "
-            "to the jaw, or omit the part"
-        )
     return dict(models)
+
+
+def _check_one_person(models: Mapping[str, xr.Dataset], named: Sequence[str]) -> None:
+    """Refuse parts of a person beside generated ones, which have the places of another."""
+    fitted = [part for part, model in models.items() if model.attrs.get("origin") == "fitted"]
+    others = [part for part, own in OWNER.items() if set(own) & set(named) and part not in fitted]
+    if not fitted or not others:
+        return
+    given, absent = ([p for p in others if (p in models) == there] for there in (True, False))
+    why = " and ".join(
+        [f"the given {listed(given)} not"] * bool(given)
+        + [f"the {listed(absent)} would be generated"] * bool(absent)
+    )
+    kept = [name for name in named if any(name in OWNER[part] for part in fitted)]
+    files = " ".join(f"--model {part}=FILE" for part in others)
+    raise HeadError(
+        f"the {listed(fitted)} {'is' if len(fitted) == 1 else 'are'} fitted to a person, but {why}, "
+        "with bones, teeth and attachments millimetres from those of the person; expected all parts "
+        "of one person: by emgface fit, first the face, then the jaw with that face as --frame and the "
+        f"tongue with that jaw as --frame; give {files}, or build only --parts {','.join(kept)}"
+    )
 
 
 def without_floor_of(tongue: xr.Dataset, jaw: xr.Dataset) -> xr.Dataset:
