@@ -49,7 +49,7 @@ class FaceError(DataError):
 Refused = Literal[
     "too wide", "at the commissure", "tumour", "surface", "off the skin", "off the lip", "bone",
     "too small", "degenerate", "not layered", "folds", "invalid", "strength", "stiffness",
-    "other model",
+    "other model", "repeated",
 ]  # fmt: skip
 """Reasons why a treatment is refused."""
 
@@ -65,7 +65,8 @@ class TreatmentError(FaceError):
         the excision is "off the skin" or "off the lip", at "bone", or "too small" for the mesh; the
         elements at the cut would be "degenerate"; the face is "not layered" there, as at an earlier
         suture; the closure "folds" elements, or the result is otherwise "invalid"; the "strength" of a
-        muscle or the "stiffness" of tissue is out of range; the step belongs to an "other model".
+        muscle or the "stiffness" of tissue is out of range; the step belongs to an "other model"; or the
+        face already carries the plan, which would be "repeated".
     """
 
     def __init__(self, reason: Refused, text: str) -> None:

@@ -11,6 +11,7 @@ from sim._kernels.element import NODES, Part
 from sim._kernels.lanes import LANES
 from sim._kernels.scatter import PAIRS, Places
 from sim.chunks import coloured_chunks
+from sim.errors import SceneError
 from sim.mesh import Block, Mesh
 from sim.pattern import Index, SymmetricPattern, distinct
 from sim.state import Array
@@ -47,6 +48,26 @@ def grouped(keys: Index, n_groups: int) -> tuple[Index, Index]:
     return order.astype(np.int64), start.astype(np.int64)
 
 
+def require_stress_free(stress_free: Array, mesh: Mesh) -> None:
+    """Refuse stress-free positions of another shape, or at which an element is not valid."""
+    if stress_free.shape != (mesh.n_elements, NODES, 3):
+        raise SceneError(
+            f"stress_free has the shape {stress_free.shape}, expected ({mesh.n_elements}, {NODES}, 3), "
+            "the nodes of every element of the mesh"
+        )
+    first = 0
+    for block in mesh.blocks:
+        corners = stress_free[first : first + len(block.nodes), : block.kind.n_nodes]
+        with np.errstate(invalid="ignore"):
+            good = np.linalg.det(np.einsum("eai,paj->epij", corners, block.kind.dN)) > 0.0
+        if not good.all():  # also if a position is not finite
+            raise SceneError(
+                f"element {first + int(np.argmin(good.all(axis=1)))} is inverted or flat at its "
+                "stress-free positions, expected a positive volume: check the positions"
+            )
+        first += len(block.nodes)
+
+
 def parts_of(
     mesh: Mesh,
     chosen: NDArray[np.bool_] | None = None,
@@ -63,6 +84,8 @@ def parts_of(
     With `point_per_node` the single point of an element is divided among its nodes; other elements have
     a point per node.
     """
+    if stress_free is not None:
+        require_stress_free(stress_free, mesh)
     parts: list[Part] = []
     first = 0
     for block in mesh.blocks:

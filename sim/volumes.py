@@ -27,11 +27,14 @@ class ElementVolumes:
 class PointVolumes:
     """Current volumes of all quadrature points; a tetrahedron has one quarter per node.
 
-    `rest` and current volumes `v` are (n_elements, 8) [m^3], zero if an element has no such point.
+    `rest` and current volumes `v` are (n_elements, 8) [m^3], zero if an element has no such point;
+    `rest` is that of the mesh, or of the `stress_free` positions (n_elements, 8, 3) [m].
     """
 
-    def __init__(self, mesh: Mesh, pattern: SymmetricPattern) -> None:
-        self._parts = parts_of(mesh, point_per_node=True)
+    def __init__(
+        self, mesh: Mesh, pattern: SymmetricPattern, stress_free: Array | None = None
+    ) -> None:
+        self._parts = parts_of(mesh, stress_free=stress_free, point_per_node=True)
         self._places = [places_of(mesh, part, pattern) for part in self._parts]
         n = mesh.n_elements
         self.rest, self.v = np.zeros((n, LANES)), np.zeros((n, LANES))

@@ -66,6 +66,13 @@ def treatments(model: xr.Dataset) -> list[Entry]:
     return found
 
 
+def told_treatment(entry: Entry) -> str:
+    """Words of a treatment: its plan, and the model to which it was applied."""
+    plan, before = entry["plan"], str(entry.get(APPLIED_TO, ""))
+    model = f"the model with digest {before[:SHOWN]}" if before else "the model before it"
+    return f"the plan {str(plan.get('name', ''))!r}, applied to {model}"
+
+
 def with_treatment(before: xr.Dataset, after: xr.Dataset, entry: Entry) -> xr.Dataset:
     """Store a treatment in the model after it, with the digest of that before, and return the model."""
     here = dataset_digest(before)

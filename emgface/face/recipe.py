@@ -79,9 +79,9 @@ def compose_scene(face: xr.Dataset, parameters: SimulationParameters) -> sim.Sce
         rows = muscles.names, muscles.element, muscles.muscle
         terms.append(sim.Stiffening(*rows, tissue, p.stiffening, muscles.weight))
     if p.incompressibility == "element":
-        terms.append(sim.ElementVolume(_kappa(materials, region)))
+        terms.append(sim.ElementVolume(_kappa(materials, region), solid.stress_free))
     elif p.incompressibility == "nodal":
-        terms.append(sim.NodalVolume(_kappa(materials, region)))
+        terms.append(sim.NodalVolume(_kappa(materials, region), stress_free=solid.stress_free))
     if p.support > 0.0:
         terms.append(inner_support(face, p.support))
     terms.extend(contact_terms(face, p))

@@ -43,8 +43,8 @@ def check_treated(face: xr.Dataset, parameters: SimulationParameters) -> None:
         ),
         (
             f"incompressibility = {p.incompressibility!r}",
-            closed and p.incompressibility != "pointwise",
-            "pointwise",
+            closed and p.incompressibility == "hard",
+            "pointwise', 'element' or 'nodal",
         ),
         (
             f"muscle_form = {p.muscle_form!r}",
@@ -55,7 +55,7 @@ def check_treated(face: xr.Dataset, parameters: SimulationParameters) -> None:
         if refused:
             raise FaceError(
                 f"the face was treated, and {found} is not implemented for a treated face, expected "
-                f"{expected!r}: change the parameter, or use the untreated face"
+                f"'{expected}': change the parameter, or use the untreated face"
             )
 
 

@@ -310,12 +310,17 @@ class Plan(Parameters):
         return value
 
 
+def _stated(plan: Any) -> Plan:
+    """Plan of a file; ConfigurationError if it is none, as one of a later version."""
+    return plan if isinstance(plan, Plan) else configure(Plan, plan, where="plan of a treatment")
+
+
 def applied_plan(entry: Mapping[str, Any]) -> Plan:
     """Plan of a treatment (`emgface.face.identity.treatments`), with wedges in place of tumours.
 
     The wedge around a tumour is that of the report of the step; it requires no file of a surface.
     """
-    plan = Plan.model_validate(entry["plan"])
+    plan = _stated(entry["plan"])
     steps = [
         step.wedge(report) if isinstance(step, Tumour) and set(DRAWN) <= set(report) else step
         for step, report in zip(plan.step, entry["steps"], strict=True)
@@ -325,7 +330,7 @@ def applied_plan(entry: Mapping[str, Any]) -> Plan:
 
 def steps_digest(plans: Iterable[Any]) -> str:
     """Digest of the steps of some plans (as data) one after another, whatever their names are."""
-    steps = [step for plan in plans for step in Plan.model_validate(plan).step]
+    steps = [step for plan in plans for step in _stated(plan).step]
     text = json.dumps([step.model_dump(mode="json") for step in steps], sort_keys=True)
     return f"steps-{sha256(text.encode()).hexdigest()[:12]}"  # no number in a table
 

@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from emgface.errors import FaceError, JawError, TreatmentError
 from emgface.face.contact_parameters import NO_CONTACT, ContactParameters
-from emgface.face.identity import with_treatment
+from emgface.face.identity import treatments, with_treatment
 from emgface.face.lip_shape import lip_opening
 from emgface.face.quality import element_centres, element_quality
 from emgface.face.recipe import compose_scene, element_order
@@ -21,8 +21,9 @@ from emgface.face.surface import element_faces, face_areas
 from emgface.face.validity import check_face
 from emgface.treatment.changes import apply_change, apply_palsy, with_factor, with_share
 from emgface.treatment.closure import Closed, Progress, drawn_together, relaxed, ties
+from emgface.treatment.earlier import SUTURED, earlier_cuts, plan_again
 from emgface.treatment.excise import Wound, excise
-from emgface.treatment.outline import MM, Outline, in_excision, outline_of, wedge_around
+from emgface.treatment.outline import MM, Outline, outline_of, wedge_around
 from emgface.treatment.plan import (
     CUTS,
     DRAWN,
@@ -66,10 +67,12 @@ def treat_face(
     the face lacks what any treatment requires, such as a mouth.
     """
     parameters = parameters or SimulationParameters()
+    if told := plan_again(face, plan):
+        raise TreatmentError("repeated", told)
     treated, reports = face, list[Report]()
     for number, step in enumerate(plan.step, 1):
+        own, report = step, Report()
         try:
-            own, report = step, Report()
             if isinstance(step, Tumour):
                 own = wedge_around(treated, step, folder)
                 report = {name: getattr(own, name) for name in DRAWN}
@@ -80,6 +83,7 @@ def treat_face(
                 report["doubts"] = list(doubts)
         except FaceError as error:
             told = f"step {number} ({step.kind}) of {plan.name!r}: {error}"
+            told += earlier_cuts(treated, own, [*treatments(face), _entry(plan, reports)])
             if isinstance(error, TreatmentError):
                 raise TreatmentError(error.reason, told) from error
             raise FaceError(told) from error  # the face lacks what any treatment requires
@@ -112,6 +116,8 @@ def _entry(plan: Plan, reports: list[Report]) -> Report:
 
 def treat_jaw(jaw: xr.Dataset, plan: Plan) -> xr.Dataset:
     """Apply a plan of resections to a jaw model; JawError if a step is of another kind."""
+    if told := plan_again(jaw, plan):
+        raise JawError(told)
     treated, reports = jaw, list[Report]()
     for number, step in enumerate(plan.step, 1):
         if not isinstance(step, Resection):
@@ -142,27 +148,14 @@ def _cut(
         closed, report = _unfolded(face, step, outline, parameters, progress, keep_markers=True)
     except FaceError as first:
         if step.method == "elements" or isinstance(step, Incision):
-            raise _of_suture(first, face, outline, step.lip) from None
+            raise
         try:
             closed, report = _unfolded(
                 face, step, outline, parameters, progress, keep_markers=False
             )
         except FaceError:
-            raise _of_suture(first, face, outline, step.lip) from None
+            raise first from None
     return closed, {"removed_share_of_margin": outline.share, **report}
-
-
-def _of_suture(error: FaceError, face: xr.Dataset, outline: Outline, lip: str) -> FaceError:
-    """The same failure of an excision, with the suture that lies in it, if there is one."""
-    if "suture_node" not in face or not isinstance(error, TreatmentError):
-        return error
-    closed = face["position"].values[face["suture_node"].values]
-    if not in_excision(face, outline, lip, closed).any():
-        return error
-    return TreatmentError(
-        error.reason,
-        f"{error}; the excision contains the suture of an earlier one: excise both at once by one wedge",
-    )
 
 
 def _unfolded(
@@ -240,7 +233,7 @@ def _sutured(
     stress = np.linalg.norm(closing.traction[suture], axis=1).sum() / area if area else 0.0
     quality = element_quality(face["position"].values, face["connectivity"].values)
     return closed, {
-        "removed_volume_mm3": 1e9 * wound.removed,
+        SUTURED: 1e9 * wound.removed,
         "volume_before_mm3": 1e9 * float(quality.volume.sum()),
         "widest_gap_mm": 1e3 * _gap(wound),
         "mean_suture_stress_Pa": float(stress),

@@ -2,13 +2,17 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import xarray as xr
 
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import CHANNELS, INSTRUCTIONS, MUSCLES
+from emgface.schema.validation import declaration
+
+POWERS: Final = {None: 0, "1": 0, "m": 1, "N": 2}
+"""Power of the scale of a face with which a quantity of the same tissue grows, by its unit."""
 
 
 @dataclass(frozen=True)
@@ -96,11 +100,12 @@ def draw_volunteer(index: int, seed: int) -> SimulatedVolunteer:
 
 
 def person_face(face: xr.Dataset, scale: float) -> xr.Dataset:
-    """Scale all positions of a face model by a factor."""
+    """Scale all lengths of a face model by a factor, and its forces by that of their areas."""
     scaled = face.copy()
-    for name in ("position", "fibre_position", "face_marker_position"):
-        scaled[name] = face[name] * scale
-        scaled[name].attrs = dict(face[name].attrs)
+    for name, declared in declaration("face_model").arrays().items():
+        if name in face and (power := POWERS[declared.units]):
+            scaled[name] = face[name] * scale**power
+            scaled[name].attrs = dict(face[name].attrs)
     return scaled
 
 

@@ -50,6 +50,8 @@ class NodalVolume(Term):
     #: weighted by volume
     kappa: float | Array = 25e3
     at_fixed: bool = False  #: fully fixed nodes have a pressure, unlike in the published simulator
+    #: (n_elements, NODES, 3) as that of the `Solid`, whose volumes are then V_n [m]
+    stress_free: Array | None = None
 
     def __post_init__(self) -> None:
         require_positive(self.kappa)
@@ -93,7 +95,7 @@ class _NodalPressures(CompiledTerm):
 
     def __init__(self, term: NodalVolume, layout: Layout) -> None:
         mesh, pattern = layout.mesh, layout.pattern
-        self._volumes = PointVolumes(mesh, pattern)
+        self._volumes = PointVolumes(mesh, pattern, term.stress_free)
         nodes, used = slots(mesh)
         self._is_point = self._volumes.rest > 0.0
         element, point = np.nonzero(self._is_point)
@@ -192,7 +194,7 @@ class CompiledSparseNodalVolume(_NodalPressures):
         self._columns = column[self._entries].astype(np.int32)
         self._shape = (len(self._active), pattern.n)
         kappa = STAND_IN * kappa_by_element(term.kappa, layout.mesh)
-        self._stand_in = CompiledElementVolume(kappa, layout)
+        self._stand_in = CompiledElementVolume(kappa, layout, term.stress_free)
         self._no_control = Control(np.zeros(len(layout.muscles)))
         self._at: Array | None = None
         self._product: Product | None = None

@@ -7,10 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim._kernels import solid as kernel
-from sim._kernels.element import NODES, Part
+from sim._kernels.element import Part
 from sim._kernels.laws import FibreTable, LawTable
 from sim._kernels.scatter import Places
-from sim.assembly import element_pair_keys, parts_of, places_of
+from sim.assembly import element_pair_keys, parts_of, places_of, require_stress_free
 from sim.checks import real_numbers
 from sim.errors import SceneError
 from sim.indices import index_rows
@@ -263,23 +263,19 @@ def _stretch_at_centres(solid: Solid, mesh: Mesh) -> Array:
 
     It transforms the directions of fibres and material axes, which are those of the mesh.
     """
-    free, shape = solid.stress_free, (mesh.n_elements, NODES, 3)
-    if free is None or free.shape != shape or solid.prestretch is not None:
-        found = "no positions" if free is None else f"the shape {free.shape}"
-        besides = " and a prestretch besides" if solid.prestretch is not None else ""
-        raise SceneError(f"stress_free has {found}{besides}, expected the shape {shape} alone")
+    free = solid.stress_free
+    assert free is not None
+    if solid.prestretch is not None:
+        raise SceneError(
+            "the solid has stress_free positions and a prestretch, expected one of them: the positions "
+            "contain the stretch"
+        )
+    require_stress_free(free, mesh)
     F0 = np.empty((mesh.n_elements, 3, 3))
     first = 0
     for block in mesh.blocks:
         own = slice(first, first + len(block.nodes))
         corners = free[own, : block.kind.n_nodes]
-        at_points = np.linalg.det(np.einsum("eai,paj->epij", corners, block.kind.dN))
-        if not (at_points > 0.0).all():  # also if a position is not finite
-            bad = first + int(np.argmin((at_points > 0.0).all(axis=1)))
-            raise SceneError(
-                f"element {bad} is inverted or flat at its stress-free positions, expected a positive "
-                "volume: check the positions"
-            )
         dN = block.kind.dN.mean(axis=0)
         before = np.einsum("eai,aj->eij", corners, dN)
         F0[own] = np.einsum("eai,aj->eij", mesh.X[block.nodes], dN) @ np.linalg.inv(before)

@@ -27,6 +27,8 @@ class ElementVolume(Term):
     #: bulk modulus [Pa], also (n_elements,), positive; zero if another law determines the
     #: volume change
     kappa: float | Array = 25e3
+    #: (n_elements, NODES, 3) as that of the `Solid`, whose volumes are then V_e [m]
+    stress_free: Array | None = None
 
     def __post_init__(self) -> None:
         require_positive(self.kappa)
@@ -37,7 +39,7 @@ class ElementVolume(Term):
 
     def compile(self, layout: Layout) -> "CompiledElementVolume":
         """Lay out volumes and sums."""
-        return CompiledElementVolume(self.kappa, layout)
+        return CompiledElementVolume(self.kappa, layout, self.stress_free)
 
 
 def require_positive(kappa: float | Array) -> None:
@@ -62,9 +64,11 @@ def kappa_by_element(kappa: float | Array, mesh: Mesh) -> Array:
 class CompiledElementVolume(CompiledTerm):
     """Compiled element volumes; the buffers contain no state between calls."""
 
-    def __init__(self, kappa: float | Array, layout: Layout) -> None:
+    def __init__(
+        self, kappa: float | Array, layout: Layout, stress_free: Array | None = None
+    ) -> None:
         self._kappa = np.ascontiguousarray(kappa_by_element(kappa, layout.mesh))
-        self._parts = parts_of(layout.mesh)
+        self._parts = parts_of(layout.mesh, stress_free=stress_free)
         self._places = [places_of(layout.mesh, part, layout.pattern) for part in self._parts]
         self._energy = np.zeros(layout.mesh.n_elements)
         self._no_values, self._no_pressure = np.zeros(0), np.zeros((0, LANES))

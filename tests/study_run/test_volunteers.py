@@ -11,7 +11,13 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.muscles import FACE_MARKERS, LIP_MARKERS
 from emgface.recordings.dataset import read_recording
 from emgface.run.state import read_state
-from emgface.volunteers.person import draw_volunteer, person_face, person_parameters
+from emgface.schema.validation import declaration
+from emgface.volunteers.person import (
+    POWERS,
+    draw_volunteer,
+    person_face,
+    person_parameters,
+)
 from emgface.volunteers.simulate import make_volunteers
 from tests.study_run.conftest import MECHANICS
 
@@ -106,6 +112,11 @@ def test_a_person_has_a_scaled_face_and_tissue_of_its_own(slab) -> None:
     person = draw_volunteer(1, 4)
     face = person_face(slab, person.geometry_scale)
     np.testing.assert_allclose(face["position"], slab["position"] * person.geometry_scale)
-    assert face["position"].attrs["units"] == "m"
+    for name in face.data_vars:  # every length, also of teeth and of a stress-free shape
+        factor = person.geometry_scale if face[name].attrs.get("units") == "m" else 1.0
+        np.testing.assert_allclose(face[name], slab[name] * factor)
+        assert face[name].attrs == slab[name].attrs
+    units = {one.units for one in declaration("face_model").arrays().values()}
+    assert units == {*POWERS}
     own = person_parameters(person, PARAMETERS)
     assert own.sigma_max == person.sigma_max and own.C10 == 2500.0 * person.stiffness

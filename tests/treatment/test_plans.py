@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 import emgface as ef
+from emgface.anatomy.jaw.template import template_jaw
 from emgface.choices import configure
-from emgface.errors import ConfigurationError, DataError, FaceError, TreatmentError
+from emgface.errors import ConfigurationError, DataError, FaceError, JawError, TreatmentError
 from emgface.face.file import load_face, save_face
 from emgface.schema.validation import schema_folder
 from emgface.treatment.motions import gestures
-from emgface.treatment.plan import NOT_VALIDATED, Plan, plan_schema_text, read_plan
-from emgface.treatment.treat import treat_face
+from emgface.treatment.plan import NOT_VALIDATED, Plan, plan_schema_text, read_plan, steps_digest
+from emgface.treatment.treat import treat_face, treat_jaw
 from tests.treatment.plans import QUICK, wedge
 
 
@@ -125,9 +126,41 @@ def test_an_impossible_step_is_refused_with_its_reason(coarse, step, reason):
     assert (sent.reason, str(sent)) == (code, str(caught.value))
 
 
+def test_a_plan_that_the_face_already_carries_is_refused_with_its_name_and_digest(coarse, operated):
+    """Whatever the plan is called, and also where its steps could be applied again."""
+    weak = ef.treat(coarse, {"name": "weak", "step": [{"kind": "palsy", "degree": 0.5}]})
+    jaw = template_jaw()
+    resection = {"step": [{"kind": "resection", "side": "left"}]}
+    for face, given, error in (
+        (operated, wedge(), TreatmentError),
+        (weak, {"name": "other", "step": [{"kind": "palsy", "degree": 0.5}]}, TreatmentError),
+        (ef.treat(weak, {"step": [{"kind": "palsy", "degree": 0.1}]}),
+         {"step": [{"kind": "palsy", "degree": 0.5}]}, TreatmentError),
+        (treat_jaw(jaw, configure(Plan, resection)), resection, JawError),
+    ):  # fmt: skip
+        treat = treat_jaw if error is JawError else treat_face
+        with pytest.raises(error) as caught:
+            treat(face, configure(Plan, given))
+        text = str(caught.value)
+        entry = json.loads(face.attrs["treatment"])[0]
+        assert f"already carries the plan {entry['plan']['name']!r}, applied to" in text
+        assert entry["applied_to"][:8] in text and steps_digest([given]) in text
+        assert "treat the model before it" in text and "act twice" in text
+        assert getattr(caught.value, "reason", "repeated") == "repeated"
+    again = ef.treat(weak, {"step": [{"kind": "palsy", "degree": 0.25}]})  # another plan
+    assert float(again["muscle_strength"].min()) == 0.375
+
+
 def test_an_excision_of_an_earlier_suture_is_refused_with_its_cause(coarse, operated):
-    with pytest.raises(TreatmentError, match="contains the suture of an earlier one"):
-        ef.treat(operated, wedge())
+    digest = json.loads(operated.attrs["treatment"])[0]["applied_to"][:8]
+    told = (
+        f"suture of step 1 .wedge. of the plan 'plan', applied to .*{digest}: excise both at once"
+    )
+    with pytest.raises(TreatmentError, match=told):
+        ef.treat(operated, wedge(width=13.0))
+    own = [{"kind": "palsy", "degree": 0.1}, *wedge()["step"], *wedge(width=13.0)["step"]]
+    with pytest.raises(TreatmentError, match="step 3 .*suture of step 2 .wedge. of this plan"):
+        ef.treat(coarse, {"step": own})
     with pytest.raises(TreatmentError) as elsewhere:  # a wound of its own that cannot be closed
         ef.treat(operated, wedge(lip="upper", width=42.0, place=0.5))
     assert "suture of an earlier" not in str(elsewhere.value)
@@ -176,13 +209,11 @@ def test_a_file_that_is_no_plan_is_refused(tmp_path):
 
 def test_every_comparison_refuses_what_is_no_treatment(coarse, operated):
     """Motions, page, compensation, the other cut and the outcomes of jaws ask one place."""
-    from emgface.anatomy.jaw.template import template_jaw
     from emgface.treatment.compensation import compensated
     from emgface.treatment.cut_difference import other_cut
     from emgface.treatment.jaw_outcomes import jaw_outcome_table
     from emgface.treatment.motions import compared_motions
     from emgface.treatment.plan import Resection
-    from emgface.treatment.treat import treat_jaw
 
     jaw = template_jaw()
     resected = treat_jaw(jaw, Plan(step=(Resection(side="left"),)))

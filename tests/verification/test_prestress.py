@@ -1,12 +1,25 @@
 """Pre-stress by both methods, and stress stiffening, compared with closed forms."""
 
+from dataclasses import replace
+from inspect import signature
+
 import numpy as np
 import pytest
 
 import sim
 from sim import IN_VIVO, initial_stretch, stretch_field
 from sim.assembly import slots
-from tests.bodies import crossed_muscles, free_components, grid, mean_stress, rotation, solid_system
+from sim.terms import TERMS
+from tests.bodies import (
+    crossed_muscles,
+    dense,
+    free_components,
+    grid,
+    mean_stress,
+    rotation,
+    solid_system,
+    tetrahedra,
+)
 
 C10, C20, KAPPA = 2500.0, 1175.0, 250e3  # softer bulk cannot bear the pressure of 89.4 kPa
 TISSUE = sim.Material(sim.MooneyRivlin(C10, C20), sim.LogarithmicBulk(KAPPA))
@@ -215,7 +228,41 @@ def test_stress_free_corners_are_equivalent_to_a_uniform_prestretch():
     assert masses[1] * np.linalg.det(F0) == pytest.approx(masses[0], rel=1e-12)
 
 
-def test_bad_stress_free_corners_are_refused():
-    for bad in (np.zeros((N, 8, 3)), np.zeros((3, 3))):
+WITH_FREE = sim.Solid, sim.ElementVolume, sim.NodalVolume
+"""Terms whose energy is that of a stress-free shape, if one is given."""
+
+
+def test_every_term_with_a_stress_free_shape_is_listed():
+    assert {one for one in TERMS if "stress_free" in signature(one).parameters} == {*WITH_FREE}
+
+
+@pytest.mark.parametrize("term", WITH_FREE)
+@pytest.mark.parametrize("kind", ["hexahedra and wedges", "tetrahedra"])
+def test_stress_free_corners_give_the_forces_of_the_mesh_that_has_them(term, kind):
+    """The same positions, energy, forces and tangent, whatever the mesh at rest is."""
+    mesh = MESH if kind != "tetrahedra" else tetrahedra((2, 1, 1))
+    rng = np.random.default_rng(3)
+    size = 0.02 * np.ptp(mesh.X)
+    before, q = (mesh.X + size * rng.standard_normal(mesh.X.shape) for _ in range(2))
+    corners = before[slots(mesh)[0]]
+    free = replace(mesh, X=before)
+    carrier = sim.Solid()  # gives the mass
+    found = []
+    for own, given in ((mesh, {"stress_free": corners}), (free, {})):
+        system = sim.compile_scene(sim.Scene(own, (carrier, term(**given))))
+        alone = sim.compile_scene(sim.Scene(own, (carrier,)))
+        control = system.control(np.zeros(0))
+        (one, K), (none, K0) = system.tangent(q, control), alone.tangent(q, control)
+        found.append(
+            (one.energy - none.energy, one.f - none.f, dense(system, K) - dense(alone, K0))
+        )
+    assert found[0][0] == pytest.approx(found[1][0], rel=1e-9) and found[0][0] > 0.0
+    for one, two in zip(found[0][1:], found[1][1:], strict=True):
+        np.testing.assert_allclose(one, two, atol=1e-9 * np.abs(two).max())
+
+
+@pytest.mark.parametrize("term", WITH_FREE)
+def test_bad_stress_free_corners_are_refused(term):
+    for bad in (np.zeros((N, 8, 3)), np.zeros((3, 3)), np.full((N, 8, 3), np.nan)):
         with pytest.raises(sim.SceneError, match="stress"):
-            sim.compile_scene(sim.Scene(MESH, (sim.Solid(stress_free=bad),)))
+            sim.compile_scene(sim.Scene(MESH, (sim.Solid(), term(stress_free=bad))))
