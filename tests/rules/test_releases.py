@@ -49,6 +49,19 @@ def test_the_workflow_runs_the_checks_with_the_oldest_and_the_newest_python(root
     assert f"3.{oldest}\n" in text and f"3.{int(after) - 1}\n" in text
 
 
+def test_the_checks_run_each_slow_test_and_files_that_exist(root: Path) -> None:
+    """Slow tests are collected in files that name their mark: one imported from elsewhere hides them."""
+    script = (root / ".ci" / "run").read_text(encoding="utf-8")
+    mark = re.search(r"grep -rlF (\S+) tests --include='test_\*\.py'", script)
+    assert mark is not None and mark[1] == "mark.slow"
+    naming = {p for p in (root / "tests").rglob("*.py") if mark[1] in p.read_text(encoding="utf-8")}
+    assert naming and all(path.name.startswith("test_") for path in naming)
+    named = re.findall(
+        r"tests/[\w/.]+", "".join(re.findall(r"^interfaces.*$", script, re.MULTILINE))
+    )
+    assert len(named) > 5 and all((root / name).exists() for name in named)
+
+
 def kinds_of_changes(root: Path) -> list[str]:
     return [one["directory"] for one in project(root)["tool"]["towncrier"]["type"]]
 

@@ -51,6 +51,14 @@ def calibrated(folder: Path, **changes):
     return configured(folder, simulation=STIFF | {"sigma_max": 300e3} | policy, **changes)
 
 
+@pytest.fixture(scope="module")
+def studied(people: Path, tmp_path_factory) -> Path:
+    """Folder of the study of these people, computed by one process; read by a repeated run."""
+    folder = tmp_path_factory.mktemp("studied")
+    run_study(calibrated(people), folder)
+    return folder
+
+
 @pytest.mark.parametrize("true", [50e3, 60e3, 120e3, 150e3, 300e3])
 @pytest.mark.parametrize("power", [0.5, 1.0, 1.6])
 def test_the_stress_of_a_power_law_is_found(true: float, power: float) -> None:
@@ -82,7 +90,9 @@ def test_the_true_activation_recovers_the_stress_of_the_volunteer(people: Path, 
     assert "was calibrated for each volunteer" in str(methods(study, cube))
 
 
-def test_markers_of_a_repetition_do_not_affect_its_own_value(people: Path, tmp_path) -> None:
+def test_markers_of_a_repetition_do_not_affect_its_own_value(
+    people: Path, studied: Path, tmp_path
+) -> None:
     """Motion of repetition 1 doubled: its value stays bit for bit, that of repetition 2 does not."""
     other = tmp_path / "other"
     shutil.copytree(people, other, ignore=shutil.ignore_patterns("store", "runs"))
@@ -95,16 +105,17 @@ def test_markers_of_a_repetition_do_not_affect_its_own_value(people: Path, tmp_p
         position.loc[{"marker": lips}] = (first + 2.0 * (own - first)).transpose(*own.dims)
         path.unlink()
         write_recording(recording.assign(position=position), path)
-    before = run_study(calibrated(people), tmp_path / "a").cube["sigma_max"]
+    before = run_study(calibrated(people), studied).cube["sigma_max"]
     after = run_study(calibrated(other), tmp_path / "b").cube["sigma_max"]
     assert (before.sel(repetition=1) == after.sel(repetition=1)).all()
     assert (after.sel(repetition=2) > 1.2 * before.sel(repetition=2)).all()
 
 
-def test_two_processes_and_a_repeated_run_give_the_same_values(people: Path, tmp_path) -> None:
-    one = run_study(calibrated(people), tmp_path / "one")
-    again = run_study(calibrated(people), tmp_path / "one")
-    assert again.computed() == []
+def test_two_processes_and_a_repeated_run_give_the_same_values(
+    people: Path, studied: Path, tmp_path
+) -> None:
+    one = run_study(calibrated(people), studied)
+    assert one.computed() == []
     two = run_study(calibrated(people), tmp_path / "two", workers=2)
     assert (one.cube["sigma_max"] == two.cube["sigma_max"]).all()
     assert (one.cube["rho"] == two.cube["rho"]).all()
@@ -127,13 +138,15 @@ def test_the_published_stress_has_a_name() -> None:
         configure(SimulationParameters, {"sigma_max": "strong"})
 
 
-def test_simulate_calibrates_from_other_trials_and_refuses_its_own(people: Path, tmp_path) -> None:
+def test_simulate_calibrates_from_other_trials_and_refuses_its_own(
+    people: Path, studied: Path
+) -> None:
     recording = people / "recordings"
     activation = ef.activate(recording / "S01_B_1.nc", strategy="act_rel")
     given = {"face": people / "face.nc", **STIFF}
     others = [recording / f"S01_{one}.nc" for one in ("B_2", "E_2")]
     moved = ef.simulate(activation, calibrate=others, progress=False, **given)
-    cube = run_study(calibrated(people), tmp_path / "study").cube
+    cube = run_study(calibrated(people), studied).cube
     of_study = float(cube["sigma_max"].sel(instruction="B", repetition=1).squeeze())
     assert 50e3 <= moved.attrs["sigma_max"] <= 300e3
     assert moved.attrs["sigma_max"] == pytest.approx(of_study, rel=0.15)

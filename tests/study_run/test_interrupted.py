@@ -28,6 +28,7 @@ from emgface.cli import app
 from emgface.cli.written import WRITTEN
 from emgface.face.waypoints import INDEX
 from emgface.files import is_part
+from emgface.pictures import movie
 from emgface.recordings.dataset import read_recording, write_recording
 from tests.api.test_command_files import paths
 from tests.study_run.test_cli import STUDY
@@ -62,8 +63,9 @@ SLOW: dict[str, str] = {
     "segment": "segment {image} --clicks {clicks} --label head=1 --out {o}/labels.nii.gz "
     "--picture {o}/labels.png",
     "show": "show {motion} --out {o}/motion.html",
-    "invert run": "invert run {rec} --study {study} --out {o}/inverse.nc",
-    "volunteers": "volunteers --out {o}/made --n 1 --instructions C --study {study} --workers 1",
+    "invert run": "invert run {trial} --study {study} --out {o}/inverse.nc",
+    "volunteers": "volunteers --out {o}/made --n 1 --instructions C --study {study} --workers 1 "
+    "--emg noise",
     "study run": "study run {study} --out {o}/study --workers 1",
     "study export": "study export {done} --out {o}/copy",
     "report": "report {done} --out {o}/report.html",
@@ -139,6 +141,14 @@ def watched(folder: Path, act: Callable[[int, str, str], None]) -> Iterator[None
         netCDF4.Dataset = before
 
 
+@pytest.fixture(scope="module", autouse=True)
+def small_movies() -> Iterator[None]:
+    """Movies of few pixels, whose files are written in the same changes: each is drawn seven times."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(movie, "PANEL", 40)
+        yield
+
+
 @pytest.fixture(scope="module")
 def places(laboratory: Path, shown: Path, tmp_path_factory) -> dict[str, Path]:
     """Inputs of all commands, by their names in the command lines."""
@@ -158,16 +168,17 @@ def places(laboratory: Path, shown: Path, tmp_path_factory) -> dict[str, Path]:
     found = {
         "rec": rec, "recs": recordings, "study": study, "csv": csv, "done": shown,
         "session": folder / "session.nc", "events": folder / "e_events.tsv",
-        "act": folder / "act.nc", "motion": folder / "motion.nc",
+        "act": folder / "act.nc", "motion": folder / "motion.nc", "trials": folder / "trials",
     }  # fmt: skip
     if find_spec("SimpleITK"):
         found |= _phantom(folder)
-    made = ["activate {rec} --study {study} --out {act}"]
+    made = ["cut {session} --events {events} --out {trials}"]
+    made += ["activate {rec} --study {study} --out {act}"]
     made += ["simulate {act} --study {study} --surface --out {motion}"]
     for line in made:
         result = CliRunner().invoke(app, line.format(**found).split())
         assert result.exit_code == 0, result.output
-    return found
+    return found | {"trial": min(found["trials"].glob("*.nc"))}  # 0.5 s, which are soon inverted
 
 
 def _phantom(folder: Path) -> dict[str, Path]:
