@@ -66,6 +66,12 @@ def apply_change(face: xr.Dataset, step: Change) -> tuple[xr.Dataset, dict[str, 
     rows = chosen[muscle]
     if region is not None:
         rows &= region[element]
+        if step.muscles and not rows.any():
+            raise TreatmentError(
+                "too small",
+                f"no part of {', '.join(step.muscles)} is in the region, expected some: check lip, "
+                "centre and radius, or omit the muscles",
+            )
     if step.stiffness != 1.0:
         inside = np.ones(face.sizes["element"], dtype=bool) if region is None else region.copy()
         if step.muscles:

@@ -16,7 +16,8 @@ from emgface.face.lip_shape import LipRim, lip_rim
 from emgface.face.parts import OUTER
 from emgface.face.surface import faces_among
 from emgface.treatment.columns import Chart
-from emgface.treatment.plan import DRAWN, SHORTEST, Incision, Tumour, Wedge
+from emgface.treatment.lengths import SHORTEST
+from emgface.treatment.plan import DRAWN, Incision, Tumour, Wedge
 
 Floats = NDArray[np.float64]
 Point = tuple[float, float]

@@ -6,18 +6,26 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import Discriminator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, field_validator, model_validator
 
 from emgface.choices import Parameters, choice, configure, parameter
+from emgface.errors import ConfigurationError
 from emgface.muscles import MODELLED, MUSCLES
 from emgface.texts import read_toml
+from emgface.treatment.lengths import Lengths
 
 PLAN_VERSION: Final = 1
 CLINICAL: Final = "Mosebo et al., plastsurgeon.com: primary closure up to about 30 % of a lip"
 NOT_VALIDATED: Final = "research model, not validated on patients; not for treatment decisions"
 """Sentence on every page and in every file of a treatment."""
 
-Muscles = tuple[str, ...]
+
+def _several(value: Any) -> Any:
+    """One name as the only one of a list, other values as they are."""
+    return (value,) if isinstance(value, str) else value
+
+
+Muscles = Annotated[tuple[str, ...], BeforeValidator(_several)]
 
 
 def _known(values: Muscles) -> Muscles:
@@ -32,49 +40,6 @@ def _known(values: Muscles) -> Muscles:
             )
         found += both
     return tuple(dict.fromkeys(found))
-
-
-SHORTEST: Final = 0.1
-"""Lengths of a plan that are positive and shorter are those in metres [mm]; no element is as short."""
-
-
-DOUBTED: Final = {"width": 3.0, "height": 3.0}
-"""Lengths of a plan that are positive and shorter may be in cm [mm]; others below 1 mm."""
-
-
-class Lengths(Parameters):
-    """Base of the tables of a plan, whose lengths are in mm."""
-
-    def _lengths(self) -> dict[str, tuple[float, ...]]:
-        """Lengths [mm] by name, those of a point together."""
-        found: dict[str, tuple[float, ...]] = {}
-        for name, field in type(self).model_fields.items():
-            more, value = field.json_schema_extra, getattr(self, name)
-            if value is not None and isinstance(more, dict) and more.get("unit") == "mm":
-                found[name] = value if isinstance(value, tuple) else (value,)
-        return found
-
-    def doubts(self) -> tuple[str, ...]:
-        """Sentences on lengths so short that they may be in cm."""
-        own = (
-            f"{name} = {value[0]:g} is in mm; if it is in cm, write {name} = {10 * value[0]:g}"
-            for name, value in self._lengths().items()
-            if len(value) == 1 and 0.0 < value[0] < DOUBTED.get(name, 1.0)
-        )
-        parts = (value for _, value in self if isinstance(value, Lengths))
-        return (*own, *(told for part in parts for told in part.doubts()))
-
-    @model_validator(mode="after")
-    def _in_mm(self) -> "Lengths":
-        for name, every in self._lengths().items():
-            if 0.0 < max(abs(one) for one in every) < SHORTEST:
-                of_mm = [f"{1e3 * one:g}" for one in every]
-                told = of_mm[0] if len(of_mm) == 1 else f"[{', '.join(of_mm)}]"
-                raise ValueError(
-                    f"{name} = {getattr(self, name)}: lengths of a plan are in mm, and this one is "
-                    f"shorter than {SHORTEST:g} mm; if it is in metres, write {name} = {told}"
-                )
-        return self
 
 
 class Scar(Lengths):
@@ -107,7 +72,7 @@ class Sutured(Lengths):
         "'conforming' divides elements along the cut; 'elements' removes those whose centre is inside, "
         "and an incision then follows the nearest edges.",
     )
-    rejoin: Muscles | Literal["all", "none"] = choice(
+    rejoin: Literal["all", "none"] | Muscles = choice(
         "all",
         "Muscles whose cut fibres are joined across the suture; those of the others end at it.",
         source=CLINICAL.split(":")[0] + ": the ring of orbicularis oris must be joined",
@@ -125,12 +90,20 @@ class Sutured(Lengths):
     @field_validator("scar", mode="before")
     @classmethod
     def _without(cls, value: Any) -> Any:
+        if value is True:
+            return Scar()
+        if value is not False and value is not None and not isinstance(value, Mapping | Scar):
+            raise ValueError(
+                f"scar = {value!r}: expected a table such as {{radius = 3.0, stiffness = 3.0}}, or false"
+            )
         return None if value is False else value
 
-    @field_validator("rejoin")
+    @field_validator("rejoin", mode="before")
     @classmethod
     def _rejoined(cls, value: Any) -> Any:
-        return value if isinstance(value, str) else _known(value)
+        if value in ("all", "none") or not isinstance(value, str | list | tuple):
+            return value
+        return _known(tuple(map(str, _several(value))))
 
     def joins(self, muscle: str) -> bool:
         """Return True if the fibres of a muscle are joined across the suture."""
@@ -230,7 +203,7 @@ BRANCHES: Final = {
 """Muscles of the model by branch of the facial nerve; the innervation of some varies."""
 
 
-class Palsy(Parameters):
+class Palsy(Lengths):
     """Weakness of the muscles of one or both sides."""
 
     kind: Literal["palsy"] = "palsy"
@@ -302,6 +275,15 @@ class Plan(Parameters):
     name: str = choice("plan", "Name of the plan.")
     step: tuple[Step, ...] = Field(default=(), description="Steps.", max_length=50)
 
+    @field_validator("step", mode="before")
+    @classmethod
+    def _listed(cls, value: Any) -> Any:
+        if isinstance(value, Mapping):
+            raise ValueError(
+                "step is one table, expected a list of steps: write [[step]] before each"
+            )
+        return value
+
     @field_validator("name")
     @classmethod
     def _short(cls, value: str) -> str:
@@ -337,7 +319,13 @@ def steps_digest(plans: Iterable[Any]) -> str:
 
 def read_plan(path: Path) -> Plan:
     """Read a plan from TOML; ConfigurationError if it is not valid."""
-    return configure(Plan, read_toml(path), where=str(path))
+    values = read_toml(path)
+    if values and not set(values) & set(Plan.model_fields):
+        raise ConfigurationError(
+            f"{path} is no plan of a treatment: it has {', '.join(values)}, expected a name and steps, "
+            "each after [[step]] with its kind"
+        )
+    return configure(Plan, values, where=str(path))
 
 
 def plan_schema_text() -> str:

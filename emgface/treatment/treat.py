@@ -23,6 +23,7 @@ from emgface.treatment.changes import apply_change, apply_palsy, with_factor, wi
 from emgface.treatment.closure import Closed, Progress, drawn_together, relaxed, ties
 from emgface.treatment.earlier import SUTURED, earlier_cuts, plan_again
 from emgface.treatment.excise import Wound, excise
+from emgface.treatment.lengths import Lengths
 from emgface.treatment.outline import MM, Outline, outline_of, wedge_around
 from emgface.treatment.plan import (
     CUTS,
@@ -30,7 +31,6 @@ from emgface.treatment.plan import (
     NOT_VALIDATED,
     Change,
     Incision,
-    Lengths,
     Palsy,
     Plan,
     Resection,

@@ -13,7 +13,14 @@ from emgface.errors import ConfigurationError, DataError, FaceError, JawError, T
 from emgface.face.file import load_face, save_face
 from emgface.schema.validation import schema_folder
 from emgface.treatment.motions import gestures
-from emgface.treatment.plan import NOT_VALIDATED, Plan, plan_schema_text, read_plan, steps_digest
+from emgface.treatment.plan import (
+    NOT_VALIDATED,
+    Plan,
+    Scar,
+    plan_schema_text,
+    read_plan,
+    steps_digest,
+)
 from emgface.treatment.treat import treat_face, treat_jaw
 from tests.treatment.plans import QUICK, wedge
 
@@ -192,11 +199,55 @@ def test_a_surface_in_another_unit_is_refused_with_the_right_one(
         ({"kind": "tumour"}, "either centre"),
         ({"kind": "change"}, "expected a factor"),
         ({"kind": "wedge", "height": float("nan")}, "finite"),
+        ({"kind": "wedge", "width": "1.2 cm"}, r"width = '1.2 cm': .* in mm, .* write width = 12$"),
+        ({"kind": "wedge", "width": 1.2, "unit": "cm"}, "unit = 'cm': .* in mm, .* omit unit"),
+        ({"kind": "wedge", "scar": {"radius": "3 mm"}}, r"scar: .* write radius = 3$"),
+        ({"kind": "wedge", "scar": 0}, "scar = 0: expected a table .* or false"),
+        ({"kind": "wedge", "place": 42}, r"in percent, write place = 0.42$"),
+        ({"kind": "palsy", "degree": "60 %"}, r"in percent, write degree = 0.6$"),
+        ({"kind": "palsy", "degree": 2.0}, "expected a share from 0 to 1"),
+        ({"kind": "wedge", "rejoin": "some"}, "rejoin: muscle some is unknown"),
+        ({"kind": "palsy", "muscles": "XYZ"}, "muscles: muscle XYZ is unknown"),
+        ({"kind": "wedge", "lip": "both"}, "should be 'upper' or 'lower'"),
     ],
 )
 def test_a_plan_with_a_wrong_value_is_refused(step, reason):
     with pytest.raises(ConfigurationError, match=reason):
         configure(Plan, {"step": [step]}, where="plan")
+
+
+def test_one_name_and_true_are_what_they_say():
+    one, two = (
+        configure(Plan, {"step": [{"kind": "palsy", "muscles": m}]}) for m in ("ZYG", ["ZYG"])
+    )
+    assert one == two
+    cut = configure(Plan, {"step": [{"kind": "wedge", "rejoin": "OOP", "scar": True}]}).step[0]
+    assert cut.rejoin == ("OOP_L", "OOP_R") and cut.scar == Scar()
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (
+            "[face]\npath = 'face.nc'\n[simulation]\nsigma_max = 1e5\n",
+            "is no plan .* has face, simul",
+        ),
+        ("[step]\nkind = 'wedge'\n", r"is one table, expected .* write \[\[step\]\]"),
+        ("[[step]]\nkind = 'Wedge'\n", "expected tags: 'wedge'"),
+        ("[[step]]\nkind = 'palsy'\n" * 200, "at most 50 items"),
+    ],
+)
+def test_a_file_of_another_kind_is_refused_with_what_is_expected(tmp_path, text, told):
+    (tmp_path / "plan.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=told) as caught:
+        read_plan(tmp_path / "plan.toml")
+    assert "plan.toml" in str(caught.value) and len(str(caught.value)) < 400
+
+
+def test_muscles_outside_the_region_of_a_change_are_refused(coarse):
+    step = {"kind": "change", "lip": "upper", "muscles": ["MEN"], "stiffness": 2.0}
+    with pytest.raises(TreatmentError, match="no part of MEN_L, MEN_R is in the region"):
+        ef.treat(coarse, {"step": [step]})
 
 
 def test_a_file_that_is_no_plan_is_refused(tmp_path):
