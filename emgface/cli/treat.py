@@ -29,6 +29,7 @@ def treat(
     from emgface.face.identity import treatments
     from emgface.schema.netcdf import kind_of, read_netcdf, write_netcdf
     from emgface.treatment.plan import NOT_VALIDATED, read_plan
+    from emgface.treatment.told import facts_of_report
     from emgface.treatment.treat import treat_face, treat_jaw
 
     if model.is_file() and kind_of(model) == "jaw_model":
@@ -49,24 +50,12 @@ def treat(
         say(f"The plan {plan.name} changes nothing: {out_path} is the model itself.")
     for entry in [] if treated is given else treatments(treated)[-1:]:
         for report in entry["steps"]:
-            say(f"Step {report['step']}, {report['kind']}: {told_of(report)}.")
+            facts = facts_of_report(report)
+            told = ", ".join(f"{name} {text}" for name, text in facts if text != "none") or "done"
+            say(f"Step {report['step']}, {report['kind']}: {told}.")
             for doubt in report.get("doubts", ()):
                 say(f"Warning: step {report['step']}: {doubt}.")
     say(f"Wrote {out_path}, simulated. {NOT_VALIDATED.capitalize()}.")
-
-
-def told_of(report: dict[str, Any]) -> str:
-    """Words of the report of a step: its numbers, and the names of what it concerns."""
-    found: list[str] = []
-    for name, value in report.items():
-        words = name.replace("_", " ")
-        if isinstance(value, float):
-            found.append(f"{words} {value:.3g}")
-        elif isinstance(value, list) and value and name != "doubts":
-            found.append(f"{words} {' '.join(map(str, value))}")
-        elif name == "effect":
-            found.append(f"{words} {value}")
-    return ", ".join(found) or "done"
 
 
 def _write_table(path: Path, table: "pd.DataFrame") -> None:

@@ -29,6 +29,7 @@ from emgface.treatment.motions import ComparedMotions
 from emgface.treatment.outcomes import CLOSED, OUTCOMES, with_words_of_bounds
 from emgface.treatment.outline import in_excision, outline_of
 from emgface.treatment.plan import CUTS, NOT_VALIDATED, Incision, Wedge, applied_plan
+from emgface.treatment.told import UNITS, facts_of_report, facts_of_step
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -158,6 +159,8 @@ def states_of(treated: xr.Dataset, motions: ComparedMotions, names: tuple[str, .
 
 
 def _table(frame: pd.DataFrame, title: str) -> dict[str, Any]:
+    if "unit" in frame:
+        frame = frame.assign(unit=frame["unit"].replace(UNITS))
     columns = tuple(Column(str(name), digits=2) for name in frame.columns)
     return cells(Table(title, columns, tuple(map(tuple, frame.to_numpy().tolist())), "simulated"))
 
@@ -179,11 +182,6 @@ def compare_page(
 
     data = side_by_side(intact, treated, motions, activations)
     entries = treatments_between(intact, treated)
-    reports = [
-        {"step": str(k["step"]), "kind": k["kind"], "facts": _facts(k)}
-        for entry in entries
-        for k in entry["steps"]
-    ]
     cuts = any(isinstance(step, CUTS) for e in entries for step in applied_plan(e).step)
     event = "operation" if cuts else "treatment"
     script = viewer_script()
@@ -193,13 +191,17 @@ def compare_page(
     )
     return rendered.render(
         viewer=as_json(data),
-        labels={"simulated": "lip markers, simulated", "measured": "recording"},
+        labels={
+            "simulated": "points on the lips" if plain else "lip markers, simulated",
+            "measured": "recording",
+        },
         views=VIEWS,
         tag="simulated · before | after",
         title="Movement of the lips before and after a simulated treatment",
         names=(str(intact.attrs["name"]), str(treated.attrs["name"])),
         source=motions.source,
-        steps=reports,
+        steps=_steps(entries),
+        cuts=cuts,
         failed=motions.failed,
         notes=motions.notes,
         sentences=plain_sentences(
@@ -217,17 +219,17 @@ def compare_page(
     )
 
 
-def _facts(step: dict[str, Any]) -> list[tuple[str, str]]:
-    """Names and values of the report of a step, as text."""
-
-    def told(value: Any) -> str:
-        if isinstance(value, float):
-            return f"{value:.4g}"
-        return ", ".join(map(str, value)) or "none" if isinstance(value, list) else str(value)
-
-    return [
-        (str(k).replace("_", " "), told(v)) for k, v in step.items() if k not in ("step", "kind")
-    ]
+def _steps(entries: Iterable[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Steps of all plans: their place, the parameters of the plan, and what their report adds."""
+    found: list[dict[str, Any]] = []
+    for entry in entries:
+        plan = applied_plan(entry)
+        for step, report in zip(plan.step, entry["steps"], strict=True):
+            own = facts_of_step(step)
+            own += [fact for fact in facts_of_report(report) if fact[0] not in dict(own)]
+            title = f"Step {report['step']} of “{plan.name}”: {report['kind']}"
+            found.append({"title": title, "facts": own})
+    return found
 
 
 def plain_sentences(
@@ -273,6 +275,11 @@ def plain_sentences(
             continue
         size = "more" if after > before else "less"
         unit = PLAIN_UNITS[str(row.unit)]
+        if min(before, after) < 0.0:  # a number below zero says nothing to a person
+            found.append(
+                f"In the model, {words[name]}: {abs(after - before):.1f} {unit} {size} than before."
+            )
+            continue
         found.append(
             f"In the model, {words[name]}: {after:.1f} instead of {before:.1f} {unit}, which is {size}."
         )

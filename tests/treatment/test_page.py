@@ -1,6 +1,8 @@
 """Page of a comparison in a browser: both faces, one time cursor, keyboard, and no network access."""
 
+import html
 import io
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -94,6 +96,35 @@ def test_the_plain_page_calls_only_a_cut_an_operation(made):
     assert "How the lips may move after a treatment" in page and "operation" not in page
 
 
+def test_the_page_states_the_plan_and_its_numbers_with_their_units(made, pages):
+    """Of every step its parameters and report; legends of a cut only where something is cut."""
+    coarse, _, motions, drives, tables = made
+    body = re.sub(r"(?s)<(script|style).*?</\1>", " ", pages[0])
+    text = " ".join(html.unescape(re.sub("<[^>]+>", " ", body)).split())
+    for told in ("Step 1 of “<b>V</b>”: wedge lip lower place 0.42", "width 12\xa0mm", "height 11\xa0mm",
+                 "scar radius 3\xa0mm", " mm² ", "closing force 0."):  # fmt: skip
+        assert told in text or " ".join(told.split()) in text, told
+    assert re.search(r"removed volume \d+ mm³", text) and not re.search(
+        r"mm[23]|[0-9]e[+][0-9]", text
+    )
+    assert all("dark red" in page.lower() for page in pages)
+    weak = ef.treat(coarse, {"name": "weak", "step": [{"kind": "palsy", "degree": 0.5}]})
+    same = replace(motions, treated=motions.intact)
+    for plain in (False, True):
+        assert (
+            "dark red" not in compare_page(coarse, weak, same, drives, tables, plain=plain).lower()
+        )
+
+
+def test_no_number_of_the_plain_page_is_below_zero():
+    none = pd.DataFrame(columns=["movement", "words", "instruction", "amplitude ratio"])
+    for outcome in OUTCOMES:
+        if outcome.plain and outcome.unit in ("mm", "mm2", "Pa"):
+            row = {"outcome": outcome.name, "unit": outcome.unit, "before": -2.0, "after": 3.0}
+            (told,) = plain_sentences(pd.DataFrame([row | {"bound": ""}]), none)
+            assert "-" not in told.replace(outcome.plain, "") and "5.0" in told and "more" in told
+
+
 @needs_browser
 @pytest.mark.parametrize("query", ["", "?plain"])
 def test_both_faces_move_under_one_cursor_and_turn_by_keys(
@@ -167,6 +198,11 @@ def test_on_a_telephone_nothing_is_covered_and_the_plain_page_has_no_terms(
             for left, top, right, bottom in buttons:
                 assert right > left and bottom > top
                 assert tag[2] <= left or right <= tag[0] or tag[3] <= top or bottom <= tag[1]
+            cut_off = """return [...document.querySelectorAll('.scroll')].filter(one =>
+                one.scrollWidth > one.clientWidth + 1).map(one => one.getAttribute('aria-label'))"""
+            assert browser.execute_script(cut_off) == []
+            shown = "return document.getElementById('tracks').clientHeight > 0"
+            assert browser.execute_script(shown) != plain  # its words are terms of the field
             text = browser.execute_script("return document.body.innerText")
             assert NOT_VALIDATED in text
             for term in ("sigma_max", "orbicularis", "Activation at this instant", "corner left"):
