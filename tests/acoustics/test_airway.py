@@ -180,12 +180,27 @@ def test_muscles_change_formants_by_the_lips(coarse):
     assert 0.1 * change[["F1", "F2", "F3"]].values == pytest.approx((F[1] - F[0])[:3], abs=1e-3)
 
 
-def test_the_area_function_of_a_surface_in_a_file(tmp_path):
-    position, triangle = pipe(STRAIGHT, 0.008)
+def written(path, position, triangle):
+    """Write a surface in mm."""
     rows = [f"v {x} {y} {z}" for x, y, z in 1e3 * position]
     rows += [f"f {a} {b} {c}" for a, b, c in triangle + 1]
-    path = tmp_path / "tube.obj"
     path.write_text("\n".join(rows))
+    return path
+
+
+@pytest.mark.parametrize("count", [8, 12])
+def test_a_line_without_an_end_lacks_half_of_one_level_of_two_in_a_section(tmp_path, count):
+    """The line ends in the middle of the last level; the first contains what is near its beginning."""
+    line = np.stack([np.linspace(0, 0.17, 601), np.zeros(601), np.zeros(601)], axis=1)
+    path = written(tmp_path / "tube.obj", *pipe(line, 0.008, around=12))
+    found = areas_of_surface(path, (0.0, 0.0, 0.0), unit="mm", count=count)
+    near = 0.008 * np.sqrt(1.5**2 - 1.0)  # vertices within 1.5 radii of the first point
+    lacking = 0.5 * (0.17 - near) / (2 * count)
+    assert 0.17 - float(found["length"][0]) == pytest.approx(lacking, abs=line[1, 0])
+
+
+def test_the_area_function_of_a_surface_in_a_file(tmp_path):
+    path = written(tmp_path / "tube.obj", *pipe(STRAIGHT, 0.008))
     found = areas_of_surface(path, (0.0, 0.0, 0.0), unit="mm", count=20)
     assert found["area"].values[0, 1:-1] == pytest.approx(np.pi * 0.008**2, rel=0.01)
     assert float(found["length"][0]) == pytest.approx(0.17, rel=0.02)

@@ -79,9 +79,32 @@ WITHOUT_MECHANICS = {
 }
 
 
-@pytest.mark.parametrize("name", WITHOUT_MECHANICS)
-def test_commands_on_recordings_load_no_mechanics(name, tmp_path):
-    """They start in about two seconds of processor time; the mechanics would add one to three."""
+COMMANDS = """
+import json, os, sys
+import netCDF4, pandas, scipy.signal, xarray  # libraries that these commands share
+from emgface.cli import app
+for name, words in json.loads(sys.argv[1]).items():
+    child = os.fork()
+    if child == 0:
+        code = None
+        try:
+            app(words)
+        except SystemExit as end:
+            code = end.code
+        with open(f"{name}.json", "w") as file:
+            json.dump([code, sorted({m.split(".")[0] for m in sys.modules})], file)
+        os._exit(0)
+    os.waitpid(child, 0)
+"""
+"""Program that executes commands, each in a process which loads only what it needs beside libraries."""
+
+
+@pytest.fixture(scope="module")
+def ended(tmp_path_factory):
+    """Folder of the commands, with the exit code and the modules of each."""
+    if not hasattr(os, "fork"):
+        pytest.skip("needs to fork a process")
+    folder = tmp_path_factory.mktemp("commands")
     time = np.arange(8192) / 2048
     names = [f"{c}_{s}" for c in ("OOS", "OOI", "RIS", "ZYG", "LLSAN", "DAO", "MEN") for s in "LR"]
     size = 5e-6 + 1e-4 * np.exp(-(((time - 2.0) / 0.5) ** 2))
@@ -91,16 +114,17 @@ def test_commands_on_recordings_load_no_mechanics(name, tmp_path):
         {"channel": names, "time_emg": ("time_emg", time, {"units": "s"})},
         {"volunteer": "S01", "instruction": "A", "repetition": 1, "origin": "simulated"},
     )
-    write_recording(recording, tmp_path / "trial.nc")
-    (tmp_path / "events.tsv").write_text("onset\tduration\ttrial_type\n0.5\t2.0\tA\n")
-    code = (
-        "import json, sys\nfrom emgface.cli import app\n"
-        f"try:\n    app({WITHOUT_MECHANICS[name]!r})\nexcept SystemExit as end:\n    code = end.code\n"
-        "print('\\n' + json.dumps([code, sorted({m.split('.')[0] for m in sys.modules})]))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
-    )
-    ended, found = json.loads(done.stdout.splitlines()[-1])
-    assert not ended, done.stderr
+    write_recording(recording, folder / "trial.nc")
+    (folder / "events.tsv").write_text("onset\tduration\ttrial_type\n0.5\t2.0\tA\n")
+    command = [sys.executable, "-c", COMMANDS, json.dumps(WITHOUT_MECHANICS)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+@pytest.mark.parametrize("name", WITHOUT_MECHANICS)
+def test_commands_on_recordings_load_no_mechanics(name, ended):
+    """They start in about two seconds of processor time; the mechanics would add one to three."""
+    code, found = json.loads((ended / f"{name}.json").read_text(encoding="utf-8"))
+    assert not code
     assert "xarray" in found and not set(found) & {"sim", "numba", "matplotlib"}

@@ -79,30 +79,26 @@ def missing(root: Path) -> set[str]:
         return name in names[source] or source_of(root, f"{module}.{name}").exists()
 
     for path in sorted(p for p in root.rglob("*.py") if not {".venv", "build"} & set(p.parts)):
-        tree, modules, used = ast.parse(path.read_text(encoding="utf-8")), dict[str, str](), set()
-        for node in ast.walk(tree):
-            if (
-                isinstance(node, ast.ImportFrom)
-                and node.module
-                and node.module.split(".")[0] in OWN
-            ):
-                used |= {(node.module, alias.name) for alias in node.names}
-                for alias in node.names:
-                    whole = f"{node.module}.{alias.name}"
-                    if source_of(root, whole).exists():
-                        modules[alias.asname or alias.name] = whole
-        stored = {
-            n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
-        }
-        stored |= {n.arg for n in ast.walk(tree) if isinstance(n, ast.arg)}
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-                if (
-                    (name := node.value.id) in modules
-                    and name not in stored
-                    and node.attr[:2] != "__"
-                ):
-                    used.add((modules[name], node.attr))
+        modules, used = dict[str, str](), set[tuple[str, str]]()
+        stored, attributes = set[str](), list[tuple[str, str]]()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom):
+                if node.module and node.module.split(".")[0] in OWN:
+                    used |= {(node.module, alias.name) for alias in node.names}
+                    for alias in node.names:
+                        whole = f"{node.module}.{alias.name}"
+                        if source_of(root, whole).exists():
+                            modules[alias.asname or alias.name] = whole
+            elif isinstance(node, ast.Name):
+                if isinstance(node.ctx, ast.Store):
+                    stored.add(node.id)
+            elif isinstance(node, ast.arg):
+                stored.add(node.arg)
+            elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                attributes.append((node.value.id, node.attr))
+        for name, attribute in attributes:
+            if name in modules and name not in stored and attribute[:2] != "__":
+                used.add((modules[name], attribute))
         here = path.relative_to(root).as_posix()
         found |= {f"{here}: {module}.{name}" for module, name in used if not has(module, name)}
     return found
