@@ -17,9 +17,15 @@ from emgface.run.digest import dataset_digest
 NAME, DIGEST = "face", "face_digest"  #: attributes of a result
 SHOWN: Final = 8  #: digits of a digest in a message
 TREATMENT, PARENT = "treatment", "parent"  #: attributes of a treated model
+TREATED: Final = "simulated treatment"  #: in the name of a treated face, and of its results
 APPLIED_TO: Final = "applied_to"  #: digest, in an entry of `TREATMENT`, of the model before it
 
 Entry = dict[str, Any]
+
+
+def is_treated(result: Mapping[str, Any]) -> bool:
+    """Return True if attributes are those of a treated model, or of a result of a treated face."""
+    return TREATMENT in result or TREATED in str(result.get(NAME, ""))
 
 
 def belongs(result: xr.Dataset, face: xr.Dataset) -> xr.Dataset:

@@ -35,7 +35,7 @@ from emgface.pictures.notes import Notes
 from emgface.pictures.picking import pick_data
 from emgface.pictures.render import VIEWS
 from emgface.pictures.surface import drawn_surface
-from emgface.pictures.suture import suture_words
+from emgface.pictures.suture import treatment_words
 
 WIDE: Final = (
     12  #: number of columns above which a table is printed smaller, or upright if it is low
@@ -59,7 +59,7 @@ def face_page(face: xr.Dataset) -> str:
     data["pick"] = pick_data(face, skin)
     kind = str(face.attrs["origin"]).rpartition(", ")[2]
     words = f"The face model {face.attrs['name']} at rest, {kind} ({face.attrs['source']})."
-    words = f"{words} {suture_words(face)}".strip()
+    words = f"{words} {treatment_words(face)}".strip()
     return page_of(data, title=str(face.attrs["name"]), badge=f"{kind} face", words=words,
                    simulated=False)  # fmt: skip
 
@@ -115,6 +115,7 @@ def motion_page(
         data["strategies"] = list(names)
     title = trial_name(motion)
     words = f"The motion of the face is simulated by a finite-element model{driven}."
+    words = f"{words} {treatment_words(motion)}".strip()
     badge = "simulated motion" + (f", {origin} recording" if origin else "")
     return page_of(data, title=title, badge=badge, words=words, simulated=True)
 

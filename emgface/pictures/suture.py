@@ -7,7 +7,9 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from emgface.face.identity import is_treated
 from emgface.face.surface import element_edges
+from emgface.treatment.plan import NOT_VALIDATED
 
 Floats = NDArray[np.float64]
 
@@ -41,6 +43,11 @@ def suture_colours(face: xr.Dataset, points: Floats) -> tuple[NDArray[np.bool_],
     return near, low + level[np.asarray(nearest)[near], None] * (high - low)
 
 
-def suture_words(face: xr.Dataset) -> str:
-    """Sentence on the colours of a suture; an empty text for a face without one."""
-    return WORDS if face.sizes.get("suture", 0) else ""
+def treatment_words(shown: xr.Dataset) -> str:
+    """Sentences on a treated face, or a motion of one: its suture, and what it is not for.
+
+    An empty text for others.
+    """
+    words = [WORDS] if shown.sizes.get("suture", 0) else []
+    words += [f"{NOT_VALIDATED.capitalize()}."] if is_treated(shown.attrs) else []
+    return " ".join(words)

@@ -15,7 +15,7 @@ from emgface.errors import ConfigurationError, DataError, EmgfaceError
 from emgface.run.state import read_state
 from emgface.run.store import Result, Store
 from emgface.schema.netcdf import read_netcdf
-from emgface.study.configuration import StudyConfiguration
+from emgface.study.configuration import FaceConfiguration, StudyConfiguration
 from emgface.study.file import placed, variants
 from emgface.study.intake import Intake, take_in
 from emgface.study.run import feature_extents
@@ -55,6 +55,8 @@ class Results:
     study: StudyConfiguration | None = None
     laboratory: Laboratory | None = None  #: store and face, if they can be read
     intake: Intake | None = None  #: recordings, if they can be read
+    #: faces from files, of all choices of the study
+    faces: list[FaceConfiguration] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)  #: one sentence for each missing part
     _extents: dict[str, Result] | None = None
 
@@ -134,7 +136,10 @@ def open_results(folder: Path) -> Results:
     try:
         whole = StudyConfiguration.model_validate(json.loads(str(text)))
         whole, results.notes = placed(whole, folder)
-        results.study = variants(whole)[0].study  # the reference of varied choices
+        every = [variant.study for variant in variants(whole)]
+        results.study = every[0]  # the reference of varied choices
+        own = {s.face.path: s.face for s in every if s.face.path is not None}
+        results.faces = list(own.values())
     except (ValidationError, json.JSONDecodeError, ConfigurationError) as error:
         results.notes.append(
             "The configuration in the cube was written by another version of this package; "

@@ -1,6 +1,7 @@
 """Write the report of a study."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from analysis.incisor import incisor_table
 from analysis.sensitivity import choices_table
 from analysis.statistics.scope import LEAST_VOLUNTEERS
 from analysis.tables import report_tables
+from emgface.errors import listed
+from emgface.face.identity import is_treated
 from emgface.pictures.page import as_json, cells, environment, policy, style, viewer_script
 from emgface.pictures.render import VIEWS
 from emgface.pictures.stills import recording_label
@@ -22,10 +25,12 @@ from emgface.report.jaw import incisors
 from emgface.report.kept import KeptReport, Page, study_folder
 from emgface.report.methods import methods, parameter_rows
 from emgface.report.motion import moving_faces
-from emgface.report.results import Results, open_results
+from emgface.report.results import FAILURES, Results, open_results
 from emgface.report.simulated import simulated_limits
 from emgface.report.study_tables import Report
 from emgface.run.store import store_text
+from emgface.study.file import study_face
+from emgface.treatment.plan import NOT_VALIDATED
 from sim.threads import one_blas_thread
 
 
@@ -91,6 +96,7 @@ def render_report(
             *contents.verdict(cube),
             *filter(None, [provenance.warning(results.cube)]),
             *provenance.repeated(cube),
+            *filter(None, [_of_treatment(results)]),
         ],
         "sizes": {dim: cube.sizes[dim] for dim in contents.TRIAL_DIMS},
         "headline": _headline(cube) if scored else [],
@@ -141,6 +147,16 @@ def render_report(
         .get_template("report.html")
         .render(**values, style=style(), script=Markup(script), policy=policy(script))
     )
+
+
+def _of_treatment(results: Results) -> str:
+    """Sentence on the treated faces of a study, also those of its axes; empty without any."""
+    names: list[str] = []
+    for given in results.faces:
+        with suppress(*FAILURES):  # no longer there
+            face = study_face(given)
+            names += [str(face.attrs["name"])] if is_treated(face.attrs) else []
+    return f"{listed(names)}: {NOT_VALIDATED}." if names else ""
 
 
 def _headline(cube: Any) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from emgface.errors import FaceError, JawError, TreatmentError
 from emgface.face.contact_parameters import NO_CONTACT, ContactParameters
-from emgface.face.identity import treatments, with_treatment
+from emgface.face.identity import TREATED, treatments, with_treatment
 from emgface.face.lip_shape import lip_opening
 from emgface.face.quality import element_centres, element_quality
 from emgface.face.recipe import compose_scene, element_order
@@ -90,7 +90,7 @@ def treat_face(
         reports.append({"step": number, "kind": step.kind, **report})
     if treated is face:
         return face
-    name = f"{face.attrs['name']}, simulated treatment: {plan.name}"
+    name = f"{face.attrs['name']}, {TREATED}: {plan.name}"
     return with_treatment(face, treated.assign_attrs(name=name), _entry(plan, reports))
 
 

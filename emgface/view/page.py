@@ -15,7 +15,7 @@ from emgface.pictures.lips import lips_at_rest
 from emgface.pictures.page import as_json, environment, policy, style, viewer_script
 from emgface.pictures.page import resource as packaged
 from emgface.pictures.render import VIEWS
-from emgface.pictures.suture import suture_words
+from emgface.pictures.suture import treatment_words
 from emgface.view.curves import Curves
 from emgface.view.live import HEAD
 from emgface.view.moving import Moving
@@ -71,7 +71,7 @@ def live_page(
     return environment("emgface.view").get_template("live.html").render(
         title=str(face.attrs.get("name", "")) or "face",
         words=words,
-        lips=f"{lips_at_rest(face)} {suture_words(face)}".strip(),
+        lips=f"{lips_at_rest(face)} {treatment_words(face)}".strip(),
         viewer=as_json(data),
         views=VIEWS,
         version=__version__,

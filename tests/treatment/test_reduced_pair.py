@@ -1,5 +1,7 @@
 """Comparison with reduced faces: one of each face, whose bounds are told, or a refusal."""
 
+import json
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -10,7 +12,7 @@ from emgface.errors import FaceError
 from emgface.face.file import load_face, save_face
 from emgface.reduced import training
 from emgface.run.store import Store
-from emgface.schema.netcdf import write_netcdf
+from emgface.schema.netcdf import read_netcdf, write_netcdf
 from emgface.treatment.motions import compared_motions
 from emgface.treatment.reduced_pair import reduced_pair
 from tests.reduced.test_face import PARAMETERS, SMALL, activation, short
@@ -57,7 +59,7 @@ def test_both_faces_are_reduced_with_their_bounds_and_full_order_where_it_is_not
     assert not full.notes
 
 
-def test_a_reduced_face_is_used_for_no_other_face_than_that_of_its_training(pair):
+def test_a_reduced_face_is_used_for_no_other_face_than_that_of_its_training(pair, tmp_path):
     faces = [load_face(pair / f"{name}.nc") for name in "ab"]
     a, b = pair / "a.rom.nc", pair / "b.rom.nc"
     for files, refused in (
@@ -70,6 +72,17 @@ def test_a_reduced_face_is_used_for_no_other_face_than_that_of_its_training(pair
         reduced_pair([a, b], faces[0], faces[0], PARAMETERS)
     with pytest.raises(FaceError, match="trained with sigma_max = 50000 Pa"):
         reduced_pair([a, b], *faces, PARAMETERS.model_copy(update={"sigma_max": 300e3}))
+    # its bound was calibrated with other contact than that of the other face
+    other = read_netcdf(b, "reduced_face")
+    mechanics = json.loads(other.attrs["mechanics"])
+    mechanics["contact"]["method"] = "constraint"
+    touching = tmp_path / "touching.rom.nc"
+    write_netcdf(other.assign_attrs(mechanics=json.dumps(mechanics)), touching, "reduced_face")
+    for files in ([a, touching], [touching, a]):
+        with pytest.raises(
+            FaceError, match="trained with contact.method = 'constraint', found 'none'"
+        ):
+            reduced_pair(files, *faces, PARAMETERS)
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,25 @@
 """Pictures of a treated face: its suture, and places that are picked on it."""
 
 import numpy as np
+import xarray as xr
 
 import emgface as ef
+from emgface.face.file import save_face
+from emgface.face.motion import simulate_face
 from emgface.face.parts import arches_of
 from emgface.pictures.body import body_of, make_body, skin_of
-from emgface.pictures.page import face_page
+from emgface.pictures.page import face_page, motion_page
 from emgface.pictures.picking import LIPS, pick_data
+from emgface.pictures.surface import SurfaceProbe, with_surface
 from emgface.pictures.suture import STITCH, WORDS
+from emgface.report.results import Results
+from emgface.report.write import _of_treatment
+from emgface.study.configuration import FaceConfiguration
 from emgface.treatment.outline import outline_of
-from emgface.treatment.plan import read_plan
-from tests.treatment.plans import wedge
+from emgface.treatment.plan import NOT_VALIDATED, read_plan
+from emgface.view.page import live_page
+from tests.treatment.plans import QUICK, wedge
+from tests.view.sessions import Shifted
 
 
 def test_a_picture_of_a_treated_face_shows_its_suture(coarse, operated):
@@ -77,3 +86,35 @@ def test_places_picked_on_a_treated_face_are_accepted_by_another_treatment(opera
         chart = outline_of(operated, read_plan(path).step[0]).chart
         away = np.linalg.norm(chart.origin - operated["position"].values[node])
         assert away < 0.02
+
+
+def test_every_page_of_a_treated_face_states_what_it_is_not_for(coarse, operated):
+    """Of the face, also one with a palsy alone, of its motion, and of the live face; no other page."""
+    weak = ef.treat(coarse, {"step": [{"kind": "palsy", "degree": 0.5}]})
+    said = f"{NOT_VALIDATED.capitalize()}."
+    for face, treated in ((coarse, False), (operated, True), (weak, True)):
+        skin = skin_of(face)
+        moving = Shifted(face, skin)
+        levels = xr.DataArray(
+            np.zeros((face.sizes["muscle"], 2)),
+            {"muscle": face["muscle"].values, "time": [0.0, 0.02]}, ("muscle", "time"),
+        )  # fmt: skip
+        motion = simulate_face(face, levels, QUICK, further=(SurfaceProbe(skin.node),))
+        pages = [
+            face_page(face),
+            motion_page(with_surface(motion, face, skin)),
+            live_page(face, skin, moving, words="sliders", sliders=True, edits=False),
+        ]
+        assert [said in page for page in pages] == [treated] * len(pages)
+
+
+def test_the_report_of_a_study_names_its_treated_faces(coarse, operated, tmp_path):
+    """Also those of an axis; a file that is no longer there is passed over."""
+    faces = []
+    for name, face in (("a", coarse), ("b", operated), ("c", None)):
+        if face is not None:
+            save_face(face, tmp_path / f"{name}.nc")
+        faces.append(FaceConfiguration(path=tmp_path / f"{name}.nc"))
+    told = _of_treatment(Results(tmp_path, xr.Dataset(), faces=faces))
+    assert told == f"{operated.attrs['name']}: {NOT_VALIDATED}."
+    assert not _of_treatment(Results(tmp_path, xr.Dataset(), faces=faces[:1]))

@@ -15,8 +15,7 @@ from emgface.face.file import load_face, save_face
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.parameters import InverseParameters
 from emgface.inverse.run import invert
-from emgface.pictures.body import body_of
-from emgface.pictures.encoding import body_data
+from emgface.pictures.body import skin_of
 from emgface.reduced import training
 from emgface.run.store import Store
 from emgface.signals.parameters import SignalChain
@@ -24,6 +23,8 @@ from emgface.study.file import study_face
 from emgface.treatment.motions import compared_motions, gestures
 from emgface.treatment.outcomes import movement_table, outcome_table
 from emgface.treatment.plan import Plan, Step
+from emgface.view.moving import FullMoving
+from emgface.view.page import live_page
 from tests.inverse.recordings import recording_of
 from tests.reduced.test_face import PARAMETERS, SMALL, short
 from tests.treatment.plans import QUICK, wedge
@@ -101,6 +102,16 @@ def shown(folder, name):
     return text.replace(f"{name}.nc", "")
 
 
+def moved_live(folder, name):
+    """Page of the live face, and where its skin and markers are after each of two steps."""
+    face = load_face(folder / f"{name}.nc")
+    skin = skin_of(face)
+    moving = FullMoving(face, QUICK, skin, 0.01)
+    steps = [moving(np.full(len(moving.muscles), 0.1)) for _ in range(2)]
+    page = live_page(face, skin, moving, words="sliders", sliders=True, edits=False)
+    return page, [(m.skin.tobytes(), m.markers.tobytes(), m.note) for m in steps]
+
+
 def sounded(folder, name):
     simulated(folder, name)
     return done(folder, "sound", "trial", f"{name}.motion.nc")
@@ -116,10 +127,7 @@ CONSUMERS = {
     "treat": lambda folder, name: ef.treat(
         load_face(folder / f"{name}.nc"), wedge(), sigma_max=100e3
     ),
-    "live": lambda folder, name: body_data(
-        body_of(load_face(folder / f"{name}.nc")),
-        load_face(folder / f"{name}.nc")["position"].values,
-    ),
+    "live": moved_live,
     "study": lambda folder, name: study_face(
         study_of({"face": {"path": str(folder / f"{name}.nc")}}).face
     ),
