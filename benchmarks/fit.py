@@ -3,6 +3,7 @@
     python -m benchmarks fit --only checks
     python -m benchmarks fit --only damaged --inputs 300
     python -m benchmarks fit --only sound --persons 40
+    python -m benchmarks fit --only shares --persons 40
     python -m benchmarks fit --only published
     python -m benchmarks fit --only gap
     python -m benchmarks fit --only worth --persons 20 --workers 2
@@ -29,6 +30,7 @@ from benchmarks.fit_ends import BAD, NEAR, end_of
 from benchmarks.fit_gap import fitted_published, gap
 from benchmarks.fit_inputs import DAMAGES, damaged, person_of
 from benchmarks.fit_persons import between_persons, thickness_coverage
+from benchmarks.fit_shares import shares
 from benchmarks.fit_worth import CONDITIONS, worth
 from benchmarks.report import finish, say
 from emgface.api.given import simulation_of, study_of
@@ -136,7 +138,7 @@ def six_checks(which: Iterable[int], persons: int, inputs: int, out: Path | None
 def main(
     only: Annotated[
         list[str] | None,
-        typer.Option(help="checks, damaged, sound, published, gap, thickness or worth."),
+        typer.Option(help="checks, damaged, sound, shares, published, gap, thickness or worth."),
     ] = None,
     check: Annotated[
         list[int] | None, typer.Option(help="Number of a check, by default all.")
@@ -166,6 +168,8 @@ def main(
         damaged_inputs(inputs, first)
     if only and "sound" in only:
         sound_inputs(persons)
+    if only and "shares" in only:
+        shares(persons)
     if not only or "published" in only:
         for further in (0, 12, 40):
             try:

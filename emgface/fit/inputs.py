@@ -17,7 +17,7 @@ from emgface.fit.readers.landmarks import Landmarks, plain
 from emgface.fit.readers.surfaces import Scan
 from emgface.fit.similarity import Similarity, misfit, rigid_of, similarity
 from emgface.fit.strays import LEAST as ENOUGH
-from emgface.fit.strays import check_strays
+from emgface.fit.strays import check_strays, unusual_proportions
 from emgface.fit.targets import LandmarkPoints, Sheet
 from emgface.fit.triangulated import Floats, Surface
 
@@ -33,6 +33,9 @@ LOCAL: Final = (
     0.5  #: extent of the landmarks, or of a scan, of a face below which they are doubted [1]
 )
 TIP: Final = 0.03  #: distance of the tip of a nose or chin within which its curve is followed [m]
+HIDDEN: Final = 0.01  #: share of a surface beneath its outer layer from which that is left out [1]
+BENEATH: Final = (3e-3, 12e-3)
+"""Depth under the outer layer at which triangles that face inward, and any, are beneath it [m]."""
 DISAGREE: Final = 0.5  #: mean cosine of normals below which a surface is refused [1]
 
 
@@ -189,6 +192,8 @@ def match(
             "they are from an image"
         )
     check_strays(names, source, target, given.source, noise)
+    if told := unusual_proportions(source, target, motion.rotation, given.source, noise):
+        notes.append(told)
     if len(names) < ENOUGH:
         notes.append(
             f"with {len(names)} landmarks, about half of the exchanges of two names remain undetected: "
@@ -267,6 +272,32 @@ def provenance(
         "fit_of": "simulated" if simulated else "measured",
         "fit_frame": json.dumps([float(v) for v in motion]),
     }  # fmt: skip
+
+
+def outer_layer(surface: Surface, sheet: Surface) -> tuple[Surface, float]:
+    """Surface without the parts beneath its outer layer over a sheet, and their share of its area.
+
+    The boundary of labelled tissue encloses it: it also has an inner side, a back, and walls of the
+    airway. Depths are along the normal of the nearest triangle of the sheet. A surface with a share
+    below `HIDDEN` is returned as it is, with the share 0.
+    """
+    centre = surface.points[surface.triangles].mean(axis=1)
+    near = sheet.nearest(centre)
+    n = sheet.normals[near.triangle]
+    over = np.einsum("ti,ti->t", centre - near.foot, n)
+    judged = ~sheet.at_border(near)
+    top = np.full(len(sheet.triangles), -np.inf)
+    np.maximum.at(top, near.triangle[judged], over[judged])
+    depth = top[near.triangle] - over
+    inward = np.einsum("ti,ti->t", surface.normals, n) < 0.0
+    hidden = judged & ((depth > BENEATH[1]) | (inward & (depth > BENEATH[0])))
+    share = float(surface.areas[hidden].sum() / surface.areas.sum())
+    if share < HIDDEN:
+        return surface, 0.0
+    hidden |= ~judged & (
+        over < -BENEATH[1]
+    )  # walls of an open mouth, whose lips are edges of the sheet
+    return Surface(surface.points, surface.triangles[~hidden]), share
 
 
 def facing(

@@ -22,6 +22,7 @@ from emgface.fit.inputs import (
     Paired,
     facing,
     in_face_frame,
+    outer_layer,
     pair_points,
     provenance,
 )
@@ -30,6 +31,7 @@ from emgface.fit.measures import distances, quality_rows
 from emgface.fit.places import (
     check_landmarks_off,
     check_landmarks_on,
+    implausible_thickness,
     missed_landmarks,
     other_side,
     second_layer,
@@ -129,13 +131,8 @@ def fit_face(
         for kind, given in (("skin", skin), ("inner", inner), ("bone", bone))
         if given is not None
     }
-    paired = pair_points(face, marks, places, noise)
-    notes = list(paired.notes)
-    notes += _check_places(scans, paired, noise)
-    targets, turned = _targets(face, scans, paired, rim)
-    doubts = (*notes, *(d for k in turned if (d := other_side(k, scans[k].source))))
-    notes = [*doubts, *(f"{s.source}: {note}" for s in scans.values() for note in s.notes)]
-    notes += [said for kind, said in turned.items() if kind == "skin"]
+    paired, targets, doubts, said = compared_inputs(face, marks, places, scans, rim, noise)
+    notes = [*doubts, *(f"{s.source}: {note}" for s in scans.values() for note in s.notes), *said]
     if (nearer := nearer_face(face, paired, targets, noise)) is not face:
         moved = places
         if places is not None:
@@ -207,6 +204,31 @@ def fit_face(
     )  # fmt: skip
 
 
+def compared_inputs(
+    face: xr.Dataset,
+    marks: Landmarks,
+    places: Landmarks | None,
+    scans: Mapping[str, Scan],
+    rim: bool,
+    noise: float,
+) -> tuple[Paired, list[Target], list[str], list[str]]:
+    """Landmarks and surfaces in the frame of the face, doubts about them, and what was changed.
+
+    This is all that is judged before the fit; FitError for inputs that cannot be right.
+    """
+    paired = pair_points(face, marks, places, noise)
+    doubts: list[str | None] = [*paired.notes, *_check_places(scans, paired, noise)]
+    targets, turned = _targets(face, scans, paired, rim)
+    doubts += [other_side(kind, scans[kind].source) for kind in turned]
+    skin = next((target.surface for target in targets if target.name == "skin"), None)
+    for target in targets:
+        if target.name != "skin" and skin is not None:
+            name = scans[target.name].source
+            doubts.append(implausible_thickness(face, paired.points, skin, target, name))
+    said = [sentence for kind, sentence in turned.items() if kind == "skin"]
+    return paired, targets, [doubt for doubt in doubts if doubt], said
+
+
 def scan_of(given: Given, unit: str | None, name: str, least: float = FACE[0]) -> Scan:
     """Surface from a file, or from points and triangles (m without a unit), which have a `name`.
 
@@ -249,7 +271,14 @@ def _targets(
         surface, turned = facing(surface, sheet.at(start), nodes, side, scan.source)
         if turned:
             notes[kind] = turned
-        targets.append(Target(kind, sheet, surface, held if kind == "bone" else None, side, rim))
+        hidden = 0.0
+        if kind == "skin":
+            surface, hidden = outer_layer(surface, sheet.at(start))
+        if hidden:
+            left = f"{hidden:.0%} of {scan.source} lies beneath its outer layer and was left out"
+            notes[kind] = f"{left}; {turned}" if turned else left
+        only = held if kind == "bone" else None
+        targets.append(Target(kind, sheet, surface, only, side, rim, not hidden))
     return targets, notes
 
 

@@ -11,14 +11,18 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+import xarray as xr
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial.distance import cdist
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from emgface.errors import FitError
+from emgface.fit.columns import SPREAD, Columns
 from emgface.fit.inputs import OFF
-from emgface.fit.strays import CLICK, STRAY, spread_of_spline
+from emgface.fit.similarity import similarity
+from emgface.fit.strays import CLICK, PROPORTION, STRAY, spread_of_spline
 from emgface.fit.targets import LandmarkPoints, Target
 from emgface.fit.triangulated import Floats, Surface
 
@@ -44,6 +48,8 @@ OTHER: Final = {
     "inner": "bone, whose triangles face the tissue",
     "bone": "the inner surface of the tissue, whose triangles face the bone",
 }
+REGION: Final = 4  #: smallest number of nodes around a landmark over which a depth is judged
+THINNEST: Final = 1e-4  #: depth of a surface that lies on the skin or outside [m]
 STEPS: Final = 5  #: number of steps to the motion of the landmarks
 POINTS: Final = 3000  #: number of points of a surface that are compared with the prediction
 
@@ -146,6 +152,45 @@ def second_layer(surface: Surface, name: str) -> str | None:
                 "first, between which the fit cannot decide: remove one of them"
             )
     return None
+
+
+def implausible_thickness(
+    face: xr.Dataset, points: LandmarkPoints, skin: Surface, beneath: Target, name: str
+) -> str | None:
+    """Doubt about a surface beneath the skin whose depth is not that of persons somewhere.
+
+    The depth under a node of the skin is that of the face, scaled by the similarity of the landmarks,
+    with the deviation `SPREAD` of its logarithm. The median over the nodes nearest to a landmark is
+    judged by the limit for proportions: two surfaces of different persons may each be sound.
+    """
+    columns, source = Columns.of(face), face["position"].values
+    motion = similarity(points.source, points.target)
+    node, bottom = columns.skin, columns.inner
+    expected = beneath.sheet.at(source).nearest(source[node]).distance * motion.scale
+    over = skin.nearest(motion(source[node]))
+    under = beneath.surface.nearest(over.foot)
+    depth = np.einsum("ni,ni->n", over.foot - under.foot, skin.normals[over.triangle])
+    depth = np.copysign(under.distance, depth)
+    own = beneath.sheet.nodes if beneath.only is None else beneath.only
+    use = np.isin(bottom, own) & ~skin.at_border(over) & ~beneath.surface.at_border(under)
+    owner = cdist(points.source, source[node]).argmin(axis=0)
+    worst, told = PROPORTION * SPREAD, None
+    for k in np.unique(owner[use]).tolist():
+        here = use & (owner == k)
+        if here.sum() < REGION:
+            continue
+        there, wanted = float(np.median(depth[here])), float(np.median(expected[here]))
+        off = abs(np.log(max(there, THINNEST) / wanted))
+        if off > worst:
+            worst, told = off, (points.names[k], there, wanted)
+    if told is None:
+        return None
+    landmark, there, wanted = told
+    least, most = (1e3 * wanted * np.exp(s * PROPORTION * SPREAD) for s in (-1.0, 1.0))
+    return (
+        f"{name} lies {1e3 * there:.1f} mm beneath the skin around landmark {landmark}, expected "
+        f"{least:.1f} to {most:.1f} mm: check whether both surfaces are of the same person and pose"
+    )
 
 
 def other_side(kind: str, name: str) -> str | None:

@@ -1,4 +1,4 @@
-"""Landmarks that contradict the others: expected places with their variance, strays and exchanges.
+"""Landmarks that contradict the others or a face: expected places, strays, exchanges, proportions.
 
 The difference of two shapes is a random function whose expectation is affine and whose increments
 over a distance h have the variance 2 `GROWTH` h per coordinate. With K_ij = -GROWTH |p_i - p_j| +
@@ -7,6 +7,12 @@ B = Q (Q' K Q)^-1 Q' gives the errors of the best linear predictions without a s
 e_I = B_II^-1 (B y)_I, with the covariance B_II^-1 (Dubrule 1983). This is the thin-plate spline of
 `emgface.fit.similarity` without these points; its error is judged by its own variance, which is small
 among neighbours and large for a tip that the others surround from one side.
+
+The affine part itself is known with the covariance of its generalised least squares. The stretch of one
+axis against the other two, a logarithm, then has the standard deviation of proportions between persons:
+5.6 % with the 20 named landmarks of a face. Face indices (nasion to gnathion over zygion to zygion,
+Farkas 1994, as commonly quoted) vary by 5.3 to 5.8 %, generated adults along the three axes by 3.6, 4.2
+and 6.4 %.
 """
 
 from collections.abc import Sequence
@@ -17,7 +23,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 from scipy.stats import chi2
 
-from emgface.errors import FitError
+from emgface.errors import FitError, listed
 from emgface.fit.similarity import GROWTH, Floats, similarity
 
 LEAST: Final = 7  #: smallest number of landmarks of which one can be judged by the others
@@ -30,6 +36,12 @@ Correct landmarks of the two published faces and of 25 generated ones are within
 FEW: Final = 2e-3  #: the same of the place that a similarity of fewer landmarks predicts [m]
 SUSPECT: Final = 2.0  #: number of standard deviations of landmarks that may be exchanged
 UNDONE: Final = 0.2  #: share of the squared error that remains if two exchanged names are corrected
+PROPORTION: Final = 2.5
+"""Stretch of an axis against the others that is doubted, in standard deviations [1].
+
+Members of the generated groups are drawn within as many deviations of each measure.
+"""
+AXES: Final = ("width", "depth", "height")  #: of a face or jaw along its axes
 COINCIDE: Final = 2e-4  #: distance at which two landmarks are at one place [m]
 
 
@@ -106,6 +118,51 @@ def check_strays(
             f"{given}: landmark {names[k]} lies {miss:.3g} mm from the place expected from the others, "
             f"expected at most {miss * limit / z[k]:.3g} mm: check its side and position, or omit it"
         )
+
+
+def stretches(source: Floats, target: Floats, noise: float) -> tuple[Floats, Floats]:
+    """Logarithms (3,) of the stretch along each axis against the other two, and their deviations [1].
+
+    With the affine part A of the spline and the logarithmic strain E = log(A'A) / 2, the stretch of axis
+    k is E_kk less the mean of the other two. It is about the axes of the model, because the shear of
+    two profiles differs more than their proportions do.
+    """
+    n, centred = len(source), source - source.mean(axis=0)
+    P = np.column_stack([np.ones(n), centred])
+    K = noise**2 * np.eye(n) - GROWTH * cdist(source, source)
+    M = np.linalg.inv(np.block([[K, P], [P.T, np.zeros((4, 4))]]))
+    A = (M[n + 1 :, :n] @ target).T
+    values, vectors = np.linalg.eigh(A.T @ A)
+    own = np.diag((vectors * (0.5 * np.log(values))) @ vectors.T)
+    scale = np.exp(own.mean())
+    variance = np.maximum(-np.diag(M[n + 1 :, n + 1 :]), 0.0) / scale**2
+    return 1.5 * (own - own.mean()), np.sqrt(variance + (variance.sum() - variance) / 4.0)
+
+
+def unusual_proportions(
+    source: Floats, target: Floats, rotation: Floats, given: str, noise: float
+) -> str | None:
+    """Doubt about landmarks of which one axis is longer or shorter than those of persons.
+
+    `rotation` turns the axes of the model to those of the landmarks.
+    """
+    stretch, sd = stretches(source, target, max(noise, CLICK))
+    k = int(np.argmax(np.abs(stretch) / sd))
+    if not abs(stretch[k]) > (limit := PROPORTION * float(sd[k])):
+        return None
+    along = rotation[:, k]
+    axis = int(np.argmax(np.abs(along)))
+    size, most = (100.0 * float(np.expm1(x)) for x in (abs(stretch[k]), limit))
+    way = "larger" if stretch[k] > 0.0 else "smaller"
+    direction = (
+        f"{'xyz'[axis]} of the files ({listed(np.round(along, 2))}; the {AXES[k]} of the model)"
+    )
+    return (
+        f"{given}: along the axis {direction} the landmarks are {size:.0f} % {way} against the other "
+        f"two axes, among persons at most {most:.0f} %: check the spacing of the slices, in the header "
+        "of the image or of its labels, and whether the scan is scaled along this axis, unless the "
+        "person has this shape"
+    )
 
 
 def deviations(errors: Floats, sd: Floats) -> Floats:

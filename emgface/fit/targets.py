@@ -60,10 +60,12 @@ class Target:
     side: float = 1.0
     #: the surface ends at the rim of the sheet; a scan ends where it was cut off
     rim: bool = False
+    #: its open edges are contours; not those of the outer layer of an enclosing surface
+    contours: bool = True
 
     def pairs(self, q: Floats) -> list[LoopPair]:
         """Contours of the sheet with a counterpart on the target."""
-        if self.only is not None:
+        if self.only is not None or not self.contours:
             return []
         loops = sorted(self.sheet.loops, key=lambda loop: -length(q[loop]))
         return pair_loops(tuple(loops if self.rim else loops[1:]), q, self.surface)

@@ -34,6 +34,14 @@ def face():
         (lambda p: p | {"nose tip": p["pronasale"]}, "were ignored: nose_tip"),
         (lambda p: {k: 1.5 * v for k, v in p.items()}, "1.5 times as far apart"),
         (lambda p: {k: 0.7 * v for k, v in p.items()}, "0.7 times as far apart"),
+        (
+            lambda p: {k: v * [1.0, 1.0, 1.25] for k, v in p.items()},
+            "check the spacing of the slices",
+        ),
+        (
+            lambda p: {k: v * [1.0, 0.8, 1.0] for k, v in p.items()},
+            "25 % smaller against the other",
+        ),
         (lambda p: {k: p[k] for k in SIX}, "with 6 landmarks"),
         (lambda p: {k: v for k, v in p.items() if LIPS.match(k)}, "shape is extrapolated"),
     ],

@@ -11,17 +11,19 @@ from benchmarks.fit_ends import DOUBTED, NEAR, apart, end_of, judged
 from benchmarks.fit_inputs import damaged, other_pose, person_of, self_intersection
 from emgface.errors import FitError
 from emgface.face.artisynth import import_artisynth
+from emgface.face.parts import FREE
 from emgface.face.template import template_face
 from emgface.fit.carry import carry
 from emgface.fit.inputs import points_of_face
 from emgface.fit.loops import length
-from emgface.fit.person import fit_face
+from emgface.fit.person import compared_inputs, fit_face, scan_of
 from emgface.fit.places import (
     check_landmarks_on,
     missed_landmarks,
     second_layer,
     unexpected_part,
 )
+from emgface.fit.readers.landmarks import landmarks_of
 from emgface.fit.similarity import GROWTH
 from emgface.fit.strays import spread_of_spline
 from emgface.fit.targets import LandmarkPoints, Target, sheets
@@ -156,6 +158,31 @@ def test_a_second_layer_of_a_scan_is_told():
     lower = x[t][:, :, 2].max(axis=1) < np.median(x[:, 2])
     halves = Surface(x, t[upper | lower])
     assert [second_layer(one, "scan.ply") for one in (skin, wall, halves)] == [None] * 3
+
+
+@pytest.mark.parametrize("kind", ["inner", "bone"])
+def test_a_surface_beneath_the_skin_of_another_person_is_told(generic, kind):
+    """The skin of one person with the inner surface of another was fitted silently, by 1.9 mm wrong."""
+    group = [person_of(1000 + k, "coarse") for k in range(3)]
+    rng = np.random.default_rng(0)
+    for a, one in enumerate(group):
+        marks = {k: p + NOISE * rng.standard_normal(3) for k, p in points_of_face(one.face).items()}
+        q, skin = one.face["position"].values, sheets(one.face)["skin"].triangles
+        for b, other in enumerate(group):
+            triangles = sheets(other.face)["inner"].triangles
+            if kind == "bone":
+                held = other.face["fixed"].values != FREE
+                triangles = triangles[held[triangles].all(axis=1)][:, ::-1]
+            given = {"skin": (q, skin), kind: (other.face["position"].values, triangles)}
+            scans = {name: scan_of(surface, None, name) for name, surface in given.items()}
+            try:
+                told = compared_inputs(generic, landmarks_of(marks), None, scans, False, NOISE)[2]
+            except FitError as error:
+                told = [str(error)]
+            if a == b:
+                assert told == []
+            else:
+                assert any(re.search(r"beneath the skin around|of soft tissue", t) for t in told)
 
 
 def test_landmarks_that_the_fitted_face_misses_are_named():

@@ -8,7 +8,15 @@ import pytest
 
 from emgface.errors import FitError
 from emgface.fit.similarity import thin_plate
-from emgface.fit.strays import STRAY, Predictions, check_strays, deviations, left_out
+from emgface.fit.strays import (
+    STRAY,
+    Predictions,
+    check_strays,
+    deviations,
+    left_out,
+    stretches,
+    unusual_proportions,
+)
 from tests.fit.test_published import _published
 
 NOISE = 1e-3
@@ -61,6 +69,55 @@ def test_deviations_of_drawn_shapes_have_unit_size():
         target = source + root @ rng.standard_normal((30, 3)) + NOISE * rng.standard_normal((30, 3))
         squares.append(deviations(*Predictions(source, target, NOISE).errors()) ** 2)
     assert np.mean(squares) == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("factor", [0.8, 1.25])
+def test_the_stretch_of_one_axis_is_found_and_told_with_that_axis(axis, factor):
+    """In a frame of its own: the direction is that of the files."""
+    source, _ = _shape(20)
+    wrong = np.ones(3)
+    wrong[axis] = factor
+    turn = np.roll(np.eye(3), 1, axis=0)  # x to y, y to z, z to x
+    found, _ = stretches(source, 1.1 * (wrong * source) @ turn.T, NOISE)
+    expected = np.full(3, -0.5 * np.log(factor))
+    expected[axis] = np.log(factor)
+    np.testing.assert_allclose(found, expected, atol=1e-9)
+    told = unusual_proportions(source, (wrong * source) @ turn.T, turn, "l.csv", NOISE)
+    larger = "25 % larger" if factor > 1.0 else "25 % smaller"
+    assert told is not None and larger in told and "check the spacing of the slices" in told
+    assert f"along the axis {'yzx'[axis]} of the files" in told
+    assert ("width", "depth", "height")[axis] in told
+    assert unusual_proportions(source, source @ turn.T, turn, "l.csv", NOISE) is None
+
+
+def test_stretches_of_drawn_shapes_have_unit_size():
+    """Shapes drawn with the assumed covariance, which has no affine part: mean square near 1."""
+    from scipy.spatial.distance import cdist
+
+    from emgface.fit.similarity import GROWTH
+
+    rng = np.random.default_rng(5)
+    source = rng.uniform(-0.06, 0.06, (30, 3))
+    near = np.concatenate([[source[0]], source])
+    r = cdist(near, near)
+    root = np.linalg.cholesky(GROWTH * (r[:1, 1:] + r[1:, :1] - r[1:, 1:]) + 1e-12 * np.eye(30))
+    squares = []
+    for _ in range(200):
+        target = source + root @ rng.standard_normal((30, 3)) + NOISE * rng.standard_normal((30, 3))
+        stretch, sd = stretches(source, target, NOISE)
+        squares.append((stretch / sd) ** 2)
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize("way", ["to the other", "back"])
+def test_the_proportions_of_the_published_faces_are_not_doubted(shared, way):
+    face, other, marks, _ = _published(shared / "artisynth_models")
+    nodes = list(marks.values())
+    source, target = face["position"].values[nodes], other[nodes]
+    if way == "back":
+        source, target = target, source
+    assert unusual_proportions(source, target, np.eye(3), "l.csv", 0.8e-3) is None
 
 
 def test_landmarks_that_decide_nothing_are_not_judged():
