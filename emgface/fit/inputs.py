@@ -17,7 +17,7 @@ from emgface.fit.readers.landmarks import Landmarks, plain
 from emgface.fit.readers.surfaces import Scan
 from emgface.fit.similarity import Similarity, misfit, rigid_of, similarity
 from emgface.fit.strays import LEAST as ENOUGH
-from emgface.fit.strays import check_strays, unusual_proportions
+from emgface.fit.strays import check_sides, check_strays, unusual_proportions
 from emgface.fit.targets import LandmarkPoints, Sheet
 from emgface.fit.triangulated import Floats, Surface
 
@@ -180,6 +180,7 @@ def match(
             )
     motion = similarity(source, target)
     _check_side(source, target, motion, given.source)
+    check_sides(names, source, target, given.source)
     if not SCALE[0] <= motion.scale <= SCALE[1]:
         raise FitError(
             f"{given.source}: the landmarks are {motion.scale:.3g} times as far apart as those of the "

@@ -24,7 +24,7 @@ from scipy.spatial.distance import cdist
 from scipy.stats import chi2
 
 from emgface.errors import FitError, listed
-from emgface.fit.similarity import GROWTH, Floats, similarity
+from emgface.fit.similarity import GROWTH, Floats, misfit, similarity
 
 LEAST: Final = 7  #: smallest number of landmarks of which one can be judged by the others
 CLICK: Final = 1.5e-3  #: smallest standard deviation of a landmark in these tests [m]
@@ -41,6 +41,8 @@ PROPORTION: Final = 2.5
 
 Members of the generated groups are drawn within as many deviations of each measure.
 """
+SIDES: Final = 0.5  #: share of the misfit that remains if exchanged sides are corrected [1]
+OTHER_SIDE: Final = {"left": "right", "right": "left", "l": "r", "r": "l"}
 AXES: Final = ("width", "depth", "height")  #: of a face or jaw along its axes
 COINCIDE: Final = 2e-4  #: distance at which two landmarks are at one place [m]
 
@@ -186,6 +188,40 @@ def _check_exchanges(names: Sequence[str], predictions: Predictions, given: str)
             f"{given}: the landmarks {names[i]} and {names[j]} seem to be exchanged: each lies nearer "
             "to the place of the other; exchange their names"
         )
+
+
+def check_sides(names: Sequence[str], source: Floats, target: Floats, given: str) -> None:
+    """Refuse landmarks of which two or three pairs, but not all, have the names of the other side.
+
+    Together they change the similarity, so that no pair alone seems to be exchanged.
+    """
+    pairs = [
+        (k, names.index(other))
+        for k, name in enumerate(names)
+        if name < (other := _other_side(name)) and other in names
+    ]
+    before = best = misfit(similarity(source, target), source, target)
+    wrong: tuple[tuple[int, int], ...] = ()
+    for some in (c for size in (2, 3) if 2 * size <= len(pairs) for c in combinations(pairs, size)):
+        order = np.arange(len(names))
+        for i, j in some:
+            order[[i, j]] = j, i
+        after = misfit(similarity(source, target[order]), source, target[order])
+        if after < best:
+            best, wrong = after, some
+    if wrong and best < SIDES * before:
+        told = listed(f"{names[i]} and {names[j]}" for i, j in wrong)
+        raise FitError(
+            f"{given}: the sides of {told} seem to be exchanged: with their names corrected, the "
+            f"landmarks fit to {1e3 * best:.3g} mm rms instead of {1e3 * before:.3g} mm; exchange their "
+            "names"
+        )
+
+
+def _other_side(name: str) -> str:
+    """Name of the same landmark on the other side; the name itself if it has no side."""
+    words = name.split("_")
+    return "_".join(OTHER_SIDE.get(word, word) for word in words)
 
 
 def spread_of_spline(at: Floats, places: Floats, noise: float) -> Floats:

@@ -7,6 +7,9 @@ import pandas as pd
 import pytest
 
 from emgface.errors import FitError
+from emgface.face.template import template_face
+from emgface.fit.inputs import match, points_of_face
+from emgface.fit.readers.landmarks import landmarks_of
 from emgface.fit.similarity import thin_plate
 from emgface.fit.strays import (
     STRAY,
@@ -89,6 +92,19 @@ def test_the_stretch_of_one_axis_is_found_and_told_with_that_axis(axis, factor):
     assert f"along the axis {'yzx'[axis]} of the files" in told
     assert ("width", "depth", "height")[axis] in told
     assert unusual_proportions(source, source @ turn.T, turn, "l.csv", NOISE) is None
+
+
+def test_sides_of_some_pairs_that_are_exchanged_are_named():
+    """The unit was blamed, because the similarity of landmarks with two crossed pairs is smaller."""
+    points = points_of_face(template_face(resolution="coarse"))
+    crossed = dict(points)
+    for name in ("temple", "forehead"):
+        for a, b in (("left", "right"), ("right", "left")):
+            crossed[f"{name}_{a}"] = points[f"{name}_{b}"]
+    told = "sides of forehead_left and forehead_right, temple_left and temple_right seem to be exch"
+    with pytest.raises(FitError, match=told):
+        match(points, landmarks_of(crossed), None, NOISE, "face")
+    assert match(points, landmarks_of(points), None, NOISE, "face").notes == []
 
 
 def test_stretches_of_drawn_shapes_have_unit_size():
