@@ -283,7 +283,8 @@ def _tumour_points(step: Tumour, folder: Path) -> Floats:
             "emgface[surgery], or state centre and radii",
         ) from error
     try:
-        points = np.asarray(load(folder / path, force="mesh").vertices, dtype=np.float64)
+        mesh = load(folder / path, force="mesh")
+        points = np.asarray(mesh.vertices, dtype=np.float64)
     except (OSError, ValueError, AttributeError) as error:
         raise TreatmentError(
             "surface", f"the surface {path} cannot be read ({error}), expected .stl or .obj"
@@ -299,5 +300,12 @@ def _tumour_points(step: Tumour, folder: Path) -> Floats:
             "surface",
             f"the surface {path} is {1e3 * across:.3g} mm across, expected {SHORTEST:g} to "
             f"{1e3 * LARGEST:g} mm: if its lengths are in {other}, write unit = '{other}'",
+        )
+    if not mesh.is_watertight:  # a part of a tumour would be contained, and the rest not
+        _, count = np.unique(np.sort(mesh.edges, axis=1), axis=0, return_counts=True)
+        raise TreatmentError(
+            "surface",
+            f"the surface {path} has {int((count != 2).sum())} edges that do not join two triangles, "
+            "expected a closed surface: close its holes, or state centre and radii",
         )
     return scale * points

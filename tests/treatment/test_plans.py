@@ -11,6 +11,7 @@ from emgface.anatomy.jaw.template import template_jaw
 from emgface.choices import configure
 from emgface.errors import ConfigurationError, DataError, FaceError, JawError, TreatmentError
 from emgface.face.file import load_face, save_face
+from emgface.face.lip_shape import lip_rim
 from emgface.schema.validation import schema_folder
 from emgface.treatment.motions import gestures
 from emgface.treatment.plan import (
@@ -187,6 +188,29 @@ def test_a_surface_in_another_unit_is_refused_with_the_right_one(
     with pytest.raises(TreatmentError, match=f"write unit = '{other}'") as caught:
         treat_face(coarse, plan, folder=tmp_path)
     assert caught.value.reason == "surface"
+
+
+def test_an_open_surface_is_refused_and_its_orientation_does_not_matter(coarse, tmp_path):
+    """Of an open surface a part of the tumour is unknown, and the excision would be too small."""
+    trimesh = pytest.importorskip("trimesh")
+    rim = lip_rim(coarse)
+    at = coarse["position"].values[rim.lower[len(rim.lower) // 2]] * 1e3
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
+    ball.apply_translation(at + [0.0, -1.0, -4.0])
+    found = []
+    for name, faces in (
+        ("closed", ball.faces), ("turned", ball.faces[:, ::-1]), ("open", ball.faces[:200])
+    ):  # fmt: skip
+        trimesh.Trimesh(ball.vertices, faces, process=False).export(tmp_path / f"{name}.stl")
+        step = {"kind": "tumour", "surface": f"{name}.stl", "margin": 1.0}
+        plan = configure(Plan, {"step": [step]})
+        if name != "open":
+            found.append(treat_face(coarse, plan, folder=tmp_path)["position"].values)
+            continue
+        with pytest.raises(TreatmentError, match="edges that do not join two triangles") as caught:
+            treat_face(coarse, plan, folder=tmp_path)
+        assert caught.value.reason == "surface"
+    np.testing.assert_array_equal(*found)
 
 
 @pytest.mark.parametrize(
