@@ -26,6 +26,7 @@ from typer.testing import CliRunner
 import emgface.files
 from emgface.cli import app
 from emgface.cli.written import WRITTEN
+from emgface.face.file import save_face
 from emgface.face.waypoints import INDEX
 from emgface.files import is_part
 from emgface.pictures import movie
@@ -69,12 +70,17 @@ SLOW: dict[str, str] = {
     "study run": "study run {study} --out {o}/study --workers 1",
     "study export": "study export {done} --out {o}/copy",
     "report": "report {done} --out {o}/report.html",
+    "treat": "treat {plan} {lips} --out {o}/treated.nc",
+    "compare": "compare {lips} {weak} {trials} --out {o}/page.html --plain {o}/plain.html "
+    "--picture {o}/a.png --table {o}/a.csv --no-contact --workers 1",
+    "dose": "dose --plan {plan} --out {o}/doses.csv --persons 1 --draws 0 --movements A --no-contact "
+    "--cube {o}/doses.nc --figure {o}/doses.png --workers 1",
 }
 
 OTHERS = {
-    "build", "compare", "demo", "dose", "fit", "import", "invert calibrate", "live", "record",
+    "build", "demo", "fit", "import", "invert calibrate", "live", "record",
     "reduce", "sound areas", "sound head", "sound muscles", "sound synthesise", "sound trial",
-    "study published", "sweep", "tabulate", "treat",
+    "study published", "sweep", "tabulate",
 }  # fmt: skip
 """Commands whose computation takes minutes, or requires published files; they write by the same
 functions, which tests/rules/test_writing.py holds."""
@@ -150,7 +156,7 @@ def small_movies() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def places(laboratory: Path, shown: Path, tmp_path_factory) -> dict[str, Path]:
+def places(laboratory: Path, shown: Path, coarse: xr.Dataset, tmp_path_factory) -> dict[str, Path]:
     """Inputs of all commands, by their names in the command lines."""
     folder = tmp_path_factory.mktemp("inputs")
     recordings = laboratory / "recordings"
@@ -169,10 +175,14 @@ def places(laboratory: Path, shown: Path, tmp_path_factory) -> dict[str, Path]:
         "rec": rec, "recs": recordings, "study": study, "csv": csv, "done": shown,
         "session": folder / "session.nc", "events": folder / "e_events.tsv",
         "act": folder / "act.nc", "motion": folder / "motion.nc", "trials": folder / "trials",
+        "plan": folder / "plan.toml", "lips": folder / "lips.nc", "weak": folder / "weak.nc",
     }  # fmt: skip
     if find_spec("SimpleITK"):
         found |= _phantom(folder)
-    made = ["cut {session} --events {events} --out {trials}"]
+    found["plan"].write_text("[[step]]\nkind = 'palsy'\ndegree = 0.5\n")
+    save_face(coarse, found["lips"])
+    made = ["treat {plan} {lips} --out {weak}"]
+    made += ["cut {session} --events {events} --out {trials}"]
     made += ["activate {rec} --study {study} --out {act}"]
     made += ["simulate {act} --study {study} --surface --out {motion}"]
     for line in made:
