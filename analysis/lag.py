@@ -27,10 +27,11 @@ examined for a better peak."""
 class Match:
     """Candidate: correlation at a shift [s] and a scale [1].
 
-    `r` is the correlation over the overlap. `unexplained` is (1 - r^2) max(1, v), where v is the
+    `r` is the correlation over the overlap. `unexplained` is (1 - r |r|) max(1, v), where v is the
     measured variance inside the overlap divided by that of the whole; v compensates the increase of
-    r if a segment without motion, which contains only noise, is left out. `at_bound`: no peak lies
-    inside the allowed shifts, or a clearly better one outside.
+    r if a segment without motion, which contains only noise, is left out. With r < 0, which a sign
+    that is prescribed may leave as the best, it exceeds 1, so that the largest r is still preferred.
+    `at_bound`: no peak lies inside the allowed shifts, or a clearly better one outside.
     """
 
     shift: float
@@ -197,7 +198,7 @@ class Search:
     def _unexplained(self, r: Array, variance: Array) -> Array:
         good = np.abs(r) if self.sign is None else self.sign * r
         growth = np.maximum(1.0, variance / self.variance)
-        return (1.0 - np.clip(good, 0.0, 1.0) ** 2) * growth
+        return (1.0 - good * np.abs(good)) * growth
 
 
 def _peaks(loss: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

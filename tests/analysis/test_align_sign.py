@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from scipy.stats import beta
 from synthetic_trajectories import there_and_back, trajectory
 
@@ -101,3 +102,37 @@ def test_sign_resolves_half_a_period() -> None:
     found = align(trajectory(there_and_back, shift=0.05, noise=1e-3), trajectory(there_and_back))
     assert float(found["shift"]) == pytest.approx(0.05, abs=0.02)
     assert float(found["direction_cosine"]) > 0.9
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_match_of_negative_correlation_does_not_depend_on_rounding(seed: int) -> None:
+    """Opposite courses along one clear direction correlate negatively at every small shift.
+
+    The largest correlation is chosen, not one of many shifts that leave the whole variance
+    unexplained: turning the camera frame, which rounds every coordinate, changes nothing.
+    """
+
+    def rising(t: np.ndarray) -> np.ndarray:
+        return np.tanh(3.0 * (t - 0.8)) + 0.3 * np.sin(7.0 * t)
+
+    def falling(t: np.ndarray) -> np.ndarray:
+        return -np.tanh(3.0 * (t - 0.7)) + 0.3 * np.cos(9.0 * t)
+
+    data, model = trajectory(rising), trajectory(falling)
+    found = align(data, model, max_shift=0.2)
+    assert int(found["sign_by_direction"]) == 1 and float(found["b_correlation"]) < 0.0
+    turn = Rotation.random(random_state=seed).as_matrix()
+    turned = [
+        each.assign(
+            position=each["position"].copy(
+                data=np.einsum("ij,mjt->mit", turn, each["position"].values)
+            )
+        )
+        for each in (data, model)
+    ]
+    again = align(*turned, max_shift=0.2)
+    assert float(again["shift"]) == pytest.approx(float(found["shift"]), abs=1e-6)
+    tried = [
+        float(align(data, model, max_shift=bound)["b_correlation"]) for bound in (0.0, 0.05, 0.1)
+    ]
+    assert float(found["b_correlation"]) >= max(tried) - 1e-9
