@@ -1,5 +1,7 @@
 """Noise, jumps and exchanged names of markers."""
 
+import warnings
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -91,6 +93,28 @@ def test_exchanged_sides_are_found_in_movements_to_one_side() -> None:
     assert wrong["swapped"].all()
     text = problems(check_recording(sided(-1.0)), "warning")
     assert sum("check whether left and right are exchanged" in sentence for sentence in text) == 4
+
+
+LOST = {
+    "first frames": (slice(None), slice(5)),
+    "last frames": (slice(None), slice(-20, None)),
+    "one frame of all": (slice(None), slice(70, 71)),
+    "a corner": (MARKERS.index("corner_left"), slice(50, 60)),
+    "a skull marker": (0, slice(300, 500)),
+    "all skull markers": (slice(0, 6), slice(300, 310)),
+}
+
+
+@pytest.mark.parametrize("lost", LOST)
+def test_lost_frames_do_not_hide_exchanged_sides(lost: str) -> None:
+    for sign in (1.0, -1.0):
+        given = sided(sign)
+        markers, frames = LOST[lost]
+        given["position"].values[markers, :, frames] = np.nan
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            found = swapped_sides(given)
+        assert len(found) == 4 and (found["swapped"] == (sign < 0)).all()
 
 
 def test_equal_sides_raise_no_suspicion() -> None:

@@ -16,6 +16,7 @@ DECISIVE = 0.5  #: absolute correlation above which its sign is used
 LEAST_APART = 1e-3
 """Difference between the displacements of the corners [m] above which a movement is lateral."""
 SHARE_APART = 0.3  #: the same, as a fraction of the displacement
+LEAST_SEEN = 0.5  #: fraction of the frames in which the corners must be visible
 SMOOTHING = 0.2  #: window of the envelope and of the motion [s]
 
 
@@ -25,9 +26,10 @@ def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:
     A muscle of one side moves the mouth corner of that side more than the other. If both sides move
     equally, the difference is noise; only movements to one side are used. The recording contains
     EMG [V] and markers [m] on one clock. Columns are ``left``, ``right`` (channels),
-    ``correlation`` (of the two differences over time) and ``swapped`` (True below -0.5). There are
-    no rows if the corners or both sides of a muscle are missing, or have gaps. Raises SignalError
-    if a clock is not uniform.
+    ``correlation`` (of the two differences over time) and ``swapped`` (True below -0.5). Frames in
+    which a corner or all skull markers are lost are left out. There are no rows if more than half of
+    the frames are, if the corners or both sides of a muscle are missing, or if the EMG has gaps.
+    Raises SignalError if a clock is not uniform.
     """
     empty = pd.DataFrame([], columns=list(COLUMNS))
     if "emg" not in recording or "position" not in recording:
@@ -35,10 +37,11 @@ def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:
     position = recording["position"]
     if not set(CORNERS) <= {str(m) for m in position["marker"].values}:
         return empty
-    way = _ways(position)
-    if way is None:
+    found = _ways(position)
+    if found is None:
         return empty
-    emg, frames = recording["emg"], position["time_marker"].values
+    frames, way = found
+    emg = recording["emg"]
     rate = sampling_rate(emg[TIME_EMG])
     held = {str(c) for c in emg["channel"].values}
     rows: list[tuple[str, str, float, bool]] = []
@@ -63,19 +66,28 @@ def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
-def _ways(position: xr.DataArray) -> np.ndarray | None:
-    """Distance of each corner from its rest position, relative to the skull markers if present."""
+def _ways(position: xr.DataArray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Frames [s], and distance of each corner from its rest position in them, relative to the skull."""
     steady = [m for m in position["marker"].values if str(m) in FACE_MARKERS]
     corners = position.sel(marker=list(CORNERS)).transpose("marker", "axis", "time_marker").values
     if len(steady) >= 3:
-        frame = position.sel(marker=steady).transpose("marker", "axis", "time_marker").values
+        skull = position.sel(marker=steady).transpose("marker", "axis", "time_marker").values
+        skull = skull[np.isfinite(skull).any(axis=(1, 2))]
+        # A marker that is lost must not move the mean of the others.
+        moved = skull - np.nanmedian(skull, axis=2, keepdims=True)
+        seen = np.isfinite(moved)
         # The mean follows the translation of the head; small rotations move both corners equally.
-        corners = corners - np.nanmean(frame, axis=0)
-    if not np.isfinite(corners).all():
+        with np.errstate(invalid="ignore"):
+            corners = corners - np.where(seen, moved, 0.0).sum(axis=0) / seen.sum(axis=0)
+    kept = np.isfinite(corners).all(axis=(0, 1))
+    if kept.sum() < max(2, LEAST_SEEN * kept.size):
         return None
+    corners = corners[..., kept]
     size = max(1, round(SMOOTHING * sampling_rate(position["time_marker"])))
     way = np.linalg.norm(corners - np.median(corners, axis=2, keepdims=True), axis=1)
     smooth = uniform_filter1d(way, size, axis=1)
     # Differences between the sides in symmetric movements do not identify the electrodes.
     apart = float(np.ptp(smooth[0] - smooth[1]))
-    return smooth if apart > max(LEAST_APART, SHARE_APART * float(np.max(smooth))) else None
+    if not apart > max(LEAST_APART, SHARE_APART * float(np.max(smooth))):
+        return None
+    return position["time_marker"].values[kept], smooth
