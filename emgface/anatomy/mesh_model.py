@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from emgface.anatomy.frame import to_the_right
 from emgface.errors import DataError
 from emgface.face.parts import Bundle, Fibre, Floats, Integers
 from emgface.face.quality import element_quality
@@ -183,3 +184,16 @@ def check_muscles(ds: xr.Dataset, error: type[DataError]) -> None:
                 f"muscle {muscle} lists element {ds['element_id'].values[values[counts > 1][0]]} "
                 "twice, expected once"
             )
+
+
+def muscles_to_the_right(ds: xr.Dataset) -> Floats | None:
+    """Mean vector (3,) [m] from the muscles of the left to those of the right; None without pairs."""
+    names = [str(name) for name in ds["muscle"].values]
+    owner = ds["bundle_muscle"].values
+    connectivity = ds["connectivity"].values[ds["bundle_index"].values]
+    corner = np.where(connectivity[:, 6:] < 0, connectivity[:, :2], connectivity[:, 6:])
+    nodes = np.concatenate([connectivity[:, :6], corner], axis=1)  # wedges end in -1
+    centres = ds["position"].values[nodes].mean(axis=1)
+    return to_the_right(
+        names, np.stack([centres[owner == k].mean(axis=0) for k in range(len(names))])
+    )

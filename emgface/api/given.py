@@ -15,7 +15,6 @@ from emgface.recordings.dataset import read_recording
 from emgface.recordings.fillers import without_fillers
 from emgface.schema.in_memory import usable
 from emgface.schema.netcdf import read_netcdf
-from emgface.schema.validation import validate
 from emgface.signals.parameters import SignalChain
 
 # The mechanics are imported by the functions that use them: signals require none.
@@ -95,17 +94,17 @@ def recording_of(given: Data, mapping: Mapping[str, Any] | File | None) -> xr.Da
 def face_of(given: Data | None, study: "StudyConfiguration") -> xr.Dataset:
     """Return the specified face, or that of the study.
 
-    Raises FaceError or SchemaError if it is not valid; a dataset is checked against its schema.
+    Raises FaceError or SchemaError if it is not valid, be it a file or a dataset.
     """
     from emgface.face.file import load_face
+    from emgface.face.validity import check_face
     from emgface.study.file import study_face
 
     if given is None:
         return study_face(study.face)
     if not isinstance(given, xr.Dataset):
         return load_face(path_of(given, "a face model"))
-    validate(given, "face_model")
-    return given
+    return check_face(given)
 
 
 def changed(model: ModelT, tables: Mapping[str, Any], where: str) -> ModelT:

@@ -55,11 +55,13 @@ def treat(
     >>> step = {"kind": "wedge", "lip": "lower", "width": 12.0, "height": 10.0}
     >>> operated = ef.treat("face.nc", {"step": [step]})  # doctest: +SKIP
     """
+    from emgface.anatomy.checked import read_model
+    from emgface.anatomy.jaw.model import check_jaw
     from emgface.api.given import face_of, simulation_of, study_of
     from emgface.choices import configure
     from emgface.errors import ConfigurationError, TreatmentWarning
     from emgface.face.identity import treatments
-    from emgface.schema.netcdf import kind_of, read_netcdf
+    from emgface.schema.netcdf import kind_of
     from emgface.treatment.plan import Plan, read_plan
     from emgface.treatment.treat import treat_face, treat_jaw
 
@@ -75,14 +77,14 @@ def treat(
         and Path(face).is_file()
         and kind_of(Path(face)) == "jaw_model"
     ):
-        face = read_netcdf(Path(face), "jaw_model")
+        face = read_model(Path(face), "jaw_model")
     if isinstance(face, xr.Dataset) and "body_mass" in face:  # a jaw
         if choices:
             raise ConfigurationError(
                 f"{next(iter(choices))} was specified for a jaw, expected no parameter of a simulation: "
                 "the treatment of a jaw simulates nothing"
             )
-        return treat_jaw(face, own)
+        return treat_jaw(check_jaw(face), own)
     study = study_of(None)
     parameters = simulation_of(study.simulation, None, choices)
     given = face_of(face, study)

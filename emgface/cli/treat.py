@@ -24,16 +24,17 @@ def treat(
     ] = None,
 ) -> None:
     """Treat a face or a jaw by a plan: excise, close, weaken, resect. Not for treatment decisions."""
+    from emgface.anatomy.checked import read_model
     from emgface.api.given import simulation_of, study_of
     from emgface.face.file import load_face, save_face
     from emgface.face.identity import treatments
-    from emgface.schema.netcdf import kind_of, read_netcdf, write_netcdf
+    from emgface.schema.netcdf import kind_of, write_netcdf
     from emgface.treatment.plan import NOT_VALIDATED, read_plan
     from emgface.treatment.told import facts_of_report
     from emgface.treatment.treat import treat_face, treat_jaw
 
     if model.is_file() and kind_of(model) == "jaw_model":
-        given = read_netcdf(model, "jaw_model")
+        given = read_model(model, "jaw_model")
         treated = treat_jaw(given, read_plan(plan))
         write_netcdf(treated, out_path, "jaw_model")
     else:
@@ -171,11 +172,11 @@ def compare(
 
 def _compare_jaws(before: Path, after: Path, table: Path | None) -> None:
     """Print the outcomes of a jaw before and after its treatment, and write them."""
-    from emgface.schema.netcdf import read_netcdf
+    from emgface.anatomy.checked import read_model
     from emgface.treatment.jaw_outcomes import jaw_outcome_table
     from emgface.treatment.plan import NOT_VALIDATED
 
-    jaws = [read_netcdf(path, "jaw_model") for path in (before, after)]
+    jaws = [read_model(path, "jaw_model") for path in (before, after)]
     announce_compilation()
     with progress("simulating") as bar:
         found = jaw_outcome_table(*jaws, progress=bar.show)

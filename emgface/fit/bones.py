@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from emgface.anatomy.jaw.model import check_jaw
 from emgface.errors import FitError, listed
 from emgface.fit.deform import NOISE
 from emgface.fit.inputs import Matched, facing, frame_of_inputs, in_face_frame, match, provenance
@@ -25,7 +26,6 @@ from emgface.fit.readers.surfaces import Scan
 from emgface.fit.registration import SmoothMap, closest_points, smooth_map
 from emgface.fit.similarity import Similarity
 from emgface.fit.triangulated import Floats, Surface
-from emgface.schema.validation import validate
 
 MISSES: Final = (
     1.5e-3  #: largest mean distance of a fitted bone from its surface that is accepted [m]
@@ -70,7 +70,7 @@ def fit_jaw(
     used; otherwise the landmarks determine the motion, and without them the inputs are in the frame of
     the jaw. Raises FitError if an input is unusable or missed, or the map folds.
     """
-    validate(jaw, "jaw_model")
+    check_jaw(jaw)
     own = surfaces_of(jaw)
     if unknown := [body for body in surfaces or {} if body not in own]:
         raise FitError(
@@ -114,7 +114,7 @@ def fit_jaw(
         left = left_landmarks(1e-3 * errors["error"].to_numpy(), noise)
         notes += [left] if left else []
     return FittedBones(
-        validate(found, "jaw_model"), distance, errors, _bodies(jaw, found), tuple(notes), jaw, targets,
+        check_jaw(found), distance, errors, _bodies(jaw, found), tuple(notes), jaw, targets,
         None if aims is None else aims[1],
     )  # fmt: skip
 

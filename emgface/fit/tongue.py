@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from emgface.anatomy.tongue.model import check_tongue
 from emgface.errors import FitError
 from emgface.face.surface import boundary_faces, triangles
 from emgface.fit.bones import surfaces_of
@@ -29,7 +30,6 @@ from emgface.fit.similarity import Similarity, similarity
 from emgface.fit.springs import Rows, at_nodes
 from emgface.fit.targets import Sheet, Target, pulling
 from emgface.fit.triangulated import Floats
-from emgface.schema.validation import validate
 
 WITH_BONE: Final = 100.0  #: stiffness of the springs of a node that follows a bone [N/m]
 MISSES: Final = 1e-3  #: largest mean distance of the fitted tongue from its surface [m]
@@ -65,7 +65,7 @@ def fit_tongue(
     (`emgface.fit.bones.fit_jaw`); `surface` is the boundary of the person's tongue in the frame of
     the inputs of that fit.
     """
-    validate(tongue, "tongue_model")
+    check_tongue(tongue)
     _check_jaws(before, after)
     tell = progress or (lambda what, done, total: None)
     tell("bones", 0, 1 + len(PULLS))
@@ -99,7 +99,7 @@ def fit_tongue(
     found = found.assign_attrs(attributes | {"fit_inputs": json.dumps(told)})
     tell("fit to the surface", 1 + len(PULLS), 1 + len(PULLS))
     return FittedTongue(
-        validate(found, "tongue_model"), tongue, target,
+        check_tongue(found), tongue, target,
         pd.DataFrame(rows, columns=["stage", "mean", "q95", "largest", "covered"]),
         quality_rows(tongue, found), _muscles(tongue, found), tuple(notes),
     )  # fmt: skip

@@ -46,7 +46,9 @@ def import_(folder: Path, settings: Mapping[str, str]) -> xr.Dataset:
 
 def read(path: Path) -> xr.Dataset:
     """Read a jaw."""
-    return read_netcdf(path, "jaw_model")
+    from emgface.anatomy.checked import read_model
+
+    return read_model(path, "jaw_model")
 
 
 def write(jaw: xr.Dataset, path: Path) -> object:

@@ -21,7 +21,7 @@ from emgface.models.kinds import (
     names_file,
     refuse_unused,
 )
-from emgface.schema.netcdf import read_netcdf, write_netcdf
+from emgface.schema.netcdf import write_netcdf
 
 
 def build(person: Person) -> xr.Dataset:
@@ -46,7 +46,9 @@ def import_(folder: Path, settings: Mapping[str, str]) -> xr.Dataset:
 
 def read(path: Path) -> xr.Dataset:
     """Read a tongue."""
-    return read_netcdf(path, "tongue_model")
+    from emgface.anatomy.checked import read_model
+
+    return read_model(path, "tongue_model")
 
 
 def write(tongue: xr.Dataset, path: Path) -> object:
@@ -61,6 +63,7 @@ def fit(
 
     Without `Evidence.before`, the jaw was fitted from the generated one.
     """
+    from emgface.anatomy.checked import read_model
     from emgface.anatomy.jaw.template import template_jaw
     from emgface.fit.parts_report import fitted_tongue_page, tongue_summary, write_fit_page
     from emgface.fit.tongue import fit_tongue
@@ -72,10 +75,8 @@ def fit(
         )
     if unknown := [name for name in evidence.surfaces if name != "tongue"]:
         raise FitError(f"a tongue has no surface {listed(unknown)}, expected 'tongue' or none")
-    after = read_netcdf(evidence.frame, "jaw_model")
-    before = (
-        template_jaw() if evidence.before is None else read_netcdf(evidence.before, "jaw_model")
-    )
+    after = read_model(evidence.frame, "jaw_model")
+    before = template_jaw() if evidence.before is None else read_model(evidence.before, "jaw_model")
     found = fit_tongue(
         tongue, before, after, surface=evidence.surfaces.get("tongue"), unit=evidence.unit,
         name=evidence.name, progress=progress,

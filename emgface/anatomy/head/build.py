@@ -8,9 +8,11 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
+from emgface.anatomy.checked import CHECKS
 from emgface.anatomy.head.model import CONTACTS, FLOOR, KINDS, PARTS, Head, build_lists
 from emgface.anatomy.head.scene import TONGUE
 from emgface.anatomy.jaw.exciters import exciters_of
+from emgface.anatomy.jaw.model import check_jaw
 from emgface.anatomy.jaw.template import template_jaw
 from emgface.anatomy.jaw.template.muscles import GROUPS
 from emgface.anatomy.tongue.model import attached_nodes
@@ -23,7 +25,6 @@ from emgface.face.template import Measures, template_face
 from emgface.face.template.muscles import Ring
 from emgface.fit.registration import SmoothMap
 from emgface.fit.similarity import similarity
-from emgface.schema.validation import validate
 
 HYOID = ("hyoid", "thyroid", "cricoid")
 OWNER: Final = {"face": ("face",), "jaw": ("jaw", "hyoid"), "tongue": ("tongue",)}
@@ -125,7 +126,7 @@ def _checked(models: Mapping[str, xr.Dataset], named: Sequence[str]) -> dict[str
                 f"a model of {part!r} is given, expected face, jaw or tongue, among the "
                 f"parts {', '.join(named)}"
             )
-        validate(model, KINDS[part])
+        CHECKS[KINDS[part]](model)
     _check_one_person(models, named)
     frames = {
         part: np.array(json.loads(model.attrs["fit_frame"]))
@@ -228,7 +229,7 @@ def moving(jaw: xr.Dataset, named: Sequence[str], without: Sequence[str] = ()) -
         gain.reshape(-1, len(muscles)),
         {"units": "1"},
     )
-    return validate(found, "jaw_model")
+    return check_jaw(found)
 
 
 def _shells(

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 import xarray as xr
 
+from emgface.anatomy.checked import CHECKS, read_model
 from emgface.anatomy.jaw.exciters import exciters_of
 from emgface.anatomy.jaw.model import AXES, FRAME
 from emgface.anatomy.jaw.template.muscles import GROUPS
@@ -183,7 +184,7 @@ def build_lists(
         exciter_gain=gain,
     )
     lists = xr.Dataset(variables, attrs={"name": name, "origin": origin, "frame": FRAME})
-    checked = {group: validate(part, KINDS[group]) for group, part in parts.items()}
+    checked = {group: CHECKS[KINDS[group]](part) for group, part in parts.items()}
     return Head(validate(lists, "head_model"), checked)
 
 
@@ -217,4 +218,4 @@ def read_lists(path: str | Path) -> tuple[xr.Dataset, Mapping[str, xr.Dataset]]:
 def read_parts(path: str | Path, named: Sequence[str]) -> dict[str, xr.Dataset]:
     """Read the groups of named parts."""
     groups = dict.fromkeys("jaw" if name == "hyoid" else name for name in named)
-    return {group: read_netcdf(path, KINDS[group], group=group) for group in groups}
+    return {group: read_model(path, KINDS[group], group=group) for group in groups}

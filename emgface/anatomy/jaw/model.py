@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from emgface.anatomy.frame import check_frame, to_the_right
 from emgface.errors import JawError
 from emgface.schema.validation import declared_variables, validate
 
@@ -132,7 +133,29 @@ def build_jaw(
         exciter_gain=gain,
     )
     described = {"name": name, "origin": origin, "source": source, "frame": FRAME}
-    return validate(xr.Dataset(variables, attrs=described | dict(attrs or {})), "jaw_model")
+    return check_jaw(xr.Dataset(variables, attrs=described | dict(attrs or {})))
+
+
+def check_jaw(ds: xr.Dataset) -> xr.Dataset:
+    """Check a jaw against its schema and the directions of its frame, and return it.
+
+    Raises SchemaError or UnitsError as the schema does, and JawError if the jaw is turned or
+    mirrored: its muscles with sides determine the right, and the bite points and the lower incisor,
+    where they are named, the anterior direction.
+    """
+    ds = validate(ds, "jaw_model")
+    place = dict(zip(map(str, ds["point"].values), ds["point_position"].values, strict=True))
+    named = {"bite_L", "bite_R", "lower_incisor"} <= place.keys()
+    directions = {
+        "right": to_the_right(
+            [str(name) for name in ds["muscle"].values], ds["muscle_position"].values.mean(axis=1)
+        ),
+        "anterior": place["lower_incisor"] - (place["bite_L"] + place["bite_R"]) / 2
+        if named
+        else None,
+    }
+    check_frame("jaw", directions, JawError)
+    return ds
 
 
 def _line_arrays(

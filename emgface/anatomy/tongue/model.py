@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from emgface.anatomy.frame import check_frame
 from emgface.anatomy.jaw.exciters import exciters_of
 from emgface.anatomy.jaw.model import AXES, FRAME
 from emgface.anatomy.mesh_model import (
@@ -21,6 +22,7 @@ from emgface.anatomy.mesh_model import (
     float_array,
     integers,
     muscle_arrays,
+    muscles_to_the_right,
 )
 from emgface.errors import TongueError
 from emgface.face.parts import Bundle, Fibre, Floats, Integers
@@ -122,8 +124,8 @@ def check_tongue(ds: xr.Dataset) -> xr.Dataset:
 
     Raises SchemaError or UnitsError as the schema does, and TongueError if an element refers to a
     node that does not exist or is inverted at a quadrature point at rest (a stored shape may invert
-    corners), a node belongs to no element, a muscle has no element, one twice or no fibre, or a
-    marker of `MARKERS` is absent.
+    corners), a node belongs to no element, a muscle has no element, one twice or no fibre, a
+    marker of `MARKERS` is absent, or the tongue is turned or mirrored relative to its frame.
     """
     check_references(ds, (("marker_node", "marker"),), TongueError)
     ds = validate(ds, "tongue_model")
@@ -140,6 +142,14 @@ def check_tongue(ds: xr.Dataset) -> xr.Dataset:
         raise TongueError(
             f"fibre point {int(np.argmax(apart))} is a node and lies on a body, expected one of them"
         )
+    node = dict(zip(map(str, ds["marker"].values), ds["marker_node"].values, strict=True))
+    tip, back, base = (ds["position"].values[node[name]] for name in MARKERS)
+    directions = {
+        "right": muscles_to_the_right(ds),
+        "superior": back - (tip + base) / 2,
+        "anterior": tip - base,
+    }
+    check_frame("tongue", directions, TongueError)
     return ds
 
 

@@ -1,0 +1,53 @@
+"""Check of the directions of a model: x to the subject's right, y anterior, z superior."""
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from emgface.errors import DataError
+
+Floats = NDArray[np.float64]
+
+AXES: Final = {"right": 0, "anterior": 1, "superior": 2}
+LEAST_COSINE: Final = 0.5
+"""Cosine of 60 degrees, by which no upright head is turned, and less than a quarter turn."""
+
+
+def to_the_right(names: Sequence[str], places: Floats) -> Floats | None:
+    """Mean vector (3,) [m] from each place whose name ends in ``_L`` to its partner in ``_R``.
+
+    None without such a pair; `places` is (k, 3).
+    """
+    of_name = dict(zip(names, places, strict=True))
+    pairs = [(n, n[:-2] + "_R") for n in names if n.endswith("_L") and n[:-2] + "_R" in of_name]
+    return np.mean([of_name[r] - of_name[left] for left, r in pairs], axis=0) if pairs else None
+
+
+def check_frame(what: str, directions: Mapping[str, Floats | None], error: type[DataError]) -> None:
+    """Refuse a model that is turned or mirrored.
+
+    `directions` are vectors (3,) of the anatomy by the names of `AXES`, of any length; the part of
+    each that lies along the earlier ones is left out. One that is None or zero is not checked.
+    Raises `error` where a vector and its axis form an angle of more than 60 degrees.
+    """
+    earlier: list[Floats] = []
+    for name, vector in directions.items():
+        if vector is None:
+            continue
+        own = np.asarray(vector, dtype=np.float64)
+        for unit in earlier:
+            own = own - (own @ unit) * unit
+        length = float(np.linalg.norm(own))
+        if not length > 1e-9:
+            continue
+        earlier.append(own / length)
+        if not earlier[-1][AXES[name]] >= LEAST_COSINE:
+            shown = ", ".join(f"{x:.2f}" for x in earlier[-1])
+            raise error(
+                f"the {name} direction of the {what}, from its names and places, is ({shown}), "
+                f"expected about {'xyz'[AXES[name]]}: in the frame of models x is to the subject's "
+                "right, y anterior and z superior. Rotate it (from LPS coordinates, x and y change "
+                "sign), or exchange the names of left and right if it is mirrored"
+            )
