@@ -11,6 +11,10 @@ from analysis.arguments import count
 from emgface.acoustics.errors import AcousticsError
 from emgface.acoustics.medium import Floats
 
+HIGHEST: Final = 5000.0  #: pitch [Hz] above which the pulses of a voice are not sampled
+TENSEST: Final = 10.0
+"""Tension of the folds above which a step does not resolve their vibration; voices have 0.5 to 2."""
+
 
 class Source(Protocol):
     """Source at the glottis, evaluated at the instants of the steps."""
@@ -96,12 +100,12 @@ def rosenberg(
     Raises
     ------
     AcousticsError
-        A parameter is not above 0, or the open quotient is above 1.
+        A parameter is not above 0, the pitch exceeds `HIGHEST`, or the open quotient is above 1.
     """
-    if not (pitch > 0.0 and 0.0 < open_quotient <= 1.0 and slope > 0.0):
+    if not (0.0 < pitch <= HIGHEST and 0.0 < open_quotient <= 1.0 and slope > 0.0):
         raise AcousticsError(
             f"pitch {pitch:g} Hz, open quotient {open_quotient:g}, slope {slope:g}: expected values "
-            "above 0 and an open quotient of at most 1"
+            f"above 0, a pitch of at most {HIGHEST:g} Hz and an open quotient of at most 1"
         )
     phase = np.mod(np.asarray(t, np.float64) * pitch, 1.0)
     closing = open_quotient / (1.0 + slope)
@@ -172,9 +176,10 @@ class Folds:
             [self.tension, self.m1, self.m2, self.k1, self.k2, self.kc, self.zeta1, self.zeta2,
              self.cubic, self.contact, self.length, self.d1, self.d2]
         )  # fmt: skip
-        if not (np.isfinite(given).all() and (given > 0.0).all()):
+        if not (np.isfinite(given).all() and (given > 0.0).all() and self.tension <= TENSEST):
             raise AcousticsError(
-                "a parameter of the folds is not above 0, expected positive constants"
+                f"a parameter of the folds is not above 0, or their tension is {self.tension:g}, "
+                f"expected positive constants and a tension of at most {TENSEST:g}"
             )
         return given
 

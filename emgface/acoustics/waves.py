@@ -196,6 +196,17 @@ def _layout(
     return _Layout(tube, medium, sections, branch, (sections, sections + 1 + cells), node)
 
 
+def check_sampling(sections: int, duration: float, rate: float) -> None:
+    """Raise AcousticsError for too few sections or samples, or a duration or rate out of range."""
+    if sections < 2 or not (
+        2.0 <= duration * rate and duration <= 3600.0 and 1000.0 <= rate <= 1e6
+    ):
+        raise AcousticsError(
+            f"{sections} sections, {duration:g} s at {rate:g} Hz: expected at least 2 sections and 2 "
+            "samples, up to 3600 s and 1000 Hz to 1 MHz"
+        )
+
+
 def simulate_tube(
     areas: ArrayLike,
     length: ArrayLike,
@@ -265,13 +276,7 @@ def simulate_tube(
     """
     medium = medium or Medium()
     tube = shapes(areas, length, times)
-    if sections < 2 or not (
-        2.0 <= duration * rate and duration <= 3600.0 and 1000.0 <= rate <= 1e6
-    ):
-        raise AcousticsError(
-            f"{sections} sections, {duration:g} s at {rate:g} Hz: expected at least 2 sections and 2 "
-            "samples, up to 3600 s and 1000 Hz to 1 MHz"
-        )
+    check_sampling(sections, duration, rate)
     cell = float(tube.length.min()) / sections
     steps = substeps or int(np.ceil(medium.c / (0.98 * cell * rate)))
     dt = 1.0 / (rate * steps)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.io import wavfile
 
 import emgface as ef
 from emgface.acoustics.errors import AcousticsError
@@ -47,3 +48,32 @@ def test_an_inversion_needs_markers(face):
     recording, time = xr.Dataset(), np.zeros(1)
     with pytest.raises(EmgfaceError, match="no position of markers"):
         wanted_positions(recording, np.zeros((10, 3)), face, HeadFrameParameters(), time, 0.0)
+
+
+WRONG = [None, "1", True, np.nan, np.inf, -1.0, 0.0, 1e12, [1.0]]
+
+
+@pytest.mark.parametrize("value", WRONG, ids=repr)
+@pytest.mark.parametrize("name", ["rate", "duration", "tension", "pitch"])
+def test_a_number_of_a_sound_is_one_that_can_be_computed(name, value):
+    if name == "duration" and value is None:
+        pytest.skip("no duration is that of the motion")
+    source = {"pitch": "rosenberg"}.get(name, "folds")
+    given = {"source": source, "duration": 0.01} | {name: value}
+    with pytest.raises(AcousticsError, match="expected"):
+        ef.sound(vowel="a", **given)
+
+
+@pytest.mark.parametrize("value", [None, "1", True, np.nan, np.inf, -1.0, 1e12, [1.0]], ids=repr)
+def test_a_lung_pressure_is_one_of_a_person(value):
+    with pytest.raises(AcousticsError, match="expected a number|check its unit"):
+        ef.sound(vowel="a", duration=0.01, lung=value)
+
+
+def test_a_source_is_named_or_has_sound(tmp_path):
+    with pytest.raises(EmgfaceError, match="the source is of type int"):
+        ef.sound(vowel="a", source=3)
+    for values in (np.zeros(100), np.full(100, np.nan)):
+        wavfile.write(tmp_path / "flow.wav", 8000, values.astype(np.float32))
+        with pytest.raises(EmgfaceError, match="is silent or contains values"):
+            ef.sound(vowel="a", source=str(tmp_path / "flow.wav"), duration=0.01)

@@ -9,6 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.io import wavfile
 
+from analysis.arguments import number
 from emgface.acoustics import (
     Flow,
     Folds,
@@ -19,6 +20,8 @@ from emgface.acoustics import (
     rosenberg,
     simulate_tube,
 )
+from emgface.acoustics.errors import AcousticsError
+from emgface.acoustics.waves import check_sampling
 from emgface.errors import ConfigurationError, DataError, listed
 from emgface.files import replace_file
 
@@ -67,7 +70,7 @@ def source_of(name: str, duration: float, *, lung: float, pitch: float, tension:
     """Source by its name: two-mass "folds", pulses of "rosenberg", or the path of a wave file.
 
     A wave file is the flow of the glottis, with 3e-4 m^3/s at its largest value. Raises
-    ConfigurationError if there is neither, and DataError if the file is not a wave file.
+    ConfigurationError if there is neither, and DataError if the file is not a wave file, or is silent.
     """
     if name == "folds":
         return Folds(lung=lung, tension=tension)
@@ -84,7 +87,12 @@ def source_of(name: str, duration: float, *, lung: float, pitch: float, tension:
         raise DataError(f"{name} cannot be read as a wave file: {error}") from error
     flow = np.asarray(values, np.float64).reshape(len(values), -1)[:, 0]
     largest = float(np.abs(flow).max(initial=0.0))
-    return Flow(3e-4 * flow / largest if largest else flow, float(rate))
+    if not 0.0 < largest < np.inf:
+        raise DataError(
+            f"{name} is silent or contains values that are not finite, expected the flow of the "
+            "glottis: record it again"
+        )
+    return Flow(3e-4 * flow / largest, float(rate))
 
 
 def synthesise(
@@ -140,7 +148,16 @@ def synthesise(
     time = tract["time"].values
     lasting = float(time[-1] - time[0]) if len(time) > 1 else 0.5
     lasting = lasting if duration is None else duration
+    given = {"duration": lasting, "rate": rate, "lung": lung, "pitch": pitch, "tension": tension}
+    for name, value in given.items():
+        number(name, value, error=AcousticsError)
+    check_sampling(sections, lasting, rate)
     name = source if isinstance(source, str) else type(source).__name__.lower()
+    if not (isinstance(source, str) or callable(getattr(source, "flow", None))):
+        raise ConfigurationError(
+            f"the source is of type {name}, expected {listed(SOURCES)}, the name of a wave file or a "
+            "source"
+        )
     if isinstance(source, str):
         source = source_of(source, lasting, lung=lung, pitch=pitch, tension=tension)
     sound = simulate_tube(
