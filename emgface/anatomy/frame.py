@@ -15,6 +15,9 @@ LEAST_COSINE: Final = 0.5
 """Cosine of 60 degrees, by which no upright head is turned, and less than a quarter turn."""
 
 
+SHORTEST: Final = 2e-3  #: length [m] below which a vector of the anatomy determines no direction
+
+
 def to_the_right(names: Sequence[str], places: Floats) -> Floats | None:
     """Mean vector (3,) [m] from each place whose name ends in ``_L`` to its partner in ``_R``.
 
@@ -28,8 +31,9 @@ def to_the_right(names: Sequence[str], places: Floats) -> Floats | None:
 def check_frame(what: str, directions: Mapping[str, Floats | None], error: type[DataError]) -> None:
     """Refuse a model that is turned or mirrored.
 
-    `directions` are vectors (3,) of the anatomy by the names of `AXES`, of any length; the part of
-    each that lies along the earlier ones is left out. One that is None or zero is not checked.
+    `directions` are vectors (3,) of the anatomy [m] by the names of `AXES`; the part of
+    each that lies along the earlier ones is left out. One that is None, or what is left of it shorter
+    than `SHORTEST`, is not checked.
     Raises `error` where a vector and its axis form an angle of more than 60 degrees.
     """
     earlier: list[Floats] = []
@@ -40,7 +44,7 @@ def check_frame(what: str, directions: Mapping[str, Floats | None], error: type[
         for unit in earlier:
             own = own - (own @ unit) * unit
         length = float(np.linalg.norm(own))
-        if not length > 1e-9:
+        if not length > SHORTEST:
             continue
         earlier.append(own / length)
         if not earlier[-1][AXES[name]] >= LEAST_COSINE:

@@ -104,7 +104,8 @@ def face_of(given: Data | None, study: "StudyConfiguration") -> xr.Dataset:
         return study_face(study.face)
     if not isinstance(given, xr.Dataset):
         return load_face(path_of(given, "a face model"))
-    return check_face(given)
+    check_face(given)
+    return given
 
 
 def changed(model: ModelT, tables: Mapping[str, Any], where: str) -> ModelT:

@@ -52,7 +52,7 @@ def small_face() -> xr.Dataset:
         bundles=[
             Bundle(muscle, np.array([1, 2]), np.array([[0.0, 0.0, 1.0]] * 2)) for muscle in MUSCLES
         ],
-        marker_node=np.arange(4, 14),
+        marker_node=np.arange(13, 3, -1),  # the upper lip is named before the lower one
         face_marker_position=position[[0, 1, 2, 3, 0, 1]],
         lip_opening_node=np.array([4, 5]),
         name="two cubes and a prism",

@@ -124,7 +124,9 @@ def test_marker_on_a_node_of_no_element(small_face: xr.Dataset) -> None:
     with pytest.raises(SchemaError):
         check_face(loose)
     loose = loose.isel(bundle_element=loose["bundle_index"].values < 2)
-    with pytest.raises(FaceError, match=r"node 13 belongs to no element \(marker lower_paramed"):
+    with pytest.raises(
+        FaceError, match=r"node 13 belongs to no element \(marker upper_lateral_left"
+    ):
         check_face(loose)
 
 

@@ -1,5 +1,8 @@
 """Simulated motions by the muscles of the template."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -9,6 +12,7 @@ from emgface.face.contact_parameters import NO_CONTACT
 from emgface.face.lip_shape import lip_opening
 from emgface.face.motion import simulate_face
 from emgface.face.penetration import Penetration
+from emgface.face.recipe import compose_scene
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.face.template import template_face
 from emgface.face.template.actions import (
@@ -19,7 +23,7 @@ from emgface.face.template.actions import (
 )
 from emgface.face.template.grid import make_grid, refined_grid
 from emgface.muscles import LIP_MARKERS, MODELLED
-from sim import ConvergedEuler, Positions
+from sim import ConstraintContact, ConvergedEuler, Positions
 
 FREE = SimulationParameters(sigma_max=100e3, gravity=False, contact=NO_CONTACT)
 MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -159,11 +163,21 @@ def test_the_motion_converges_with_the_mesh() -> None:
     assert medium < 0.05 * np.sqrt((moved[2] ** 2).sum(axis=1).mean())
 
 
-def test_a_mirrored_activation_gives_the_mirrored_motion(coarse: xr.Dataset) -> None:
+def test_a_mirrored_activation_gives_the_mirrored_motion(coarse: xr.Dataset, monkeypatch) -> None:
     """A smile to the left is the mirror image of one to the right, to a nanometre.
 
-    The lips close on each other and on the teeth.
+    The lips close on each other and on the teeth. Contact leaves gaps of 0.1 um instead of 1 um: what is
+    left of them depends on the rounding of a processor, which mirrored the motion to 27 nm on one.
     """
+
+    def finer(*given: Any) -> Any:
+        scene = compose_scene(*given)
+        contact = [t for t in scene.terms if isinstance(t, ConstraintContact)]
+        assert len(contact) == 1
+        others = tuple(t for t in scene.terms if t is not contact[0])
+        return replace(scene, terms=(*others, replace(contact[0], tolerance=2e-4)))
+
+    monkeypatch.setattr("emgface.face.template.actions.compose_scene", finer)
     left = {"ZYG_L": 0.5, "RIS_L": 0.3, "OOP_R": 0.2, "DAO_R": 0.4, "OOM_L": 0.5, "OOM_R": 0.5}
     other = {"L": "R", "R": "L"}
     right = {name[:-1] + other[name[-1]]: value for name, value in left.items()}
