@@ -111,19 +111,7 @@ def fit_face(
     progress: Progress | None = None,
 ) -> Fitted:
     """Fit a face to landmarks and surfaces; arguments and errors as of `emgface.fit`."""
-    check_face(face)
-    if "stress_free_position" in face:
-        raise FitError(
-            f"the face {face.attrs['name']!r} has closed wounds, whose stress-free shapes belong to its "
-            "own geometry; expected an untreated face: fit that one first, and then treat the result"
-        )
-    if not 1e-5 <= noise <= 1e-2:
-        raise FitError(f"the noise of landmarks is {noise} m, expected 1e-5 to 1e-2")
-    if not abs(thickness) <= MOST_DEVIATIONS:
-        raise FitError(
-            f"the thickness is {thickness} standard deviations from the expected one, expected "
-            f"-{MOST_DEVIATIONS:g} to {MOST_DEVIATIONS:g}"
-        )
+    _check_arguments(face, noise, thickness)
     marks = landmarks_of(landmarks, unit)
     places = None if on_face is None else landmarks_of(on_face)
     scans = {
@@ -149,12 +137,7 @@ def fit_face(
     source = face["position"].values
     corners = Corners.of(face["connectivity"].values.astype(np.int64))
     columns = Columns.of(face)
-    known = [t.sheet.nodes if t.only is None else t.only for t in targets if t.name != "skin"]
-    prior = None
-    if not any(t.name == "inner" for t in targets):
-        scale = similarity(paired.points.source, paired.points.target).scale
-        determined = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *known]))
-        prior = ThicknessPrior.scaled(columns, source, scale, determined, thickness)
+    prior = _prior(columns, source, paired, targets, thickness)
     area = sheets(face)["skin"].at(source).point_areas
 
     def thick(q: Floats) -> Any:
@@ -185,14 +168,7 @@ def fit_face(
         found.attrs["fit_thickness_deviation"] = float(thickness)
     found.attrs.pop("muscle_radius", None)
     _check_corners(corners, result.position)
-    try:
-        check_face(found)
-    except FaceError as error:
-        why = "; ".join((*doubts, *told)) or "the inputs are too far from the shape of a face"
-        raise FitError(
-            f"the fitted mesh is not usable ({error}), because: {why}. Expected surfaces and landmarks "
-            "of the whole face: add landmarks on both sides, or leave the surface out"
-        ) from error
+    _check_fitted(found, (*doubts, *told))
     found, sentences = with_courses(found, courses or {}, volumes)
     notes += sentences
     _check_distances(distance, scans)
@@ -202,6 +178,51 @@ def fit_face(
         _thickness_table(columns, source, result.position, prior), prior, tuple(notes), result,
         (*doubts, *told),
     )  # fmt: skip
+
+
+def _check_arguments(face: xr.Dataset, noise: float, thickness: float) -> None:
+    """Refuse a treated face, and numbers out of range."""
+    check_face(face)
+    if "stress_free_position" in face:
+        raise FitError(
+            f"the face {face.attrs['name']!r} has closed wounds, whose stress-free shapes belong to its "
+            "own geometry; expected an untreated face: fit that one first, and then treat the result"
+        )
+    if not 1e-5 <= noise <= 1e-2:
+        raise FitError(f"the noise of landmarks is {noise} m, expected 1e-5 to 1e-2")
+    if not abs(thickness) <= MOST_DEVIATIONS:
+        raise FitError(
+            f"the thickness is {thickness} standard deviations from the expected one, expected "
+            f"-{MOST_DEVIATIONS:g} to {MOST_DEVIATIONS:g}"
+        )
+
+
+def _prior(
+    columns: Columns,
+    source: Floats,
+    paired: Paired,
+    targets: Sequence[Target],
+    thickness: float,
+) -> ThicknessPrior | None:
+    """Expected thickness where no surface beneath the skin determines it; None with an inner surface."""
+    if any(target.name == "inner" for target in targets):
+        return None
+    known = [t.sheet.nodes if t.only is None else t.only for t in targets if t.name != "skin"]
+    scale = similarity(paired.points.source, paired.points.target).scale
+    determined = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *known]))
+    return ThicknessPrior.scaled(columns, source, scale, determined, thickness)
+
+
+def _check_fitted(found: xr.Dataset, doubts: tuple[str, ...]) -> None:
+    """Refuse a fitted mesh that is not valid, with the doubts about its inputs as the reason."""
+    try:
+        check_face(found)
+    except FaceError as error:
+        why = "; ".join(doubts) or "the inputs are too far from the shape of a face"
+        raise FitError(
+            f"the fitted mesh is not usable ({error}), because: {why}. Expected surfaces and landmarks "
+            "of the whole face: add landmarks on both sides, or leave the surface out"
+        ) from error
 
 
 def compared_inputs(

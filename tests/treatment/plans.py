@@ -3,6 +3,7 @@
 import json
 
 from emgface.choices import configure
+from emgface.face.lip_shape import lip_rim
 from emgface.face.simulation_parameters import SimulationParameters
 
 FREE = {"contact": {"method": "none"}}
@@ -16,3 +17,14 @@ def wedge(**given):
 
 def report(face):
     return json.loads(face.attrs["treatment"])[-1]["steps"][-1]
+
+
+def ball_in_lower_lip(face, depth):
+    """Sphere of 3 mm, `depth` mm below the middle of the lower margin and 1 mm behind it [mm]."""
+    import trimesh
+
+    rim = lip_rim(face)
+    at = face["position"].values[rim.lower[len(rim.lower) // 2]] * 1e3
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
+    ball.apply_translation(at + [0.0, -1.0, -depth])
+    return ball

@@ -11,7 +11,6 @@ from emgface.anatomy.jaw.template import template_jaw
 from emgface.choices import configure
 from emgface.errors import ConfigurationError, DataError, FaceError, JawError, TreatmentError
 from emgface.face.file import load_face, save_face
-from emgface.face.lip_shape import lip_rim
 from emgface.schema.validation import schema_folder
 from emgface.treatment.motions import gestures
 from emgface.treatment.plan import (
@@ -23,7 +22,7 @@ from emgface.treatment.plan import (
     steps_digest,
 )
 from emgface.treatment.treat import treat_face, treat_jaw
-from tests.treatment.plans import QUICK, wedge
+from tests.treatment.plans import QUICK, ball_in_lower_lip, wedge
 
 
 def test_the_schema_of_a_plan_is_that_of_its_model():
@@ -193,10 +192,7 @@ def test_a_surface_in_another_unit_is_refused_with_the_right_one(
 def test_an_open_surface_is_refused_and_its_orientation_does_not_matter(coarse, tmp_path):
     """Of an open surface a part of the tumour is unknown, and the excision would be too small."""
     trimesh = pytest.importorskip("trimesh")
-    rim = lip_rim(coarse)
-    at = coarse["position"].values[rim.lower[len(rim.lower) // 2]] * 1e3
-    ball = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
-    ball.apply_translation(at + [0.0, -1.0, -4.0])
+    ball = ball_in_lower_lip(coarse, depth=4.0)
     found = []
     for name, faces in (
         ("closed", ball.faces), ("turned", ball.faces[:, ::-1]), ("open", ball.faces[:200])

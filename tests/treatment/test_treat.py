@@ -13,7 +13,6 @@ import emgface as ef
 from emgface.choices import configure
 from emgface.errors import DataError, FaceError, Refused, TreatmentError
 from emgface.face.file import load_face, save_face
-from emgface.face.lip_shape import lip_rim
 from emgface.face.motion import settle_face, simulate_face
 from emgface.face.quality import element_quality
 from emgface.face.recipe import compose_scene
@@ -21,7 +20,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 from emgface.treatment.motions import gestures
 from emgface.treatment.plan import Plan
 from emgface.treatment.sampled_volume import sampled_volume
-from tests.treatment.plans import FREE, QUICK, report, wedge
+from tests.treatment.plans import FREE, QUICK, ball_in_lower_lip, report, wedge
 
 
 @pytest.mark.parametrize("size", [{"width": 0.0}, {"height": 0.0}])
@@ -244,16 +243,13 @@ def test_a_stiffness_out_of_range_is_refused_where_steps_and_scars_multiply(coar
 
 def test_the_surface_of_a_tumour_is_required_only_where_it_is_excised(coarse, tmp_path):
     """The page draws the wedge of the report, and the other cut repeats it, without the file."""
-    trimesh = pytest.importorskip("trimesh")
+    pytest.importorskip("trimesh")
     from emgface.face.identity import treatments
     from emgface.pictures.body import body_of
     from emgface.treatment.cut_difference import other_cut
     from emgface.treatment.pages import _drawn_plan
 
-    rim = lip_rim(coarse)
-    at = coarse["position"].values[rim.lower[len(rim.lower) // 2]] * 1e3
-    ball = trimesh.creation.icosphere(subdivisions=2, radius=3.0)
-    ball.apply_translation(at + [0.0, -1.0, -3.0])
+    ball = ball_in_lower_lip(coarse, depth=3.0)
     ball.export(tmp_path / "tumour.stl")
     path = tmp_path / "plan.toml"
     path.write_text('[[step]]\nkind = "tumour"\nsurface = "tumour.stl"\nmargin = 2.0\n')
