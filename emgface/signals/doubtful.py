@@ -61,7 +61,7 @@ def doubtful_rows(feature: xr.DataArray, signal: xr.DataArray) -> list[Finding]:
     dim = row_dim(feature, "time")
     kind = "muscle" if dim == "muscle" else "channel"
     window = int(feature.attrs.get("window_samples", 0))
-    found: list[Finding] = []
+    findings: list[Finding] = []
     values, counts = signal.transpose(dim, TIME_EMG).values, feature.transpose(dim, "time").values
     for name, row, count in zip(feature[dim].values, values, counts, strict=True):
         steps = np.diff(row)
@@ -70,7 +70,7 @@ def doubtful_rows(feature: xr.DataArray, signal: xr.DataArray) -> list[Finding]:
         rest, activity = quiet_and_active(steps, window - 1)
         ratio = activity / rest if rest > 0.0 else np.inf
         if ratio < WEAK:
-            found.append(Finding("weak_burst", kind, str(name), {"ratio": round(ratio, 2)}))
+            findings.append(Finding("weak_burst", kind, str(name), {"ratio": round(ratio, 2)}))
             continue
         if feature.attrs.get("feature") != "wamp":
             continue
@@ -78,8 +78,8 @@ def doubtful_rows(feature: xr.DataArray, signal: xr.DataArray) -> list[Finding]:
         if high - low < FEW * (window - 1):
             serves = SERVES * rest if rest > 0.0 else 0.5 * activity
             said = {"low": low, "high": high, "most": window - 1.0, "serves": serves}
-            found.append(Finding("narrow_count", kind, str(name), said))
-    return found
+            findings.append(Finding("narrow_count", kind, str(name), said))
+    return findings
 
 
 def little_in_common(recording: xr.Dataset) -> list[Finding]:

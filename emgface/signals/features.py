@@ -216,7 +216,7 @@ def mute_rows(
     feature: xr.DataArray, signal: xr.DataArray, limits: np.ndarray
 ) -> list[tuple[str, str]]:
     """Rows whose count is 0 or N - 1 throughout, each with its state and a threshold to try."""
-    dim, counts, found = row_dim(feature, "time"), feature.values, list[tuple[str, str]]()
+    dim, counts, mute = row_dim(feature, "time"), feature.values, list[tuple[str, str]]()
     most = feature.attrs["window_samples"] - 1
     for k, name in enumerate(feature[dim].values):
         low, high = counts[k].min(), counts[k].max()
@@ -230,5 +230,5 @@ def mute_rows(
             else "the signal hardly changes, check the electrode"
         )
         text = f"{state} in every window at a threshold of {limits[k]:.3g} V: {remedy}"
-        found.append((str(name), text))
-    return found
+        mute.append((str(name), text))
+    return mute

@@ -17,7 +17,7 @@ from emgface.signals.parameters import FilterParameters
 LARGEST_VARIATION = 10e-3
 """Standard deviation [V] above which surface EMG is suspect: amplified, or in another unit."""
 TIME_EMG = "time_emg"
-HELD: Final = 0.9
+NYQUIST_FRACTION: Final = 0.9
 """Fraction of half the sampling rate at which a narrowed pass-band ends; anti-aliasing filters of
 recorders attenuate above it."""
 
@@ -194,12 +194,12 @@ def pass_band(parameters: FilterParameters, rate: float) -> tuple[float, float]:
     band remains.
     """
     low, nyquist = parameters.low, rate / 2.0
-    high = parameters.high if parameters.high < 0.999 * nyquist else HELD * nyquist
+    high = parameters.high if parameters.high < 0.999 * nyquist else NYQUIST_FRACTION * nyquist
     if high < parameters.high and high < 2.0 * low:
         raise SignalError(
             f"the sampling rate of {rate:g} Hz contains nothing above {nyquist:g} Hz, "
             f"expected at least an octave of the pass-band from {low:g} to "
-            f"{parameters.high:g} Hz: use a rate above {4.0 * low / HELD:g} Hz or choose "
+            f"{parameters.high:g} Hz: use a rate above {4.0 * low / NYQUIST_FRACTION:g} Hz or choose "
             "another band"
         )
     return low, high

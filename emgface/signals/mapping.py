@@ -75,17 +75,17 @@ def map_channels(
     muscle exists. The result (muscle, time) keeps the attributes and adds ``oom``, the reading of
     Eq. 3 (`mapping_matrix`). Raises SchemaError if no channel of a muscle exists.
     """
-    found = [str(name) for name in quantity["channel"].values]
-    lacking = [name for name in muscles if not set(sources_of(name)) & set(found)]
+    recorded = [str(name) for name in quantity["channel"].values]
+    lacking = [name for name in muscles if not set(sources_of(name)) & set(recorded)]
     if lacking:
         raise SchemaError(
             f"no channel of the muscle{'s' if len(lacking) > 1 else ''} {', '.join(lacking)} (found "
-            f"{', '.join(found) or 'none'}), expected {', '.join(sources_of(lacking[0]))} for "
+            f"{', '.join(recorded) or 'none'}), expected {', '.join(sources_of(lacking[0]))} for "
             f"{lacking[0]}: rename the channels or record them"
         )
-    held = [name for name in CHANNELS if name in found]
-    matrix = mapping_matrix(oom).sel(muscle=list(muscles), channel=held)
-    mapped = xr.dot(matrix, quantity.sel(channel=held), dim="channel")
+    channels = [name for name in CHANNELS if name in recorded]
+    matrix = mapping_matrix(oom).sel(muscle=list(muscles), channel=channels)
+    mapped = xr.dot(matrix, quantity.sel(channel=channels), dim="channel")
     (time,) = (dim for dim in mapped.dims if dim != "muscle")
     mapped = mapped.transpose("muscle", time).rename(quantity.name)
     mapped.attrs = {**quantity.attrs, "oom": oom}

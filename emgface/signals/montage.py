@@ -49,20 +49,20 @@ class Montage:
     @property
     def estimated(self) -> tuple[str, ...]:
         """Muscles whose activation is computed from recorded or mirrored channels."""
-        held, absent = {*self.recorded, *self.mirrored}, {*self.left_out, *self.unresolved}
+        available, absent = {*self.recorded, *self.mirrored}, {*self.left_out, *self.unresolved}
         return tuple(
             name
             for name in MUSCLES
-            if not absent & set(sources_of(name)) and held & set(sources_of(name))
+            if not absent & set(sources_of(name)) and available & set(sources_of(name))
         )
 
     @property
     def sentence(self) -> str:
         """Describe the recorded channels and the treatment of the others."""
         if len(self.recorded) == len(CHANNELS):
-            told = [f"all {len(CHANNELS)} channels were recorded"]
+            parts = [f"all {len(CHANNELS)} channels were recorded"]
         else:
-            told = [
+            parts = [
                 f"{len(self.recorded)} of {len(CHANNELS)} channels were recorded "
                 f"({', '.join(self.recorded) or 'none'})"
             ]
@@ -73,11 +73,11 @@ class Montage:
             ("missing without a chosen treatment", self.unresolved),
             ("recorded and not used", self.ignored),
         )
-        told += [f"{what}: {', '.join(names)}" for what, names in groups if names]
+        parts += [f"{what}: {', '.join(names)}" for what, names in groups if names]
         without = [name for name in MUSCLES if name not in self.estimated]
         if without:
-            told.append(f"muscles without an estimated activation: {', '.join(without)}")
-        return "; ".join(told)
+            parts.append(f"muscles without an estimated activation: {', '.join(without)}")
+        return "; ".join(parts)
 
     def demand(self, wanted: Iterable[str], strategy: str) -> None:
         """Refuse a strategy that requires a muscle whose missing channels have no treatment.
@@ -115,12 +115,12 @@ def montage_of(channels: Iterable[str], parameters: MontageParameters) -> Montag
     >>> montage_of(["ZYG_L"], choices).mirrored
     ('ZYG_R',)
     """
-    found = list(channels)
+    names = list(channels)
     groups: dict[str, list[str]] = {}
     for name in CHANNELS:
-        if name in found:
+        if name in names:
             treatment = "recorded"
-        elif _opposite(name) in found:
+        elif _opposite(name) in names:
             treatment = parameters.missing_side
         else:
             treatment = parameters.missing_muscle
@@ -130,7 +130,7 @@ def montage_of(channels: Iterable[str], parameters: MontageParameters) -> Montag
             tuple(groups.get(key, ()))
             for key in ("recorded", "mirror", "zero", "leave_out", "error")
         ),
-        ignored=tuple(name for name in found if name not in CHANNELS),
+        ignored=tuple(name for name in names if name not in CHANNELS),
     )
 
 
@@ -140,14 +140,14 @@ def with_mirrored(emg: xr.DataArray, montage: Montage) -> xr.DataArray:
     A mirrored channel contains the signal of the other side. Raises SchemaError if no channel of
     the study was recorded.
     """
-    held = [name for name in CHANNELS if name in montage.recorded or name in montage.mirrored]
-    if not held:
+    used = [name for name in CHANNELS if name in montage.recorded or name in montage.mirrored]
+    if not used:
         raise SchemaError(
             f"the recording has the channels {listed(montage.ignored) or 'none'}, expected at "
             f"least one of {', '.join(CHANNELS)}: map its labels to these names"
         )
-    sources = [name if name in montage.recorded else _opposite(name) for name in held]
-    return emg.sel(channel=sources).assign_coords(channel=held)
+    sources = [name if name in montage.recorded else _opposite(name) for name in used]
+    return emg.sel(channel=sources).assign_coords(channel=used)
 
 
 def _opposite(channel: str) -> str:
