@@ -51,9 +51,9 @@ def _attribute(value: object, wanted: AttributeDeclaration) -> str | None:
 
 
 def study_problems(
-    dataset: xr.Dataset, declared: ObjectDeclaration, told: str, partial: Collection[str] = ()
+    dataset: xr.Dataset, declared: ObjectDeclaration, reported: str, partial: Collection[str] = ()
 ) -> list[Problem]:
-    """Find the requirements of a study that the dataset lacks, except those in `told`.
+    """Find the requirements of a study that the dataset lacks, except those in `reported`.
 
     Coordinates in `partial` may lack names.
     """
@@ -64,7 +64,7 @@ def study_problems(
     for name in demand.required:
         if name in dataset.variables or name in dataset.attrs:
             continue
-        if repr(name) not in told and not (name in declared.any_of and "none of" in told):
+        if repr(name) not in reported and not (name in declared.any_of and "none of" in reported):
             text = f"The variable {name!r} is missing; a study requires {demand.meaning}."
             if name in declared.attrs:
                 meaning = declared.attrs[name].meaning
@@ -76,10 +76,10 @@ def study_problems(
     for coord, names in demand.names.items():
         if coord not in dataset.coords or coord in partial:
             continue
-        found = [str(v) for v in dataset.coords[coord].values]
-        missing = [name for name in names if name not in found]
+        present = [str(v) for v in dataset.coords[coord].values]
+        missing = [name for name in names if name not in present]
         if missing:
-            unknown = [name for name in found if name not in names]
+            unknown = [name for name in present if name not in names]
             guess = {m: nearest(m, unknown, cutoff=0.75) for m in missing}
             near = [f"{there!r} may be {want!r}" for want, there in guess.items() if there]
             advice = listed(near, 3) if near else "map the labels of the file to these names"

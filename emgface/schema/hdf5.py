@@ -26,10 +26,10 @@ def item_of(path: Path, opened: h5py.File, name: str) -> Any:
     Soft links are followed within the file. Raises KeyError with the missing part and its group, and
     DataError if a link leads to another file, or in a circle, or the data are not in this file.
     """
-    found = _followed(path, opened, name, 0)
-    if isinstance(found, h5py.Dataset):
-        require_own_data(path, found)
-    return found
+    item = _followed(path, opened, name, 0)
+    if isinstance(item, h5py.Dataset):
+        require_own_data(path, item)
+    return item
 
 
 def _followed(path: Path, start: Any, name: str, links: int) -> Any:
@@ -69,10 +69,10 @@ def require_own_data(path: Path, item: h5py.Dataset) -> None:
     chunks = 1 if item.chunks is None else math.prod(
         -(-length // step) for length, step in zip(item.shape, item.chunks, strict=True)
     )  # fmt: skip
-    held = item.id.get_num_chunks() if item.chunks else int(item.id.get_storage_size() > 0)
-    if held < chunks:
+    written = item.id.get_num_chunks() if item.chunks else int(item.id.get_storage_size() > 0)
+    if written < chunks:
         raise DataError(
-            f"{path.name}: {held} of {chunks} parts of {name!r} were written; expected all of them, "
+            f"{path.name}: {written} of {chunks} parts of {name!r} were written; expected all of them, "
             "because the others would be read as a constant: record or export it again."
         )
 

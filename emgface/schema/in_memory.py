@@ -72,13 +72,13 @@ def usable(dataset: xr.Dataset, kind: str) -> xr.Dataset:
 
 def _in_order(dataset: xr.Dataset, dim: str, names: tuple[str, ...], kind: str) -> xr.Dataset:
     """Return the axes in the declared order; SchemaError unless they are exactly these."""
-    held = [str(one) for one in dataset[dim].values] if dim in dataset.coords else []
-    if sorted(held) != sorted(names):
+    labels = [str(one) for one in dataset[dim].values] if dim in dataset.coords else []
+    if sorted(labels) != sorted(names):
         raise SchemaError(
-            f"the {kind} has the {dim} {listed(held) or 'without names'}, expected {listed(names)}: "
+            f"the {kind} has the {dim} {listed(labels) or 'without names'}, expected {listed(names)}: "
             "select or assign them"
         )
-    return dataset if held == list(names) else dataset.sel({dim: list(names)})
+    return dataset if labels == list(names) else dataset.sel({dim: list(names)})
 
 
 def _in_seconds(dataset: xr.Dataset, name: str, array: ArrayDeclaration) -> xr.Dataset:
@@ -99,13 +99,13 @@ def _in_seconds(dataset: xr.Dataset, name: str, array: ArrayDeclaration) -> xr.D
 
 
 def _require_unit(values: xr.DataArray, array: ArrayDeclaration, kind: str, name: str) -> None:
-    found = values.attrs.get("units")
-    if array.units is None or found == array.units:
+    unit = values.attrs.get("units")
+    if array.units is None or unit == array.units:
         return
     # Times and numbers without a dimension are often made without a unit.
-    if not found and (array.units in ("1", "s")):
+    if not unit and (array.units in ("1", "s")):
         return
-    state = f"is in {found!r}" if found else "has no unit"
+    state = f"is in {unit!r}" if unit else "has no unit"
     raise UnitsError(
         f"{name} of the {kind} {state}, expected {array.units!r}: convert it and set the attribute "
         "units (arithmetic of xarray removes it, except with xr.set_options(keep_attrs=True))"

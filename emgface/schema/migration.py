@@ -67,16 +67,16 @@ def migrate(
     a copy, whose attribute ``migrated_from`` is the version in which it was written. Raises
     SchemaError if the version is newer, is not a number, or cannot be converted.
     """
-    found = dataset.attrs.get("schema_version", version)
-    if found == version:
+    stored = dataset.attrs.get("schema_version", version)
+    if stored == version:
         return dataset
     try:
-        at = int(found)
+        at = int(stored)
     except (TypeError, ValueError):
         at = -1
     if at > version:
         raise SchemaError(
-            f"The {kind} follows version {found} of its schema, which this package does not "
+            f"The {kind} follows version {stored} of its schema, which this package does not "
             f"support; expected version {version} or older: install a newer package, or "
             "write it again."
         )
@@ -84,7 +84,7 @@ def migrate(
     for step in range(max(at, 0), version):
         if at < 1 or (kind, step) not in migrations:
             raise SchemaError(
-                f"The {kind} follows version {found} of its schema, which cannot be "
+                f"The {kind} follows version {stored} of its schema, which cannot be "
                 f"migrated; expected version {version}: write it again with this version of "
                 "the package."
             )

@@ -48,7 +48,7 @@ def write_netcdf(
             "rename the file"
         )
     every = {"": (dataset, kind), **(groups or {})}
-    ready = {group: ready_to_write(own, of) for group, (own, of) in every.items()}
+    ready = {group: ready_to_write(own, declared) for group, (own, declared) in every.items()}
 
     def write(target: Path) -> None:
         for group, (own, encoding) in ready.items():
@@ -163,8 +163,8 @@ def _check_texts(path: Path) -> None:
         start = item.id.get_offset()  # None if it is stored in chunks
         if start is not None and item.id.get_type().is_variable_str():
             # A length of 4 bytes, an address of 8 and an index of 4 for each text.
-            held = np.memmap(path, np.uint8, "r", start, (count, 16))
-            lengths.append(np.ascontiguousarray(held[:, :4]).view("<u4").ravel())
+            descriptors = np.memmap(path, np.uint8, "r", start, (count, 16))
+            lengths.append(np.ascontiguousarray(descriptors[:, :4]).view("<u4").ravel())
 
     try:
         with h5py.File(path, "r") as opened:
@@ -174,7 +174,7 @@ def _check_texts(path: Path) -> None:
         raise
     except (OSError, RuntimeError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise DataError(_damaged(path)) from error
-    if any(bool((held > longest).any()) for held in lengths):
+    if any(bool((length > longest).any()) for length in lengths):
         raise DataError(_damaged(path))
 
 

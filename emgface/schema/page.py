@@ -138,8 +138,8 @@ def _parameters(model: type[BaseModel], prefix: str) -> list[str]:
         extra = field.json_schema_extra if isinstance(field.json_schema_extra, dict) else {}
         default = "" if field.default is None else _plain(field.default)
         meaning = (field.description or "").partition(" Unit: ")[0]
-        told = (str(extra.get(key, "")) for key in ("unit", "source", "note"))
-        unit, source, note = told
+        texts = (str(extra.get(key, "")) for key in ("unit", "source", "note"))
+        unit, source, note = texts
         cells = (f"`{prefix}{name}`", default, unit, meaning, source, note)
         rows.append(_row(tuple(cell or "-" for cell in cells)))
     return rows

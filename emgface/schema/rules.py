@@ -26,8 +26,8 @@ def nearest(name: str, valid: Iterable[str], cutoff: float = 0.6) -> str | None:
     """Return the valid name most similar to `name`, or None."""
     valid = [str(v) for v in valid]
     folded = {v.lower(): v for v in valid}
-    found = difflib.get_close_matches(name.lower(), list(folded), n=1, cutoff=cutoff)
-    return folded[found[0]] if found else None
+    matches = difflib.get_close_matches(name.lower(), list(folded), n=1, cutoff=cutoff)
+    return folded[matches[0]] if matches else None
 
 
 def one_line(error: Exception) -> str:
@@ -63,8 +63,8 @@ def type_rule(declared: ArrayDeclaration) -> Rule:
         if declared.dtype.startswith("int"):
             if kind not in "iu":
                 return f"contains {dtype}; expected integers: convert with .astype('int32')"
-            held = np.iinfo(declared.dtype)
-            if array.size and (array.max() > held.max or array.min() < held.min):
+            limits = np.iinfo(declared.dtype)
+            if array.size and (array.max() > limits.max or array.min() < limits.min):
                 return f"contains integers beyond {declared.dtype}: renumber from 0"
             return None
         fits = kind in _KINDS[declared.dtype]
@@ -132,12 +132,12 @@ def names_rule(declared: ArrayDeclaration) -> Rule:
     names = declared.names or ()
 
     def rule(array: xr.DataArray) -> str | None:
-        found = [str(v) for v in array.values.ravel()]
-        unknown = [v for v in found if v not in names]
+        values = [str(v) for v in array.values.ravel()]
+        unknown = [v for v in values if v not in names]
         if unknown:
             return f"contains {unknown[0]!r}{hint(unknown[0], names)}; expected {listed(names)}"
-        if declared.complete and tuple(found) != tuple(names):
-            return f"is {listed(found)}; expected {listed(names)} in this order: use .sel(...)"
+        if declared.complete and tuple(values) != tuple(names):
+            return f"is {listed(values)}; expected {listed(names)} in this order: use .sel(...)"
         return None
 
     return rule

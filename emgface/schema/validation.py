@@ -57,8 +57,8 @@ def kinds() -> tuple[str, ...]:
     >>> "recording" in kinds()
     True
     """
-    found = {path.stem for path in schema_folder().glob("*.json")}
-    return tuple(sorted(found - NOT_DATASETS))
+    names = {path.stem for path in schema_folder().glob("*.json")}
+    return tuple(sorted(names - NOT_DATASETS))
 
 
 @cache
@@ -90,12 +90,12 @@ def declared_variables(kind: str, **arrays: Any) -> dict[str, xr.Variable]:
     >>> declared_variables("sound", length=[0.17])["length"].attrs["units"]
     'm'
     """
-    known, found = declaration(kind).arrays(), dict[str, xr.Variable]()
+    known, variables = declaration(kind).arrays(), dict[str, xr.Variable]()
     for name, values in arrays.items():
         array = known[name]
-        held = np.asarray(values, dtype=str) if array.dtype == "string" else values
-        found[name] = xr.Variable(array.dims, held, array.units and {"units": array.units})
-    return found
+        data = np.asarray(values, dtype=str) if array.dtype == "string" else values
+        variables[name] = xr.Variable(array.dims, data, array.units and {"units": array.units})
+    return variables
 
 
 def validate(
@@ -127,8 +127,8 @@ def validate(
         problems = _structure(dataset, declared) + _values(dataset, declared)
         problems += attribute_problems(dataset, declared)
         if study:
-            told = " ".join(text for _, text in problems)
-            problems += study_problems(dataset, declared, told, partial)
+            reported = " ".join(text for _, text in problems)
+            problems += study_problems(dataset, declared, reported, partial)
     if problems:
         units_only = all(units for units, _ in problems)
         sentences = [text for _, text in problems]
@@ -143,10 +143,10 @@ def validate(
 
 def _identity(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
     """Refuse a dataset of another kind."""
-    found = dataset.attrs.get("schema", declared.kind)
-    if found != declared.kind:
+    kind = dataset.attrs.get("schema", declared.kind)
+    if kind != declared.kind:
         text = (
-            f"The dataset is of kind {found!r}, expected {declared.kind!r}: specify the other file."
+            f"The dataset is of kind {kind!r}, expected {declared.kind!r}: specify the other file."
         )
         return [(False, text)]
     return []
@@ -197,14 +197,16 @@ def _values(dataset: xr.Dataset, declared: ObjectDeclaration) -> list[Problem]:
         what = "coordinate" if name in declared.coords else "variable"
         if name not in (dataset.coords if what == "coordinate" else dataset.data_vars):
             if array.required or (what == "coordinate" and set(array.dims) & used):
-                held = listed(map(str, dataset.variables), 10) or "nothing"
-                text = f"The {what} {name!r} is missing, found {held}; expected {array.long_name}"
+                present = listed(map(str, dataset.variables), 10) or "nothing"
+                text = (
+                    f"The {what} {name!r} is missing, found {present}; expected {array.long_name}"
+                )
                 problems.append((False, f"{text}, dims ({', '.join(array.dims)})."))
             continue
-        found, wanted = dataset[name].dims, (*(further if what == "variable" else ()), *array.dims)
-        if found != wanted:
-            advice = "transpose it" if set(found) == set(wanted) else "rename or select dims"
-            text = f"{name} has dims ({', '.join(map(str, found))}); expected ({', '.join(wanted)})"
+        dims, wanted = dataset[name].dims, (*(further if what == "variable" else ()), *array.dims)
+        if dims != wanted:
+            advice = "transpose it" if set(dims) == set(wanted) else "rename or select dims"
+            text = f"{name} has dims ({', '.join(map(str, dims))}); expected ({', '.join(wanted)})"
             problems.append((False, f"{text}: {advice}."))
             continue
         rules = [("type", type_rule(array))]
@@ -249,10 +251,10 @@ def _units_rule(declared: ArrayDeclaration) -> Rule:
     """Require the declared unit in the attribute ``units``."""
 
     def rule(array: xr.DataArray) -> str | None:
-        found = array.attrs.get("units")
-        if found == declared.units:
+        unit = array.attrs.get("units")
+        if unit == declared.units:
             return None
-        state = f"is in {found!r}" if found else "has no unit"
+        state = f"is in {unit!r}" if unit else "has no unit"
         return f"{state}; expected {declared.units!r}: convert it to SI and set the attribute units"
 
     return rule
