@@ -66,8 +66,8 @@ class Body:
 
     def coloured(self, colour: NDArray[np.floating]) -> Floats:
         """Colours of all points, from those of the nodes of the skin (n, 3)."""
-        found = follow(self.rules, np.asarray(colour, dtype=np.float64))[: self.tissue]
-        return np.concatenate([np.clip(found, 0.0, 1.0), self.colour[self.tissue :]])
+        colours = follow(self.rules, np.asarray(colour, dtype=np.float64))[: self.tissue]
+        return np.concatenate([np.clip(colours, 0.0, 1.0), self.colour[self.tissue :]])
 
 
 def skin_of(face: xr.Dataset, *, most: int = MOST_NODES) -> Skin:

@@ -87,24 +87,24 @@ def measured_frames(aligned: xr.Dataset, moved: xr.Dataset) -> NDArray[np.float6
     position = aligned["position"].transpose("time", "marker", "axis")
     order = [str(name) for name in moved["marker"].values]
     wanted = np.searchsorted(position["time"].values, moved["time"].values - 1e-9)
-    found = position.sel(marker=order).values[np.minimum(wanted, position.sizes["time"] - 1)]
-    complete = np.isfinite(found).all(axis=(1, 2))
+    frames = position.sel(marker=order).values[np.minimum(wanted, position.sizes["time"] - 1)]
+    complete = np.isfinite(frames).all(axis=(1, 2))
     if not complete.any():
-        return found
+        return frames
     first = int(np.argmax(complete))
     own = moved["position"].transpose("time", "marker", "axis").values[first]
-    return found + (own - found[first]).mean(axis=0)
+    return frames + (own - frames[first]).mean(axis=0)
 
 
 def measured_markers(aligned: xr.Dataset, sampled: xr.Dataset) -> NDArray[np.float64]:
     """Measured at the simulated instants (n, marker, axis) [m], NaN for markers without measurement."""
     names, seen = list(map(str, sampled["marker"].values)), set(map(str, aligned["marker"].values))
     known = [name for name in names if name in seen]
-    found = np.full((sampled.sizes["time"], len(names), 3), np.nan)
-    found[:, [names.index(name) for name in known]] = measured_frames(
+    frames = np.full((sampled.sizes["time"], len(names), 3), np.nan)
+    frames[:, [names.index(name) for name in known]] = measured_frames(
         aligned, sampled.sel(marker=known)
     )
-    return found
+    return frames
 
 
 def whole(position: NDArray[Any], centre: NDArray[np.float64]) -> NDArray[np.int16]:

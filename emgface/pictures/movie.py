@@ -82,9 +82,9 @@ def frames(
 
 def ffmpeg() -> str:
     """Path of the program ffmpeg, of the system or of imageio-ffmpeg; DataError without one."""
-    found = shutil.which("ffmpeg")
-    if found:
-        return found
+    installed = shutil.which("ffmpeg")
+    if installed:
+        return installed
     try:
         return str(import_module("imageio_ffmpeg").get_ffmpeg_exe())
     except (ImportError, RuntimeError):

@@ -148,12 +148,12 @@ def _motion_trial(
 
 def force_names(motion: xr.Dataset) -> list[dict[str, str]]:
     """Muscles whose force a motion contains, and contact without id, as `muscle_names`."""
-    found = list[dict[str, str]]()
+    names = list[dict[str, str]]()
     if "muscle_force" in motion:
-        found += muscle_names(motion["muscle"].values[_with_force(motion)])
+        names += muscle_names(motion["muscle"].values[_with_force(motion)])
     if "contact_force" in motion:
-        found.append({"id": "", "name": "contact of the lips and teeth"})
-    return found
+        names.append({"id": "", "name": "contact of the lips and teeth"})
+    return names
 
 
 def forces_at(motion: xr.Dataset, time: NDArray[np.floating]) -> NDArray[np.float32]:

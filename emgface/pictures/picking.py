@@ -47,10 +47,10 @@ def pick_data(face: xr.Dataset, skin: Skin) -> dict[str, Any]:
 def _elements(face: xr.Dataset, nodes: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Outermost element at each node, and its layer."""
     connectivity, layer = face["connectivity"].values, face["layer"].values
-    found = np.zeros(face.sizes["node"], dtype=np.int64)
+    outermost = np.zeros(face.sizes["node"], dtype=np.int64)
     for k in np.argsort(layer, kind="stable"):
-        found[connectivity[k][connectivity[k] >= 0]] = k  # short elements are filled with -1
-    return found[nodes], layer[found[nodes]]
+        outermost[connectivity[k][connectivity[k] >= 0]] = k  # short elements are filled with -1
+    return outermost[nodes], layer[outermost[nodes]]
 
 
 def _muscles(face: xr.Dataset, points: Floats) -> list[str]:
@@ -58,7 +58,7 @@ def _muscles(face: xr.Dataset, points: Floats) -> list[str]:
     if "fibre_position" not in face or not face.sizes["fibre_point"]:
         return [""] * len(points)
     tree = KDTree(face["fibre_position"].values)
-    away, nearest = (np.asarray(found) for found in tree.query(points))
+    away, nearest = (np.asarray(array) for array in tree.query(points))
     own = face["fibre_muscle"].values[face["fibre_of_point"].values[nearest]]
     names = [str(m) for m in face["muscle"].values[own]]
     return [name if d < NEAR else "" for name, d in zip(names, away, strict=True)]

@@ -97,14 +97,14 @@ def kind(data: xr.Dataset) -> str:
         "trajectory": "position" in data and "sigma_max" in data.attrs,
         "markers": "position" in data,
     }
-    found = next((name for name, here in signs.items() if here), "")
-    if not found:
-        held = ", ".join(map(str, data.data_vars)) or "no variable"
+    matched = next((name for name, here in signs.items() if here), "")
+    if not matched:
+        names = ", ".join(map(str, data.data_vars)) or "no variable"
         raise DataError(
-            f"the dataset contains {held}, expected a recording, activation, trajectory, scores, cube "
+            f"the dataset contains {names}, expected a recording, activation, trajectory, scores, cube "
             "or a model of this package"
         )
-    return "recording" if found == "markers" else found
+    return "recording" if matched == "markers" else matched
 
 
 def opened(

@@ -16,16 +16,16 @@ Indices = NDArray[np.int64]
 def follow(rules: Indices, values: Floats) -> Floats:
     """Values at all points of the tissue, from those at its nodes (n, k), by rules (m, 4)."""
     n = len(values)
-    found = np.concatenate([values, np.empty((len(rules), values.shape[1]))])
+    points = np.concatenate([values, np.empty((len(rules), values.shape[1]))])
     done = 0
     while done < len(rules):
         # All points whose rules refer to computed points are evaluated together.
         ready = rules[done:].max(axis=1) >= n + done
         until = done + int(np.argmax(ready)) if ready.any() else len(rules)
-        a, b, c, d = (found[rules[done:until, k]] for k in range(4))
-        found[n + done : n + until] = (9.0 * (b + c) - (a + d)) / 16.0
+        a, b, c, d = (points[rules[done:until, k]] for k in range(4))
+        points[n + done : n + until] = (9.0 * (b + c) - (a + d)) / 16.0
         done = until
-    return found
+    return points
 
 
 def refined(facet: Indices, part: Indices, n: int) -> tuple[list[Indices], Indices, Indices]:
@@ -121,11 +121,11 @@ def rim(facet: Indices, position: Floats) -> Indices:
 
 def strip(n: int) -> Indices:
     """Triangles that fill a closed line of n points, with the opposite orientation."""
-    found, low, high = [], 0, n
+    triangles, low, high = [], 0, n
     while high - low > 2:
-        found.append((low + 1, low, high % n))
+        triangles.append((low + 1, low, high % n))
         low += 1
         if high - low > 2:
-            found.append((low, high % n, high - 1))
+            triangles.append((low, high % n, high - 1))
             high -= 1
-    return np.array(found, dtype=np.int64)
+    return np.array(triangles, dtype=np.int64)

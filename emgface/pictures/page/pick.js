@@ -1,5 +1,5 @@
 // Picking: the node under the pointer, as lines that fit, treat and mappings accept.
-const picks = { lists: {}, near: 18, told: new Map() };
+const picks = { lists: {}, near: 18 };
 const file = () => FILES[$("pick-kind").value], list = () => (picks.lists[file()] ??= []);
 const FILES = { node: "picked.py", element: "picked.py", muscle: "plan.toml", wedge: "plan.toml", landmark: "landmarks.csv", electrode: "mapping.toml" };
 const quoted = (text) => JSON.stringify(text).replaceAll("\u007f", "\\u007f");

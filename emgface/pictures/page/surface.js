@@ -44,7 +44,7 @@ let fibre = null;
 // All points: nodes of the skin, those between them, the dark behind the mouth, the teeth.
 let rules, triangles, drawn, own, position, colour, normal, moved;
 // Two faces on one page share their coordinates and are drawn side by side: -1 and 1 of every point.
-let beside;
+let panel;
 
 async function unpack() {
   rules = new Uint32Array((await bytes(data.rules)).buffer);
@@ -57,7 +57,7 @@ async function unpack() {
   normal = new Float32Array(own.length);
   colour = own.slice();
   moved = new Float32Array(own.length / 3);
-  beside = data.beside ? Float32Array.from(new Int8Array((await bytes(data.beside)).buffer)) : new Float32Array(own.length / 3);
+  panel = data.beside ? Float32Array.from(new Int8Array((await bytes(data.beside)).buffer)) : new Float32Array(own.length / 3);
   millimetres(teeth, 0, teeth.length, position.subarray(position.length - teeth.length));
 }
 
@@ -149,11 +149,11 @@ function mark(pen, kind, u, v, size, line) {
 const number = (x) => x.toFixed(6);
 const vector = (v) => `vec3(${v.map(number).join()})`;
 const VERTEX = `
-  attribute float beside; uniform float shift; varying vec3 n; varying vec3 c;
+  attribute float panel; uniform float shift; varying vec3 n; varying vec3 c;
   void main() {
     n = normalMatrix * normal; c = color;
     vec4 seen = modelViewMatrix * vec4(position, 1.0);
-    seen.x += beside * shift;
+    seen.x += panel * shift;
     gl_Position = projectionMatrix * seen;
   }`;
 const FRAGMENT = `
@@ -177,7 +177,7 @@ function webgl() {
   eye.up.set(0, 0, 1);
   const geometry = new THREE.BufferGeometry();
   for (const [name, values] of Object.entries({ position, normal, color: colour })) geometry.setAttribute(name, new THREE.BufferAttribute(values, 3));
-  geometry.setAttribute("beside", new THREE.BufferAttribute(beside, 1));
+  geometry.setAttribute("panel", new THREE.BufferAttribute(panel, 1));
   geometry.setIndex(new THREE.BufferAttribute(triangles, 1));
   const material = new THREE.ShaderMaterial({ uniforms: { shift: { value: 0 } }, vertexShader: VERTEX, fragmentShader: FRAGMENT, vertexColors: true, side: THREE.DoubleSide });
   const mesh = new THREE.Mesh(geometry, material);
@@ -269,7 +269,7 @@ function plain() {
     };
     normals();
     for (let i = 0; i < at.length; i += 3) {
-      project(position[i], position[i + 1], position[i + 2], beside[i / 3], at, i);
+      project(position[i], position[i + 1], position[i + 2], panel[i / 3], at, i);
       for (let k = 0; k < 3; k++) turned[i + k] = along(frame[k], normal[i], normal[i + 1], normal[i + 2]);
     }
     const picture = pen.createImageData(canvas.width, canvas.height), { data: content } = picture;

@@ -80,12 +80,12 @@ function nearest(time, t) {
 // Activations, and the displacement of a marker from the start [mm] or a force [N], over the time of the trial.
 const plot = $("tracks");
 function moves(values, count, m) {
-  const n = data.markers.length, start = 3 * m, found = new Float32Array(count);
+  const n = data.markers.length, start = 3 * m, distance = new Float32Array(count);
   for (let f = 0; f < count; f++) {
     const at = 3 * (f * n + m);
-    found[f] = values[at] === data.absent || values[start] === data.absent ? NaN : Math.hypot(...[0, 1, 2].map((c) => values[at + c] - values[start + c])) * MM;
+    distance[f] = values[at] === data.absent || values[start] === data.absent ? NaN : Math.hypot(...[0, 1, 2].map((c) => values[at + c] - values[start + c])) * MM;
   }
-  return found;
+  return distance;
 }
 // Force [N] of every instant, which a motion without forces lacks.
 function forces(values, count, f) {
