@@ -112,7 +112,7 @@ def live(
                 "a workspace keeps curves, expected --reduced with a reduced face"
             )
         files = {"face": model or face, "reduced": reduced, "recording": curves}
-        kept = Workspace.of(workspace, files, moving.muscles)
+        kept = Workspace.open(workspace, files, moving.muscles)
     session, text = _session(chosen, moving, small, drive, curves, mapping, send, kept)
     server = None
     if page:

@@ -88,15 +88,15 @@ class Curves:
         t, y = self.knots[muscle].T
         inside = np.clip(time, t[0], t[-1])
         if self.interpolation == "step":
-            found = y[np.clip(np.searchsorted(t, inside, side="right") - 1, 0, None)]
+            values = y[np.clip(np.searchsorted(t, inside, side="right") - 1, 0, None)]
         elif self.interpolation == "linear" or len(t) < 3:
-            found = np.interp(inside, t, y)
+            values = np.interp(inside, t, y)
         else:
             chord = np.diff(y) / np.diff(t)
             inner = (y[2:] - y[:-2]) / (t[2:] - t[:-2])
             slopes = np.concatenate([chord[:1], inner, chord[-1:]])
-            found = CubicHermiteSpline(t, y, slopes)(inside)
-        return np.clip(found, 0.0, 1.0)
+            values = CubicHermiteSpline(t, y, slopes)(inside)
+        return np.clip(values, 0.0, 1.0)
 
     def instants(self) -> Floats:
         """Times [s] between which all curves are linear (cubic ones every `SAMPLING`)."""
@@ -140,20 +140,20 @@ def mirrored(muscle: str) -> str:
 def _checked(name: str, rows: Any) -> Floats:
     """Knots (n, 2) of a curve."""
     try:
-        found = np.asarray(rows, dtype=np.float64)
+        knots = np.asarray(rows, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        found = np.empty((0, 0))
-    if found.ndim != 2 or found.shape[1:] != (2,) or not len(found):
+        knots = np.empty((0, 0))
+    if knots.ndim != 2 or knots.shape[1:] != (2,) or not len(knots):
         raise DataError(f"the curve of {name[:60]!r} contains no pairs of time and value")
-    if not np.isfinite(found).all() or np.abs(found).max() > 1e6:
+    if not np.isfinite(knots).all() or np.abs(knots).max() > 1e6:
         raise DataError(f"the curve of {name[:60]!r} contains a time or value that is not a number")
-    if (np.diff(found[:, 0]) <= 0.0).any():
-        at = int(np.argmax(np.diff(found[:, 0]) <= 0.0)) + 1
+    if (np.diff(knots[:, 0]) <= 0.0).any():
+        at = int(np.argmax(np.diff(knots[:, 0]) <= 0.0)) + 1
         raise DataError(
-            f"the times of the curve of {name[:60]!r} do not ascend: {found[at, 0]:g} s follows "
-            f"{found[at - 1, 0]:g} s at knot {at + 1}"
+            f"the times of the curve of {name[:60]!r} do not ascend: {knots[at, 0]:g} s follows "
+            f"{knots[at - 1, 0]:g} s at knot {at + 1}"
         )
-    return found
+    return knots
 
 
 def curves_from(message: Mapping[str, Any], muscles: Sequence[str]) -> Curves:
@@ -214,9 +214,9 @@ def curves_in(text: str, name: str) -> Curves:
                 f"{name} names no muscle in row {row + 2}, expected a name such as ZYG_L"
             )
         for column in {"duration", "interpolation"} & set(table.columns):
-            if len(found := table[column].unique()) > 1:
+            if len(values := table[column].unique()) > 1:
                 raise DataError(
-                    f"{name} has several values of {column} ({found[0]} and {found[1]}), expected one "
+                    f"{name} has several values of {column} ({values[0]} and {values[1]}), expected one "
                     "for all curves"
                 )
         named = {
@@ -253,18 +253,18 @@ def _read_probes(folder: Path) -> Curves:
                 raise ValueError(f"interpolation {kind} of {count} values")
             if not rows:
                 raise ValueError("no rows of time and value")
-            found = np.array(rows, dtype=np.float64)
+            curve = np.array(rows, dtype=np.float64)
             if spacing != "explicit":
-                found = np.column_stack([float(spacing) * np.arange(len(found)), found])
+                curve = np.column_stack([float(spacing) * np.arange(len(curve)), curve])
             start, stop = int(head[0]) / NANOSECONDS, int(head[1]) / NANOSECONDS
-            found[:, 0] = start + float(head[2]) * found[:, 0]
+            curve[:, 0] = start + float(head[2]) * curve[:, 0]
         except (ValueError, IndexError, OverflowError) as error:
             raise DataError(
                 f"{path} is not a probe file ({str(error)[:200]}), expected a line with start, stop and "
                 "scale, one with Linear, Cubic or Step, 1 and explicit, then rows of time and value"
             ) from error
-        knots[path.stem] = found
-        last = max(last, stop, float(found[-1, 0]))
+        knots[path.stem] = curve
+        last = max(last, stop, float(curve[-1, 0]))
         kinds.add(kind.lower())
     if not knots:
         raise DataError(f"{folder} contains no probe files such as ZYG_L{PROBE}")

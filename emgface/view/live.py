@@ -156,14 +156,14 @@ class Semg:
 def slider_levels(values: Any, count: int) -> Floats:
     """Activations (count,) of a message; DataError if they are not numbers in 0-1."""
     try:
-        found = np.asarray(values, dtype=np.float64)
+        levels = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        found = np.empty(0)
-    if found.shape != (count,) or not np.isfinite(found).all():
+        levels = np.empty(0)
+    if levels.shape != (count,) or not np.isfinite(levels).all():
         raise DataError(f"the message contains no {count} numbers, one for each muscle")
-    if found.min(initial=0.0) < 0.0 or found.max(initial=0.0) > 1.0:
+    if levels.min(initial=0.0) < 0.0 or levels.max(initial=0.0) > 1.0:
         raise DataError("an activation of the message is outside 0 to 1")
-    return found
+    return levels
 
 
 @dataclass
@@ -316,7 +316,7 @@ class LiveSession:
 
         Only frames that are sent are encoded, in this thread: drawing does not delay the steps.
         """
-        sent, last, told = 0, 0.0, len(self.log.notes)
+        sent, last, noted = 0, 0.0, len(self.log.notes)
         ready.set()
         while connection.open and not self.ended:
             if not ready.wait(WAITING) or not connection.open:
@@ -325,8 +325,8 @@ class LiveSession:
                 if self._number <= sent:
                     self._new.wait(WAITING)
                 new = self._number > sent
-            notes = self.log.notes[told:]
-            told += len(notes)
+            notes = self.log.notes[noted:]
+            noted += len(notes)
             for _, note in notes:
                 connection.send(json.dumps({"kind": "note", "text": note}))
             if not new:

@@ -128,7 +128,7 @@ class FullMoving:
         )
         try:
             with named_elements(self._face):
-                found, self._state = sim.simulate(
+                outputs, self._state = sim.simulate(
                     self._system,
                     drive,
                     duration=self.step,
@@ -139,7 +139,7 @@ class FullMoving:
                     initial=self._state,
                     work=self._work,
                 )
-            smallest = float(found[SMALLEST_J].min())
+            smallest = float(outputs[SMALLEST_J].min())
             self._before = np.asarray(activation, dtype=np.float64)
         except sim.SimulationError as error:
             note = f"A step failed ({error}). The face was returned to rest."

@@ -160,8 +160,8 @@ class RecordingPage:
             gaps = ~np.isfinite(row.values[0])
             with warnings.catch_warnings():  # a narrower band is reported by the check
                 warnings.simplefilter("ignore", FeatureWarning)
-                found = np.where(gaps, np.nan, bandpass(row.fillna(0.0), self._filter).values[0])
-            yield found[start - first : stop - first]
+                samples = np.where(gaps, np.nan, bandpass(row.fillna(0.0), self._filter).values[0])
+            yield samples[start - first : stop - first]
 
     def _bins(self, *, filtered: bool) -> dict[str, Any]:
         rows, samples = self._emg.shape
@@ -254,8 +254,8 @@ def _rate(time: Floats) -> float:
 def _events(recording: xr.Dataset) -> list[dict[str, Any]]:
     """Events stored with a recording: time [s] and label."""
     try:
-        found = json.loads(str(recording.attrs.get("events", "[]")))
-        return [{"at": float(e["onset"]), "label": str(e.get("label", ""))} for e in found]
+        events = json.loads(str(recording.attrs.get("events", "[]")))
+        return [{"at": float(e["onset"]), "label": str(e.get("label", ""))} for e in events]
     except (ValueError, TypeError, KeyError):
         return []
 

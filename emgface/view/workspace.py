@@ -39,7 +39,7 @@ class Workspace:
     notes: str = ""
 
     @classmethod
-    def of(
+    def open(
         cls, folder: Path, files: Mapping[str, Path | None], muscles: Sequence[str]
     ) -> "Workspace":
         """Open a workspace, or begin one in a new or empty folder.
@@ -83,9 +83,9 @@ class Workspace:
         for role in sorted({*known, *self.digests}):
             if known.get(role) != self.digests.get(role):
                 given = "another one was given" if role in self.digests else "none was given"
-                found = "was made with a file" if role in known else "was made without a file"
+                state = "was made with a file" if role in known else "was made without a file"
                 raise DataError(
-                    f"{self.folder} {found} for {role[:40]!r} (digest {str(known.get(role))[:12]}) and "
+                    f"{self.folder} {state} for {role[:40]!r} (digest {str(known.get(role))[:12]}) and "
                     f"{given} ({self.digests.get(role, 'none')[:12]}): open it with its own files, or "
                     "begin another workspace"
                 )

@@ -67,7 +67,7 @@ def served(coarse, skin, tmp_path):
     session = session_of(coarse, skin, curves=motion)
     given = Curves({"ZYG_L": [[0.0, 0.0], [0.5, 0.5], [1.0, 0.0]]}, 1.0)
     (tmp_path / "face.nc").write_bytes(b"face")
-    kept = Workspace.of(tmp_path / "work", {"face": tmp_path / "face.nc"}, MUSCLES)
+    kept = Workspace.open(tmp_path / "work", {"face": tmp_path / "face.nc"}, MUSCLES)
     text = live_page(coarse, skin, session.face, words="activations by sliders", sliders=True,
                      edits=True, curves=given, workspace=kept)  # fmt: skip
     from emgface.cli.live import _opened

@@ -68,7 +68,7 @@ def test_curves_and_time_of_the_page(served, opened, tmp_path):
     opened.execute_script("document.getElementById('notes').value = 'late on the left'")
     press(opened, "keep")
     until(opened, f"return {STAGE}.kept === 'work'")
-    again = Workspace.of(tmp_path / "work", {"face": tmp_path / "face.nc"}, MUSCLES)
+    again = Workspace.open(tmp_path / "work", {"face": tmp_path / "face.nc"}, MUSCLES)
     assert again.notes == "late on the left" and set(again.curves.knots) == set(asked[-1][0].knots)
     assert again.view["zoom"] == 1.0
     # A knot that is dragged: previews while it moves, a complete motion after it.

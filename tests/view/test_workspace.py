@@ -33,7 +33,7 @@ def files(tmp_path):
 
 @pytest.fixture
 def saved(files, tmp_path):
-    made = Workspace.of(tmp_path / "work", files, MUSCLES)
+    made = Workspace.open(tmp_path / "work", files, MUSCLES)
     assert json.loads(made.save(json.dumps(SAID).encode()).body) == {"wrote": "work"}
     return tmp_path / "work"
 
@@ -43,7 +43,7 @@ def test_a_workspace_opens_elsewhere_with_the_same_content(files, saved, tmp_pat
     other.mkdir()
     shutil.copytree(saved, moved)
     shutil.copy(files["face"], other / "same face.nc")
-    found = Workspace.of(moved, files | {"face": other / "same face.nc"}, MUSCLES)
+    found = Workspace.open(moved, files | {"face": other / "same face.nc"}, MUSCLES)
     assert found.view == SAID["view"] and found.notes == SAID["notes"]
     assert found.curves.duration == 0.8 and found.curves.interpolation == "cubic"
     np.testing.assert_array_equal(found.curves.knots["ZYG_L"], SAID["curves"]["knots"]["ZYG_L"])
@@ -54,14 +54,14 @@ def test_a_workspace_opens_elsewhere_with_the_same_content(files, saved, tmp_pat
 def test_other_data_are_refused_by_digest(files, saved, tmp_path):
     files["face"].write_bytes(b"another face")
     with pytest.raises(DataError, match="'face'.*another one was given"):
-        Workspace.of(saved, files, MUSCLES)
+        Workspace.open(saved, files, MUSCLES)
     files["face"].write_bytes(b"face")
     with pytest.raises(DataError, match="'reduced'.*none was given"):
-        Workspace.of(saved, files | {"reduced": None}, MUSCLES)
+        Workspace.open(saved, files | {"reduced": None}, MUSCLES)
     with pytest.raises(DataError, match="without a file for 'recording'"):
-        Workspace.of(saved, files | {"recording": files["face"]}, MUSCLES)
+        Workspace.open(saved, files | {"recording": files["face"]}, MUSCLES)
     with pytest.raises(DataError, match="cannot be read"):
-        Workspace.of(saved, files | {"face": tmp_path / "absent.nc"}, MUSCLES)
+        Workspace.open(saved, files | {"face": tmp_path / "absent.nc"}, MUSCLES)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_other_data_are_refused_by_digest(files, saved, tmp_path):
 )
 def test_messages_that_a_page_must_not_send_change_nothing(files, saved, change, expected):
     before = {p.name: p.read_bytes() for p in saved.iterdir()}
-    made = Workspace.of(saved, files, MUSCLES)
+    made = Workspace.open(saved, files, MUSCLES)
     answer = json.loads(made.save(json.dumps(SAID | change).encode()).body)
     assert expected in answer["why"] and "wrote" not in answer
     assert {p.name: p.read_bytes() for p in saved.iterdir()} == before
@@ -113,14 +113,14 @@ def test_folders_with_other_content_are_refused(files, saved, name, content, exp
     else:
         (saved / name).write_bytes(content if isinstance(content, bytes) else content.encode())
     with pytest.raises((DataError, ConfigurationError), match=expected):
-        Workspace.of(saved, files, MUSCLES)
+        Workspace.open(saved, files, MUSCLES)
 
 
 def test_a_folder_with_other_files_is_left_alone(files, tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.txt").write_text("text")
     with pytest.raises(DataError, match=f"contains no {RECIPE}"):
-        Workspace.of(tmp_path / "mine", files, MUSCLES)
+        Workspace.open(tmp_path / "mine", files, MUSCLES)
     assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
 
 
@@ -130,7 +130,7 @@ def test_links_in_a_folder_from_somebody_else_are_not_followed(files, saved, tmp
     (saved / name).rename(secret)
     (saved / name).symlink_to(secret)
     with pytest.raises(DataError, match=f"{name} is a link, expected a file"):
-        Workspace.of(saved, files, MUSCLES)
+        Workspace.open(saved, files, MUSCLES)
 
 
 def test_the_example_of_the_documentation_reads_the_curves(saved, monkeypatch):

@@ -11,7 +11,7 @@ const fullName = (k) => setup.names[k] + ({ _L: ", left", _R: ", right" }[side(k
 let socket = null;
 const NOTHING = "There is nothing to undo.";
 function say(message) { if (socket && socket.readyState === 1) socket.send(JSON.stringify(message)); }
-function told(text) { $("told").textContent = text; }
+function notify(text) { $("message").textContent = text; }
 // Answer of the program to a text, or a sentence `why` there is none.
 async function posted(name, body) {
   try {
@@ -93,7 +93,7 @@ function motion(buffer) {
   canvas.dataset.motion = Number(canvas.dataset.motion || 0) + 1;
   for (const part of ["simulated", "scored", "total"]) canvas.dataset[part] = (1e3 * head[part]).toFixed(1);
   canvas.dataset.way = head.preview ? "preview" : "complete";
-  told([head.doubt && `The reduced face is not trusted here: ${head.doubt}.`, head.clipped && `${head.clipped} knots are outside 0 to 1 and limited.`, head.why && `No score: ${head.why}`].filter(Boolean).join(" "));
+  notify([head.doubt && `The reduced face is not trusted here: ${head.doubt}.`, head.clipped && `${head.clipped} knots are outside 0 to 1 and limited.`, head.why && `No score: ${head.why}`].filter(Boolean).join(" "));
   entries([["bound of the error", `${(1e3 * head.bound).toFixed(2)} mm`], ["computed in", `${(1e3 * head.total).toFixed(0)} ms`], ["steps", head.preview ? "preview" : "complete"], ["force of contact", "requires full order"], ["force", ""]]);
   if (Object.keys(head.rho).length) scores(head.rho);
   live.pending = false;
@@ -171,11 +171,11 @@ function build() {
   for (const [letter, one] of Object.entries(setup.presets)) {
     const button = Object.assign(document.createElement("button"), { type: "button", textContent: one.name, title: `instruction ${letter}` });
     button.disabled = !setup.sliders;
-    button.addEventListener("click", () => { told(`Activations of "${one.name}".`); remember(); one.levels.forEach((a, k) => { inputs[k].value = a; }); send(); });
+    button.addEventListener("click", () => { notify(`Activations of "${one.name}".`); remember(); one.levels.forEach((a, k) => { inputs[k].value = a; }); send(); });
     $("presets").append(button);
   }
   $("rest").addEventListener("click", () => { remember(); for (const i of inputs) i.value = 0; send(); say({ kind: "rest" }); });
-  $("undo").addEventListener("click", () => { const last = before.pop(); if (last) { last.forEach((a, k) => { inputs[k].value = a; }); send(); } else told(NOTHING); });
+  $("undo").addEventListener("click", () => { const last = before.pop(); if (last) { last.forEach((a, k) => { inputs[k].value = a; }); send(); } else notify(NOTHING); });
   for (const id of ["undo", "rest", "linked"]) $(id).disabled = !setup.sliders;
 }
 
@@ -293,20 +293,20 @@ function curveEditor() {
   $("later").addEventListener("click", () => shift(0.02));
   $("shorter").addEventListener("click", () => stretch(0.95));
   $("longer").addEventListener("click", () => stretch(1.05));
-  $("undo-curve").addEventListener("click", () => { const last = edit.past.pop(); if (last) { edit.knots = JSON.parse(last); edit.chosen = -1; plotted(); ask(false); } else told(NOTHING); });
+  $("undo-curve").addEventListener("click", () => { const last = edit.past.pop(); if (last) { edit.knots = JSON.parse(last); edit.chosen = -1; plotted(); ask(false); } else notify(NOTHING); });
   $("save").addEventListener("click", () => {
     const rows = Object.entries(edit.knots).flatMap(([name, all]) => all.map(([t, v]) => [name, t, v, $("interpolation").value, end()].join()));
     const text = ["muscle,time,value,interpolation,duration", ...rows].join("\n") + "\n";
     const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(new Blob([text], { type: "text/csv" })), download: "curves.csv" });
     link.click(); URL.revokeObjectURL(link.href);
-    told("The curves were passed to the browser as curves.csv.");
+    notify("The curves were passed to the browser as curves.csv.");
   });
   $("load").addEventListener("change", async () => {
     const file = $("load").files[0];
     if (!file) return;
-    const found = await posted("curves", await file.text());
-    if (found.why) { told(found.why); return; }
-    past(); edit.knots = found.knots; $("duration").value = Number(found.duration.toFixed(4)); $("interpolation").value = found.interpolation;
+    const answer = await posted("curves", await file.text());
+    if (answer.why) { notify(answer.why); return; }
+    past(); edit.knots = answer.knots; $("duration").value = Number(answer.duration.toFixed(4)); $("interpolation").value = answer.interpolation;
     edit.chosen = -1; plotted(); ask(false);
   });
   new ResizeObserver(plotted).observe(plot);
@@ -332,7 +332,7 @@ function failed(why) {
   $("rho").replaceChildren();
   $("rho-title").hidden = true;
   $("status").replaceChildren();
-  told(`${why} The face shows the motion of the former curves.`);
+  notify(`${why} The face shows the motion of the former curves.`);
   if (live.again) { const preview = live.again === "preview"; live.again = null; ask(preview); }
 }
 
@@ -375,7 +375,7 @@ function tabs() {
     for (const one of ["sliders", "curves"]) { $(one).hidden = one !== name; $(`tab-${one}`).setAttribute("aria-selected", String(one === name)); }
     document.querySelector(".time").hidden = name !== "curves";
     $("tag").textContent = name === "curves" ? "edited curves" : "live";
-    told("");
+    notify("");
     if (name === "curves") { say({ kind: "still" }); plotted(); ask(false); } else { if (setup.sliders) send(); else say({ kind: "go" }); refresh(); }
   };
   for (const one of ["sliders", "curves"]) $(`tab-${one}`).addEventListener("click", () => open(one));
@@ -393,9 +393,9 @@ function workspace() {
   Object.assign(view, kept.view);
   $("keep").addEventListener("click", async () => {
     const body = JSON.stringify({ curves: { knots: edit.knots, duration: end(), interpolation: $("interpolation").value }, view, notes: $("notes").value });
-    const found = await posted("workspace", body);
-    told(found.why || `Saved in ${found.wrote}.`);
-    canvas.dataset.kept = found.wrote || "";
+    const answer = await posted("workspace", body);
+    notify(answer.why || `Saved in ${answer.wrote}.`);
+    canvas.dataset.kept = answer.wrote || "";
   });
 }
 
@@ -411,7 +411,7 @@ function connect() {
   socket.onmessage = (event) => {
     if (typeof event.data === "string") {
       const said = JSON.parse(event.data);
-      told(said.text || said.why || "");
+      notify(said.text || said.why || "");
       if (said.kind === "refused") failed(said.why);
       return;
     }

@@ -63,7 +63,7 @@ function undo() {
   Object.assign(marks, { ...old, hidden: new Set(old.hidden), bad: new Set(old.bad) });
   listed(); refresh();
 }
-const say = (text) => { $("told").textContent = text; };
+const say = (text) => { $("message").textContent = text; };
 const label = (k) => emg.labels[k];
 const name = (k) => marks.names[label(k)] ?? label(k);
 
