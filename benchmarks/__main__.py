@@ -58,14 +58,14 @@ def archived(words: list[str]) -> str:
 
 def measurements() -> dict[str, str]:
     """Names of the measurements and the first line of each module."""
-    found: dict[str, str] = {}
+    titles: dict[str, str] = {}
     folder = Path(__file__).parent
     for path in sorted([*folder.glob("[!_]*.py"), *folder.glob("*/__init__.py")]):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         if any(isinstance(node, ast.FunctionDef) and node.name == "main" for node in tree.body):
             name = path.parent.name if path.name == "__init__.py" else path.stem
-            found[name] = (ast.get_docstring(tree) or "").split("\n")[0]
-    return found
+            titles[name] = (ast.get_docstring(tree) or "").split("\n")[0]
+    return titles
 
 
 def run(arguments: list[str]) -> None:

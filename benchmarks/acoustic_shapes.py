@@ -28,16 +28,16 @@ TABLE = {
 def tubes(shared: Path) -> dict[str, tuple[Floats, float]]:
     """Areas from the glottis to the lips [m^2] and length [m], by vowel or index."""
     folder = shared / "artisynth_models" / "airway" / "tubesounds"
-    found: dict[str, tuple[Floats, float]] = {}
+    shapes: dict[str, tuple[Floats, float]] = {}
     with (folder / "derived_vowel_areas_lips_to_glottis.csv").open(encoding="utf-8") as file:
         for row in csv.DictReader(file):
             areas = [float(v) for v in row["areas_cm2_from_lips_space_separated"].split()]
-            found[row["vowel"]] = np.array(areas[::-1]) * 1e-4, 0.005 * len(areas)
+            shapes[row["vowel"]] = np.array(areas[::-1]) * 1e-4, 0.005 * len(areas)
     with (folder / "derived_area_functions.csv").open(encoding="utf-8") as file:
         for row in csv.DictReader(file):
             areas = [float(row[f"A{k}_cm2"]) for k in range(40)]
-            found[row["index"]] = np.array(areas) * 1e-4, float(row["length_m"])
-    return found
+            shapes[row["index"]] = np.array(areas) * 1e-4, float(row["length_m"])
+    return shapes
 
 
 AH = np.repeat([1e-4, 7e-4], 8), 0.17

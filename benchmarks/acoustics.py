@@ -41,9 +41,9 @@ CLICK = Flow(np.array([0.0, 1e-6, 0.0]), 44_100.0)
 SHARED = Path(os.environ.get("EMGFACE_SHARED", "../shared"))
 
 
-def nearest(found: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Entries of `found` nearest to those wanted."""
-    return found[np.abs(found[:, None] - wanted).argmin(axis=0)]
+def nearest(values: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Entries of `values` nearest to those wanted."""
+    return values[np.abs(values[:, None] - wanted).argmin(axis=0)]
 
 
 def formant_table() -> pd.DataFrame:
@@ -61,10 +61,10 @@ def formant_table() -> pd.DataFrame:
         scattered = nearest(resonances(flow, rate, skip=0.005, order=24)[0], matrix)
         with_losses, width = formants(areas, L)
         sound = simulate_tube(areas, L, CLICK, duration=0.3)
-        found, found_width = resonances(sound.mouth, sound.rate, order=32)
+        frequency, bandwidth = resonances(sound.mouth, sound.rate, order=32)
         sharp = width[:4] < 300.0
         # the nearest pole: a weak one may have nearly the frequency of a formant
-        poles = found + 0.5j * found_width, with_losses[:4][sharp] + 0.5j * width[:4][sharp]
+        poles = frequency + 0.5j * bandwidth, with_losses[:4][sharp] + 0.5j * width[:4][sharp]
         here = np.abs(poles[0][:, None] - poles[1]).argmin(axis=0)
         rows.append(
             {"shape": name, "F1 to F4 Hz": " ".join(f"{f:.1f}" for f in matrix),
@@ -73,8 +73,8 @@ def formant_table() -> pd.DataFrame:
              "Kelly-Lochbaum, %": 100.0 * np.abs(scattered / matrix - 1.0).max(),
              "matrix with losses, %": 100.0 * np.abs(with_losses[:4] / lossy - 1.0).max(),
              "time with losses, %":
-                 100.0 * np.abs(found[here] / with_losses[:4][sharp] - 1.0).max(),
-             "bandwidth, %": 100.0 * np.abs(found_width[here] / width[:4][sharp] - 1.0).max()}
+                 100.0 * np.abs(frequency[here] / with_losses[:4][sharp] - 1.0).max(),
+             "bandwidth, %": 100.0 * np.abs(bandwidth[here] / width[:4][sharp] - 1.0).max()}
         )  # fmt: skip
     return pd.DataFrame(rows).round(4)
 

@@ -111,14 +111,14 @@ def main(out: Path | None = None):
     steps, few = 2000, 100
     activation = drive(steps * STEP)
     simulated(system, activation, few)  # compiles
-    found = {"fused": [], "single": [], "general": []}
+    seconds = {"fused": [], "single": [], "general": []}
     for _ in range(5):
         before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
         time_of, end = simulated(system, activation, steps)
         growth = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before
-        found["fused"].append(time_of)
-        found["single"].append(stepped(system, activation, steps, False)[0])
-        found["general"].append(stepped(system, activation, few // 5, True)[0])
+        seconds["fused"].append(time_of)
+        seconds["single"].append(stepped(system, activation, steps, False)[0])
+        seconds["general"].append(stepped(system, activation, few // 5, True)[0])
     same = [stepped(system, activation, few // 5, general)[1] for general in (False, True)]
     rows = [
         {
@@ -128,7 +128,7 @@ def main(out: Path | None = None):
             "largest": 1e6 * max(times),
             "times real time": STEP / statistics.median(times),
         }
-        for name, times in found.items()
+        for name, times in seconds.items()
     ]
     print(
         f"{system.pattern.n} velocities, {len(system.rows.names)} rows, {MUSCLES} muscles; "

@@ -87,8 +87,8 @@ def euler(times: Floats) -> Floats:
     def rate(t: float, w: Floats) -> Floats:
         return np.cross(MOMENTS * w, w) / MOMENTS
 
-    found = solve_ivp(rate, (0.0, times[-1]), SPIN, "DOP853", times, rtol=1e-12, atol=1e-14)
-    return np.asarray(found.y.T)
+    solution = solve_ivp(rate, (0.0, times[-1]), SPIN, "DOP853", times, rtol=1e-12, atol=1e-14)
+    return np.asarray(solution.y.T)
 
 
 def pendulum() -> tuple[sim.System, float]:

@@ -154,7 +154,7 @@ def measure(
     names = [name for name in rows[0][0] if name not in ("opening", "node_position")]
     table = {name: [[cell[name] for cell in row] for row in rows] for name in names}
     dims, time_axis = ("case", "contact"), base.step * np.arange(outputs + 1)
-    found = xr.Dataset(
+    results = xr.Dataset(
         {name: (dims, np.array(values), {"units": UNITS[name]}) for name, values in table.items()},
         coords={"case": list(cases), "contact": list(methods), "time": time_axis},
         attrs={
@@ -166,23 +166,23 @@ def measure(
             "step": base.step,
         },
     )
-    found["ratio"] = (dims, (found["seconds"] / found["seconds"].isel(contact=0)).values)
+    results["ratio"] = (dims, (results["seconds"] / results["seconds"].isel(contact=0)).values)
     for name, inner in (("opening", ("time",)), ("node_position", ("node", "axis"))):
         stacked = np.stack([np.stack([cell[name] for cell in row]) for row in rows])
-        found[name] = ((*dims, *inner), stacked, {"units": "m"})
-    return found
+        results[name] = ((*dims, *inner), stacked, {"units": "m"})
+    return results
 
 
-def contact_table(found: xr.Dataset) -> pd.DataFrame:
+def contact_table(results: xr.Dataset) -> pd.DataFrame:
     """One row per case and kind of contact, in mm, mm/s and ms."""
     scale = {"m": 1e3, "m/s": 1e3, "m^2": 1e6, "s": 1e3, "1": 1.0}
     unit = {"m": " mm", "m/s": " mm/s", "m^2": " mm2", "s": " ms of processor", "1": ""}
     names = [name for name in (*UNITS, "ratio") if name != "status"]
-    flat = found[["status", *names]].to_dataframe().reset_index()
+    flat = results[["status", *names]].to_dataframe().reset_index()
     table = flat[["case", "contact"]].copy()
     for name in names:
-        of = UNITS.get(name, "1")
-        table[f"{SAID[name]}{unit[of]}"] = flat[name] * scale[of]
+        dimension = UNITS.get(name, "1")
+        table[f"{SAID[name]}{unit[dimension]}"] = flat[name] * scale[dimension]
     return table.assign(status=flat["status"])
 
 
@@ -286,11 +286,11 @@ def main(
     hold: float = HOLD,
 ) -> None:
     """Measure, print and store."""
-    found = measure(
+    results = measure(
         face_of(face, resolution),
         cases=case,
         between=between,
         hold=hold,
         parameters=SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, **STEPPING),
     )
-    finish("contact", contact_table(found), out)
+    finish("contact", contact_table(results), out)

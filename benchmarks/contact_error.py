@@ -99,10 +99,12 @@ def measure(
         ]
         exact = positions[0]
         seconds = {s.method: run.seconds for s, run in zip(tried, runs, strict=True)}
-        for setting, run, found, depth in zip(tried, runs, positions, depths, strict=True):
+        for setting, run, position, depth in zip(tried, runs, positions, depths, strict=True):
             ended = not run.failure
-            error = np.linalg.norm((found - exact).values, axis=-1) if ended else np.array(np.nan)
-            rho = correlation_3d(exact, found) if ended else xr.DataArray(np.nan)
+            error = (
+                np.linalg.norm((position - exact).values, axis=-1) if ended else np.array(np.nan)
+            )
+            rho = correlation_3d(exact, position) if ended else xr.DataArray(np.nan)
             rows.append(
                 {
                     "case": case,

@@ -67,12 +67,12 @@ PRESETS: Final = ("draft", "study", "reference")
 
 def settings() -> dict[str, dict[str, Any]]:
     """Parameters by the name of a setting: presets, and every method with fixed steps."""
-    found = {name: accuracy_settings(name) for name in PRESETS}
+    named = {name: accuracy_settings(name) for name in PRESETS}
     for method in METHODS:
         for step in STEPS:
             fixed = {"solver": method, "step": step, "error_tolerance": None}
-            found[f"{method}, {1e3 * step:g} ms"] = accuracy_settings("study") | fixed
-    return found
+            named[f"{method}, {1e3 * step:g} ms"] = accuracy_settings("study") | fixed
+    return named
 
 
 def closing_trials() -> Iterator[tuple[str, xr.DataArray, xr.DataArray]]:
@@ -179,9 +179,11 @@ class Bench:
         )
         seconds, steps = time.process_time() - before, int(trajectory["steps"].sum())
         q = trajectory["node_position"].transpose("time", "node", "axis").values[::DEPTHS_EVERY]
-        lips, teeth = (max(map(of, q)) for of in (self.penetration.lips, self.penetration.teeth))
-        found = trajectory["position"].transpose(..., "time")
-        return Motion(found, lips, teeth, seconds, steps)
+        lips, teeth = (
+            max(map(depth, q)) for depth in (self.penetration.lips, self.penetration.teeth)
+        )
+        position = trajectory["position"].transpose(..., "time")
+        return Motion(position, lips, teeth, seconds, steps)
 
     def rows(self, job: Job) -> list[dict[str, object]]:
         """One row per setting of a trial, after those of both references and of no contact."""
@@ -199,16 +201,16 @@ class Bench:
         about["reference_mm"] = 1e3 * _apart(coarse, exact)
         about["passing_mm"] = 1e3 * free.lips
         named = dict(zip((*names, ALONE), (coarse, exact, free), strict=True))
-        found = [self._row(about, name, m, exact, goal, free) for name, m in named.items()]
+        table = [self._row(about, name, m, exact, goal, free) for name, m in named.items()]
         for name, values in self.settings.items():
             try:
                 motion = self.moved(f"{label} {name}", drive, values)
             except sim.SimulationError as error:
-                told = f"{type(error).__name__}: {error}"
-                found.append(about | {"setting": name, "status": told})
+                status = f"{type(error).__name__}: {error}"
+                table.append(about | {"setting": name, "status": status})
                 continue
-            found.append(self._row(about, name, motion, exact, goal, free))
-        return found
+            table.append(self._row(about, name, motion, exact, goal, free))
+        return table
 
     def _row(
         self,
@@ -261,18 +263,18 @@ def _rho(goal: Motion, motion: Motion) -> Floats:
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """One row per setting, over all trials and over those whose references agree."""
-    told: list[dict[str, object]] = []
-    for name, of in rows.groupby("setting", sort=False):
-        ok = of[of["status"] == "ok"]
-        told.append(
+    summaries: list[dict[str, object]] = []
+    for name, group in rows.groupby("setting", sort=False):
+        ok = group[group["status"] == "ok"]
+        summaries.append(
             {
                 "setting": name,
-                "trials": len(of),
-                "failed": len(of) - len(ok),
+                "trials": len(group),
+                "failed": len(group) - len(ok),
                 "error mm": ok["error_mm"].median(),
                 "90 %": ok["error_mm"].quantile(0.9),
                 "worst": ok["error_mm"].max(),
-                "within 0.1 mm": f"{(ok['error_mm'] <= 1e3 * WANTED).sum()} of {len(of)}",
+                "within 0.1 mm": f"{(ok['error_mm'] <= 1e3 * WANTED).sum()} of {len(group)}",
                 "change of rho": ok["change_of_rho"].median(),
                 "worst change": ok["change_of_rho"].max(),
                 "lips in lips mm": ok["lips_mm"].max(),
@@ -281,7 +283,7 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
                 "time over no contact": ok["time_over_free"].median(),
             }
         )
-    return pd.DataFrame(told).round(4)
+    return pd.DataFrame(summaries).round(4)
 
 
 @styled
@@ -293,15 +295,15 @@ def error_figure(rows: pd.DataFrame) -> "Figure":
     for k, (method, own) in enumerate(ok.groupby(ok["setting"].map(_method), sort=False)):
         colour = COLOURS[k % len(COLOURS)]
         panel.plot(own["time_over_free"], own["error_mm"], ".", color=colour, alpha=0.3)
-        of = own.groupby("setting")[["time_over_free", "error_mm"]]
-        middle = of.median().sort_values("time_over_free")
+        groups = own.groupby("setting")[["time_over_free", "error_mm"]]
+        middle = groups.median().sort_values("time_over_free")
         x, y = (middle[name].to_numpy() for name in ("time_over_free", "error_mm"))
-        most = of.quantile(0.9)["error_mm"].loc[middle.index].to_numpy()
+        most = groups.quantile(0.9)["error_mm"].loc[middle.index].to_numpy()
         up = [np.zeros_like(y), np.maximum(most - y, 0.0)]
         panel.errorbar(x, y, yerr=up, fmt="o-", color=colour, capsize=3, label=method)
         for setting, a, b in zip(middle.index, x, y, strict=True):
-            told = str(setting).removeprefix(f"{method}, ").removesuffix(" (reference)")
-            panel.annotate(told, (a, b), textcoords="offset points", xytext=(4, 4), fontsize=7)
+            label = str(setting).removeprefix(f"{method}, ").removesuffix(" (reference)")
+            panel.annotate(label, (a, b), textcoords="offset points", xytext=(4, 4), fontsize=7)
     panel.axhline(1e3 * WANTED, color="0.5", linewidth=0.8, linestyle="--")
     panel.axvline(3.0, color="0.5", linewidth=0.8, linestyle="--")
     panel.set_xscale("log")

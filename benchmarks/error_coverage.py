@@ -186,9 +186,9 @@ class Bench:
         own = numerical_error(step, memory, *others).values
         touching = touched(*(motion[KEPT + name].values for name in (FORCE, TOUCHING)))
         of_contact = estimated(*(motion[KEPT + name] for name in ERRORS), memory)
-        found = {f"{f:g} x contact": own + f * of_contact for f in FACTORS}
-        found |= {"assumed contact": own + assumed(motion["position"], touching)}
-        return {name: 1e3 * float(values.max()) for name, values in found.items()}
+        estimates = {f"{f:g} x contact": own + f * of_contact for f in FACTORS}
+        estimates |= {"assumed contact": own + assumed(motion["position"], touching)}
+        return {name: 1e3 * float(values.max()) for name, values in estimates.items()}
 
     def exact(self, drive: xr.DataArray, step: float) -> xr.DataArray:
         """Positions of the lip markers with SDIRK2 in small steps."""
@@ -209,11 +209,11 @@ class Bench:
         if truth is not None:
             span = truth.sel(time=slice(float(drive["time"][0]), float(drive["time"][-1])))
             goal = self.moved(span, FREE | {"accuracy": "draft"})["position"]
-        found: list[dict[str, object]] = []
+        table: list[dict[str, object]] = []
         for preset in self.presets:
             row: dict[str, object] = {"trial": label, "preset": preset, "motion_mm": 1e3 * signal}
             row["reference_mm"] = known
-            found.append(row)
+            table.append(row)
             started = time.process_time()
             try:
                 chosen = self.checked | _settings(preset)
@@ -243,7 +243,7 @@ class Bench:
                 row["change_of_rho"] = float(
                     np.abs(correlation_3d(to, a) - correlation_3d(to, b)).max()
                 )
-        return found
+        return table
 
     def before(
         self, drive: xr.DataArray, chosen: dict[str, object], motion: xr.Dataset
@@ -276,22 +276,22 @@ def _worst(motion: xr.Dataset, exact: xr.DataArray) -> float:
     return float((error[large] / estimate[large]).max(initial=0.0))
 
 
-def _of(job: Job) -> list[dict[str, object]]:
+def _trial_rows(job: Job) -> list[dict[str, object]]:
     return Bench.one.rows(job)
 
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
     """One row per preset."""
-    told: list[dict[str, object]] = []
-    for preset, of in rows.groupby("preset", sort=False):
-        ok = of[of["status"] == "ok"]
+    summaries: list[dict[str, object]] = []
+    for preset, group in rows.groupby("preset", sort=False):
+        ok = group[group["status"] == "ok"]
         ratio = ok["estimate_mm"] / ok["error_mm"]
-        told.append(
+        summaries.append(
             {
                 "preset": preset,
-                "trials": len(of),
-                "failed": len(of) - len(ok),
-                "error of reference mm": of["reference_mm"].max(),
+                "trials": len(group),
+                "failed": len(group) - len(ok),
+                "error of reference mm": group["reference_mm"].max(),
                 "median motion mm": ok["motion_mm"].median(),
                 "median error mm": ok["error_mm"].median(),
                 "worst error mm": ok["error_mm"].max(),
@@ -305,20 +305,20 @@ def summary(rows: pd.DataFrame) -> pd.DataFrame:
                 "median s/s": ok["processor_s_per_s"].median(),
             }
         )
-    return pd.DataFrame(told).round(4)
+    return pd.DataFrame(summaries).round(4)
 
 
 def _of_contact(ok: pd.DataFrame) -> dict[str, object]:
     """Coverage, median ratio and least ratio of every estimate of a motion with contact."""
     if "same motion" not in ok:
         return {}
-    found: dict[str, object] = {}
+    columns: dict[str, object] = {}
     for name in (*(f"{f:g} x contact" for f in FACTORS), "assumed contact"):
         ratio = ok[name] / ok["error_mm"]
-        told = f"{(ratio >= 1.0).mean():.0%}, {ratio.median():.2f}, {ratio.min():.2f}"
-        found[f"{name}: covers, median, least"] = told
+        text = f"{(ratio >= 1.0).mean():.0%}, {ratio.median():.2f}, {ratio.min():.2f}"
+        columns[f"{name}: covers, median, least"] = text
     cost = ok["processor_s_per_s"] / ok["s/s before"]
-    return found | {"time over before": cost.median(), "same motion": ok["same motion"].all()}
+    return columns | {"time over before": cost.median(), "same motion": ok["same motion"].all()}
 
 
 def _of_rho(ok: pd.DataFrame) -> dict[str, object]:
@@ -362,7 +362,7 @@ def main(
     rows: list[dict[str, object]] = []
     begin = (tuple(preset), contact, check_contact, reference, duration)
     with safe_children(), get_context("spawn").Pool(workers, Bench, begin) as pool:
-        for found in pool.imap(_of, marked):
-            rows += found
+        for trial_rows in pool.imap(_trial_rows, marked):
+            rows += trial_rows
             pd.DataFrame(rows).to_csv(out, index=False)
     print(markdown(summary(pd.DataFrame(rows))))

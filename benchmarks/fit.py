@@ -93,12 +93,12 @@ def published(further: int = 0) -> float:
     Both carry the muscles of the reference, so that the difference is that of the geometry alone.
     `further` nodes of the rings of the lips are landmarks in addition to the 30.
     """
-    found, truth = fitted_published(further)
-    nodes = found.face["marker_node"].values
-    one, two = (moved(f)[nodes] for f in (found.face, carry(found.source, truth).face))
+    fit, truth = fitted_published(further)
+    nodes = fit.face["marker_node"].values
+    one, two = (moved(f)[nodes] for f in (fit.face, carry(fit.source, truth).face))
     apart = 1e3 * float(np.sqrt((np.linalg.norm(one - two, axis=1) ** 2).mean()))
     size = 1e3 * np.linalg.norm(two, axis=1)
-    q = found.face["position"].values
+    q = fit.face["position"].values
     print(
         f"{30 + further} landmarks: markers under OOP 0.5 at 300 kPa differ by {apart:.2f} mm rms "
         f"[0.3], of {size.min():.1f} to {size.max():.1f} mm; nodes by "
@@ -125,13 +125,13 @@ def six_checks(which: Iterable[int], persons: int, inputs: int, out: Path | None
     for number in which:
         start = time.process_time()
         try:
-            found = run[number]()
+            check_rows = run[number]()
         except (EmgfaceError, KeyError, OSError, ImportError) as error:
-            found = [fit_checks.Row(number, f"not measured: {error!r}", float("nan"), 0.0)]
-        for row in found:
+            check_rows = [fit_checks.Row(number, f"not measured: {error!r}", float("nan"), 0.0)]
+        for row in check_rows:
             say(" | ".join(str(cell) for cell in row.cells().values()))
         say(f"check {number}: {time.process_time() - start:.0f} s of processor time")
-        rows += found
+        rows += check_rows
     finish("checks", pd.DataFrame([row.cells() for row in rows]), out)
 
 

@@ -85,10 +85,10 @@ def closed_forms(starts: int = 20) -> list[Row]:
         turn = Rotation.from_rotvec(axis).as_matrix()
         shift = rng.uniform(-1.0, 1.0, 3) * 15e-3 / np.sqrt(3.0)
         start = Similarity(1.0, turn, centre + shift - turn @ centre)
-        found = closest_points(bone, aim, start)
-        angle = Rotation.from_matrix(found.rotation @ truth.rotation.T).magnitude()
+        transform = closest_points(bone, aim, start)
+        angle = Rotation.from_matrix(transform.rotation @ truth.rotation.T).magnitude()
         turns.append(float(np.degrees(angle)))
-        shifts.append(1e3 * float(np.abs(found(bone.points) - truth(bone.points)).max()))
+        shifts.append(1e3 * float(np.abs(transform(bone.points) - truth(bone.points)).max()))
     return [
         Row(1, "thin-plate spline of an affine field, error [m]", float(affine), 1e-9),
         Row(1, "similarity of a known motion, error [1, m]", float(off), 1e-12),
@@ -101,9 +101,9 @@ def closed_forms(starts: int = 20) -> list[Row]:
 
 def between_published() -> list[Row]:
     """Check 2: the reference fitted to the other published face, by 30 landmarks and two surfaces."""
-    found, truth = fitted_published(0)
-    face, q = found.source, found.face["position"].values
-    table = found.distance[found.distance["stage"] == "relaxed"].set_index("surface")
+    fit, truth = fitted_published(0)
+    face, q = fit.source, fit.face["position"].values
+    table = fit.distance[fit.distance["stage"] == "relaxed"].set_index("surface")
     quality = element_quality(q, face["connectivity"].values)
     before = element_quality(face["position"].values, face["connectivity"].values)
     with (shared_models() / "face_reference" / "derived" / "lip_ring_nodes.csv").open() as stream:
@@ -170,8 +170,8 @@ def stacks_and_labels() -> list[Row]:
     for name, (radii, centre) in parts.items():
         true = np.linalg.norm((points - centre) / radii, axis=-1) < 1.0
         clicks = centre + 0.7 * radii * np.concatenate([np.eye(3), -np.eye(3)])
-        found = _labelled(image, clicks)
-        dice = 2.0 * float((found & true).sum()) / float(found.sum() + true.sum())
+        labelled = _labelled(image, clicks)
+        dice = 2.0 * float((labelled & true).sum()) / float(labelled.sum() + true.sum())
         rows.append(Row(4, f"Dice of the {name}, {len(clicks)} clicks", dice, 0.95, True))
     return rows
 
@@ -185,10 +185,10 @@ def _labelled(image: Any, clicks: Floats, margin: float = 5e-3) -> Any:
     low = np.maximum(at.min(axis=0) - more, 0)
     high = np.minimum(at.max(axis=0) + more + 1, image.GetSize())
     part = SimpleITK.RegionOfInterest(image, (high - low).tolist(), low.tolist())
-    found = np.zeros(image.GetSize()[::-1], dtype=bool)
+    mask = np.zeros(image.GetSize()[::-1], dtype=bool)
     own = tuple(slice(int(a), int(b)) for a, b in zip(low[::-1], high[::-1], strict=True))
-    found[own] = region_around(part, clicks.tolist())
-    return found
+    mask[own] = region_around(part, clicks.tolist())
+    return mask
 
 
 def probe_curves(repeats: int = 40) -> list[Row]:
@@ -238,9 +238,9 @@ def probe_curves(repeats: int = 40) -> list[Row]:
         *probe_coverage(repeats),
     ]
     for tension in PRESTRESS:
-        found = fitted({**SOFT, "prestress": tension, "across": tension},
+        fit = fitted({**SOFT, "prestress": tension, "across": tension},
                        {"prestress": 3e4, "across": 3e4}, ("along", "across"), 2)  # fmt: skip
-        off = max(abs(found[name] / tension - 1.0) for name in ("prestress", "across"))
+        off = max(abs(fit[name] / tension - 1.0) for name in ("prestress", "across"))
         rows.append(
             Row(5, f"tension {tension / 1e3:g} kPa from two directions, error [1]", off, 0.1)
         )

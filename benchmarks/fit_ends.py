@@ -25,7 +25,7 @@ from emgface.fit.triangulated import Surface
 NEAR: Final = "near"
 DOUBTED: Final = "doubted"  #: before near or far
 REFUSED: Final = "refused"
-BAD: Final = ("far", "defect", "unlocated")  #: ends that are a defect: nothing was told
+BAD: Final = ("far", "defect", "unlocated")  #: ends that are a defect: nothing was reported
 TIPS: Final = ("pronasale", "pogonion")
 SKIN: Final = 1.2  #: mean distance from the skin of the person beyond which a face is far [mm]
 POINT: Final = 4.0
@@ -33,24 +33,24 @@ POINT: Final = 4.0
 
 
 def end_of(generic: xr.Dataset, person: Person, marks: Any, skin: Any) -> str:
-    """End of a fit and, after a colon, what was measured or told."""
+    """End of a fit and, after a colon, what was measured or reported."""
     try:
-        found = fit_face(generic, marks, skin=skin, simulated=True)
-        check_face(found.face)
+        fit = fit_face(generic, marks, skin=skin, simulated=True)
+        check_face(fit.face)
     except EmgfaceError as error:
         located = ":" in str(error) and len(str(error)) > 40
         return f"{REFUSED if located else 'unlocated'}: {error}"
     except Exception as error:
         return f"defect: {type(error).__name__}: {error}"
-    return judged(found.face, person, found.doubts)
+    return judged(fit.face, person, fit.doubts)
 
 
 def judged(face: xr.Dataset, person: Person, doubts: tuple[str, ...]) -> str:
     """End of a fit that gave a face."""
     skin, point = apart(face, person)
     end = NEAR if skin <= SKIN and point <= POINT else "far"
-    told = f"{DOUBTED}, {end}" if doubts else end
-    return f"{told}: skin {skin:.2f} mm, points {point:.1f} mm{'; '.join(('', *doubts))}"
+    heading = f"{DOUBTED}, {end}" if doubts else end
+    return f"{heading}: skin {skin:.2f} mm, points {point:.1f} mm{'; '.join(('', *doubts))}"
 
 
 def apart(face: xr.Dataset, person: Person) -> tuple[float, float]:
@@ -58,10 +58,10 @@ def apart(face: xr.Dataset, person: Person) -> tuple[float, float]:
     to_face = rigid_of(np.array(json.loads(face.attrs["fit_frame"])))
     skin = person.surface()
     target = Target("skin", sheets(face)["skin"], Surface(to_face(skin.points), skin.triangles))
-    wanted, found = points_of_face(person.face), points_of_face(face)
-    names = sorted(wanted.keys() & found.keys())
+    wanted, fitted = points_of_face(person.face), points_of_face(face)
+    names = sorted(wanted.keys() & fitted.keys())
     there = to_face(person.moved(np.array([wanted[n] for n in names])))
-    off = np.linalg.norm(np.array([found[n] for n in names]) - there, axis=1)
+    off = np.linalg.norm(np.array([fitted[n] for n in names]) - there, axis=1)
     own = sheets(face)["skin"].at(face["position"].values).nearest(there).distance
     off = np.where(np.isin(names, TIPS), own, off)
     return distances(target, face["position"].values)["mean"], 1e3 * float(off.max())

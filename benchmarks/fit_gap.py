@@ -46,22 +46,22 @@ def fitted_published(further: int) -> tuple[Fitted, Floats]:
         for k in np.linspace(0, len(ring) - 1, further).round().astype(int):
             marks[f"lip_{k}"] = ring[k]
     X, own = face["position"].values, sheets(face)
-    found = fit_face(
+    fit = fit_face(
         face, {name: B[node] for name, node in marks.items()},
         on_face={name: X[node] for name, node in marks.items()}, rim=True,
         **{name: (B, sheet.triangles) for name, sheet in own.items()},
     )  # fmt: skip
-    there = np.array([B[marks[name]] for name in found.deformed.landmarks.names])
-    return found, similarity(there, found.deformed.landmarks.target, scaled=False)(B)
+    there = np.array([B[marks[name]] for name in fit.deformed.landmarks.names])
+    return fit, similarity(there, fit.deformed.landmarks.target, scaled=False)(B)
 
 
 def gap(motion: Motion, further: int = 40) -> list[tuple[str, float]]:
     """Print and return the rms difference of the markers [mm] with each true ingredient."""
-    found, truth = fitted_published(further)
-    face, q = found.source, found.face["position"].values
+    fit, truth = fitted_published(further)
+    face, q = fit.source, fit.face["position"].values
     true = carry(face, truth).face
     nodes = face["marker_node"].values
-    field, fitted = motion(true), motion(found.face)
+    field, fitted = motion(true), motion(fit.face)
     wanted, own = field[nodes], fitted[nodes]
     rows: list[tuple[str, float]] = []
 
@@ -72,7 +72,7 @@ def gap(motion: Motion, further: int = 40) -> list[tuple[str, float]]:
 
     tell("fitted mesh", own, wanted)
     tell("compared at equal places", own, at_places(face, truth, field, q[nodes]))
-    known = found.face.copy(deep=True)
+    known = fit.face.copy(deep=True)
     known["bundle_direction"].values[:] = true["bundle_direction"].values
     tell("with the true directions of the fibres", motion(known)[nodes], wanted)
     for what, weight in ingredients(face).items():
@@ -119,8 +119,10 @@ def ingredients(face: xr.Dataset) -> dict[str, Floats]:
 def relaxed(face: xr.Dataset, truth: Floats) -> Floats:
     """True nodes after the relaxation of elements of a fit; nodes of both surfaces are held."""
     corners = Corners.of(face["connectivity"].values.astype(np.int64))
-    held = np.unique(np.concatenate([sheet.nodes for sheet in sheets(face).values()]))
-    springs = at_nodes(held, truth[held], np.tile(1e3 * np.eye(3), (len(held), 1, 1)))
+    prescribed = np.unique(np.concatenate([sheet.nodes for sheet in sheets(face).values()]))
+    springs = at_nodes(
+        prescribed, truth[prescribed], np.tile(1e3 * np.eye(3), (len(prescribed), 1, 1))
+    )
     q = truth
     for _ in range(2):
         tissue = FitTissue.toward_rectangles(corners, q, below=BELOW, stiffening=STIFFENING)

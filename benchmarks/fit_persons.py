@@ -33,17 +33,17 @@ BEYOND, LENGTH = 1.5e-3, 30e-3
 def between_persons(moved: Moves, persons: int, resolution: str = "coarse") -> list[Row]:
     """Rows of check 3; the table of all ingredients is printed."""
     base = moved(template_face(resolution=resolution))
-    found: list[dict[str, float]] = []
+    differences: list[dict[str, float]] = []
     for k in range(persons):
-        found.append(of_person(moved, base, k, resolution, detailed=k < DETAILED))
-        say(f"person {k + 1}: " + ", ".join(f"{n} {v:.2f}" for n, v in found[-1].items()))
-    table = pd.DataFrame(found)
-    told = pd.DataFrame(
+        differences.append(of_person(moved, base, k, resolution, detailed=k < DETAILED))
+        say(f"person {k + 1}: " + ", ".join(f"{n} {v:.2f}" for n, v in differences[-1].items()))
+    table = pd.DataFrame(differences)
+    summary = pd.DataFrame(
         {"markers [mm rms]": table.columns, "mean": table.mean().values,
          "smallest": table.min().values, "largest": table.max().values,
          "persons": table.count().values, "within 0.3 mm": (table <= WANTED).sum().values}
     )  # fmt: skip
-    print(markdown(told, ".2f"), "\n", flush=True)
+    print(markdown(summary, ".2f"), "\n", flush=True)
     own = table["fitted"]
     return [
         Row(3, f"markers of {persons} persons, mean of the rms [mm]", float(own.mean()), WANTED),
@@ -65,21 +65,21 @@ def of_person(
         return _rms(field[nodes] - there)
 
     plain = without_measures(one.face)
-    found = fitted_to(one.face, other)
-    q = in_frame(found, wanted)
+    fit = fitted_to(one.face, other)
+    q = in_frame(fit, wanted)
     layers = true_layers(other.face, q)
     rows = {
         "generic": apart(base),
         "unfitted": apart(moved(one.face)),
-        "fitted": apart(moved(carry(found.face, q).face)),
-        "fitted, true depth of the layers": apart(moved(carry(found.face, layers).face)),
+        "fitted": apart(moved(carry(fit.face, q).face)),
+        "fitted, true depth of the layers": apart(moved(carry(fit.face, layers).face)),
         "fitted without measures": _difference(moved, plain, other, own),
     }
     if not detailed:
         return rows
     rows["fitted to the skin only"] = _difference(moved, one.face, other, own, ("skin",))
     rows["fitted nodes, the rest true"] = apart(moved(carry(other.face, q).face))
-    rows["true nodes, the rest fitted"] = apart(moved(carry(found.face, wanted).face))
+    rows["true nodes, the rest fitted"] = apart(moved(carry(fit.face, wanted).face))
     alone = fitted_to(plain, other)
     rows["without measures: fitted nodes, the rest true"] = apart(
         moved(carry(other.face, in_frame(alone, wanted)).face)
@@ -109,9 +109,9 @@ def true_layers(face: xr.Dataset, q: Floats) -> Floats:
 def without_measures(face: xr.Dataset) -> xr.Dataset:
     """Face that states no measures, whose fit is a deformation alone."""
     kept = {k: v for k, v in face.attrs.items() if not k.startswith("measure_")}
-    found = face.copy()
-    found.attrs = kept
-    return found
+    copied = face.copy()
+    copied.attrs = kept
+    return copied
 
 
 def fitted_to(
@@ -123,9 +123,9 @@ def fitted_to(
     return fit_face(face, other.landmarks, rim="inner" in names, simulated=True, **given)
 
 
-def in_frame(found: Fitted, wanted: Floats) -> Floats:
+def in_frame(fit: Fitted, wanted: Floats) -> Floats:
     """Nodes of a fitted face in the frame of nodes (n, 3) of the person, by a rigid motion [m]."""
-    q = found.face["position"].values
+    q = fit.face["position"].values
     return similarity(q, wanted, scaled=False)(q)
 
 
@@ -148,12 +148,12 @@ def _difference(
     names: tuple[str, ...] = ("skin", "inner"),
 ) -> float:
     try:
-        found = fitted_to(face, other, names)
+        fit = fitted_to(face, other, names)
     except EmgfaceError as error:
         say(f"no face: {error}")
         return float("nan")
-    q = in_frame(found, other.face["position"].values)
-    return _rms(moved(carry(found.face, q).face)[face["marker_node"].values] - own)
+    q = in_frame(fit, other.face["position"].values)
+    return _rms(moved(carry(fit.face, q).face)[face["marker_node"].values] - own)
 
 
 def _rms(apart: Floats) -> float:
@@ -165,11 +165,11 @@ def thickness_coverage(persons: int, resolution: str = "coarse") -> Row:
     generic, shares = template_face(resolution=resolution), []
     for k in range(persons):
         other = person_of(200 + k, resolution)
-        told = fitted_to(generic, other, ("skin",)).thickness
+        thickness = fitted_to(generic, other, ("skin",)).thickness
         nodes = other.face["position"].values
-        skin, inner = nodes[told["node"]], nodes[told["inner_node"]]
+        skin, inner = nodes[thickness["node"]], nodes[thickness["inner_node"]]
         true = 1e3 * np.linalg.norm(skin - inner, axis=1)
-        shares.append(float(((told["low"] <= true) & (true <= told["high"])).mean()))
+        shares.append(float(((thickness["low"] <= true) & (true <= thickness["high"])).mean()))
         say(f"person {k + 1}: {shares[-1]:.3f} of {len(true)} thicknesses within their intervals")
     say(f"smallest {min(shares):.3f}; {sum(s >= 0.9 for s in shares)} of {persons} at least 0.9")
     mean = float(np.mean(shares))

@@ -37,11 +37,11 @@ def filled(surface: Surface, to_index: Floats, size: tuple[int, int, int]) -> np
                 if v >= 0.0 and w >= 0.0 and v + w <= 1.0:
                     z = a[2] + v * (b[2] - a[2]) + w * (c[2] - a[2])
                     crossings.setdefault((i, j), []).append(z)
-    found = np.zeros(size[::-1], dtype=bool)
+    mask = np.zeros(size[::-1], dtype=bool)
     k = np.arange(size[2])
     for (i, j), z in crossings.items():
-        found[:, j, i] = (np.array(z)[:, None] < k).sum(axis=0) % 2 == 1
-    return found
+        mask[:, j, i] = (np.array(z)[:, None] < k).sum(axis=0) % 2 == 1
+    return mask
 
 
 def image_of(values: np.ndarray, affine: Floats) -> Any:

@@ -52,7 +52,7 @@ def shares(persons: int, first: int = 300) -> pd.DataFrame:
                 beneath(generic, person, group[(k + step) % persons], k, kind)
                 for k, person in enumerate(group)
             ]
-            say(f"{kind} {what}: {np.mean(ends):.2f} of {persons} told")
+            say(f"{kind} {what}: {np.mean(ends):.2f} of {persons} reported")
     return table
 
 
@@ -65,18 +65,18 @@ def matched(named: dict[str, Floats], marks: dict[str, Floats]) -> bool:
 
 
 def of_skin(generic: xr.Dataset, person: Person, seed: int, factors: Floats) -> bool:
-    """Test whether a scaled skin is told beside landmarks that are not scaled."""
+    """Test whether a scaled skin is reported with landmarks that are not scaled."""
     q, triangles = person.face["position"].values, sheets(person.face)["skin"].triangles
     return is_told(generic, noisy(person, seed, np.ones(3)), {"skin": (q * factors, triangles)})
 
 
 def beneath(generic: xr.Dataset, person: Person, other: Person, seed: int, kind: str) -> bool:
-    """Test whether the skin of one person with the inner surface or bone of another is told."""
+    """Test whether the skin of one person with the inner surface or bone of another is reported."""
     q, own = person.face["position"].values, sheets(person.face)["skin"]
     inner = sheets(other.face)["inner"].triangles
     if kind == "bone":
-        held = other.face["fixed"].values != FREE
-        inner = inner[held[inner].all(axis=1)][:, ::-1]
+        constrained = other.face["fixed"].values != FREE
+        inner = inner[constrained[inner].all(axis=1)][:, ::-1]
     given = {"skin": (q, own.triangles), kind: (other.face["position"].values, inner)}
     return is_told(generic, noisy(person, seed, np.ones(3)), given)
 

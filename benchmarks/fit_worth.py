@@ -113,7 +113,7 @@ def cubes(
     faces = work / "faces"
     for index in range(1, persons + 1):
         write_faces(index, faces)
-    found: dict[str, xr.Dataset] = {}
+    results: dict[str, xr.Dataset] = {}
     for condition, (world, strategy) in CONDITIONS.items():
         if chosen and condition not in chosen:
             continue
@@ -138,8 +138,8 @@ def cubes(
         out = work / condition.replace(", ", "_").replace(" ", "_")
         run_study(plan, out, workers=workers, store=work / "store")
         with xr.open_dataset(out / "cube.nc") as cube:
-            found[condition] = cube.load()
-    return found
+            results[condition] = cube.load()
+    return results
 
 
 def _record(
@@ -173,10 +173,10 @@ def interval(values: np.ndarray) -> tuple[float, float, float]:
     return float(kept.mean()), float(kept.mean() - half), float(kept.mean() + half)
 
 
-def worth_table(found: dict[str, xr.Dataset]) -> Table:
+def worth_table(results: dict[str, xr.Dataset]) -> Table:
     """Means with intervals, differences from the generic face, and the share of the gap closed."""
     rows: list[tuple[Any, ...]] = []
-    for condition, cube in found.items():
+    for condition, cube in results.items():
         for measure in MEASURES:
             values = per_person(cube, measure)
             generic = values.sel(geometry="generic").values
@@ -191,7 +191,7 @@ def worth_table(found: dict[str, xr.Dataset]) -> Table:
                     better = -better
                 rises = int((better > 0.0).sum()) if geometry != "generic" else 0
                 rows.append((condition, measure.label, geometry, *mean, *change, rises))
-    persons = next(iter(found.values())).sizes["volunteer"]
+    persons = next(iter(results.values())).sizes["volunteer"]
     return Table(
         f"Scores of {persons} simulated persons by the geometry of their face",
         (
@@ -207,10 +207,10 @@ def worth_table(found: dict[str, xr.Dataset]) -> Table:
     )  # fmt: skip
 
 
-def spread_of_thickness(found: dict[str, xr.Dataset]) -> list[str]:
+def spread_of_thickness(results: dict[str, xr.Dataset]) -> list[str]:
     """Sentences: standard deviation of the scores by one of the thickness under the skin."""
     said: list[str] = []
-    for condition, cube in found.items():
+    for condition, cube in results.items():
         if not set(THICKNESS) <= set(cube["geometry"].values.tolist()):
             continue
         one, two = (cube["rho"].sel(geometry=g).squeeze() for g in THICKNESS)
@@ -229,12 +229,12 @@ def _of_error(cube: xr.Dataset) -> float:
 
 
 @styled
-def worth_figure(found: dict[str, xr.Dataset]) -> Any:
+def worth_figure(results: dict[str, xr.Dataset]) -> Any:
     """Scores of every person by geometry (lines), and their means with intervals."""
     shown = [g for g in GEOMETRIES if g not in THICKNESS]
-    figure = blank(9.0, 2.4 * len(found) + 0.6)
-    panels = grid(figure, len(found), len(MEASURES))
-    for row, (condition, cube) in zip(panels, found.items(), strict=True):
+    figure = blank(9.0, 2.4 * len(results) + 0.6)
+    panels = grid(figure, len(results), len(MEASURES))
+    for row, (condition, cube) in zip(panels, results.items(), strict=True):
         for panel, measure in zip(row, MEASURES, strict=True):
             values = per_person(cube, measure).sel(geometry=shown)
             panel.plot(range(len(shown)), measure.back(values.values), color="0.75", linewidth=0.7)
@@ -263,17 +263,17 @@ def worth(
 ) -> dict[str, xr.Dataset]:
     """Simulate, fit and score; write table and figure to `out`, and print the table with its cost."""
     began = time.monotonic()
-    found = cubes(persons, instructions, work, workers, chosen)
-    table = worth_table(found)
+    results = cubes(persons, instructions, work, workers, chosen)
+    table = worth_table(results)
     out.mkdir(parents=True, exist_ok=True)
     (out / "worth.csv").write_text(table.csv(), encoding="utf-8")
     (out / "worth.md").write_text(table.markdown(), encoding="utf-8")
-    save(worth_figure(found), out / "worth.svg")
-    print(table.text(), *spread_of_thickness(found), sep="\n")
+    save(worth_figure(results), out / "worth.svg")
+    print(table.text(), *spread_of_thickness(results), sep="\n")
     times = os.times()
     spent = times.user + times.system + times.children_user + times.children_system
     print(
         f"{spent / 60.0:.1f} minutes of processor time, {(time.monotonic() - began) / 60.0:.1f} elapsed "
         f"with {workers} processes; results of an earlier run in the same folder are not counted"
     )
-    return found
+    return results

@@ -89,8 +89,8 @@ def timed(
             )
             seconds[name].append(time.process_time() - start)
     base = statistics.median(seconds[next(iter(scenes))])
-    for name, found in seconds.items():
-        middle = statistics.median(found)
+    for name, samples in seconds.items():
+        middle = statistics.median(samples)
         yield {
             "scene": name,
             "unknowns": runs[name][0].kinematics.pattern.n,

@@ -52,13 +52,13 @@ def pressed(cells, depth, steps=STEPS):
         "plane",
         lambda t: (np.eye(3), np.array([0.0, 0.0, depth * RADIUS * t])),
     )
-    held = (
+    fixed = (
         sim.Fixed(np.flatnonzero(X[:, 0] == 0.0), (0,)),
         sim.Fixed(np.flatnonzero(X[:, 1] == 0.0), (1,)),
         sim.Fixed(np.flatnonzero(X[:, 2] > RADIUS * (1.0 - 1e-9))),
     )
     solid = sim.Solid((sim.Material(sim.LinearElastic(YOUNG, POISSON)),))
-    scene = sim.Scene(mesh, (solid, sim.ConstraintContact((sim.Pairing(pole, plane),))), held)
+    scene = sim.Scene(mesh, (solid, sim.ConstraintContact((sim.Pairing(pole, plane),))), fixed)
     record, _ = sim.simulate(
         sim.compile_scene(scene),
         sim.resting(0),

@@ -174,18 +174,18 @@ def extremes() -> pd.DataFrame:
             gape = run_task(jaw, TASKS["gape"], step=DRAFT, check=False)
             forward = run_task(jaw, TASKS["protrude"], step=DRAFT, check=False)
             aside = run_task(jaw, TASKS["lateral"], step=DRAFT, check=False)
-            found = {
+            measured = {
                 "gape": float(interincisal(gape).max()),
                 "protrusion": outcome(forward)["end_forward"],
                 "laterotrusion": outcome(aside)["end_right"],
             }
-            outside = [n for n, (low, high) in NORMS.items() if not low <= found[n] <= high]
+            outside = [n for n, (low, high) in NORMS.items() if not low <= measured[n] <= high]
             sideways = max(
                 float(np.abs(point_displacement(m, n)[:, 0]).max())
                 for m in (gape, forward)
                 for n in ("lower_incisor", "hyoid", "thyroid")
             )
-            row |= {n: round(x, 1) for n, x in found.items()}
+            row |= {n: round(x, 1) for n, x in measured.items()}
             row |= {"asymmetry mm": sideways, "outside": ", ".join(outside)}
         except (EmgfaceError, sim.SimulationError) as error:
             row["outside"] = f"{type(error).__name__}: {error}"

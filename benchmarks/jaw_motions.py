@@ -59,8 +59,8 @@ def reference() -> pd.DataFrame:
 def driven(case: dict[str, Any], duration: float) -> tuple[Excitation, str | None]:
     """Excitations of a recorded motion, and the side of its morsel."""
     changes = " ".join(case.get("changes_against_the_model_file", []))
-    if found := re.search(r"jaw_larynx/(probes/\w+)", changes):
-        folder = SHARED / "artisynth_models" / "jaw_larynx" / found[1]
+    if match := re.search(r"jaw_larynx/(probes/\w+)", changes):
+        folder = SHARED / "artisynth_models" / "jaw_larynx" / match[1]
         eaten = re.match(r"(left|right) bolus active", case.get("food_bolus", ""))
         return read_probes(folder, duration=duration), eaten[1][0].upper() if eaten else None
     drive = dict[str, list[tuple[float, float]]]()

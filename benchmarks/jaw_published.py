@@ -41,50 +41,50 @@ def published(variant: str, **options: Any) -> xr.Dataset:
 
 def two_sided(jaw: xr.Dataset) -> xr.Dataset:
     """The model whose condyles cannot leave their path."""
-    held = jaw.copy(deep=True)
+    constrained = jaw.copy(deep=True)
     own = [str(name).startswith("tmj") for name in jaw["joint"].values]
-    held["joint_one_sided"][:] = np.where(own, 0, held["joint_one_sided"])
-    return held
+    constrained["joint_one_sided"][:] = np.where(own, 0, constrained["joint_one_sided"])
+    return constrained
 
 
 def models() -> dict[str, xr.Dataset]:
     """Variants of condylar path and hyoid."""
-    found = {
+    variants = {
         f"{condyle}, hyoid {hyoid}": published(variant, condyle=condyle)
         for condyle in ("planar", "curved")
         for hyoid, variant in (("fixed", "fixed"), ("free", "larynx"))
     }
-    return found | {"curved two-sided, hyoid free": two_sided(found["curved, hyoid free"])}
+    return variants | {"curved two-sided, hyoid free": two_sided(variants["curved, hyoid free"])}
 
 
 def outcomes(jaw: xr.Dataset) -> dict[str, float | str]:
     """Openings and chewing cycle [mm]; the name of the error of a task that did not finish."""
-    found = dict[str, float | str]()
+    results = dict[str, float | str]()
 
     def measure(
         task: JawTask, read: Callable[[xr.Dataset], dict[str, float]], **options: Any
     ) -> None:
         try:
             values = read(run_task(jaw, task, **options, check=False))
-            found.update({name: round(float(x), 3) for name, x in values.items()})
+            results.update({name: round(float(x), 3) for name, x in values.items()})
         except sim.SimulationError as error:
-            found.update(dict.fromkeys(read(_nothing(jaw)), type(error).__name__))
+            results.update(dict.fromkeys(read(_nothing(jaw)), type(error).__name__))
 
     for name, task in (("open", "open"), ("open, head 15 degrees back", "open_head")):
         measure(TASKS[task], lambda m, name=name: {name: separation(m).max()}, duration=2.0)
     measure(TASKS["chew"], chewed, excitation=read_probes(PROBES), duration=0.7)
-    return found
+    return results
 
 
 def chewed(motion: xr.Dataset) -> dict[str, float]:
     """Incisor at the largest opening, largest lateral displacement, and hyoid [mm]."""
     d = point_displacement(motion, "lower_incisor")
     k = int(np.argmin(d[:, 2]))
-    found = {"down": -d[k, 2], "back": -d[k, 1], "lateral": abs(d[k, 0])}
-    found |= {"time s": float(motion["time"][k]), "largest lateral": np.abs(d[:, 0]).max()}
+    measures = {"down": -d[k, 2], "back": -d[k, 1], "lateral": abs(d[k, 0])}
+    measures |= {"time s": float(motion["time"][k]), "largest lateral": np.abs(d[:, 0]).max()}
     hyoid = point_displacement(motion, "hyoid")[: k + 1]
-    found |= {"hyoid up": hyoid[:, 2].max(), "hyoid forward": hyoid[:, 1].max()}
-    return {f"chew, {name}": x for name, x in found.items()}
+    measures |= {"hyoid up": hyoid[:, 2].max(), "hyoid forward": hyoid[:, 1].max()}
+    return {f"chew, {name}": x for name, x in measures.items()}
 
 
 def _nothing(jaw: xr.Dataset) -> xr.Dataset:
@@ -158,14 +158,14 @@ def on_branches(moved: np.ndarray) -> dict[str, np.ndarray]:
 def misses(moved: np.ndarray) -> dict[str, float]:
     """Largest signed difference from the stored result on both branches, and its rms [mm]."""
     time, _, stored = stored_pull()
-    found = dict[str, float]()
+    differences = dict[str, float]()
     ours, known = on_branches(moved), on_branches(stored)
     for axis, way, sign in ((2, "up", 1.0), (1, "back", -1.0)):
         for branch in ours:
             miss = sign * (ours[branch] - known[branch])[:, axis]
-            found[f"{way}, {branch}"] = round(float(miss[np.argmax(np.abs(miss))]), 2)
+            differences[f"{way}, {branch}"] = round(float(miss[np.argmax(np.abs(miss))]), 2)
     apart = np.linalg.norm(moved - stored, axis=1)[time > FALLEN]
-    return found | {"rms over the ramp": round(float(np.sqrt((apart**2).mean())), 2)}
+    return differences | {"rms over the ramp": round(float(np.sqrt((apart**2).mean())), 2)}
 
 
 LEVELS = (0.0, 2e-4, 3e-4, 4e-4, 6e-4, 8e-4, 1e-3, 2e-3)
@@ -249,36 +249,36 @@ def free_body(jaw: xr.Dataset) -> list[dict[str, Any]]:
     ends = [run(system, start, 1.0, n, sim.RungeKutta4()) for n in (250, 500, 1000)]
     (L0, E0), (L1, E1) = momentum(start), momentum(ends[-1])
     apart = [np.abs(a.frames - b.frames).max() for a, b in pairwise(ends)]
-    found = {
+    results = {
         "1 energy over 1 s, relative": abs(E1 / E0 - 1.0),
         "1 angular momentum over 1 s, relative": np.abs(L1 - L0).max() / np.abs(L0).max(),
         "1 order of RK4 with rotation": np.log2(apart[0] / apart[1]),
     }
     return [
         {"check": key, "required": WANTED[key], "planar, hyoid fixed": f"{value:.3g}"}
-        for key, value in found.items()
+        for key, value in results.items()
     ]
 
 
 def in_variant(jaw: xr.Dataset, name: str) -> dict[str, Any]:
     """Checks 2 to 7 of one variant."""
-    found = at_rest(jaw, planar=name.startswith("planar"), free="free" in name)
+    results = at_rest(jaw, planar=name.startswith("planar"), free="free" in name)
     stored = outcomes(jaw)
-    found |= {f"3 pull, error {key}": value for key, value in misses(ramp(jaw)).items()}
-    found |= closing(jaw)
-    found |= {f"5 {key}": value for key, value in stored.items() if key.startswith("chew")}
-    found |= after_chewing(jaw)
-    found["6 open"] = stored["open"]
-    found["6 open, head 15 degrees back"] = stored["open, head 15 degrees back"]
-    found |= swallowing(jaw)
-    return found
+    results |= {f"3 pull, error {key}": value for key, value in misses(ramp(jaw)).items()}
+    results |= closing(jaw)
+    results |= {f"5 {key}": value for key, value in stored.items() if key.startswith("chew")}
+    results |= after_chewing(jaw)
+    results["6 open"] = stored["open"]
+    results["6 open, head 15 degrees back"] = stored["open, head 15 degrees back"]
+    results |= swallowing(jaw)
+    return results
 
 
 def at_rest(jaw: xr.Dataset, *, planar: bool, free: bool) -> dict[str, Any]:
     """Drift of the condyles in 10 s, and the force that remains on the jaw at rest (check 2)."""
     task = JawTask("", 10.0, {"bi_close": [(0.0, 4e-4)]})
     motion = run_task(jaw, task, output=0.05, check=False)
-    found = dict[str, Any]()
+    results = dict[str, Any]()
     if planar:
         off = 0.0
         for side in "LR":
@@ -286,7 +286,7 @@ def at_rest(jaw: xr.Dataset, *, planar: bool, free: bool) -> dict[str, Any]:
             x = motion["position"].sel(marker=f"condyle_{side}").transpose("time", "axis").values
             apart = (x - joint["joint_origin"].values) @ joint["joint_normal"].values
             off = max(off, float(np.abs(apart).max()))
-        found["2 condyles, distance from their plane in 10 s, mm"] = f"{1e3 * off:.1g}"
+        results["2 condyles, distance from their plane in 10 s, mm"] = f"{1e3 * off:.1g}"
     if not free:
         last = motion.isel(time=[0, -1])
         ends, bodies = last["muscle_position"].values, last["muscle_body"].values
@@ -298,8 +298,8 @@ def at_rest(jaw: xr.Dataset, *, planar: bool, free: bool) -> dict[str, Any]:
         joints = motion["joint_force"].isel(time=-1).transpose("joint", "axis").values
         mass = float(jaw["body_mass"].sel(body="jaw"))
         rest = pull + np.nansum(joints, axis=0) - np.array([0.0, 0.0, mass * G])
-        found["2 residual forces at rest, N"] = f"{np.linalg.norm(rest):.1g}"
-    return found
+        results["2 residual forces at rest, N"] = f"{np.linalg.norm(rest):.1g}"
+    return results
 
 
 def closing(jaw: xr.Dataset) -> dict[str, Any]:
@@ -356,7 +356,7 @@ def symmetric(jaw: xr.Dataset) -> xr.Dataset:
     """The model with bodies that are their own mirror images.
 
     The surface of the imported hyoid is not quite symmetric: at uniform density its centre lies 1.4 um
-    beside the midline, that of the mandible 0.7 nm.
+    off the midline, that of the mandible 0.7 nm.
     """
     jaw = jaw.copy(deep=True)
     jaw["body_centre"] = jaw["body_centre"] * [0.0, 1.0, 1.0]
@@ -392,8 +392,8 @@ def chewing_with_stored_parameters() -> dict[str, Any]:
     """Chewing with the parameters that the stored forces state (check 5)."""
     series, jaw = read_probes(PROBES), published("larynx")
     for m, factor in STORED_FORCES.items():
-        of = [str(n).startswith(m) for n in jaw["muscle"].values]
-        jaw["muscle_force_max"][of] = factor * jaw["muscle_force_max"][of]
+        own = [str(n).startswith(m) for n in jaw["muscle"].values]
+        jaw["muscle_force_max"][own] = factor * jaw["muscle_force_max"][own]
     jaw["body_damping"][:] = 1.5 * jaw["body_damping"]
     jaw["muscle_damping"][:] = 1.0
     tone = np.full(len(series.time), TONE)
@@ -403,5 +403,5 @@ def chewing_with_stored_parameters() -> dict[str, Any]:
     )
     late = motion["time"].values >= 0.56 - 1e-9
     apart = float(separation(motion)[late].max())
-    found = {f"5 {key}": round(float(x), 3) for key, x in chewed(motion).items()}
-    return found | {"5 distance of the teeth, 0.56 to 0.70 s": round(apart, 2)}
+    results = {f"5 {key}": round(float(x), 3) for key, x in chewed(motion).items()}
+    return results | {"5 distance of the teeth, 0.56 to 0.70 s": round(apart, 2)}

@@ -52,12 +52,12 @@ def _reached(required: str, text: str) -> bool:
         values = [float(one) for one in text.split(",")]
     except ValueError:  # "none", or the name of the error of a task that did not finish
         return False
-    if found := re.search(r"([\d.]+) to ([\d.]+)$", required):
-        low, high = map(float, found.groups())
+    if match := re.search(r"([\d.]+) to ([\d.]+)$", required):
+        low, high = map(float, match.groups())
         return any(low <= value <= high for value in values)
-    if found := re.fullmatch(r"([\d.]+) \+- ([\d.]+)( %)?", required):
-        middle, reach = float(found[1]), float(found[2])
-        reach *= 0.01 * middle if found[3] else 1.0
+    if match := re.fullmatch(r"([\d.]+) \+- ([\d.]+)( %)?", required):
+        middle, reach = float(match[1]), float(match[2])
+        reach *= 0.01 * middle if match[3] else 1.0
         return all(abs(value - middle) <= reach for value in values)
     if re.fullmatch(r"1e-\d+", required):
         return all(abs(value) <= float(required) for value in values)

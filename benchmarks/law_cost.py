@@ -52,10 +52,10 @@ def main(out: Path | None = None):
             call()
     for _ in range(REPEATS):
         for name, pair in calls.items():
-            for call, found in zip(pair, times[name], strict=True):
+            for call, seconds in zip(pair, times[name], strict=True):
                 start = time.process_time()
                 call()
-                found.append(time.process_time() - start)
+                seconds.append(time.process_time() - start)
     median = {name: [1e3 * statistics.median(x) for x in pair] for name, pair in times.items()}
     table = pd.DataFrame.from_dict(median, orient="index", columns=["force ms", "with tangent ms"])
     relative = (table / table.loc["MooneyRivlin (first loop)"]).set_axis(

@@ -65,13 +65,13 @@ def folder(name: str) -> dict[str, object]:
 
 def modules_of(run: Callable[[], object]) -> tuple[set[str], int]:
     """Modules of `sim` other than kernels whose functions run, and calls between them."""
-    found, calls, base = set[str](), 0, str(ROOT / "sim")
+    modules, calls, base = set[str](), 0, str(ROOT / "sim")
 
     def note(frame: FrameType, event: str, _: object) -> None:
         nonlocal calls
         name = frame.f_code.co_filename
         if event == "call" and name.startswith(base) and "_kernels" not in name:
-            found.add(Path(name).relative_to(ROOT).as_posix())
+            modules.add(Path(name).relative_to(ROOT).as_posix())
             before = frame.f_back.f_code.co_filename if frame.f_back is not None else name
             calls += before != name and before.startswith(base)
 
@@ -80,12 +80,12 @@ def modules_of(run: Callable[[], object]) -> tuple[set[str], int]:
         run()
     finally:
         sys.setprofile(None)
-    return found, calls
+    return modules, calls
 
 
 def kernels_of(modules: set[str]) -> set[str]:
     """Modules of kernels that modules import."""
-    found = set[str]()
+    kernels = set[str]()
     for name in modules:
         for node in ast.walk(ast.parse((ROOT / name).read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("sim._kernels"):
@@ -93,8 +93,8 @@ def kernels_of(modules: set[str]) -> set[str]:
                 names = (
                     [f"sim._kernels.{a.name}" for a in node.names] if of_folder else [node.module]
                 )
-                found |= {str(n) for n in names}
-    return found - {"sim._kernels.options"}
+                kernels |= {str(n) for n in names}
+    return kernels - {"sim._kernels.options"}
 
 
 def scenes() -> Iterator[tuple[str, Integrator, float, sim.System, sim.State]]:
@@ -102,14 +102,14 @@ def scenes() -> Iterator[tuple[str, Integrator, float, sim.System, sim.State]]:
     system, start = plate_on_tissue()
     terms = tuple(t for t in system.scene.terms if not isinstance(t, sim.ConstraintContact))
     without, h = sim.compile_scene(replace(system.scene, terms=terms)), 1e-3
-    for of, state in ((without, replace(start, memory={})), (system, start)):
-        yield "plate on tissue, linearly implicit", sim.LinearlyImplicitEuler(), h, of, state
+    for scene, state in ((without, replace(start, memory={})), (system, start)):
+        yield "plate on tissue, linearly implicit", sim.LinearlyImplicitEuler(), h, scene, state
     face = template_face(resolution="coarse")
     for contact in ({"contact": NO_CONTACT}, {}):
         own = PRESETS["study"] | {"step": 0.01, "output": 0.01, "gravity": False} | contact
         p = SimulationParameters(**own)
-        of = sim.compile_scene(compose_scene(face, p))
-        yield "coarse face, SDIRK2", integrator_of(p), p.step, of, of.rest_state()
+        scene = sim.compile_scene(compose_scene(face, p))
+        yield "coarse face, SDIRK2", integrator_of(p), p.step, scene, scene.rest_state()
 
 
 def step_modules() -> Iterator[dict[str, object]]:
@@ -119,14 +119,14 @@ def step_modules() -> Iterator[dict[str, object]]:
         work, control = sim.Workspace(system), system.control(np.full(len(system.muscles), DRIVE))
 
         def step(
-            of: sim.System = system,
+            scene: sim.System = system,
             state: sim.State = state,
             method: Integrator = method,
             h: float = h,
             work: sim.Workspace = work,
             control: sim.Control = control,
         ) -> tuple[sim.State, object]:
-            return method.step(of, state, control, h, work)
+            return method.step(scene, state, control, h, work)
 
         step()
         used, calls = modules_of(step)

@@ -59,7 +59,7 @@ class LipProbe:
         self.path[round(state.t, 9)] = state.q[self._nodes]
         turns = state.t / self._period
         due = abs(turns - round(turns)) < 1e-6
-        found = (
+        values = (
             self._depth.lips(state.q) if due else np.nan,
             self._depth.teeth(state.q) if due else np.nan,
             float(np.fmin.reduce(np.atleast_1d(gaps))),
@@ -67,4 +67,4 @@ class LipProbe:
             float(np.linalg.norm(state.v[self._nodes], axis=1).max()),
         )
         self.seconds += time.process_time() - start
-        return found
+        return values

@@ -32,7 +32,7 @@ class Elastic:
         """Bulk modulus 2 mu (1 + nu)/(3 (1 - 2 nu)) [Pa]."""
         return 2.0 * self.mu * (1.0 + self.poisson) / (3.0 * (1.0 - 2.0 * self.poisson))
 
-    def scene(self, mesh: sim.Mesh, *terms: object, held: tuple[sim.Fixed, ...]) -> sim.System:
+    def scene(self, mesh: sim.Mesh, *terms: object, fixed: tuple[sim.Fixed, ...]) -> sim.System:
         """Compile the body with its loads."""
         bulk = sim.QuadraticBulk(self.kappa if self.part == "pointwise" else 0.0)
         solid = sim.Solid((sim.Material(sim.NeoHooke(self.mu), bulk),))
@@ -42,7 +42,7 @@ class Elastic:
         }
         constraints = (sim.HardElementVolume(),) if self.part == "hard" else ()
         return sim.compile_scene(
-            sim.Scene(mesh, (solid, *soft.get(self.part, ()), *terms), held, None, constraints)
+            sim.Scene(mesh, (solid, *soft.get(self.part, ()), *terms), fixed, None, constraints)
         )
 
 
@@ -70,11 +70,11 @@ def cook(n: int, poisson: float, part: str) -> float:
     force = np.zeros((n + 1, 2, 3))
     force[..., 1] = (traction * share * thickness / 2.0)[:, None]
     load = sim.NodeLoad(right.ravel(), force.reshape(-1, 3))
-    held = (
+    fixed = (
         sim.Fixed(np.flatnonzero(mesh.X[:, 0] == 0.0)),
         sim.Fixed(np.arange(mesh.n_nodes), axes=(2,)),
     )
-    system = Elastic(E / (2.0 * (1.0 + poisson)), poisson, part).scene(mesh, load, held=held)
+    system = Elastic(E / (2.0 * (1.0 + poisson)), poisson, part).scene(mesh, load, fixed=fixed)
     u = equilibrium(system, 1e-5 * traction * 16.0 * thickness, 1e-5)
     return float(u[right[-1], 1].mean() * 6.25 / traction)
 
@@ -88,9 +88,9 @@ def beam(cells: int, poisson: float, part: str) -> float:
     axes = [np.linspace(0, length, 5 * cells + 1), np.linspace(0, height, 3)]
     X = np.stack(np.meshgrid(*axes, np.linspace(0, height, cells + 1), indexing="ij"), axis=-1)
     mesh = sim.grid_mesh(X)
-    held = (sim.Fixed(np.flatnonzero(mesh.X[:, 0] == 0.0)),)
+    fixed = (sim.Fixed(np.flatnonzero(mesh.X[:, 0] == 0.0)),)
     tissue = Elastic(mu, poisson, part)
-    u = equilibrium(tissue.scene(mesh, sim.Gravity((0.0, 0.0, -g)), held=held), 1e-8, 1e-7)
+    u = equilibrium(tissue.scene(mesh, sim.Gravity((0.0, 0.0, -g)), fixed=fixed), 1e-8, 1e-7)
     E = 2.0 * mu * (1.0 + poisson)
     slender = density * g * height**2 * length**4 / (8.0 * E * height**4 / 12.0)
     return float(-u[mesh.X[:, 0] == length, 2].mean() / slender)

@@ -3,8 +3,8 @@
     python -m benchmarks mutants [--reader NAME] [--mutants 1000] [--seed 0] [--listed 5]
 
 A valid file of each format is made, damaged in one of the ways of `MUTATIONS`, and opened. Its outcome
-is ``refused`` (typed, naming the file), ``unlocated`` (typed, without the file), ``told`` (other data
-with a new finding, warning or channel left out), ``same`` (the data of the valid file), ``silent``
+is ``refused`` (typed, naming the file), ``unlocated`` (typed, without the file), ``reported`` (other
+data with a new finding, warning or channel left out), ``same`` (the data of the valid file), ``silent``
 (other data without a word), ``crash`` (untyped error, or end of the process), ``hang`` (over `SECONDS`
 of processor time) or ``memory``. A changed sample is valid and necessarily silent; `--listed` silent
 mutants of each mutation are therefore printed with their place. Simulated data throughout.
@@ -31,7 +31,7 @@ from emgface.children import safe_children
 from emgface.errors import DataError
 
 SECONDS, MEMORY = 10, 3 << 30  #: limits of one mutant [s], and of its process [byte]
-OUTCOMES = ("refused", "unlocated", "told", "same", "silent", "crash", "hang", "memory")
+OUTCOMES = ("refused", "unlocated", "reported", "same", "silent", "crash", "hang", "memory")
 Made = tuple[Path, Path, dict[str, str]]  #: path to open, file to damage, units of the mapping
 LOADED = "tests.data.test_mutations", "tests.data.made_exports", "emgface.recordings.dataset"
 _SIGNS = (b",", b";", b"\t", b".", b" ", b"-", b"e", b"\n", b"\r\n", b"9", b"0", b"nan", b'"')
@@ -109,16 +109,16 @@ def mutant(whole: bytes, seed: str) -> tuple[str, int, bytes]:
 
 
 def opened(path: Path, units: dict[str, str]) -> tuple[dict[str, Any], str]:
-    """Arrays of a recording, and all that is told of it besides."""
+    """Arrays of a recording, and all other reports on it."""
     from emgface.recordings.dataset import read_recording
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        found: xr.Dataset = read_recording(path, mapping={"units": units})
-    told = [found.attrs.get(k, "") for k in ("findings", "flagged", "dropped")]
-    arrays = {str(k): v.values.tolist() for k, v in found.variables.items()}
-    names = {k: found.attrs.get(k) for k in ("volunteer", "instruction", "repetition")}
-    return arrays | names, repr((told, [str(w.message) for w in caught]))
+        recording: xr.Dataset = read_recording(path, mapping={"units": units})
+    messages = [recording.attrs.get(k, "") for k in ("findings", "flagged", "dropped")]
+    arrays = {str(k): v.values.tolist() for k, v in recording.variables.items()}
+    names = {k: recording.attrs.get(k) for k in ("volunteer", "instruction", "repetition")}
+    return arrays | names, repr((messages, [str(w.message) for w in caught]))
 
 
 def outcome(path: Path, units: dict[str, str], valid: tuple[str, str]) -> str:
@@ -126,7 +126,7 @@ def outcome(path: Path, units: dict[str, str], valid: tuple[str, str]) -> str:
     from emgface.errors import EmgfaceError
 
     try:
-        arrays, told = opened(path, units)
+        arrays, messages = opened(path, units)
     except EmgfaceError as error:
         return "refused" if path.stem in str(error) else "unlocated"
     except MemoryError:
@@ -134,11 +134,11 @@ def outcome(path: Path, units: dict[str, str], valid: tuple[str, str]) -> str:
     except Exception as error:
         return f"crash {type(error).__name__}: {str(error)[:80]}"
     same = repr(arrays) == valid[0]
-    return "same" if same else "told" if told != valid[1] else "silent"
+    return "same" if same else "reported" if messages != valid[1] else "silent"
 
 
-def worker(name: str, start: int, stop: int, first: int, told: Connection) -> None:
-    """Tell the outcomes of the mutants start..stop - 1 from place `first` on to `outcomes`."""
+def worker(name: str, start: int, stop: int, first: int, pipe: Connection) -> None:
+    """Send the outcomes of the mutants start..stop - 1, from place `first` on, to `outcomes`."""
     with tempfile.TemporaryDirectory() as folder:
         path, target, units = formats()[name](Path(folder))
         whole = target.read_bytes()
@@ -147,23 +147,23 @@ def worker(name: str, start: int, stop: int, first: int, told: Connection) -> No
         for k in range(start, stop)[first:]:
             kind, at, data = mutant(whole, f"{name} {k}")
             target.write_bytes(data)
-            told.send((kind, at))
+            pipe.send((kind, at))
             signal.setitimer(signal.ITIMER_PROF, SECONDS)  # ends the process: a hang
-            found = outcome(path, units, (repr(arrays), said))
+            result = outcome(path, units, (repr(arrays), said))
             signal.setitimer(signal.ITIMER_PROF, 0.0)
-            told.send(found)
+            pipe.send(result)
 
 
 def outcomes(name: str, seeds: range) -> list[tuple[str, int, str]]:
     """Mutation, place and outcome of every mutant of a format; a process that ends is replaced."""
-    found: list[tuple[str, int, str]] = []
-    while len(found) < len(seeds):
-        begun, before = None, len(found)
+    results: list[tuple[str, int, str]] = []
+    while len(results) < len(seeds):
+        begun, before = None, len(results)
         with safe_children():
             server = multiprocessing.get_context("forkserver")  # imports once, and forks here
             server.set_forkserver_preload(["benchmarks.mutants", *LOADED])
             ours, theirs = server.Pipe(duplex=False)
-            own = (name, seeds.start, seeds.stop, len(found), theirs)
+            own = (name, seeds.start, seeds.stop, len(results), theirs)
             child = server.Process(target=worker, args=own)
             child.start()
         theirs.close()
@@ -173,16 +173,16 @@ def outcomes(name: str, seeds: range) -> list[tuple[str, int, str]]:
                 if isinstance(content, tuple):
                     begun = content
                 elif begun is not None:
-                    found.append((*begun, content))
+                    results.append((*begun, content))
                     begun = None
         child.join()
         if begun is not None:
             hung = child.exitcode == -signal.SIGPROF
             result = "hang" if hung else f"crash, status {child.exitcode}"
-            found.append((*begun, result))
-        elif len(found) == before:
+            results.append((*begun, result))
+        elif len(results) == before:
             raise DataError(f"the valid file of {name!r} cannot be read, expected a recording")
-    return found
+    return results
 
 
 def main(
@@ -197,11 +197,11 @@ def main(
     for name in formats():
         if reader.lower() not in name.lower():
             continue
-        found = outcomes(name, range(seed, seed + mutants))
-        count = Counter(result.split()[0].rstrip(",") for _, _, result in found)
+        results = outcomes(name, range(seed, seed + mutants))
+        count = Counter(result.split()[0].rstrip(",") for _, _, result in results)
         print(f"| {name} | {' | '.join(str(count[one]) for one in OUTCOMES)} |", flush=True)
         shown = Counter[str]()
-        for k, (kind, at, result) in enumerate(found):
+        for k, (kind, at, result) in enumerate(results):
             shown[kind] += result == "silent"
             if result.startswith(("crash", "hang", "memory", "unlocated")) or (
                 result == "silent" and shown[kind] <= listed

@@ -109,16 +109,16 @@ def faults_of(path: Path) -> Iterator[Fault]:
 
 def drawn(count: int, seed: int) -> list[Fault]:
     """Faults drawn at random, at most one of a module."""
-    of = [
+    groups = [
         list(faults_of(path)) for name in PACKAGES for path in sorted((ROOT / name).rglob("*.py"))
     ]
     draw = random.Random(seed)
-    left, found = [many for many in of if many], list[Fault]()
-    while left and len(found) < count:
+    left, faults = [many for many in groups if many], list[Fault]()
+    while left and len(faults) < count:
         many = draw.choices(left, [len(each) for each in left])[0]
         left.remove(many)
-        found.append(draw.choice(many))
-    return found
+        faults.append(draw.choice(many))
+    return faults
 
 
 def imported(path: Path, known: set[str]) -> set[str]:

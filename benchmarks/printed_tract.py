@@ -1,4 +1,4 @@
-"""Formants of an area function beside the maxima of a measured transfer function of a printed tract.
+"""Formants of an area function and the maxima of a measured transfer function of a printed tract.
 
     python -m benchmarks printed-tract MEASURED.txt AREAS.csv [--length 0.17] [--out FOLDER]
 
@@ -46,19 +46,19 @@ def read_areas(path: Path, length: float | None) -> tuple[np.ndarray, float]:
 
 
 def comparison(measured: TransferFunction, areas: np.ndarray, length: float) -> pd.DataFrame:
-    """Formants with rigid walls, as of a printed tract, beside the measured maxima [Hz]."""
+    """Formants with rigid walls, as of a printed tract, and the measured maxima [Hz]."""
     frequency, bandwidth = formants(areas, length, medium=PRINTED)
     peaks, widths = measured.peaks()
-    found, difference = nearest_maxima(measured, frequency)
+    maxima, difference = nearest_maxima(measured, frequency)
     rows = [
         {
             "formant": f"F{k + 1}",
             "computed [Hz]": frequency[k],
-            "measured [Hz]": found[k],
+            "measured [Hz]": maxima[k],
             "difference [%]": 100.0 * difference[k],
             "computed bandwidth [Hz]": bandwidth[k],
-            "measured bandwidth [Hz]": widths[np.argmin(np.abs(peaks - found[k]))]
-            if np.isfinite(found[k])
+            "measured bandwidth [Hz]": widths[np.argmin(np.abs(peaks - maxima[k]))]
+            if np.isfinite(maxima[k])
             else np.nan,
         }
         for k in range(len(frequency))

@@ -76,7 +76,7 @@ def joints_of(model: Mapping[str, Any], points: Mapping[str, int]) -> tuple[Join
 
     That program corrects the position of a one-sided constraint only beyond a tolerance.
     """
-    found: list[Joint] = []
+    joints: list[Joint] = []
     for c in model["rigid"]["connectors"]:
         if not c["enabled"] or c["name"] in CONDYLES:
             continue
@@ -84,19 +84,21 @@ def joints_of(model: Mapping[str, Any], points: Mapping[str, int]) -> tuple[Join
         depth = float((origin - start_of(model, c)) @ normal)
         origin = origin - np.clip(depth, 0.0, c["penetration_tol"]) * normal
         row = c["name"], points[c["name"]], None, TO_M @ origin, TURN @ normal
-        found.append(PointOnPlane(*row, bool(c["unilateral"])))
+        joints.append(PointOnPlane(*row, bool(c["unilateral"])))
     for s in model["rigid"]["frame_springs"]:
         p = s["material_properties"]
         stiffness = (*p["stiffness"], *(3 * [1e-6 * p["rotaryStiffness"]]))
         place = TO_M @ np.array(s["attach_B_p"])
-        found.append(Bushing(s["name"], None, s["A"], place, stiffness=stiffness))
-    return tuple(found)
+        joints.append(Bushing(s["name"], None, s["A"], place, stiffness=stiffness))
+    return tuple(joints)
 
 
 def exciters_of(model: Mapping[str, Any]) -> dict[str, dict[str, float]]:
     """Muscles and gains of every exciter, and every muscle of its own; those of tissue as FEM/name."""
     rigid = model["rigid"]
-    found: dict[str, dict[str, float]] = {m["name"]: {m["name"]: 1.0} for m in rigid["muscles"]}
+    targets_of: dict[str, dict[str, float]] = {
+        m["name"]: {m["name"]: 1.0} for m in rigid["muscles"]
+    }
 
     def resolved(name: str, given: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
         if name not in given:
@@ -108,11 +110,11 @@ def exciters_of(model: Mapping[str, Any]) -> dict[str, dict[str, float]]:
         return total
 
     for name in rigid["exciters"]:
-        found[name] = resolved(name, rigid["exciters"])
+        targets_of[name] = resolved(name, rigid["exciters"])
     for fem in model.get("fems") or []:
         bundles = {b["name"] for b in fem["bundles"]}
-        found |= {f"{fem['name']}/{b}": {b: 1.0} for b in bundles}
+        targets_of |= {f"{fem['name']}/{b}": {b: 1.0} for b in bundles}
         for name, targets in (fem["exciters"] or {}).items():
             if set(targets) <= bundles:  # the others are single elements of bundles
-                found[f"{fem['name']}/{name}"] = dict(targets)
-    return found
+                targets_of[f"{fem['name']}/{name}"] = dict(targets)
+    return targets_of

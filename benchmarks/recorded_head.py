@@ -98,14 +98,14 @@ class RecordedHead:
 
     def strips(self, q: Floats) -> Strips:
         """Strip below each condyle at positions q (n, 3) [m]."""
-        found = list[int]()
+        chosen = list[int]()
         for name in CONDYLES:
             c = connector(self.model, name)
             x = q[self.points[name]] @ TURN * 1e3 - c["frame_D_origin_world_mm"]
             edges = [-p["in_D"][0] for p in c["segment_points"]]
             k = int(np.searchsorted(edges, -x[0], side="right")) - 1
-            found.append(min(max(k, 0), len(edges) - 2))
-        return found[0], found[1]
+            chosen.append(min(max(k, 0), len(edges) - 2))
+        return chosen[0], chosen[1]
 
 
 def recorded_model(name: str) -> dict[str, Any]:
@@ -135,7 +135,7 @@ def recorded_head(
     """
     model = recorded_model(name)
     files = SHARED / "artisynth_reference" / "coupled"
-    tissues, first, held, at_start = (
+    tissues, first, attached, at_start = (
         list[HeadTissue](),
         dict[str, int](),
         dict[str, list[int]](),
@@ -150,8 +150,8 @@ def recorded_head(
         tissues.append(face)
         first["face"], n = n, n + face.mesh.n_nodes
         at_start.append(face.mesh.X)
-        held["jaw"] = arrays["attach_badinface_to_jaw_nodes"].tolist()
-        held[""] = arrays["badinface_fixed"].tolist()
+        attached["jaw"] = arrays["attach_badinface_to_jaw_nodes"].tolist()
+        attached[""] = arrays["badinface_fixed"].tolist()
     if "tongue_rest" in arrays:
         tongue = _tongue(name)
         part = tongue_part(tongue, VARIANTS[name], before=n)
@@ -165,12 +165,12 @@ def recorded_head(
         on_bone = [first["tongue"] + k for v in attached_nodes(tongue).values() for k in v.tolist()]
         for body, nodes in part.held.items():
             key = body if body in moving else ""
-            held[key] = held.get(key, []) + nodes.tolist()
+            attached[key] = attached.get(key, []) + nodes.tolist()
     positions = list(outside)
 
     def add(body: str, place: Floats) -> int:
         positions.append(place @ TO_M.T)
-        held.setdefault(body if body in moving else "", []).append(n + len(positions) - 1)
+        attached.setdefault(body if body in moving else "", []).append(n + len(positions) - 1)
         return n + len(positions) - 1
 
     points = {m["name"]: add(m["body"], np.array(m["position_world_mm"])) for m in rigid["markers"]}
@@ -188,11 +188,13 @@ def recorded_head(
     if touching:
         how = {"initial_penetration": "removed", "removal_speed": 1.0} if removed else {}
         terms.append(sim.ConstraintContact(tuple(touching), **how))
-    members = [sim.OnBody(body, np.array(nodes), q[nodes]) for body, nodes in held.items() if body]
+    members = [
+        sim.OnBody(body, np.array(nodes), q[nodes]) for body, nodes in attached.items() if body
+    ]
     scene = sim.Scene(
         whole.mesh,
         (*whole.terms, *terms, sim.Gravity(tuple(TURN @ gravity))),
-        (*members, *carried, sim.Fixed(np.sort(np.array(held[""])))),
+        (*members, *carried, sim.Fixed(np.sort(np.array(attached[""])))),
         whole.damping,
         whole.constraints,
         bodies=tuple(moving.values()),
@@ -292,15 +294,15 @@ def _touching(
     corners = corners[counts[which.ravel()] == 1].astype(np.int64)
     loose = corners[~np.isin(corners, attached).any(axis=1)]
     tongue = NodeSurface(loose, "tongue")
-    found = [Pairing(tongue, bone) for bone in bones]
+    pairings = [Pairing(tongue, bone) for bone in bones]
     if "face" in first:
         face = import_head(models, ["face"]).parts["face"]
         inside = lining(face)
         inside = inside[~np.isin(inside, np.flatnonzero(face["fixed"].values)).any(axis=1)]
         soft = NodeSurface(inside, "lining of the mouth")
-        found += [*contact_pairings(face, ("lips",)), Pairing(soft, tongue)]
-        found += [Pairing(soft, bone) for bone in bones]
-    return found, points, members
+        pairings += [*contact_pairings(face, ("lips",)), Pairing(soft, tongue)]
+        pairings += [Pairing(soft, bone) for bone in bones]
+    return pairings, points, members
 
 
 __all__ = ["RecordedHead", "recorded_head", "recorded_model"]

@@ -1,4 +1,4 @@
-"""Reduced face beside full order: time of a step, error of the markers, coverage of its bound.
+"""Reduced face compared with full order: time of a step, error of the markers, coverage of its bound.
 
     python -m benchmarks reduced FACE.nc FACE.rom.nc [--trials 20] [--out FOLDER]
 
@@ -35,38 +35,38 @@ from sim.reduced import FusedEuler
 SEED = 1  #: seed of the trials
 
 
-def openings(reduced, found, motion):
+def openings(reduced, simulated, motion):
     """Lip opening [m] of a reduced motion and of that at full order, at the snapshots of the latter."""
     upper, lower = reduced.face["lip_opening_node"].values.astype(int)
     nodes = motion["node_position"].values
     full = nodes[:, upper, 2] - nodes[:, lower, 2]
-    stride = (found.sizes["time"] - 1) // len(full)
-    return found["lip_opening"].values[stride::stride][: len(full)], full
+    stride = (simulated.sizes["time"] - 1) // len(full)
+    return simulated["lip_opening"].values[stride::stride][: len(full)], full
 
 
 def trial(reduced, drive, motion):
     """Errors, bound and times of one trial."""
     start = time.process_time()
-    error, found = marker_errors(reduced, drive, motion)
+    error, simulated = marker_errors(reduced, drive, motion)
     seconds = time.process_time() - start
-    position = found["position"]
+    position = simulated["position"]
     whole = motion["marker_position"].transpose("time", "marker", "axis").values
     full = position.transpose("time", "marker", "axis").copy(data=whole)
     rho = correlation_3d(full, position)
     largest = error.max(axis=1)
-    opening, whole_opening = openings(reduced, found, motion)
+    opening, whole_opening = openings(reduced, simulated, motion)
     steps = len(largest) - 1
     return {
         "trial": drive.label,
         "rms [mm]": 1e3 * float(np.sqrt((error**2).mean())),
         "largest [mm]": 1e3 * float(largest.max()),
-        "bound [mm]": 1e3 * float(found["reduction_error"].max()),
+        "bound [mm]": 1e3 * float(simulated["reduction_error"].max()),
         "motion [mm]": 1e3 * float(np.linalg.norm(whole - whole[0], axis=2).max()),
         "opening [mm]": 1e3 * float(opening.min()),
         "opening of full order [mm]": 1e3 * float(whole_opening.min()),
         "opening error [mm]": 1e3 * float(np.abs(opening - whole_opening).max()),
-        "covered": bool((largest <= found["reduction_error"].values).all()),
-        "trusted": found.attrs["reduction_doubt"] == "",
+        "covered": bool((largest <= simulated["reduction_error"].values).all()),
+        "trusted": simulated.attrs["reduction_doubt"] == "",
         "least rho": float(rho.min()),
         "reduced [ms/step]": 1e3 * seconds / steps,
         "full [ms/step]": 1e3 * float(motion.attrs["cost_s"]) / steps,
@@ -96,9 +96,9 @@ def stability(reduced):
     noise = Activation(times, rng.uniform(0.0, 1.0, (101, n)))
     for name, drive in (("all muscles at 1", all_on), ("white noise in 0-1", noise)):
         try:
-            found = simulate_reduced(reduced, drive, 1.0)
-            yield f"{name}: smallest J", float(found["smallest_J"].min())
-            yield f"{name}: trusted", float(found.attrs["reduction_doubt"] == "")
+            simulated = simulate_reduced(reduced, drive, 1.0)
+            yield f"{name}: smallest J", float(simulated["smallest_J"].min())
+            yield f"{name}: trusted", float(simulated.attrs["reduction_doubt"] == "")
         except SimulationError as error:
             yield f"{name}: {type(error).__name__}", float("nan")
 
@@ -120,13 +120,13 @@ def main(face: Path, rom: Path, trials: int = 20, out: Path | None = None):
         if motion.attrs["scale"] > 0.0:
             rows.append(trial(reduced, drive.scaled(motion.attrs["scale"]), motion))
     table = pd.DataFrame(rows)
-    held = xr.Dataset.from_dataframe(table)
+    dataset = xr.Dataset.from_dataframe(table)
     summary = [
         ("modes that move", steps),
         ("elements with a weight", data.sizes["sample"]),
         ("trials", len(table)),
-        ("full order, ms per step of 10 ms", float(held["full [ms/step]"].median())),
-        ("reduced, ms per step of 10 ms", float(held["reduced [ms/step]"].median())),
+        ("full order, ms per step of 10 ms", float(dataset["full [ms/step]"].median())),
+        ("reduced, ms per step of 10 ms", float(dataset["reduced [ms/step]"].median())),
         ("training, simulated s", float(data.attrs["training_seconds"])),
         ("training, s", float(data.attrs["training_time_s"])),
         ("loading, s", loading),

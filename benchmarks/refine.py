@@ -98,8 +98,10 @@ def refine_face(face: xr.Dataset) -> xr.Dataset:
     position = face["position"].values
     added = (weight[:, :, None] * position[np.maximum(new, 0)]).sum(axis=1)
     fixed = face["fixed"].values
-    held = np.where(new >= 0, fixed[np.maximum(new, 0)], 99)
-    fixed_added = np.where((held > 0).all(axis=1), np.where(new >= 0, held, 0).max(axis=1), 0)
+    fixed_by = np.where(new >= 0, fixed[np.maximum(new, 0)], 99)
+    fixed_added = np.where(
+        (fixed_by > 0).all(axis=1), np.where(new >= 0, fixed_by, 0).max(axis=1), 0
+    )
 
     out = face.drop_vars([str(n) for n, v in face.variables.items() if not set(v.dims) <= _KEPT])
     out = out.drop_dims(["node", "element", "bundle_element"])

@@ -33,24 +33,24 @@ def jaw() -> list[Row]:
         treated = (resect(whole, Resection(scar_stiffness=k, **given))[0] for k in scars)
         return [deviation_at(drive(one), gape) for one in treated]
 
-    def told(values: list[float]) -> str:
+    def formatted(values: list[float]) -> str:
         return ", ".join("not reached" if np.isnan(v) else f"{v:+.2f}" for v in values)
 
     rows: list[Row] = []
     head = f"incisor to the right at {gape:g} mm, scars of 0, 100, 800 N/m"
-    found = {kind: deviations(reconstruction=kind) for kind in ("none", "plate", "graft")}
-    loaded = {kind: deviations(opened_by_load, reconstruction=kind) for kind in found}
-    for kind, values in found.items():
+    by_kind = {kind: deviations(reconstruction=kind) for kind in ("none", "plate", "graft")}
+    loaded = {kind: deviations(opened_by_load, reconstruction=kind) for kind in by_kind}
+    for kind, values in by_kind.items():
         rows.append((f"{kind}, by muscles: {head}" if kind == "none" else f"{kind}, by muscles",
-                     told(values) + " mm", "to the left, more with scar",
+                     formatted(values) + " mm", "to the left, more with scar",
                      bool((np.diff(values) < 0.0).all()) and values[-1] < 0.0))  # fmt: skip
     for kind, values in loaded.items():
-        rows.append((f"{kind}, by a load on the incisor", told(values) + " mm",
+        rows.append((f"{kind}, by a load on the incisor", formatted(values) + " mm",
                      "to the left with scar", values[-1] < 0.0 and values[-1] < values[0]))  # fmt: skip
     right = deviations(side="right")
-    apart = float(np.nanmax(np.abs(np.add(right, found["none"]))))
+    apart = float(np.nanmax(np.abs(np.add(right, by_kind["none"]))))
     rows.append(("right side, mirrored", f"{apart:.3f} mm", "0.05 mm", apart < 0.05))
-    graft, none = found["graft"], found["none"]
+    graft, none = by_kind["graft"], by_kind["none"]
     rows.append(("graft and none without scar", f"{graft[0]:+.2f}, {none[0]:+.2f} mm",
                  "graft deviates less", abs(graft[0]) < abs(none[0])))  # fmt: skip
     rows.append(("graft and none, scar of 800 N/m", f"{graft[2]:+.2f}, {none[2]:+.2f} mm",
@@ -58,11 +58,16 @@ def jaw() -> list[Row]:
     silent = deviations(
         lambda one: opened_by_muscles(one, without="bi_ip"), reconstruction="graft", hyoid="fixed"
     )
-    held = deviations(reconstruction="graft", hyoid="fixed")
+    hyoid_fixed = deviations(reconstruction="graft", hyoid="fixed")
     rows.append(("graft, fixed hyoid, with and without lateral pterygoids, 800 N/m",
-                 f"{held[2]:+.2f}, {silent[2]:+.2f} mm", "reported", True))  # fmt: skip
+                 f"{hyoid_fixed[2]:+.2f}, {silent[2]:+.2f} mm", "reported", True))  # fmt: skip
     border = deviations(scar_place="border")
     rows.append(
-        ("none, scars at the lower border of the ramus", told(border) + " mm", "reported", True)
+        (
+            "none, scars at the lower border of the ramus",
+            formatted(border) + " mm",
+            "reported",
+            True,
+        )
     )
     return rows

@@ -25,10 +25,10 @@ def digest(*arrays: object) -> str:
     """Digest (12 hexadecimal digits) of the bits of arrays."""
     import numpy as np
 
-    found = hashlib.blake2b(digest_size=6)
+    hasher = hashlib.blake2b(digest_size=6)
     for array in arrays:
-        found.update(np.ascontiguousarray(array).tobytes())
-    return found.hexdigest()
+        hasher.update(np.ascontiguousarray(array).tobytes())
+    return hasher.hexdigest()
 
 
 def of_blocks() -> dict[str, str]:
@@ -38,7 +38,7 @@ def of_blocks() -> dict[str, str]:
     import sim
     from tests.verification.test_same_bits import CONVERGED, falling
 
-    found: dict[str, str] = {}
+    digests: dict[str, str] = {}
     for friction, integrator in ((0.0, CONVERGED), (0.3, replace(CONVERGED, tolerance=1e-6))):
         system, name = falling(friction), f"contact of blocks with friction {friction:g}"
         none = sim.Activation(np.zeros(1), np.zeros((1, 0)))
@@ -49,9 +49,9 @@ def of_blocks() -> dict[str, str]:
             sim.save_state(middle, Path(folder) / "state.nc")
             middle = sim.read_state(Path(folder) / "state.nc")
         _, again = sim.simulate(falling(friction), none, duration=0.08, initial=middle, **options)
-        found[name] = digest(end.q, end.v)
-        found[f"{name}{RESTARTED}"] = digest(again.q, again.v)
-    return found
+        digests[name] = digest(end.q, end.v)
+        digests[f"{name}{RESTARTED}"] = digest(again.q, again.v)
+    return digests
 
 
 def of_face() -> dict[str, str]:
@@ -70,7 +70,7 @@ def of_face() -> dict[str, str]:
     face = template_face(resolution="coarse")
     base = SimulationParameters(contact=NO_CONTACT)
     rest = settle_face(face, base)
-    found = {"rest of the face": digest(rest["node_position"])}
+    digests = {"rest of the face": digest(rest["node_position"])}
     time = np.linspace(0.0, 0.2, 21)
     size = np.where([name.startswith(("ZYG", "OOP")) for name in MUSCLES], 0.3, 0.02)
     values = size[:, None] * np.sin(np.pi * time / 0.2) ** 2
@@ -79,11 +79,11 @@ def of_face() -> dict[str, str]:
     for accuracy in ("published", "study"):
         motion = simulate_face(face, drive, base.as_accurate(accuracy), settled=rest)
         motions[accuracy] = motion["position"]
-        found[f"motion, {accuracy}"] = digest(motion["position"], motion["smallest_J"])
+        digests[f"motion, {accuracy}"] = digest(motion["position"], motion["smallest_J"])
     aligned = align(motions["published"], motions["study"])
     scores = score(aligned, motions["study"])
-    found["score"] = digest(*(scores[name] for name in sorted(map(str, scores.data_vars))))
-    return found
+    digests["score"] = digest(*(scores[name] for name in sorted(map(str, scores.data_vars))))
+    return digests
 
 
 def environment(number: int, cache: str) -> dict[str, str]:
@@ -103,7 +103,7 @@ def main(processes: int = 20, child: bool = False) -> None:
         for name, value in (of_blocks() | of_face()).items():
             print(f"{name}: {value}")
         return
-    found: dict[str, set[str]] = {}
+    digests: dict[str, set[str]] = {}
     with tempfile.TemporaryDirectory() as cache:
         for number in range(processes):
             own = environment(number, cache)
@@ -113,9 +113,9 @@ def main(processes: int = 20, child: bool = False) -> None:
             ).stdout.splitlines()
             for line in lines:
                 name, value = line.rsplit(": ", 1)
-                found.setdefault(name.removesuffix(RESTARTED), set()).add(value)
+                digests.setdefault(name.removesuffix(RESTARTED), set()).add(value)
                 print(f"process {number}, {own['MKL_NUM_THREADS']} threads, {line}", flush=True)
-    for name, values in found.items():
+    for name, values in digests.items():
         print(f"{name}: {len(values)} digest(s) in {processes} processes")
-    if any(len(values) > 1 for values in found.values()):
+    if any(len(values) > 1 for values in digests.values()):
         raise SystemExit("results differ between processes")

@@ -43,7 +43,7 @@ def phase_seconds(system: System, repeats: int) -> tuple[dict[str, float], float
     analysis = time.perf_counter() - start
     A, rhs = step_matrix(system), np.ones(system.pattern.n)
     linear.factorise(A)
-    found = {
+    seconds = {
         "force": _median(lambda: system.force(q, control), repeats),
         "tangent": _median(lambda: system.tangent(q, control), repeats),
         "analysis": analysis,
@@ -63,8 +63,8 @@ def phase_seconds(system: System, repeats: int) -> tuple[dict[str, float], float
         probes=(),
         work=work,
     )
-    found["step"] = (time.perf_counter() - start) / steps
-    return found, size
+    seconds["step"] = (time.perf_counter() - start) / steps
+    return seconds, size
 
 
 def measure(

@@ -51,8 +51,8 @@ def sheet(
     elements, at = number[hexahedra], X[used]
     pairs = number[np.stack([low[~outside], partner[~outside]], axis=1)]
     solid = sim.Solid((sim.Material(sim.LinearElastic(E, 0.3)),))
-    held = sim.Fixed(np.flatnonzero(np.abs(at[:, 1]) > half[-1] - 1e-9))
-    scene = sim.Scene(sim.mesh_from_arrays(at, hex8=elements), (solid,), (held,))
+    fixed = sim.Fixed(np.flatnonzero(np.abs(at[:, 1]) > half[-1] - 1e-9))
+    scene = sim.Scene(sim.mesh_from_arrays(at, hex8=elements), (solid,), (fixed,))
     same = ties(pairs, len(at))
     met = drawn_together(scene, same, steps=2)
     gap = float(np.linalg.norm(met[pairs[:, 0]] - met[pairs[:, 1]], axis=1).max())

@@ -1,4 +1,4 @@
-"""Processor time of steps in units U beside stored values, for the log of every change.
+"""Processor time of steps in units U compared with stored values, for the log of every change.
 
     python -m benchmarks speed            # about a minute
     python -m benchmarks speed --store    # stores the values as those of later comparisons

@@ -62,9 +62,9 @@ def first_result(face: Path | None, volume: str) -> tuple[dict[str, float], floa
         elif word in PHASES:
             now = time.perf_counter()
             seconds[word], start = now - start, now
-    told = child.stderr.read()
+    printed = child.stderr.read()
     if child.wait() != 0 or set(seconds) != set(PHASES):
-        last = (told.strip().splitlines() or ["it printed nothing"])[-1]
+        last = (printed.strip().splitlines() or ["it printed nothing"])[-1]
         raise DataError(f"a new process failed: {last}; expected it to simulate the face")
     return seconds, peak
 

@@ -46,7 +46,7 @@ def differences(old: str, new: str) -> list[str]:
     )
     if [len(row) for row in before] != [len(row) for row in after]:
         return [f"{len(before)} lines in the page, {len(after)} by the command, or other columns"]
-    found: list[str] = []
+    messages: list[str] = []
     for one, two in zip(before, after, strict=True):
         for a, b in zip(one, two, strict=True):
             if a == b:
@@ -56,8 +56,10 @@ def differences(old: str, new: str) -> list[str]:
             except ValueError:
                 alike = False
             if not alike:
-                found.append(f"{a!r} in the page, {b!r} by the command, in the line of {one[0]!r}")
-    return found
+                messages.append(
+                    f"{a!r} in the page, {b!r} by the command, in the line of {one[0]!r}"
+                )
+    return messages
 
 
 def shared_folder() -> Path | None:
@@ -89,19 +91,19 @@ def main(
     wrong = 0
     for page in pages or sorted(ROOT.glob("docs/**/*.md")):
         text = page.read_text(encoding="utf-8")
-        for found in list(MARKED.finditer(text)):
-            kind, command = found["kind"], found["command"]
+        for match in list(MARKED.finditer(text)):
+            kind, command = match["kind"], match["command"]
             left_out = (kind and not everything) or only not in command
             if left_out or (kind == "shared " and shared_folder() is None):
                 print(f"{page.name}: left out {command}")
                 continue
             table = made_by(command)
-            odd = differences(found["table"], table)
+            odd = differences(match["table"], table)
             wrong += bool(odd)
             print(f"{page.name}: {'differs' if odd else 'agrees'}: {command}")
             print("".join(f"    {line}\n" for line in odd), end="", flush=True)
             if write:
-                text = text.replace(found[0], found[0].replace(found["table"], table))
+                text = text.replace(match[0], match[0].replace(match["table"], table))
         if write:
             page.write_text(text, encoding="utf-8")
     if wrong and not write:

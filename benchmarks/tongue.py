@@ -1,7 +1,7 @@
 """Tongue: another simulator's motions, stored postures, stability, error and cost of steps.
 
     python -m benchmarks tongue --part reference   # table of docs/tongue.md; needs the published model
-    python -m benchmarks tongue --part postures    # equilibria beside stored shapes; needs it, too
+    python -m benchmarks tongue --part postures    # equilibria and stored shapes; needs it, too
     python -m benchmarks tongue --part stability   # muscles at full activation; needs it, too
     python -m benchmarks tongue --part precision   # error and time over the step; needs it, too
 
@@ -72,9 +72,9 @@ CHANGES: dict[str, dict[str, object]] = {
 
 def parameters_of(case: Mapping[str, Any]) -> TongueParameters:
     """Parameters of a recorded case; TongueError if its variant, scheme or a change is not known."""
-    told = case.get("changes_against_the_model_file") or []
+    stated = case.get("changes_against_the_model_file") or []
     gravity = [float(g) for g in case["gravity"]]
-    strange = [change for change in told if change not in CHANGES]
+    strange = [change for change in stated if change not in CHANGES]
     if case["variant"] not in RECORDED:
         strange.append(f"variant {case['variant']}")
     if case["integrator"] != "ConstrainedBackwardEuler":
@@ -87,7 +87,7 @@ def parameters_of(case: Mapping[str, Any]) -> TongueParameters:
             f"{', '.join(RECORDED)}, ConstrainedBackwardEuler, gravity of 9.8 m/s^2 or none, and the "
             f"changes {', '.join(CHANGES)}"
         )
-    changes = {k: v for change in told for k, v in CHANGES[change].items()}
+    changes = {k: v for change in stated for k, v in CHANGES[change].items()}
     return variant(RECORDED[case["variant"]], **changes | {"gravity": gravity[2] != 0.0})
 
 
@@ -106,12 +106,12 @@ def recorded_levels(case: Mapping[str, Any]) -> tuple[np.ndarray, dict[str, np.n
         )
     corners = {0.0, *(e["start_s"] for e in given), *(e["start_s"] + e["ramp_s"] for e in given)}
     time = np.array(sorted(corners))
-    found = dict[str, np.ndarray]()
+    levels = dict[str, np.ndarray]()
     for e in given:
         ramp = e["ramp_s"]
         rising = np.clip((time - e["start_s"]) / ramp, 0.0, 1.0) if ramp else np.ones(len(time))
-        found[str(e["target"])] = e["amax"] * rising
-    return time, found
+        levels[str(e["target"])] = e["amax"] * rising
+    return time, levels
 
 
 def driven(
@@ -327,7 +327,7 @@ def postures(models: Sequence[str] = ()) -> pd.DataFrame:
     """
     tongue, rows = published(SHARED), list[dict[str, Any]]()
     for posture in SHAPES:
-        for what, p, held in (
+        for what, p, fixed in (
             ("elements", variant("elements"), ("jaw", "hyoid")),
             ("elements, no gravity", variant("elements", gravity=False), ("jaw", "hyoid")),
             ("elements, hyoid stays", variant("elements"), ("jaw",)),
@@ -338,7 +338,7 @@ def postures(models: Sequence[str] = ()) -> pd.DataFrame:
             if models and what not in models:
                 continue
             say(f"{posture}, {what}")
-            d = settled(tongue, posture, p, held)
+            d = settled(tongue, posture, p, fixed)
             rows.append({"shape": posture, "model": what, **compared(tongue, posture, d)})
     return pd.DataFrame(rows)
 
@@ -347,14 +347,14 @@ def settled(
     tongue: xr.Dataset,
     posture: str,
     p: TongueParameters,
-    held: Sequence[str] = ("jaw", "hyoid"),
+    fixed: Sequence[str] = ("jaw", "hyoid"),
 ) -> np.ndarray:
     """Displacement (node, axis) after 1 s with the bodies as in a stored shape."""
     d = tongue["posture_displacement"].sel(posture=posture).values
     paths = {
         body: _towards(tongue["position"].values[nodes], d[nodes])
         for body, nodes in attached_nodes(tongue).items()
-        if body in held
+        if body in fixed
     }
     motion = simulate_tongue(
         tongue,

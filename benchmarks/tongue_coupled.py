@@ -111,8 +111,8 @@ def repeated(
     n = len(poses)
     q = np.array([p.q for p in poses]) @ TURN * 1e3
     named = [m for m in case["markers"] if m in head.points]
-    of = [case["markers"].index(m) for m in named]
-    theirs = arrays["marker_pos_mm"][:n, of]
+    indices = [case["markers"].index(m) for m in named]
+    theirs = arrays["marker_pos_mm"][:n, indices]
     apart = np.linalg.norm(q[:, [head.points[m] for m in named]] - theirs, axis=2)
     hyoid = apart[:, [k for k, m in enumerate(named) if m.startswith("hyoid")]]
     jaw = apart[:, [k for k, m in enumerate(named) if not m.startswith("hyoid")]]
@@ -161,7 +161,7 @@ def _motion(
     state = system.rest_state()
     drive = levels(case, head, system.muscles)
     work = sim.Workspace(system, linear_solver().name)  # a factor of every matrix, as there
-    found = [state]
+    states = [state]
     for k in range(1, round(float(times[-1]) / h) + 1):
         now = head.strips(state.q)
         if now != strips:
@@ -182,10 +182,10 @@ def _motion(
                 work=work,
             )
         except sim.SimulationError as error:
-            return found, f"{type(error).__name__} after {1e3 * (k - 1) * h:g} ms"
-        if len(found) < len(times) and abs(k * h - times[len(found)]) < 0.5 * h:
-            found.append(state)
-    return found, ""
+            return states, f"{type(error).__name__} after {1e3 * (k - 1) * h:g} ms"
+        if len(states) < len(times) and abs(k * h - times[len(states)]) < 0.5 * h:
+            states.append(state)
+    return states, ""
 
 
 def main(

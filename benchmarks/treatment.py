@@ -8,7 +8,7 @@
 
 `--specification` runs checks 1 to 8 of the specification and prints them as one table. With `--kept`,
 the rows of complete checks are kept in a file, and a repeated command computes only the others, as long
-as the code has not changed. Every check prints what it measured beside what is required. The faces are
+as the code has not changed. Every check prints what it measured and what is required. The faces are
 generated, coarse unless stated. Simulated data; a research model, not validated on patients.
 """
 
@@ -78,8 +78,8 @@ def volume() -> list[Row]:
                 try:
                     treated = ef.treat(face, plan)
                 except EmgfaceError as error:
-                    told = f"{resolution}, {shape}, {method}"
-                    rows.append((told, str(error), "reported", method == "elements"))
+                    label = f"{resolution}, {shape}, {method}"
+                    rows.append((label, str(error), "reported", method == "elements"))
                     continue
                 report = _report(treated)
                 expected = 1e9 * sampled_volume(face, plan["step"][0])
@@ -188,12 +188,12 @@ def against_width(face: xr.Dataset, *, contact: bool) -> dict[str, Floats]:
     """Outcomes `TRENDS` of a face after wedges of `WIDTHS`, in their units."""
     p = parameters(sigma_max=100e3, **({} if contact else {"contact": {"method": "none"}}))
     drives = gestures(face, ("A", "opening"))
-    found: list[dict[str, float]] = []
+    outcomes: list[dict[str, float]] = []
     for width in WIDTHS:
         treated = ef.treat(face, wedge(width=width, height=12.0))
         table = outcome_table(face, treated, compared_motions(face, treated, drives, p, source=""))
-        found.append(dict(zip(table["outcome"], table["after"], strict=True)))
-    return {name: np.array([one[name] for one in found]) for name in TRENDS}
+        outcomes.append(dict(zip(table["outcome"], table["after"], strict=True)))
+    return {name: np.array([one[name] for one in outcomes]) for name in TRENDS}
 
 
 def falls(values: Floats, error: float) -> bool:
@@ -216,15 +216,15 @@ def trends(given: Path | None = None, contact: bool = True) -> list[Row]:
         away = fine[name] - medium[name]
         error = float(np.ptp(away))
         for what, shown in (("", values), ("   the finer face, without contact", fine)):
-            told = ", ".join(f"{v:.2f}" for v in shown[name])
-            rows.append((what or f"{name} at 0, 8, 12, 16 mm", f"{told} (error {error:.2f})",
+            text = ", ".join(f"{v:.2f}" for v in shown[name])
+            rows.append((what or f"{name} at 0, 8, 12, 16 mm", f"{text} (error {error:.2f})",
                          "reported" if name in FREE else "falls",
                          name in FREE or falls(shown[name], error)))  # fmt: skip
     for share in (0.3, 0.5):
         rim = face["position"].values[lip_rim(face).lower]
         width = 1e3 * share * float(np.linalg.norm(np.diff(rim, axis=0), axis=1).sum())
-        told, met = _closes(face, wedge(width=width, height=14.0))
-        rows.append((f"{100 * share:.0f} % of the lower lip, 300 kPa", told, "closes" if share < 0.4
+        text, met = _closes(face, wedge(width=width, height=14.0))
+        rows.append((f"{100 * share:.0f} % of the lower lip, 300 kPa", text, "closes" if share < 0.4
                      else "closes, or a sentence", met or share > 0.4))  # fmt: skip
     return rows
 
@@ -241,21 +241,21 @@ def joining() -> list[Row]:
     """Closing with joined and not joined fibres, and a sweep of the stiffness of the scar."""
     face, p = template_face(resolution="coarse"), parameters(sigma_max=100e3)
     rows: list[Row] = []
-    gaps, held = list[float](), list[PressureHeld]()
+    gaps, pressures = list[float](), list[PressureHeld]()
     for choice in ("all", "none"):
         treated = ef.treat(face, wedge(rejoin=choice))
         settled = settle_face(treated, p)
         closed = simulate_face(treated, gestures(treated)["closing"], p, settled=settled)
         gaps.append(1e6 * float(closed["mouth_area"].min()))
-        held.append(pressure_held(treated, p, settled=settled))
+        pressures.append(pressure_held(treated, p, settled=settled))
     rows.append(("residual gap, joined and not joined", f"{gaps[0]:.2f}, {gaps[1]:.2f} mm2",
                  "larger if not joined", gaps[1] > gaps[0]))  # fmt: skip
-    force, pressure = [one.force for one in held], [one.pressure for one in held]
-    told = ", ".join("at least " * one.at_least + f"{one.pressure:.0f}" for one in held)
+    force, pressure = [one.force for one in pressures], [one.pressure for one in pressures]
+    text = ", ".join("at least " * one.at_least + f"{one.pressure:.0f}" for one in pressures)
     rows.append(("   force of the closed lips on each other", f"{force[0]:.2f}, {force[1]:.2f} N",
                  "smaller if not joined", force[1] < force[0]))  # fmt: skip
-    rows.append(("   pressure held", f"{told} Pa", "smaller if not joined",
-                 pressure[1] < pressure[0] and not held[1].at_least))  # fmt: skip
+    rows.append(("   pressure held", f"{text} Pa", "smaller if not joined",
+                 pressure[1] < pressure[0] and not pressures[1].at_least))  # fmt: skip
     narrowing = next(o for o in OUTCOMES if o.name == "pursing, narrowing")
     sweep = list[float]()
     for stiffness in (1.0, 3.0, 10.0):
@@ -271,13 +271,13 @@ def joining() -> list[Row]:
 def palsy() -> list[Row]:
     """Asymmetry of the smile against the degree of a weakness of one side."""
     face = template_face(resolution="coarse")
-    found: dict[str, list[float]] = {}
+    asymmetry: dict[str, list[float]] = {}
     for side in ("left", "right"):
-        found[side] = []
+        asymmetry[side] = []
         for degree in (0.0, 0.25, 0.5, 0.75, 1.0):
             treated = ef.treat(face, {"step": [{"kind": "palsy", "side": side, "degree": degree}]})
-            found[side].append(smile_asymmetry(treated, motion(treated, "D", sigma_max=100e3)))
-    left, right = (np.array(found[s]) for s in ("left", "right"))
+            asymmetry[side].append(smile_asymmetry(treated, motion(treated, "D", sigma_max=100e3)))
+    left, right = (np.array(asymmetry[s]) for s in ("left", "right"))
     return [
         ("asymmetry of the smile, left 0 to 1", ", ".join(f"{v:.3f}" for v in left), "rises",
          bool((np.diff(left) > 0).all())),
@@ -295,9 +295,9 @@ def compensation() -> list[Row]:
     treated = ef.treat(face, wedge(place=0.4))
     rows: list[Row] = []
     for name in ("A", "D"):
-        found = compensated(face, treated, gesture_activation(name), parameters(sigma_max=100e3))
-        a = found["activation"].values
-        last = found.isel(time=-1)
+        result = compensated(face, treated, gesture_activation(name), parameters(sigma_max=100e3))
+        a = result["activation"].values
+        last = result.isel(time=-1)
         before, left = (1e3 * float(last[k]) for k in ("uncompensated", "residual"))
         rows.append((f"{name}: rms distance of a marker, same and found activations",
                      f"{before:.3f}, {left:.3f} mm of {1e3 * float(last['motion']):.2f}",
@@ -314,7 +314,7 @@ def convergence() -> list[Row]:
     contains its two methods; a change that does not exceed it is not a result.
     """
     rows: list[Row] = []
-    found: dict[str, dict[str, float]] = {}
+    changes: dict[str, dict[str, float]] = {}
     p = parameters(sigma_max=100e3, contact={"method": "none"})
     resolutions = (576, 1200, 2448, 4752)
     for resolution in resolutions:
@@ -329,15 +329,15 @@ def convergence() -> list[Row]:
             table = outcome_table(
                 face, treated, compared_motions(face, treated, drives, p, source="")
             )
-            found[f"{resolution} {method}"] = dict(
+            changes[f"{resolution} {method}"] = dict(
                 zip(table["outcome"], table["change"], strict=True)
             )
-    rows.append(("changes by a V of 14 mm", ", ".join(found), "reported", True))
-    for name in next(iter(found.values())):
-        values = [one[name] for one in found.values()]
+    rows.append(("changes by a V of 14 mm", ", ".join(changes), "reported", True))
+    for name in next(iter(changes.values())):
+        values = [one[name] for one in changes.values()]
         if not np.isfinite(values).any():
             continue
-        own = [found[k][name] for k in found if k.startswith(str(resolutions[-1]))]
+        own = [changes[k][name] for k in changes if k.startswith(str(resolutions[-1]))]
         rows.append((name, ", ".join(f"{v:+.2f}" for v in values)
                      + f"; finest {min(own):+.2f} to {max(own):+.2f}", "reported", True))  # fmt: skip
     return rows
@@ -377,8 +377,8 @@ CODE: Final = ("sim", "emgface.face", "emgface.treatment", "emgface.anatomy", "b
 
 def kept_rows(path: Path, code: str) -> dict[str, list[Row]]:
     """Rows of complete checks in a file, by check; none if they are those of other code."""
-    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    rows = found.get("rows", {}) if found.get("code") == code else {}
+    stored: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    rows = stored.get("rows", {}) if stored.get("code") == code else {}
     return {name: [(a, b, c, bool(met)) for a, b, c, met in every] for name, every in rows.items()}
 
 
@@ -389,8 +389,8 @@ def specification_table(rows: dict[str, list[Row]]) -> str:
         if name not in rows:
             lines.append(f"| {number} | {words} | not computed | | no |")
         for what, measured, required, met in rows.get(name, []):
-            told = "reported" if required == "reported" else ("yes" if met else "**no**")
-            lines.append(f"| {number} | {what.strip()} | {measured} | {required} | {told} |")
+            verdict = "reported" if required == "reported" else ("yes" if met else "**no**")
+            lines.append(f"| {number} | {what.strip()} | {measured} | {required} | {verdict} |")
     return "\n".join(lines)
 
 

@@ -95,8 +95,8 @@ def served(face, reduced, recording, log=None):
     text = ""
     for line in process.stdout:
         text += line
-        if found := re.search(r"http://\S+/", text):
-            return process, found[0]
+        if match := re.search(r"http://\S+/", text):
+            return process, match[0]
     raise ConfigurationError(f"emgface live has ended: {text}")
 
 
@@ -209,7 +209,7 @@ def minute(driver, process, url, log):
         late = data["late"].values[-round(LIVE * 100) :]
         latency = 1e3 * data["latency"].values[-round(LIVE * 100) :]
     due = round(30 * LIVE)
-    found = [
+    rows = [
         ("steps late", late.sum(), np.nan, len(late)),
         ("latency of a step [ms]", np.median(latency), np.quantile(latency, 0.95), len(latency)),
         ("slider to picture [ms]", np.median(reacted), np.quantile(reacted, 0.95), len(reacted)),
@@ -217,7 +217,7 @@ def minute(driver, process, url, log):
         ("growth of the memory [MB]", grown, np.nan, 1),
     ]
     names = ("quantity", "median", "95 %", "number")
-    return pd.DataFrame([{"part": "live"} | dict(zip(names, row, strict=True)) for row in found])
+    return pd.DataFrame([{"part": "live"} | dict(zip(names, row, strict=True)) for row in rows])
 
 
 def long_page(path):

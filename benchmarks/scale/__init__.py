@@ -65,8 +65,8 @@ def many(folder: Path, trials: int) -> list[dict[str, Any]]:
         check=True,
         capture_output=True,
     )
-    told, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
-    told_cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    wall, after = time.perf_counter() - began, resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     spent = time.process_time()
     read_state(folder)
     state_cpu = time.process_time() - spent
@@ -87,7 +87,7 @@ def many(folder: Path, trials: int) -> list[dict[str, Any]]:
         ("memory after each thousand trials [MB]", made["memory_MB"][1:]),
         ("journal per trial [kB]", size / 1e3 / trials),
         ("state read, processor [s]", state_cpu),
-        ("'emgface study status', new process, wall / processor [s]", f"{told:.2f} / {told_cpu:.2f}"),
+        ("'emgface study status', new process, wall / processor [s]", f"{wall:.2f} / {cpu:.2f}"),
         ("resumption, until done, wall / processor [s]", f"{again['wall_s']:.2f} / {resumed:.2f}"),
         *((f"memory of the cube of {some // 2} / {some} trials, {way} [MB]",
            f"{few['memory_MB']:.0f} / {many['memory_MB']:.0f}")
@@ -104,12 +104,12 @@ def throughput(folder: Path, trials: int = 60, seconds: float = 0.1) -> list[dic
     """Trials per second by the number of workers; trials wait instead of computing."""
     rows: list[dict[str, Any]] = []
 
-    def add(name: str, workers: int, found: dict[str, Any]) -> None:
-        rate = trials / found["wall_s"]
+    def add(name: str, workers: int, measured: dict[str, Any]) -> None:
+        rate = trials / measured["wall_s"]
         rows.append({
             "workers": name, "number": workers, "trials per second": rate,
             "of the ideal": rate * seconds / workers,
-            "driver, processor ms per trial": 1e3 * found["driver_cpu_s"] / trials,
+            "driver, processor ms per trial": 1e3 * measured["driver_cpu_s"] / trials,
         })  # fmt: skip
 
     for workers in (1, 2, 4):

@@ -74,8 +74,8 @@ def main(folder: Path, count: int, at_a_time: int, limit: int) -> None:
     before, began = memory(), time.process_time()
     if limit:
         status = Path("/proc/self/status").read_text()
-        held = 1024 * int(status.split("VmData:")[1].split()[0])
-        most = held + limit * 10**6
+        in_use = 1024 * int(status.split("VmData:")[1].split()[0])
+        most = in_use + limit * 10**6
         resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     path = stub_cube(folder / f"cube_{at_a_time}.nc", trials, entries)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6

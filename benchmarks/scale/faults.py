@@ -49,9 +49,9 @@ def here(folder: Path) -> None:
 def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
     """Exit code of a process and its last message, an error of this package if there is one."""
     _, said = process.communicate(timeout=300)
-    told = [line for line in said.splitlines() if line.strip()]
-    errors = [line for line in told if re.match(r"[A-Z]\w+Error: ", line)]
-    return process.returncode, [*told, *errors][-1] if told else ""
+    messages = [line for line in said.splitlines() if line.strip()]
+    errors = [line for line in messages if re.match(r"[A-Z]\w+Error: ", line)]
+    return process.returncode, [*messages, *errors][-1] if messages else ""
 
 
 def recorded(folder: Path) -> int:
@@ -68,7 +68,7 @@ def wait_for(folder: Path, trials: int) -> None:
 
 def content(folder: Path) -> dict[str, Any]:
     """Scores of all trials and the digests of their valid results, by label."""
-    found: dict[str, Any] = {}
+    contents: dict[str, Any] = {}
     for path in run_files(folder):
         for offset, line in lines(path):
             if line["event"] == "trial":
@@ -78,12 +78,12 @@ def content(folder: Path) -> dict[str, Any]:
                 file = folder / "store" / stage / f"{digest}.nc"
                 whole = bool(stage) and damage_of(file) is None
                 scores = None if trial.scores is None else trial.scores["rho"].values.tobytes()
-                found[trial.label] = (
+                contents[trial.label] = (
                     trial.status,
                     scores,
                     dataset_digest(xr.load_dataset(file)) if whole else "",
                 )
-    return found
+    return contents
 
 
 def killed_worker(folder: Path) -> str:
@@ -164,11 +164,11 @@ def full_disk(folder: Path) -> str:
     if subprocess.run(mount, capture_output=True).returncode:
         return "not tested: no permission to mount a file system"
     try:
-        told = "exit {}, {}".format(*finish(start(small / "study")))
+        text = "exit {}, {}".format(*finish(start(small / "study")))
         shutil.copytree(small / "study", folder)
     finally:
         subprocess.run(["umount", str(small)], check=True)
-    return told
+    return text
 
 
 def read_only(folder: Path) -> str:
@@ -193,9 +193,9 @@ def folder_as_result(folder: Path) -> str:
     victim = next((folder / "store" / "motion").glob("*.nc"))
     victim.unlink()
     victim.mkdir()
-    told = "exit {}, {}".format(*finish(start(folder)))
+    text = "exit {}, {}".format(*finish(start(folder)))
     victim.rmdir()
-    return told
+    return text
 
 
 def unreadable(folder: Path) -> str:
@@ -208,9 +208,9 @@ def unreadable(folder: Path) -> str:
     victim = next((folder / "store" / "motion").glob("*.nc"))
     victim.chmod(0)
     user = ["--user", str(NOBODY)] if os.getuid() == 0 else []
-    told = "exit {}, {}".format(*finish(start(folder, *user)))
+    text = "exit {}, {}".format(*finish(start(folder, *user)))
     victim.chmod(0o644)
-    return told
+    return text
 
 
 def corrupted_result(folder: Path) -> str:
@@ -293,12 +293,12 @@ def faults(folder: Path) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for number, (name, fault) in enumerate(FAULTS.items()):
         place = folder / str(number)
-        told = fault(place)
+        text = fault(place)
         before = recorded(place)
         here(place)
         same = content(place) == whole
         rows.append({
-            "fault": name, "then": told.replace(str(folder.resolve()), "").replace(str(folder), ""),
+            "fault": name, "then": text.replace(str(folder.resolve()), "").replace(str(folder), ""),
             "trials recorded": before,
             "all trials as undisturbed, bit for bit": "yes" if same else "NO",
         })  # fmt: skip

@@ -47,23 +47,23 @@ def start(study: Path, out: Path) -> subprocess.Popen[bytes]:
 def results(out: Path) -> dict[str, str]:
     """Content of the cube and of every stored result, by name, without measured times and dates."""
     paths = [*(out / "store").rglob("*.nc"), *out.glob("cube.nc")]
-    found: dict[str, str] = {}
+    digests: dict[str, str] = {}
     for path in paths:
         dataset = content(path).drop_vars("computed", errors="ignore")
         dataset.attrs = {k: v for k, v in dataset.attrs.items() if k not in DATES}
-        found[path.relative_to(out).as_posix()] = dataset_digest(dataset)
-    return found
+        digests[path.relative_to(out).as_posix()] = dataset_digest(dataset)
+    return digests
 
 
 def damaged(out: Path) -> list[str]:
     """Results that differ from their index; those without one are only to be complete."""
-    found: list[str] = []
+    names: list[str] = []
     for path in (out / "store").rglob("[!.]*.nc"):
         if path.with_suffix(".json").exists():
-            found += [path.name] if damage_of(path) is not None else []
+            names += [path.name] if damage_of(path) is not None else []
         else:
             content(path)  # raises unless the file is complete
-    return found
+    return names
 
 
 def kills(folder: Path, count: int, seed: int = 0) -> list[dict[str, Any]]:

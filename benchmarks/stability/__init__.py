@@ -57,36 +57,36 @@ def run_battery(
     return pd.DataFrame(map(asdict, sorted(outcomes, key=lambda o: o.row)))
 
 
-def limits(found: pd.DataFrame) -> pd.DataFrame:
+def limits(results: pd.DataFrame) -> pd.DataFrame:
     """Tabulate the result of `run_battery`, one row per varied parameter, one column per integrator.
 
     A cell is "all", or the range of values that succeeded and, in brackets, the errors at the
     others; "" if a scheme was not run. Expected refusals count as success.
     """
-    swept = found[found["parameter"] != ""]
+    swept = results[results["parameter"] != ""]
     if swept.empty:
         return pd.DataFrame(columns=["row", "parameter", "swept"])
     methods = list(dict.fromkeys(swept["integrator"]))
     rows: list[dict[str, object]] = []
-    for key, of in swept.groupby(["row", "parameter"], sort=False):
+    for key, group in swept.groupby(["row", "parameter"], sort=False):
         row, parameter = key if isinstance(key, tuple) else (key, "")
-        values = sorted(set(of["value"]))
+        values = sorted(set(group["value"]))
         line: dict[str, object] = {"row": row, "parameter": parameter, "swept": _span(values)}
         for method in methods:
-            line[method] = _limit(of[of["integrator"] == method])
+            line[method] = _limit(group[group["integrator"] == method])
         rows.append(line)
     return pd.DataFrame(rows).sort_values("row", kind="stable").reset_index(drop=True)
 
 
-def _limit(of: pd.DataFrame) -> str:
-    if of.empty:
+def _limit(group: pd.DataFrame) -> str:
+    if group.empty:
         return ""
-    good = (of["outcome"] == "ok") | of["expected"].astype(bool)
+    good = (group["outcome"] == "ok") | group["expected"].astype(bool)
     if good.all():
         return "all"
-    stops = [str(o).removeprefix("refused: ") for o in dict.fromkeys(of["outcome"][~good])]
-    held = _span(sorted(of["value"][good])) if good.any() else "none"
-    return f"{held} ({', '.join(stops)})"
+    stops = [str(o).removeprefix("refused: ") for o in dict.fromkeys(group["outcome"][~good])]
+    span = _span(sorted(group["value"][good])) if good.any() else "none"
+    return f"{span} ({', '.join(stops)})"
 
 
 def _span(values: list[float]) -> str:
@@ -97,9 +97,9 @@ def _span(values: list[float]) -> str:
 
 def main(out: Path = Path("bench"), face: Path | None = None, row: list[int] | None = None) -> None:
     """Run the battery, print the limits, and fail on wrong answers."""
-    found = run_battery(face_of(face), rows=row)
-    finish("stability", found, out)
-    finish("stability-limits", limits(found), out)
-    wrong = int(found["outcome"].str.startswith("WRONG").sum())
+    results = run_battery(face_of(face), rows=row)
+    finish("stability", results, out)
+    finish("stability-limits", limits(results), out)
+    wrong = int(results["outcome"].str.startswith("WRONG").sum())
     if wrong:
         raise SystemExit(f"{wrong} wrong answers came without an error")

@@ -26,7 +26,7 @@ class Block:
     stiff: float = 1.0  #: factor on the passive stiffness of the uppermost layer
     dense: float = 1.0  #: factor on its density
     gravity: float = -9.8  #: acceleration along z [m/s^2]
-    held: bool = True  #: the base is fixed
+    fixed: bool = True  #: the base is fixed
     damped: bool = True  #: Rayleigh damping acts
     #: factor on the height of the middle layer, whose elements become slivers
     squeezed: float = 1.0
@@ -75,7 +75,7 @@ class Block:
         return sim.Scene(
             mesh,
             tuple(terms),
-            (sim.Fixed(base),) if self.held else (),
+            (sim.Fixed(base),) if self.fixed else (),
             sim.RestRayleigh(19.0, 0.055) if self.damped else None,
             constraints,
         )

@@ -83,7 +83,7 @@ def gravity_and_rotation() -> Iterator[Trial]:
         least = system.smallest_J(end.q)[0]
         return "" if abs(least - 1.0) < STRAIN else f"it is strained: smallest J {least:.9g}"
 
-    free = Block(held=False, damped=False)
+    free = Block(fixed=False, damped=False)
     yield Trial(6, TURNING, "free fall", free.system, NOTHING, 0.2, STEP, judge=falling)
     yield Trial(
         6, TURNING, "free fall, explicit", free.system, NOTHING, 0.01, sim.FixedStep(1e-4),
@@ -96,7 +96,7 @@ def turned(turns: int) -> str:
 
     The element loop depends only on positions, so that a thousand turns are successive rotations.
     """
-    system = Block(held=False, gravity=0.0).system()
+    system = Block(fixed=False, gravity=0.0).system()
     X, angle = system.scene.mesh.X, np.deg2rad(1.0)
     c, s = np.cos(angle), np.sin(angle)
     step = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

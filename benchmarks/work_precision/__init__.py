@@ -23,7 +23,7 @@ def main(
     full: bool = False,
 ) -> None:
     """Measure, print and store errors of time stepping, error control and discretisation."""
-    found = measure(
+    measured = measure(
         face_of(face),
         SimulationParameters(sigma_max=100e3, contact=NO_CONTACT),
         instructions=instruction,
@@ -32,10 +32,10 @@ def main(
         processor=processor,
         repeats=2,
     )
-    say(f"U = {1e3 * found.unit:.1f} ms (one factorisation and one solution)")
-    finish("work-precision", worst(found.stepping), out)
-    say(f"models against {found.finest}")
-    finish("discretisation", found.models, out)
-    controlled = found.stepping.dropna(subset="requested mm")
+    say(f"U = {1e3 * measured.unit:.1f} ms (one factorisation and one solution)")
+    finish("work-precision", worst(measured.stepping), out)
+    say(f"models against {measured.finest}")
+    finish("discretisation", measured.models, out)
+    controlled = measured.stepping.dropna(subset="requested mm")
     if len(controlled):
         finish("error-control", controlled, out)

@@ -32,13 +32,13 @@ def other_person(instruction: str, muscles: tuple[str, ...], duration: float) ->
     return Activation(drive.time, values)
 
 
-def errors(found: xr.Dataset, exact: xr.Dataset, measured: xr.Dataset) -> dict[str, float]:
+def errors(computed: xr.Dataset, exact: xr.Dataset, measured: xr.Dataset) -> dict[str, float]:
     """Compare a motion with the exact one, and the scores of both with a measured one.
 
     Datasets contain ``position(marker, axis, time)`` [m] at the same instants. Returns root mean
     square and largest distance of a lip marker [mm], and the largest change of a marker's rho.
     """
-    same = [d["position"].transpose("marker", "axis", "time") for d in (found, exact, measured)]
+    same = [d["position"].transpose("marker", "axis", "time") for d in (computed, exact, measured)]
     here, there, goal = (d.assign_coords(time=same[1]["time"]) for d in same)
     distance = 1e3 * np.linalg.norm(here.values - there.values, axis=1)[:, 1:]  # without the start
     change = correlation_3d(goal, here) - correlation_3d(goal, there)

@@ -29,7 +29,7 @@ FINER: Final = 4  #: number of steps of the reference solution per smallest step
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Measured:
     """Errors of a measurement.
 
     `stepping` has one row per setting and instruction: the error of the *time stepping* relative to
@@ -59,7 +59,7 @@ def measure(
     repeats: int = 3,
     full: bool = False,
     processor: bool = False,
-) -> Found:
+) -> Measured:
     """Run every setting of every model on every instruction.
 
     `parameters` contain tissue and loads; their solver is not used. `settings` are by default those
@@ -126,7 +126,7 @@ def measure(
         for m in present
         for i in goals
     ]
-    return Found(pd.DataFrame(rows), pd.DataFrame(gaps), best.name, unit)
+    return Measured(pd.DataFrame(rows), pd.DataFrame(gaps), best.name, unit)
 
 
 def _requested(setting: Setting) -> float:
@@ -187,7 +187,7 @@ def _row(
 
 
 def worst(stepping: pd.DataFrame) -> pd.DataFrame:
-    """Maximum over the instructions of every setting in `Found.stepping`, and Pareto-optimal settings.
+    """Maximum over the instructions of every setting in `stepping`, and Pareto-optimal settings.
 
     ``Pareto`` marks settings to which no other setting of the same model is superior in both time
     and error. Errors within 2 % are regarded as equal, so that of settings that solve the same

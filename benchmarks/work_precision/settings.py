@@ -49,14 +49,14 @@ def settings_of(
             *_sized(model, "Euler", sim.ConvergedEuler(), sim.HalvingStep, (10,)),
             *_sized(model, "SDIRK2", sim.Sdirk2(), sim.HalvingStep, (40, 20, 10)),
         ]
-    found: list[Setting] = []
+    settings: list[Setting] = []
     for name, integrator in LINEARLY_IMPLICIT.items():
         smallest = (2.5,) if full else ()
-        found += _sized(model, name, integrator, sim.FixedStep, (20, 10, 5, *smallest))
+        settings += _sized(model, name, integrator, sim.FixedStep, (20, 10, 5, *smallest))
     for name, integrator in CONVERGED.items():
         smallest = (2.5,) if full or name == "SDIRK2" else ()
-        found += _sized(model, name, integrator, sim.HalvingStep, (40, 20, 10, 5, *smallest))
-    return [*found, *_iterated(model, full), *_controlled(model, nodes), *_linear(model)]
+        settings += _sized(model, name, integrator, sim.HalvingStep, (40, 20, 10, 5, *smallest))
+    return [*settings, *_iterated(model, full), *_controlled(model, nodes), *_linear(model)]
 
 
 def _sized(
@@ -75,15 +75,15 @@ def _sized(
 
 def _iterated(model: Model, full: bool) -> list[Setting]:
     """Settings with larger and smaller tolerances than the default of 0.001 mm."""
-    found: list[Setting] = []
+    settings: list[Setting] = []
     for tolerance in (1e-4, 1e-5, 1e-7) if full else (1e-4, 1e-5):
         label = f"{tolerance * 1e3:g} mm"
         for family, made, h in (
             ("Euler 10 ms, iterated to", iterated_to(sim.ConvergedEuler(), tolerance), 0.01),
             ("SDIRK2 20 ms, iterated to", iterated_to(sim.Sdirk2(), tolerance), 0.02),
         ):
-            found.append(Setting(family, label, made, sim.HalvingStep(h), model))
-    return found
+            settings.append(Setting(family, label, made, sim.HalvingStep(h), model))
+    return settings
 
 
 def _controlled(model: Model, nodes: NDArray[np.int64]) -> list[Setting]:

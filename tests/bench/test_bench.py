@@ -16,7 +16,7 @@ from benchmarks.scaling import slope
 from benchmarks.stability import limits, run_battery
 from benchmarks.stability.bodies import SIZE, Block
 from benchmarks.work_precision.errors import errors, other_person
-from benchmarks.work_precision.measure import TIME, Found, measure, worst
+from benchmarks.work_precision.measure import TIME, Measured, measure, worst
 from benchmarks.work_precision.models import Model, finest
 from benchmarks.work_precision.settings import Setting
 from emgface.errors import ConfigurationError, DataError
@@ -25,7 +25,7 @@ from emgface.face.simulation_parameters import SimulationParameters
 
 
 @pytest.fixture(scope="module")
-def measured(coarse) -> Found:
+def measured(coarse) -> Measured:
     settings = [
         # Longer steps end at outputs at which the activation changes its slope.
         Setting("Euler", "10 ms", sim.ConvergedEuler(), sim.HalvingStep(0.01)),

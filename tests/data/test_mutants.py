@@ -1,11 +1,11 @@
-"""Twenty mutants of every format by `python -m benchmarks mutants`: refused, told, or valid data."""
+"""Twenty mutants of every format by `python -m benchmarks mutants`: refused, reported, or valid data."""
 
 import pytest
 
 from benchmarks.mutants import MUTATIONS, formats, mutant, outcomes
 from emgface.recordings.dataset import readers
 
-ALLOWED = {"refused", "told", "same", "silent"}  # a changed sample is a valid one
+ALLOWED = {"refused", "reported", "same", "silent"}  # a changed sample is a valid one
 
 
 def test_mutants_follow_from_their_seed() -> None:
