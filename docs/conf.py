@@ -106,7 +106,7 @@ def _notebook_pages(app: Any) -> None:
 
 
 def _own_branch(app: Any, page: str, template: str, context: dict[str, Any], tree: Any) -> None:
-    """Show the modules of its own branch beside a page; those of all take most of the build's time."""
+    """Show the modules of its own branch next to a page; those of all take most of the build's time."""
     if "toctree" in context:
         whole = context["toctree"]
         context["toctree"] = lambda **options: whole(**{**options, "collapse": True})

@@ -33,9 +33,9 @@ def drive() -> xr.DataArray:
     time = np.arange(0.0, 0.5001, 0.005)
     values = np.zeros((len(MUSCLES), len(time)))
     for level, first, last in ((CLOSING, 0.12, 0.25), (OPENING, 0.25, 0.33)):
-        held = np.interp(time, [first, first + LAG, last, last + LAG], [0.0, 1.0, 1.0, 0.0])
+        closed = np.interp(time, [first, first + LAG, last, last + LAG], [0.0, 1.0, 1.0, 0.0])
         for k, muscle in enumerate(MUSCLES):
-            values[k] += level.get(muscle.split("_")[0], 0.0) * held
+            values[k] += level.get(muscle.split("_")[0], 0.0) * closed
     dims = {"muscle": list(MUSCLES), "time": time}
     return xr.DataArray(values, dims, ("muscle", "time"), attrs={"units": "1"})
 
@@ -55,9 +55,9 @@ def measures(sound: xr.Dataset) -> dict[str, float]:
     high = sosfiltfilt(butter(4, 2000.0, "highpass", fs=rate, output="sos"), p)
     area, at = sound["area"].values[:, -1], sound["time"].values
     closed = at[area < 1e-7]
-    found = {"smallest area [mm2]": 1e6 * float(area.min())}
+    levels = {"smallest area [mm2]": 1e6 * float(area.min())}
     if not len(closed):
-        return found
+        return levels
     first, last = float(closed[0]), float(closed[-1])
 
     def level(signal: np.ndarray, begin: float, end: float) -> float:
@@ -71,7 +71,7 @@ def measures(sound: xr.Dataset) -> dict[str, float]:
     F = sound["formant_frequency"].values
     pulses = np.flatnonzero((t > last) & (np.abs(p) > 0.2 * np.abs(p).max()))
     burst = level(high, last, last + 0.01)
-    return found | {
+    return levels | {
         "closed from [s]": first,
         "closed to [s]": last,
         "opening at the release [cm2/s]": 1e4 * float(slope),

@@ -36,9 +36,9 @@ def make(notebooks: Path = HERE.parents[1] / "notebooks", out: Path = HERE / "ge
         write(out / f"{name}.md", text.encode())
         for file, content in pictures.items():
             write(out / file, content)
-        title, told = heading(cells)
+        title, summary = heading(cells)
         shown = f"[![{title}]({chosen})]({name}.md)\n\n" if chosen else ""
-        cards.append(f"## [{title}]({name}.md)\n\n{shown}{told}\n")
+        cards.append(f"## [{title}]({name}.md)\n\n{shown}{summary}\n")
     text = "\n".join(["# Notebooks\n", INTRODUCTION, *cards, toctree(names)])
     write(out / "gallery.md", text.encode())
 
@@ -96,9 +96,9 @@ def page(name: str, cells: list[dict[str, Any]]) -> tuple[str, dict[str, bytes],
 
 def picture_text(data: dict[str, Any]) -> str:
     """Alternative text of a picture."""
-    told = "".join(data.get("text/plain", ""))
+    text = "".join(data.get("text/plain", ""))
     return (
-        "Figure" if told.startswith("<") or not told else told.replace("]", ")").replace("[", "(")
+        "Figure" if text.startswith("<") or not text else text.replace("]", ")").replace("[", "(")
     )
 
 

@@ -117,10 +117,10 @@ def volunteers() -> str:
         smallest, inverted, volume = [], 0, []
         for seed in seeds:
             measures = random_measures(seed, preset=preset, asymmetry=1.0)
-            found = element_quality(shaped_positions(measures, grid), grid.connectivity)
-            smallest.append(found.scaled_jacobian.min())
-            inverted += int((found.smallest_det <= 0).sum())
-            volume.append(found.volume.sum() * 1e6)
+            measured = element_quality(shaped_positions(measures, grid), grid.connectivity)
+            smallest.append(measured.scaled_jacobian.min())
+            inverted += int((measured.smallest_det <= 0).sum())
+            volume.append(measured.volume.sum() * 1e6)
         low, five, middle = np.quantile(smallest, [0.0, 0.05, 0.5])
         rows[preset] = {
             "volunteers": len(seeds),
@@ -159,10 +159,10 @@ def lips() -> str:
     """Opening between the lips without loads and under muscles that close them."""
     face = template_face(resolution="medium")
     runs = {"OOM 0.5": {"OOM": 0.5}, "OOM 0.5 and MEN 0.3": {"OOM": 0.5, "MEN": 0.3}}
-    found, _ = steady_positions(
+    positions, _ = steady_positions(
         face, [{f"{m}_{s}": a for m, a in run.items() for s in "LR"} for run in runs.values()]
     )
-    shown = {"without loads": face["position"].values} | dict(zip(runs, found, strict=True))
+    shown = {"without loads": face["position"].values} | dict(zip(runs, positions, strict=True))
     title = f"{face.attrs['name']}: the lips, simulated"
     shrink(write_figure(states_figure(face, shown, title=title), HERE / "lips.png", dpi=110))
     rim, rows = lip_rim(face), {}

@@ -112,8 +112,8 @@ def address(page: str, folder: Path) -> Iterator[str]:
     )  # fmt: skip
     try:
         assert process.stdout is not None
-        found = (re.search(r"http://\S+/", line) for line in process.stdout)
-        yield next(one[0] for one in found if one)
+        matches = (re.search(r"http://\S+/", line) for line in process.stdout)
+        yield next(one[0] for one in matches if one)
     finally:
         process.terminate()
 

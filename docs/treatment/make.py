@@ -28,7 +28,7 @@ PLAN = {
 
 
 def write_picture(figure: Figure, name: str) -> None:
-    """Write a figure as JPEG beside this file."""
+    """Write a figure as JPEG next to this file."""
     path = write_figure(figure, HERE / f"{name}.png", dpi=110)
     with Image.open(path) as picture:
         picture.convert("RGB").save(path.with_suffix(".jpg"), quality=88, optimize=True)

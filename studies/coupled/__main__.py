@@ -37,7 +37,7 @@ class Said(Silent):
 def run(name: str, folder: Path) -> None:
     """Sweep of an experiment, and its figure."""
     one = EXPERIMENTS[name]
-    found = sweep(
+    table = sweep(
         one.runs,
         one.setting,
         table=folder / f"{name}.csv",
@@ -45,7 +45,7 @@ def run(name: str, folder: Path) -> None:
         measure=one.measure,
         observer=Said(),
     )
-    figure = outcome_figure(found[found["end"] == "reached"], one.drawn, one.title)
+    figure = outcome_figure(table[table["end"] == "reached"], one.drawn, one.title)
     shrink(save(figure, folder / f"{name}.png"))
 
 
@@ -54,7 +54,7 @@ def section(name: str, folder: Path) -> dict[str, str]:
     one, table = EXPERIMENTS[name], pd.read_csv(folder / f"{name}.csv")
     rows = pd.DataFrame(
         [
-            {"published": f.statement, "found": f.found, "": VERDICTS[f.holds]}
+            {"published": f.statement, "found": f.computed, "": VERDICTS[f.holds]}
             for f in TESTS[name](Results(table))
         ]
     )

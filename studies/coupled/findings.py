@@ -39,10 +39,10 @@ class Value:
 
 @dataclass(frozen=True)
 class Finding:
-    """Published statement, what was found, and whether it holds."""
+    """Published statement, the computed values, and whether it holds."""
 
     statement: str
-    found: str
+    computed: str
     holds: bool | None
 
 

@@ -88,10 +88,10 @@ contains all attempts.
 
 def rounding(face: xr.Dataset, out: Path) -> None:
     """Lip rounding: table and pictures."""
-    found = round_lips(face, progress=say)
-    found.table.round(4).to_csv(out / "rounding.csv", index=False)
+    result = round_lips(face, progress=say)
+    result.table.round(4).to_csv(out / "rounding.csv", index=False)
     shown = {
-        f"{'stiffening' if factor > 1 else 'no stiffening'}, activation {level:g}": found.motion[
+        f"{'stiffening' if factor > 1 else 'no stiffening'}, activation {level:g}": result.motion[
             True, factor
         ]["node_position"]
         .sel(level=level)
@@ -164,9 +164,9 @@ def lips_table(folder: Path) -> str:
 
 def survival_table() -> str:
     """Largest surviving sigma_max by solver, from the attempts."""
-    found = pd.read_csv(HERE / "survival.csv")
+    attempts = pd.read_csv(HERE / "survival.csv")
     parts = []
-    for (kind, duration), own in found.groupby(["incompressibility", "duration_s"], sort=False):
+    for (kind, duration), own in attempts.groupby(["incompressibility", "duration_s"], sort=False):
         best = own[own.survived].groupby(["muscle", "solver"])["sigma_max_kPa"].max().unstack()
         order = [m for m in dict.fromkeys(own.muscle)]
         solvers = list(dict.fromkeys(own.solver))

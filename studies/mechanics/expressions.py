@@ -75,23 +75,23 @@ def landmarks(face: xr.Dataset) -> dict[str, int]:
     and 20 mm above the mouth corners.
     """
     position = face["position"].values
-    found = {
+    nodes = {
         str(name): int(node)
         for name, node in zip(face["marker"].values, face["marker_node"].values, strict=True)
     }
     upper, lower = (int(node) for node in face["lip_opening_node"].values)
-    found |= {"upper_margin": upper, "lower_margin": lower}
+    nodes |= {"upper_margin": upper, "lower_margin": lower}
     skin = sheet_nodes(face, OUTER)
     at = position[skin]
     chin = skin[(np.abs(at[:, 0]) < 1e-3) & (at[:, 2] < position[lower, 2] - 0.01)]
-    found["chin"] = int(chin[np.argmax(position[chin, 1])])
+    nodes["chin"] = int(chin[np.argmax(position[chin, 1])])
     for side, sign in (("left", -1.0), ("right", 1.0)):
-        wanted = position[found[f"corner_{side}"]] + np.array([sign * 0.025, 0.0, 0.02])
+        wanted = position[nodes[f"corner_{side}"]] + np.array([sign * 0.025, 0.0, 0.02])
         # The nearest node in front view, because the skin recedes laterally.
         away = np.linalg.norm((at - wanted)[:, [0, 2]], axis=1)
         front = at[:, 1] > np.median(position[:, 1])
-        found[f"cheek_{side}"] = int(skin[np.argmin(np.where(front, away, np.inf))])
-    return found
+        nodes[f"cheek_{side}"] = int(skin[np.argmin(np.where(front, away, np.inf))])
+    return nodes
 
 
 def express(
@@ -123,10 +123,12 @@ def express(
             if progress is not None:
                 progress(f"{name}, skin {skin.name}")
             drive = {f"{m}_{side}": level for m, level in muscles.items() for side in "LR"}
-            found = equilibria(face, drive, changed, levels=LEVELS)["node_position"].values
-            positions[name, skin.name] = found[-1]
+            positions_by_level = equilibria(face, drive, changed, levels=LEVELS)[
+                "node_position"
+            ].values
+            positions[name, skin.name] = positions_by_level[-1]
             for landmark, node in points.items():
-                moved = 1e3 * (found[-1] - found[0])[node]
+                moved = 1e3 * (positions_by_level[-1] - positions_by_level[0])[node]
                 medially = -np.sign(face["position"].values[node, 0]) * moved[0]
                 rows.append(
                     {

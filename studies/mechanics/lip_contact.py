@@ -36,7 +36,7 @@ FACTORS = (1.0, 10.0)  #: of the stiffening of the muscles with their activation
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "contact"
 
 
-def held(
+def compare_methods(
     face: xr.Dataset,
     out: Path,
     name: str,
@@ -45,27 +45,27 @@ def held(
     friction: float = 0.0,
 ) -> xr.Dataset:
     """Run cases with several methods; write table, figure and a section of every case."""
-    found = measure(
+    results = measure(
         face,
         cases=cases,
         friction=friction,
         hold=hold,
         parameters=SimulationParameters(sigma_max=SIGMA_MAX, gravity=False, **STEPPING),
     )
-    table = contact_table(found)
+    table = contact_table(results)
     table.round(6).to_csv(out / f"{name}.csv", index=False)
     title = f"opening of the lips, {face.attrs['name']} (simulated)"
-    shrink(save(_opening_figure(found["opening"], title), out / f"{name}-opening.png"))
+    shrink(save(_opening_figure(results["opening"], title), out / f"{name}-opening.png"))
     for case in cases:
         shown = {"rest": face["position"].values}
         for method in METHODS:
             label = "no contact" if method == "none" else method
-            shown[label] = found["node_position"].sel(case=case, contact=method).values
+            shown[label] = results["node_position"].sel(case=case, contact=method).values
         title = f"{face.attrs['name']}: {case}, section in the midline (simulated)"
         path = draw_sections(face, shown, out / f"{name}-{case}.png", title=title, dpi=80)
         shrink(path)
     print(f"\n{table.round(4).to_string(index=False)}", flush=True)
-    return found
+    return results
 
 
 @styled
@@ -101,7 +101,7 @@ def teeth(face: xr.Dataset, out: Path) -> None:
         backing = {name: between for name, between in BACKING.items() if between}
         if method == "none":
             backing = {name: between for name, between in BACKING.items() if not between}
-        table, found = protrude_lips(
+        table, simulated = protrude_lips(
             face,
             backing=backing,
             method="constraint" if method == "none" else method,
@@ -110,16 +110,16 @@ def teeth(face: xr.Dataset, out: Path) -> None:
         )
         table.insert(1, "contact", method)
         tables.append(table)
-        motion |= {(name, method, factor): run for (name, factor), run in found.items()}
+        motion |= {(name, method, factor): run for (name, factor), run in simulated.items()}
     table = pd.concat(tables, ignore_index=True)
     table.round(6).to_csv(out / "teeth.csv", index=False)
     print(table.round(3).to_string(index=False), flush=True)
     for factor in FACTORS:
         shown = {"rest": face["position"].values}
-        for (name, method, own), found in motion.items():
+        for (name, method, own), simulated in motion.items():
             if own == factor:
                 label = "no contact" if method == "none" else f"{name} ({method})"
-                shown[label] = found["node_position"].values[-1]
+                shown[label] = simulated["node_position"].values[-1]
         title = (
             f"{face.attrs['name']}: orbicularis oris (peripheral) at 1, stiffening {factor:g} "
             "(simulated)"
@@ -146,11 +146,11 @@ def main(
     model = face_of(face, "medium")
     out.mkdir(parents=True, exist_ok=True)
     if "closing" in part:
-        held(model, out, "closing", (CLOSING,), 1.0)
+        compare_methods(model, out, "closing", (CLOSING,), 1.0)
     if "gestures" in part:
-        held(model, out, "gestures", tuple(GESTURES), 0.3)
+        compare_methods(model, out, "gestures", tuple(GESTURES), 0.3)
     if "friction" in part:
-        held(model, out, "friction", (CLOSING,), 0.5, friction=0.3)
+        compare_methods(model, out, "friction", (CLOSING,), 0.5, friction=0.3)
     if "teeth" in part:
         teeth(model, out)
 

@@ -66,10 +66,10 @@ def round_lips(
                 progress(f"{'walls' if behind else 'no walls'}, stiffening {factor:g}")
             changes = {"stiffening": factor, "support": WALL if behind else 0.0}
             changed = base.model_copy(update=changes)
-            found = equilibria(face, {"OOP_L": 1.0, "OOP_R": 1.0}, changed, levels=levels)
-            motion[behind, factor] = found
+            states = equilibria(face, {"OOP_L": 1.0, "OOP_R": 1.0}, changed, levels=levels)
+            motion[behind, factor] = states
             for k, level in enumerate(levels):
-                q = found["node_position"].values[k]
+                q = states["node_position"].values[k]
                 shape = lip_shape(face, rim, q)
                 moved = q[left] - face["position"].values[left]
                 rows.append(
@@ -81,7 +81,7 @@ def round_lips(
                     | {
                         "corner medially (mm)": 1e3 * float(moved[0]),
                         "corner forward (mm)": 1e3 * float(moved[1]),
-                        "smallest det F": float(found["smallest_J"].values[k]),
+                        "smallest det F": float(states["smallest_J"].values[k]),
                     }
                 )
     return Rounding(pd.DataFrame(rows), motion)

@@ -71,7 +71,7 @@ def probe_skin(
         work = Workspace(system, parameters.linear_solver)
         state, _ = Static().step(system, system.rest_state(), control, 1.0, work)
         solve, _ = work.steps.factorised(system.tangent(state.q, control)[1])
-        found: dict[str, float] = {"element": int(own[k])}
+        stiffness: dict[str, float] = {"element": int(own[k])}
         for name, axis in (("along (N/m)", 0), ("across (N/m)", 1)):
             load = np.zeros_like(position)
             for sign in (-1.0, 1.0):
@@ -80,6 +80,6 @@ def probe_skin(
                 patch = skin[away <= max(RADIUS, float(away.min()) + 1e-9)]
                 load[patch] += sign * axes[k, axis] / len(patch)
             rhs = system.kinematics.generalised_force(load, state.pose)
-            found[name] = 1.0 / float(rhs @ solve(rhs))
-        rows.append(found)
+            stiffness[name] = 1.0 / float(rhs @ solve(rhs))
+        rows.append(stiffness)
     return pd.DataFrame(rows)

@@ -53,10 +53,10 @@ def protrude_lips(
             if progress is not None:
                 progress(f"lips may touch {name}, stiffening {factor:g}")
             changed = base.model_copy(update={"contact": contact, "stiffening": factor})
-            found = equilibria(face, {"OOP_L": 1.0, "OOP_R": 1.0}, changed, levels=LEVELS)
-            motion[name, factor] = found
+            states = equilibria(face, {"OOP_L": 1.0, "OOP_R": 1.0}, changed, levels=LEVELS)
+            motion[name, factor] = states
             for k, level in enumerate(LEVELS):
-                q = found["node_position"].values[k]
+                q = states["node_position"].values[k]
                 shape = lip_shape(face, rim, q)
                 rows.append(
                     {
@@ -72,7 +72,7 @@ def protrude_lips(
                         "roundness (1)": shape["roundness"],
                         "lips in lips (mm)": 1e3 * penetration.lips(q),
                         "lips in teeth (mm)": 1e3 * penetration.teeth(q),
-                        "smallest det F": float(found["smallest_J"].values[k]),
+                        "smallest det F": float(states["smallest_J"].values[k]),
                     }
                 )
     return pd.DataFrame(rows), motion

@@ -21,7 +21,7 @@ from emgface.files import replace_file
 from emgface.recordings.dataset import read_recording
 from studies.pairs.landmarks import corner_excursion
 from studies.pairs.scores import NAMES, STEP, Floats, Trial, differences, scored
-from studies.science.subset import told
+from studies.science.subset import mean_text
 
 EMG, LANDMARKS = "_emg", "_landmarks.csv"
 MECHANICS = {"accuracy": "draft", "contact": {"method": "none"}, "step": STEP, "output": STEP}
@@ -63,8 +63,8 @@ def trials_of(folder: Path, mapping: Path | None, muscle: str) -> tuple[list[Tri
     DataError
         The folder has no pair, a pair lacks the muscle or its time, or a file cannot be read.
     """
-    found, lone = pairs(folder)
-    if not found:
+    paired, lone = pairs(folder)
+    if not paired:
         raise DataError(
             f"{folder} contains no pair of NAME{EMG}.csv and NAME{LANDMARKS}"
             + (f", only {', '.join(lone)}" if lone else "")
@@ -72,7 +72,7 @@ def trials_of(folder: Path, mapping: Path | None, muscle: str) -> tuple[list[Tri
     for name in lone:
         print(f"{name}: one file of the pair is absent, and the trial is left out")
     face, trials = ef.face(resolution="coarse"), list[Trial]()
-    for emg, landmarks in found:
+    for emg, landmarks in paired:
         recording = read_recording(emg, mapping=mapping)
         if muscle not in recording["channel"].values:
             raise DataError(
@@ -107,7 +107,7 @@ def reading(table: pd.DataFrame, muscle: str, *, simulated: bool) -> str:
             lines.append(f"* EMG minus {name}: not defined, because no trial has one.")
             continue
         lines.append(
-            f"* EMG minus {name}: {told(values, '+.2f')} over {len(values)} volunteers"
+            f"* EMG minus {name}: {mean_text(values, '+.2f')} over {len(values)} volunteers"
             + ("." if len(values) >= 5 else "; fewer than 5 volunteers give no interval.")
         )
     lines.append(

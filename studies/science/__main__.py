@@ -52,7 +52,7 @@ FIGURES = (
     ("baselines_mismatched.svg", "all", BASELINES.format("mismatched")),
     ("normalisation.png", "subset", "rho and silent muscles with Eq. 8 per trial and per session"),
     ("strength.png", "subset", "amplitude ratio, rho and lowered trials over sigma_max"),
-    ("excursions.png", "faces", "excursions of the lips per instruction, beside those of persons"),
+    ("excursions.png", "faces", "excursions of the lips per instruction, and those of persons"),
     ("inference.svg", "drawn", "size and coverage of claims about instructions in general"),
     ("contrasts.svg", "all", "differences of the strategies, these instructions and in general"),
     ("inverse.png", "inverted", "activations from motion, nulls, and deviations of persons"),
@@ -60,7 +60,7 @@ FIGURES = (
 """Figures of the page, the trials on which each is based, and their contents."""
 
 
-class Told(Silent):
+class PrintedProgress(Silent):
     """Print the progress of the run."""
 
     def __init__(self) -> None:
@@ -95,7 +95,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=tuple(SECTIONS), default=())
     given = parser.parse_args()
     plan.store, plan.volunteers, plan.workers = given.store, given.volunteers, given.workers
-    plan.observer, plan.finished = Told(), given.finished
+    plan.observer, plan.finished = PrintedProgress(), given.finished
     plan.instructions, plan.accuracy = tuple(given.instructions), given.accuracy
     given.out.mkdir(parents=True, exist_ok=True)
     studies: dict[str, Path] = {}
@@ -156,7 +156,7 @@ def _figures() -> str:
         "faces": "no volunteers: fully activated muscles",
         "inverted": f"{plan.volunteers} volunteers, A, D, 1 repetition",
     }
-    rows = [f"| [{name}]({name}) | {basis[of]} | {shows} |" for name, of, shows in FIGURES]
+    rows = [f"| [{name}]({name}) | {basis[trials]} | {shows} |" for name, trials, shows in FIGURES]
     return "\n".join(["| figure | trials (simulated) | shows |", "|---|---|---|", *rows, ""])
 
 
@@ -168,10 +168,10 @@ def _command(given: argparse.Namespace) -> str:
         "instructions": "".join(default.instructions),
         "accuracy": default.accuracy,
     }
-    told = [
+    words = [
         f"--{key} {getattr(given, key)}" for key, v in usual.items() if getattr(given, key) != v
     ]
-    return " ".join(["python -m studies.science", *told])
+    return " ".join(["python -m studies.science", *words])
 
 
 if __name__ == "__main__":

@@ -33,13 +33,18 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
 
 def _of_world(cube: xr.Dataset, world: str, out: Path) -> list[str]:
     """Write figure and tables of one world; return the Markdown that shows them."""
-    told, tables = comparison(cube)
+    sentences, tables = comparison(cube)
     if not tables:
-        lacking = told or ["The cube contains no baselines; run its study again."]
+        lacking = sentences or ["The cube contains no baselines; run its study again."]
         return [f"### {world.capitalize()} world (simulated)", "", *lacking, ""]
     figure = f"baselines_{world}.svg"
     save(baseline_plot(cube), out / figure)
-    lines = [f"### {world.capitalize()} world (simulated)", "", *(f"* {one}" for one in told), ""]
+    lines = [
+        f"### {world.capitalize()} world (simulated)",
+        "",
+        *(f"* {one}" for one in sentences),
+        "",
+    ]
     lines += [f"![rho and its baselines, {world} world (simulated)]({figure})", ""]
     for name, table in tables.items():
         text = table.csv()

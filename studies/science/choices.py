@@ -4,7 +4,7 @@
 
 Simulated volunteers are scored with all strategies and one choice at a time off its default: sigma_max,
 threshold of the feature, and range of the normalisation. Trials with flagged alignments are left out at
-the defaults. Tables and figures are written to the folder `choices` beside the page.
+the defaults. Tables and figures are written to the folder `choices` next to the page.
 """
 
 from collections.abc import Mapping
@@ -49,12 +49,12 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
     folder = out.parent / "choices"
     folder.mkdir(parents=True, exist_ok=True)
     for variable in VARIABLES:
-        found = sensitivity(cube, variable=variable)
-        _write(choices_table(found), folder / variable)
-        save(sensitivity_plot(found), folder / f"{variable}.svg")
-    held = robustness(cube)
-    _write(robustness_table(held), folder / "conclusions")
-    sentences = "\n".join(f"* {one}" for one in robustness_sentences(held)) + "\n"
+        effects = sensitivity(cube, variable=variable)
+        _write(choices_table(effects), folder / variable)
+        save(sensitivity_plot(effects), folder / f"{variable}.svg")
+    conclusions = robustness(cube)
+    _write(robustness_table(conclusions), folder / "conclusions")
+    sentences = "\n".join(f"* {one}" for one in robustness_sentences(conclusions)) + "\n"
     (folder / "sentences.md").write_text(sentences, encoding="utf-8")
     return "\n".join(
         [

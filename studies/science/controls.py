@@ -57,8 +57,8 @@ def _skill(job: tuple[int, str, int]) -> dict[str, Any]:
     volunteers, name, number = job
     rng = np.random.default_rng((46, volunteers, number))
     scores = world(rng, volunteers, SPECIFIC if name == KNOWING else 0.0)
-    found = skill_interval(*scores, finite=name == FINITE)
-    return {"volunteers": volunteers, "prediction": name} | _interval(found)
+    interval = skill_interval(*scores, finite=name == FINITE)
+    return {"volunteers": volunteers, "prediction": name} | _interval(interval)
 
 
 def own_gains() -> pd.DataFrame:
@@ -86,8 +86,8 @@ def _gain(job: tuple[int, float, bool, int]) -> dict[str, Any]:
     return labels | _interval(gain_interval(gain)) | {"largest": float(room.mean())}
 
 
-def _interval(found: tuple[float, float, float]) -> dict[str, float]:
-    middle, low, high = found
+def _interval(interval: tuple[float, float, float]) -> dict[str, float]:
+    middle, low, high = interval
     return {
         "mean": middle,
         "contains 0": float(low <= 0.0 <= high),
@@ -99,9 +99,9 @@ def _interval(found: tuple[float, float, float]) -> dict[str, float]:
 def _shares(rows: pd.DataFrame, by: list[str]) -> pd.DataFrame:
     """Means over studies, and their number."""
     grouped = rows.groupby(by, sort=False)
-    found = grouped.mean(numeric_only=True)
-    found["studies"] = grouped.size()
-    return found.reset_index()
+    means = grouped.mean(numeric_only=True)
+    means["studies"] = grouped.size()
+    return means.reset_index()
 
 
 def text(skill: pd.DataFrame, gain: pd.DataFrame) -> str:
@@ -215,8 +215,8 @@ def _draw(skill: pd.DataFrame, gain: pd.DataFrame):
     left.set_ylabel("share of studies, interval above 0")
     left.set_title("skill", fontsize=9)
     for k, n in enumerate(VOLUNTEERS[1:]):
-        of = gain[gain["volunteers"] == n]
-        own, permuted = of[of["EMG"] == "own"], of[of["EMG"] == PERMUTED]
+        group = gain[gain["volunteers"] == n]
+        own, permuted = group[group["EMG"] == "own"], group[group["EMG"] == PERMUTED]
         points(right, own["followed"], own, "above 0", k, f"own EMG, {n} volunteers")
         points(right, permuted["followed"] + 0.02 * (k - 0.5), permuted, "above 0", k + 2,
                f"permuted EMG, {n} volunteers")  # fmt: skip

@@ -34,7 +34,7 @@ class Trials:
             if i == self.instruction[k] and v != self.volunteer[k]
         ]
 
-    def of(self, volunteer: str) -> list[int]:
+    def of_volunteer(self, volunteer: str) -> list[int]:
         """Trials of one volunteer."""
         return [k for k, v in enumerate(self.volunteer) if v == volunteer]
 
@@ -109,7 +109,7 @@ def explained(
     e = [deviations(one, trials)[:, at] for one in estimates.values()]
     shares: list[float] = []
     for person in trials.persons:
-        own = trials.of(person)
+        own = trials.of_volunteer(person)
         rest = [k for k in range(len(d)) if k not in own]
         x = np.stack([one[rest].ravel() for one in e], axis=1)
         c = np.linalg.lstsq(x, d[rest].ravel(), rcond=None)[0]
@@ -156,7 +156,7 @@ def with_known_agreement(
     made = np.empty_like(d)
     each = np.broadcast_to(np.asarray(rho, dtype=np.float64), len(trials.persons))
     for person, known in zip(trials.persons, each, strict=True):
-        own = trials.of(person)
+        own = trials.of_volunteer(person)
         e = noise[own] - noise[own].mean()
         f = d[own] - d[own].mean()
         e = e - f * (e * f).sum() / (f**2).sum()

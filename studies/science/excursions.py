@@ -1,4 +1,4 @@
-"""Excursions of the lips in instructed movements over sigma_max, beside published ones of persons.
+"""Excursions of the lips in instructed movements over sigma_max, and published ones of persons.
 
 The relevant muscles of an instruction are fully activated, as Eq. 8 makes the strongest sample of every
 trial. The comparison contains no simulated volunteer: nothing in it depends on how they were drawn.
@@ -101,14 +101,14 @@ def _of_one_movement(job: tuple[xr.Dataset, str, str, float, str]) -> dict[str, 
     }
 
 
-def compared(found: pd.DataFrame) -> pd.DataFrame:
+def compared(computed: pd.DataFrame) -> pd.DataFrame:
     """Published excursions with the computed ones at 100 and 300 kPa, and which of both is nearer.
 
     ``nearer`` is the stress with the smaller distance from the published mean; where only a range is
     published, it is the stress within it, "both" or "neither".
     """
     rows: list[dict[str, Any]] = []
-    for face, own in found.groupby("face", sort=False):
+    for face, own in computed.groupby("face", sort=False):
         for one in PUBLISHED:
             at = own[own["instruction"] == one.instruction].set_index("sigma_max [Pa]")
             low, high = (
@@ -140,27 +140,29 @@ def _nearer(one: Published, low: float, high: float) -> str:
     )
 
 
-def reading(found: pd.DataFrame) -> str:
+def reading(computed: pd.DataFrame) -> str:
     """Sentence on the stress that the comparison with persons favours, and on lowered stresses."""
-    table = compared(found)
+    table = compared(computed)
     counts = table["nearer"].value_counts()
     strong = f"{PUBLISHED_START / 1e3:.0f} kPa"
     weak = f"{SIGMA_MAX / 1e3:.0f} kPa"
     decided = int(counts.get(strong, 0)), int(counts.get(weak, 0))
-    lowered = found[found["used [Pa]"] < found["sigma_max [Pa]"] * (1 - 1e-9)]
+    lowered = computed[computed["used [Pa]"] < computed["sigma_max [Pa]"] * (1 - 1e-9)]
     names = [
         f"{face} {instruction} at {float(str(stress)) / 1e3:.0f} kPa"
         for face, instruction, stress in lowered[
             ["face", "instruction", "sigma_max [Pa]"]
         ].itertuples(index=False)
     ]
-    told = f"lowered in {', '.join(names)}" if names else "not lowered in any of these movements"
+    lowering = (
+        f"lowered in {', '.join(names)}" if names else "not lowered in any of these movements"
+    )
     undecided = len(table) - sum(decided)
     return (
         "* **Compared with persons, independently of the simulated volunteers:** of "
         f"{len(table)} comparisons, {decided[0]} {'favours' if decided[0] == 1 else 'favour'} {strong}, "
         f"{decided[1]} {'favours' if decided[1] == 1 else 'favour'} {weak}, and {undecided} "
-        f"{'does' if undecided == 1 else 'do'} not distinguish them. sigma_max was {told}. "
+        f"{'does' if undecided == 1 else 'do'} not distinguish them. sigma_max was {lowering}. "
         "Eskes et al. 2017 state that their models in general moved less than the volunteers, with a "
         f"stress of {strong} that was lowered where elements inverted; a lower start would increase "
         "this difference. Of puckering, "
@@ -170,14 +172,14 @@ def reading(found: pd.DataFrame) -> str:
 
 
 @styled
-def drawn(found: pd.DataFrame):
+def drawn(computed: pd.DataFrame):
     """Draw excursions over sigma_max, one panel per instruction, with published ranges."""
     figure = blank(10.0, 4.4)
     panels = figure.subplots(1, len(INSTRUCTIONS), sharey=True)
     lines, fills = ("-", "--"), ("full", "none")
     handles: dict[str, Any] = {}
     for panel, instruction in zip(panels, INSTRUCTIONS, strict=True):
-        for k, (face, own) in enumerate(found.groupby("face", sort=False)):
+        for k, (face, own) in enumerate(computed.groupby("face", sort=False)):
             at = own[own["instruction"] == instruction]
             for j, point in enumerate(POINTS):
                 panel.plot(at["sigma_max [Pa]"] / 1e3, at[f"{point} [mm]"], lines[k],

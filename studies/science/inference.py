@@ -58,18 +58,18 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
     (out / "contrasts.csv").write_text(table.csv(), encoding="utf-8")
     save(contrasts_figure(table), out / "contrasts.svg")
     lines += [table.markdown(), "![Contrasts of the strategies in both scopes](contrasts.svg)", ""]
-    for world, found in tests.items():
-        text = statistics_table(found).csv()
+    for world, tested in tests.items():
+        text = statistics_table(tested).csv()
         (out / f"tests_{world}.csv").write_text(text, encoding="utf-8")
         lines += [f"Conclusions for the {world} world (simulated):", ""]
-        lines += [f"* {sentence}" for sentence in conclusions(found)] + [""]
+        lines += [f"* {sentence}" for sentence in conclusions(tested)] + [""]
     return "\n".join(lines)
 
 
 def claims_sentences(table: Table) -> str:
     """Describe the size and coverage of `claims_table` at one spread of instructions."""
-    found = {(row[0], row[1]): row for row in table.rows}
-    bad, good = (found[SHOWN_AT, MODELS[model]] for model in ("without", "instructions"))
+    rows = {(row[0], row[1]): row for row in table.rows}
+    bad, good = (rows[SHOWN_AT, MODELS[model]] for model in ("without", "instructions"))
     false, covered, fewer, more = (
         f"{100 * float(str(value)):.0f} %" for value in (*bad[2:4], *good[2:4])
     )
@@ -111,15 +111,15 @@ def _of_one_cube(job: tuple[float, int]) -> list[bool]:
 def _outside(z: NDArray[np.float64]) -> list[bool]:
     """Test if the interval of each model excludes 0; z (volunteer, instruction, strategy, marker)."""
     estimate, error, freedom = without_the_term(z)
-    found = [abs(estimate) > float(t.ppf(0.975, freedom)) * error]
+    excluded = [abs(estimate) > float(t.ppf(0.975, freedom)) * error]
     differences = (z[:, :, 1] - z[:, :, 0]).mean(axis=2)
     for scope in ("these instructions", "instructions"):
         fitted = fit_differences(differences, scope)
         if isinstance(fitted, str):
             raise RuntimeError(fitted)
         reach = float(t.ppf(0.975, fitted.freedom)) * fitted.error
-        found.append(abs(fitted.estimate) > reach)
-    return found
+        excluded.append(abs(fitted.estimate) > reach)
+    return excluded
 
 
 def without_the_term(z: NDArray[np.float64]) -> tuple[float, float, int]:
@@ -191,9 +191,9 @@ def contrasts_table(tests: Mapping[str, Mapping[str, xr.Dataset]]) -> Table:
     """List the contrasts of every study by the mixed model, in both scopes."""
     rows: list[tuple[object, ...]] = []
     origin = "simulated"
-    for world, found in tests.items():
+    for world, tested in tests.items():
         for name in ("mixed_model_these_instructions", "mixed_model"):
-            each = found[name]
+            each = tested[name]
             scope = "in general" if name == "mixed_model" else "these"
             for k, contrast in enumerate(each["contrast"].values):
                 one = each.isel(contrast=k)

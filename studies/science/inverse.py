@@ -1,4 +1,4 @@
-"""What markers and sEMG tell about a person's own activation, beside estimates that cannot know it.
+"""What markers and sEMG reveal of a person's own activation; estimates that cannot know it.
 
     python -m studies.science --only inverse
 
@@ -38,7 +38,7 @@ from studies.science.deviations import (
     spread_of_deviations,
 )
 from studies.science.setup import RESOLUTION, plan, study_of
-from studies.science.subset import mean_interval, mismatched_people, told
+from studies.science.subset import mean_interval, mean_text, mismatched_people
 from studies.science.verdict import (
     DRAWS,
     SEMG,
@@ -93,7 +93,7 @@ def estimated() -> tuple[dict[str, Floats], Floats, Trials, list[str], pd.DataFr
     )
     study = study_of(recordings, "inverse")
     face = ef.face(resolution=RESOLUTION)
-    found: dict[str, list[Floats]] = {}
+    samples: dict[str, list[Floats]] = {}
     for setting in SETTINGS:
         form, variant = setting.split(":")
         folder = plan.store / "inverse" / setting.replace(":", "_")
@@ -105,8 +105,8 @@ def estimated() -> tuple[dict[str, Floats], Floats, Trials, list[str], pd.DataFr
         invert_all(
             files, face, study, folder, parameters, workers=plan.workers, observer=plan.observer
         )
-        found[setting] = []
-    found[SEMG], truth, labels = [], list[Floats](), list[tuple[str, str]]()
+        samples[setting] = []
+    samples[SEMG], truth, labels = [], list[Floats](), list[tuple[str, str]]()
     fits: list[dict[str, Any]] = []
     names = [str(m) for m in face["muscle"].values]
     for path in files:
@@ -121,14 +121,14 @@ def estimated() -> tuple[dict[str, Floats], Floats, Trials, list[str], pd.DataFr
         at = onset(recording) + np.arange(-BEFORE, AFTER + 0.5 * STEP, STEP)
         for setting, file in results.items():
             one = read_netcdf(file, "activation")
-            found[setting].append(sampled(one["activation"].sel(muscle=names), at))
+            samples[setting].append(sampled(one["activation"].sel(muscle=names), at))
         semg = read_netcdf(results[SETTINGS[-1]], "activation")["emg_activation"]
-        found[SEMG].append(sampled(semg.sel(muscle=names), at))
+        samples[SEMG].append(sampled(semg.sel(muscle=names), at))
         true = recording["true_activation"].rename(time_true="time").sel(muscle=names)
         truth.append(sampled(true, at))
         labels.append(label)
     trials = Trials(tuple(v for v, _ in labels), tuple(i for _, i in labels))
-    estimates = {k: np.array(v) for k, v in found.items()}
+    estimates = {k: np.array(v) for k, v in samples.items()}
     return estimates, np.array(truth), trials, names, pd.DataFrame(fits)
 
 
@@ -263,9 +263,9 @@ def text(
     shares: list[dict[str, object]] = []
     for label, own in gains.groupby("muscles", sort=False):
         wider = spread_of_deviations(len(own))
-        cells = {c: told(own[c].to_numpy(), wider=wider) for c in ("sEMG", "motion", "both")}
-        cells["motion adds"] = told((own["both"] - own["sEMG"]).to_numpy(), "+.2f", wider)
-        cells["sEMG adds"] = told((own["both"] - own["motion"]).to_numpy(), "+.2f", wider)
+        cells = {c: mean_text(own[c].to_numpy(), wider=wider) for c in ("sEMG", "motion", "both")}
+        cells["motion adds"] = mean_text((own["both"] - own["sEMG"]).to_numpy(), "+.2f", wider)
+        cells["sEMG adds"] = mean_text((own["both"] - own["motion"]).to_numpy(), "+.2f", wider)
         shares.append({"muscles": label, **cells})
     return "\n".join(
         [
@@ -315,7 +315,7 @@ def wider_of(column: str, own: pd.DataFrame) -> float:
 
 
 def _cell(values: Floats, wider: float) -> str:
-    return told(values, wider=wider) if np.isfinite(values).any() else "not defined"
+    return mean_text(values, wider=wider) if np.isfinite(values).any() else "not defined"
 
 
 def _best(table: pd.DataFrame) -> str:

@@ -20,12 +20,12 @@ from emgface.study.stages import Laboratory
 from studies.science.setup import finished_study, opened, plan, results_store
 from studies.science.subset import (
     mean_interval,
+    mean_text,
     median_per_volunteer,
     of_subset,
     smallest_change,
     subset,
     subset_study,
-    told,
 )
 
 LEAST_PEAK = 0.06
@@ -52,12 +52,12 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
             cube = of_subset(opened(results))
             scores.append(median_per_volunteer(cube, world=world, normalisation=reach))
             peaks.append(_silent_peaks(study).assign(world=world, normalisation=reach))
-    found = pd.concat(scores, ignore_index=True)
+    scored = pd.concat(scores, ignore_index=True)
     silent = pd.concat(peaks, ignore_index=True)
-    found.to_csv(out / "normalisation.csv", index=False)
+    scored.to_csv(out / "normalisation.csv", index=False)
     silent.to_csv(out / "silent_muscles.csv", index=False)
-    save(_draw(found, silent), out / "normalisation.png", dpi=130)
-    rho = found.pivot_table(index=KEYS, columns="volunteer", values="median rho", sort=False)
+    save(_draw(scored, silent), out / "normalisation.png", dpi=130)
+    rho = scored.pivot_table(index=KEYS, columns="volunteer", values="median rho", sort=False)
     peak = silent.groupby(KEYS)["peak"].median()
     return "\n".join(
         [
@@ -67,7 +67,7 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
             "an inactive muscle therefore reaches 1, like that of every other muscle. The alternative "
             "uses the minimum and maximum over all trials of a volunteer, which include all "
             "instructions and repetitions (`signals.normalisation.reach`). The table is based on "
-            f"{found['volunteer'].nunique()} volunteers, only the instructions {', '.join(subset())} "
+            f"{scored['volunteer'].nunique()} volunteers, only the instructions {', '.join(subset())} "
             "and only the first repetition. A muscle is called silent in a trial if the excitation "
             f"that generated its EMG remains below {LEAST_PEAK:g}. For these muscles, the table lists "
             "the median, over trials and muscles, of the peak activation computed from the EMG (0 for "
@@ -94,8 +94,8 @@ def _table(rho: pd.DataFrame, peak: pd.Series) -> pd.DataFrame:
         for strategy in dict.fromkeys(rho.index.get_level_values("strategy")):
             each = {reach: (world, reach, strategy) for reach in REACHES}
             row: dict[str, object] = {"simulated": f"{world} world, {strategy}"}
-            row |= {f"rho, {WORDS[reach]}": told(rho.loc[key]) for reach, key in each.items()}
-            row["gain"] = told(_gain(rho, world, strategy), "+.2f")
+            row |= {f"rho, {WORDS[reach]}": mean_text(rho.loc[key]) for reach, key in each.items()}
+            row["gain"] = mean_text(_gain(rho, world, strategy), "+.2f")
             row |= {f"peak of silent muscles, {WORDS[r]}": peak[key] for r, key in each.items()}
             rows.append(row)
     return pd.DataFrame(rows)
@@ -120,10 +120,10 @@ def _silent_peaks(study: StudyConfiguration) -> pd.DataFrame:
             silent = highest["muscle"].values[highest.values < LEAST_PEAK]
             for strategy in study.strategies:
                 try:
-                    found = laboratory.activation(recording, strategy, extents.get(volunteer))
+                    activation = laboratory.activation(recording, strategy, extents.get(volunteer))
                 except SignalError:
                     continue  # no score either
-                peak = found.dataset["activation"].sel(muscle=silent).max("time")
+                peak = activation.dataset["activation"].sel(muscle=silent).max("time")
                 rows += [
                     {
                         "strategy": strategy,
@@ -138,14 +138,14 @@ def _silent_peaks(study: StudyConfiguration) -> pd.DataFrame:
 
 
 @styled
-def _draw(found: pd.DataFrame, silent: pd.DataFrame):
+def _draw(scored: pd.DataFrame, silent: pd.DataFrame):
     """Scores above, silent muscles below, one column per world."""
-    worlds = list(dict.fromkeys(found["world"]))
-    strategies = list(dict.fromkeys(found["strategy"]))
+    worlds = list(dict.fromkeys(scored["world"]))
+    strategies = list(dict.fromkeys(scored["strategy"]))
     figure = blank(8.5, 6.0)
     panels = figure.subplots(2, len(worlds), sharey="row", squeeze=False)
     for column, world in enumerate(worlds):
-        for row, (table, value) in enumerate(((found, "median rho"), (silent, "peak"))):
+        for row, (table, value) in enumerate(((scored, "median rho"), (silent, "peak"))):
             panel = panels[row, column]
             for k, reach in enumerate(REACHES):
                 for i, strategy in enumerate(strategies):
@@ -197,7 +197,7 @@ def _reading(rho: pd.DataFrame, peak: pd.Series) -> str:
         sentences.append(
             f"* In the {world} world, normalisation per session instead of per trial changes rho as "
             "follows: "
-            + ", ".join(f"{name} by {told(values, '+.2f')}" for name, values in gain.items())
+            + ", ".join(f"{name} by {mean_text(values, '+.2f')}" for name, values in gain.items())
             + f"; {most} gains most. With act_all, the median peak activation of silent muscles is "
             f"{silent['trial']:.2f} with normalisation per trial and {silent['session']:.2f} with "
             "normalisation per session."

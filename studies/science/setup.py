@@ -130,8 +130,8 @@ def opened(folder: Path) -> xr.Dataset:
 def each(work: Callable[[Job], Done], jobs: Iterable[Job]) -> list[Done]:
     """Results of a module-level function of one job, by the processes of the plan, in order."""
     each_job = list(jobs)
-    found = dict(run_jobs(work, each_job, plan.workers, begin=_ready, arguments=()))
-    return [found[k] for k in range(len(each_job))]
+    results = dict(run_jobs(work, each_job, plan.workers, begin=_ready, arguments=()))
+    return [results[k] for k in range(len(each_job))]
 
 
 def _ready() -> None:

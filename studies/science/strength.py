@@ -25,10 +25,10 @@ from studies.science import excursions
 from studies.science.setup import RESOLUTION, finished_study, opened, plan
 from studies.science.subset import (
     mean_interval,
+    mean_text,
     mismatched_people,
     subset,
     subset_study,
-    told,
 )
 
 LEVELS: Final = (50e3, 100e3, 150e3, 300e3)  #: [Pa]
@@ -48,38 +48,38 @@ DRAWN_AT: Final = (80e3, 150e3)  #: range from which sigma_max of simulated volu
 
 def make(studies: Mapping[str, Path], out: Path) -> str:
     """Sweep sigma_max on every face, write tables and figure, and describe them."""
-    found = _sweep("generated")
+    sweep = _sweep("generated")
     moved = pd.concat(
         [_excursions(name, path) for name, path in faces().items()], ignore_index=True
     )
-    found.to_csv(out / "strength.csv", index=False)
+    sweep.to_csv(out / "strength.csv", index=False)
     moved.to_csv(out / "excursions.csv", index=False)
-    save(_draw(found), out / "strength.png", dpi=130)
+    save(_draw(sweep), out / "strength.png", dpi=130)
     save(excursions.drawn(moved), out / "excursions.png", dpi=130)
     return "\n".join(
         [
             "## Amplitude and the largest muscle stress",
             "",
-            f"Volunteers of the mismatched world ({found['volunteer'].nunique()}, instructions "
+            f"Volunteers of the mismatched world ({sweep['volunteer'].nunique()}, instructions "
             f"{', '.join(subset())}, first repetition) are simulated with every sigma_max, strategy "
             f"{STRATEGY}. The amplitude ratio is the motion of the face over that of the volunteer, "
             "median over instructions and markers. **lowered**: share of the trials that could not be "
             "simulated with this value, so that sigma_max was lowered by 10 % until they could; "
             "**failed**: share without a score.",
             "",
-            markdown(_table(found), ".2f"),
+            markdown(_table(sweep), ".2f"),
             "",
             "*Mean over volunteers with 95 % interval (Student's t); shares with 95 % intervals of "
             "Wilson (simulated; [values of each volunteer](strength.csv)).*",
             "",
             "![Amplitude ratio, rho and lowered trials over sigma_max (simulated)](strength.png)",
             "",
-            _reading(found, moved),
+            _reading(sweep, moved),
             "",
             markdown(excursions.compared(moved)),
             "",
             "*Full activation of the relevant muscles of Table 1 without contact (simulated; [all "
-            "instructions and levels](excursions.csv)), beside published excursions of persons.*",
+            "instructions and levels](excursions.csv)), and published excursions of persons.*",
             "",
             "![Excursion of corners and lips over sigma_max (simulated)](excursions.png)",
             "",
@@ -89,7 +89,7 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
 
 def faces() -> dict[str, Path | None]:
     """Faces of the sweep: the generated one (None), and the file of the published one."""
-    found: dict[str, Path | None] = {"generated": None}
+    paths: dict[str, Path | None] = {"generated": None}
     shared = Path(os.environ.get("EMGFACE_SHARED", "../shared")) / "artisynth_models"
     if shared.is_dir():
         from emgface.face.artisynth import import_artisynth
@@ -97,8 +97,8 @@ def faces() -> dict[str, Path | None]:
         path = plan.store / "published_face.nc"
         if not path.is_file():
             save_face(import_artisynth(shared), path)
-        found["published"] = path
-    return found
+        paths["published"] = path
+    return paths
 
 
 def _sweep(name: str) -> pd.DataFrame:
@@ -142,20 +142,20 @@ def _median(values: np.ndarray) -> float:
     return float(np.median(known)) if known.size else np.nan
 
 
-def wilson(count: int, of: int, z: float = 1.959964) -> tuple[float, float]:
+def wilson(count: int, total: int, z: float = 1.959964) -> tuple[float, float]:
     """Interval of a share, Wilson 1927: (p + z^2/2n +- z sqrt(p (1-p)/n + z^2/4n^2)) / (1 + z^2/n)."""
-    p, ratio = count / of, z * z / of
+    p, ratio = count / total, z * z / total
     middle = (p + 0.5 * ratio) / (1.0 + ratio)
-    reach = z * np.sqrt(p * (1.0 - p) / of + 0.25 * ratio / of) / (1.0 + ratio)
+    reach = z * np.sqrt(p * (1.0 - p) / total + 0.25 * ratio / total) / (1.0 + ratio)
     return max(0.0, middle - reach), min(1.0, middle + reach)
 
 
-def stress_of_equal_motion(found: pd.DataFrame) -> tuple[float, int]:
+def stress_of_equal_motion(sweep: pd.DataFrame) -> tuple[float, int]:
     """sigma_max [Pa] at which the geometric mean of the ratio is 1, and how many volunteers reach 1.
 
     Linear in the logarithms of sigma_max and ratio; NaN if the mean is not 1 within the levels.
     """
-    wide = found.pivot_table(index="sigma_max [Pa]", columns="volunteer", values="amplitude ratio")
+    wide = sweep.pivot_table(index="sigma_max [Pa]", columns="volunteer", values="amplitude ratio")
     log_ratio = np.log(wide.to_numpy())
     stress = np.log(wide.index.to_numpy(dtype=np.float64))
     mean = np.maximum.accumulate(log_ratio.mean(axis=1))
@@ -172,9 +172,9 @@ def _excursions(name: str, path: Path | None) -> pd.DataFrame:
     return excursions.excursions(face, name, movements, levels, plan.accuracy)
 
 
-def _table(found: pd.DataFrame) -> pd.DataFrame:
+def _table(sweep: pd.DataFrame) -> pd.DataFrame:
     rows: list[dict[str, object]] = []
-    for (face, stress), own in found.groupby(["face", "sigma_max [Pa]"], sort=False):
+    for (face, stress), own in sweep.groupby(["face", "sigma_max [Pa]"], sort=False):
         row: dict[str, object] = {
             "face (simulated)": face,
             "sigma_max [kPa]": f"{float(str(stress)) / 1e3:.0f}",
@@ -183,29 +183,29 @@ def _table(found: pd.DataFrame) -> pd.DataFrame:
             mean, low, high = mean_interval(own[name].to_numpy())
             row[name] = f"{mean:.2f} ({low:.2f} to {high:.2f})"
         for name in ("lowered", "failed"):
-            count, of = int(own[name].sum()), int(own["trials"].sum())
-            low, high = wilson(count, of)
-            row[name] = f"{count} of {of} ({low:.0%} to {high:.0%})"
+            count, total = int(own[name].sum()), int(own["trials"].sum())
+            low, high = wilson(count, total)
+            row[name] = f"{count} of {total} ({low:.0%} to {high:.0%})"
         rows.append(row)
     return pd.DataFrame(rows)
 
 
 @styled
-def _draw(found: pd.DataFrame):
+def _draw(sweep: pd.DataFrame):
     """Draw ratio, rho and lowered trials over sigma_max with volunteers."""
     figure = blank(10.0, 4.2)
     panels = figure.subplots(1, 3)
-    for k, (face, of) in enumerate(found.groupby("face", sort=False)):
+    for k, (face, group) in enumerate(sweep.groupby("face", sort=False)):
         colour, shift = COLOURS[(4, 5)[k]], (1.0, 1.02)[k]
-        levels = of["sigma_max [Pa]"].unique() / 1e3 * shift
+        levels = group["sigma_max [Pa]"].unique() / 1e3 * shift
         for name, panel in zip(("amplitude ratio", "rho"), panels[:2], strict=True):
-            wide = of.pivot_table(index="sigma_max [Pa]", columns="volunteer", values=name)
+            wide = group.pivot_table(index="sigma_max [Pa]", columns="volunteer", values=name)
             mean, low, high = np.array([mean_interval(row) for row in wide.to_numpy()]).T
             panel.errorbar(levels, mean, [mean - low, high - mean], color=colour, marker=MARKS[k],
                            capsize=3, label=f"{face} face: mean, 95 % interval")  # fmt: skip
             for one in wide.to_numpy().T:
                 panel.plot(levels * 1.03, one, ".", color=colour, alpha=0.4, label="volunteers")
-        shares = of.groupby("sigma_max [Pa]")[["lowered", "failed", "trials"]].sum()
+        shares = group.groupby("sigma_max [Pa]")[["lowered", "failed", "trials"]].sum()
         lost = (shares["lowered"] + shares["failed"]).to_numpy()
         share = lost / shares["trials"].to_numpy()
         bounds = np.array(
@@ -241,10 +241,10 @@ def _draw(found: pd.DataFrame):
     return figure
 
 
-def _reading(found: pd.DataFrame, moved: pd.DataFrame) -> str:
+def _reading(sweep: pd.DataFrame, moved: pd.DataFrame) -> str:
     """Describe the table in sentences with its numbers."""
     sentences: list[str] = []
-    for face, own in found.groupby("face", sort=False):
+    for face, own in sweep.groupby("face", sort=False):
         equal, reached = stress_of_equal_motion(own)
         at = f"at {equal / 1e3:.0f} kPa" if np.isfinite(equal) else "at no value of the sweep"
         start, default = (
@@ -253,11 +253,11 @@ def _reading(found: pd.DataFrame, moved: pd.DataFrame) -> str:
         sentences.append(
             f"* **{str(face).capitalize()} face:** on average (geometric mean) it moves as far as the "
             f"volunteers {at}; {reached} of {own['volunteer'].nunique()} volunteers have a ratio of 1 "
-            f"within the sweep. Ratio and rho are {told(default['amplitude ratio'])} and "
-            f"{told(default['rho'])} with {SIGMA_MAX / 1e3:.0f} kPa, and "
-            f"{told(start['amplitude ratio'])} and {told(start['rho'])} with "
+            f"within the sweep. Ratio and rho are {mean_text(default['amplitude ratio'])} and "
+            f"{mean_text(default['rho'])} with {SIGMA_MAX / 1e3:.0f} kPa, and "
+            f"{mean_text(start['amplitude ratio'])} and {mean_text(start['rho'])} with "
             f"{PUBLISHED_START / 1e3:.0f} kPa. From the latter to the former, rho changes by "
-            f"{told(default['rho'].to_numpy() - start['rho'].to_numpy(), '+.2f')}."
+            f"{mean_text(default['rho'].to_numpy() - start['rho'].to_numpy(), '+.2f')}."
         )
     sentences.append(excursions.reading(moved))
     if "published" not in set(moved["face"]):
@@ -273,6 +273,6 @@ def _reading(found: pd.DataFrame, moved: pd.DataFrame) -> str:
         "(`sigma_max_policy.calibration`), are evidence about people. rho does not depend on the "
         "amplitude, but on the shape of the motion, which changes with sigma_max. The activations of "
         "Eq. 8 reach 1 in every trial, those of the volunteers do not; sigma_max and the scale of the "
-        "activation cannot be told apart by the markers."
+        "activation cannot be distinguished by the markers."
     )
     return "\n".join(sentences) + "\n"

@@ -97,7 +97,7 @@ def mean_interval(
     return mean, mean - reach, mean + reach
 
 
-def told(values: Sequence[float] | np.ndarray, form: str = ".2f", wider: float = 1.0) -> str:
+def mean_text(values: Sequence[float] | np.ndarray, form: str = ".2f", wider: float = 1.0) -> str:
     """Mean over volunteers with its interval (`mean_interval`), as text; `form` formats each number."""
     mean, low, high = mean_interval(values, wider)
     if math.isnan(low):

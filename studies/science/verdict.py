@@ -18,7 +18,7 @@ from studies.science.deviations import (
     spread_of_deviations,
     with_known_agreement,
 )
-from studies.science.subset import mean_interval, told
+from studies.science.subset import mean_interval, mean_text
 
 SEMG: Final = "sEMG alone"
 ASSISTED: Final = "trajectory:assisted"
@@ -72,8 +72,8 @@ def verdict(table: pd.DataFrame) -> str:
         power += "; a smaller one can remain undetected"
     return (
         f"**The assisted inversion (trajectory) {said}:** the correlation of deviations is "
-        f"{told(own.get_group(ASSISTED).to_numpy(), wider=wider)}, compared with "
-        f"{told(own.get_group(SEMG).to_numpy(), wider=wider)}; the difference is {mean:+.2f} "
+        f"{mean_text(own.get_group(ASSISTED).to_numpy(), wider=wider)}, compared with "
+        f"{mean_text(own.get_group(SEMG).to_numpy(), wider=wider)}; the difference is {mean:+.2f} "
         f"({low:+.2f} to {high:+.2f}) in {difference.size} simulated volunteers. {power}."
     )
 
@@ -86,7 +86,7 @@ def controls(truth: Floats, trials: Trials) -> pd.DataFrame:
     rng, wider = np.random.default_rng(47), spread_of_deviations(len(trials.persons))
     rows: list[dict[str, float]] = []
     for rho in (0.0, *KNOWN):
-        found: list[tuple[float, bool]] = []
+        intervals: list[tuple[float, bool]] = []
         for _ in range(DRAWS):
             estimate = (
                 with_known_agreement(truth, trials, rho, rng)
@@ -94,8 +94,8 @@ def controls(truth: Floats, trials: Trials) -> pd.DataFrame:
                 else random_activations(truth.shape, rng)  # pyright: ignore[reportArgumentType]
             )
             mean, low, _ = mean_interval(deviation_agreement(estimate, truth, trials), wider)
-            found.append((mean, low > 0.0))
-        rows.append({"true": rho, **_share(found)})
+            intervals.append((mean, low > 0.0))
+        rows.append({"true": rho, **_share(intervals)})
     return pd.DataFrame(rows)
 
 
@@ -111,7 +111,7 @@ def controls_of_difference(truth: Floats, trials: Trials, table: pd.DataFrame) -
     middle = float(table[table["estimate"].isin([ASSISTED, SEMG])]["of deviations"].mean())
     rows: list[dict[str, float]] = []
     for true in (0.0, *DIFFERENCES):
-        found: list[tuple[float, bool]] = []
+        intervals: list[tuple[float, bool]] = []
         for _ in range(DRAWS_OF_DIFFERENCE):
             half = 0.5 * (true + deviation * rng.standard_normal(len(trials.persons)))
             better, worse = (
@@ -123,13 +123,13 @@ def controls_of_difference(truth: Floats, trials: Trials, table: pd.DataFrame) -
                 for one in (half, -half)
             )
             mean, low, _ = mean_interval(better - worse, wider)
-            found.append((mean, low > 0.0))
-        rows.append({"true": true, **_share(found)})
+            intervals.append((mean, low > 0.0))
+        rows.append({"true": true, **_share(intervals)})
     return pd.DataFrame(rows)
 
 
-def _share(found: list[tuple[float, bool]]) -> dict[str, float]:
-    means, above = np.array(found, dtype=np.float64).T
+def _share(intervals: list[tuple[float, bool]]) -> dict[str, float]:
+    means, above = np.array(intervals, dtype=np.float64).T
     return {"measured": float(means.mean()), "found": float(above.mean())}
 
 

@@ -13,12 +13,12 @@ from emgface.volunteers.world import KINDS, World, mismatched_in
 from studies.science.setup import finished_study, opened, people, plan
 from studies.science.subset import (
     mean_interval,
+    mean_text,
     median_per_volunteer,
     of_subset,
     smallest_change,
     subset,
     subset_study,
-    told,
 )
 
 RECORDING: Final = ("pick-up", "noise")  #: kinds of mismatch of the EMG alone
@@ -42,12 +42,12 @@ TRUE: Final = "true activation"
 
 def make(studies: Mapping[str, Path], out: Path) -> str:
     """Draw the median rho of every strategy in the four worlds."""
-    found = pd.concat([_scores(name, studies) for name in WORLDS], ignore_index=True)
-    found.to_csv(out / "worlds.csv", index=False)
-    save(_draw(found), out / "worlds.png", dpi=130)
-    levels = per_volunteer(found, "median rho")
-    shift = per_volunteer(found, "median shift [s]")["act_3"].median(axis="columns")
-    lost, trials = int(found["without score"].sum()), int(found["trials"].sum())
+    scored = pd.concat([_scores(name, studies) for name in WORLDS], ignore_index=True)
+    scored.to_csv(out / "worlds.csv", index=False)
+    save(_draw(scored), out / "worlds.png", dpi=130)
+    levels = per_volunteer(scored, "median rho")
+    shift = per_volunteer(scored, "median shift [s]")["act_3"].median(axis="columns")
+    lost, trials = int(scored["without score"].sum()), int(scored["trials"].sum())
     return "\n".join(
         [
             "## Worlds: decrease of the scores as assumptions are violated",
@@ -55,7 +55,7 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
             "The kinds of mismatch (`emgface volunteers --world ...`, with the sizes of "
             "`emgface.volunteers.world.World`) are divided into those of the recording "
             f"({', '.join(RECORDING)}), which change only the EMG, and those of the person "
-            f"({', '.join(PERSON)}). This section uses {found['volunteer'].nunique()} volunteers, "
+            f"({', '.join(PERSON)}). This section uses {scored['volunteer'].nunique()} volunteers, "
             f"only the instructions {', '.join(subset())} and only the first repetition. The results of "
             "the worlds in which person and recording are both matched or both mismatched are parts of "
             "the studies with all instructions and repetitions, which the following sections describe. "
@@ -83,20 +83,20 @@ def make(studies: Mapping[str, Path], out: Path) -> str:
     )
 
 
-def per_volunteer(found: pd.DataFrame, value: str) -> dict[str, pd.DataFrame]:
+def per_volunteer(scored: pd.DataFrame, value: str) -> dict[str, pd.DataFrame]:
     """Values of every strategy, one row per world and one column per volunteer."""
     return {
         str(strategy): own.pivot_table(
             index="world", columns="volunteer", values=value, sort=False
         ).loc[list(WORLDS)]
-        for strategy, own in found.groupby("strategy", sort=False)
+        for strategy, own in scored.groupby("strategy", sort=False)
     }
 
 
 def _table(levels: Mapping[str, pd.DataFrame], shift: pd.Series) -> pd.DataFrame:
     """Means with intervals of every world, and the median shift of act_3."""
     table = pd.DataFrame(
-        {name: [told(own.loc[world]) for world in WORLDS] for name, own in levels.items()},
+        {name: [mean_text(own.loc[world]) for world in WORLDS] for name, own in levels.items()},
         index=list(WORLDS),
     ).rename_axis("world (simulated)")
     table["shift of act_3 [ms]"] = (1e3 * shift).round().astype(int).to_numpy()
@@ -107,7 +107,7 @@ def effects(levels: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
     """Changes between pairs of worlds with intervals of the paired differences."""
     return pd.DataFrame(
         {
-            name: [told(own.loc[b] - own.loc[a], "+.2f") for a, b in EFFECTS.values()]
+            name: [mean_text(own.loc[b] - own.loc[a], "+.2f") for a, b in EFFECTS.values()]
             for name, own in levels.items()
         },
         index=list(EFFECTS),
@@ -139,11 +139,11 @@ def world_named(name: str) -> World:
 
 
 @styled
-def _draw(found: pd.DataFrame):
+def _draw(scored: pd.DataFrame):
     """Draw median rho in the worlds: means with intervals, and every volunteer."""
     figure = blank(8.5, 4.6)
     panel = figure.subplots()
-    levels = per_volunteer(found, "median rho")
+    levels = per_volunteer(scored, "median rho")
     for i, (strategy, own) in enumerate(levels.items()):
         colour = COLOURS[(4, 1, 2, 5)[i % 4]]
         place = np.arange(len(own)) + (i - 0.5 * (len(levels) - 1)) * 0.18
@@ -157,7 +157,7 @@ def _draw(found: pd.DataFrame):
     panel.set_xlabel("world")
     panel.set_ylabel("median rho of a volunteer")
     panel.axhline(1.0, color="0.8", linewidth=0.7, zorder=0)
-    panel.set_ylim(float(found["median rho"].min()) - 0.05, 1.02)
+    panel.set_ylim(float(scored["median rho"].min()) - 0.05, 1.02)
     figure.legend(*panel.get_legend_handles_labels(), loc="outside lower center", ncols=4,
                   title="large: means over volunteers, 95 % intervals; small: volunteers")  # fmt: skip
     figure.suptitle(
@@ -190,17 +190,17 @@ def reading(levels: Mapping[str, pd.DataFrame], shift: pd.Series) -> str:
         sentences.append(
             f"* The score of {name} changes from {own.loc['matched'].mean():.2f} in the matched to "
             f"{own.loc['mismatched'].mean():.2f} in the mismatched world, by "
-            f"{told(own.loc['mismatched'] - own.loc['matched'], '+.2f')}. A mismatched recording "
+            f"{mean_text(own.loc['mismatched'] - own.loc['matched'], '+.2f')}. A mismatched recording "
             f"alone changes this score by {changes[name]['recording, matched person']}, a mismatched "
             f"person alone by {changes[name]['person, matched recording']}."
         )
     if "act_rel" in levels and "act_all" in levels:
         lead = levels["act_rel"] - levels["act_all"]
         sentences.append(
-            f"* The difference act_rel - act_all is {told(lead.loc['matched'], '+.2f')} in the "
+            f"* The difference act_rel - act_all is {mean_text(lead.loc['matched'], '+.2f')} in the "
             "matched world, where the bursts are drawn from the table of muscles that act_rel uses, "
-            f"and {told(lead.loc['mismatched'], '+.2f')} in the mismatched world, where each person "
-            "departs from this table. Because the movements of both worlds are derived from this "
+            f"and {mean_text(lead.loc['mismatched'], '+.2f')} in the mismatched world, where each "
+            "person departs from this table. Because the movements of both worlds are derived from this "
             "table, these values do not estimate the difference in people."
         )
     sentences.append(power(levels))

@@ -9,7 +9,7 @@ from scipy.stats import binomtest, nct, t, ttest_1samp
 from studies.science.__main__ import replaced
 from studies.science.strength import per_volunteer as of_strength
 from studies.science.strength import stress_of_equal_motion, wilson
-from studies.science.subset import mean_interval, smallest_change, told
+from studies.science.subset import mean_interval, mean_text, smallest_change
 from studies.science.worlds import PERSON, TRUE, WORLDS, effects, per_volunteer, reading
 
 RHO = np.array([0.62, 0.71, 0.55, 0.80, 0.66, 0.74])
@@ -20,8 +20,8 @@ def test_the_interval_is_that_of_students_t_over_volunteers() -> None:
     mean, low, high = mean_interval(np.append(RHO, np.nan))
     assert mean == pytest.approx(RHO.mean())
     assert (low, high) == pytest.approx((exact.low, exact.high))
-    assert told(RHO) == f"0.68 ({exact.low:.2f} to {exact.high:.2f})"
-    assert told(RHO[:4]) == "0.67"  # no interval from so few volunteers
+    assert mean_text(RHO) == f"0.68 ({exact.low:.2f} to {exact.high:.2f})"
+    assert mean_text(RHO[:4]) == "0.67"  # no interval from so few volunteers
 
 
 def test_the_smallest_change_has_the_stated_power() -> None:

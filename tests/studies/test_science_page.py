@@ -18,7 +18,7 @@ from studies.science import (
     worlds,
 )
 from studies.science.spent import cost
-from studies.science.subset import told
+from studies.science.subset import mean_text
 from tests.sentences import choices_of, conclusions_of, meanings, words
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -155,4 +155,4 @@ def test_pages_state_the_default_stress() -> None:
 
 
 def test_told_gives_the_numbers_of_a_table() -> None:
-    assert told([1.0, 1.0, 1.0, 1.0, 1.0]) == "1.00 (1.00 to 1.00)"
+    assert mean_text([1.0, 1.0, 1.0, 1.0, 1.0]) == "1.00 (1.00 to 1.00)"
