@@ -163,7 +163,7 @@ def recorded_head(
         )
         outside = part.points
         on_bone = [first["tongue"] + k for v in attached_nodes(tongue).values() for k in v.tolist()]
-        for body, nodes in part.held.items():
+        for body, nodes in part.attached.items():
             key = body if body in moving else ""
             attached[key] = attached.get(key, []) + nodes.tolist()
     positions = list(outside)

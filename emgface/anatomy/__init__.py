@@ -1,1 +1,1 @@
-"""Organs beside the face: jaw, hyoid and larynx; airway."""
+"""Organs other than the face: jaw, hyoid and larynx; airway."""

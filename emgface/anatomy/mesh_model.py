@@ -47,7 +47,7 @@ def muscle_arrays(
                 )
     points, elements = [len(f.position) for f in fibres], [len(rows) for rows in own]
     of_element = [order[bundle.muscle] for bundle in bundles]
-    found: dict[str, NDArray[Any]] = {
+    arrays: dict[str, NDArray[Any]] = {
         "fibre_position": stacked([f.position for f in fibres]),
         "fibre_of_point": integers(np.repeat(np.arange(len(fibres)), points)),
         "fibre_muscle": integers([order[fibre.muscle] for fibre in fibres]),
@@ -62,10 +62,10 @@ def muscle_arrays(
             "expected weights for all muscles or for none"
         )
     if weighted:
-        found["bundle_weight"] = np.concatenate(
+        arrays["bundle_weight"] = np.concatenate(
             [float_array(b.weight) for b in bundles if b.weight is not None]
         )
-    return found
+    return arrays
 
 
 def facet_arrays(facets: Mapping[str, Integers] | None) -> dict[str, Any]:
@@ -92,18 +92,18 @@ def float_array(values: Floats) -> Floats:
 
 def integers(values: object) -> NDArray[np.int32]:
     """Contiguous integers of 32 bits; raises DataError for masks and numbers that are not whole."""
-    found = whole_numbers("a model", "number", np.asarray(values), error=DataError)
-    if found.size and np.abs(found).max() > np.iinfo(np.int32).max:
-        raise DataError(f"a model refers to number {found.max()}, expected at most {2**31 - 1}")
-    return np.ascontiguousarray(found, dtype=np.int32)
+    numbers = whole_numbers("a model", "number", np.asarray(values), error=DataError)
+    if numbers.size and np.abs(numbers).max() > np.iinfo(np.int32).max:
+        raise DataError(f"a model refers to number {numbers.max()}, expected at most {2**31 - 1}")
+    return np.ascontiguousarray(numbers, dtype=np.int32)
 
 
 def codes(values: object) -> NDArray[np.int8]:
     """Contiguous codes of 8 bits; raises DataError as `integers`, and for other numbers."""
-    found = integers(values)
-    if found.size and not (found.min() >= -128 and found.max() <= 127):
-        raise DataError(f"a model contains the code {found.max()}, expected a small whole number")
-    return found.astype(np.int8)
+    numbers = integers(values)
+    if numbers.size and not (numbers.min() >= -128 and numbers.max() <= 127):
+        raise DataError(f"a model contains the code {numbers.max()}, expected a small whole number")
+    return numbers.astype(np.int8)
 
 
 def check_references(

@@ -102,11 +102,11 @@ def _further(
 
     found: dict[str, Any] = {}
     if kind(motion) == "jaw_motion" and recording is not None:
-        from emgface.anatomy.jaw.compared import beside
+        from emgface.anatomy.jaw.compared import compare_with_recording
         from emgface.models.jaw import baselines
 
         given = recording_of(recording, mapping)
-        return {"beside": beside(given, motion, baselines(baseline))}
+        return {"comparison": compare_with_recording(given, motion, baselines(baseline))}
     if baseline:
         raise ConfigurationError(
             "baselines are scored by a recording of a jaw, expected the motion of a jaw and its "

@@ -5,7 +5,7 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis.tables import Table
-from emgface.anatomy.jaw.compared import Beside, beside
+from emgface.anatomy.jaw.compared import JawComparison, compare_with_recording
 from emgface.anatomy.jaw.recorded import SHIFT, in_skull_of, score_motion, simulated_recording
 from emgface.anatomy.jaw.run import run_task
 from emgface.anatomy.jaw.tasks import TASKS, JawTask
@@ -31,7 +31,7 @@ def test_scores_stand_beside_those_of_motions_that_must_be_worse(truth, recordin
     driven = truth.assign_attrs(recorded_start=0.0)
     still = driven.copy(deep=True)
     still["position"].values[:] = driven["position"].values[..., :1]
-    found = beside(recording, driven, {"still": still})
+    found = compare_with_recording(recording, driven, {"still": still})
     rows = {row[0]: row[2:] for row in found.scores.rows}
     rho, ratio, rmse, shift = rows["simulated"]
     assert rho > 0.999
@@ -64,7 +64,7 @@ def test_the_recorded_point_turns_with_the_head():
     motion = run_task(small_jaw(), JawTask("", 0.3, {"bi_all": [(0.0, 0.0)]}, head=15.0), step=5e-3)
     x = in_skull_of(motion, "lower_incisor")
     path = motion["position"].sel(marker=["lower_incisor"]).transpose("marker", "axis", "time")
-    drawn = Beside(path.copy(data=x.T[None]), Table("", (), (), "")).at(motion)
+    drawn = JawComparison(path.copy(data=x.T[None]), Table("", (), (), "")).at(motion)
     k = motion["marker"].values.tolist().index("lower_incisor")
     room = motion["position"].sel(marker="lower_incisor").transpose("time", "axis").values
     np.testing.assert_allclose(drawn[:, k], room, atol=1e-12)
@@ -111,5 +111,5 @@ def test_a_movement_that_is_the_same_backwards_is_told(truth):
     motion["position"].values[:] = rest - 1e-2 * bump * np.array([0.0, 0.5, 1.0])[:, None]
     assert (
         "backwards in time has an equally high score"
-        in beside(simulated_recording(motion), motion).scores.note
+        in compare_with_recording(simulated_recording(motion), motion).scores.note
     )

@@ -75,8 +75,10 @@ def ideal_vowel(name: str) -> xr.Dataset:
         raise DataError(f"unknown vowel {name!r}, expected {listed(IDEAL)}, or a table of areas")
     counts = [round(length / STEP) for length, _ in IDEAL[name]]
     areas = np.repeat([1e-4 * area for _, area in IDEAL[name]], counts)
-    told = f"idealised vowel {name!r}, no person's measures"
-    return area_function(areas[None], np.array([STEP * len(areas)]), np.zeros(1), assumptions=told)
+    description = f"idealised vowel {name!r}, no person's measures"
+    return area_function(
+        areas[None], np.array([STEP * len(areas)]), np.zeros(1), assumptions=description
+    )
 
 
 def read_areas(path: Path, row: str | None = None, *, from_lips: bool = False) -> xr.Dataset:
@@ -153,10 +155,10 @@ def areas_of_surface(
     first, last = (None if at is None else UNITS[unit] * np.array(at) for at in (start, end))
     assert first is not None, "start is specified"
     line = centre_line(position, triangle, first, end=last, levels=2 * count)
-    found = sections(position, triangle, line, count=count)
-    told = f"sections of {path.name} across a centre line from {tuple(start)} {unit}"
-    areas, length = found.area[None], np.array([found.length])
-    return area_function(areas, length, np.zeros(1), origin="measured", assumptions=told)
+    cuts = sections(position, triangle, line, count=count)
+    description = f"sections of {path.name} across a centre line from {tuple(start)} {unit}"
+    areas, length = cuts.area[None], np.array([cuts.length])
+    return area_function(areas, length, np.zeros(1), origin="measured", assumptions=description)
 
 
 def tract_of(
@@ -225,8 +227,10 @@ def with_lips(
     front = np.maximum(lips + protrusion, LEAST)[:, None]
     ways = np.hstack([np.tile(behind, (len(time), 1)), front])
     areas, total = equal_sections(parts, ways, count=max(len(given), round(L / SECTION)))
-    told = f"only the lips move, in front of a tract that does not ({tract.attrs['assumptions']})"
-    return area_function(areas, total, time, assumptions=told.replace(f"; {TUBE_ONLY}", ""))
+    description = (
+        f"only the lips move, in front of a tract that does not ({tract.attrs['assumptions']})"
+    )
+    return area_function(areas, total, time, assumptions=description.replace(f"; {TUBE_ONLY}", ""))
 
 
 def lips_of_trial(trajectory: xr.Dataset) -> tuple[Floats, Floats, Floats]:

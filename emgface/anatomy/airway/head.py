@@ -56,7 +56,7 @@ class TractGrid:
     front: float  #: y of the upper incisors, where the lips begin [m]
 
     @classmethod
-    def of(cls, head: Head) -> "TractGrid":
+    def from_head(cls, head: Head) -> "TractGrid":
         """Lay out the planes of a head; DataError if it lacks a part of `NEEDED` or a contour."""
         absent = [part for part in NEEDED if part not in head.named]
         if absent or "contour_node" not in head.parts.get("tongue", xr.Dataset()):
@@ -102,7 +102,7 @@ class TractGrid:
 
     def areas(self, palate: Surface, teeth: Surface, tongue: Surface) -> Floats:
         """Areas (k,) of the planes [m^2], between palate or pharynx and tongue or lower teeth."""
-        found = np.empty(len(self.outer))
+        area = np.empty(len(self.outer))
         for k, (o, i) in enumerate(zip(self.outer, self.inner, strict=True)):
             origin, down = np.array([0.0, *o]), np.array([0.0, *(i - o)])
             reach = float(np.linalg.norm(down))
@@ -124,8 +124,8 @@ class TractGrid:
                 bottom = np.minimum(bottom, _nearest(cut[..., 0], cut @ down, x))
             bottom[np.isinf(bottom)] = reach + FLOOR
             gap = np.where(np.isfinite(top), np.maximum(bottom - top, 0.0), 0.0)
-            found[k] = float(gap.sum() * 2.0 * width / (SAMPLES - 1))
-        return found
+            area[k] = float(gap.sum() * 2.0 * width / (SAMPLES - 1))
+        return area
 
 
 def head_tract(head: Head, motion: xr.Dataset | None = None) -> xr.Dataset:
@@ -146,9 +146,9 @@ def head_tract(head: Head, motion: xr.Dataset | None = None) -> xr.Dataset:
     Raises
     ------
     DataError
-        As `TractGrid.of`, or the motion lacks the nodes of its tissues.
+        As `TractGrid.from_head`, or the motion lacks the nodes of its tissues.
     """
-    grid, mouth = TractGrid.of(head), Mouth.of(head.parts["face"])
+    grid, mouth = TractGrid.from_head(head), Mouth.of(head.parts["face"])
     face, tongue = (head.parts[name]["position"].values for name in ("face", "tongue"))
     corners, _ = boundary_faces(head.parts["tongue"]["connectivity"].values)
     skin = triangles(corners, tongue)
@@ -174,12 +174,12 @@ def head_tract(head: Head, motion: xr.Dataset | None = None) -> xr.Dataset:
         own = [LARYNX[1], *inside, max(_bite(*bite, grid.front), TEETH_GAP), opening]
         areas.append(np.array(own))
         lengths.append(np.array([*grid.way, 2e-3, margin + forward]))
-    told = (
+    description = (
         "generated head; the pharynx, the velum and the larynx do not move and have published sizes, "
         "the sides of the mouth beyond the teeth are closed"
     )
     S, L = np.array(areas), np.array(lengths)
-    return area_function(*equal_sections(S, L), time, assumptions=told)
+    return area_function(*equal_sections(S, L), time, assumptions=description)
 
 
 def _with_jaw(points: Floats, motion: xr.Dataset, k: int) -> Floats:
@@ -224,9 +224,9 @@ def _nearest(along: Floats, value: Floats, x: Floats) -> Floats:
     a, b = along[:, :1], along[:, 1:]
     across = b - a
     share = (x - a) / np.where(across == 0.0, 1.0, across)
-    found = value[:, :1] + share * (value[:, 1:] - value[:, :1])
+    height = value[:, :1] + share * (value[:, 1:] - value[:, :1])
     on = (share >= 0.0) & (share <= 1.0) & (across != 0.0)
-    return np.where(on, found, np.inf).min(axis=0, initial=np.inf)
+    return np.where(on, height, np.inf).min(axis=0, initial=np.inf)
 
 
 def _length(line: Floats) -> Floats:

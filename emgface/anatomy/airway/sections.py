@@ -91,21 +91,21 @@ def sections(
     edge, index = np.unique(edges, axis=0, return_inverse=True)
     sides = index.reshape(3, -1).T  # edge of every side of every triangle
     line = _resampled(np.asarray(line, np.float64), count)
-    tangent, found = _tangents(line), list[tuple[float, Floats]]()
+    tangent, cuts = _tangents(line), list[tuple[float, Floats]]()
     for done in range(rounds + 1):
         tangent = _tangents(line)
-        found = [
+        cuts = [
             _section(position, triangle, edge, sides, c, t)
             for c, t in zip(line, tangent, strict=True)
         ]
         if done < rounds:
             moved = line.copy()
             for k in range(1, count - 1):
-                if found[k][0] > 0.0:
-                    moved[k] = found[k][1]
+                if cuts[k][0] > 0.0:
+                    moved[k] = cuts[k][1]
             moved[1:-1] = 0.25 * moved[:-2] + 0.5 * moved[1:-1] + 0.25 * moved[2:]
             line = _resampled(moved, count, inner=True)
-    area = np.array([f[0] for f in found])
+    area = np.array([f[0] for f in cuts])
     if not (area > 0.0).any():
         raise DataError(
             "no plane across the centre line intersects the surface, expected a surface that "
@@ -152,8 +152,8 @@ def _section(
         else np.argmin(np.linalg.norm(middle, axis=1))
     )
     if abs(area[chosen]) > 1e-9:
-        of = part == chosen
-        middle[chosen] = ((a + b)[of] * twice[of, None]).sum(axis=0) / (6.0 * area[chosen])
+        edges = part == chosen
+        middle[chosen] = ((a + b)[edges] * twice[edges, None]).sum(axis=0) / (6.0 * area[chosen])
     return float(abs(area[chosen])) if len(round_it) else 0.0, c + middle[chosen]
 
 

@@ -51,18 +51,18 @@ def with_formants(tract: xr.Dataset, *, count: int = 4, medium: Medium | None = 
     Dataset
         With ``formant_frequency`` and ``formant_bandwidth`` (time, formant) [Hz].
     """
-    found = np.full((2, tract.sizes["time"], count), np.nan)
+    resonances = np.full((2, tract.sizes["time"], count), np.nan)
     areas = tract["area"].transpose("time", "section").values
     for k, length in enumerate(tract["length"].values):
         if k and np.array_equal(areas[k], areas[k - 1]) and length == tract["length"].values[k - 1]:
-            found[:, k] = found[:, k - 1]
+            resonances[:, k] = resonances[:, k - 1]
             continue
         pair = np.stack(formants(areas[k], float(length), medium=medium))[:, :count]
-        found[:, k, : pair.shape[1]] = pair
+        resonances[:, k, : pair.shape[1]] = pair
     dims = ("time", "formant")
     return tract.assign(
-        formant_frequency=(dims, found[0], {"units": "Hz"}),
-        formant_bandwidth=(dims, found[1], {"units": "Hz"}),
+        formant_frequency=(dims, resonances[0], {"units": "Hz"}),
+        formant_bandwidth=(dims, resonances[1], {"units": "Hz"}),
     ).assign_coords(formant=("formant", np.arange(1, count + 1), {"units": "1"}))
 
 

@@ -68,12 +68,12 @@ def build_head(
     """
     unknown = [part for part in parts if part not in PARTS]
     if unknown or not parts or len(set(parts)) < len(parts):
-        found = unknown[0] if unknown else ",".join(parts)
-        raise HeadError(f"parts {found!r}, expected different names of {', '.join(PARTS)}")
+        wrong = unknown[0] if unknown else ",".join(parts)
+        raise HeadError(f"parts {wrong!r}, expected different names of {', '.join(PARTS)}")
     named = [part for part in PARTS if part in parts]
     models = _checked(models or {}, named)
     who = {"preset": preset, "seed": seed}
-    found = dict[str, xr.Dataset]()
+    built = dict[str, xr.Dataset]()
     attachments = dict[str, Integers]()
     if "face" in named:
         own = {field.name for field in fields(Measures)}
@@ -83,32 +83,32 @@ def build_head(
             face = template_face(measures=given, resolution=resolution, rings=rings, **who)
         for bone, name in ((MANDIBLE, "face-jaw"), (SKULL, "face-skull")):
             attachments[name] = np.flatnonzero(face["fixed"].values == bone)
-        found["face"] = face
+        built["face"] = face
     if "jaw" in named or "hyoid" in named:
         jaw = models.get("jaw")
         jaw = template_jaw(measures=measures, **who) if jaw is None else jaw
-        found["jaw"] = moving(jaw, named)
+        built["jaw"] = moving(jaw, named)
     if "tongue" in named:
         size = resolution if tongue_resolution is None else tongue_resolution
-        found["tongue"] = (
+        built["tongue"] = (
             models["tongue"]
             if "tongue" in models
             else template_tongue(measures=measures, resolution=size, **who)
         )
-        for body, nodes in attached_nodes(found["tongue"]).items():
+        for body, nodes in attached_nodes(built["tongue"]).items():
             attachments[f"tongue-{body}"] = nodes
-    if "tongue" in found and "jaw" in found:
-        found["jaw"] = without_floor_of(found["tongue"], found["jaw"])
+    if "tongue" in built and "jaw" in built:
+        built["jaw"] = without_floor_of(built["tongue"], built["jaw"])
     wanted = [p for p, needs in CONTACTS.items() if set(needs) <= set(named)]
     label = preset if seed is None else f"{preset}, volunteer {seed}"
     if models:
         label = ", ".join(str(model.attrs["name"]) for model in models.values())
     return build_lists(
-        parts=found,
+        parts=built,
         named=named,
         attachments=attachments,
         contacts=wanted if contacts is None else contacts,
-        shells=_shells(found, measures, preset, seed),
+        shells=_shells(built, measures, preset, seed),
         name=f"{'head' if models else 'template head'} ({label}: {', '.join(named)})",
         origin="fitted" if _fitted(models) else "generated",
     )
@@ -144,7 +144,7 @@ def _checked(models: Mapping[str, xr.Dataset], named: Sequence[str]) -> dict[str
 
 
 def _check_one_person(models: Mapping[str, xr.Dataset], named: Sequence[str]) -> None:
-    """Refuse parts of a person beside generated ones, which have the places of another."""
+    """Refuse parts of a person together with generated ones, which have the places of another."""
     fitted = [part for part, model in models.items() if model.attrs.get("origin") == "fitted"]
     others = [part for part, own in OWNER.items() if set(own) & set(named) and part not in fitted]
     if not fitted or not others:
@@ -218,18 +218,18 @@ def moving(jaw: xr.Dataset, named: Sequence[str], without: Sequence[str] = ()) -
     }
     if moves.all() and all(chosen.all() for chosen in kept.values()):
         return jaw
-    found = jaw.assign(body_moves=("body", moves, jaw["body_moves"].attrs))
-    found = found.isel({dim: np.flatnonzero(chosen) for dim, chosen in kept.items()})
-    muscles = [str(m) for m in found["muscle"].values]
+    model = jaw.assign(body_moves=("body", moves, jaw["body_moves"].attrs))
+    model = model.isel({dim: np.flatnonzero(chosen) for dim, chosen in kept.items()})
+    muscles = [str(m) for m in model["muscle"].values]
     exciters = exciters_of(muscles, GROUPS)
     gain = np.array([[own.get(m, 0.0) for m in muscles] for own in exciters.values()])
-    found = found.drop_vars(["exciter_gain", "exciter"]).assign_coords(exciter=list(exciters))
-    found["exciter_gain"] = (
+    model = model.drop_vars(["exciter_gain", "exciter"]).assign_coords(exciter=list(exciters))
+    model["exciter_gain"] = (
         ("exciter", "muscle"),
         gain.reshape(-1, len(muscles)),
         {"units": "1"},
     )
-    return check_jaw(found)
+    return check_jaw(model)
 
 
 def _shells(

@@ -1,4 +1,4 @@
-"""Score of the lower incisor in a trial that moves a head, beside those of the lips."""
+"""Score of the lower incisor in a trial that moves a head, in addition to those of the lips."""
 
 import numpy as np
 import xarray as xr
@@ -26,9 +26,9 @@ def incisor_pair(
     attrs = {name: motion.attrs[name] for name in ("recorded_start", "origin")}
     attrs["numerical_error"] = motion.attrs["incisor_error"]
     body = {"body": np.array([], dtype="U1")}  # the skull rests
-    found = xr.Dataset({"position": path}, coords=body, attrs=attrs)
+    simulated = xr.Dataset({"position": path}, coords=body, attrs=attrs)
     given = xr.Dataset({"position": place.sel(marker=[INCISOR])}, attrs=recording.attrs)
-    return given, found
+    return given, simulated
 
 
 def with_incisor(
@@ -47,11 +47,11 @@ def with_incisor(
         pair = incisor_pair(recording, motion, face, frame)
         if pair is None:
             return scores
-        found = score_motion(*pair).sel(marker=INCISOR)
+        score = score_motion(*pair).sel(marker=INCISOR)
     except (EmgfaceError, AnalysisError) as error:
         return scores.assign_attrs(incisor_reason=f"the incisor is not scored: {error}")
-    own = {f"incisor_{name}": ((), float(found[name]), {"units": unit})
+    own = {f"incisor_{name}": ((), float(score[name]), {"units": unit})
            for name, (unit, _) in PER_MARKER.items()}  # fmt: skip
-    reason = str(found["reason"].item()) if "reason" in found else ""
+    reason = str(score["reason"].item()) if "reason" in score else ""
     why = {"incisor_reason": f"rho of the incisor is undefined, {reason}"} if reason else {}
     return scores.assign(own).assign_attrs(why)

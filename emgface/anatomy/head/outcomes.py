@@ -28,24 +28,24 @@ def outcomes(motion: xr.Dataset, head: Head) -> dict[str, float]:
     x = motion["position"].transpose("time", "marker", "axis")
     d = 1e3 * (x - x.isel(time=0))
     last = d.isel(time=-1)
-    found = dict[str, float]()
+    values = dict[str, float]()
     if "face" in head.parts:
-        found |= _of_mouth(motion, head.parts["face"])
+        values |= _of_mouth(motion, head.parts["face"])
         left, right = (last.sel(marker=name).values for name in _TWO_SIDED)
-        found["corner_in_mm"] = float(0.5 * (left[0] - right[0]))
-        found["corner_forward_mm"] = float(0.5 * (left[1] + right[1]))
-        found["corner_up_mm"] = float(0.5 * (left[2] + right[2]))
+        values["corner_in_mm"] = float(0.5 * (left[0] - right[0]))
+        values["corner_forward_mm"] = float(0.5 * (left[1] + right[1]))
+        values["corner_up_mm"] = float(0.5 * (left[2] + right[2]))
     for name in _POINTS:
         if name in x["marker"].values:
-            found[f"{name}_forward_mm"], found[f"{name}_up_mm"] = map(
+            values[f"{name}_forward_mm"], values[f"{name}_up_mm"] = map(
                 float, last.sel(marker=name).values[1:]
             )
     if "smallest_J" in motion:
-        found["smallest_J"] = float(motion["smallest_J"].min())
+        values["smallest_J"] = float(motion["smallest_J"].min())
     t = motion["time"].values
     moved = np.linalg.norm(d.values[-1] - d.values[-2], axis=-1)
-    found["speed_mm_s"] = float(moved.max() / (t[-1] - t[-2]))
-    return found
+    values["speed_mm_s"] = float(moved.max() / (t[-1] - t[-2]))
+    return values
 
 
 def _of_mouth(motion: xr.Dataset, face: xr.Dataset) -> dict[str, float]:

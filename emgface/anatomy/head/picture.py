@@ -93,18 +93,18 @@ def _surfaces(motion: xr.Dataset, parts: Parts) -> Drawn:
         .values
         for k, tissue in enumerate(motion["tissue"].values)
     }
-    found, first = list[Drawn](), 0
+    pieces, first = list[Drawn](), 0
     for part, own in parts.items():
-        found += [
+        pieces += [
             (points, corners, colour, np.where(fibre > 0, fibre + first, 0))
             for points, corners, colour, fibre in _PAINTERS[part](motion, own, nodes.get(part))
         ]
         first += own.sizes["muscle"]
-    if not found:
+    if not pieces:
         raise HeadError("the motion has no parts to draw, expected a face, a jaw or a tongue")
-    start = np.cumsum([0, *(own[0].shape[1] for own in found)])
-    corners = [own[1] + k for own, k in zip(found, start, strict=False)]
-    points, _, colours, fibres = zip(*found, strict=True)
+    start = np.cumsum([0, *(own[0].shape[1] for own in pieces)])
+    corners = [own[1] + k for own, k in zip(pieces, start, strict=False)]
+    points, _, colours, fibres = zip(*pieces, strict=True)
     q, rows = np.concatenate(points, axis=1), np.concatenate(corners)
     return q, rows, np.concatenate(colours), np.concatenate(fibres)
 
@@ -118,7 +118,7 @@ def _face(motion: xr.Dataset, face: xr.Dataset, q: Floats | None) -> list[Drawn]
     colour = np.tile(TISSUE[0], (len(X), 1))
     for part in sorted(TISSUE):
         colour[skin.facet[skin.part == part].ravel()] = TISSUE[part]
-    found: list[Drawn] = [(q[:, skin.node], corners, colour, np.zeros(len(X), dtype=np.int64))]
+    pieces: list[Drawn] = [(q[:, skin.node], corners, colour, np.zeros(len(X), dtype=np.int64))]
     points = face["fibre_position"].values  # ends on bone, outside the tissue, move with its nodes
     _, nearest = KDTree(face["position"].values).query(points)
     lines = points + q[:, nearest] - face["position"].values[nearest]
@@ -127,8 +127,8 @@ def _face(motion: xr.Dataset, face: xr.Dataset, q: Floats | None) -> list[Drawn]
         if own.shape[1] > 1:
             around, rows = tube(own)
             n = around.shape[1]
-            found.append((around, rows, np.tile(RELAXED, (n, 1)), np.full(n, muscle + 1)))
-    return found
+            pieces.append((around, rows, np.tile(RELAXED, (n, 1)), np.full(n, muscle + 1)))
+    return pieces
 
 
 def _jaw(motion: xr.Dataset, jaw: xr.Dataset, q: Floats | None) -> list[Drawn]:

@@ -101,11 +101,11 @@ def _run(row: Mapping[Any, Any], number: int) -> PlannedRun:
 
 def nested(values: Mapping[str, Any]) -> dict[str, Any]:
     """Nested tables from names with dots."""
-    found: dict[str, Any] = {}
+    tables: dict[str, Any] = {}
     for name, value in values.items():
-        place = found
+        place = tables
         *outer, last = name.split(".")
         for part in outer:
             place = place.setdefault(part, {})
         place[last] = value
-    return found
+    return tables

@@ -88,31 +88,31 @@ def import_head(
     if not named or len(named) < len(parts):
         raise HeadError(f"parts {','.join(parts)!r}, expected names of {', '.join(PARTS)}")
     place = Path(folder)
-    found = dict[str, xr.Dataset]()
+    models = dict[str, xr.Dataset]()
     attachments = dict[str, Integers]()
     shells = dict[str, Arch]()
     if "face" in named or "tongue" in named:
         bones = _teeth(place / "face_badin")
         shells = {"mandible": bones[1], "maxilla": bones[0]}
     if "face" in named:
-        found["face"] = _face(place, [shells["maxilla"], shells["mandible"]])
+        models["face"] = _face(place, [shells["maxilla"], shells["mandible"]])
         for bone, name in ((MANDIBLE, "face-jaw"), (SKULL, "face-skull")):
-            attachments[name] = np.flatnonzero(found["face"]["fixed"].values == bone)
+            attachments[name] = np.flatnonzero(models["face"]["fixed"].values == bone)
         if floor:
             for name in (p for p in FLOOR if p.removeprefix("face-") in named):
                 path = place / "face_badin" / f"{name.replace('-', '_')}_attachments.txt"
                 attachments[name] = numbers_of(path)
     if "jaw" in named or "hyoid" in named:
         without = LINES if "tongue" in named else ()
-        found["jaw"] = moving(published_jaw(place / "jaw_tongue_face"), named, without=without)
+        models["jaw"] = moving(published_jaw(place / "jaw_tongue_face"), named, without=without)
     if "tongue" in named:
-        found["tongue"] = _tongue(place)
-        for body, nodes in attached_nodes(found["tongue"]).items():
+        models["tongue"] = _tongue(place)
+        for body, nodes in attached_nodes(models["tongue"]).items():
             attachments[f"tongue-{body}"] = nodes
         shells["palate"] = shells["maxilla"]
     wanted = [pair for pair, needs in CONTACTS.items() if set(needs) <= set(named)]
     return build_lists(
-        parts=found,
+        parts=models,
         named=named,
         attachments=attachments,
         contacts=wanted if contacts is None else contacts,
@@ -134,11 +134,11 @@ def _tongue(place: Path) -> xr.Dataset:
 
 def _teeth(place: Path) -> tuple[Arch, Arch]:
     """Maxilla and mandible, with their teeth."""
-    found = list[Arch]()
+    arches = list[Arch]()
     for bone, name in ((SKULL, "badinmaxilla.obj"), (MANDIBLE, "badinjaw.obj")):
         points, triangles = read_obj(file_of(place / name))
-        found.append(Arch(bone, points @ TURN.T, triangles))
-    return found[0], found[1]
+        arches.append(Arch(bone, points @ TURN.T, triangles))
+    return arches[0], arches[1]
 
 
 def _face(place: Path, bones: list[Arch]) -> xr.Dataset:
@@ -201,7 +201,7 @@ def _face_fibres(place: Path) -> list[Fibre]:
 
 
 def _face_bundles(fibres: list[Fibre], centres: Floats, oop: Integers) -> list[Bundle]:
-    found = list[Bundle]()
+    bundles = list[Bundle]()
     for muscle in MODELLED:
         both = [f.position for f in fibres if f.muscle[:-2] == muscle]
         for side in SIDES:
@@ -212,5 +212,5 @@ def _face_bundles(fibres: list[Fibre], centres: Floats, oop: Integers) -> list[B
                 else elements_within(centres, own, RADIUS)
             )
             direction = symmetric_directions(centres[element], both)
-            found.append(Bundle(f"{muscle}_{side}", element, direction))
-    return found
+            bundles.append(Bundle(f"{muscle}_{side}", element, direction))
+    return bundles

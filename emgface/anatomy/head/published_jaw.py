@@ -86,7 +86,7 @@ def _muscles(place: Path) -> list[JawLine]:
     ends = [f"{end}{axis}_mm" for end in "oi" for axis in "xyz"]
     columns = ["name", "origin_body", "insertion_body", *ends, "max_force_N", "opt_length_mm"]
     columns += ["max_length_mm", "tendon_ratio", "passive_fraction"]
-    found = list[JawLine]()
+    muscles = list[JawLine]()
     for _, row in table_of(place / "derived" / "muscles.csv", columns).iterrows():
         line = np.array([_mm(row, "o"), _mm(row, "i")])
         length = 1e3 * float(np.linalg.norm(line[1] - line[0]))
@@ -100,8 +100,8 @@ def _muscles(place: Path) -> list[JawLine]:
             "damping": 1.0,
         }
         a, b = (_bone(row[f"{end}_body"]) for end in ("origin", "insertion"))
-        found.append(JawLine(str(row["name"])[1:] + side, (a, b), line, values))
-    return found
+        muscles.append(JawLine(str(row["name"])[1:] + side, (a, b), line, values))
+    return muscles
 
 
 def _hyoid_springs(centre: Floats) -> list[JawLine]:
@@ -111,13 +111,13 @@ def _hyoid_springs(centre: Floats) -> list[JawLine]:
     """
     k, turning = HYOID_SPRING
     r = float(np.sqrt(turning / k))
-    found = list[JawLine]()
+    springs = list[JawLine]()
     for axis in range(3):
-        along, beside = np.eye(3)[axis], np.eye(3)[(axis + 1) % 3]
+        along, across = np.eye(3)[axis], np.eye(3)[(axis + 1) % 3]
         for sign in (1.0, -1.0):
-            near = centre + sign * r * beside
+            near = centre + sign * r * across
             values = {"stiffness": 0.5 * k, "rest_length": _FAR, "damping": 0.0}
-            found.append(
+            springs.append(
                 JawLine(
                     f"hyoid {'xyz'[axis]}{'+-'[sign < 0.0]}",
                     ("hyoid", "skull"),
@@ -125,17 +125,17 @@ def _hyoid_springs(centre: Floats) -> list[JawLine]:
                     values,
                 )
             )
-    return found
+    return springs
 
 
 def _joints(points: dict[str, Floats]) -> list[JawJoint]:
-    """Condylar paths, walls behind and beside the condyles, and bite planes."""
+    """Condylar paths, walls behind the condyles and lateral to them, and bite planes."""
     forward = np.array([0.0, np.cos(_SLOPE), -np.sin(_SLOPE)])
-    found = list[JawJoint]()
+    joints = list[JawJoint]()
     for side, sign in (("_L", -1.0), ("_R", 1.0)):
         condyle, bite = points[f"condyle{side}"], points[f"bite{side}"]
         guide = {"body": "skull", "origin": condyle, "point": f"condyle{side}"}
-        found.append(
+        joints.append(
             JawJoint(
                 f"tmj{side}",
                 "curve",
@@ -146,13 +146,13 @@ def _joints(points: dict[str, Floats]) -> list[JawJoint]:
                 **guide,
             )
         )
-        found.append(JawJoint(f"posterior{side}", "plane", normal=forward, **guide))
+        joints.append(JawJoint(f"posterior{side}", "plane", normal=forward, **guide))
         inward = np.array([-sign, 0.0, 0.0])
         wall = np.cos(_WALL) * inward + np.sin(_WALL) * forward
-        found.append(JawJoint(f"lateral{side}", "plane", normal=wall, **guide))
+        joints.append(JawJoint(f"lateral{side}", "plane", normal=wall, **guide))
         tilted = np.array([sign * np.sin(_CANT), 0.0, -np.cos(_CANT)])
-        found.append(JawJoint(f"bite{side}", "plane", "skull", bite, tilted, f"bite{side}"))
-    return found
+        joints.append(JawJoint(f"bite{side}", "plane", "skull", bite, tilted, f"bite{side}"))
+    return joints
 
 
 def _bone(name: object) -> str:
@@ -182,8 +182,8 @@ def _holes(triangles: Integers) -> NDArray[np.int64]:
     edges = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).tolist()
     known = {(a, b) for a, b in edges}
     after = {b: a for a, b in known if (b, a) not in known}
-    found = {
+    corners = {
         tuple(sorted((a, b, after.get(b, -1)))): (a, b, after.get(b, -1)) for a, b in after.items()
     }
-    closed = [row for row in found.values() if after.get(row[2]) == row[0]]
+    closed = [row for row in corners.values() if after.get(row[2]) == row[0]]
     return np.array(closed, dtype=np.int64).reshape(-1, 3)

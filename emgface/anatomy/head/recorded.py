@@ -114,14 +114,14 @@ def _with_jaw(
     start = float(activation["time"].values[0])
     assert jaw.recorded_start is not None
     own = activation["time"].values - start
-    beside = jaw.time + jaw.recorded_start - start
-    time = np.union1d(own, beside[(beside >= 0.0) & (beside <= own[-1])])
+    jaw_time = jaw.time + jaw.recorded_start - start
+    time = np.union1d(own, jaw_time[(jaw_time >= 0.0) & (jaw_time <= own[-1])])
     values = {
         str(m): np.interp(time, own, activation.sel(muscle=m).values)
         for m in activation["muscle"].values
     }
     known, _ = jaw.known_to(head.lists)
-    values |= {name: np.interp(time, beside, u) for name, u in known.values.items()}
+    values |= {name: np.interp(time, jaw_time, u) for name, u in known.values.items()}
     exciter, level = CLOSERS
     values[exciter] = np.full(len(time), level)
     return Excitation(time, values, start)
@@ -196,7 +196,7 @@ def trajectory_of_head(
     x, other = (m["position"].sel(marker=face["marker"].values) for m in (motion, rough))
     error = xr.apply_ufunc(np.sqrt, ((x - other) ** 2).sum(dim="axis").max(dim="marker"))
     teeth = [m["position"].sel(marker=INCISOR, drop=True) for m in (motion, rough)]
-    found = {
+    variables = {
         "position": x.transpose("marker", "axis", "time"),
         "incisor": teeth[0].transpose("axis", "time"),
         "numerical_error": error.assign_attrs(units="m"),
@@ -206,8 +206,10 @@ def trajectory_of_head(
         .transpose("time", "surface_node", "axis"),
     }
     kept = ("smallest_J", "iterations", "lip_opening", "mouth_area", "lip_protrusion")
-    found |= {name: motion[name] for name in kept if name in motion}
-    trajectory = xr.Dataset(found).drop_vars(["muscle", "tissue", "named", "body"], errors="ignore")
+    variables |= {name: motion[name] for name in kept if name in motion}
+    trajectory = xr.Dataset(variables).drop_vars(
+        ["muscle", "tissue", "named", "body"], errors="ignore"
+    )
     trajectory.attrs = {
         "solver": "linearly_implicit",
         "contact": p.contact.method,
@@ -244,11 +246,11 @@ def score_head(
         smallest_snr=plan.score.smallest_snr,
         **plan.alignment.arguments(),
     )
-    found = with_findings(score(aligned, lips, **plan.score.model_dump()), other)
+    scores = with_findings(score(aligned, lips, **plan.score.model_dump()), other)
     if INCISOR not in recording["marker"].values:
-        return found
+        return scores
     incisor = score_motion(recording.sel(marker=[INCISOR]), motion)
     both = [
-        name for name in ("rho", "amplitude_ratio", "rmse") if name in found and name in incisor
+        name for name in ("rho", "amplitude_ratio", "rmse") if name in scores and name in incisor
     ]
-    return xr.concat([found[both], incisor[both]], "marker", combine_attrs="drop_conflicts")
+    return xr.concat([scores[both], incisor[both]], "marker", combine_attrs="drop_conflicts")

@@ -60,7 +60,7 @@ def simulate_head(
         `sim.LinearlyImplicitEuler` by default, which supports contact with moving bones.
     scene : HeadScene, optional
         Of the head, for several motions. It has its own face, tongue, law and gravity, which must not
-        be specified beside it.
+        be specified in addition.
     progress : callable, optional
         As of `sim.simulate`.
 
@@ -74,16 +74,20 @@ def simulate_head(
     JawError
         An exciter is unknown.
     HeadError
-        A property of the scene is specified beside it.
+        A property of the scene is specified in addition to it.
     HeadError, SceneError, ContactFailure
         As `head_scene`.
     SimulationError
         As `sim.simulate`.
     """
-    beside = {"face": face is not None, "tongue": tongue is not TONGUE, "law": law != "peck"}
-    beside["gravity"] = not gravity
-    if scene is not None and any(beside.values()):
-        named = " and ".join(name for name, given in beside.items() if given)
+    own_properties = {
+        "face": face is not None,
+        "tongue": tongue is not TONGUE,
+        "law": law != "peck",
+    }
+    own_properties["gravity"] = not gravity
+    if scene is not None and any(own_properties.values()):
+        named = " and ".join(name for name, given in own_properties.items() if given)
         raise HeadError(
             f"{named} specified in addition to a scene, which already contains it: pass it to head_scene"
         )
@@ -145,18 +149,18 @@ def probes(head: Head, parts: HeadScene) -> tuple[Probe, ...]:
     if parts.jaw is not None:
         nodes += parts.jaw.points.values()
         names += parts.jaw.points
-    found: list[Probe] = [sim.Markers(np.array(nodes, dtype=np.int64), tuple(names))]
+    recorded: list[Probe] = [sim.Markers(np.array(nodes, dtype=np.int64), tuple(names))]
     if parts.first:
-        found += [sim.Positions(), sim.SmallestJ()]
+        recorded += [sim.Positions(), sim.SmallestJ()]
     if parts.jaw is not None and parts.jaw.bodies:
-        found.append(sim.Frames(parts.jaw.bodies))
+        recorded.append(sim.Frames(parts.jaw.bodies))
     if "face" in head.parts:
         face = head.parts["face"]
         upper, lower = (int(node) for node in face["lip_opening_node"].values)
-        found.append(sim.Opening(upper, lower, UP))
+        recorded.append(sim.Opening(upper, lower, UP))
         if has_mouth(face):
-            found.append(Mouth.of(face))
-    return tuple(found)
+            recorded.append(Mouth.of(face))
+    return tuple(recorded)
 
 
 def raised(levels: dict[str, float], *, rise: float = 0.2, jaw: bool = True) -> Excitation:

@@ -29,7 +29,7 @@ from sim.scene import Term
 TONGUE = TongueParameters(sigma_max=100e3, damping_tangent="rest")
 """Tongue of a generated head: the published law with the active stress of the chapter (11.2.2.3), and
 the damping of the face, whose matrix stays positive with active muscles."""
-BESIDE, HOLDERS = 5e-3, 12
+ATTACHMENT_DISTANCE, HOLDERS = 5e-3, 12
 """Largest distance of a node from the tissue that it follows [m], and number of nodes there."""
 FREE_SIDES = ("dorsum", "left", "right", "front")
 """Sides of a tongue that may touch teeth and palate."""
@@ -134,25 +134,25 @@ def _attached(
     head: Head, part: TonguePart | None, first: Mapping[str, int], bodies: tuple[str, ...]
 ) -> list[Member]:
     """Attachments of the lists, and points outside the tongue; fixed on bodies that stay."""
-    held: dict[str, list[Integers]] = {}
-    found = list[Member]()
+    attached: dict[str, list[Integers]] = {}
+    members = list[Member]()
     for pair in map(str, head.lists["pair"].values):
         tissue, _, body = pair.partition("-")
         if part is not None and body == "tongue":
-            found.append(_in_tissue(head, pair, first, part.mesh))
+            members.append(_in_tissue(head, pair, first, part.mesh))
         else:
-            held.setdefault(body, []).append(head.attached(pair) + first[tissue])
+            attached.setdefault(body, []).append(head.attached(pair) + first[tissue])
     if part is not None:
         last = first["tongue"] + part.mesh.n_nodes
-        for body, nodes in part.held.items():
-            held.setdefault(body, []).append(nodes[nodes >= last])
-    still = [nodes for body, own in held.items() if body not in bodies for nodes in own]
+        for body, nodes in part.attached.items():
+            attached.setdefault(body, []).append(nodes[nodes >= last])
+    still = [nodes for body, own in attached.items() if body not in bodies for nodes in own]
     if still:
-        found.append(sim.Fixed(np.sort(np.concatenate(still)).astype(np.int64)))
-    for body, own in held.items():
+        members.append(sim.Fixed(np.sort(np.concatenate(still)).astype(np.int64)))
+    for body, own in attached.items():
         if body in bodies:
-            found.append(sim.OnBody(body, np.concatenate(own).astype(np.int64)))
-    return found
+            members.append(sim.OnBody(body, np.concatenate(own).astype(np.int64)))
+    return members
 
 
 def _in_tissue(head: Head, pair: str, first: Mapping[str, int], carrier: sim.Mesh) -> sim.InElement:
@@ -164,13 +164,16 @@ def _in_tissue(head: Head, pair: str, first: Mapping[str, int], carrier: sim.Mes
     tissue, _, other = pair.partition("-")
     nodes = head.attached(pair)
     points = head.parts[tissue]["position"].values[nodes]
-    found = KDTree(carrier.X).query(points, HOLDERS)
-    away, near = np.asarray(found[0], dtype=np.float64), np.asarray(found[1], dtype=np.int64)
-    if (away[:, 0] > BESIDE).any():
+    neighbours = KDTree(carrier.X).query(points, HOLDERS)
+    away, near = (
+        np.asarray(neighbours[0], dtype=np.float64),
+        np.asarray(neighbours[1], dtype=np.int64),
+    )
+    if (away[:, 0] > ATTACHMENT_DISTANCE).any():
         k = int(np.argmax(away[:, 0]))
         raise HeadError(
             f"attachment {pair}: node {nodes[k]} is {1e3 * away[k, 0]:.3g} mm from the {other}, "
-            f"expected at most {1e3 * BESIDE:g} mm"
+            f"expected at most {1e3 * ATTACHMENT_DISTANCE:g} mm"
         )
     scale = away[:, -1, None, None]
     lines = np.concatenate(
@@ -196,37 +199,37 @@ def _teeth(
     }
     wanted = [s for pair in map(str, head.lists["contact"].values) for s in used.get(pair, ())]
     carried: _Carried = np.empty((0, 3)), ()
-    found = dict[str, NodeSurface | RigidShell]()
+    surfaces = dict[str, NodeSurface | RigidShell]()
     for name in dict.fromkeys(wanted):
         shell = head.shell(name)
         corners = shell.triangles.astype(np.int64)
         if shell.bone == MANDIBLE and "jaw" in bodies:
             points, members, own = body_surfaces({"jaw": (shell.points, corners)}, n)
             carried = points, members
-            found[name] = replace(own["jaw"], name=name)
+            surfaces[name] = replace(own["jaw"], name=name)
         else:
-            found[name] = RigidShell(shell.points, corners, name)
-    return carried, found
+            surfaces[name] = RigidShell(shell.points, corners, name)
+    return carried, surfaces
 
 
 def _pairings(
     head: Head, first: Mapping[str, int], rigid: Mapping[str, NodeSurface | RigidShell]
 ) -> tuple[Pairing, ...]:
     contacts = [str(pair) for pair in head.lists["contact"].values]
-    found = list[Pairing]()
+    pairings = list[Pairing]()
     if "lip-lip" in contacts:
-        found += contact_pairings(head.parts["face"], ("lips",))
+        pairings += contact_pairings(head.parts["face"], ("lips",))
     if "lips-teeth" in contacts:
         soft = NodeSurface(lining(head.parts["face"]), "lining of the mouth")
-        found += [Pairing(soft, rigid[name]) for name in ("maxilla", "mandible")]
+        pairings += [Pairing(soft, rigid[name]) for name in ("maxilla", "mandible")]
     names = [name for pair, name in _OF_TONGUE if pair in contacts]
     if names:
         own = head.parts["tongue"]
         quads = np.concatenate([facets_of(own, side) for side in FREE_SIDES])
         corners = triangles(quads, own["position"].values) + first["tongue"]
         soft = NodeSurface(corners.astype(np.int64), "tongue")
-        found += [Pairing(soft, rigid[name]) for name in names]
-    return tuple(found)
+        pairings += [Pairing(soft, rigid[name]) for name in names]
+    return tuple(pairings)
 
 
 _OF_TONGUE = (

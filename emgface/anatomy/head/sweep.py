@@ -199,7 +199,7 @@ class _Heads:
         self.setting, self.given = setting, given
         self.kept: dict[str | int, tuple[object, Head, HeadScene]] = {}
 
-    def of(self, run: PlannedRun, resolution: str | int) -> tuple[Head, HeadScene]:
+    def for_run(self, run: PlannedRun, resolution: str | int) -> tuple[Head, HeadScene]:
         """Head and compiled scene of a run."""
         key = _of_head(run)
         if resolution not in self.kept or self.kept[resolution][0] != key:
@@ -249,7 +249,7 @@ def _row(run: PlannedRun, heads: _Heads, measure: Measure) -> dict[str, Any]:
     s = heads.setting
     try:
         coarse = _simulated(run, heads, s.resolution, s.step, measure)
-        found: dict[str, Any] = _simulated(run, heads, s.resolution, 0.5 * s.step, measure)
+        row: dict[str, Any] = _simulated(run, heads, s.resolution, 0.5 * s.step, measure)
         finer = (
             _simulated(run, heads, s.finer, s.step, measure)
             if s.finer is not None and heads.given is None
@@ -257,18 +257,18 @@ def _row(run: PlannedRun, heads: _Heads, measure: Measure) -> dict[str, Any]:
         )
     except sim.SimulationError as error:
         return {"end": one_line(error)}
-    for name in tuple(found):
+    for name in tuple(row):
         if name not in ("smallest_J", "speed_mm_s"):
-            found[name + STEP_ERROR] = abs(found[name] - coarse[name])
+            row[name + STEP_ERROR] = abs(row[name] - coarse[name])
             if finer is not None:
-                found[name + MESH_ERROR] = abs(finer[name] - coarse[name])
-    return {**found, "end": "reached"}
+                row[name + MESH_ERROR] = abs(finer[name] - coarse[name])
+    return {**row, "end": "reached"}
 
 
 def _simulated(
     run: PlannedRun, heads: _Heads, resolution: str | int, step: float, measure: Measure
 ) -> dict[str, float]:
-    s, (head, scene) = heads.setting, heads.of(run, resolution)
+    s, (head, scene) = heads.setting, heads.for_run(run, resolution)
     drive = raised(dict(run.drive), rise=s.rise, jaw="bi_close" in head.lists["exciter"].values)
     motion = simulate_head(
         head, drive, duration=s.duration, step=step, output=2.0 * s.step, scene=scene

@@ -1,4 +1,4 @@
-"""Motion of a jaw beside a recorded one: aligned paths, scores, and those of baselines."""
+"""Motion of a jaw compared with a recorded one: aligned paths, scores, and those of baselines."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -28,8 +28,8 @@ _REVERSED, _STILL = "the same, backwards in time", "none (the point rests)"
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
-    """A recording beside a motion, with the scores of the motion and of baselines.
+class JawComparison:
+    """A recording compared with a motion, with the scores of the motion and of baselines.
 
     ``path`` (marker, axis, time) [m] are recorded points at the times of the motion, relative to
     the skull, NaN where nothing was recorded.
@@ -44,7 +44,7 @@ class Beside:
         return np.asarray(1e3 * (x - in_skull_of(motion, marker)[0]), dtype=np.float64)
 
     def at(self, shown: xr.Dataset) -> Floats:
-        """Positions (time, marker, 3) beside those of some instants of the motion, NaN without [m]."""
+        """Recorded positions (time, marker, 3) at some instants of the motion, NaN without [m]."""
         chosen = self.path.reindex(marker=shown["marker"].values).sel(time=shown["time"].values)
         x = chosen.transpose("time", "marker", "axis").values
         if "skull" not in shown["body"].values:
@@ -54,19 +54,19 @@ class Beside:
         return rotated(q, x) + skull["body_position"].transpose("time", "axis").values[:, None]
 
 
-def beside(
+def compare_with_recording(
     recording: xr.Dataset, motion: xr.Dataset, baselines: Mapping[str, xr.Dataset] | None = None
-) -> Beside:
+) -> JawComparison:
     """Align a recording with a motion as for the scores, and score it as `compared`.
 
     Every recorded point is shifted so that the means of both paths are equal, as in the rmse.
     """
-    found, model = aligned(recording, motion)
-    found = found["position"].transpose("marker", "axis", "time")
+    measured, model = aligned(recording, motion)
+    measured = measured["position"].transpose("marker", "axis", "time")
     own = model["position"].transpose("marker", "axis", "time")
-    placed = found + (own - found).mean("time")
+    placed = measured + (own - measured).mean("time")
     path = placed.reindex(time=motion["time"].values).assign_attrs(units="m")
-    return Beside(path, compared_jaws(recording, motion, baselines))
+    return JawComparison(path, compared_jaws(recording, motion, baselines))
 
 
 def compared_jaws(
@@ -88,8 +88,8 @@ def compared_jaws(
             rows += _rows(name, score_motion(recording, other))
         except AnalysisError as error:
             rows.append((name, str(error), *[np.nan] * 4))
-    found, model = aligned(recording, motion)
-    path, nothing = found["position"], xr.zeros_like(model["position"])
+    measured, model = aligned(recording, motion)
+    path, nothing = measured["position"], xr.zeros_like(model["position"])
     covered = np.isfinite(path.transpose("time", ...).values).all(axis=(1, 2))
     away = rmse(path.isel(time=covered), nothing.isel(time=covered))
     rows += [
@@ -122,10 +122,10 @@ def _rows(name: str, scores: xr.Dataset) -> list[tuple[object, ...]]:
 
 
 def _notes(motion: xr.Dataset, scores: xr.Dataset, backwards: Floats) -> list[str]:
-    """State how both were paired, what the baseline tells, the numerical error, reasons and flags."""
+    """State how both were paired, what the baseline shows, the numerical error, reasons and flags."""
     rho = scores["rho"].values
     driven = "recorded_start" in motion.attrs
-    told = [
+    notes = [
         "The motion is compared with the recording at the times of the sEMG that drives it, shifted by "
         f"at most {SHIFT:g} s."
         if driven
@@ -133,20 +133,20 @@ def _notes(motion: xr.Dataset, scores: xr.Dataset, backwards: Floats) -> list[st
         "scores state how similar the paths are."
     ]
     if (backwards > rho - ALIKE).any():
-        told.append(
+        notes.append(
             "The motion backwards in time has an equally high score: this recording does not "
             "distinguish the "
             "course of the motion."
         )
     error = motion.attrs.get("numerical_error")
-    told.append(
+    notes.append(
         "The error of the time steps was not estimated."
         if error is None
         else f"Estimated error of the time steps: {1e3 * error:.2g} mm."
     )
-    told += [
+    notes += [
         f"{m}: rho is undefined, {reason}."
         for m in scores["marker"].values
         if (reason := str(scores["reason"].sel(marker=m).item()))
     ]
-    return told + [f"Flag {name}: {FLAGS[name]}." for name in flags_of(scores)]
+    return notes + [f"Flag {name}: {FLAGS[name]}." for name in flags_of(scores)]

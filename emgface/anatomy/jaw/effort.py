@@ -41,16 +41,16 @@ def at_rest(channels: Sequence[str], own: Floats) -> list[str]:
 
     Without a reference Eq. 8 would amplify their noise to full excitation.
     """
-    found = [c for c, low, high in zip(channels, own[0], own[2], strict=True) if high < BURST * low]
-    if found:
+    quiet = [c for c, low, high in zip(channels, own[0], own[2], strict=True) if high < BURST * low]
+    if quiet:
         warnings.warn(
-            f"{'channels' if len(found) > 1 else 'channel'} {', '.join(found)}: the strongest 0.2 s are "
+            f"{'channels' if len(quiet) > 1 else 'channel'} {', '.join(quiet)}: the strongest 0.2 s are "
             f"less than {BURST:g} times the weakest, as in noise; the excitation is zero. If the "
             "muscle was active, specify recordings of maximum effort as a reference",
             FeatureWarning,
             stacklevel=3,
         )
-    return found
+    return quiet
 
 
 def require_effort(channels: Sequence[str], own: Floats, references: Sequence[Floats]) -> None:
@@ -83,8 +83,8 @@ def require_effort(channels: Sequence[str], own: Floats, references: Sequence[Fl
         "is at rest {0:.3g} times as strong as in the recordings of maximum effort, expected about 1: "
         "check the units and gains of both, and whether those of maximum effort contain rest",
     )
-    beside = quiet / np.median(quiet)
-    loud = [f"{c} ({x:.3g})" for c, x in zip(channels, beside, strict=True) if x > LOUDER]
+    ratios = quiet / np.median(quiet)
+    loud = [f"{c} ({x:.3g})" for c, x in zip(channels, ratios, strict=True) if x > LOUDER]
     if loud:
         warnings.warn(
             "rest is stronger than in maximum effort, relative to the other channels, in "
@@ -119,11 +119,11 @@ def tell_exchanged_sides(
     large = np.abs(d) > UNEQUAL
     closer = np.abs(d + 2.0 * e) < np.where(large, CLOSER * np.abs(d), UNEQUAL)
     if closer.all() and np.sqrt((d * d).mean()) > UNEQUAL:
-        told = ", ".join(f"{names[k][:-2]} {np.exp(x):.3g}" for k, x in zip(left, d, strict=True))
+        ratios = ", ".join(f"{names[k][:-2]} {np.exp(x):.3g}" for k, x in zip(left, d, strict=True))
         warnings.warn(
             "left and right seem to be exchanged in the recording or in the reference: relative "
             "to maximum "
-            f"effort the left channels are {told} times as strong as the right ones, and nearly "
+            f"effort the left channels are {ratios} times as strong as the right ones, and nearly "
             "equal if the labels of one file are exchanged. Check the labels of both",
             FeatureWarning,
             stacklevel=3,

@@ -92,18 +92,18 @@ def excitation_of(
     """
     chain = chain or SignalChain()
     own = _filtered(recording, chain)
-    held, feature = [str(name) for name in own["channel"].values], _feature(own, chain)
-    others = [_filtered(one, chain, held) for one in reference]
+    channels, feature = [str(name) for name in own["channel"].values], _feature(own, chain)
+    others = [_filtered(one, chain, channels) for one in reference]
     _require_same_rate(own, others, chain)
     _tell_rate(own, chain)
     extent = _range([_feature(one, chain) for one in others])
     if others:
         most = [effort_levels(one) for one in others]
-        require_effort(held, effort_levels(own), most)
-        tell_exchanged_sides(held, effort_levels(own), most)
+        require_effort(channels, effort_levels(own), most)
+        tell_exchanged_sides(channels, effort_levels(own), most)
         quiet = list[str]()
     else:
-        quiet = at_rest(held, effort_levels(own))
+        quiet = at_rest(channels, effort_levels(own))
     _require_threshold(feature, extent, chain)
     normalised = normalise(feature, extent, chain.normalisation)
     normalised = normalised.where(~normalised["channel"].isin(quiet), 0.0).assign_attrs(
@@ -115,7 +115,7 @@ def excitation_of(
     rows, passive = dict[str, xr.DataArray](), list[str]()
     for exciter, sources in weights.items():
         for side in ("_L", "_R"):
-            known = {c + side: w for c, w in sources.items() if c + side in held}
+            known = {c + side: w for c, w in sources.items() if c + side in channels}
             if len(known) < len(sources):
                 passive.append(exciter + side)
                 continue
@@ -150,13 +150,13 @@ def _filtered(
 ) -> xr.DataArray:
     """Filtered sEMG (channel, time_emg) of the known channels, or of some that are required [V]."""
     emg = emg_of(recording)
-    found = [str(name) for name in emg["channel"].values]
+    present = [str(name) for name in emg["channel"].values]
     known = [f"{name}{side}" for side in ("_L", "_R") for name in CHANNELS]
-    chosen = [name for name in known if name in found] if channels is None else channels
-    lacking = [name for name in chosen if name not in found]
+    chosen = [name for name in known if name in present] if channels is None else channels
+    lacking = [name for name in chosen if name not in present]
     if lacking or not chosen:
         raise JawError(
-            f"recording has the channels {', '.join(found) or 'none'}, expected "
+            f"recording has the channels {', '.join(present) or 'none'}, expected "
             f"{', '.join(lacking or known)}: assign the labels of the file by a mapping"
         )
     filtered, _ = filtered_channels(emg.sel(channel=chosen), chain)

@@ -34,17 +34,17 @@ def exciters_of(muscles: Iterable[str], groups: Groups) -> dict[str, dict[str, f
             return [name]
         return [m for part in groups[name] for m in members(part, (*within, name))]
 
-    found: dict[str, dict[str, float]] = {name: {name: 1.0} for name in names}
+    gains: dict[str, dict[str, float]] = {name: {name: 1.0} for name in names}
     for group in [*groups, *plain]:
         both = dict[str, float]()
         for side in ("_L", "_R"):
             driven = {m + side: 1.0 for m in members(group) if m + side in names}
             if driven:
-                found[group + side] = driven
+                gains[group + side] = driven
             both |= driven
         if both:
-            found[f"bi_{group}"] = both
-    return found
+            gains[f"bi_{group}"] = both
+    return gains
 
 
 def excited_activation(jaw: xr.Dataset, excitation: Mapping[str, Floats]) -> tuple[Floats, float]:

@@ -161,11 +161,11 @@ def check_jaw(ds: xr.Dataset) -> xr.Dataset:
 def _line_arrays(
     kind: str, lines: Sequence[JawLine], values: Sequence[str], of_body: Mapping[str, int]
 ) -> dict[str, Any]:
-    held = [[_number(of_body, b, f"{kind} {x.name}") for b in x.bodies] for x in lines]
+    bodies = [[_number(of_body, b, f"{kind} {x.name}") for b in x.bodies] for x in lines]
     ends = np.array([x.ends for x in lines], dtype=np.float64).reshape(-1, 2, 3)
     further = [value for value in OPTIONAL_VALUES if lines and value in lines[0].values]
     return {
-        f"{kind}_body": _numbers(held).reshape(-1, 2),
+        f"{kind}_body": _numbers(bodies).reshape(-1, 2),
         f"{kind}_position": ends,
         **{
             f"{kind}_{value}": np.array([x.values[value] for x in lines], dtype=np.float64)
@@ -215,10 +215,10 @@ def _numbered(names: Iterable[str]) -> dict[str, int]:
     return {name: k for k, name in enumerate(names)}
 
 
-def _number(found: Mapping[str, int], wanted: str, where: str) -> int:
-    if wanted not in found:
-        raise JawError(f"{where} refers to {wanted!r}, expected one of {', '.join(found)}")
-    return found[wanted]
+def _number(numbers: Mapping[str, int], wanted: str, where: str) -> int:
+    if wanted not in numbers:
+        raise JawError(f"{where} refers to {wanted!r}, expected one of {', '.join(numbers)}")
+    return numbers[wanted]
 
 
 def _rows(values: Sequence[Vector]) -> Floats:

@@ -1,4 +1,4 @@
-"""Outcome of the tasks of a jaw beside the published one."""
+"""Outcome of the tasks of a jaw compared with the published one."""
 
 import math
 import os
@@ -63,7 +63,7 @@ EXPECTED: Final[Mapping[str, tuple[Expected, ...]]] = {
 are `PUBLISHED`, those of chewing +- 10 % and of the pull +- 1 mm. The remaining tasks have no number."""
 
 
-def verdicts(task: str, found: Mapping[str, float], *, generated: bool) -> tuple[str, str]:
+def verdicts(task: str, values: Mapping[str, float], *, generated: bool) -> tuple[str, str]:
     """Verdict on the published numbers of a task, and the basis of the comparison, in words.
 
     The basis is "calibrated" if parameters of the jaw were chosen for this number, "validated" if the
@@ -73,7 +73,7 @@ def verdicts(task: str, found: Mapping[str, float], *, generated: bool) -> tuple
     said: list[str] = []
     basis: list[str] = []
     for one in EXPECTED.get(task, ()):
-        value = abs(found[one.column])
+        value = abs(values[one.column])
         wanted = f"{one.low:g} to {one.high:g}"
         if one.low <= value <= one.high:
             said.append(f"{one.column} {value:.1f}: within {wanted}")
@@ -147,7 +147,7 @@ def task_outcome_table(
     step: float = STEP,
     progress: Callable[[int, int], None] | None = None,
 ) -> pd.DataFrame:
-    """Outcome of every task [mm, s] beside the published one, and the exciters that the model lacks.
+    """Outcome of every task [mm, s], the published one, and the exciters that the model lacks.
 
     ``verdict`` and ``basis`` are those of `verdicts`.
     ``error`` is the estimated error of the time steps [mm]. Published series of a folder replace
@@ -158,12 +158,12 @@ def task_outcome_table(
     for k, name in enumerate(names):
         task, options = with_series(name, series)
         motion = run_task(jaw, task, step=step, **options)
-        found = {key: round(value, 3) for key, value in outcome(motion).items()}
-        found["error"] = round(1e3 * motion.attrs["numerical_error"], 3)
+        values = {key: round(value, 3) for key, value in outcome(motion).items()}
+        values["error"] = round(1e3 * motion.attrs["numerical_error"], 3)
         without = motion.attrs["absent_exciters"]
-        verdict, basis = verdicts(name, found, generated=generated)
+        verdict, basis = verdicts(name, values, generated=generated)
         said = {"published": PUBLISHED[name], "verdict": verdict, "basis": basis}
-        rows.append({"task": name, **found, "without": without, **said})
+        rows.append({"task": name, **values, "without": without, **said})
         if progress is not None:
             progress(k + 1, len(names))
     return pd.DataFrame(rows)

@@ -9,7 +9,7 @@ from markupsafe import Markup
 from numpy.typing import NDArray
 
 from analysis.figures.style import COLOURS, blank, grid, styled
-from emgface.anatomy.jaw.compared import Beside
+from emgface.anatomy.jaw.compared import JawComparison
 from emgface.anatomy.jaw.model import Floats
 from emgface.anatomy.jaw.outcomes import point_displacement
 from emgface.anatomy.jaw.skull import rotated
@@ -44,10 +44,10 @@ AROUND, ALONG = 6, 5
 _PROFILE = np.sqrt(np.sin(np.linspace(0.12, np.pi - 0.12, ALONG)))
 
 
-def jaw_page(motion: xr.Dataset, beside: Beside | None = None) -> str:
+def jaw_page(motion: xr.Dataset, comparison: JawComparison | None = None) -> str:
     """Write the page of a jaw_motion as HTML without network requests.
 
-    `beside` adds a recording: its path, and the scores of the motion and of baselines.
+    `comparison` adds a recording: its path, and the scores of the motion and of baselines.
 
     Raises
     ------
@@ -69,9 +69,9 @@ def jaw_page(motion: xr.Dataset, beside: Beside | None = None) -> str:
         about=f"{name}, muscle law {motion.attrs['law']}.",
         words="The motion of jaw, hyoid and larynx is simulated: rigid bones, moved by line muscles.",
         heading="Paths and forces",
-        figure=jaw_figure(motion, beside),
-        caption=CAPTION + ("" if beside is None else RECORDED),
-        beside=beside,
+        figure=jaw_figure(motion, comparison),
+        caption=CAPTION + ("" if comparison is None else RECORDED),
+        comparison=comparison,
     )
 
 
@@ -95,7 +95,7 @@ def moving_page(
     heading: str,
     figure: "Figure",
     caption: str,
-    beside: Beside | None = None,
+    comparison: JawComparison | None = None,
     section: int | None = None,
     names: Mapping[str, str] = NAMES,
 ) -> str:
@@ -111,7 +111,7 @@ def moving_page(
     what : what moves, such as "jaw".
     title, about, words, heading, caption : texts.
     figure : of the second part of the page.
-    beside : recording that is shown with the motion, with its scores.
+    comparison : recording that is shown with the motion, with its scores.
     names : full names of muscles without their side.
     section : number of the first triangles, which a section shows alone; None without one.
     """
@@ -146,7 +146,9 @@ def moving_page(
                 "time": [round(float(t), 4) for t in at],
                 "skin": deltas(whole(frames, centre)),
                 "simulated": deltas(whole(points, centre)),
-                "measured": None if beside is None else deltas(whole(beside.at(shown), centre)),
+                "measured": None
+                if comparison is None
+                else deltas(whole(comparison.at(shown), centre)),
                 "activation": levels(shown["activation"], at),
             }
         ],
@@ -164,7 +166,7 @@ def moving_page(
         heading=heading,
         figure=Markup(svg_of(figure, "paths", f"{heading} of a simulated motion")),
         caption=caption,
-        scores=None if beside is None else cells(beside.scores),
+        scores=None if comparison is None else cells(comparison.scores),
         version=__version__,
         style=style(),
         script=Markup(script),
@@ -241,7 +243,7 @@ def _spindles(a: Floats, b: Floats, radius: Floats) -> tuple[Floats, NDArray[np.
 
 
 @styled
-def jaw_figure(motion: xr.Dataset, beside: Beside | None = None) -> "Figure":
+def jaw_figure(motion: xr.Dataset, comparison: JawComparison | None = None) -> "Figure":
     """Draw the paths of lower incisor and condyles with recorded ones, and forces over time."""
     figure = blank(9.0, 6.4)
     panels = grid(figure, 2, 2)
@@ -256,8 +258,8 @@ def jaw_figure(motion: xr.Dataset, beside: Beside | None = None) -> "Figure":
             line = "--" if name.startswith("left") else "-"
             panel.plot(d[:, axis], d[:, 2], line, color=colour, label=name)
             panel.plot(*d[0, [axis, 2]], "o", color=colour, markersize=4)
-            if beside is not None and marker in beside.path["marker"].values:
-                d = beside.displacement(motion, marker)
+            if comparison is not None and marker in comparison.path["marker"].values:
+                d = comparison.displacement(motion, marker)
                 panel.plot(d[:, axis], d[:, 2], ":", color="0.2", label=f"{name}, recorded")
         panel.set(xlabel=label, ylabel="up [mm]", title=title, aspect="equal")
         panel.set_adjustable("datalim")

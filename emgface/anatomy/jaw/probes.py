@@ -30,15 +30,15 @@ class Lines:
         self, system: sim.System, state: State, control: Control, report: StepReport | None
     ) -> tuple[Floats, Floats]:
         """Measure the lines."""
-        return self._of(state.q, state.v)
+        return self._lengths(state.q, state.v)
 
     def record_all(
         self, system: sim.System, outputs: Outputs, activation: Floats
     ) -> tuple[Floats, Floats]:
         """Measure the lines at all outputs."""
-        return self._of(outputs.q, outputs.v)
+        return self._lengths(outputs.q, outputs.v)
 
-    def _of(self, q: Floats, v: Floats) -> tuple[Floats, Floats]:
+    def _lengths(self, q: Floats, v: Floats) -> tuple[Floats, Floats]:
         a, b = self.ends.T
         way, rate = q[..., b, :] - q[..., a, :], v[..., b, :] - v[..., a, :]
         length = np.linalg.norm(way, axis=-1)
@@ -59,13 +59,13 @@ class Resistance:
         self, system: sim.System, state: State, control: Control, report: StepReport | None
     ) -> tuple[float]:
         """Force at the end of a step, after which an intact morsel is remembered."""
-        return (float(self._of(state.q, state.v, state.memory)),)
+        return (float(self._force(state.q, state.v, state.memory)),)
 
     def record_all(self, system: sim.System, outputs: Outputs, activation: Floats) -> tuple[Floats]:
         """Force at all outputs."""
-        return (self._of(outputs.q, outputs.v, outputs.memory),)
+        return (self._force(outputs.q, outputs.v, outputs.memory),)
 
-    def _of(self, q: Floats, v: Floats, memory: Mapping[str, Floats]) -> Floats:
+    def _force(self, q: Floats, v: Floats, memory: Mapping[str, Floats]) -> Floats:
         term = self.term
         d = (q[..., term.node, :] - term.origin) @ term.normal
         rate = v[..., term.node, :] @ term.normal

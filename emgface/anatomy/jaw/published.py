@@ -108,7 +108,7 @@ def _mm(point: tuple[float, float, float] | Floats) -> Floats:
 
 
 def _bodies(files: PublishedJawFiles, free: bool, values: Values) -> list[JawBody]:
-    found = [JawBody("skull", moves=False), JawBody("sternum", moves=False)]
+    bodies = [JawBody("skull", moves=False), JawBody("sternum", moves=False)]
     for name, stated in given.BODIES.items():
         if not free and name in ("thyroid", "cricoid"):
             continue
@@ -126,7 +126,7 @@ def _bodies(files: PublishedJawFiles, free: bool, values: Values) -> list[JawBod
                 assert unit.inertia is not None
                 inertia, centre = unit.inertia * mass / unit.mass, np.asarray(unit.centre)
         size = 2.0 if free and name == "jaw" else 1.0
-        found.append(
+        bodies.append(
             JawBody(
                 name,
                 mass,
@@ -137,7 +137,7 @@ def _bodies(files: PublishedJawFiles, free: bool, values: Values) -> list[JawBod
                 moves=free or name == "jaw",
             )
         )
-    return found
+    return bodies
 
 
 def _points(files: PublishedJawFiles) -> dict[str, tuple[str, Floats]]:
@@ -163,7 +163,7 @@ def _muscles(files: PublishedJawFiles, free: bool) -> list[JawLine]:
     listed = [row[0] for row in files.lines("muscleListAll.txt" if free else "muscleList.txt")]
     info = {row[0]: row for row in files.lines("muscleInfo.txt")}
     fixed = {"cranium": "skull", "maxilla": "skull"}
-    found = list[JawLine]()
+    muscles = list[JawLine]()
     for name in listed:
         if name not in info or name not in given.MUSCLES:
             raise JawError(
@@ -178,12 +178,12 @@ def _muscles(files: PublishedJawFiles, free: bool) -> list[JawLine]:
             "damping": 1.0 if free else 0.0,
         }
         a, b = (fixed.get(body, body) for body in info[name][1:3])
-        found += [JawLine(name + side, (a, b), ends * mirror, values) for side, mirror in _SIDES]
-    return found
+        muscles += [JawLine(name + side, (a, b), ends * mirror, values) for side, mirror in _SIDES]
+    return muscles
 
 
 def _springs(files: PublishedJawFiles) -> list[JawLine]:
-    found = list[JawLine]()
+    springs = list[JawLine]()
     for name, (a, b, raised) in given.MEMBRANES.items():
         ends = files.landmarks(f"l{name}").reshape(-1, 2, 3)
         ends[:, 1, 2] += 1e-3 * raised
@@ -193,12 +193,14 @@ def _springs(files: PublishedJawFiles) -> list[JawLine]:
         for side, mirror in _SIDES:
             for k, (i, j) in enumerate(pairs):
                 strand = np.array([ends[i, 0], ends[j, 1]]) * mirror
-                found.append(_spring(f"{name}{k}{side}", a, b, strand, given.MEMBRANE_STIFFNESS))
+                springs.append(_spring(f"{name}{k}{side}", a, b, strand, given.MEMBRANE_STIFFNESS))
     on_hyoid, on_pharynx, stiffness, rest = given.PHARYNX
     for side, mirror in _SIDES:
         strand = np.array([_mm(on_hyoid), _mm(on_pharynx)]) * mirror
-        found.append(_spring(f"pharynx{side}", "hyoid", "sternum", strand, stiffness, 1e-3 * rest))
-    return found
+        springs.append(
+            _spring(f"pharynx{side}", "hyoid", "sternum", strand, stiffness, 1e-3 * rest)
+        )
+    return springs
 
 
 def _spring(
@@ -215,17 +217,17 @@ def _joints(points: dict[str, tuple[str, Floats]], free: bool, condyle: Condyle)
         return np.array([0.0, -np.sin(angle), -np.cos(angle)])
 
     slope, turn = given.CONDYLE_SLOPE, np.radians(given.WALL_TURN)
-    found = list[JawJoint]()
+    joints = list[JawJoint]()
     forward = np.array([0.0, np.cos(np.radians(slope)), -np.sin(np.radians(slope))])
     for side, mirror in _SIDES:
         place = points[f"condyle{side}"][1]
         guide = {"body": "skull", "origin": place, "point": f"condyle{side}"}
         if condyle == "planar":
-            found.append(
+            joints.append(
                 JawJoint(f"tmj{side}", "plane", normal=tilted(slope), one_sided=False, **guide)
             )
         else:
-            found.append(
+            joints.append(
                 JawJoint(
                     f"tmj{side}",
                     "curve",
@@ -235,11 +237,11 @@ def _joints(points: dict[str, tuple[str, Floats]], free: bool, condyle: Condyle)
                     **guide,
                 )
             )
-        found.append(JawJoint(f"posterior{side}", "plane", normal=forward, **guide))
+        joints.append(JawJoint(f"posterior{side}", "plane", normal=forward, **guide))
         inward = np.array([1.0, 0.0, 0.0]) * mirror  # the left is at negative x
         wall = np.cos(turn) * inward + np.sin(turn) * forward
-        found.append(JawJoint(f"lateral{side}", "plane", normal=wall, **guide))
-        found.append(
+        joints.append(JawJoint(f"lateral{side}", "plane", normal=wall, **guide))
+        joints.append(
             JawJoint(
                 f"bite{side}",
                 "plane",
@@ -251,10 +253,10 @@ def _joints(points: dict[str, tuple[str, Floats]], free: bool, condyle: Condyle)
         )
     if free:
         axis = (1.0, 0.0, 0.0)
-        found.append(
+        joints.append(
             JawJoint("cricothyroid", "hinge", "thyroid", _mm(given.HINGE), axis, "cricoid")
         )
-    return found
+    return joints
 
 
 def condylar_path() -> tuple[float, float, float, float]:

@@ -157,11 +157,11 @@ def paired_incisors(recording: xr.Dataset, motion: xr.Dataset) -> tuple[xr.Datas
     jaw can.
     """
     known = [str(name) for name in motion["marker"].values]
-    found = [str(m) for m in recording["marker"].values] if "position" in recording else []
-    both = [name for name in found if name in known]
+    present = [str(m) for m in recording["marker"].values] if "position" in recording else []
+    both = [name for name in present if name in known]
     if not both:
         raise MarkerError(
-            f"recording has the markers {', '.join(found) or 'none'}, expected one of "
+            f"recording has the markers {', '.join(present) or 'none'}, expected one of "
             f"{', '.join(known)}: assign the labels of the file by a mapping"
         )
     t = motion["time"].values

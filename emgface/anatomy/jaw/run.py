@@ -96,16 +96,16 @@ def simulate_jaw(
     eaten = list[sim.Crushable]()
 
     def further(points: Mapping[str, int]) -> tuple[Term, ...]:
-        found = list[Term]()
+        terms = list[Term]()
         if any(load):
             force = np.array(load, dtype=np.float64)[None]
-            found.append(sim.NodeLoad(np.array([points["lower_incisor"]]), force))
+            terms.append(sim.NodeLoad(np.array([points["lower_incisor"]]), force))
         if morsel is not None:
             bite = jaw.sel(joint=f"bite_{morsel}")
             place, normal = bite["joint_origin"].values, bite["joint_normal"].values
             point = points[f"bite_{morsel}"]
             eaten.append(sim.Crushable(point, place, normal, force_max=resistance))
-        return (*found, *eaten)
+        return (*terms, *eaten)
 
     parts = jaw_scene(jaw, law=law, head=turn, terms=further)
     system = sim.compile_scene(parts.scene)
@@ -135,9 +135,9 @@ def simulate_jaw(
     else:
         motion = run(step)
     motion = motion.drop_vars([v.name for probe in effort for v in probe.variables()])
-    found = drive.at_all(motion["time"].values)
+    excitations = drive.at_all(motion["time"].values)
     active = [order.index(str(m)) for m in jaw["muscle"].values]
-    motion["activation"] = (("muscle", "time"), found.T[active], {"units": "1"})
+    motion["activation"] = (("muscle", "time"), excitations.T[active], {"units": "1"})
     motion["muscle_force"] = (("muscle", "time"), _forces(parts, motion), {"units": "N"})
     motion = motion.drop_vars("muscle_rate")
     if morsel is not None:
@@ -245,15 +245,15 @@ def drawn(jaw: xr.Dataset, bodies: tuple[str, ...]) -> dict[str, object]:
     number = {name: k for k, name in enumerate(bodies)}
     moving = np.array([number.get(str(name), -1) for name in jaw["body"].values], dtype=np.int32)
     one = {"units": "1"}
-    found: dict[str, object] = {
+    variables: dict[str, object] = {
         "muscle_force_max": jaw["muscle_force_max"],
         "muscle_position": jaw["muscle_position"],
         "muscle_body": (("muscle", "end"), moving[jaw["muscle_body"].values], one),
     }
     if "surface_position" in jaw:
-        found |= {name: jaw[name] for name in ("surface_position", "surface_triangle")}
-        found["surface_body"] = ("vertex", moving[jaw["surface_body"].values], one)
-    return found
+        variables |= {name: jaw[name] for name in ("surface_position", "surface_triangle")}
+        variables["surface_body"] = ("vertex", moving[jaw["surface_body"].values], one)
+    return variables
 
 
 __all__ = [

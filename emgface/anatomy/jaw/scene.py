@@ -108,7 +108,7 @@ class _Parts:
         self._first = first
         self.names = [str(name) for name in jaw["body"].values]
         self.positions: list[Floats] = []
-        self._held: dict[str, list[int]] = {}
+        self._points_of: dict[str, list[int]] = {}
         self._head = head
         moves = {
             n for n, moving in zip(self.names, jaw["body_moves"].values, strict=True) if moving
@@ -121,27 +121,29 @@ class _Parts:
     def add(self, body: str, position: Floats) -> int:
         """Number of a new point on a body."""
         number = self._first + len(self.positions)
-        self._held.setdefault(body, []).append(number)
+        self._points_of.setdefault(body, []).append(number)
         self.positions.append(position)
         return number
 
-    def of(self, body: str) -> str | None:
+    def moving_body(self, body: str) -> str | None:
         """Body of the scene, None for one that stays."""
         return body if body in self.bodies else None
 
     def members(self) -> list[sim.Fixed | sim.OnBody | sim.PrescribedBody]:
         """Points on moving bodies, points on bodies that stay, prescribed motion of the skull."""
-        still = [n for body, held in self._held.items() if body not in self.bodies for n in held]
-        found: list[sim.Fixed | sim.OnBody | sim.PrescribedBody] = [
-            sim.OnBody(body, np.array(held))
-            for body, held in self._held.items()
+        still = [
+            n for body, points in self._points_of.items() if body not in self.bodies for n in points
+        ]
+        conditions: list[sim.Fixed | sim.OnBody | sim.PrescribedBody] = [
+            sim.OnBody(body, np.array(points))
+            for body, points in self._points_of.items()
             if body in self.bodies
         ]
         if still:
-            found.append(sim.Fixed(np.array(still)))
+            conditions.append(sim.Fixed(np.array(still)))
         if self._head is not None:
-            found.append(sim.PrescribedBody("skull", self._head))
-        return found
+            conditions.append(sim.PrescribedBody("skull", self._head))
+        return conditions
 
 
 Row = Mapping[str, Any]
@@ -171,7 +173,7 @@ def _dampers(parts: _Parts) -> list[Term]:
 
     Three dampers to points at such distances that their directions remain those of the axes.
     """
-    found = list[Term]()
+    dampers = list[Term]()
     for name, row in parts.rows.items():
         damping, at = float(row["body_damping"]), row["body_damped_at"]
         if damping > 0.0 and not _damped_at_centre(row):
@@ -179,17 +181,17 @@ def _dampers(parts: _Parts) -> list[Term]:
             far = [parts.add("", at + FAR * axis) for axis in np.eye(3)]
             fibres = [sim.LineFibre(0, np.array([node, near])) for node in far]
             own = (f"damping of {name}",)
-            found.append(sim.LineMuscles(own, fibres, sim.ConstantForce(0.0), damping=damping))
-    return found
+            dampers.append(sim.LineMuscles(own, fibres, sim.ConstantForce(0.0), damping=damping))
+    return dampers
 
 
 def _fibres(jaw: xr.Dataset, kind: str, parts: _Parts, chosen: list[int]) -> list[sim.LineFibre]:
-    found = list[sim.LineFibre]()
+    fibres = list[sim.LineFibre]()
     for k, i in enumerate(chosen):
         bodies, ends = jaw[f"{kind}_body"].values[i], jaw[f"{kind}_position"].values[i]
         nodes = [parts.add(parts.names[b], x) for b, x in zip(bodies, ends, strict=True)]
-        found.append(sim.LineFibre(k, np.array(nodes)))
-    return found
+        fibres.append(sim.LineFibre(k, np.array(nodes)))
+    return fibres
 
 
 def _by_damping(damping: Floats) -> list[tuple[float, list[int]]]:
@@ -204,7 +206,7 @@ def _muscles(jaw: xr.Dataset, parts: _Parts, law: str) -> tuple[list[Term], dict
         for v in jaw.data_vars
         if str(v).startswith(prefix) and jaw[v].dims == ("muscle",)
     }
-    found, lines = list[Term](), dict[str, MuscleLine]()
+    terms, lines = list[Term](), dict[str, MuscleLine]()
     rest = np.linalg.norm(np.diff(jaw["muscle_position"].values, axis=1)[:, 0], axis=1)
     relation_of = RELATIONS.get(law)
     damped = jaw["muscle_damping"].values * (relation_of is None)
@@ -214,12 +216,12 @@ def _muscles(jaw: xr.Dataset, parts: _Parts, law: str) -> tuple[list[Term], dict
         relations = None if relation_of is None else [relation_of(own) for own in values]
         fibres = _fibres(jaw, "muscle", parts, chosen)
         own = tuple(names[i] for i in chosen)
-        found.append(sim.LineMuscles(own, fibres, laws, damping=damping, relation=relations))
+        terms.append(sim.LineMuscles(own, fibres, laws, damping=damping, relation=relations))
         for k, i in enumerate(chosen):
             a, b = (int(node) for node in fibres[k].points)
             relation = None if relations is None else relations[k]
             lines[names[i]] = MuscleLine((a, b), laws[k], damping, float(rest[i]), relation)
-    return found, {name: lines[name] for name in names}
+    return terms, {name: lines[name] for name in names}
 
 
 def _springs(jaw: xr.Dataset, parts: _Parts) -> list[Term]:
@@ -227,11 +229,11 @@ def _springs(jaw: xr.Dataset, parts: _Parts) -> list[Term]:
     length = np.linalg.norm(np.diff(jaw["spring_position"].values, axis=1)[:, 0], axis=1)
     k, d = jaw["spring_stiffness"].values, jaw["spring_damping"].values
     free = jaw["spring_rest_length"].values
-    found = list[Term]()
+    springs = list[Term]()
     ligaments = np.zeros(len(k), dtype=bool)
     if "spring_one_sided" in jaw:
         ligaments = jaw["spring_one_sided"].values > 0.0
-        found += _ligaments(jaw, parts, np.flatnonzero(ligaments).tolist(), length)
+        springs += _ligaments(jaw, parts, np.flatnonzero(ligaments).tolist(), length)
     slack = np.where(ligaments, 0.0, length - free)
     preload = np.where(np.abs(slack) < 1e-12, 0.0, k * slack).round(15)
     if (preload < 0.0).any():
@@ -243,31 +245,36 @@ def _springs(jaw: xr.Dataset, parts: _Parts) -> list[Term]:
             continue
         lines = [sim.LineFibre(0, f.points) for f in _fibres(jaw, "spring", parts, chosen)]
         law = sim.ConstantForce(1.0, tension)
-        found.append(sim.LineMuscles((f"springs {i}",), lines, law, stiffness, damping))
-    return found
+        springs.append(sim.LineMuscles((f"springs {i}",), lines, law, stiffness, damping))
+    return springs
 
 
 def _ligaments(jaw: xr.Dataset, parts: _Parts, chosen: list[int], length: Floats) -> list[Term]:
     """Springs without force below their free length."""
-    found, rows = list[Term](), rows_of(jaw, "spring")
+    ligaments, rows = list[Term](), rows_of(jaw, "spring")
     for i in chosen:
         name, row = rows[i]
         free = float(row["spring_rest_length"])
         law = sim.LinearSpring(float(row["spring_stiffness"]) * free, 1.0, free / float(length[i]))
         (fibre,) = _fibres(jaw, "spring", parts, [i])
         damping = float(row["spring_damping"])
-        found.append(sim.LineMuscles((name,), [sim.LineFibre(0, fibre.points)], law, 0.0, damping))
-    return found
+        ligaments.append(
+            sim.LineMuscles((name,), [sim.LineFibre(0, fibre.points)], law, 0.0, damping)
+        )
+    return ligaments
 
 
 def _joints(jaw: xr.Dataset, parts: _Parts, points: Mapping[str, int]) -> list[Joint]:
-    numbers, found = list(points.values()), list[Joint]()
+    numbers, joints = list(points.values()), list[Joint]()
     for name, row in rows_of(jaw, "joint"):
-        kind, body = KINDS[int(row["joint_kind"])], parts.of(parts.names[int(row["joint_body"])])
+        kind, body = (
+            KINDS[int(row["joint_kind"])],
+            parts.moving_body(parts.names[int(row["joint_body"])]),
+        )
         origin, normal = row["joint_origin"], row["joint_normal"]
         if kind == "hinge":
-            other = parts.of(parts.names[int(row["joint_body_b"])])
-            found.append(Revolute(name, body, other, origin, normal))
+            other = parts.moving_body(parts.names[int(row["joint_body_b"])])
+            joints.append(Revolute(name, body, other, origin, normal))
             continue
         guided = {
             "point": numbers[int(row["joint_point"])],
@@ -277,14 +284,14 @@ def _joints(jaw: xr.Dataset, parts: _Parts, points: Mapping[str, int]) -> list[J
             "unilateral": bool(row["joint_one_sided"]),
         }
         if kind == "plane":
-            found.append(PointOnPlane(name, **guided))
+            joints.append(PointOnPlane(name, **guided))
         else:
             curve, reach = row["joint_curve"], (0.0, float(row["joint_length"]))
             forward = row["joint_forward"]
-            found.append(
+            joints.append(
                 PointOnCurve(name, forward=forward, coefficients=curve, reach=reach, **guided)
             )
-    return found
+    return joints
 
 
 __all__ = ["AXES", "LAWS", "JawScene", "jaw_scene"]

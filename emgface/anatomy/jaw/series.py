@@ -122,12 +122,12 @@ def read_probe(path: str | os.PathLike[str], time: Floats) -> Floats:
     t, y = started(path, lines[0], rows[:, 0].astype(np.float64)), rows[:, 1]
     at = np.clip(time, t[0], t[-1])
     if order == "Linear" or len(t) < 3:
-        found = np.interp(at, t, y)
+        values = np.interp(at, t, y)
     else:
         ends = np.diff(y)[[0, -1]] / np.diff(t)[[0, -1]]
         inner = (y[2:] - y[:-2]) / (t[2:] - t[:-2])
-        found = CubicHermiteSpline(t, y, np.concatenate([ends[:1], inner, ends[1:]]))(at)
-    return np.where(time < t[0], 0.0, found)
+        values = CubicHermiteSpline(t, y, np.concatenate([ends[:1], inner, ends[1:]]))(at)
+    return np.where(time < t[0], 0.0, values)
 
 
 INTERVAL: Final = 1e-3
@@ -149,7 +149,7 @@ def read_probes(folder: str | os.PathLike[str], *, duration: float = 1.0) -> Exc
     for path in sorted(folder.glob("*.txt")):
         side, muscle = sides.get(path.stem[:1]), path.stem[1:]
         if side is None or muscle in _SWITCHED_OFF or not 2 <= len(muscle) <= 4:
-            continue  # settings of the display and of the bite plane lie beside the series
+            continue  # settings of the display and of the bite plane lie in the same folder
         values[_DRIVES.get(muscle, muscle) + side] = read_probe(path, time)
     if not values:
         raise JawError(f"{folder} contains no excitation series such as lsm.txt")

@@ -48,8 +48,8 @@ def estimated_error(motion: xr.Dataset, finer: xr.Dataset, order: int) -> Floats
     apart = np.sqrt((away**2).sum(axis=dims.index("axis"), keepdims=True))
     apart = np.moveaxis(apart, dims.index("time"), 0).reshape(motion.sizes["time"], -1).max(axis=1)
     doubled = 2.0**order
-    found = doubled / (doubled - 1.0) * np.maximum.accumulate(apart)
-    return np.asarray(found + np.maximum.accumulate(motion["jump"].values), dtype=np.float64)
+    error = doubled / (doubled - 1.0) * np.maximum.accumulate(apart)
+    return np.asarray(error + np.maximum.accumulate(motion["jump"].values), dtype=np.float64)
 
 
 def with_step_error(

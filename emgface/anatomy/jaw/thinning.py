@@ -20,6 +20,6 @@ def thinned(X: Floats, triangles: NDArray[np.integer]) -> tuple[Floats, NDArray[
     merged = np.column_stack([np.bincount(own, X[:, i]) / count for i in range(3)])
     corners = own[triangles]
     a, b, c = corners.T
-    found = corners[(a != b) & (b != c) & (c != a)]
-    _, first = np.unique(np.sort(found, axis=1), axis=0, return_index=True)
-    return merged.astype(np.float64), found[np.sort(first)].astype(np.int64)
+    kept = corners[(a != b) & (b != c) & (c != a)]
+    _, first = np.unique(np.sort(kept, axis=1), axis=0, return_index=True)
+    return merged.astype(np.float64), kept[np.sort(first)].astype(np.int64)

@@ -50,18 +50,18 @@ def action(motion: xr.Dataset) -> dict[str, float]:
     k = int(motion["activation"].sum("muscle").argmax("time"))
     x = motion["position"].transpose("time", "marker", "axis")
     d = 1e3 * (x - x.isel(time=0))
-    found = dict[str, float]()
+    measures = dict[str, float]()
     for name in ("tip", "back"):
         at = d.sel(marker=name).values
-        found |= {f"{name}_forward": at[k, FORWARD], f"{name}_up": at[k, UP]}
+        measures |= {f"{name}_forward": at[k, FORWARD], f"{name}_up": at[k, UP]}
     for name, axis in (("longer", FORWARD), ("wider", 0)):
         size = size_along(motion, axis)
-        found[name] = float(1e3 * (size[k] - size[0]))
+        measures[name] = float(1e3 * (size[k] - size[0]))
     volume = motion["volume"].values
-    found["volume_percent"] = float(100.0 * np.abs(volume / volume[0] - 1.0).max())
-    found["smallest_J"] = float(motion["smallest_J"].min())
-    found["left_mm"] = float(np.linalg.norm(d.sel(marker="tip").values[-1]))
-    return found
+    measures["volume_percent"] = float(100.0 * np.abs(volume / volume[0] - 1.0).max())
+    measures["smallest_J"] = float(motion["smallest_J"].min())
+    measures["left_mm"] = float(np.linalg.norm(d.sel(marker="tip").values[-1]))
+    return measures
 
 
 def action_table(

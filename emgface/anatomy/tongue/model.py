@@ -87,7 +87,7 @@ def build_tongue(
         body: indices(f"the attachment to {body}", "node", nodes, len(position), error=TongueError)
         for body, nodes in attachments.items()
     }
-    held = [len(nodes) for nodes in attachments.values()]
+    counts = [len(nodes) for nodes in attachments.values()]
     arrays: dict[str, Any] = {
         "axis": AXES,
         "muscle": muscles,
@@ -99,7 +99,7 @@ def build_tongue(
         "connectivity": integers(connectivity),
         "element_id": integers(element_id),
         "attachment_node": integers(np.concatenate(list(attachments.values()))),
-        "attachment_body": integers(np.repeat(np.arange(len(held)), held)),
+        "attachment_body": integers(np.repeat(np.arange(len(counts)), counts)),
         **muscle_arrays(fibres, bundles, muscles, len(connectivity), TongueError),
         **_places(fibres, bodies),
         "muscle_force_max": float_array(np.array(list(force_max.values()))),
@@ -159,8 +159,8 @@ def attached_nodes(tongue: xr.Dataset) -> dict[str, NDArray[np.int64]]:
         tongue["attachment_node"].values.astype(np.int64),
         tongue["attachment_body"].values,
     )
-    found = {str(body): node[owner == k] for k, body in enumerate(tongue["body"].values)}
-    return {body: nodes for body, nodes in found.items() if len(nodes)}
+    by_body = {str(body): node[owner == k] for k, body in enumerate(tongue["body"].values)}
+    return {body: nodes for body, nodes in by_body.items() if len(nodes)}
 
 
 def _places(fibres: Sequence[Fibre], bodies: Sequence[str]) -> dict[str, Any]:

@@ -45,7 +45,7 @@ POSTURES = {
 }
 """Files of the stored shapes, in millimetres except for the last, which is in metres."""
 _FORCES = {"standard": "MuscleMaxForce.txt", "strong": "MuscleMaxForce40.txt"}
-_HELD = {"jaw": "jawAttachments.txt", "hyoid": "hyoidAttachments.txt"}
+_ATTACHMENT_FILES = {"jaw": "jawAttachments.txt", "hyoid": "hyoidAttachments.txt"}
 
 
 def import_tongue(
@@ -57,7 +57,7 @@ def import_tongue(
     ----------
     folder : path-like
         Folder with ``tongue.node``, or its parent; the stored shapes are read if a folder
-        ``jaw_tongue_face/tongue_postures`` lies beside it.
+        ``jaw_tongue_face/tongue_postures`` lies in the same folder.
     forces : "standard" or "strong"
         Largest forces of the muscles; the strong ones are about 1.8 times the others.
     rest : str, optional
@@ -94,7 +94,7 @@ def import_tongue(
     return build_tongue(
         position=X @ TURN.T,
         connectivity=connectivity,
-        attachments={body: _positions(place / name) for body, name in _HELD.items()},
+        attachments={body: _positions(place / name) for body, name in _ATTACHMENT_FILES.items()},
         fibres=[Fibre(f.muscle, f.position @ TURN.T, f.node, f.body) for f in fibres],
         bundles=[Bundle(b.muscle, b.element, b.direction @ TURN.T) for b in bundles],
         force_max=_forces(place / _FORCES[forces], [b.muscle for b in bundles]),
@@ -113,40 +113,40 @@ def import_tongue(
 def _fibres(place: Path, points: Floats, n_nodes: int) -> list[Fibre]:
     """Fibres as chains of nodes; those of styloglossus end at the styloid process of the skull."""
     table = _table(place / "derived" / "muscle_fibres.csv", ["muscle", "fibre", "seq", "node"])
-    found = list[Fibre]()
+    chains = list[Fibre]()
     for (muscle, _), rows in table.groupby(["muscle", "fibre"], sort=False):
         node = rows.sort_values("seq")["node"].to_numpy(dtype=np.int64) - 1
         ends = "skull" if (node >= n_nodes).any() else None
-        found.append(Fibre(str(muscle), points[node], np.where(node < n_nodes, node, -1), ends))
-    return found
+        chains.append(Fibre(str(muscle), points[node], np.where(node < n_nodes, node, -1), ends))
+    return chains
 
 
 def _bundles(place: Path, fibres: list[Fibre], centres: Floats) -> list[Bundle]:
     """Elements of every muscle, with directions interpolated between the segments of its fibres."""
     table = _table(place / "derived" / "muscle_elements.csv", ["muscle", "element"])
-    found = list[Bundle]()
+    bundles = list[Bundle]()
     for muscle, rows in table.groupby("muscle", sort=False):
         element = rows["element"].to_numpy(dtype=np.int64) - 1
         own = [f.position for f in fibres if f.muscle == muscle]
-        found.append(Bundle(str(muscle), element, fibre_directions(centres[element], own)))
-    return found
+        bundles.append(Bundle(str(muscle), element, fibre_directions(centres[element], own)))
+    return bundles
 
 
 def _forces(path: Path, muscles: list[str]) -> Mapping[str, float]:
     """Largest force of every muscle [N]; that of a pair is divided equally between its sides."""
     total = {name: float(force) for name, force in (line.split() for line in _lines(path))}
-    found = dict[str, float]()
+    forces = dict[str, float]()
     for muscle in muscles:
         name, _, side = muscle.partition("_")
         if name not in total:
             raise TongueError(f"{path}: no force of {name}, expected one per muscle")
-        found[muscle] = total[name] / (2.0 if side else 1.0)
-    return found
+        forces[muscle] = total[name] / (2.0 if side else 1.0)
+    return forces
 
 
 def _postures(folder: Path, X: Floats) -> dict[str, Floats]:
     """Displacements of the stored shapes in the published frame [m]; none without their folder."""
-    found = dict[str, Floats]()
+    shapes = dict[str, Floats]()
     for name, file in POSTURES.items():
         if not (path := folder / f"{file}.txt").is_file():
             continue
@@ -154,8 +154,8 @@ def _postures(folder: Path, X: Floats) -> dict[str, Floats]:
         if rows.shape != X.shape:
             raise TongueError(f"{path} has {len(rows)} rows, expected {len(X)}, one for each node")
         scale = 1.0 if name == "jaw_open_a" else 1e-3
-        found[name] = scale * rows - SHIFT - X
-    return found
+        shapes[name] = scale * rows - SHIFT - X
+    return shapes
 
 
 def _positions(path: Path) -> Integers:
@@ -173,7 +173,7 @@ def read_gesture(path: str | os.PathLike[str]) -> Excitation:
 
     The first line holds start, stop and scale of the times
     (`emgface.anatomy.jaw.series.started`), the second ``Linear 11 explicit``; rows
-    are a time and the excitations of `GESTURE`, as named in the file ``0probes.art`` beside it.
+    are a time and the excitations of `GESTURE`, as named in the file ``0probes.art`` in the same folder.
     Values outside 0-1 by rounding are clipped. Raises TongueError if the file is absent or has
     another form, or a value is outside 0-1.
     """

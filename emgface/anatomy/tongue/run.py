@@ -105,7 +105,7 @@ def _labelled(
     connectivity = tongue["connectivity"].values
     volume = [element_quality(x, connectivity).volume.sum() for x in q]
     metre = {"units": "m"}
-    found = motion.drop_vars("node_position").assign(
+    labelled = motion.drop_vars("node_position").assign(
         node_position=(("node", "axis", "time"), q.transpose(1, 2, 0), metre),
         line_position=(("fibre_point", "axis", "time"), lines.transpose(1, 2, 0), metre),
         activation=(("muscle", "time"), at.T, {"units": "1"}),
@@ -113,15 +113,15 @@ def _labelled(
     )
     for name in ("fibre_of_point", "fibre_muscle", "connectivity", "contour_node"):
         if name in tongue:
-            found[name] = tongue[name].variable
-    found = found.assign_coords(muscle=tongue["muscle"].values)
-    found.attrs |= {
+            labelled[name] = tongue[name].variable
+    labelled = labelled.assign_coords(muscle=tongue["muscle"].values)
+    labelled.attrs |= {
         "origin": "simulated",
         "tongue": tongue.attrs["name"],
         "muscles": p.muscles,
         "clipped_excitation": negative,
     }
-    return found
+    return labelled
 
 
 def fibre_points(tongue: xr.Dataset, q: Floats) -> Floats:
@@ -130,12 +130,12 @@ def fibre_points(tongue: xr.Dataset, q: Floats) -> Floats:
     `q` (time, k, 3) are positions of at least the nodes [m]. Points on bodies stay.
     """
     node, X = tongue["fibre_node"].values, tongue["fibre_position"].values
-    found = np.repeat(X[None], len(q), axis=0)
-    found[:, node >= 0] = q[:, node[node >= 0]]
+    points = np.repeat(X[None], len(q), axis=0)
+    points[:, node >= 0] = q[:, node[node >= 0]]
     inside = np.flatnonzero((node < 0) & (tongue["fibre_body"].values < 0))
     if len(inside):
         rest = tongue["position"].values
         mesh = sim.mesh_from_arrays(rest, hex8=tongue["connectivity"].values)
-        held = sim.embed(mesh, X[inside], tolerance=INSIDE)
-        found[:, inside] = np.einsum("pk,tpki->tpi", held.weights, q[:, held.nodes])
-    return found
+        embedded = sim.embed(mesh, X[inside], tolerance=INSIDE)
+        points[:, inside] = np.einsum("pk,tpki->tpi", embedded.weights, q[:, embedded.nodes])
+    return points

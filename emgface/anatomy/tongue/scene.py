@@ -32,7 +32,7 @@ class TonguePart:
     mesh : sim.Mesh
     terms : of the tissue and its muscles, without gravity.
     damping, constraints : as of `sim.Scene`.
-    held : nodes that follow each body, and the points outside the mesh on it, by its name, numbered
+    attached : nodes that follow each body, and the points outside the mesh on it, by its name, numbered
         after the nodes and points before.
     points : (k, 3) points outside the mesh [m].
     """
@@ -41,7 +41,7 @@ class TonguePart:
     terms: tuple[Term, ...]
     damping: sim.Rayleigh | sim.PassiveRayleigh | sim.RestRayleigh | None
     constraints: tuple[sim.HardElementVolume, ...]
-    held: Mapping[str, Indices]
+    attached: Mapping[str, Indices]
     points: Floats
 
 
@@ -87,7 +87,7 @@ def tongue_part(tongue: xr.Dataset, p: TongueParameters, *, before: int = 0) -> 
         tuple(terms),
         DAMPING[p.damping_tangent](p.alpha, p.beta) if p.alpha or p.beta else None,
         (sim.HardElementVolume(),) if p.incompressibility == "hard" else (),
-        _held(tongue, before, numbers),
+        _attachments(tongue, before, numbers),
         points,
     )
 
@@ -119,7 +119,7 @@ def tongue_scene(
         if body not in nodes:
             raise TongueError(f"no node follows {body!r}, expected one of {', '.join(nodes)}")
     members: list[Member] = [sim.PrescribedNodes(nodes[b], path) for b, path in paths.items()]
-    still = [held for body, held in part.held.items() if body not in paths]
+    still = [fixed for body, fixed in part.attached.items() if body not in paths]
     if still:
         members.append(sim.Fixed(np.concatenate(still)))
     terms = (*part.terms, sim.Gravity(GRAVITY)) if p.gravity else part.terms
@@ -150,7 +150,7 @@ def segment_forces(tongue: xr.Dataset) -> Floats:
     volume = element_quality(tongue["position"].values, connectivity).volume
     node, fibre = tongue["fibre_node"].values, tongue["fibre_of_point"].values
     muscle, force = tongue["fibre_muscle"].values, tongue["muscle_force_max"].values
-    found = np.zeros(len(node))
+    forces = np.zeros(len(node))
     for m in range(tongue.sizes["muscle"]):
         at: dict[int, set[int]] = {}
         for e in tongue["bundle_index"].values[tongue["bundle_muscle"].values == m].tolist():
@@ -164,18 +164,18 @@ def segment_forces(tongue: xr.Dataset) -> Floats:
                 both = sorted(first & second)
                 either = sorted(first or second)
                 if both:
-                    found[a] = volume[both].sum()
+                    forces[a] = volume[both].sum()
                 elif either:
-                    found[a] = volume[either].mean()
-            largest += found[points].max()
+                    forces[a] = volume[either].mean()
+            largest += forces[points].max()
         own = np.isin(fibre, np.flatnonzero(muscle == m))
         if not largest > 0.0:
             raise TongueError(
                 f"no fibre of {tongue['muscle'].values[m]} passes along its elements: expected fibres "
                 "along edges, or muscles = 'elements'"
             )
-        found[own] *= force[m] / largest
-    return found
+        forces[own] *= force[m] / largest
+    return forces
 
 
 def _material(p: TongueParameters) -> sim.Material:
@@ -193,14 +193,14 @@ def _numbers(tongue: xr.Dataset, before: int) -> tuple[Indices, Floats]:
     return np.where(node < 0, node, node + before), points
 
 
-def _held(tongue: xr.Dataset, before: int, numbers: Indices) -> dict[str, Indices]:
-    found = {body: nodes + before for body, nodes in attached_nodes(tongue).items()}
+def _attachments(tongue: xr.Dataset, before: int, numbers: Indices) -> dict[str, Indices]:
+    attached = {body: nodes + before for body, nodes in attached_nodes(tongue).items()}
     names = [str(b) for b in tongue["body"].values]
     for k, body in enumerate(names):
         on = np.unique(numbers[tongue["fibre_body"].values == k])
         if len(on):
-            found[body] = np.concatenate([found.get(body, on[:0]), on])
-    return found
+            attached[body] = np.concatenate([attached.get(body, on[:0]), on])
+    return attached
 
 
 def _segments(tongue: xr.Dataset, numbers: Indices, share: Floats) -> list[sim.LineFibre]:

@@ -52,7 +52,7 @@ def surfaces(
     tall = 5e2 * float(np.linalg.norm(notch - low))
     ring = 5e2 * jaw.cricoid_diameter
     cricoid = p["cricoid"]
-    found = [
+    bones = [
         BoneSurface("jaw", *_arched(_mandible(p))),
         BoneSurface(
             "hyoid",
@@ -94,7 +94,7 @@ def surfaces(
         ),
     ]
     for arch in arches:
-        found.append(
+        bones.append(
             BoneSurface("skull" if arch.bone == SKULL else "jaw", arch.points, arch.triangles)
         )
     for body, stations in (
@@ -103,9 +103,9 @@ def surfaces(
         ("skull", _eminence(p, jaw)),
     ):
         points, triangles = _tube(*_sections(stations))
-        found.append(BoneSurface(body, points, triangles))
-        found.append(BoneSurface(body, points * _MIRROR, triangles[:, ::-1]))
-    return found
+        bones.append(BoneSurface(body, points, triangles))
+        bones.append(BoneSurface(body, points * _MIRROR, triangles[:, ::-1]))
+    return bones
 
 
 def _mandible(p: Mapping[str, Floats]) -> list[_Station]:

@@ -105,7 +105,7 @@ def _norm(name: str) -> float:
 
 def _points(places: Mapping[str, Floats]) -> dict[str, tuple[str, Floats]]:
     middle = np.array([0.0, 1.0, 1.0])
-    found = {
+    points = {
         "lower_incisor": ("jaw", places["incisor"]),
         "upper_incisor": ("skull", places["upper_incisor"]),
         "hyoid": ("hyoid", places["hyoid"]),
@@ -113,15 +113,15 @@ def _points(places: Mapping[str, Floats]) -> dict[str, tuple[str, Floats]]:
         "head_centre": ("skull", places["condyle"] * middle + [0.0, *CERVICAL]),
     }
     for name, landmark in (("condyle", "condyle"), ("bite", "molar")):
-        found |= {
+        points |= {
             f"{name}{side}": ("jaw", places[landmark] * mirror) for side, mirror in MIRROR.items()
         }
-    return found
+    return points
 
 
 def _bodies(shapes: list[BoneSurface], scale: float) -> list[JawBody]:
     """Bodies with the stated masses, uniformly distributed within the first surface of each."""
-    found = [JawBody("skull", moves=False), JawBody("sternum", moves=False)]
+    bodies = [JawBody("skull", moves=False), JawBody("sternum", moves=False)]
     for name, adult in MASSES.items():
         shape = next(s for s in shapes if s.body == name)
         unit = sim.body_of_surface(name, shape.points, shape.triangles.astype(np.int64), 1.0)
@@ -130,5 +130,5 @@ def _bodies(shapes: list[BoneSurface], scale: float) -> list[JawBody]:
         inertia = np.array(unit.inertia) * mass / unit.mass
         inertia[0, 1:] = inertia[1:, 0] = 0.0  # exactly symmetric, as the surface is up to rounding
         centre = np.array(unit.centre) * [0.0, 1.0, 1.0]
-        found.append(JawBody(name, mass, centre, inertia, DAMPING))
-    return found
+        bodies.append(JawBody(name, mass, centre, inertia, DAMPING))
+    return bodies

@@ -47,13 +47,13 @@ def joints(places: Mapping[str, Floats], jaw: JawMeasures) -> list[JawJoint]:
     forward = np.array([0.0, np.cos(slope), -np.sin(slope)])
     cant = np.radians(OCCLUSAL_CANT)
     down = np.array([0.0, -np.sin(cant), -np.cos(cant)])
-    found = list[JawJoint]()
+    guides = list[JawJoint]()
     for side, mirror in MIRROR.items():
         condyle, molar = places["condyle"] * mirror, places["molar"] * mirror
         point = f"condyle{side}"
         first = float(np.tan(slope))
         inward = np.array([-1.0, 0.0, 0.0]) * mirror
-        found += [
+        guides += [
             JawJoint(
                 f"tmj{side}",
                 "curve",
@@ -79,37 +79,37 @@ def joints(places: Mapping[str, Floats], jaw: JawMeasures) -> list[JawJoint]:
             JawJoint(f"bite{side}", "plane", "skull", molar, down, f"bite{side}"),
         ]
     hinge = places["joint"] * [0.0, 1.0, 1.0]
-    found.append(JawJoint("cricothyroid", "hinge", "thyroid", hinge, (1.0, 0.0, 0.0), "cricoid"))
-    return found
+    guides.append(JawJoint("cricothyroid", "hinge", "thyroid", hinge, (1.0, 0.0, 0.0), "cricoid"))
+    return guides
 
 
 def springs(places: Mapping[str, Floats], jaw: JawMeasures) -> list[JawLine]:
     """Membranes of the larynx, suspension of the hyoid, ligaments of the mandible; at rest as built."""
     hyoid, horn, notch, cricoid = (places[n] for n in ("hyoid", "horn", "notch", "cricoid"))
     half, ring = 0.5 * jaw.thyroid_width, 0.5 * jaw.cricoid_diameter
-    found = list[JawLine]()
+    lines = list[JawLine]()
     for side in MIRROR:
         for k in range(STRANDS):
             s = (k + 0.5) / STRANDS
             upper = hyoid + s * (horn - hyoid) + [0.0, 0.0, -3e-3]
             lower = notch + s * np.array([half, -jaw.thyroid_depth, 2e-3])
-            found.append(_spring(f"thyrohyoid{k}", side, ("hyoid", "thyroid"), upper, lower))
+            lines.append(_spring(f"thyrohyoid{k}", side, ("hyoid", "thyroid"), upper, lower))
             t = np.pi * s
             low = cricoid + [ring * np.sin(t), ring * np.cos(t), -4e-3]
             end = low + [0.0, 0.0, -30e-3]
-            found.append(_spring(f"cricotracheal{k}", side, ("cricoid", "sternum"), low, end))
+            lines.append(_spring(f"cricotracheal{k}", side, ("cricoid", "sternum"), low, end))
         styloid = places["condyle"] + [-14e-3, -7e-3, -28e-3]
         wall = horn + [6e-3, -12e-3, 10e-3]
         for name, end in (("stylohyoid", styloid), ("pharynx", wall)):
             start = hyoid + [11e-3, -5e-3, 1e-3] if name == "stylohyoid" else horn
             body = ("hyoid", "skull" if name == "stylohyoid" else "sternum")
-            found.append(_spring(name, side, body, start, end, LIGAMENT_STIFFNESS))
+            lines.append(_spring(name, side, body, start, end, LIGAMENT_STIFFNESS))
         for name, (origin, insertion, free, stiffness) in LIGAMENTS.items():
             ends = place(places, origin), place(places, insertion)
-            found.append(
+            lines.append(
                 _spring(name, side, ("skull", "jaw"), *ends, stiffness, free, one_sided=True)
             )
-    return found
+    return lines
 
 
 def _spring(

@@ -104,5 +104,5 @@ def edge(arch: Arch) -> Floats:
     middle = arch.points[arch.points[:, 0] == 0.0]
     tip = middle[:, 2].min() if arch.bone == SKULL else middle[:, 2].max()
     near = middle[np.abs(middle[:, 2] - tip) < 1e-3]
-    found: Floats = near[np.argmax(near[:, 1])] * [0.0, 1.0, 1.0]
-    return found + 0.0  # no negative zero
+    foremost: Floats = near[np.argmax(near[:, 1])] * [0.0, 1.0, 1.0]
+    return foremost + 0.0  # no negative zero

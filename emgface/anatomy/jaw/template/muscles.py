@@ -92,7 +92,7 @@ MIRROR: Final = {"_L": np.array([-1.0, 1.0, 1.0]), "_R": np.ones(3)}
 
 def muscle_lines(places: Mapping[str, Floats]) -> list[JawLine]:
     """Muscles of both sides between landmarks [m]; the sides are exact mirror images."""
-    found = list[JawLine]()
+    lines = list[JawLine]()
     for name, muscle in MUSCLES.items():
         ends = np.array([place(places, muscle.origin), place(places, muscle.insertion)])
         length = float(np.linalg.norm(ends[1] - ends[0]))
@@ -107,11 +107,11 @@ def muscle_lines(places: Mapping[str, Floats]) -> list[JawLine]:
             "damping": DAMPING,
             "stretch_opt": optimal / length,
         }
-        found += [
+        lines += [
             JawLine(name + side, muscle.bodies, ends * mirror, values)
             for side, mirror in MIRROR.items()
         ]
-    return found
+    return lines
 
 
 def place(places: Mapping[str, Floats], at: tuple[str, float, float, float]) -> Floats:

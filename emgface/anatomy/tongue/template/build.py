@@ -118,8 +118,8 @@ def _facets(node: Index) -> dict[str, Integers]:
 
     def quads(sheet: Index, turned: bool) -> Integers:
         order = sheet[:-1, :-1], sheet[1:, :-1], sheet[1:, 1:], sheet[:-1, 1:]
-        found = np.stack(order, axis=-1).reshape(-1, 4)
-        return found[:, ::-1] if turned else found
+        corners = np.stack(order, axis=-1).reshape(-1, 4)
+        return corners[:, ::-1] if turned else corners
 
     return {
         "dorsum": quads(node[:, -1], False),

@@ -137,7 +137,7 @@ def _lines(
 ) -> list[Fibre]:
     """Lines of nodes through the region; those of styloglossus go on to the styloid process."""
     axis, at = muscle.lines
-    found = list[Fibre]()
+    fibres = list[Fibre]()
     low, high = (muscle.u, muscle.v, muscle.w)[axis]
     for place in at:
         other = iter(place)
@@ -155,9 +155,9 @@ def _lines(
         position = mesh.position[node]
         if name.startswith("STY"):
             tip = condyle + STYLOID * [sign, 1.0, 1.0]
-            found.append(
+            fibres.append(
                 Fibre(name, np.concatenate([position, tip[None]]), np.append(node, -1), "skull")
             )
         else:
-            found.append(Fibre(name, position, node))
-    return found
+            fibres.append(Fibre(name, position, node))
+    return fibres

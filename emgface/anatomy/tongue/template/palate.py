@@ -17,7 +17,7 @@ STATIONS, ACROSS = 12, 13
 THICKNESS = 4e-3
 """Thickness of the closed body behind the surface [m]; not visible to the tongue."""
 _CREST = 3e-3
-"""Height of the rim of the vault above the lips [m], beside the crowns of the teeth."""
+"""Height of the rim of the vault above the lips [m], next to the crowns of the teeth."""
 
 
 def palate(places: Mapping[str, Floats], arches: tuple[Arch, Arch]) -> Arch:
@@ -31,7 +31,7 @@ def palate(places: Mapping[str, Floats], arches: tuple[Arch, Arch]) -> Arch:
     at = np.linspace(0.0, 1.0, STATIONS) * (len(drawn) - 1)
     y, z = (np.interp(at, np.arange(len(drawn)), middle[:, k]) for k in (1, 2))
     wall = inner_wall(next(arch for arch in arches if arch.bone == SKULL))
-    side = wall[len(wall) // 2 :, 2]  # from the midline to the last tooth, beside the gums
+    side = wall[len(wall) // 2 :, 2]  # from the midline to the last tooth, next to the gums
     x = np.abs(side[:, 0])
     order = np.argsort(side[:, 1])
     width = np.maximum(np.interp(y, side[order, 1], x[order]), 3e-3)

@@ -87,8 +87,8 @@ class TongueMesh:
                 ((4, 5, 6, 7), (0, 1, 2, 3)),
             )
         ]
-        found = np.stack(along, axis=1)
-        return found / np.linalg.norm(found, axis=2, keepdims=True)
+        axes = np.stack(along, axis=1)
+        return axes / np.linalg.norm(axes, axis=2, keepdims=True)
 
 
 def divisions(resolution: str | int) -> tuple[int, int, int]:
@@ -160,13 +160,13 @@ class Frame:
     width: float
 
     @staticmethod
-    def of(places: Mapping[str, Floats], arches: tuple[Arch, Arch]) -> "Frame":
+    def from_places(places: Mapping[str, Floats], arches: tuple[Arch, Arch]) -> "Frame":
         """Lengths of a person."""
         walls = [inner_wall(arch) for arch in arches]
         hyoid, chin = places["hyoid"], places["chin_back"]
         front = min(float(wall[len(wall) // 2, -2:, 1].min()) for wall in walls)
         width = min(float(np.abs(wall[-1, :, 0]).min()) for wall in walls)
-        width = min(width, float(places["molar"][0]) - 0.9e-3)  # beside the mandible
+        width = min(width, float(places["molar"][0]) - 0.9e-3)  # next to the mandible
         return Frame((hyoid[1], chin[1], front), (hyoid[2], chin[2]), width)
 
 
@@ -183,7 +183,7 @@ def fitted_shape(points: Floats, places: Mapping[str, Floats], arches: tuple[Arc
     Heights between the lips and `BONE` above the line of hyoid and chin are stretched; the thickness of
     the bones is that of all persons. Greater heights are scaled as x.
     """
-    own = Frame.of(places, arches)
+    own = Frame.from_places(places, arches)
     x, y, z = points.T
     scale = own.width / DRAWN.width
     near, far = 6e-3, 1e-1
