@@ -280,7 +280,7 @@ def simulate(
     skin = skin_of(model) if surface else None
     further = (*probes, SurfaceProbe(skin.node)) if skin else probes
     kept = None if waypoints is None else WayPoints(Path(waypoints[0]), waypoints[1])
-    begun = None if branch is None else Branch.of(Path(branch[0]), branch[1])
+    begun = None if branch is None else Branch.from_folder(Path(branch[0]), branch[1])
     with shown(progress, "simulating") as line:
 
         def once(chosen: Any) -> "xr.Dataset":

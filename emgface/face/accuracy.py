@@ -42,10 +42,10 @@ _LENGTH = re.compile(r"\s*([0-9.eE+-]+)\s*(\S+)\s*")
 
 def desired_error(accuracy: str) -> float | None:
     """Positive length such as "0.1 mm" [m]; None for anything else."""
-    found = _LENGTH.fullmatch(accuracy)
-    unit = spelling(found[2]) if found else ""
+    match = _LENGTH.fullmatch(accuracy)
+    unit = spelling(match[2]) if match else ""
     try:
-        length = float(found[1]) / DIVISORS["m"][unit] if found else 0.0
+        length = float(match[1]) / DIVISORS["m"][unit] if match else 0.0
     except (KeyError, ValueError):
         return None
     return length if 0.0 < length < math.inf else None

@@ -38,11 +38,11 @@ def published_bones(files: PublishedFiles, choice: BoneChoice) -> list[Arch]:
     `choice` is "whole" for closed shells, or "patch" for their open parts opposite the lips. Raises
     FaceError if one of the two files is absent, a file is damaged, or a whole shell is not closed.
     """
-    found = files.beside(BONE_FILES[choice])
-    if found is None:
+    paths = files.optional_files(BONE_FILES[choice])
+    if paths is None:
         return []
     arches: list[Arch] = []
-    for bone, path in zip((SKULL, MANDIBLE), found, strict=True):
+    for bone, path in zip((SKULL, MANDIBLE), paths, strict=True):
         points, triangles = read_obj(path)
         if choice == "whole":
             check_closed(points, triangles, str(path))
@@ -59,11 +59,11 @@ def published_lips(
     by lip. Raises FaceError if one of the two files is absent, damaged, contains an unknown node,
     or is not closed.
     """
-    found = files.beside(LIP_FILES)
-    if found is None:
+    paths = files.optional_files(LIP_FILES)
+    if paths is None:
         return {}
     lips: dict[str, Integers] = {}
-    for lip, path in zip(LIPS, found, strict=True):
+    for lip, path in zip(LIPS, paths, strict=True):
         triangles = read_triangles(path)
         for node in triangles.ravel().tolist():
             if node not in index:
@@ -108,13 +108,13 @@ def read_triangles(path: Path) -> Integers:
 
     Raises FaceError if a line is not `f a b c`, or there are none.
     """
-    found: list[tuple[int, ...]] = []
+    triangles: list[tuple[int, ...]] = []
     for number, line in ansys_lines(path):
         match = _LISTED.fullmatch(line.strip())
         if match is not None:
-            found.append(tuple(int(node) for node in match.groups()))
+            triangles.append(tuple(int(node) for node in match.groups()))
         elif line.strip() not in ("[", "]"):
             raise garbled(path, number, line, "'f' and three node ids")
-    if not found:
+    if not triangles:
         raise FaceError(f"{path} contains no triangles: expected lines 'f a b c'")
-    return np.array(found, dtype=np.int64)
+    return np.array(triangles, dtype=np.int64)

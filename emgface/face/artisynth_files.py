@@ -42,7 +42,7 @@ class PublishedFiles:
             " of artisynth_models or the folder that contains face_reference"
         )
 
-    def beside(self, names: Sequence[str]) -> list[Path] | None:
+    def optional_files(self, names: Sequence[str]) -> list[Path] | None:
         """Paths of optional files: all, or None; FaceError if some are present and others not."""
         there = [any((place / name).is_file() for place in self._places) for name in names]
         return [self[name] for name in names] if any(there) else None

@@ -32,9 +32,9 @@ def check_closed(points: Floats, triangles: Indices, what: str) -> None:
     )
     flat = np.flatnonzero(~(area > 1e-9 * area.max(initial=0.0)))
     if not len(triangles) or len(flat):
-        found = f"triangle {flat[0]} has no area" if len(flat) else "no triangles"
+        defect = f"triangle {flat[0]} has no area" if len(flat) else "no triangles"
         raise FaceError(
-            f"the surface of {what} does not enclose a volume: {found}, expected triangles with an area"
+            f"the surface of {what} does not enclose a volume: {defect}, expected triangles with an area"
         )
     if len(np.unique(np.sort(triangles, axis=1), axis=0)) < len(triangles):
         raise FaceError(f"the surface of {what} contains a triangle twice, expected each once")

@@ -75,7 +75,7 @@ class ContactParameters(Parameters):
             return self.renewals
         return 0 if solver.startswith("linearly_implicit") else 1
 
-    def told(self, solver: str) -> str:
+    def methods_phrase(self, solver: str) -> str:
         """Phrase on the contact for the methods of a manuscript."""
         pairs = {
             "lips": "of the lips with each other",

@@ -83,13 +83,13 @@ def control_of(
     missing = [name for name in muscles if name not in given]
     unknown = [name for name in given if name not in muscles]
     if missing or unknown:
-        found = (
+        difference = (
             (f"lacks {', '.join(missing)}")
             if missing
             else f"contains the unknown {', '.join(unknown)}"
         )
         raise ActivationError(
-            f"the activation {found}, expected exactly the muscles of the face: "
+            f"the activation {difference}, expected exactly the muscles of the face: "
             f"{', '.join(muscles)}; for inactive others use "
             "activation.reindex(muscle=face['muscle'].values, fill_value=0)"
         )

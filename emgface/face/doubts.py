@@ -12,15 +12,15 @@ def doubts_of(trajectory: xr.Dataset) -> list[str]:
     An error below 0.01 mm is none, whatever its share of a motion that is itself smaller.
     """
     a = trajectory.attrs
-    found = [stability_warning(trajectory)]
+    sentences = [stability_warning(trajectory)]
     if doubt := a.get("reduction_doubt"):
         ran = "is not trusted" if a["reduced"] else "was repeated at full order"
-        found.append(f"the reduced motion {ran}, since {doubt}")
+        sentences.append(f"the reduced motion {ran}, since {doubt}")
     error = float(a.get("numerical_error", 0.0))
     if a.get("inaccurate", 0) and error > NOTICED:
         advice = "" if contact_share(trajectory) else ": specify an accuracy such as '0.1 mm'"
-        found.append(
+        sentences.append(
             f"the estimated error of the time steps is {1e3 * error:.2g} mm, more than "
             f"a tenth of the motion{advice}"
         )
-    return [text for text in found if text]
+    return [text for text in sentences if text]

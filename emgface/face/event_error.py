@@ -133,8 +133,8 @@ def event_error(
             attrs["event_error_measured"] = BY_REPETITION
     if attrs:
         attrs["event_error"] = float(values.max())
-    found = xr.DataArray(values, dims="time", coords={"time": motion["time"]})
-    return found.assign_attrs(units="m"), attrs
+    estimate = xr.DataArray(values, dims="time", coords={"time": motion["time"]})
+    return estimate.assign_attrs(units="m"), attrs
 
 
 def touched(force: Floats, steps: Floats) -> Flags:

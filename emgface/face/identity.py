@@ -50,17 +50,17 @@ def treatments(model: xr.Dataset) -> list[Entry]:
 
     Empty if the model was not treated. Raises DataError if its attribute is not a list of these.
     """
-    found: Any = None
+    entries: Any = None
     try:
-        found = json.loads(model.attrs.get(TREATMENT, "[]"))
-        valid = isinstance(found, list) and all(
+        entries = json.loads(model.attrs.get(TREATMENT, "[]"))
+        valid = isinstance(entries, list) and all(
             isinstance(entry.get("plan"), dict)
             and isinstance(entry.get("steps"), list)
             and all(
                 isinstance(step, dict) and {"step", "kind"} <= set(step) for step in entry["steps"]
             )
             and isinstance(entry.get(APPLIED_TO, ""), str)
-            for entry in found
+            for entry in entries
         )
     except (AttributeError, TypeError, ValueError, RecursionError):
         valid = False
@@ -69,7 +69,7 @@ def treatments(model: xr.Dataset) -> list[Entry]:
             f"the attribute {TREATMENT!r} of {str(model.attrs.get('name', ''))!r} is not a list of "
             "plans with reports of their steps, as 'emgface treat' writes it: treat the model again"
         )
-    return found
+    return entries
 
 
 def told_treatment(entry: Entry) -> str:

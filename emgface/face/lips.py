@@ -38,11 +38,11 @@ def lip_surface(face: xr.Dataset, lip: str) -> Integers:
         raise FaceError(f"unknown lip {lip!r}, expected {' or '.join(LIPS)}")
     if "lip_triangle" in face:
         mine = face["lip_of_triangle"].values == LIPS.index(lip)
-        found = face["lip_triangle"].values[mine].astype(np.int64)
+        nodes = face["lip_triangle"].values[mine].astype(np.int64)
     else:
-        found = _from_elements(face, lip)
+        nodes = _from_elements(face, lip)
     try:
-        check_closed(face["position"].values, found, f"the {lip} lip")
+        check_closed(face["position"].values, nodes, f"the {lip} lip")
     except FaceError as error:
         if "stress_free_position" not in face:
             raise
@@ -51,7 +51,7 @@ def lip_surface(face: xr.Dataset, lip: str) -> Integers:
             "leaves a pocket beneath its suture: switch contact off (--no-contact, or contact.method = "
             "'none'), or excise all layers"
         ) from error
-    return found
+    return nodes
 
 
 def exposed(face: xr.Dataset, surface: Integers) -> NDArray[np.bool_]:
@@ -116,19 +116,19 @@ def _from_elements(face: xr.Dataset, lip: str) -> Integers:
     return _without_folds(triangles(faces, position))
 
 
-def _without_folds(found: Integers) -> Integers:
+def _without_folds(corners: Integers) -> Integers:
     """Leave out pairs of opposite triangles on the same nodes, which enclose nothing.
 
     They occur where two facets of a suture share three of their four nodes, next to a pair that is
     attached to bone and therefore stays apart.
     """
-    order = np.argsort(found, axis=1)
+    order = np.argsort(corners, axis=1)
     odd = np.linalg.det(np.eye(3)[order]) < 0.0
-    nodes, group = np.unique(np.sort(found, axis=1), axis=0, return_inverse=True)
+    nodes, group = np.unique(np.sort(corners, axis=1), axis=0, return_inverse=True)
     group = group.reshape(-1)
     ways = [np.bincount(group[which], minlength=len(nodes)) for which in (odd, ~odd)]
     folded = (ways[0] == 1) & (ways[1] == 1)
-    return found[~folded[group]]
+    return corners[~folded[group]]
 
 
 def _lip_columns(face: xr.Dataset, lip: str) -> Integers:
@@ -150,14 +150,14 @@ def _lip_columns(face: xr.Dataset, lip: str) -> Integers:
         for k, (a, b) in enumerate(edges):
             for facet in by_edge[min(a, b), max(a, b)]:
                 place.setdefault(facet, (name, min(k, len(edges) - 1 - k)))
-    found: list[int] = []
+    facets: list[int] = []
     ring, level, margins = list(place), 0, position[np.union1d(rim.upper, rim.lower)]
     tree = KDTree(margins)
     while ring:
         reach = tree.query(position[faces[ring]].mean(axis=1))[0]
         if float(np.median(reach)) > DEPTH:
             break
-        found += [facet for facet in ring if place[facet][0] == lip and place[facet][1] > level]
+        facets += [facet for facet in ring if place[facet][0] == lip and place[facet][1] > level]
         further: list[int] = []
         for facet in ring:
             row = faces[facet].tolist()
@@ -167,23 +167,23 @@ def _lip_columns(face: xr.Dataset, lip: str) -> Integers:
                         place[other] = place[facet]
                         further.append(other)
         ring, level = further, level + 1
-    if not found:
+    if not facets:
         raise FaceError(
             f"the {lip} lip has no facets of skin between the corners of the mouth, expected a mesh "
             "with at least four along its margin"
         )
-    found = _without_pinches(found, faces.tolist())
-    return _columns(connectivity, face["layer"].values, owner[found])
+    facets = _without_pinches(facets, faces.tolist())
+    return _columns(connectivity, face["layer"].values, owner[facets])
 
 
-def _without_pinches(found: list[int], faces: list[list[int]]) -> list[int]:
+def _without_pinches(facets: list[int], faces: list[list[int]]) -> list[int]:
     """Leave out facets that touch those before them in a single node.
 
     The columns beneath them would share an edge only, along which the surface is not closed.
     """
     while True:
         at: dict[int, list[int]] = {}
-        for k in found:
+        for k in facets:
             for node in set(faces[k]):
                 at.setdefault(node, []).append(k)
         dropped: set[int] = set()
@@ -197,8 +197,8 @@ def _without_pinches(found: list[int], faces: list[list[int]]) -> list[int]:
                 joined.update(more)
             dropped.update(set(own) - joined)
         if not dropped:
-            return found
-        found = [k for k in found if k not in dropped]
+            return facets
+        facets = [k for k in facets if k not in dropped]
 
 
 def _columns(connectivity: Integers, layer: Integers, top: Integers) -> Integers:

@@ -56,7 +56,7 @@ NOT_OF_REST: Final[dict[str, Any]] = dict.fromkeys(
 NOT_OF_STILLNESS: Final[dict[str, Any]] = dict.fromkeys(
     ("linear_solver", "alpha", "beta", "damping_tangent", "stiffening", "line_force"), True
 )
-"""Further ones that act on moving or active tissue only; stored equilibria are told apart by them."""
+"""Further ones that act on moving or active tissue only; they distinguish stored equilibria."""
 REST: Final = "rest_parameters"  #: attribute of an equilibrium with its parameters (JSON)
 
 
@@ -114,10 +114,10 @@ def of_rest(parameters: SimulationParameters) -> dict[str, Any]:
 
 def _of_rest(parameters: SimulationParameters) -> dict[str, Any]:
     """Parameters that affect the equilibrium; the mesh itself is that without any load."""
-    told = parameters.model_dump(mode="json", exclude=NOT_OF_REST | NOT_OF_STILLNESS)
+    values = parameters.model_dump(mode="json", exclude=NOT_OF_REST | NOT_OF_STILLNESS)
     if parameters.gravity or parameters.prestress.method != "none":
-        return told
-    return {name: told[name] for name in ("gravity", "prestress")}
+        return values
+    return {name: values[name] for name in ("gravity", "prestress")}
 
 
 def require_rest(settled: xr.Dataset, face: xr.Dataset, parameters: SimulationParameters) -> None:
@@ -146,13 +146,13 @@ def require_rest(settled: xr.Dataset, face: xr.Dataset, parameters: SimulationPa
         )
 
 
-def _leaves(told: Mapping[str, Any], table: str = "") -> dict[str, Any]:
+def _leaves(tables: Mapping[str, Any], table: str = "") -> dict[str, Any]:
     """Values by the name of a parameter with its tables, such as "contact.friction"."""
-    found = dict[str, Any]()
-    for name, value in told.items():
+    values = dict[str, Any]()
+    for name, value in tables.items():
         below = isinstance(value, Mapping)
-        found |= _leaves(value, f"{table}{name}.") if below else {f"{table}{name}": value}
-    return found
+        values |= _leaves(value, f"{table}{name}.") if below else {f"{table}{name}": value}
+    return values
 
 
 def _settled(
@@ -164,8 +164,8 @@ def _settled(
         first = sim.compile_scene(displacement_scene(face, parameters))
         state = sim.displace_held(first, state, face["position"].values)
     try:
-        found, _ = sim.Static(tolerance=1e-9).step(system, state, silent, 1.0, work)
-        return replace(found, t=0.0)
+        rest, _ = sim.Static(tolerance=1e-9).step(system, state, silent, 1.0, work)
+        return replace(rest, t=0.0)
     except (sim.InvertedElement, sim.NotConverged, sim.SingularSystem):
         pass
     speed = np.inf
@@ -238,7 +238,7 @@ def simulate_face(
     """
     doubt, points = None, waypoints or (branch and branch.points)
     if forces:
-        further = (*further, MuscleForces.of(face, parameters))
+        further = (*further, MuscleForces.from_face(face, parameters))
     if parameters.reduced.file is not None:
         if points is not None:
             raise ConfigurationError("way points require full order: omit the reduced face")
@@ -293,7 +293,7 @@ def simulate_face(
     def again() -> xr.Dataset:
         return run(start, watched[:1], progress, in_other_steps(parameters))
 
-    of_contact, told = event_error(
+    of_contact, error_attrs = event_error(
         trajectory, again if parameters.check_contact else None, parameters.beta
     )
     kinds = ("step_error", "iteration_error", "input_error", "passing_error")
@@ -305,7 +305,7 @@ def simulate_face(
     recorded = [*kinds, *ERRORS, FORCE, TOUCHING]
     trajectory = trajectory.drop_vars(recorded, errors="ignore")
     trajectory = trajectory.assign(numerical_error=error)
-    trajectory.attrs |= told
+    trajectory.attrs |= error_attrs
     trajectory.attrs["solver"] = parameters.solver
     if doubt is not None:
         trajectory.attrs |= {"reduced": 0, "reduction_doubt": doubt}
@@ -362,7 +362,7 @@ def _probes(face: xr.Dataset) -> tuple[Probe, ...]:
         upper, lower = (int(node) for node in face["lip_opening_node"].values)
         probes.append(sim.Opening(upper, lower, UP))
     if has_mouth(face):
-        probes.append(Mouth.of(face))
+        probes.append(Mouth.from_face(face))
     return (
         *probes,
         sim.StepErrors(nodes, names),

@@ -34,7 +34,7 @@ class Mouth:
     rest: Floats  #: (2, 3) positions of `margins` in the geometry of the face [m]
 
     @classmethod
-    def of(cls, face: xr.Dataset) -> "Mouth":
+    def from_face(cls, face: xr.Dataset) -> "Mouth":
         """Find the lips of a face.
 
         Raises FaceError if it has no mouth opening (`emgface.face.lip_shape.lip_rim`).

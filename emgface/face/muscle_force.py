@@ -65,7 +65,7 @@ class MuscleForces:
         return np.isfinite(np.bincount(self.muscle, self.area, len(self.muscles)))
 
     @classmethod
-    def of(cls, face: xr.Dataset, parameters: SimulationParameters) -> "MuscleForces":
+    def from_face(cls, face: xr.Dataset, parameters: SimulationParameters) -> "MuscleForces":
         """Forces of the muscles of a face with the mechanics of the parameters."""
         scene = compose_scene(face, parameters)
         names = tuple(map(str, face["muscle"].values))

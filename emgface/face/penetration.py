@@ -24,12 +24,12 @@ def depths(points: Floats, corners: Floats) -> Floats:
     It is the distance to the nearest point of the surface if the winding number exceeds one half.
     """
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    found = np.zeros(len(points))
+    depth = np.zeros(len(points))
     near = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
     inside = near[winding_number(points[near], corners) > 0.5]
     for k in inside:
-        found[k] = np.linalg.norm(nearest_on_triangles(points[k], corners)[0] - points[k])
-    return found
+        depth[k] = np.linalg.norm(nearest_on_triangles(points[k], corners)[0] - points[k])
+    return depth
 
 
 class Penetration:
@@ -56,8 +56,8 @@ class Penetration:
 
     def teeth(self, q: Floats) -> float:
         """Largest depth of a node of lips and cheeks in the teeth, beyond that at rest [m]."""
-        found = [now - rest for now, rest in zip(self._in_teeth(q), self._rest, strict=True)]
-        return max((float(deeper.max(initial=0.0)) for deeper in found), default=0.0)
+        increase = [now - rest for now, rest in zip(self._in_teeth(q), self._rest, strict=True)]
+        return max((float(deeper.max(initial=0.0)) for deeper in increase), default=0.0)
 
     def gap(self, q: Floats) -> float:
         """Largest gap between the lips within `MIDDLE` of the midline, for positions q [m].

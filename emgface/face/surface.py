@@ -64,8 +64,8 @@ def boundary_edges(faces: Indices) -> NDArray[np.int64]:
     """Edges (n, 2) of one face only, the smaller node first; of faces (k, 4)."""
     edges = np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
     edges = np.sort(edges[edges[:, 0] != edges[:, 1]], axis=1)
-    found, counts = np.unique(edges, axis=0, return_counts=True)
-    return found[counts == 1].astype(np.int64)
+    unique_edges, counts = np.unique(edges, axis=0, return_counts=True)
+    return unique_edges[counts == 1].astype(np.int64)
 
 
 def triangles(faces: Indices, position: Floats) -> NDArray[np.int64]:

@@ -132,17 +132,17 @@ class Tissue(Parameters):
 
     def __str__(self) -> str:
         """Describe the location and the law of the tissue."""
-        told = [f"law {self.passive_law()} (stresses in Pa)"]
+        phrases = [f"law {self.passive_law()} (stresses in Pa)"]
         if self.kappa is not None:
-            told.append(f"kappa {self.kappa / 1e3:g} kPa")
+            phrases.append(f"kappa {self.kappa / 1e3:g} kPa")
         if self.density is not None:
-            told.append(f"density {self.density:g} kg/m³")
+            phrases.append(f"density {self.density:g} kg/m³")
         if self.relaxing:
             pairs = zip(self.relaxing, self.times, strict=True)
-            told.append(
+            phrases.append(
                 "relaxation of " + " and ".join(f"{100 * g:g} % with {tau:g} s" for g, tau in pairs)
             )
-        return f"{self._where()} had {', '.join(told)}"
+        return f"{self._where()} had {', '.join(phrases)}"
 
     def _where(self) -> str:
         conditions = [f"the {', '.join(self.layers)} layer"] if self.layers else []

@@ -35,7 +35,7 @@ def check_treated(face: xr.Dataset, parameters: SimulationParameters) -> None:
     """Refuse parameters that a treated face does not support, with FaceError."""
     p = parameters
     closed = "stress_free_position" in face
-    for found, refused, expected in (
+    for feature, refused, expected in (
         (
             f"prestress.method = {p.prestress.method!r}",
             closed and p.prestress.method != "none",
@@ -54,7 +54,7 @@ def check_treated(face: xr.Dataset, parameters: SimulationParameters) -> None:
     ):
         if refused:
             raise FaceError(
-                f"the face was treated, and {found} is not implemented for a treated face, expected "
+                f"the face was treated, and {feature} is not implemented for a treated face, expected "
                 f"'{expected}': change the parameter, or use the untreated face"
             )
 
@@ -63,8 +63,8 @@ def stress_free(face: xr.Dataset, order: Order, parameters: SimulationParameters
     """Stress-free corners (elements, NODES, 3) [m] in the order of the scene; None if not treated."""
     if "stress_free_position" not in face:
         return None
-    found = face["stress_free_position"].values[order.face_index]
-    return np.ascontiguousarray(found[:, :NODES])
+    corners = face["stress_free_position"].values[order.face_index]
+    return np.ascontiguousarray(corners[:, :NODES])
 
 
 def stiffened(
@@ -72,8 +72,8 @@ def stiffened(
 ) -> tuple[list[Material], NDArray[np.int64]]:
     """Materials times the factor of every element (elements,), and the index of that of each."""
     pairs, place = np.unique(np.stack([region, factor], axis=1), axis=0, return_inverse=True)
-    found = [scaled(materials[int(row)], float(times)) for row, times in pairs]
-    return found, place.reshape(-1).astype(np.int64)
+    scaled_materials = [scaled(materials[int(row)], float(times)) for row, times in pairs]
+    return scaled_materials, place.reshape(-1).astype(np.int64)
 
 
 def strengthened(law: Blemker | Generic, strength: Floats) -> tuple[Blemker | Generic, ...]:
@@ -81,10 +81,10 @@ def strengthened(law: Blemker | Generic, strength: Floats) -> tuple[Blemker | Ge
 
     The passive stress of Blemker's law is a multiple of sigma_max; P1 is divided by the factor.
     """
-    found: list[Blemker | Generic] = []
+    laws: list[Blemker | Generic] = []
     for factor in np.maximum(strength, WEAKEST).tolist():
         own = replace(law, sigma_max=factor * law.sigma_max) if factor != 1.0 else law
         if isinstance(own, Blemker) and factor != 1.0:
             own = replace(own, P1=own.P1 / factor)
-        found.append(own)
-    return tuple(found)
+        laws.append(own)
+    return tuple(laws)

@@ -66,7 +66,7 @@ class Branch:
     points: WayPoints
 
     @classmethod
-    def of(cls, folder: Path, at: float) -> "Branch":
+    def from_folder(cls, folder: Path, at: float) -> "Branch":
         """Read the way point at a time [s].
 
         Raises

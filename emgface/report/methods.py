@@ -163,7 +163,7 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
         ("separate properties of the skin", s.skin != type(s.skin)()),
         (f"prestress ({s.prestress.method})", s.prestress != type(s.prestress)()),
         (f"support of {s.support:g} N/m behind the lips", s.support > 0),
-        (s.contact.told(s.solver), s.contact.method != "none"),
+        (s.contact.methods_phrase(s.solver), s.contact.method != "none"),
         (f"stiffening of active muscles by a factor of {s.stiffening:g}", s.stiffening > 1),
     ]
     if further := [text for text, used in own if used]:

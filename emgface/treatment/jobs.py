@@ -122,7 +122,10 @@ class Faces:
             p = p.model_copy(
                 update={"reduced": p.reduced.model_copy(update={"file": self.reduced[job.which]})}
             )
-            probes = (SurfaceProbe(skin.node), *([Mouth.of(face)] if has_mouth(face) else []))
+            probes = (
+                SurfaceProbe(skin.node),
+                *([Mouth.from_face(face)] if has_mouth(face) else []),
+            )
             return with_surface(simulate_face(face, activation, p, further=probes), face, skin)
         key = job.which, p.sigma_max
         if key not in self._settled:

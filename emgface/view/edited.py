@@ -55,7 +55,7 @@ class EditedMotion:
         pace: float = 1.0,
     ) -> None:
         self._reduced, self._centre, self._step = reduced, centre, step
-        forces = MuscleForces.of(reduced.face, reduced.parameters)
+        forces = MuscleForces.from_face(reduced.face, reduced.parameters)
         modes = reduced.modes[..., : reduced.moving]
         self._forces, self._known = forces.on_modes(reduced.rest, modes), forces.known
         self._scorer = (

@@ -136,7 +136,7 @@ def test_rounding_lips_lower_the_formants():
 
 def test_the_opening_of_the_mouth_is_what_one_sees_through_it(coarse):
     """Less than between the margins; it grows by the width times a shift and ends at closure."""
-    mouth, rim, rest = Mouth.of(coarse), lip_rim(coarse), coarse["position"].values
+    mouth, rim, rest = Mouth.from_face(coarse), lip_rim(coarse), coarse["position"].values
     area, forward = mouth.measure(rest)
     assert 0.0 < area < lip_shape(coarse, rim, rest)["area"] and forward == 0.0
     upper = np.setdiff1d(mouth.upper, mouth.lower)

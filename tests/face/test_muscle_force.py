@@ -23,7 +23,7 @@ PARAMETERS = SimulationParameters(accuracy="draft", contact=FREE, sigma_max=80e3
 def test_at_rest_the_force_is_stress_times_cross_section(coarse, law):
     """No fibre is stretched: F = sigma_max activation V / L; the generic law has no passive force."""
     parameters = PARAMETERS.model_copy(update={"fibre_law": law})
-    found = MuscleForces.of(coarse, parameters)
+    found = MuscleForces.from_face(coarse, parameters)
     volume = np.zeros(len(found.muscles))
     sizes = sim.compile_scene(compose_scene(coarse, parameters)).mesh.volumes()
     muscles = compose_scene(coarse, parameters).terms[0].muscles
@@ -41,7 +41,7 @@ def test_the_force_is_the_derivative_of_the_energy_by_the_length(coarse, stretch
     The fibre energy of the scene depends on the stretch without the change of volume, which an
     isotropic stretch would cancel: the law is integrated here.
     """
-    found, rest = MuscleForces.of(coarse, PARAMETERS), coarse["position"].values
+    found, rest = MuscleForces.from_face(coarse, PARAMETERS), coarse["position"].values
     level = np.random.default_rng(1).uniform(0.0, 1.0, len(found.muscles))
     length = fibre_lengths(coarse)
     h = 1e-6
@@ -74,7 +74,7 @@ def test_the_power_of_a_shortened_muscle_is_that_of_the_scene(coarse):
         return f
 
     power = -((internal(1.0) - internal(0.0)) * moved).sum()
-    found, h = MuscleForces.of(coarse, PARAMETERS), 1e-6
+    found, h = MuscleForces.from_face(coarse, PARAMETERS), 1e-6
     stretch = [np.linalg.norm((found.along @ (q + s * h * moved)), axis=1) for s in (1.0, -1.0)]
     rate = (stretch[0] - stretch[1]) / (2.0 * h)
     own = found.muscle == k
@@ -90,7 +90,7 @@ def test_the_power_of_a_shortened_muscle_is_that_of_the_scene(coarse):
 def test_forces_from_modes_are_those_of_the_positions(coarse, form):
     """For random modes and coordinates; also with laws that differ between the muscles."""
     rng = np.random.default_rng(3)
-    found = MuscleForces.of(coarse, PARAMETERS.model_copy(update={"muscle_form": form}))
+    found = MuscleForces.from_face(coarse, PARAMETERS.model_copy(update={"muscle_form": form}))
     if found.laws:
         laws = (*found.laws[:7], *(replace(law, sigma_max=20e3) for law in found.laws[7:]))
         found = replace(found, laws=laws)
@@ -111,14 +111,14 @@ def test_forces_from_modes_are_those_of_the_positions(coarse, form):
 
 def test_muscles_without_fibre_lines_have_no_force(coarse):
     bare = coarse.drop_dims(["fibre", "fibre_point"])
-    found = MuscleForces.of(bare, PARAMETERS)
+    found = MuscleForces.from_face(bare, PARAMETERS)
     assert not found.known.any()
     assert np.isnan(found(bare["position"].values[None], np.ones((1, len(found.muscles))))).all()
 
 
 def test_muscles_of_lines_have_the_force_of_their_law(coarse):
     parameters = PARAMETERS.model_copy(update={"muscle_form": "lines"})
-    found = MuscleForces.of(coarse, parameters)
+    found = MuscleForces.from_face(coarse, parameters)
     level = np.linspace(0.0, 1.0, len(found.muscles))[None]
     expected = parameters.line_force * level
     np.testing.assert_array_equal(found(coarse["position"].values[None], level), expected)
@@ -139,7 +139,9 @@ def test_a_motion_with_a_surface_contains_its_forces(coarse, tmp_path):
     used = SimulationParameters(accuracy="draft", sigma_max=80e3)
     q = moved["node_position"].transpose("time", "node", "axis").values
     at = np.linspace(0.0, 1.0, len(q))[:, None] * levels[:, 1]
-    np.testing.assert_allclose(found, MuscleForces.of(coarse, used)(q, at), rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        found, MuscleForces.from_face(coarse, used)(q, at), rtol=1e-9, atol=1e-9
+    )
     assert found[-1, muscles.index("ZYG_L")] > 0.5 > np.abs(found[-1, muscles.index("ZYG_R")])
     assert (moved["contact_force"].values >= 0.0).all()
     write_netcdf(moved.drop_vars("node_position"), tmp_path / "m.nc", "trajectory")

@@ -69,9 +69,9 @@ def test_folders_that_are_no_way_points_are_refused(parent, tmp_path):
     with pytest.raises(
         DataError, match=r"no way point at 0.05 s, expected one of 0.03, 0.06, 0.09"
     ):
-        Branch.of(folder, 0.05)
+        Branch.from_folder(folder, 0.05)
     with pytest.raises(DataError, match="no list of way points"):
-        Branch.of(tmp_path, 0.05)
+        Branch.from_folder(tmp_path, 0.05)
     for text in (
         "every = 'x'",
         "every = 0.1\npoints = 3",
@@ -80,13 +80,13 @@ def test_folders_that_are_no_way_points_are_refused(parent, tmp_path):
     ):
         (tmp_path / INDEX).write_text(text)
         with pytest.raises(DataError, match="no list of way points"):
-            Branch.of(tmp_path, 0.05)
+            Branch.from_folder(tmp_path, 0.05)
     (tmp_path / INDEX).write_text((folder / INDEX).read_text())
     (tmp_path / "0.060000.nc").write_bytes((folder / "0.060000.nc").read_bytes()[:-1] + b"x")
     with pytest.raises(DataError, match="is not the way point that was written"):
-        Branch.of(tmp_path, 0.06)
+        Branch.from_folder(tmp_path, 0.06)
     with pytest.raises(DataError, match="is not the way point that was written"):
-        Branch.of(tmp_path, 0.03)  # its file is absent
+        Branch.from_folder(tmp_path, 0.03)  # its file is absent
 
 
 def test_way_points_leave_other_files_alone(tmp_path):

@@ -186,7 +186,7 @@ def approximant(models: Path) -> Results:
         abs(area[0] / 40.0 - 1.0) < 0.15,
     )  # fmt: skip
     other = read_nodes(models / "face_badin" / "badinface_adjusted.node").position @ TURN.T
-    seen, _ = Mouth.of(head.parts["face"]).measure(other)
+    seen, _ = Mouth.from_face(head.parts["face"]).measure(other)
     yield Result("7 other mesh of that face, at rest", "", f"{1e6 * seen:.1f} mm2", None)
     falls = bool((np.diff(area) < 0.1).all())
     yield Result(

@@ -207,9 +207,7 @@ def test_the_chart_inverts_the_surface() -> None:
 
 def test_a_point_outside_the_tissue_is_refused() -> None:
     surfaces = calibrated_surfaces(Measures())
-    with pytest.raises(
-        FaceError, match=r"point 2 of 2, 0.0 mm beside .* 200.0 mm above .* outside"
-    ):
+    with pytest.raises(FaceError, match=r"point 2 of 2, 0.0 mm from .* 200.0 mm above .* outside"):
         surfaces.points(np.array([[0.0, 0.03], [0.0, 0.2]]), np.ones(2))
 
 
@@ -220,7 +218,7 @@ def test_a_muscle_outside_the_tissue_is_named(monkeypatch: pytest.MonkeyPatch) -
         return {**found, "ZYG": (((0.3, first[1], 0.1), *rest), *others)}
 
     monkeypatch.setattr(muscles, "courses", strayed)
-    with pytest.raises(FaceError, match="ZYG: the point 1 of 4, 300.0 mm beside the midline"):
+    with pytest.raises(FaceError, match="ZYG: the point 1 of 4, 300.0 mm from the midline"):
         template_face(resolution="coarse")
 
 

@@ -148,7 +148,7 @@ def head_tract(head: Head, motion: xr.Dataset | None = None) -> xr.Dataset:
     DataError
         As `TractGrid.from_head`, or the motion lacks the nodes of its tissues.
     """
-    grid, mouth = TractGrid.from_head(head), Mouth.of(head.parts["face"])
+    grid, mouth = TractGrid.from_head(head), Mouth.from_face(head.parts["face"])
     face, tongue = (head.parts[name]["position"].values for name in ("face", "tongue"))
     corners, _ = boundary_faces(head.parts["tongue"]["connectivity"].values)
     skin = triangles(corners, tongue)

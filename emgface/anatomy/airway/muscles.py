@@ -29,7 +29,7 @@ def formants_by_muscle(
     rest and the others changes per activation of 1: ``area`` [mm^2], ``protrusion`` [mm], ``F1`` to
     ``F4`` [Hz]. Raises FaceError if the face has no mouth opening.
     """
-    mouth = Mouth.of(face)
+    mouth = Mouth.from_face(face)
     runs = [{}, *({f"{muscle}_{side}": activation for side in "LR"} for muscle in muscles)]
     position, _ = steady_positions(face, runs, parameters=parameters)
     area, forward = np.array([mouth.measure(q) for q in position]).T

@@ -159,7 +159,7 @@ def probes(head: Head, parts: HeadScene) -> tuple[Probe, ...]:
         upper, lower = (int(node) for node in face["lip_opening_node"].values)
         recorded.append(sim.Opening(upper, lower, UP))
         if has_mouth(face):
-            recorded.append(Mouth.of(face))
+            recorded.append(Mouth.from_face(face))
     return tuple(recorded)
 
 

@@ -50,12 +50,12 @@ MOVED: Final = 1e-4  #: displacement below which a marker is regarded as not mov
 
 ACTIONS: Final[Mapping[str, Action]] = {
     muscle: Action(
-        told["text"],
-        {"GRAY": GRAY, "STAVNESS": STAVNESS}[told["source"]],
-        tuple((marker, axis, sign) for marker, axis, sign in told["signs"]),
-        told.get("closes", False),
+        entry["text"],
+        {"GRAY": GRAY, "STAVNESS": STAVNESS}[entry["source"]],
+        tuple((marker, axis, sign) for marker, axis, sign in entry["signs"]),
+        entry.get("closes", False),
     )
-    for muscle, told in module_toml(__file__).items()
+    for muscle, entry in module_toml(__file__).items()
 }
 """Textbook actions of the modelled muscles, of ``actions.toml``."""
 

@@ -96,14 +96,14 @@ def arches_behind(
     ):
         x, drop = _plan(bone, measures, lining)
         height = np.linspace(tip, root, _ROWS)
-        # Beside the slit the margins of the lips curve backwards within one or two millimetres.
+        # Next to the slit the margins of the lips curve backwards within one or two millimetres.
         around = [
             lining(*np.meshgrid(np.abs(x + aside), height + above, indexing="ij"))
             for aside in (-_NEAR, 0.0, _NEAR)
             for above in (-_NEAR, 0.0, _NEAR)
         ]
         front = np.fmin.reduce(around) - clearance
-        for row in range(2, _ROWS):  # beside the chin the root is below the free part of the lining
+        for row in range(2, _ROWS):  # at the chin the root is below the free part of the lining
             onward = 2.0 * front[:, row - 1] - front[:, row - 2]
             front[:, row] = np.where(np.isnan(front[:, row]), onward, front[:, row])
         if bone == MANDIBLE:
@@ -131,7 +131,7 @@ def _lining(surfaces: Surfaces) -> LinearNDInterpolator:
 def _plan(bone: int, measures: Measures, lining: LinearNDInterpolator) -> tuple[Floats, Floats]:
     """Positions x of the columns and their distance behind the lining [m].
 
-    A quarter of an ellipse connects the lining beside the corner and the last molars.
+    A quarter of an ellipse connects the lining next to the corner and the last molars.
     """
     form, corner, half_jaw = FORMS[bone], 0.5 * measures.mouth_width, 0.5 * measures.jaw_width
     follows, least = (corner + beyond for beyond in _BEYOND[bone])

@@ -32,11 +32,11 @@ def fixed_nodes(surfaces: Surfaces, grid: Grid) -> NDArray[np.int8]:
     lower = 0.75 * m.lower_lip_height + cheek * (0.60 * m.chin_height - 0.75 * m.lower_lip_height)
     height = np.where(tau >= 0.0, upper, lower)
     outside = (xi / (0.58 * m.face_width)) ** _POWER + (np.abs(tau) / height) ** _POWER >= 1.0
-    held = np.zeros((*outside.shape, LAYERS + 1), dtype=bool)
-    held[..., 0] = outside
-    held[:, -1, :] = True
+    fixed = np.zeros((*outside.shape, LAYERS + 1), dtype=bool)
+    fixed[..., 0] = outside
+    fixed[:, -1, :] = True
     bone = np.where(tau >= 0.0, SKULL, MANDIBLE)[..., None]
-    return grid.unfold(np.where(held, bone, FREE)).reshape(-1).astype(np.int8)
+    return grid.unfold(np.where(fixed, bone, FREE)).reshape(-1).astype(np.int8)
 
 
 def lip_surfaces(grid: Grid, position: Floats, corner: float) -> dict[str, Integers]:
@@ -48,7 +48,7 @@ def lip_surfaces(grid: Grid, position: Floats, corner: float) -> dict[str, Integ
     other; and ``_vermilion``.
     """
     faces, element = boundary_faces(grid.connectivity)
-    ray, ring = (of[element] for of in grid.element_place)
+    ray, ring = (index[element] for index in grid.element_place)
     upper = np.minimum(ray, grid.rays - 1 - ray) < grid.rays // 4
     sheet = np.arange(np.prod(grid.shape)).reshape(grid.shape)
     inner = np.isin(faces, sheet[..., 0]).all(axis=1) & (ring < sum(grid.rings[:3]))

@@ -119,7 +119,7 @@ def _built(
     position = node_positions(surfaces, grid)
     muscles = place_muscles(surfaces, grid, position, radius=radius, shift=courses, rings=rings)
     if rings:
-        attrs = {**attrs, **{f"ring_{muscle}": ring.told for muscle, ring in rings.items()}}
+        attrs = {**attrs, **{f"ring_{muscle}": ring.description for muscle, ring in rings.items()}}
     if courses is not None:
         attrs = {**attrs, **{f"course_shift_{k}": v for k, v in muscles.shifted.items()}}
     face_markers = face_marker_positions(surfaces)

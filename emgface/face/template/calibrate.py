@@ -80,22 +80,22 @@ def calibrated_surfaces(measures: Measures) -> Surfaces:
     The `measures` of the result are the parameters of the construction. Raises FaceError, with the
     measure, if one cannot be reached together with the others.
     """
-    told = {field.name: float(getattr(measures, field.name)) for field in fields(measures)}
+    values = {field.name: float(getattr(measures, field.name)) for field in fields(measures)}
     best: tuple[float, dict[str, float], Surfaces] | None = None
     for _ in range(_ROUNDS):
-        surfaces = Surfaces(ConstructionParameters(**told))
+        surfaces = Surfaces(ConstructionParameters(**values))
         try:
-            found = surface_measures(surfaces)
+            reached = surface_measures(surfaces)
         except ValueError:  # the parameters of the search do not define a surface
             break
-        miss = {name: getattr(measures, name) - value for name, value in found.items()}
+        miss = {name: getattr(measures, name) - value for name, value in reached.items()}
         size = max(map(abs, miss.values()))
         if best is None or size < best[0]:
             best = size, miss, surfaces
         if size <= TOLERANCE:
             break
         for name, difference in miss.items():
-            told[name] += 0.7 * difference
+            values[name] += 0.7 * difference
     if best is None:
         raise FaceError(
             f"{least_usual(measures)} does not yield a face with the other measures: choose "

@@ -46,7 +46,7 @@ def _upper(m: Measures, corner: float) -> dict[str, tuple[Course, ...]]:
                 (corner + 0.002, -0.001, 0.55),
             ),
         ),
-        # Frontal process of the maxilla beside the nose; to the upper lip and the wing of the nose.
+        # Frontal process of the maxilla next to the nose; to the upper lip and the wing of the nose.
         "LLSAN": (
             (
                 (0.75 * wing, top + 0.80 * nose, 0.20),

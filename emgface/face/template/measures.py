@@ -159,16 +159,16 @@ def parse_measures(settings: Sequence[str], also: Collection[str] = ()) -> dict[
             bounds(name)
         if name in values:
             raise FaceError(f"{name} is specified twice, expected once")
-        found = re.fullmatch(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)", text)
-        if found is None:
+        match = re.fullmatch(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)", text)
+        if match is None:
             raise FaceError(
                 f"{name} is {text!r}, expected a number with its unit, for example 52mm"
             )
-        number, unit = float(found[1]), spelling(found[2])
+        number, unit = float(match[1]), spelling(match[2])
         divisors = {"": 1.0} if name in _WITHOUT_UNIT else DIVISORS["m"]
         if unit not in divisors:
             expected = "no unit" if name in _WITHOUT_UNIT else f"one of {', '.join(divisors)}"
-            raise FaceError(f"the unit of {name} is {found[2]!r}, expected {expected}")
+            raise FaceError(f"the unit of {name} is {match[2]!r}, expected {expected}")
         values[name] = number / divisors[unit]
     return values
 

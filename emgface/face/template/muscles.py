@@ -44,7 +44,7 @@ class Ring:
     the midline; 0 is a closed ring."""
 
     @property
-    def told(self) -> str:
+    def description(self) -> str:
         """Edges, layers and gaps in words."""
         layers = " and ".join(name for name, (k, _) in _DEPTHS.items() if k in self.layers)
         return f"{layers}, s {self.inner:.3g} to {self.outer:.3g}, gaps {self.gaps:g}"
@@ -216,11 +216,14 @@ def _placed(
     ends = {muscle: _ends(muscle, shift) for muscle in rays}
     moved = [_moved(row, ends[muscle]) for muscle, rows in rays.items() for row in rows]
     try:
-        found = iter(_in_space(surfaces, moved))
+        placed_rows = iter(_in_space(surfaces, moved))
     except FaceError:
         return {muscle: _in_tissue(surfaces, muscle, rays[muscle], ends[muscle]) for muscle in rays}
     return {
-        muscle: ([next(found) for _ in rows], float(np.linalg.norm(ends[muscle], axis=1).max()))
+        muscle: (
+            [next(placed_rows) for _ in rows],
+            float(np.linalg.norm(ends[muscle], axis=1).max()),
+        )
         for muscle, rows in rays.items()
     }
 
@@ -276,8 +279,8 @@ def _inner_edge(m: Measures, part: Ring, shift: float) -> float:
 def _in_space(surfaces: Surfaces, rows: Sequence[Course]) -> list[Floats]:
     """Points of courses [m]; FaceError if one is outside the tissue."""
     points = np.concatenate([np.array(row) for row in rows])
-    found = surfaces.points(points[:, :2], points[:, 2])
-    return np.split(found, np.cumsum([len(row) for row in rows])[:-1])
+    placed = surfaces.points(points[:, :2], points[:, 2])
+    return np.split(placed, np.cumsum([len(row) for row in rows])[:-1])
 
 
 def _ring_fibres(surfaces: Surfaces, grid: Grid, part: Ring) -> list[Floats]:

@@ -44,16 +44,16 @@ class Norm:
 
 
 def read_norms(module: str, sources: Mapping[str, str]) -> tuple[Norm, ...]:
-    """Norms of the table beside a module, whose column ``source`` contains keys of the sources."""
-    found = list[Norm]()
+    """Norms of the table of a module, whose column ``source`` contains keys of the sources."""
+    norms = list[Norm]()
     for row in module_rows(module):
         numbers = [float(row[name]) for name in ("men", "men_sd", "women", "women_sd")]
         bounds = float(row["smallest"]), float(row["largest"])
         men, women = (numbers[0], numbers[1]), (numbers[2], numbers[3])
         standing: Standing = "found" if row["standing"] == "found" else "assumption"
         about = sources[row["source"]], standing, row["note"]
-        found.append(Norm(row["name"], row["landmarks"], men, women, bounds, *about))
-    return tuple(found)
+        norms.append(Norm(row["name"], row["landmarks"], men, women, bounds, *about))
+    return tuple(norms)
 
 
 NORMS: Final = read_norms(__file__, SOURCES)

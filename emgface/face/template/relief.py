@@ -75,7 +75,7 @@ def lip_roll(m: Measures, q: Floats, lip: Floats) -> Floats:
 
 
 def relief(m: Measures, place: Floats, corner: float) -> Floats:
-    """Cheek, cheekbone, chin and fold beside the mouth along the normal [m]."""
+    """Cheek, cheekbone, chin and fold next to the mouth along the normal [m]."""
     xi, tau = place[..., 0], place[..., 1]
     cheekbone = (
         m.cheekbone_prominence
@@ -90,7 +90,7 @@ def relief(m: Measures, place: Floats, corner: float) -> Floats:
 
 
 def _fold(m: Measures, xi: Floats, tau: Floats, corner: float) -> Floats:
-    """Nasolabial fold, from the wing of the nose to beside the mouth corner [m]."""
+    """Nasolabial fold, from the wing of the nose to the side of the mouth corner [m]."""
     up = np.clip(tau / (m.upper_lip_height + 0.12 * m.nose_height), -0.5, 1.4)
     line = corner + 0.011 - (corner + 0.011 - 0.62 * m.nose_width) * np.clip(up, 0.0, 1.0) ** 1.5
     off = (xi - line) / np.where(xi > line, 0.009, 0.006)

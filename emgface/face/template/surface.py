@@ -182,8 +182,8 @@ class Surfaces:
         """
         q, lip, s = self._find(place)
         m, own = self.measures, np.arange(len(place))
-        found = self.places(q, lip, s)[own, own]
-        skin, inner = self._layers(found, lip_protrusion(m, q, lip), lip_roll(m, q, lip), s)
+        in_chart = self.places(q, lip, s)[own, own]
+        skin, inner = self._layers(in_chart, lip_protrusion(m, q, lip), lip_roll(m, q, lip), s)
         points = inner + depth[:, None] * (skin - inner)
         return points * [-1.0, 1.0, 1.0]
 
@@ -214,7 +214,7 @@ class Surfaces:
         if (miss > _PLACE_TOLERANCE).any():
             k = int(np.argmax(miss))
             raise FaceError(
-                f"the point {k + 1} of {len(place)}, {1e3 * place[k, 0]:.1f} mm beside the midline "
+                f"the point {k + 1} of {len(place)}, {1e3 * place[k, 0]:.1f} mm from the midline "
                 f"and {1e3 * place[k, 1]:.1f} mm above the mouth along the skin, lies "
                 f"{1e3 * miss[k]:.1f} mm outside the tissue: expected it inside, change the measures"
             )
