@@ -178,7 +178,7 @@ def _model_checked(path: Path) -> bool:
     if kind is None:
         return False
     model = kind.functions.read(path)
-    say(f"{path.name}: {kind.functions.told(model)}.")
+    say(f"{path.name}: {kind.functions.describe(model)}.")
     for title, table in kind.functions.check(model):
         show_table(frame(table), title)
     return True

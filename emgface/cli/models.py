@@ -102,7 +102,7 @@ def import_(
 
 def _write(kind: "Kind", model: Any, out_path: Path) -> None:
     kind.functions.write(model, out_path)
-    say(f"Wrote {out_path}: {kind.functions.told(model)}.")
+    say(f"Wrote {out_path}: {kind.functions.describe(model)}.")
 
 
 def tabulate(

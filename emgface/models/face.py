@@ -74,16 +74,18 @@ def fit(
         raise FitError(
             f"a face has no surface {listed(unknown)}, expected some of {listed(LARGEST_MISS)}"
         )
-    found = fit_face(
+    fitted = fit_face(
         face, evidence.landmarks, **evidence.surfaces, unit=evidence.unit,
         on_face=evidence.places, rim=evidence.rim, noise=evidence.noise, thickness=evidence.thickness,
         courses=evidence.courses, volumes=evidence.volumes, name=evidence.name,
         simulated=evidence.simulated, progress=progress,
     )  # fmt: skip
-    return FittedModel(found.face, (*found.notes, *summary(found)), partial(write_report, found))
+    return FittedModel(
+        fitted.face, (*fitted.notes, *summary(fitted)), partial(write_report, fitted)
+    )
 
 
-def told(face: xr.Dataset) -> str:
+def describe(face: xr.Dataset) -> str:
     """Describe a face."""
     return (
         f"{face.attrs['name']}, {face.attrs['origin']}: {face.sizes['node']} nodes, "
@@ -110,7 +112,7 @@ def parameters_of(settings: Mapping[str, str], given: Mapping[str, Any]) -> dict
     from emgface.face.simulation_parameters import SimulationParameters
     from emgface.texts import value_of_toml
 
-    found: dict[str, Any] = dict(given)
+    parameters: dict[str, Any] = dict(given)
     for name, text in settings.items():
         first, *rest = name.split(".")
         if first not in SimulationParameters.model_fields:
@@ -123,8 +125,8 @@ def parameters_of(settings: Mapping[str, str], given: Mapping[str, Any]) -> dict
         value: Any = value_of_toml(text)
         for part in reversed(rest):
             value = {part: value}
-        found = merged(found, {first: value})
-    return found
+        parameters = merged(parameters, {first: value})
+    return parameters
 
 
 def activation_for(face: xr.Dataset, drive: Drive) -> xr.Dataset:
@@ -222,13 +224,13 @@ __all__ = [
     "activation_for",
     "build",
     "check",
+    "describe",
     "fit",
     "import_",
     "move",
     "read",
     "scored",
     "table",
-    "told",
     "write",
     "write_motion",
 ]

@@ -73,7 +73,7 @@ def fit(head: Head, evidence: Evidence, progress: Callable[[str, int, int], None
     )
 
 
-def told(head: Head) -> str:
+def describe(head: Head) -> str:
     """Describe a head."""
     own = head.lists
     return (
@@ -140,11 +140,16 @@ def _followed(head: Head, path: Path, drive: Drive, progress: Progress) -> Moved
     chosen(_followed, drive.settings)
     used = ("mapping", "reference", "study", "strategy", "instruction")
     refuse_unused(drive, used, "a recording that moves a head")
-    told = drive.recorded
-    given = recording_of(path, told.get("mapping"))
-    efforts = [recording_of(one, told.get("mapping")) for one in told.get("reference") or ()]
+    recorded = drive.recorded
+    given = recording_of(path, recorded.get("mapping"))
+    efforts = [
+        recording_of(one, recorded.get("mapping")) for one in recorded.get("reference") or ()
+    ]
     how = Recorded(
-        study_of(told.get("study")), told.get("strategy"), told.get("instruction"), efforts
+        study_of(recorded.get("study")),
+        recorded.get("strategy"),
+        recorded.get("instruction"),
+        efforts,
     )
     step: dict[str, Any] = {} if drive.step is None else {"step": drive.step}
     motion = move_as_recorded(given, head, how, progress=progress, **step)
@@ -156,8 +161,8 @@ def _followed(head: Head, path: Path, drive: Drive, progress: Progress) -> Moved
 
 def rows(scores: xr.Dataset) -> pd.DataFrame:
     """Table of the scores of the markers, rmse in mm."""
-    found = scores[["rho", "amplitude_ratio", "rmse"]].to_dataframe().reset_index()
-    return found.assign(rmse=1e3 * found["rmse"])
+    by_marker = scores[["rho", "amplitude_ratio", "rmse"]].to_dataframe().reset_index()
+    return by_marker.assign(rmse=1e3 * by_marker["rmse"])
 
 
 def write_motion(motion: xr.Dataset, head: Head, path: Path) -> object:
@@ -184,13 +189,13 @@ def scored(
     from emgface.api.given import study_of
 
     moved, _ = read_motion(motion)
-    found = score_head(
+    scores = score_head(
         recording, moved, read(Path(options["model"])), Recorded(study_of(options.get("study")))
     )
-    return found, rows(found), ""
+    return scores, rows(scores), ""
 
 
 __all__ = [
-    "build", "check", "fit", "import_", "move", "read", "scored", "table", "told", "write",
+    "build", "check", "describe", "fit", "import_", "move", "read", "scored", "table", "write",
     "write_motion",
 ]  # fmt: skip

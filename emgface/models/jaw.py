@@ -65,17 +65,17 @@ def fit(
     from emgface.fit.parts_report import bones_summary, fitted_bones_page, write_fit_page
 
     progress("fit to the bones", 0, 1)
-    found = fit_jaw(
+    fitted = fit_jaw(
         jaw, landmarks=evidence.landmarks, surfaces=evidence.surfaces, unit=evidence.unit,
         on_jaw=evidence.places, frame=None if evidence.frame is None else load_face(evidence.frame),
         noise=evidence.noise, name=evidence.name, simulated=evidence.simulated,
     )  # fmt: skip
     progress("fit to the bones", 1, 1)
-    notes = (*found.notes, *bones_summary(found))
-    return FittedModel(found.jaw, notes, partial(write_fit_page, fitted_bones_page(found)))
+    notes = (*fitted.notes, *bones_summary(fitted))
+    return FittedModel(fitted.jaw, notes, partial(write_fit_page, fitted_bones_page(fitted)))
 
 
-def told(jaw: xr.Dataset) -> str:
+def describe(jaw: xr.Dataset) -> str:
     """Describe a jaw."""
     return (
         f"{jaw.attrs['name']}: {int(jaw['body_moves'].sum())} moving bodies, "
@@ -141,10 +141,10 @@ def tolerance_of(accuracy: str | None) -> float | None:
     """Desired error [m] of a text such as "0.1 mm"; JawError for others, such as presets of faces."""
     from emgface.face.accuracy import desired_error
 
-    found = None if accuracy is None else desired_error(accuracy)
-    if accuracy is not None and found is None:
+    tolerance = None if accuracy is None else desired_error(accuracy)
+    if accuracy is not None and tolerance is None:
         raise JawError(f"accuracy = {accuracy!r}, expected an error such as '0.1 mm'")
-    return found
+    return tolerance
 
 
 def _unrest(motion: xr.Dataset) -> list[str]:
@@ -182,29 +182,29 @@ def write_motion(motion: xr.Dataset, jaw: xr.Dataset, path: Path) -> object:
 def table(
     jaw: xr.Dataset, settings: Mapping[str, str], progress: Progress
 ) -> tuple[str, pd.DataFrame]:
-    """Run all tasks, and tabulate the results beside the published ones."""
+    """Run all tasks, and tabulate the results with the published ones."""
     from emgface.anatomy.jaw.outcomes import task_outcome_table
 
     series = settings.get("series")
     options = chosen(
         task_outcome_table, {k: v for k, v in settings.items() if k != "series"}, "step"
     )
-    found = task_outcome_table(jaw, series, progress=progress, **options)
-    return f"{jaw.attrs['name']}, simulated", found
+    outcomes = task_outcome_table(jaw, series, progress=progress, **options)
+    return f"{jaw.attrs['name']}, simulated", outcomes
 
 
 def scored(
     recording: xr.Dataset, motion: Path, options: Mapping[str, Any]
 ) -> "tuple[xr.Dataset, Table, str]":
-    """Score every recorded point of the jaw beside motions by other excitations."""
+    """Score every recorded point of the jaw, compared with motions by other excitations."""
     from emgface.anatomy.jaw.compared import compared_jaws
     from emgface.anatomy.jaw.recorded import score_motion
 
     moved = read_netcdf(motion, "jaw_motion")
-    found = compared_jaws(recording, moved, baselines(options.get("baseline") or ()))
-    return score_motion(recording, moved), found, found.note
+    comparison = compared_jaws(recording, moved, baselines(options.get("baseline") or ()))
+    return score_motion(recording, moved), comparison, comparison.note
 
 
 def baselines(paths: Iterable[str | PathLike[str]]) -> dict[str, xr.Dataset]:
-    """Motions that are scored beside another one, by the names of their files."""
+    """Motions that are scored for comparison with another one, by the names of their files."""
     return {Path(path).stem: read_netcdf(Path(path), "jaw_motion") for path in paths}

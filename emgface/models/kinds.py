@@ -135,7 +135,7 @@ class Functions(Protocol):
         """Fit a model to a person."""
         ...
 
-    def told(self, model: Any) -> str:
+    def describe(self, model: Any) -> str:
         """Describe a model in one sentence part: its name, and how many parts it has."""
         ...
 
@@ -252,14 +252,14 @@ def _declared(path: Path, what: str) -> Kind:
     from emgface.schema.netcdf import kind_of
 
     declared = kind_of(path)
-    found = next((kind for kind in KINDS.values() if getattr(kind, what) == declared), None)
-    if found is None:
+    matching = next((kind for kind in KINDS.values() if getattr(kind, what) == declared), None)
+    if matching is None:
         expected = ", ".join(getattr(kind, what) for kind in KINDS.values())
         raise ConfigurationError(
             f"{path.name} is of the kind {declared or 'unknown'!r}, expected the {what} of a face, jaw, "
             f"tongue or head ({expected}): specify such a file"
         )
-    return found
+    return matching
 
 
 def chosen(
@@ -271,15 +271,15 @@ def chosen(
     one is a text. Raises ConfigurationError for an unknown name or a value of another type.
     """
     known = inspect.signature(function).parameters
-    found: dict[str, Any] = {}
+    options: dict[str, Any] = {}
     for name, text in settings.items():
         if name not in names:
             raise ConfigurationError(
                 f"there is no setting {name!r}, expected "
                 + (f"one of {', '.join(names)}" if names else "none: leave it out")
             )
-        found[name] = _value(name, text, known[name].default)
-    return found
+        options[name] = _value(name, text, known[name].default)
+    return options
 
 
 def _value(name: str, text: str, default: object) -> Any:
@@ -303,20 +303,20 @@ def parsed(settings: Sequence[str]) -> dict[str, str]:
 
     Raises ConfigurationError without an equals sign, or for a name that is specified twice.
     """
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for one in settings:
         name, sign, value = (part.strip() for part in one.partition("="))
         if not (sign and name and value):
             raise ConfigurationError(
                 f"the setting {one!r} is not of the form NAME=VALUE, such as law=hill: correct it"
             )
-        if name in found:
+        if name in values:
             raise ConfigurationError(
-                f"{name} is specified twice, as {found[name]} and {value}, expected one value: "
+                f"{name} is specified twice, as {values[name]} and {value}, expected one value: "
                 "leave one out"
             )
-        found[name] = value
-    return found
+        values[name] = value
+    return values
 
 
 def refuse_unused(drive: Drive, used: Sequence[str], what: str) -> None:
@@ -347,18 +347,18 @@ def levels_of(source: str, level: float) -> dict[str, float]:
 
     `level` is that of exciters without one. Raises ConfigurationError for levels outside 0-1.
     """
-    found: dict[str, float] = {}
+    levels: dict[str, float] = {}
     for one in () if source == "rest" else source.split(","):
         name, _, text = (part.strip() for part in one.partition("="))
-        if name in found:
+        if name in levels:
             raise ConfigurationError(f"{name} is given twice, expected every exciter once")
         try:
-            found[name] = float(text or level)
+            levels[name] = float(text or level)
         except ValueError:
-            found[name] = float("nan")
-        if not name or Path(name).suffix or not 0.0 <= found[name] <= 1.0:
+            levels[name] = float("nan")
+        if not name or Path(name).suffix or not 0.0 <= levels[name] <= 1.0:
             raise ConfigurationError(
                 f"{one!r}, expected a file of excitations, or names with levels from 0 to 1 such as "
                 "bi_GGP=0.3,SL=0.2: correct it"
             )
-    return found
+    return levels

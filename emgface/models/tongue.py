@@ -77,18 +77,18 @@ def fit(
         raise FitError(f"a tongue has no surface {listed(unknown)}, expected 'tongue' or none")
     after = read_model(evidence.frame, "jaw_model")
     before = template_jaw() if evidence.before is None else read_model(evidence.before, "jaw_model")
-    found = fit_tongue(
+    fitted = fit_tongue(
         tongue, before, after, surface=evidence.surfaces.get("tongue"), unit=evidence.unit,
         name=evidence.name, progress=progress,
     )  # fmt: skip
     return FittedModel(
-        found.tongue,
-        (*found.notes, *tongue_summary(found)),
-        partial(write_fit_page, fitted_tongue_page(found)),
+        fitted.tongue,
+        (*fitted.notes, *tongue_summary(fitted)),
+        partial(write_fit_page, fitted_tongue_page(fitted)),
     )
 
 
-def told(tongue: xr.Dataset) -> str:
+def describe(tongue: xr.Dataset) -> str:
     """Describe a tongue."""
     return (
         f"{tongue.attrs['name']}: {tongue.sizes['element']} elements, "
@@ -164,8 +164,8 @@ def table(
     rest = {k: v for k, v in settings.items() if k not in own}
     parameters = _variant(**chosen(_variant, rest, "variant", "gravity"))
     options = chosen(action_table, own, "level", "step")
-    found = action_table(tongue, parameters, progress=progress, **options)
-    return f"{tongue.attrs['name']}, simulated, mm", found
+    actions = action_table(tongue, parameters, progress=progress, **options)
+    return f"{tongue.attrs['name']}, simulated, mm", actions
 
 
 def scored(
