@@ -21,7 +21,7 @@ from emgface.texts import read_text
 HEADINGS = ("frequency_hz", "magnitude", "phase_rad")
 DECIBEL = ("magnitude_db", "db", "magnitude[db]")
 PROMINENCE = 3.0
-"""Height of a maximum over the valleys beside it from which it counts as a formant [dB]."""
+"""Height of a maximum over the adjacent valleys from which it counts as a formant [dB]."""
 SMALLEST_SIZE = 8
 """Points below which a table is no transfer function."""
 
@@ -49,7 +49,7 @@ class TransferFunction:
 
         A maximum is refined by a parabola through three points of the level in dB; a bandwidth is the
         distance of the points 3 dB below it, NaN where a neighbour hides them. Maxima that rise less
-        than `PROMINENCE` over the valleys beside them are noise or zeros and are left out.
+        than `PROMINENCE` over the adjacent valleys are noise or zeros and are left out.
         """
         level = 20.0 * np.log10(np.maximum(np.abs(self.value), 1e-12 * np.abs(self.value).max()))
         f = self.frequency
@@ -126,13 +126,13 @@ def nearest_maxima(
 
     computed = np.asarray(frequency, np.float64)
     tops = measured.peaks(float(computed.max(initial=0.0)) * 1.25)[0]
-    found = np.full(len(computed), np.nan)
+    nearest = np.full(len(computed), np.nan)
     if len(tops) and len(computed):
         cost = np.abs(np.log(computed[:, None] / tops[None, :]))
         own, other = linear_sum_assignment(cost)
         near = cost[own, other] < np.log(1.25)
-        found[own[near]] = tops[other[near]]
-    return found, computed / found - 1.0
+        nearest[own[near]] = tops[other[near]]
+    return nearest, computed / nearest - 1.0
 
 
 def _number(text: str) -> bool:

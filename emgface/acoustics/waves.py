@@ -106,10 +106,10 @@ def _middle(x: Floats) -> Floats:
 
 
 def _at_nodes(half: Floats) -> Floats:
-    """Sums at the nodes of what each half of the cells beside them has."""
-    found = half.copy()
-    found[:, 1:] += half[:, :-1]
-    return found
+    """Sums at the nodes of the values of the adjacent half cells."""
+    sums = half.copy()
+    sums[:, 1:] += half[:, :-1]
+    return sums
 
 
 def _instants(steps: Any, dt: float) -> Floats:

@@ -276,7 +276,7 @@ def advance(
     if M >= STRIDE or s.size < ROWS * STRIDE:
         return
     moves, last = False, ends[0] - 1
-    b, within, k, held = 0, 0, first // hold, first % hold  # counted, since divisions are slow
+    b, within, k, offset = 0, 0, first // hold, first % hold  # counted, since divisions are slow
     for n in range(given.shape[1]):
         if within == 0:
             moves = block_coefficients(b, k0, k1, zw, rho, immediate, (wall[3], wall[4]), grid, s)
@@ -285,7 +285,7 @@ def advance(
         if moves and within % SHAPE_STEPS == 0:
             shape_within((within + 0.5 * SHAPE_STEPS) / block, b, area, volume, s)
             end_loads(dt, k0, immediate, ends, load, s, port)
-        part = held / hold
+        part = offset / hold
         hiss0 = noise[0, k] + part * (noise[0, k + 1] - noise[0, k])
         hiss1 = noise[1, k] + part * (noise[1, k + 1] - noise[1, k])
         if branch >= 0:
@@ -317,11 +317,11 @@ def advance(
         out[2, first + n], out[3, first + n], out[4, first + n] = flow, 0.5 * (p0 + s[P]), opening
         jets(dt, air, turbulence, jet[b], last, hiss1, base, s, w)
         cell_step(M, k1, decay, gain, s)
-        within, held = within + 1, held + 1
+        within, offset = within + 1, offset + 1
         if within == block:
             b, within = b + 1, 0
-        if held == hold:
-            k, held = k + 1, 0
+        if offset == hold:
+            k, offset = k + 1, 0
 
 
 @kernel
