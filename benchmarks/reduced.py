@@ -108,10 +108,10 @@ def main(face: Path, rom: Path, trials: int = 20, out: Path | None = None):
     model, data = load_face(face), read_netcdf(rom, "reduced_face")
     parameters = parameters_of(data)
     started = time.process_time()
-    reduced = ReducedFace.of(data, model, parameters)
+    reduced = ReducedFace.for_face(data, model, parameters)
     steps = reduced.model.system.pattern.n
     loading = time.process_time() - started
-    full = FullOrder.of(model, parameters, reduced.rest)
+    full = FullOrder.from_face(model, parameters, reduced.rest)
     drives = sequences_of(json.loads(data.attrs["training"])["activations"])
     store = Store(rom.with_suffix(".test"))
     rows = []

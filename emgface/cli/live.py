@@ -168,7 +168,7 @@ def _face(
         )
         return chosen, FullMoving(chosen, parameters, skin, STEP), None
     data = read_netcdf(reduced, "reduced_face")
-    small = ReducedFace.of(data, chosen, parameters_of(data))
+    small = ReducedFace.for_face(data, chosen, parameters_of(data))
     return chosen, ReducedMoving(small, skin, float(data.attrs["step"])), small
 
 

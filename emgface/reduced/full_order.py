@@ -65,7 +65,7 @@ class FullOrder:
     rest: Floats
 
     @classmethod
-    def of(
+    def from_face(
         cls, face: xr.Dataset, parameters: SimulationParameters, rest: Floats | None = None
     ) -> "FullOrder":
         """Compile the face and find its rest, unless it is given."""
@@ -128,11 +128,11 @@ def stored_motion(
     """Motion of a drive and its digest, from the store if it is there."""
     parameters = full.parameters.model_dump(mode="json")
     values = text_digest(drive.values.tobytes().hex() + drive.time.tobytes().hex())
-    found = store.get_or_compute(
+    result = store.get_or_compute(
         SNAPSHOTS,
         {"face": dataset_digest(full.face), "drive": values},
         {"simulation": parameters, "every": every},
         lambda: full.motion(drive, every),
         label=drive.label,
     )
-    return found.dataset, found.digest
+    return result.dataset, result.digest

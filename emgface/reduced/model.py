@@ -91,7 +91,7 @@ class ReducedFace:
     parameters: SimulationParameters
 
     @classmethod
-    def of(
+    def for_face(
         cls, given: xr.Dataset | Path, face: xr.Dataset, parameters: SimulationParameters
     ) -> "ReducedFace":
         """Check that a reduced face belongs to a face and to parameters.
@@ -105,10 +105,10 @@ class ReducedFace:
         """
         dataset = read_netcdf(given, "reduced_face") if isinstance(given, Path) else given
         own = dataset.attrs["face_digest"]
-        if own != (found := dataset_digest(face)):
+        if own != (face_digest := dataset_digest(face)):
             raise FaceError(
                 f"the reduced face belongs to the face with digest {own[:8]}, found one with digest "
-                f"{found[:8]}: reduce this face (emgface reduce)"
+                f"{face_digest[:8]}: reduce this face (emgface reduce)"
             )
         trained = _mechanics(dataset)
         given_here = json.loads(mechanics_of(parameters))
@@ -183,12 +183,12 @@ class ReducedFace:
     @cached_property
     def contact(self) -> ReducedContact | None:
         """Contact of the points that come close to a face in the training, if there is any."""
-        found = compile_scene(compose_scene(self.face, self.parameters)).contact
-        if found is None:
+        full_contact = compile_scene(compose_scene(self.face, self.parameters)).contact
+        if full_contact is None:
             return None
         modes = self.modes.reshape(-1, self.modes.shape[2])
         slots = self.dataset["contact_slot"].values.astype(np.int64)
-        return ReducedContact(found, self.rest, modes, slots)
+        return ReducedContact(full_contact, self.rest, modes, slots)
 
     @cached_property
     def equilibrium(self) -> State:
@@ -209,7 +209,7 @@ class ReducedFace:
     @cached_property
     def trained(self) -> Trained:
         """Range of the training."""
-        return Trained.of(self.dataset)
+        return Trained.from_dataset(self.dataset)
 
 
 def training_text(parameters: Any, sigma_max: float) -> str:

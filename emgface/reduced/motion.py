@@ -36,7 +36,7 @@ def _loaded(path: Path, changed: int, face: str, parameters: str) -> dict[str, R
 
 
 def reduced_face_of(face: xr.Dataset, parameters: SimulationParameters) -> ReducedFace:
-    """Reduced face of the file that the parameters name, read once; errors as `ReducedFace.of`."""
+    """Reduced face of the file that the parameters name, read once; errors as `ReducedFace.for_face`."""
     path = parameters.reduced.file
     assert path is not None  # Callers check it.
     if not path.is_file():
@@ -46,7 +46,7 @@ def reduced_face_of(face: xr.Dataset, parameters: SimulationParameters) -> Reduc
     changed = path.stat().st_mtime_ns
     kept = _loaded(path.resolve(), changed, dataset_digest(face), parameters.model_dump_json())
     if "face" not in kept:
-        kept["face"] = ReducedFace.of(path, face, parameters)
+        kept["face"] = ReducedFace.for_face(path, face, parameters)
     return kept["face"]
 
 
@@ -63,26 +63,26 @@ def trusted_motion(
     activation is outside the range of the training, or an element inverts. Without
     ``parameters.reduced.fall_back``, or with ``accuracy`` "realtime", it is returned nevertheless,
     with the reason in the attribute ``reduction_doubt``, and InvertedElement is raised. Errors as of
-    `ReducedFace.of`.
+    `ReducedFace.for_face`.
     """
     reduced, chosen = reduced_face_of(face, parameters), parameters.reduced
     fall_back = chosen.fall_back and parameters.accuracy != "realtime"
     times = {"step": parameters.step, "output": parameters.output}
     try:
-        found = simulate_reduced(reduced, activation, duration, **times, further=further)
+        trajectory = simulate_reduced(reduced, activation, duration, **times, further=further)
     except (InvertedElement, SingularSystem) as error:
         if not fall_back:
             raise
         return None, f"the reduced motion failed: {error}"
-    doubt, bound = found.attrs["reduction_doubt"], float(found["reduction_error"].max())
+    doubt, bound = trajectory.attrs["reduction_doubt"], float(trajectory["reduction_error"].max())
     if not doubt and bound > chosen.largest_error:
         limit = chosen.largest_error
         doubt = f"the bound of the error is {1e3 * bound:.3g} mm, above {1e3 * limit:.3g} mm"
     if doubt and fall_back:
         return None, doubt
-    found.attrs |= {"reduced": 1, "reduction_error": bound, "reduction_doubt": doubt}
-    found.attrs["solver"] = "reduced linearly_implicit"
-    return found, doubt
+    trajectory.attrs |= {"reduced": 1, "reduction_error": bound, "reduction_doubt": doubt}
+    trajectory.attrs["solver"] = "reduced linearly_implicit"
+    return trajectory, doubt
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from emgface.signals.activation import emg_of
 from emgface.signals.filters import sampling_rate
 from emgface.signals.mapping import mapping_matrix
 
-FOUND: Final = 5.0
+TIMEOUT: Final = 5.0
 """Time in which a stream must be found [s]."""
 SILENT: Final = 1.0
 """Time without samples after which a stream has ended [s]."""
@@ -121,18 +121,18 @@ class Streamed:
                 "a stream requires the package pylsl, which is not installed: install "
                 "'emgface[stream]', or play a recording"
             ) from error
-        found = pylsl.resolve_byprop("name", name, minimum=1, timeout=FOUND)
-        if not found:
+        streams = pylsl.resolve_byprop("name", name, minimum=1, timeout=TIMEOUT)
+        if not streams:
             raise SignalError(
-                f"no stream {name!r} was found within {FOUND:g} s, expected one of the Lab Streaming "
+                f"no stream {name!r} was found within {TIMEOUT:g} s, expected one of the Lab Streaming "
                 "Layer in this network: start it, and check its name"
             )
         self._inlet = pylsl.StreamInlet(
-            found[0], max_buflen=10, processing_flags=pylsl.proc_clocksync, recover=False
+            streams[0], max_buflen=10, processing_flags=pylsl.proc_clocksync, recover=False
         )
         self._pull, self.now, self._name = self._inlet.pull_chunk, pylsl.local_clock, name
         self._lost_error = pylsl.util.LostError
-        described = self._inlet.info(timeout=FOUND)
+        described = self._inlet.info(timeout=TIMEOUT)
         self.rate = float(described.nominal_srate())
         if self.rate <= 0.0:
             raise SignalError(f"stream {name!r} has no sampling rate, expected a regular one")
@@ -145,7 +145,7 @@ class Streamed:
 
     def start(self) -> None:
         """Forget what arrived before."""
-        self._inlet.open_stream(timeout=FOUND)
+        self._inlet.open_stream(timeout=TIMEOUT)
         self._inlet.flush()
         self._before, self._taken = np.nan, 0
 

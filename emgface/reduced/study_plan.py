@@ -79,8 +79,10 @@ def _drive(
     recording = emg.assign_attrs(units="V").rename("emg").to_dataset()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FeatureWarning)  # A muscle at rest is part of a study.
-        found = activation_of(recording, SignalChain(), strategy=strategy, instruction=instruction)
-    given = found["activation"].transpose("time", "muscle").sel(muscle=list(muscles))
+        activation = activation_of(
+            recording, SignalChain(), strategy=strategy, instruction=instruction
+        )
+    given = activation["activation"].transpose("time", "muscle").sel(muscle=list(muscles))
     since = given["time"].values - float(given["time"][0])
     time: Floats = SAMPLE * np.arange(int(since[-1] / SAMPLE + 1e-9) + 1, dtype=np.float64)
     values = np.array([np.interp(time, since, row) for row in given.values.T]).T

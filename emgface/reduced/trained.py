@@ -36,7 +36,7 @@ class Trained:
     step: float
 
     @classmethod
-    def of(cls, dataset: xr.Dataset) -> "Trained":
+    def from_dataset(cls, dataset: xr.Dataset) -> "Trained":
         """Range of a dataset of schema reduced_face."""
         roots = dataset["activation_whitening"].values, dataset["activation_response"].values
         return cls(

@@ -82,7 +82,7 @@ def reduce_face(
         or there are too few snapshots.
     """
     tell = progress or (lambda what, done, total: None)
-    full = FullOrder.of(face, parameters)
+    full = FullOrder.from_face(face, parameters)
     plan = training_plan(
         full.system.muscles,
         sequences_of(reduction.activations),
@@ -128,7 +128,7 @@ def reduce_face(
     return validate(data.assign_attrs(training_time_s=spent), "reduced_face")
 
 
-def _of(
+def _with_purpose(
     plan: list[TrainingDrive], motions: list[xr.Dataset], purpose: str
 ) -> list[tuple[TrainingDrive, xr.Dataset]]:
     """Drives of a purpose with their motions, with the activation that was used."""
@@ -148,7 +148,7 @@ def _reduced(
 ) -> xr.Dataset:
     """Modes, chosen elements, and the range of the training."""
     system, rest, mass = full.tissue, full.rest, full.tissue.node_mass
-    training = [m for _, m in _of(plan, motions, "training")]
+    training = [m for _, m in _with_purpose(plan, motions, "training")]
     moved = np.concatenate([m["node_position"].values for m in training]) - rest
     levels = np.concatenate([m["activation"].values for m in training])
     responses = static_responses(system, rest)
@@ -169,8 +169,12 @@ def _reduced(
     )
     root = whitening_of(levels)
     response = response_root(responses, weight)
-    held = [m["node_position"].values - rest for _, m in _of(plan, motions, "calibration")]
-    sizes, rms, largest = _projection_errors(full, modes, np.concatenate(held), reduction.modes)
+    displacements = [
+        m["node_position"].values - rest for _, m in _with_purpose(plan, motions, "calibration")
+    ]
+    sizes, rms, largest = _projection_errors(
+        full, modes, np.concatenate(displacements), reduction.modes
+    )
     data = xr.Dataset(
         {
             "node_rest": (("node", "axis"), rest, {"units": "m"}),
@@ -226,11 +230,11 @@ def marker_errors(
     reduced: ReducedFace, drive: TrainingDrive, motion: xr.Dataset
 ) -> tuple[Floats, xr.Dataset]:
     """Distance (time, marker) [m] of a reduced motion from that of full order, and the motion."""
-    found = simulate_reduced(
+    simulated = simulate_reduced(
         reduced, Activation(drive.time, drive.values), float(drive.time[-1]), step=STEP, output=STEP
     )
-    position = found["position"].transpose("time", "marker", "axis").values
-    return np.linalg.norm(position - motion["marker_position"].values, axis=2), found
+    position = simulated["position"].transpose("time", "marker", "axis").values
+    return np.linalg.norm(position - motion["marker_position"].values, axis=2), simulated
 
 
 def _correct(
@@ -241,9 +245,9 @@ def _correct(
     _, nodes = reduced.nodes
     n = reduced.modes.shape[2] + len(full.system.muscles)
     features, missing = list[Floats](), list[Floats]()
-    for drive, motion in _of(plan, motions, "training"):
+    for drive, motion in _with_purpose(plan, motions, "training"):
         try:
-            found, _ = simulate(
+            simulated, _ = simulate(
                 reduced.model.system,
                 Activation(drive.time, drive.values),
                 duration=float(drive.time[-1]),
@@ -255,11 +259,11 @@ def _correct(
         except MECHANICAL:
             continue
         whole = motion["node_position"].values[:, nodes]
-        stride = round((found.sizes["time"] - 1) / len(whole))
+        stride = round((simulated.sizes["time"] - 1) / len(whole))
         at = slice(stride, stride * len(whole) + 1, stride)
-        position = found["position"].transpose("time", "marker", "axis").values[at]
+        position = simulated["position"].transpose("time", "marker", "axis").values[at]
         missing.append(whole - position)
-        features.append(found["feature"].transpose("time", "of_closure").values[at])
+        features.append(simulated["feature"].transpose("time", "of_closure").values[at])
     closure = fitted_closure(np.concatenate(features), np.concatenate(missing))
     data["closure_weight"] = (("corrected", "feature"), closure.weights, {"units": "1"})
     data["closure_offset"] = ("corrected", closure.offset, {"units": "m"})
@@ -278,10 +282,10 @@ def _calibrate(
     """
     reduced = ReducedFace(data, full.face, full.parameters)
     errors, estimates, changed = list[Floats](), list[Floats](), list[float]()
-    for drive, motion in _of(plan, motions, "calibration"):
-        error, found = marker_errors(reduced, drive, motion)
+    for drive, motion in _with_purpose(plan, motions, "calibration"):
+        error, simulated = marker_errors(reduced, drive, motion)
         errors.append(error)
-        estimates.append(found["reduction_error"].values - FLOOR)
+        estimates.append(simulated["reduction_error"].values - FLOOR)
         changed.append(float(response_size(_steps(drive), reduced.trained.response).max()))
     largest, estimate = np.array([e.max(axis=1) for e in errors]), np.array(estimates)
     factor = coverage_factor(largest, estimate, FLOOR, coverage)

@@ -42,7 +42,7 @@ def reduced_pair(
                 "modes and the bound of the error are those of one face, reduce this one as well "
                 "(emgface reduce)"
             )
-        ReducedFace.of(given[own[0]], face, parameters)
+        ReducedFace.for_face(given[own[0]], face, parameters)
         found.append(own[0])
     if left := [p.name for p in files if p not in found]:
         raise FaceError(

@@ -162,7 +162,7 @@ def test_an_activation_outside_the_training_is_simulated_at_full_order(face, tra
 def test_a_jump_of_all_muscles_is_not_trusted(face, trained):
     """The level is one of the training, which reaches it within 0.1 s; also between two outputs."""
     level = np.full(len(face["muscle"]), 0.45)
-    reduced = ReducedFace.of(trained[0], face, PARAMETERS)
+    reduced = ReducedFace.for_face(trained[0], face, PARAMETERS)
     assert reduced.trained.distances(level[None])[0] < reduced.trained.distance
     ramp = Activation(np.array([0.0, 0.1]), np.array([0.0 * level, level]))
     assert simulate_reduced(reduced, ramp, 0.2).attrs["reduction_doubt"] == ""
@@ -181,7 +181,7 @@ def test_a_jump_of_all_muscles_is_not_trusted(face, trained):
 
 
 def test_an_activation_that_is_not_a_number_is_not_trusted(face, trained):
-    reduced = ReducedFace.of(trained[0], face, PARAMETERS)
+    reduced = ReducedFace.for_face(trained[0], face, PARAMETERS)
     times = np.array([0.01, 0.02])
     unknown = np.full((2, len(face["muscle"])), np.nan)
     assert "nan from rest" in reduced.trained.doubt(times, unknown)
@@ -189,7 +189,7 @@ def test_an_activation_that_is_not_a_number_is_not_trusted(face, trained):
 
 def test_a_probe_of_full_order_sees_all_nodes_of_a_reduced_face(face, trained):
     """At the start and at all outputs; a marker without its correction is a node."""
-    reduced = ReducedFace.of(trained[0], face, PARAMETERS)
+    reduced = ReducedFace.for_face(trained[0], face, PARAMETERS)
     n = len(face["muscle"])
     drive = Activation(np.array([0.0, 0.1]), np.array([np.zeros(n), np.full(n, 0.4)]))
     motion = simulate_reduced(reduced, drive, 0.1, further=(Positions(),))
@@ -202,7 +202,7 @@ def test_a_probe_of_full_order_sees_all_nodes_of_a_reduced_face(face, trained):
 
 
 def test_longer_steps_than_in_the_training_are_not_trusted(face, trained):
-    reduced = ReducedFace.of(trained[0], face, PARAMETERS)
+    reduced = ReducedFace.for_face(trained[0], face, PARAMETERS)
     muscles = list(map(str, face["muscle"].values))
     level = np.where([m.endswith("_L") for m in muscles], 0.35, 0.45)
     drive = Activation(np.array([0.0, 0.1]), np.array([0.0 * level, level]))
@@ -242,7 +242,7 @@ def test_a_bound_that_is_too_large_is_not_trusted(face, trained):
 def test_other_parameters_are_refused(face, trained, change, message):
     values = PARAMETERS.model_dump(exclude_unset=True) | change
     with pytest.raises(FaceError, match=message):
-        ReducedFace.of(trained[0], face, SimulationParameters.model_validate(values))
+        ReducedFace.for_face(trained[0], face, SimulationParameters.model_validate(values))
 
 
 def test_an_earlier_file_has_no_contact(face, trained):
@@ -250,13 +250,13 @@ def test_an_earlier_file_has_no_contact(face, trained):
     del mechanics["contact"]
     earlier = trained[0].assign_attrs(mechanics=json.dumps(mechanics))
     assert parameters_of(earlier).contact.method == "none"
-    assert ReducedFace.of(earlier, face, PARAMETERS).contact is None
+    assert ReducedFace.for_face(earlier, face, PARAMETERS).contact is None
 
 
 def test_another_face_is_refused(face, trained):
     other = face.assign(marker_node=face["marker_node"].copy(data=face["marker_node"].values[::-1]))
     with pytest.raises(FaceError, match="belongs to the face with digest"):
-        ReducedFace.of(trained[0], other, PARAMETERS)
+        ReducedFace.for_face(trained[0], other, PARAMETERS)
 
 
 @pytest.mark.parametrize(
@@ -265,9 +265,9 @@ def test_another_face_is_refused(face, trained):
 def test_a_treated_face_is_refused(face, trained, step):
     """The bound of the error is calibrated for the face before; a treatment of no size is that face."""
     with pytest.raises(FaceError, match="belongs to the face with digest"):
-        ReducedFace.of(trained[0], ef.treat(face, {"step": [step]}), PARAMETERS)
+        ReducedFace.for_face(trained[0], ef.treat(face, {"step": [step]}), PARAMETERS)
     none = ef.treat(face, {"step": [{"kind": "wedge", "width": 0.0}]})
-    assert ReducedFace.of(trained[0], none, PARAMETERS) is not None
+    assert ReducedFace.for_face(trained[0], none, PARAMETERS) is not None
 
 
 def test_the_plan_reaches_full_activation_of_each_muscle_and_of_all(face):
@@ -323,7 +323,7 @@ def test_recordings_that_cannot_be_followed_live_are_refused(face) -> None:
 def test_a_live_face_moves_as_one_that_is_simulated_with_the_same_activation(face, trained):
     """Ten frames of simulated noise on a clock that only advances by waiting."""
     now = [0.0]
-    reduced = ReducedFace.of(trained[0], face, PARAMETERS)
+    reduced = ReducedFace.for_face(trained[0], face, PARAMETERS)
     t = np.arange(512) / 2048
     emg = np.random.default_rng(3).normal(size=(len(CHANNELS), 512)) * (0.1 + t) * 1e-4
     recording = xr.Dataset(

@@ -66,7 +66,7 @@ def small(coarse, made_once):
     data = read_netcdf(made_once("reduced_for_curves", train) / "face.rom.nc", "reduced_face")
     skin = skin_of(coarse)
     centre = middle_of(coarse["position"].values[skin.node])
-    return ReducedFace.of(data, coarse, parameters_of(data)), skin, centre
+    return ReducedFace.for_face(data, coarse, parameters_of(data)), skin, centre
 
 
 def edited(small, **further):
