@@ -46,13 +46,13 @@ class Camera:
         """
         bent = np.asarray(pixels, dtype=float) - self.intrinsics[:2, 2]
         bent = bent @ np.linalg.inv(self.intrinsics[:2, :2]).T
-        found = bent.copy()
+        coordinates = bent.copy()
         for _ in range(
             _UNDISTORTING
         ):  # fixed-point iteration; a few steps suffice for usual lenses
-            found = found + (bent - self._distorted(found))
-        left = np.abs(self._distorted(found) - bent).max(axis=-1, keepdims=True)
-        return np.where(left < 1e-9, found, np.nan)
+            coordinates = coordinates + (bent - self._distorted(coordinates))
+        left = np.abs(self._distorted(coordinates) - bent).max(axis=-1, keepdims=True)
+        return np.where(left < 1e-9, coordinates, np.nan)
 
     def _distorted(self, plain: np.ndarray) -> np.ndarray:
         k1, k2, p1, p2 = self.distortion

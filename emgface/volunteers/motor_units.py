@@ -44,12 +44,12 @@ class MotorUnitPool:
         highest rate (Fuglevand et al. 1993, Eqs 1-5).
         """
         excitation = self.full * np.asarray(activation)
-        found = np.zeros((self.threshold.size, excitation.size))
+        by_unit = np.zeros((self.threshold.size, excitation.size))
         fires = self.threshold <= excitation.max(initial=-np.inf)  # often a small part
         above = excitation - self.threshold[fires, None]
         rate = np.minimum(LOWEST_RATE + RATE_GAIN * above, self.peak_rate[fires, None])
-        found[fires] = np.where(above >= 0.0, rate, 0.0)
-        return found
+        by_unit[fires] = np.where(above >= 0.0, rate, 0.0)
+        return by_unit
 
     def rms(self, activation: np.ndarray) -> np.ndarray:
         """Root mean square of the signal at constant activations (times,), 1 at activation 1.

@@ -267,8 +267,8 @@ def _disturbed(
     )
     failures = draw_failures(len(CHANNELS), end, probability=settings.electrode_failure, rng=rng)
     values = fail(values, time, failures, mains_frequency=settings.mains_frequency, rng=rng)
-    told = {CHANNELS[f.channel]: {"start": f.start, "kind": f.kind} for f in failures}
-    return emg.copy(data=values), told
+    faults = {CHANNELS[f.channel]: {"start": f.start, "kind": f.kind} for f in failures}
+    return emg.copy(data=values), faults
 
 
 def _joined_activation(

@@ -206,8 +206,10 @@ class _Recorder:
                 face = person_face(setup.face, person.geometry_scale)
             parameters = person_parameters(person, setup.parameters)
             parameters = world_parameters(parameters, world, mismatch)
-            with ThreadPoolExecutor(1) as beside:  # compiling leaves the interpreter half the time
-                beside.submit(load_kernels, face, parameters)
+            with ThreadPoolExecutor(
+                1
+            ) as background:  # compiling leaves the interpreter half the time
+                background.submit(load_kernels, face, parameters)
                 pools = None
                 if settings.emg == "motor_units":
                     # The units of a person are the same in all sessions.
