@@ -139,7 +139,7 @@ def _invert(path: Path, given: _Inversion) -> None:
     from emgface.inverse.run import invert
     from emgface.schema.netcdf import write_netcdf
 
-    kept, data = Kept.beside(given.out), recording_of(path, given.mapping)
+    kept, data = Kept.for_result(given.out), recording_of(path, given.mapping)
     with progress("inverting") as bar:
         found = invert(
             data, given.face, given.plan.simulation, given.plan.signals, given.parameters,

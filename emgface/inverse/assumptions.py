@@ -64,9 +64,9 @@ class Assumptions:
             Cross-talk of the sEMG, as of `sim.inverse.MeasuredActivation`.
         """
         splines, time = self.splines(len(emg), h)
-        found = prior(splines, time, self.size, self.mean, self.change, emg, emg_weight, mixing)
+        smooth = prior(splines, time, self.size, self.mean, self.change, emg, emg_weight, mixing)
         free = np.where(emg_weight < PRESCRIBED**-2.0, self.strength, 0.0)
-        return Density(found, free)
+        return Density(smooth, free)
 
 
 @dataclass(frozen=True)

@@ -68,8 +68,8 @@ def calibrate(
         fit_trial(one, face, simulation, chain, p, settled=settled, session=session)
         for one in recordings
     ]
-    found = estimate(trials, p, session, mixing=mixing, cross_talk=cross_talk)
-    return described_calibration(found, volunteer, face, simulation, origin)
+    estimated = estimate(trials, p, session, mixing=mixing, cross_talk=cross_talk)
+    return described_calibration(estimated, volunteer, face, simulation, origin)
 
 
 def described_calibration(
@@ -156,11 +156,11 @@ def _maximised(
     sides = np.array([m.rpartition("_")[2] for m in muscles])
 
     def expected(use: Array) -> tuple[list[Array], Array, Array]:
-        found = [
+        moments = [
             _expected(trial, p, (gain, delay, error), X, use, start)
             for trial, start in zip(trials, starts, strict=True)
         ]
-        starts_, means, variances = zip(*found, strict=True)
+        starts_, means, variances = zip(*moments, strict=True)
         return list(starts_), np.concatenate(means), np.concatenate(variances)
 
     signals = {i: partial(_delayed, trials, i) for i in np.flatnonzero(estimated).tolist()}

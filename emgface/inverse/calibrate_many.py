@@ -98,7 +98,7 @@ def calibrate_all(
         for name, path in zip(names, recordings, strict=True)
     ]
     laboratory.rest(study.simulation)  # computed once, instead of by every worker
-    found = run_table(
+    outcomes = run_table(
         on_laboratory(fit_one, laboratory, workers, failed=_failed),
         jobs,
         [(name,) for name in names],
@@ -110,15 +110,15 @@ def calibrate_all(
         stopping=stopping,
         status=lambda one: (one.status, one.reason),
     )
-    if failed := [one for one in found if one.status != "ok"]:
+    if failed := [one for one in outcomes if one.status != "ok"]:
         each = "; ".join(
             f"{o.name}: {o.status.removeprefix('failed:')}: {o.reason}" for o in failed
         )
         raise DataError(
-            f"{len(failed)} of {len(found)} calibration trials cannot be fitted ({each}), expected all: "
-            "repair these, or leave them out"
+            f"{len(failed)} of {len(outcomes)} calibration trials cannot be fitted ({each}), expected "
+            "all: repair these, or leave them out"
         )
-    trials = [_stored(store, one) for one in found]
+    trials = [_stored(store, one) for one in outcomes]
     data = estimate(trials, p, session.dataset, mixing=mixing, cross_talk=cross_talk)
     return described_calibration(data, volunteer, face, study.simulation, origin)
 
@@ -141,7 +141,7 @@ def fit_one(laboratory: Laboratory, job: CalibrationJob) -> FittedTrial:
         "face": laboratory.face_digest,
         "range": job.session.digest,
     }
-    kept = Kept.beside(laboratory.store.folder / FITTED.name / f"{inputs['recording']}.nc")
+    kept = Kept.for_result(laboratory.store.folder / FITTED.name / f"{inputs['recording']}.nc")
     with warnings.catch_warnings(record=True) as caught:
         result = laboratory.store.get_or_compute(
             FITTED,

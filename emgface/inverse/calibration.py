@@ -23,7 +23,7 @@ class Calibration:
 
     data: xr.Dataset
 
-    def of(self, muscles: Sequence[str]) -> tuple[Array, Array, Array]:
+    def for_muscles(self, muscles: Sequence[str]) -> tuple[Array, Array, Array]:
         """Gain [1], delay [s] and standard deviation of the error [1] of muscles, each (n,)."""
         one = self.data.sel(muscle=list(muscles))
         return one["gain"].values, one["delay"].values, one["error"].values

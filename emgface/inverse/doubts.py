@@ -36,11 +36,11 @@ def signs(problem: Problem, recording: xr.Dataset, measured: bool) -> dict[str, 
     `swapped_sides`.
     """
     moved = problem.moved
-    found: dict[str, Any] = {"noise_ratio": problem.noise / moved if moved > 0.0 else np.inf}
+    attrs: dict[str, Any] = {"noise_ratio": problem.noise / moved if moved > 0.0 else np.inf}
     missing = set(str(problem.emg.attrs["missing"]).split())
     own = [str(m) for m in problem.emg["muscle"].values if str(m) not in missing]
     if not measured or not own:
-        return found
+        return attrs
     each = np.array([problem.delayed(m, 0.0) for m in own])
     total = np.maximum(each - np.median(each, axis=1, keepdims=True), 0.0).sum(axis=0)
     heard = each[each.max(axis=1) > 0.0]
@@ -50,12 +50,12 @@ def signs(problem: Problem, recording: xr.Dataset, measured: bool) -> dict[str, 
     sides = swapped_sides(recording)
     names = sides.loc[sides["swapped"].astype(bool), ["left", "right"]].to_numpy().ravel()
     exchanged = " ".join(map(str, names))
-    found |= {
+    attrs |= {
         "emg_agreement": agreement,
         "emg_lag": lag,
         "emg_floor": float(floor.min(initial=1.0)),
     }
-    return found | {"exchanged_sides": exchanged}
+    return attrs | {"exchanged_sides": exchanged}
 
 
 def agreement_of(emg: Array, motion: Array, h: float) -> tuple[float, float]:
@@ -82,26 +82,26 @@ def _mean(squares: Array) -> Array:
     return np.where(n > 0, np.nansum(squares, axis=(1, 2)) / np.maximum(n, 1), np.nan)
 
 
-def doubts(found: xr.Dataset) -> list[str]:
+def doubts(result: xr.Dataset) -> list[str]:
     """Sentences on what a result of `emgface.inverse.run.invert` contradicts, empty if nothing."""
-    told: list[str] = []
-    if not found.attrs.get("converged", 1):
-        told.append(
+    sentences: list[str] = []
+    if not result.attrs.get("converged", 1):
+        sentences.append(
             "the fit did not converge: its activations still change, or no step lowers the objective. "
             "Compare it with --form step, which has no iterations"
         )
-    if not found.attrs["rest_ratio"] <= RESTING:
-        told.append(
-            f"the markers move in the first 0.1 s by {found.attrs['rest_ratio']:.0%} of the motion of "
+    if not result.attrs["rest_ratio"] <= RESTING:
+        sentences.append(
+            f"the markers move in the first 0.1 s by {result.attrs['rest_ratio']:.0%} of the motion of "
             "the trial, but their displacements are counted from there: begin the trial at rest"
         )
-    if not found.attrs["misfit_ratio"] <= FOLLOWED:
-        told.append(
+    if not result.attrs["misfit_ratio"] <= FOLLOWED:
+        sentences.append(
             f"the face does not follow the markers: the misfit exceeds {FOLLOWED:.0%} of their motion. "
             "Check names, axes and unit of the markers (`emgface check`) before using the result."
         )
-    told += _of_signals(found.attrs)
-    return told
+    sentences += _of_signals(result.attrs)
+    return sentences
 
 
 def _of_signals(attrs: Mapping[str, Any]) -> list[str]:
@@ -110,27 +110,27 @@ def _of_signals(attrs: Mapping[str, Any]) -> list[str]:
             f"the noise of the markers is {attrs['noise_ratio']:.0%} of their motion: activations do "
             "not follow from this trial, and its result is what was assumed before"
         ]
-    told: list[str] = []
+    sentences: list[str] = []
     agreement, lag = attrs.get("emg_agreement", 1.0), attrs.get("emg_lag", 0.0)
     if attrs.get("emg_floor", 0.0) > QUIET:
-        told.append(
+        sentences.append(
             f"no muscle is quiet for a quarter of the trial (at least {attrs['emg_floor']:.0%} of its "
             "largest sEMG): the sEMG may be noise only, use --variant motion"
         )
     elif agreement < RELATED:
-        told.append(
+        sentences.append(
             f"the sEMG is not related to the motion (largest correlation {agreement:.2f}): check that "
             "both are of the same trial, or use --variant motion"
         )
     elif not LAGS[0] <= lag <= LAGS[1]:
         when = f"{abs(lag):.2f} s {'after' if lag > 0.0 else 'before'}"
-        told.append(
+        sentences.append(
             f"the motion is {when} the sEMG, expected 0 to 0.2 s after it: check the clocks of both, "
             "or use --variant motion"
         )
     if attrs.get("exchanged_sides"):
-        told.append(
+        sentences.append(
             f"the channels {attrs['exchanged_sides']} follow the mouth corners of the other side: check "
             "whether left and right are exchanged in the sEMG or in the markers"
         )
-    return told
+    return sentences

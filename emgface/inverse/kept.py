@@ -1,4 +1,4 @@
-"""Unfinished fits of recordings, kept in a file beside the result so that the next run continues."""
+"""Unfinished fits of recordings, kept in a file next to the result so that the next run continues."""
 
 import hashlib
 import zipfile
@@ -19,7 +19,7 @@ class Kept:
     path: Path
 
     @classmethod
-    def beside(cls, result: Path, name: str = "") -> "Kept":
+    def for_result(cls, result: Path, name: str = "") -> "Kept":
         """File of an unfinished result, hidden in its folder."""
         return cls(result.with_name(f".{result.name}{name and '.'}{name}.unfinished.npz"))
 

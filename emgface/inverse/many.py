@@ -136,23 +136,24 @@ def invert_all(
 
 def invert_one(laboratory: Laboratory, job: InversionJob) -> Inverted:
     """Invert one recording and write the file of its result."""
-    name, kept = job.path.stem, Kept.beside(job.out)
+    name, kept = job.path.stem, Kept.for_result(job.out)
     with warnings.catch_warnings(record=True) as caught:
-        found = _inverted(laboratory, job, kept)
+        inverted = _inverted(laboratory, job, kept)
     try:
-        write_netcdf(found, job.out, "activation")
+        write_netcdf(inverted, job.out, "activation")
     except DataError as error:
         raise StoreError(str(error)) from error
     kept.remove()
-    misfit, ratio = float((found["misfit"] ** 2).mean()) ** 0.5, float(found.attrs["misfit_ratio"])
-    for text in doubts(found):
+    misfit = float((inverted["misfit"] ** 2).mean()) ** 0.5
+    ratio = float(inverted.attrs["misfit_ratio"])
+    for text in doubts(inverted):
         laboratory.report(f"{name}: {text}")
     if caught:
         more = f" (and {len(caught) - 1} more warnings)" if len(caught) > 1 else ""
         laboratory.report(f"{name}: {caught[0].message}{more}")
     width = np.nan
-    if "interval" in found.attrs:
-        width = float((found["activation_high"] - found["activation_low"]).mean())
+    if "interval" in inverted.attrs:
+        width = float((inverted["activation_high"] - inverted["activation_low"]).mean())
     return Inverted(name, "ok", "", misfit, ratio, width)
 
 

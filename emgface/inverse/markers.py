@@ -123,7 +123,7 @@ def _size(x: Array) -> float:
 
 
 def _sampled(lips: xr.DataArray, times: Array) -> xr.DataArray:
-    """Positions (time, marker, axis) at times [s], NaN beside frames without the marker."""
+    """Positions (time, marker, axis) at times [s], NaN next to frames without the marker."""
     frames = lips["time_marker"].values
     values = lips.transpose("marker", "axis", "time_marker").values
     out = np.full((len(times), values.shape[0], 3), np.nan)

@@ -49,7 +49,7 @@ def read_mixing(path: Path) -> Array:
                 f"{path}: {kind} {unknown[0] if unknown else 'twice'!r}, expected each of these once: "
                 f"{', '.join(known)}"
             )
-    found = np.eye(len(MUSCLES))
+    mixing = np.eye(len(MUSCLES))
     for signal, row in table.iterrows():
         i = MUSCLES.index(str(signal))
         for muscle, share in row.items():
@@ -58,8 +58,8 @@ def read_mixing(path: Path) -> Array:
                     f"{path}: share {share:g} of {muscle} in the signal over {signal}, expected 0 to 1"
                 )
             if muscle != signal:
-                found[i, MUSCLES.index(str(muscle))] = share
-    return found
+                mixing[i, MUSCLES.index(str(muscle))] = share
+    return mixing
 
 
 def in_order_of(mixing: Array, muscles: Sequence[str]) -> Array:

@@ -52,22 +52,22 @@ class Posterior:
         spread = np.asarray(np.linalg.cholesky(self.covariance), dtype=np.float64)
         x = rng.standard_normal((CHAINS, len(sd))) @ spread.T
         x = np.clip(x + (self.mean if centre is None else centre), 0.0, 1.0)
-        n_all, found = len(sd), list[Array]()
+        n_all, samples = len(sd), list[Array]()
         gradient = (x - self.mean) @ precision
         for sweep in range(burn + apart * (-(-n // CHAINS))):
             for first in range(0, n_all, BLOCK):
-                of = slice(first, min(first + BLOCK, n_all))
-                here, begin = gradient[:, of].copy(), x[:, of].copy()
-                near = precision[of, of]
-                for k, i in enumerate(range(of.start, of.stop)):
+                block = slice(first, min(first + BLOCK, n_all))
+                here, begin = gradient[:, block].copy(), x[:, block].copy()
+                near = precision[block, block]
+                for k, i in enumerate(range(block.start, block.stop)):
                     given = x[:, i] - here[:, k] / precision[i, i]
                     value = _truncated(given, float(sd[i]), rng.random(CHAINS))
                     here += np.outer(value - x[:, i], near[k])
                     x[:, i] = value
-                gradient += (x[:, of] - begin) @ precision[of]
+                gradient += (x[:, block] - begin) @ precision[block]
             if sweep >= burn and (sweep - burn) % apart == 0:
-                found.append(x.copy())
-        return np.concatenate(found)[:n]
+                samples.append(x.copy())
+        return np.concatenate(samples)[:n]
 
     def intervals(self, level: float = 0.9, n: int = 1000, seed: int = 0) -> Array:
         """Central intervals (2, n_muscles) of the marginal densities within the box."""
@@ -81,9 +81,9 @@ class Posterior:
         least determined first.
         """
         scaled = self.covariance / np.outer(prior_sd, prior_sd)
-        found = np.linalg.eigh(scaled)
-        size = np.asarray(found.eigenvalues, dtype=np.float64)
-        vectors = np.asarray(found.eigenvectors, dtype=np.float64)
+        spectrum = np.linalg.eigh(scaled)
+        size = np.asarray(spectrum.eigenvalues, dtype=np.float64)
+        vectors = np.asarray(spectrum.eigenvectors, dtype=np.float64)
         chosen = vectors[:, size > share**2][:, ::-1]
         return (chosen * prior_sd[:, None]).T
 
@@ -108,16 +108,18 @@ def in_words(directions: Array, muscles: Sequence[str], least: float = 0.3) -> l
     A muscle counts if its component is at least `least` of the largest. Components of opposite sign
     replace each other; those of one sign act together on nothing that is measured.
     """
-    told: list[str] = []
+    sentences: list[str] = []
     for d in directions:
         part: list[float] = (d / d[int(np.argmax(np.abs(d)))]).tolist()
         named = list(zip(part, muscles, strict=True))
         up = [muscle for share, muscle in named if share >= least]
         down = [muscle for share, muscle in named if share <= -least]
         if down:
-            told.append(f"{' and '.join(up)} cannot be told apart from {' and '.join(down)}")
+            sentences.append(
+                f"{' and '.join(up)} cannot be distinguished from {' and '.join(down)}"
+            )
         elif len(up) > 1:
-            told.append(f"the sum of {' and '.join(up)} is not determined by the motion")
+            sentences.append(f"the sum of {' and '.join(up)} is not determined by the motion")
         else:
-            told.append(f"{up[0]} is not determined by the motion")
-    return told
+            sentences.append(f"{up[0]} is not determined by the motion")
+    return sentences

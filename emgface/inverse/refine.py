@@ -139,30 +139,32 @@ def refine(
     weight, begin = marker_precision(known, target, rest, noise, h), state.coefficients
     if state.model_error is None:
         begin = fitted(begin, max(min(ITERATIONS, iterations) - state.done, 0)).linearised
-        found = min(model_error(begin, target, rest, noise), MOST_ERROR)
-        state = Begun(begin.coefficients, ITERATIONS, found)
-        known = replace(assumed, model_error=found)
+        relative_error = min(model_error(begin, target, rest, noise), MOST_ERROR)
+        state = Begun(begin.coefficients, ITERATIONS, relative_error)
+        known = replace(assumed, model_error=relative_error)
         weight = marker_precision(known, target, rest, noise, h)
         iterations = max(iterations, ITERATIONS + 1)
     last = fitted(begin, max(iterations - state.done, 0))
-    found = last.linearised
-    problem = found.normal(weight) + before
+    final = last.linearised
+    problem = final.normal(weight) + before
     posterior, B = _posterior(problem), splines.basis(time)
     low = high = np.full((len(time), n), np.nan)
     if draws:
-        centre = found.coefficients.ravel()
+        centre = final.coefficients.ravel()
         drawn = posterior.draws(draws, burn=BURN, apart=APART, centre=centre)
         strengths = np.random.default_rng(1).standard_normal((draws, 1, n))
         drawn = drawn.reshape(draws, splines.n, n) * np.exp(density.spread * strengths)
         low, high = intervals(np.einsum("tk,dkn->dtn", B, drawn).clip(0.0, 1.0))
-    told = _undetermined(posterior, _posterior(before), B, target, initial, system.muscles)
-    activation, error = B @ found.coefficients, float(known.model_error or 0.0)
-    return Refined(activation, low, high, told, found, splines, time, weight, error, last.converged)
+    unresolved = _undetermined(posterior, _posterior(before), B, target, initial, system.muscles)
+    activation, error = B @ final.coefficients, float(known.model_error or 0.0)
+    return Refined(
+        activation, low, high, unresolved, final, splines, time, weight, error, last.converged
+    )
 
 
-def model_error(found: Linearised, target: PointTarget, rest: Array, noise: float) -> float:
+def model_error(linearised: Linearised, target: PointTarget, rest: Array, noise: float) -> float:
     """Residual beyond the noise over the root mean square displacement of the markers [1]."""
-    residual = float(np.nanmean((target.size * found.residual) ** 2))
+    residual = float(np.nanmean((target.size * linearised.residual) ** 2))
     moved = float(np.nanmean((target.position - rest) ** 2))
     return float(np.sqrt(max(residual - noise**2, 0.0) / max(moved, 1e-300)))
 

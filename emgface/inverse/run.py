@@ -73,7 +73,7 @@ def invert(
         tracked markers, and ``emg_activation(muscle, time)``, the estimate from sEMG. In the
         trajectory form, with ``activation_low`` and ``activation_high (muscle, time)``, bounds of
         90 % intervals, and the attributes ``undetermined``, sentences on the muscles that cannot be
-        told apart, and ``converged``, 0 if the fit did not converge; otherwise with
+        distinguished, and ``converged``, 0 if the fit did not converge; otherwise with
         ``violation(time)`` and ``saturated(time)``. The attribute ``misfit_ratio`` [1] is the root mean
         square of the misfit over that of the displacements wanted, ``rest_ratio`` that of the
         displacements during `emgface.inverse.markers.REST` over it, further ones are those of `signs`,
@@ -103,7 +103,7 @@ def invert(
     gain, delay, error = (np.full(len(muscles), x) for x in (p.gain, p.delay, p.emg_error))
     mixing = None if mixing is None else in_order_of(mixing, muscles)
     if calibration is not None:
-        gain, delay, error = calibration.of(muscles)
+        gain, delay, error = calibration.for_muscles(muscles)
         if mixing is None and p.variant == "assisted":
             mixing = calibration.mixing(muscles)
     if mixing is not None and p.variant != "assisted":
@@ -114,16 +114,16 @@ def invert(
         )
     each = zip(muscles, gain, delay, strict=True)
     values = np.array([g * problem.delayed(m, d) for m, g, d in each]).T.clip(0.0, 1.0)
-    found = refined = None
+    tracked = refined = None
     with named_elements(face):
         if p.form != "trajectory" or np.isinf(trust).all():
             measured = MeasuredActivation(Activation(problem.target.time, values), trust, mixing)
-            found = _followed(problem, p, measured, progress)
+            tracked = _followed(problem, p, measured, progress)
         else:
             weight = emg_precision(p.assumed, error, trust, problem.h)
             density = p.assumed.density(values[1:], weight, problem.h, mixing)
             refined = fitted(problem, p, density, kept=kept, progress=progress)
-    result = belongs(_result(recording, found, problem, values, p, refined), face)
+    result = belongs(_result(recording, tracked, problem, values, p, refined), face)
     if calibration is not None:
         other = of_face(calibration.data.attrs, face, "calibration")
         warn_of(other)
@@ -146,17 +146,17 @@ def _followed(
     weights = Weights(size=p.size, change=p.change, jump=p.jump, chase=max(p.chase, h))
     before = np.where(np.isinf(measured.trust), measured.activation.values[0], 0.0)
     if p.form == "quasi_static":
-        found, _ = equilibria(
+        tracked, _ = equilibria(
             problem.system, [target], target.time[1:], weights=weights, measured=measured,
             initial=problem.state, before=before, work=problem.work, progress=progress,
         )  # fmt: skip
-        return found
-    found, _ = track(
+        return tracked
+    tracked, _ = track(
         problem.system, [target], duration=problem.duration, h=h, weights=weights,
         measured=measured, initial=problem.state, before=before, work=problem.work,
         progress=progress,
     )  # fmt: skip
-    return found
+    return tracked
 
 
 def fitted(
@@ -195,7 +195,7 @@ def fitted(
 
 def _result(
     recording: xr.Dataset,
-    found: xr.Dataset | None,
+    tracked: xr.Dataset | None,
     problem: Problem,
     estimate: Array,
     p: InverseParameters,
@@ -203,9 +203,9 @@ def _result(
 ) -> xr.Dataset:
     both = ("muscle", "time")
     attrs = {k: v for k, v in recording.attrs.items() if k in IDENTITY}
-    if found is not None:
-        result = found[["activation", "violation", "saturated"]]
-        misfit = p.marker_error * found["misfit"].values
+    if tracked is not None:
+        result = tracked[["activation", "violation", "saturated"]]
+        misfit = p.marker_error * tracked["misfit"].values
     else:
         assert refined is not None  # one of both forms
         parts = {

@@ -71,15 +71,15 @@ def _estimated(recording: xr.Dataset, chain: SignalChain, session: xr.Dataset | 
     )
     if session is not None and session.attrs.get("parameters") == feature_parameters(given):
         session = session.assign_attrs(parameters=feature_parameters(chain))
-    found = activation_of(recording, chain, strategy="act_all", session=session)
+    activation = activation_of(recording, chain, strategy="act_all", session=session)
     known = emg.sel(channel=[name for name in emg["channel"].values if str(name) in CHANNELS])
     if said := too_large_for_semg(filtered_channels(known, chain)[0]):
         raise UnitsError(said)
     montage = montage_of(map(str, emg["channel"].values), chain.montage)
-    silent = set(str(found.attrs["silent"]).split()) | set(montage.zero)
+    silent = set(str(activation.attrs["silent"]).split()) | set(montage.zero)
     missing = [
         name
         for name in MUSCLES
         if name not in montage.estimated or silent & {name, *sources_of(name)}
     ]
-    return found.assign_attrs(missing=" ".join(missing))
+    return activation.assign_attrs(missing=" ".join(missing))

@@ -43,9 +43,11 @@ def inverse_activation(
         delay=chosen.delay,
         left_out=left_out,
     )
-    found = invert(recording, face, simulation, chain, parameters, settled=settled, session=session)
-    selected = {"selected": " ".join(dict.fromkeys(str(m)[:-2] for m in found["muscle"].values))}
-    return found.assign_attrs(selected, strategy=strategy, warnings="")
+    inverted = invert(
+        recording, face, simulation, chain, parameters, settled=settled, session=session
+    )
+    selected = {"selected": " ".join(dict.fromkeys(str(m)[:-2] for m in inverted["muscle"].values))}
+    return inverted.assign_attrs(selected, strategy=strategy, warnings="")
 
 
 def crossed(motions: dict[tuple[str, ...], xr.Dataset]) -> xr.Dataset:

@@ -57,7 +57,7 @@ def run(problem, kept, until=99, draws=0):
 
 def test_an_interrupted_fit_goes_on_with_the_same_result(problem, tmp_path):
     whole, _ = run(problem, None)
-    kept = Kept.beside(tmp_path / "activation.nc")
+    kept = Kept.for_result(tmp_path / "activation.nc")
     for until in (2, 4):  # before and after the error of the model is estimated
         with pytest.raises(Stop):
             run(problem, kept, until)
@@ -70,7 +70,7 @@ def test_an_interrupted_fit_goes_on_with_the_same_result(problem, tmp_path):
 
 
 def test_states_of_other_inputs_and_damaged_files_are_ignored(problem, tmp_path):
-    kept = Kept.beside(tmp_path / "activation.nc")
+    kept = Kept.for_result(tmp_path / "activation.nc")
     with pytest.raises(Stop):
         run(problem, kept, 1)
     _, done = run(replace(problem, inputs="another face"), kept, draws=0)
