@@ -64,7 +64,7 @@ def main(folder: Path, count: int, at_a_time: int, limit: int) -> None:
     """Write the cube and print time and memory."""
     trials = planned(count)
     entries = {
-        tuple(line["trial"]): Entry.of(path, offset, line)
+        tuple(line["trial"]): Entry.from_line(path, offset, line)
         for path in run_files(folder)
         for offset, line in lines(path)
         if line["event"] == "trial"

@@ -72,7 +72,7 @@ def content(folder: Path) -> dict[str, Any]:
     for path in run_files(folder):
         for offset, line in lines(path):
             if line["event"] == "trial":
-                entry = Entry.of(path, offset, line)
+                entry = Entry.from_line(path, offset, line)
                 trial = read_trial(entry)
                 stage, digest = entry.files[0][:2] if entry.files else ("", "")
                 file = folder / "store" / stage / f"{digest}.nc"

@@ -53,7 +53,7 @@ class DaskWorkers:
         if problem := open_port(self.address):
             warnings.warn(problem, stacklevel=2)
         self._executor = self._client.get_executor(pure=False)
-        self._counted, self._threads, self._told = -REFRESH, 0, False
+        self._counted, self._threads, self._reported = -REFRESH, 0, False
 
     @property
     def threads(self) -> int:
@@ -64,13 +64,13 @@ class DaskWorkers:
             except Exception as error:  # the connection has many ways to be closed
                 raise self._lost() from error
             self._counted = time.monotonic()
-            if not (self._threads or self._told):
+            if not (self._threads or self._reported):
                 warnings.warn(
                     f"the scheduler at {self.address} has no workers: jobs wait until one joins, for "
                     f"example by 'dask worker {self.address} --nthreads 1'",
                     stacklevel=2,
                 )
-            self._told = not self._threads
+            self._reported = not self._threads
         return self._threads
 
     @property

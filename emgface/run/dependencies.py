@@ -47,18 +47,18 @@ PASSIVE: Final = frozenset(
 @cache
 def reached(modules: tuple[str, ...], without: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Names of modules and of all that they import, sorted, except those that begin with `without`."""
-    waiting, found = list(modules), set[str]()
+    waiting, visited = list(modules), set[str]()
     while waiting:
         name = waiting.pop()
-        if name in found or name.startswith(without):
+        if name in visited or name.startswith(without):
             continue
         if any(one.startswith(f"{name}.") for one in without):
             waiting += _members(name)
             continue
-        found.add(name)
+        visited.add(name)
         if name.partition(".")[0] not in WHOLE:
             waiting += frozenset[str]().union(*map(_imports, _files(name))) - PASSIVE
-    return tuple(sorted(found))
+    return tuple(sorted(visited))
 
 
 @cache
@@ -91,12 +91,12 @@ def _files(name: str) -> tuple[Path, ...]:
 @cache
 def _imports(file: Path) -> frozenset[str]:
     """Modules of `PACKAGES` that the text of a module imports."""
-    found = set[str]()
+    modules = set[str]()
     for node in ast.walk(ast.parse(file.read_bytes())):
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module:
             inner = [f"{node.module}.{alias.name}" for alias in node.names]
-            found |= {name if _files(name) else node.module for name in inner}
-    tops = {name: name.partition(".")[0] for name in found}
+            modules |= {name if _files(name) else node.module for name in inner}
+    tops = {name: name.partition(".")[0] for name in modules}
     return frozenset(top if top in WHOLE else name for name, top in tops.items() if _files(name))

@@ -50,7 +50,7 @@ class Entry:
     """Stage, digest, size [bytes] and modification time [ns] of the stored results."""
 
     @classmethod
-    def of(cls, path: Path, offset: int, line: Line) -> "Entry":
+    def from_line(cls, path: Path, offset: int, line: Line) -> "Entry":
         """Describe the line of a trial."""
         sigma_max = line["sigma_max"]
         return cls(
@@ -81,7 +81,7 @@ class Journal:
         for path in earlier:
             for offset, line in lines(path):
                 if line["event"] == "trial" and line["key"]:
-                    self.known[line["key"]] = Entry.of(path, offset, line)
+                    self.known[line["key"]] = Entry.from_line(path, offset, line)
         self._started, self._torn = time.monotonic(), False
         host, process = socket.gethostname(), os.getpid()
         day = now().replace(":", "").replace("-", "")
@@ -150,7 +150,7 @@ class Journal:
             "scores": None if trial.scores is None else _packed(trial.scores),
         }
         offset = self.write("trial", **line)
-        entry = Entry.of(self.path, offset, line)
+        entry = Entry.from_line(self.path, offset, line)
         if key:
             self.known[key] = entry
         return entry
@@ -260,29 +260,29 @@ def _stages(events: list[Event], store: Path) -> list[Line]:
 def _stat(path: Path) -> tuple[int, int]:
     """Size [bytes] and modification time [ns] of a file, zeros if it does not exist."""
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return 0, 0
-    return found.st_size, found.st_mtime_ns
+    return status.st_size, status.st_mtime_ns
 
 
 class StoredFiles:
     """Sizes and modification times of all results of a store, from one listing of its folders."""
 
     def __init__(self, store: Path) -> None:
-        self.found: dict[tuple[str, str], tuple[int, int]] = {}
+        self.files: dict[tuple[str, str], tuple[int, int]] = {}
         if not store.is_dir():
             return
         for stage in (entry for entry in os.scandir(store) if entry.is_dir()):
             for file in os.scandir(stage.path):
                 name, dot, suffix = file.name.rpartition(".")
                 if suffix == "nc" and dot and not name.startswith("."):
-                    told = file.stat()
-                    self.found[stage.name, name] = told.st_size, told.st_mtime_ns
+                    status = file.stat()
+                    self.files[stage.name, name] = status.st_size, status.st_mtime_ns
 
     def intact(self, entry: Entry) -> bool:
         """Return True if the results of a trial are those that it recorded."""
-        return all(self.found.get((s, d)) == (size, at) for s, d, size, at in entry.files)
+        return all(self.files.get((s, d)) == (size, at) for s, d, size, at in entry.files)
 
 
 def _number(value: float) -> float | None:
@@ -318,6 +318,6 @@ def _unpacked(packed: Line) -> xr.Dataset:
     made: dict[str, Any] = {}
     for name, (dims, kind, values) in packed["variables"].items():
         made[name] = xr.Variable(dims, np.array(values, str if kind == "U" else np.dtype(kind)))
-    dims = {dim for found in made.values() for dim in found.dims}
+    dims = {dim for variable in made.values() for dim in variable.dims}
     coords = {name: made.pop(name) for name in [*made] if name in dims}
     return xr.Dataset(made, coords=coords, attrs=packed["attrs"])

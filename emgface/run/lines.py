@@ -50,20 +50,20 @@ def journal_files(folder: Path) -> list[Path]:
 
 def damage(files: Iterable[Path]) -> list[str]:
     """One sentence for each file of a journal that has damaged lines."""
-    told: list[str] = []
+    sentences: list[str] = []
     for path in files:
         numbers = damaged_lines(path)
         if not numbers:
             continue
         shown = ", ".join(map(str, numbers[:5])) + (", …" if len(numbers) > 5 else "")
         one = len(numbers) == 1
-        told.append(
+        sentences.append(
             f"{'line' if one else 'lines'} {shown} of {path} "
             f"{'is' if one else 'are'} damaged or of another version of emgface, expected lines with "
             "their checksums: what they state is ignored, and the next 'emgface study run' reads or "
             "computes it again"
         )
-    return told
+    return sentences
 
 
 def run_number(path: Path) -> int:

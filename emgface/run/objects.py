@@ -73,12 +73,12 @@ class Objects:
         path.parent.mkdir(parents=True, exist_ok=True)
         read = self._read_chunks if name.endswith(".zarr") else self._read_file
         try:
-            found = read(f"{stage}/{digest}/{name}", path)
+            stored = read(f"{stage}/{digest}/{name}", path)
         except (DataError, OSError, ValueError, KeyError, RuntimeError) as error:
             with _reached(self.url):  # a storage that answers has a damaged object
                 self._files.exists(f"{self._root}/{stage}")
             raise DataError(f"has an object in {self.url} that cannot be read ({error})") from error
-        if found != content:
+        if stored != content:
             path.unlink(missing_ok=True)
             raise DataError(f"has an object in {self.url} that differs from the written result")
         local = {key: value for key, value in index.items() if key not in ("object", "content")}

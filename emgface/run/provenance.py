@@ -68,8 +68,8 @@ def require_code(code: str) -> None:
 def _blas() -> str:
     """Linear algebra library of numpy."""
     built: Any = np.show_config(mode="dicts")
-    found = (built or {}).get("Build Dependencies", {}).get("blas", {})
-    return f"{found.get('name', 'unknown')} {found.get('version', '')}".strip()
+    library = (built or {}).get("Build Dependencies", {}).get("blas", {})
+    return f"{library.get('name', 'unknown')} {library.get('version', '')}".strip()
 
 
 def _processor() -> str:

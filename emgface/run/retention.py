@@ -34,16 +34,16 @@ def used_results(folders: Iterable[Path]) -> dict[Path, set[tuple[str, str]]]:
         state = read_state(folder)
         trials: dict[tuple[str, ...], list[tuple[str, str]]] = {}
         store = state.store(folder).resolve()
-        found = used.setdefault(store, set())
+        needed = used.setdefault(store, set())
         for path in run_files(folder):
             for _, line in lines(path):
                 results = [(s["stage"], s["digest"]) for s in line.get("stages", ())]
                 if line["event"] == "trial":
                     trials[line["variant"], *map(str, line["trial"])] = results
-                    found.update(r for r in results if r[0] == "rest")
+                    needed.update(r for r in results if r[0] == "rest")
                 else:
-                    found.update(results)
-        found.update(result for results in trials.values() for result in results)
+                    needed.update(results)
+        needed.update(result for results in trials.values() for result in results)
     return used
 
 
@@ -159,8 +159,8 @@ def _copy(folder: Path, out: Path, omitted: set[str]) -> tuple[int, int]:
             shutil.copy2(path, target)
     if read_state(out).store(out).resolve() != (out / "store").resolve():
         last = read_state(folder).runs[-1].first
-        told = ("study", "folder", "trials", "workers", "code")
-        facts = {name: last[name] for name in told if name in last}
+        fields = ("study", "folder", "trials", "workers", "code")
+        facts = {name: last[name] for name in fields if name in last}
         Journal(out, facts | {"store": "store"}).end("copied", [])
     else:
         add_owner(out / "store", out)

@@ -334,12 +334,12 @@ def add_owner(store: Path, study: Path) -> None:
 
 def owners(store: Path) -> dict[Path, Path]:
     """Folders of the studies in the list of a store, each with its file in the list."""
-    found: dict[Path, Path] = {}
+    folders: dict[Path, Path] = {}
     for path in plain_files(store / OWNERS):
         if path.suffix == ".txt":
             place = path.read_text(encoding="utf-8").strip()
-            found[Path(os.path.normpath(store.resolve() / place))] = path
-    return found
+            folders[Path(os.path.normpath(store.resolve() / place))] = path
+    return folders
 
 
 def _relative(store: Path, study: Path) -> str:

@@ -187,17 +187,17 @@ def run_table(
         observer.working(" ".join(labels[index]))
         return True
 
-    found: dict[int, Outcome] = {}
+    outcomes: dict[int, Outcome] = {}
     try:
         for index, done in task.outcomes(jobs, workers, starting=starting):
-            found[index] = done.outcome
+            outcomes[index] = done.outcome
             how, why = status(done.outcome)
             journal.job(labels[index], done.events, store, done.seconds, how, why)
             for text in done.messages:
                 observer.message(text)
             observer.finished(" ".join(labels[index]), how)
             finished(index, done.outcome)
-        if len(found) < len(labels):
+        if len(outcomes) < len(labels):
             raise KeyboardInterrupt
         outcome = "finished"
     except KeyboardInterrupt:
@@ -205,4 +205,4 @@ def run_table(
         raise
     finally:
         journal.end(outcome, [])
-    return [found[index] for index in range(len(labels))]
+    return [outcomes[index] for index in range(len(labels))]

@@ -135,7 +135,7 @@ def _reason(one: Planned, store: Store, files: StoredFiles) -> str:
         return f"nothing is computed ({why})."
     last = one.last
     if last is not None and last["key"] == one.key:
-        entry = Entry.of(Path(), 0, last)
+        entry = Entry.from_line(Path(), 0, last)
         if not entry.final:
             return f"it failed with {last['status'].removeprefix('failed:')} and is tried again."
         if files.intact(entry):
