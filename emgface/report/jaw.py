@@ -39,7 +39,7 @@ def incisors(results: Results) -> Incisors | None:
             try:
                 trial = results.trial(place, strategy)
                 recording, motion = trial.recording.dataset, trial.motion
-                face = laboratory.of(place[0]).face
+                face = laboratory.for_volunteer(place[0]).face
                 pair = incisor_pair(recording, motion, face, frame)
                 if pair is None:
                     continue

@@ -57,7 +57,7 @@ def moving_faces(
             assert results.laboratory is not None
             activation = trial.activation["activation"]
             sigma_max = float(trial.motion.attrs["sigma_max"])
-            own = results.laboratory.of(place[0])
+            own = results.laboratory.for_volunteer(place[0])
             moved = own.skin_motion(activation, sigma_max, label).dataset
         except FAILURES as error:
             results.notes.append(f"The moving face of {label} is omitted: {error}")

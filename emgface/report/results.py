@@ -76,7 +76,8 @@ class Results:
         recording = next((r for r in self.intake.recordings if r.place == place), None)
         if recording is None or recording.error is not None or recording.excluded:
             raise DataError(f"there is no usable recording {' '.join(map(str, place))}")
-        laboratory, label = self.laboratory.of(place[0]), " ".join(map(str, (*place, strategy)))
+        laboratory = self.laboratory.for_volunteer(place[0])
+        label = " ".join(map(str, (*place, strategy)))
         activation = self._activation(recording, strategy)
         labels = dict(zip(TRIAL_DIMS, (*place, strategy), strict=True))
         used = float(self.base["sigma_max"].sel(labels))
@@ -103,7 +104,7 @@ class Results:
         assert self.laboratory is not None and self.intake is not None, "trials have both"
         if self._extents is None:
             self._extents = feature_extents(self.laboratory, self.intake)
-        return self.laboratory.of(recording.place[0]).activation(
+        return self.laboratory.for_volunteer(recording.place[0]).activation(
             recording, strategy, self._extents.get(recording.place[0])
         )
 

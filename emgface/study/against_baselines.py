@@ -43,7 +43,7 @@ class Recorded:
     @cached_property
     def measured(self) -> xr.Dataset:
         """Measured lip positions during the simulation."""
-        laboratory = self.first.laboratory.of(self.recording.place[0])
+        laboratory = self.first.laboratory.for_volunteer(self.recording.place[0])
         head = laboratory.study.signals.head_frame
         return measured_during(self.recording.dataset, self.first.dataset, laboratory.face, head)
 
@@ -54,14 +54,14 @@ class Recorded:
 
     def digests(self, label: str) -> dict[str, str]:
         """Digests of the recording and of its motions, by name."""
-        found = {f"recording {label}": self.recording.digest}
-        return found | {f"motion {label} {s}": m.digest for s, m in self.motions.items()}
+        by_name = {f"recording {label}": self.recording.digest}
+        return by_name | {f"motion {label} {s}": m.digest for s, m in self.motions.items()}
 
 
 def compared(
     laboratory: Laboratory,
     person: Person,
-    of: Mapping[int, Recorded],
+    recorded: Mapping[int, Recorded],
     others: Sequence[xr.Dataset],
     driven: Mapping[str, Sequence[xr.Dataset]],
     elsewhere: Mapping[str, Mapping[int, Recorded]],
@@ -73,7 +73,7 @@ def compared(
     """
     alignment, form = laboratory.alignment, laboratory.study.score.form
     least, count = laboratory.study.score.smallest_motion, len(LIP_MARKERS)
-    result = _empty(person, list(of), list(laboratory.study.strategy_names))
+    result = _empty(person, list(recorded), list(laboratory.study.strategy_names))
     template = None
     # Without other volunteers there is no template; the other measures are computed.
     with suppress(AnalysisError):
@@ -90,7 +90,7 @@ def compared(
     def against(one: Recorded, predicted: xr.Dataset | xr.DataArray) -> np.ndarray:
         return scored(one.measured, predicted.sel(marker=list(LIP_MARKERS)), alignment, form)[0]
 
-    for repetition, one in of.items():
+    for repetition, one in recorded.items():
         at: dict[str, Any] = {"repetition": repetition}
         own = np.multiply(instants(one.measured, smallest_motion=least), one.pace)
         result["asymmetry_measured"].loc[at] = asymmetry(one.measured, smallest_motion=least)
@@ -101,7 +101,7 @@ def compared(
             for k, name in enumerate(("onset", "peak")):
                 mean = mean_of([np.array([float(other[name])]) for other in others], 1)[0]
                 result[f"template_{name}_error"].loc[at] = mean - own[k]
-        again = [against(one, other.measured) for r, other in of.items() if r != repetition]
+        again = [against(one, other.measured) for r, other in recorded.items() if r != repetition]
         result["repeat_rho"].loc[at] = mean_of(again, count)
         result["ceiling"].loc[at] = ceiling_of(mean_of(again, count))
         for strategy, motion in one.motions.items():
@@ -112,7 +112,7 @@ def compared(
             result["asymmetry_simulated"].loc[here] = asymmetry(moved, smallest_motion=least)
             shuffled = [
                 against(one, other.motions[strategy].dataset)
-                for r, other in of.items()
+                for r, other in recorded.items()
                 if r != repetition and strategy in other.motions
             ]
             wrong = [
@@ -127,8 +127,8 @@ def compared(
             result["wrong_rho_max"].loc[here] = best_of(wrong, count)
     known: dict[tuple[int, ...], Together] = {}
     for strategy in laboratory.study.strategy_names:
-        repetitions = tuple(r for r, one in of.items() if strategy in one.motions)
-        both = [of[r] for r in repetitions]
+        repetitions = tuple(r for r, one in recorded.items() if strategy in one.motions)
+        both = [recorded[r] for r in repetitions]
         if len(both) > 1:
             with suppress(AnalysisError):  # of motions that cannot be aligned, which have no mean
                 if repetitions not in known:

@@ -189,8 +189,8 @@ def write_cube(
             cube, one.laboratory, [d for v in chosen for d in one.baselines.get(v, [])]
         )
         if one.formants is not None:
-            found = {place: one.formants[place] for place in labels if place in one.formants}
-            cube = with_stored_formants(cube, one.laboratory, found)
+            formants = {place: one.formants[place] for place in labels if place in one.formants}
+            cube = with_stored_formants(cube, one.laboratory, formants)
         return cube
 
     def parts() -> Iterator[xr.Dataset]:

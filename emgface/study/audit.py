@@ -96,7 +96,7 @@ def planned_trials(
             f"there is no trial {text!r}, expected volunteer, instruction, repetition and strategy, "
             f"such as {trials[0].label!r}"
         )
-    found: list[Planned] = []
+    planned: list[Planned] = []
     for variant in variants(study):
         volunteers = [trial.place[0] for trial in trials]
         laboratory = Laboratory.of_study(store, variant.study, store.report, volunteers)
@@ -106,8 +106,8 @@ def planned_trials(
             line = last.get((variant.label, trial.label))
             extent = extents.get(trial.place[0])
             labels = dict(zip((axis.dim for axis in study.axis), variant.labels, strict=True))
-            found.append(Planned(label, variant.label, laboratory, trial, extent, line, labels))
-    return found
+            planned.append(Planned(label, variant.label, laboratory, trial, extent, line, labels))
+    return planned
 
 
 def explain(
@@ -164,23 +164,23 @@ def _reason(one: Planned, store: Store, files: StoredFiles) -> str:
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any], path: str = "") -> list[str]:
     """Changes between two keys of results, one sentence part each."""
-    found: list[str] = []
+    changes: list[str] = []
     for name in sorted(old.keys() | new.keys()):
         a, b = old.get(name), new.get(name)
         if a == b:
             continue
         here = f"{path}.{name}" if path else name
         if isinstance(a, Mapping) and isinstance(b, Mapping):
-            found += differences(a, b, here)
+            changes += differences(a, b, here)
         elif here == "code.version":
-            found.append("the source code of its modules changed")
+            changes.append("the source code of its modules changed")
         elif here == "code.modules":
-            found.append("it depends on other modules")
+            changes.append("it depends on other modules")
         elif here.startswith("inputs."):
-            found.append(f"its input {name} changed")
+            changes.append(f"its input {name} changed")
         else:
-            found.append(f"{here.removeprefix('parameters.')} changed from {a!r} to {b!r}")
-    return found
+            changes.append(f"{here.removeprefix('parameters.')} changed from {a!r} to {b!r}")
+    return changes
 
 
 MEASURED: Final = ("run_time", "run_time_s")
@@ -238,29 +238,29 @@ def _compared(one: Planned, fresh: Store, store: Path, cube: xr.Dataset | None) 
     before = len(fresh.events)
     trial = run_trial(laboratory, one.trial, one.extent)
     made = [event for event in fresh.events[before:] if event.stage != "rest"]
-    told = [stage for stage in last["stages"] if stage["stage"] != "rest"]
-    equal, found = 0, list[str]()
+    stages = [stage for stage in last["stages"] if stage["stage"] != "rest"]
+    equal, changes = 0, list[str]()
     for event in made:
-        stage = next((s for s in told if s["stage"] == event.stage), None)
+        stage = next((s for s in stages if s["stage"] == event.stage), None)
         if stage is not None:
-            told.remove(stage)
+            stages.remove(stage)
         # a run that found a result did not open those from which it follows
         digest = event.digest if stage is None else stage["digest"]
         path = result_file(store, event.stage, digest)
         if not path.is_file():
             if stage is not None:
-                found.append(f"{event.stage}: the stored result {path.name} is missing")
+                changes.append(f"{event.stage}: the stored result {path.name} is missing")
             continue
         change = _change(
             content(path), content(result_file(fresh.folder, event.stage, event.digest))
         )
         if change:
-            found.append(f"{event.stage}: {change}")
+            changes.append(f"{event.stage}: {change}")
         else:
             equal += 1
-    found += [f"{stage['stage']}: it was not computed again" for stage in told]
+    changes += [f"{stage['stage']}: it was not computed again" for stage in stages]
     change = "" if cube is None else _change_of_cell(cube, trial, one.labels)
-    return ComparedTrial(one.label, equal, [*found, f"cube: {change}"] if change else found)
+    return ComparedTrial(one.label, equal, [*changes, f"cube: {change}"] if change else changes)
 
 
 def _change_of_cell(cube: xr.Dataset, trial: Trial, labels: Mapping[str, Label]) -> str:

@@ -58,8 +58,8 @@ class _Volunteer:
             entry = self.entries[*trial.place, trial.strategy]
             if entry.status != "ok" or trial.recording is None:
                 continue
-            of = persons[trial.place[:2]]
-            one = of.setdefault(trial.place[2], Recorded(trial.recording, {}))
+            repetitions = persons[trial.place[:2]]
+            one = repetitions.setdefault(trial.place[2], Recorded(trial.recording, {}))
             one.motions[trial.strategy] = StoredMotion(laboratory, trial, entry, self.extent)
         return persons
 
@@ -91,7 +91,7 @@ def compute_baselines(
     typical = dict(
         zip(by_volunteer, run.computed(typical_motions, laboratory, jobs, "typical"), strict=True)
     )
-    others = others_of(by_volunteer, [name for name, of in typical.items() if of])
+    others = others_of(by_volunteer, [name for name, motions in typical.items() if motions])
     jobs = [
         replace(job, typical={name: typical[name] for name in others[own]})
         for own, job in zip(by_volunteer, jobs, strict=True)
@@ -108,12 +108,12 @@ def others_of(volunteers: Iterable[str], names: Iterable[str]) -> dict[str, list
     the same number of templates, and a further volunteer changes only `MOST_OTHERS` of them.
     """
     circle = sorted(names, key=text_digest)
-    known, found = set(circle), dict[str, list[str]]()
+    known, others = set(circle), dict[str, list[str]]()
     for own in volunteers:
         first = bisect_right(circle, text_digest(own), key=text_digest)
         count = min(MOST_OTHERS, len(circle) - (own in known))
-        found[own] = sorted((circle[first:] + circle[:first])[:count])
-    return found
+        others[own] = sorted((circle[first:] + circle[:first])[:count])
+    return others
 
 
 def with_stored_baselines(
@@ -124,14 +124,14 @@ def with_stored_baselines(
     The result has the variables of `analysis.baselines.VARIABLES`, NaN for trials that were not
     scored. Raises StoreError if one was removed or changed.
     """
-    found = [_tables(stored_file(laboratory, BASELINES, digest)) for digest in digests]
-    return with_baselines(cube, _collected(cube, found))
+    tables = [_tables(stored_file(laboratory, BASELINES, digest)) for digest in digests]
+    return with_baselines(cube, _collected(cube, tables))
 
 
-def typical_motions(laboratory: Laboratory, of: _Volunteer) -> dict[str, str]:
+def typical_motions(laboratory: Laboratory, volunteer: _Volunteer) -> dict[str, str]:
     """Store the typical motions of one volunteer; return their digests by `_kind`."""
-    found: dict[str, str] = {}
-    for person, trials in of.recorded(laboratory).items():
+    digests: dict[str, str] = {}
+    for person, trials in volunteer.recorded(laboratory).items():
         for strategy in ("", *laboratory.study.strategy_names):
             if strategy and not any(strategy in one.motions for one in trials.values()):
                 continue
@@ -141,8 +141,8 @@ def typical_motions(laboratory: Laboratory, of: _Volunteer) -> dict[str, str]:
                 of_what = " ".join((*person, strategy)).strip()
                 laboratory.report(f"No typical motion of {of_what}: {error}")
                 continue
-            found[_kind(person[1], strategy)] = result.digest
-    return found
+            digests[_kind(person[1], strategy)] = result.digest
+    return digests
 
 
 def _kind(instruction: str, strategy: str = "") -> str:
@@ -150,21 +150,23 @@ def _kind(instruction: str, strategy: str = "") -> str:
     return f"{instruction}/{strategy}"
 
 
-def baselines(laboratory: Laboratory, of: _Volunteer) -> list[str]:
+def baselines(laboratory: Laboratory, volunteer: _Volunteer) -> list[str]:
     """Store the baselines of one volunteer; return their digests, one per instruction."""
-    persons = of.recorded(laboratory)
-    found: list[str] = []
+    persons = volunteer.recorded(laboratory)
+    stored_digests: list[str] = []
     for person, trials in persons.items():
         others = {
             strategy: {
-                name: digests[kind] for name, digests in of.typical.items() if kind in digests
+                name: digests[kind]
+                for name, digests in volunteer.typical.items()
+                if kind in digests
             }
             for strategy in ("", *laboratory.study.strategy_names)
             for kind in [_kind(person[1], strategy)]
         }
         elsewhere = {p[1]: r for p, r in persons.items() if p != person}
-        found.append(_baselines(laboratory, person, trials, others, elsewhere).digest)
-    return found
+        stored_digests.append(_baselines(laboratory, person, trials, others, elsewhere).digest)
+    return stored_digests
 
 
 def _parameters(laboratory: Laboratory) -> dict[str, Any]:
@@ -176,29 +178,31 @@ def _parameters(laboratory: Laboratory) -> dict[str, Any]:
 
 
 def _typical(
-    laboratory: Laboratory, person: Person, of: Mapping[int, Recorded], strategy: str = ""
+    laboratory: Laboratory, person: Person, trials: Mapping[int, Recorded], strategy: str = ""
 ) -> Result:
     """Mean motion of a volunteer over repetitions, and the mean instants of a measured one.
 
     It is the measured motion if `strategy` is empty, otherwise the motion simulated with it.
     """
-    inputs = {"face": laboratory.of(person[0]).face_digest}
-    for repetition, one in of.items():
+    inputs = {"face": laboratory.for_volunteer(person[0]).face_digest}
+    for repetition, one in trials.items():
         inputs |= one.digests(str(repetition))
 
     def driven() -> xr.Dataset:
-        motions = [one.motions[strategy].dataset for one in of.values() if strategy in one.motions]
+        motions = [
+            one.motions[strategy].dataset for one in trials.values() if strategy in one.motions
+        ]
         lips = [motion["position"].sel(marker=list(LIP_MARKERS)) for motion in motions]
         mean = mean_motion(lips, laboratory.alignment)
         return xr.Dataset({"position": mean}, attrs={"repetitions": mean.attrs["contributors"]})
 
     def measured() -> xr.Dataset:
         least = laboratory.study.score.smallest_motion
-        mean = mean_motion([one.measured for one in of.values()], laboratory.alignment)
+        mean = mean_motion([one.measured for one in trials.values()], laboratory.alignment)
         clock = np.array(
             [
                 np.multiply(instants(one.measured, smallest_motion=least), one.pace)
-                for one in of.values()
+                for one in trials.values()
             ]
         )
         onset, peak = (mean_of([column], 1)[0] for column in clock.T[:, :, None])
@@ -223,7 +227,7 @@ def _typical(
 def _baselines(
     laboratory: Laboratory,
     person: Person,
-    of: Mapping[int, Recorded],
+    own: Mapping[int, Recorded],
     others: Mapping[str, Mapping[str, str]],
     elsewhere: Mapping[str, Mapping[int, Recorded]],
 ) -> Result:
@@ -232,11 +236,11 @@ def _baselines(
     `others` contains the digests of the typical motions of other volunteers, by strategy ("" for
     the measured motions) and volunteer.
     """
-    inputs = {"face": laboratory.of(person[0]).face_digest}
+    inputs = {"face": laboratory.for_volunteer(person[0]).face_digest}
     for strategy, digests in others.items():
         kind = _kind(person[1], strategy)
         inputs |= {f"typical {other} {kind}": digest for other, digest in digests.items()}
-    for instruction, trials in {person[1]: of, **elsewhere}.items():
+    for instruction, trials in {person[1]: own, **elsewhere}.items():
         for repetition, one in trials.items():
             inputs |= one.digests(f"{instruction} {repetition}")
 
@@ -246,7 +250,7 @@ def _baselines(
             for strategy, digests in others.items()
         }
         measured = typical.pop("")
-        return compared(laboratory, person, of, measured, typical, elsewhere)
+        return compared(laboratory, person, own, measured, typical, elsewhere)
 
     return laboratory.store.get_or_compute(
         BASELINES,
@@ -271,7 +275,7 @@ def _tables(path: Path) -> _Tables:
         return {name: (v.dimensions, v[...]) for name, v in opened.variables.items()}
 
 
-def _collected(cube: xr.Dataset, found: Sequence[_Tables]) -> dict[str, xr.DataArray]:
+def _collected(cube: xr.Dataset, tables: Sequence[_Tables]) -> dict[str, xr.DataArray]:
     """Combine the values of all volunteers and instructions in one array per variable."""
     place = {
         str(dim): {label: k for k, label in enumerate(cube[dim].values.tolist())}
@@ -282,7 +286,7 @@ def _collected(cube: xr.Dataset, found: Sequence[_Tables]) -> dict[str, xr.DataA
         for name, (dims, _, _) in VARIABLES.items()
         if name != "skill"
     }
-    for one in found:
+    for one in tables:
         at = {
             dim: [place[dim][label] for label in one[dim][1].tolist()] for dim in (*TRIAL, "marker")
         }

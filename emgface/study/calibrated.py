@@ -41,9 +41,9 @@ def curve_of(laboratory: Laboratory, job: Job) -> Curve:
     A level is NaN if the trial cannot be simulated or scored with it, or only with a lowered value.
     """
     recording, strategy, extent = job
-    found: list[float] = []
+    logs: list[float] = []
     for stress in LEVELS:
-        at = laboratory.lowered(stress).of(recording.place[0])
+        at = laboratory.lowered(stress).for_volunteer(recording.place[0])
         try:
             activation = at.activation(recording, strategy, extent).dataset["activation"]
             label = f"{recording.label} {strategy}, {stress / 1e3:g} kPa"
@@ -53,13 +53,13 @@ def curve_of(laboratory: Laboratory, job: Job) -> Curve:
         except OF_THE_MACHINE:
             raise
         except (StoredFailure, *EXPECTED):
-            found.append(np.nan)
+            logs.append(np.nan)
             continue
         ratio = scores["amplitude_ratio"].values
         ratio = ratio[np.isfinite(ratio) & (ratio > 0.0)]
         same = abs(float(motion.dataset.attrs["sigma_max"]) / stress - 1.0) < 1e-9
-        found.append(float(np.median(np.log(ratio))) if ratio.size and same else np.nan)
-    return tuple(found)
+        logs.append(float(np.median(np.log(ratio))) if ratio.size and same else np.nan)
+    return tuple(logs)
 
 
 def stress_of(curves: Sequence[Curve]) -> float:
@@ -101,7 +101,7 @@ def with_calibrated(
         for t in usable
         if t.recording is not None
     ]
-    found = run.computed(curve_of, laboratory, jobs, "calibration of sigma_max")
+    curves = run.computed(curve_of, laboratory, jobs, "calibration of sigma_max")
     chosen: dict[tuple[str, int, str], float] = {}
     for trial in usable:
         volunteer, _, repetition = trial.place
@@ -110,7 +110,7 @@ def with_calibrated(
             continue
         training = [
             curve
-            for other, curve in zip(usable, found, strict=True)
+            for other, curve in zip(usable, curves, strict=True)
             if other.place[0] == volunteer
             and other.place[2] != repetition
             and other.strategy == trial.strategy

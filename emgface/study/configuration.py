@@ -172,17 +172,17 @@ class Axis(Parameters):
 
     def labels(self) -> list[Label]:
         """Return the labels along the dim: numbers, text, or file names without suffix."""
-        found: list[Label] = []
+        names: list[Label] = []
         for first, *_ in self.values():
             if isinstance(first, bool):
-                found.append(str(first).lower())
+                names.append(str(first).lower())
             elif isinstance(first, int | float):
-                found.append(float(first))
+                names.append(float(first))
             elif self.parameters[0] == "face.path":
-                found.append(_file_label(first))
+                names.append(_file_label(first))
             else:
-                found.append(first)
-        return found
+                names.append(first)
+        return names
 
 
 def _file_label(name: str) -> str:

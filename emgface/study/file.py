@@ -236,11 +236,11 @@ def placed(study: StudyConfiguration, folder: Path) -> tuple[StudyConfiguration,
         new = Path(os.path.normpath(folder.resolve() / os.path.relpath(old, before)))
         if new == old:
             return old
-        told = f"The study was moved or copied from {before}: "
+        reason = f"The study was moved or copied from {before}: "
         if new.exists() or (VOLUNTEER in str(new) and _folder(new).exists()):
-            notes[f"{told}{new} is used in place of {old}."] = None
+            notes[f"{reason}{new} is used in place of {old}."] = None
             return new
-        notes[f"{told}{old} is used as before, because there is no {new}."] = None
+        notes[f"{reason}{old} is used as before, because there is no {new}."] = None
         return old
 
     return with_paths(study, moved), list(notes)
@@ -378,8 +378,8 @@ def _first(pattern: Path) -> Path:
     at = next(k for k, part in enumerate(pattern.parts) if VOLUNTEER in part)
     folder = Path(*pattern.parts[:at])
     wanted = "/".join(escape(part).replace(VOLUNTEER, "*") for part in pattern.parts[at:])
-    if found := sorted(path for path in folder.glob(wanted) if path.is_file()):
-        return found[0]
+    if matches := sorted(path for path in folder.glob(wanted) if path.is_file()):
+        return matches[0]
     raise FaceError(
         f"no file has the pattern {pattern}, expected a face of each volunteer: correct face.path "
         f"(files of {folder}: {listed([path.name for path in folder.glob('*')], 6) or 'none'})"

@@ -44,8 +44,8 @@ def compute_formants(
         for trial, place in zip(planned, places, strict=True)
         if entries[place].status == "ok"
     ]
-    found = run.computed(trial_formants, laboratory, jobs, "formants")
-    return {(*job[0].place, job[0].strategy): one for job, one in zip(jobs, found, strict=True)}
+    computed = run.computed(trial_formants, laboratory, jobs, "formants")
+    return {(*job[0].place, job[0].strategy): one for job, one in zip(jobs, computed, strict=True)}
 
 
 def trial_formants(laboratory: Laboratory, job: tuple[PlannedTrial, Entry, Result | None]) -> str:

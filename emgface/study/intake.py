@@ -62,11 +62,11 @@ class Intake:
     @cached_property
     def usable(self) -> dict[str, list[Recording]]:
         """Usable recordings by volunteer."""
-        found: dict[str, list[Recording]] = {}
+        volunteers: dict[str, list[Recording]] = {}
         for one in self.recordings:
             if one.error is None and not one.excluded:
-                found.setdefault(one.place[0], []).append(one)
-        return found
+                volunteers.setdefault(one.place[0], []).append(one)
+        return volunteers
 
 
 def take_in(
@@ -102,7 +102,7 @@ def take_in(
     unread = [file for file in files if file not in results]
     new = _read(unread, configuration.mapping, workers, observer or Silent(), stopping)
     results.update(new)
-    found: dict[Place, Recording] = {}
+    taken: dict[Place, Recording] = {}
     # Links to absent files.
     unreadable: dict[Path, EmgfaceError] = {
         path: DataError(absent(path)) for path in listed_files if not path.exists()
@@ -119,34 +119,34 @@ def take_in(
         place = given.place
         if not _selected(place, configuration):
             continue
-        if place in found:
+        if place in taken:
             raise DataError(
                 f"{_within(path, configuration.folder)} and "
-                f"{_within(found[place].path, configuration.folder)} are both volunteer {place[0]}, "
+                f"{_within(taken[place].path, configuration.folder)} are both volunteer {place[0]}, "
                 f"instruction {place[1]}, repetition {place[2]}: remove or relabel one"
             )
-        found[place] = replace(given, excluded=reason_to_exclude(place, exclude))
+        taken[place] = replace(given, excluded=reason_to_exclude(place, exclude))
     if not n_files:
         none_found(configuration.folder)
-    if not found and unreadable:
+    if not taken and unreadable:
         path, first = next(iter(unreadable.items()))
         more = f" (and {len(unreadable) - 1} more files)" if len(unreadable) > 1 else ""
         raise type(first)(f"{first}{more}") from first
-    if not found:
+    if not taken:
         raise DataError(
             f"none of {n_files} recordings in {configuration.folder} is of the selected "
             "volunteers, instructions and repetitions: extend the selection"
         )
-    _require_one_kind(found.values(), configuration.folder)
-    require_one_spelling(found)
-    for sentence in copies(found.values(), configuration.folder):
+    _require_one_kind(taken.values(), configuration.folder)
+    require_one_spelling(taken)
+    for sentence in copies(taken.values(), configuration.folder):
         warnings.warn(sentence, FeatureWarning, stacklevel=2)
     order = list(INSTRUCTIONS)
-    places = sorted(found, key=lambda p: (p[0], order.index(p[1]), p[2]))
+    places = sorted(taken, key=lambda p: (p[0], order.index(p[1]), p[2]))
     lines = [
         _line(file, reader, given) for file, given in new.items() if _lasting(file, given, listed)
     ]
-    return Intake(tuple(found[place] for place in places), unreadable, lines)
+    return Intake(tuple(taken[place] for place in places), unreadable, lines)
 
 
 def _within(path: Path, folder: Path) -> str:
@@ -200,7 +200,7 @@ def _read(
         observer.working(f"recording {PER_JOB * index + 1} of {len(files)}")
         return not stopping()
 
-    found: dict[File, Recording | EmgfaceError | None] = {}
+    outcomes: dict[File, Recording | EmgfaceError | None] = {}
     done = run_jobs(
         identified,
         [[Path(file[0]) for file in job] for job in jobs],
@@ -210,22 +210,22 @@ def _read(
         starting=starting,
     )
     for index, results in done:
-        found.update(zip(jobs[index], results, strict=True))
-    if len(found) < len(files):
+        outcomes.update(zip(jobs[index], results, strict=True))
+    if len(outcomes) < len(files):
         raise KeyboardInterrupt
-    return found
+    return outcomes
 
 
 def recorded_file(path: Path) -> File:
     """Describe a file without opening it."""
     path = path.absolute()  # workers may have another working folder
     try:
-        told = path.stat()
+        status = path.stat()
     except OSError as error:
         raise DataError(
             f"{path} cannot be read ({error.strerror}), expected a recording: check its permissions"
         ) from error
-    return str(path), told.st_size, told.st_mtime_ns, told.st_ctime_ns
+    return str(path), status.st_size, status.st_mtime_ns, status.st_ctime_ns
 
 
 def _mapping_digest(mapping: Path | None) -> str:
@@ -268,13 +268,13 @@ def _line(file: File, reader: str, given: Recording | EmgfaceError | None) -> Li
 
 def _known(study: Path, reader: str, mapping: Path | None) -> dict[File, Recording]:
     """Recordings in the journal of a study that were read in the same way."""
-    found: dict[File, Recording] = {}
+    recordings: dict[File, Recording] = {}
     for path in journal_files(study):
         for _, line in lines_of(path, "recording"):
             if line["reader"] == reader:
                 name, size, modified, changed = line["file"]
                 volunteer, instruction, repetition = line["place"]
-                found[name, size, modified, changed] = Recording(
+                recordings[name, size, modified, changed] = Recording(
                     (volunteer, instruction, repetition),
                     line["digest"],
                     Path(name),
@@ -284,7 +284,7 @@ def _known(study: Path, reader: str, mapping: Path | None) -> dict[File, Recordi
                     tuple(line["channels"]),
                     line["signals"],
                 )
-    return found
+    return recordings
 
 
 def _require_one_kind(recordings: Iterable[Recording], folder: Path) -> None:

@@ -47,16 +47,16 @@ class Setup:
         face = next(iter(own.values())) if own else study_face(study.face)
         return cls(store, face, study, report, own=own)
 
-    def of(self, volunteer: str) -> Self:
+    def for_volunteer(self, volunteer: str) -> Self:
         """Setup with the face of a volunteer."""
         if volunteer not in self.own:
             return self
-        if volunteer not in self._of:
-            self._of[volunteer] = replace(self, face=self.own[volunteer], own={})
-        return self._of[volunteer]
+        if volunteer not in self._by_volunteer:
+            self._by_volunteer[volunteer] = replace(self, face=self.own[volunteer], own={})
+        return self._by_volunteer[volunteer]
 
     @cached_property
-    def _of(self) -> dict[str, Self]:
+    def _by_volunteer(self) -> dict[str, Self]:
         return {}
 
     @cached_property

@@ -32,10 +32,10 @@ class StoredMotion:
     @cached_property
     def dataset(self) -> xr.Dataset:
         """Stored motion, computed again if it is damaged."""
-        found = self.laboratory.store.read(MOTION.name, self.digest)
-        if found is not None:
-            return found
-        trial, laboratory = self.trial, self.laboratory.of(self.trial.place[0])
+        motion = self.laboratory.store.read(MOTION.name, self.digest)
+        if motion is not None:
+            return motion
+        trial, laboratory = self.trial, self.laboratory.for_volunteer(self.trial.place[0])
         recording, strategy = trial.recording, trial.strategy
         assert recording is not None, "a scored trial has a recording"
         activation = laboratory.activation(recording, strategy, self.extent).dataset["activation"]
@@ -46,10 +46,10 @@ class StoredMotion:
 
 def stored(laboratory: Laboratory, stage: Stage, digest: str) -> xr.Dataset:
     """Read a result that this or another worker has stored."""
-    found = laboratory.store.read(stage.name, digest)
-    if found is None:
+    result = laboratory.store.read(stage.name, digest)
+    if result is None:
         raise _changed(stage, digest)
-    return found
+    return result
 
 
 def stored_file(laboratory: Laboratory, stage: Stage, digest: str) -> Path:

@@ -54,7 +54,7 @@ def on_laboratory(
         return Task(_same, laboratory, work, group, failed)
     folder = laboratory.store.folder.resolve()
     _keep_face(laboratory, folder)
-    own = {volunteer: laboratory.of(volunteer) for volunteer in laboratory.own}
+    own = {volunteer: laboratory.for_volunteer(volunteer) for volunteer in laboratory.own}
     for one in own.values():
         _keep_face(one, folder)
     objects = laboratory.store.objects
@@ -260,7 +260,7 @@ class StudyRun:
         The events of their results are added to those of `laboratory`. Raises KeyboardInterrupt if
         the run is to stop, and WorkerDied if several workers died of the same job.
         """
-        found: dict[int, Outcome] = {}
+        outcomes: dict[int, Outcome] = {}
 
         def starting(index: int) -> bool:
             self.observer.working(f"{stage} {index + 1} of {len(jobs)}")
@@ -268,13 +268,13 @@ class StudyRun:
 
         task = on_laboratory(work, laboratory, self.workers)
         for index, done in task.outcomes(jobs, self.workers, starting=starting):
-            found[index] = done.outcome
+            outcomes[index] = done.outcome
             laboratory.store.events += done.events
             for text in done.messages:
                 self.observer.message(text)
-        if len(found) < len(jobs):
+        if len(outcomes) < len(jobs):
             raise KeyboardInterrupt
-        return [found[index] for index in range(len(jobs))]
+        return [outcomes[index] for index in range(len(jobs))]
 
     def outcomes(
         self,
@@ -289,14 +289,14 @@ class StudyRun:
         outputs in any order, and `store` is the folder of their results. Raises KeyboardInterrupt
         if `compute_left` stops early, and StoreError if the journal cannot be written.
         """
-        found: Entries = {}
+        entries: Entries = {}
         absent: dict[tuple[Place, str], str] = {}
         for trial, key in zip(trials, keys, strict=True):
             entry = self.journal.known.get(key)
             if entry is None or not entry.final or not self.stored.intact(entry):
                 absent[trial.place, trial.strategy] = key
                 continue
-            found[*trial.place, trial.strategy] = entry
+            entries[*trial.place, trial.strategy] = entry
             if entry.muted:
                 self.muted.add(trial.place)
             self.observer.finished(self.label(trial), entry.status)
@@ -312,13 +312,13 @@ class StudyRun:
                 seconds=done.seconds,
                 muted=muted,
             )
-            found[*trial.place, trial.strategy] = entry
+            entries[*trial.place, trial.strategy] = entry
             if muted:
                 self.muted.add(trial.place)
             for text in done.messages:
                 self.observer.message(text)
             self.observer.finished(self.label(trial), outcome.status)
-        if len(found) < len(trials):
+        if len(entries) < len(trials):
             raise KeyboardInterrupt
-        self.entries += found.values()
-        return {(*t.place, t.strategy): found[*t.place, t.strategy] for t in trials}
+        self.entries += entries.values()
+        return {(*t.place, t.strategy): entries[*t.place, t.strategy] for t in trials}

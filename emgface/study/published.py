@@ -38,7 +38,7 @@ def join_recordings(
     A trial that lacks EMG or markers, or has one of them twice, is omitted with the reason. Raises
     DataError if the folder has no recording, or none is complete.
     """
-    found: dict[Place, dict[str, tuple[Path, xr.Dataset]]] = {}
+    recordings: dict[Place, dict[str, tuple[Path, xr.Dataset]]] = {}
     result, twice = Joined(), set[Place]()
     for path, read in read_recordings(folder, mapping=mapping):
         try:
@@ -48,7 +48,7 @@ def join_recordings(
         except EmgfaceError as error:
             result.omitted.append(f"{path.name}: {error}")
             continue
-        parts = found.setdefault(place, {})
+        parts = recordings.setdefault(place, {})
         for name in ("emg", "position"):
             if name not in read:
                 continue
@@ -60,7 +60,7 @@ def join_recordings(
                 )
             else:
                 parts[name] = path, read
-    for place, parts in sorted(found.items()):
+    for place, parts in sorted(recordings.items()):
         if place in twice:
             continue
         try:
@@ -83,7 +83,7 @@ def _joined(
     if lacking := [name for name in ("emg", "position") if name not in parts]:
         there = ", ".join(sorted({path.name for path, _ in parts.values()}))
         raise DataError(
-            f"{' and '.join(lacking)} not found beside {there}, expected a further file of the same "
+            f"{' and '.join(lacking)} not found next to {there}, expected a further file of the same "
             "volunteer, instruction and repetition: check the names of the files, or the mapping"
         )
     (first, emg), (second, position) = parts["emg"], parts["position"]

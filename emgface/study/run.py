@@ -250,22 +250,24 @@ def feature_extents(
     if reach == "session":
         sessions = [(name, tuple(intake.usable[name])) for name in sorted(intake.usable)]
         if run is None:
-            found = [_session(laboratory, one) for one in sessions]
+            extents = [_session(laboratory, one) for one in sessions]
         else:
-            found = run.computed(_session, laboratory, sessions, "range")
-        return {name: extent for (name, _), extent in zip(sessions, found, strict=True)}
+            extents = run.computed(_session, laboratory, sessions, "range")
+        return {name: extent for (name, _), extent in zip(sessions, extents, strict=True)}
     references = take_in_references(study.recordings)
 
     def reference(volunteer: str) -> Result:
-        of = references[volunteer]
-        return laboratory.extent(map(dataset_digest, of), lambda: of, f"{volunteer}, reference")
+        datasets = references[volunteer]
+        return laboratory.extent(
+            map(dataset_digest, datasets), lambda: datasets, f"{volunteer}, reference"
+        )
 
     return {name: reference(name) for name in sorted(intake.usable) if name in references}
 
 
 def _session(laboratory: Laboratory, session: tuple[str, tuple[Recording, ...]]) -> Result:
     """Range of the features over the recordings of one volunteer."""
-    name, of = session
+    name, recordings = session
     return laboratory.extent(
-        [r.digest for r in of], lambda: (r.dataset for r in of), f"{name}, session"
+        [r.digest for r in recordings], lambda: (r.dataset for r in recordings), f"{name}, session"
     )

@@ -80,7 +80,7 @@ class Laboratory(Setup):
         if recording is None or recording.error is not None or recording.excluded:
             return ""
         by_markers = self.by_markers.digest if trial.strategy in VARIANT else ""
-        moved = self.of(trial.place[0]).moved
+        moved = self.for_volunteer(trial.place[0]).moved
         return text_digest(
             f"{recording.digest} {trial.strategy} {extent.digest if extent else ''} "
             f"{canonical_json(moved)} {self._study_digest}{by_markers}"
@@ -208,11 +208,11 @@ class Laboratory(Setup):
         of_head = "incisor" in motion.dataset
 
         def scored() -> xr.Dataset:
-            found = score(aligned.dataset, motion.dataset, **choices())
-            found = stored_with(found, for_scores(recording.dataset))
+            scores = score(aligned.dataset, motion.dataset, **choices())
+            scores = stored_with(scores, for_scores(recording.dataset))
             if not of_head:
-                return found
-            return with_incisor(found, recording.dataset, motion.dataset, self.face, frame)
+                return scores
+            return with_incisor(scores, recording.dataset, motion.dataset, self.face, frame)
 
         return self.store.get_or_compute(
             SCORES_OF_HEAD if of_head else SCORES,
@@ -231,7 +231,7 @@ def run_trial(laboratory: Laboratory, trial: PlannedTrial, extent: Result | None
     """
     if trial.sigma_max is not None:
         laboratory = laboratory.lowered(trial.sigma_max)
-    labels, laboratory = (*trial.place, trial.strategy), laboratory.of(trial.place[0])
+    labels, laboratory = (*trial.place, trial.strategy), laboratory.for_volunteer(trial.place[0])
     recording, origin = trial.recording, origin_of_trial(trial)
     if recording is None:
         return Trial(*labels, status="missing", reason="there is no recording of this trial")

@@ -112,7 +112,7 @@ def test_the_report_uses_the_face_of_the_volunteer(compared) -> None:
     results = open_results(other)
     assert results.laboratory is not None and not results.notes
     digests = {v: dataset_digest(load_face(folder / "own" / f"{v}.nc")) for v in ("S01", "S02")}
-    assert {v: results.laboratory.of(v).face_digest for v in digests} == digests
+    assert {v: results.laboratory.for_volunteer(v).face_digest for v in digests} == digests
     trial = results.trial(("S02", "B", 1), "act_rel")
     expected = results.base["rho"].sel(volunteer="S02", instruction="B", repetition=1)
     np.testing.assert_allclose(trial.scores["rho"], expected.squeeze(), atol=1e-12)

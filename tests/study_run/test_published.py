@@ -180,7 +180,7 @@ def test_trials_that_lack_a_part_or_have_it_twice_are_named(folder: Path, layout
     (folder / "S01_E_1.poly5").unlink()
     found = join_recordings(folder, tmp_path / "joined", mapping=mapping)
     assert [p.name for p in found.paths] == ["S01_B_1.nc"]
-    assert any("emg not found beside S01_E_1.toml" in text for text in found.omitted)
+    assert any("emg not found next to S01_E_1.toml" in text for text in found.omitted)
     (folder / "again").mkdir()
     (folder / "again" / "S01_B_1.poly5").write_bytes((folder / "S01_B_1.poly5").read_bytes())
     with pytest.raises(DataError, match="no trial in .* has EMG and markers"):
