@@ -60,8 +60,8 @@ def check(
         for kind in KINDS.values():
             if kind.model == declared:
                 model = kind.functions.read(Path(given))
-                told = pd.DataFrame({"description": [kind.functions.describe(model)]})
-                return {"model": told, **dict(kind.functions.check(model))}
+                description = pd.DataFrame({"description": [kind.functions.describe(model)]})
+                return {"model": description, **dict(kind.functions.check(model))}
     recording = recording_of(given, mapping)
     report = check_recording(recording, study=study)
     refused = refusals(recording, SignalChain())

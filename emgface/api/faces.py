@@ -64,10 +64,10 @@ def face(
     from emgface.face.template import parse_measures, template_face
 
     given = measures or {}
-    told = parse_measures([f"{name}={v}" for name, v in given.items() if isinstance(v, str)])
+    parsed = parse_measures([f"{name}={v}" for name, v in given.items() if isinstance(v, str)])
     numbers = {name: float(v) for name, v in given.items() if not isinstance(v, str)}
     return template_face(
-        resolution=resolution, preset=preset, seed=seed, measures=(told | numbers) or None
+        resolution=resolution, preset=preset, seed=seed, measures=(parsed | numbers) or None
     )
 
 
@@ -258,19 +258,19 @@ def simulate(
     if isinstance(activation, xr.DataArray):
         named = activation.to_dataset(name="activation", promote_attrs=False)
         drive = dataset_of(named, "activation", "activation")["activation"]
-        told = activation.attrs
+        attrs = activation.attrs
     else:
         given = dataset_of(activation, "activation", "activation")
-        drive, told = given["activation"], given.attrs
+        drive, attrs = given["activation"], given.attrs
         warn_of(findings_in(given))
-    other = of_face(told, model, "activation") if DIGEST in told else []
+    other = of_face(attrs, model, "activation") if DIGEST in attrs else []
     warn_of(other)
     if calibrate:
         trained = plan.model_copy(update={"simulation": parameters})
         training = [Path(path) for path in calibrate]
-        update = {"sigma_max": calibrated_for(told, training, model, trained)}
+        update = {"sigma_max": calibrated_for(attrs, training, model, trained)}
         parameters = parameters.model_copy(update=update)
-    stress = float(told.get("sigma_max", parameters.sigma_max))
+    stress = float(attrs.get("sigma_max", parameters.sigma_max))
     if abs(stress / parameters.sigma_max - 1.0) > 1e-6:
         warnings.warn(
             f"the activation is relative to a largest stress of {stress:g} Pa, the simulation has "
@@ -305,5 +305,5 @@ def simulate(
     for doubt in doubts_of(trajectory):
         warnings.warn(doubt, MotionWarning, stacklevel=2)
     keep = (*TRIAL, "source_digest", "strategy", "montage", ATTRIBUTE)
-    trajectory.attrs |= {name: told[name] for name in keep if name in told}
+    trajectory.attrs |= {name: attrs[name] for name in keep if name in attrs}
     return with_findings(trajectory, other) if other else trajectory

@@ -103,15 +103,15 @@ def fit(
     from emgface.errors import FitWarning
     from emgface.fit.person import fit_face
 
-    found = fit_face(
+    fitted = fit_face(
         face_of(face, study_of(None)), landmarks, skin=skin, inner=inner, bone=bone, unit=unit,
         on_face=on_face, rim=rim, noise=noise, thickness=thickness, name=name, simulated=simulated,
         courses=courses, volumes=volumes, progress=progress,
     )  # fmt: skip
-    for doubt in found.doubts:
+    for doubt in fitted.doubts:
         warnings.warn(doubt, FitWarning, stacklevel=2)
     if report is not None:
         from emgface.fit.report import write_report
 
-        write_report(found, report)
-    return found.face
+        write_report(fitted, report)
+    return fitted.face

@@ -26,19 +26,19 @@ def refusals(recording: xr.Dataset, chain: SignalChain) -> dict[str, str]:
         "study run": lambda: place_of(recording, "it"),
         "convert --to bids": lambda: _converted(recording),
     }
-    found: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     for step, attempt in steps.items():
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", FeatureWarning)
                 attempt()
         except EmgfaceError as error:
-            found[step] = " ".join(str(error).split())
-    inherited = [step for step in ("activate", "score") if step in found]
+            reasons[step] = " ".join(str(error).split())
+    inherited = [step for step in ("activate", "score") if step in reasons]
     if inherited:  # a study applies both to every trial
-        own = [found["study run"]] if "study run" in found else []
-        found["study run"] = "; ".join([*own, f"see {' and '.join(inherited)}"])
-    return found
+        own = [reasons["study run"]] if "study run" in reasons else []
+        reasons["study run"] = "; ".join([*own, f"see {' and '.join(inherited)}"])
+    return reasons
 
 
 def _scored(recording: xr.Dataset, chain: SignalChain) -> None:

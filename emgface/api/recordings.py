@@ -102,9 +102,9 @@ def describe(
     from emgface.recordings.describe import describe as draft
 
     refuse_existing(None if out is None else Path(out))
-    beside = None if out is None else Path(out).parent
+    folder = None if out is None else Path(out).parent
     text = draft(
-        Path(path), beside=beside, rate=rate, unit=unit, columns=columns, variable=variable,
+        Path(path), beside=folder, rate=rate, unit=unit, columns=columns, variable=variable,
         confirmed=confirmed,
     )  # fmt: skip
     if out is not None:
@@ -223,8 +223,8 @@ def activate(
         extent = feature_range((recording_of(one, mapping) for one in reference), chain)
     if strategy == TRUE_STRATEGY:
         return true_activation_of(given, chain.resampling)
-    found = for_activation(given)
-    warn_of(found)
+    findings = for_activation(given)
+    warn_of(findings)
     activation = activation_of(
         given,
         chain,
@@ -235,7 +235,7 @@ def activate(
     )
     # A count that is zero throughout was warned of when it was computed.
     warn_of(one for one in findings_in(activation) if one.values.get("high") != 0.0)
-    return stored_with(activation, found)
+    return stored_with(activation, findings)
 
 
 def _empty(value: object) -> bool:
@@ -315,7 +315,7 @@ def score(
     >>> import emgface as ef
     >>> ef.score("V1_A_1.nc", trajectory, face=face).rho.median()  # doctest: +SKIP
     """
-    _, found = aligned_and_scored(
+    _, scores = aligned_and_scored(
         recording,
         trajectory,
         face=face,
@@ -324,7 +324,7 @@ def score(
         alignment=alignment,
         score=score,
     )
-    return found
+    return scores
 
 
 def aligned_and_scored(
@@ -352,13 +352,13 @@ def aligned_and_scored(
     motion = dataset_of(trajectory, "trajectory", "position")
     given = recording_of(recording, mapping)
     model = face_of(face, plan)
-    found = [
+    findings = [
         *for_scores(given),
         *of_face(motion.attrs, model, "motion"),
         *of_recording(motion.attrs, given.attrs),
         *of_times(motion, given, "time_marker", "recording of the markers"),
     ]
-    warn_of([*findings_in(motion), *found])
+    warn_of([*findings_in(motion), *findings])
     measured = measured_during(given, motion, model, plan.signals.head_frame)
     aligned = align(
         measured,
@@ -368,4 +368,4 @@ def aligned_and_scored(
         **alignment_choices.arguments(),
     )
     scores = score_trial(aligned, motion, **score_choices.model_dump())
-    return aligned, stored_with(scores, found, motion)
+    return aligned, stored_with(scores, findings, motion)

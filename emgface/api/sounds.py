@@ -98,7 +98,7 @@ def sound(
     tract = with_formants(tract)
     if source is None:
         return tract
-    found = synthesise(
+    pressure = synthesise(
         tract,
         source,
         duration=duration,
@@ -109,5 +109,5 @@ def sound(
         seed=seed,
     )
     if wave is not None:
-        write_wave(found, Path(wave))
-    return found
+        write_wave(pressure, Path(wave))
+    return pressure

@@ -41,7 +41,7 @@ def show(
         File to write in addition: a page (``*.html``), a picture (``*.png``, ``*.pdf``, ``*.svg``) or a
         movie (``*.gif``, ``*.mp4``).
     activation : Dataset, optional
-        Activation (muscle, time) [1] that caused a trajectory, shown beside the face.
+        Activation (muscle, time) [1] that caused a trajectory, shown next to the face.
     recording : Dataset or path-like, optional
         Recording of a trajectory, whose lip markers are aligned with it, shown and scored.
     compare : Dataset or path-like, optional
@@ -100,7 +100,7 @@ def _further(
     from emgface.errors import ConfigurationError, listed
     from emgface.pictures.show import kind
 
-    found: dict[str, Any] = {}
+    additions: dict[str, Any] = {}
     if kind(motion) == "jaw_motion" and recording is not None:
         from emgface.anatomy.jaw.compared import compare_with_recording
         from emgface.models.jaw import baselines
@@ -119,7 +119,7 @@ def _further(
                 f"a {kind(motion).replace('_', ' ')} is shown without {listed(idle)}, expected the "
                 "motion of a face with it: leave it out"
             )
-        return found
+        return additions
     alone = {"mapping": mapping, "face": face}
     if recording is None and (idle := [name for name, x in alone.items() if x is not None]):
         raise ConfigurationError(
@@ -129,12 +129,12 @@ def _further(
     if recording is not None:
         from emgface.api.recordings import aligned_and_scored
 
-        found["aligned"], found["scores"] = aligned_and_scored(
+        additions["aligned"], additions["scores"] = aligned_and_scored(
             recording, motion, face=face, mapping=mapping
         )
     if compare is not None:
-        found["compared"] = dataset_of(compare, "trajectory", "position")
-    return found
+        additions["compared"] = dataset_of(compare, "trajectory", "position")
+    return additions
 
 
 def _warn_of_others(
@@ -147,14 +147,14 @@ def _warn_of_others(
     if compared is not None:
         warn_of(of_two(compared.attrs, motion.attrs, "second motion"), stacklevel=4)
     if activation is not None:
-        found = of_recording(motion.attrs, activation.attrs)
+        findings = of_recording(motion.attrs, activation.attrs)
         if "time" in motion.coords:
-            found += of_times(motion, activation, "time", "activation")
-        warn_of(found, stacklevel=4)
+            findings += of_times(motion, activation, "time", "activation")
+        warn_of(findings, stacklevel=4)
 
 
 class View:
-    """A dataset that displays itself, with the activation shown beside a moving face.
+    """A dataset that displays itself, with the activation shown next to a moving face.
 
     `kind` is that of the dataset, such as "trajectory".
     """
