@@ -107,7 +107,7 @@ LISTED = {
     "Motions": (
         ("simulate", simulate.simulate, "motion of a model"),
         ("show", simulate.show, "draw any file"),
-        ("score", trial.score, "measured beside simulated"),
+        ("score", trial.score, "measured against simulated"),
         ("live", live.live, "a face in the browser"),
         ("invert", inverse.app, "activations from motion"),
         ("sound", sound.app, "formants and voice"),

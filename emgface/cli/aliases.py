@@ -82,7 +82,7 @@ def _jaw(words: Words) -> Words:
 
 
 def _page(words: Words) -> Words:
-    """Write the page beside the file of a motion, as former commands did."""
+    """Write the page next to the file of a motion, as former commands did."""
     if not words or "--out" in words or "--help" in words:
         return words
     return [*words, "--out", str(PurePath(words[0]).with_suffix(".html"))]
@@ -90,8 +90,8 @@ def _page(words: Words) -> Words:
 
 def _contacts(words: Words) -> Words:
     """Join settings of the same name, which were repeatable options."""
-    found = [w.partition("=")[2] for w in words if w.startswith("contacts=")]
-    if len(found) < 2:
+    contacts = [w.partition("=")[2] for w in words if w.startswith("contacts=")]
+    if len(contacts) < 2:
         return words
     rest, k = Words(), 0
     while k < len(words):
@@ -100,7 +100,7 @@ def _contacts(words: Words) -> Words:
             continue
         rest.append(words[k])
         k += 1
-    return [*rest, "--set", f"contacts={','.join(found)}"]
+    return [*rest, "--set", f"contacts={','.join(contacts)}"]
 
 
 _OF_FACE: Final = {

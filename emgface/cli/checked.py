@@ -95,8 +95,8 @@ def gains(done: Iterable[Checked]) -> list[str]:
         rows = one.report[(one.report["kind"] == "channel") & (one.report["signal"] == "EMG")]
         if one.volunteer and "floor" in rows:
             measures.setdefault(one.volunteer, {})[one.file] = rows.set_index("name")
-    found = (doubtful_gains(files) for files in measures.values())
-    return [f"{file}: {text}." for each in found for file, text in each.items()]
+    doubtful = (doubtful_gains(files) for files in measures.values())
+    return [f"{file}: {text}." for each in doubtful for file, text in each.items()]
 
 
 def copies(done: Iterable[Checked]) -> list[str]:
@@ -114,10 +114,10 @@ def copies(done: Iterable[Checked]) -> list[str]:
 
 def containing(text: str, names: Iterable[str], file: str) -> list[str]:
     """Channels whose name contains a text, in any case; DataError if there is none."""
-    held = list(names)
-    chosen = [name for name in held if text.lower() in name.lower()]
-    if held and not chosen:
+    channels = list(names)
+    chosen = [name for name in channels if text.lower() in name.lower()]
+    if channels and not chosen:
         raise DataError(
-            f"no channel of {file} contains {text!r}, expected part of one of {', '.join(held)}"
+            f"no channel of {file} contains {text!r}, expected part of one of {', '.join(channels)}"
         )
     return chosen

@@ -44,9 +44,9 @@ class Commands(TyperGroup):
         from emgface.cli.aliases import translated
 
         start = next((k for k, word in enumerate(args) if not word.startswith("-")), len(args))
-        words, told = translated(args[start:])
-        if told:
-            say(told)
+        words, replacement = translated(args[start:])
+        if replacement:
+            say(replacement)
         return super().parse_args(ctx, [*args[:start], *words])
 
     def invoke(self, ctx: Any) -> Any:
@@ -74,13 +74,13 @@ def code_of_interruption(error: BaseException) -> int | None:
 
     A signal may end a library in any of its lines, whose clean-up then fails in turn.
     """
-    found: BaseException | None = error.__context__
-    while found is not None:
-        if isinstance(found, KeyboardInterrupt):
+    context: BaseException | None = error.__context__
+    while context is not None:
+        if isinstance(context, KeyboardInterrupt):
             return INTERRUPTED
-        if isinstance(found, SystemExit) and isinstance(found.code, int) and found.code > 128:
-            return found.code
-        found = found.__context__
+        if isinstance(context, SystemExit) and isinstance(context.code, int) and context.code > 128:
+            return context.code
+        context = context.__context__
     return None
 
 

@@ -99,17 +99,17 @@ def check(
                 if isinstance(recording, EmgfaceError):
                     raise recording
                 n_read += 1
-                found = checked(file.name, recording, chain, study, channels)
+                verdict = checked(file.name, recording, chain, study, channels)
             except EmgfaceError as error:
                 fail(error)
                 continue
-            done.append(found)
-            add_page(recording, found.report)
-            found.show()
-            if found.bad and exclude is not None:
-                excluded += _exclusion(recording, found.bad, file.name)
+            done.append(verdict)
+            add_page(recording, verdict.report)
+            verdict.show()
+            if verdict.bad and exclude is not None:
+                excluded += _exclusion(recording, verdict.bad, file.name)
     if done and not out.is_terminal:
-        tables = pd.concat([found.labelled() for found in done], ignore_index=True)
+        tables = pd.concat([verdict.labelled() for verdict in done], ignore_index=True)
         typer.echo(tables.map(no_formula).to_csv(index=False), nl=False)
     for folder in (path for path in paths if path.is_dir()):
         if sentence := told(folder):
@@ -118,7 +118,7 @@ def check(
         say(sentence)
     for sentence in [*gains(done), *copies(done)]:
         say(f"Warning: {sentence}")
-    n_good = sum(not found.bad for found in done)
+    n_good = sum(not verdict.bad for verdict in done)
     if n_read or n_all > 1:
         say(
             f"{n_good} of {n_all} recordings can be used; {sum(not f.refused for f in done)} pass "
@@ -172,7 +172,7 @@ def _model_checked(path: Path) -> bool:
 
     try:
         declared = kind_of(path)
-    except EmgfaceError:  # told by the reader of recordings
+    except EmgfaceError:  # reported by the reader of recordings
         return False
     kind = next((one for one in KINDS.values() if one.model == declared), None)
     if kind is None:

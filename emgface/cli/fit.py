@@ -141,7 +141,7 @@ def fit(
             bar.working(what)
             bar.show(done, total)
 
-        found = kind.fit(
+        fitted = kind.fit(
             kind.build(Person()) if generated else kind.functions.read(path),
             Evidence(
                 landmarks=landmarks, places=on_face, surfaces=given, unit=unit, rim=rim,
@@ -152,41 +152,41 @@ def fit(
             ),
             tell,
         )  # fmt: skip
-    if report is not None and found.report is None:
+    if report is not None and fitted.report is None:
         raise typer.BadParameter(
             f"--report {report} would show the fit to landmarks and surfaces, but only courses of "
             "muscles are given: leave the report out, or fit to landmarks in the same command"
         )
-    kind.functions.write(found.model, out_path)
+    kind.functions.write(fitted.model, out_path)
     say(f"Wrote {out_path}.")
-    if report is not None and found.report is not None:
-        found.report(report)
+    if report is not None and fitted.report is not None:
+        fitted.report(report)
         say(f"Wrote {report}.")
-    for sentence in found.notes:
+    for sentence in fitted.notes:
         say(sentence)
 
 
 def _volumes(given: list[str] | None) -> dict[str, float] | None:
     """Volumes [m3] by muscle, of options in cm3."""
-    found: dict[str, float] = {}
+    volumes: dict[str, float] = {}
     for muscle, text in parts_of("--volume", given).items():
         try:
-            found[muscle] = 1e-6 * float(text)
+            volumes[muscle] = 1e-6 * float(text)
         except ValueError:
             raise typer.BadParameter(
                 f"--volume {muscle}={text}: expected a volume in cm3, such as {muscle}=2.1"
             ) from None
-    return found or None
+    return volumes or None
 
 
 def parts_of(option: str, given: list[str] | None) -> dict[str, str]:
     """Text by part, of options such as jaw=jaw.stl."""
-    found: dict[str, str] = {}
+    texts: dict[str, str] = {}
     for text in given or []:
         part, equals, value = (one.strip() for one in text.partition("="))
         if not (part and equals and value):
             raise typer.BadParameter(
                 f"{option} {text}: expected PART and a value, such as jaw=jaw.stl or jaw=4"
             )
-        found[part] = value
-    return found
+        texts[part] = value
+    return texts

@@ -141,28 +141,28 @@ def _invert(path: Path, given: _Inversion) -> None:
 
     kept, data = Kept.for_result(given.out), recording_of(path, given.mapping)
     with progress("inverting") as bar:
-        found = invert(
+        inverted = invert(
             data, given.face, given.plan.simulation, given.plan.signals, given.parameters,
             calibration=given.calibration, mixing=given.mixing, kept=kept, progress=bar.show,
         )  # fmt: skip
-    write_netcdf(found, given.out, "activation")
+    write_netcdf(inverted, given.out, "activation")
     kept.remove()
-    rms = 1e3 * float((found["misfit"] ** 2).mean()) ** 0.5
+    rms = 1e3 * float((inverted["misfit"] ** 2).mean()) ** 0.5
     say(
-        f"Wrote {given.out}: {given.parameters.variant}, {found.sizes['time']} steps in "
-        f"{found.attrs['run_time_s']:.1f} s, rms distance of the tracked markers {rms:.2f} mm per "
-        f"coordinate ({found.attrs['misfit_ratio']:.0%} of their motion)."
+        f"Wrote {given.out}: {given.parameters.variant}, {inverted.sizes['time']} steps in "
+        f"{inverted.attrs['run_time_s']:.1f} s, rms distance of the tracked markers {rms:.2f} mm per "
+        f"coordinate ({inverted.attrs['misfit_ratio']:.0%} of their motion)."
     )
-    if "interval" in found.attrs:
-        width = float((found["activation_high"] - found["activation_low"]).mean())
-        told = found.attrs["undetermined"]
+    if "interval" in inverted.attrs:
+        width = float((inverted["activation_high"] - inverted["activation_low"]).mean())
+        undetermined = inverted.attrs["undetermined"]
         say(
-            f"Mean width of the {found.attrs['interval']:.0%} intervals {width:.2f}. "
-            f"At the largest motion: {told or 'every direction is determined by the data'}."
+            f"Mean width of the {inverted.attrs['interval']:.0%} intervals {width:.2f}. "
+            f"At the largest motion: {undetermined or 'every direction is determined by the data'}."
         )
-    if given.parameters.variant != "motion" and found.attrs["missing"]:
-        say(f"Muscles without own sEMG, which are free: {found.attrs['missing']}.")
-    for text in doubts(found):
+    if given.parameters.variant != "motion" and inverted.attrs["missing"]:
+        say(f"Muscles without own sEMG, which are free: {inverted.attrs['missing']}.")
+    for text in doubts(inverted):
         warnings.warn(text, stacklevel=1)
 
 
@@ -174,13 +174,13 @@ def _invert_all(
 
     with executing(workers, scheduler) as chosen, graceful_stop() as stopping:
         with progress("inverting") as bar:
-            found = invert_all(
+            outcomes = invert_all(
                 paths, given.face, given.plan, given.out, given.parameters,
                 mapping=given.mapping, calibration=given.calibration, mixing=given.mixing,
                 workers=chosen, observer=bar, stopping=stopping,
             )  # fmt: skip
     heads = ("recording", "rms distance [mm]", "of the motion", "width of intervals")
-    done = [one for one in found if one.status == "ok"]
+    done = [one for one in outcomes if one.status == "ok"]
     show_table(
         Rows(
             heads,
@@ -191,11 +191,11 @@ def _invert_all(
         ),
         f"Inverted, {given.parameters.variant}",
     )
-    for one in found:
+    for one in outcomes:
         if one not in done:
             say(f"Failed: {one.name}: {one.status.removeprefix('failed:')}: {one.reason}")
-    say(f"Wrote {len(done)} of {len(found)} activations to {given.out}.")
-    if len(done) < len(found):
+    say(f"Wrote {len(done)} of {len(outcomes)} activations to {given.out}.")
+    if len(done) < len(outcomes):
         raise typer.Exit(PARTIAL if done else BAD_INPUT)
 
 
@@ -222,7 +222,7 @@ def calibrate(
 ) -> None:
     """Estimate gain, delay and error of the sEMG of every muscle from trials with markers.
 
-    The trials are fitted at the same time, and their fits are kept in the folder NAME_trials beside the
+    The trials are fitted at the same time, and their fits are kept in the folder NAME_trials next to the
     result NAME.nc; `emgface study status` shows its state. A repeated command computes what is missing
     or whose inputs or code changed; an interrupted fit continues with its last complete iteration.
     """
@@ -243,17 +243,19 @@ def calibrate(
     folder = out_path.with_name(f"{out_path.stem}_trials")
     with executing(workers, scheduler) as chosen, graceful_stop() as stopping:
         with progress("calibrating") as bar:
-            found = calibrate_all(
+            calibrated = calibrate_all(
                 recordings, model, plan, folder, mapping=mapping, mixing=declared,
                 cross_talk=cross_talk, workers=chosen, observer=bar, stopping=stopping,
             )  # fmt: skip
-    write_netcdf(found.data, out_path, "emg_calibration")
-    say(f"Wrote {out_path}: {found.data.attrs['trials']} trials.")
-    table = found.data[["gain", "delay", "error", "estimated"]].to_dataframe()
+    write_netcdf(calibrated.data, out_path, "emg_calibration")
+    say(f"Wrote {out_path}: {calibrated.data.attrs['trials']} trials.")
+    table = calibrated.data[["gain", "delay", "error", "estimated"]].to_dataframe()
     say(table[table["estimated"] == 1].drop(columns="estimated").round(3).to_string())
     if cross_talk:
-        share = found.data["mixing"].to_dataframe()["mixing"].unstack()
+        share = calibrated.data["mixing"].to_dataframe()["mixing"].unstack()
         share = share.where(share > 0.02).dropna(how="all", axis=0).dropna(how="all", axis=1)
         say("Share of muscles (columns) in signals (rows), above 0.02:")
         say(share.round(2).fillna("").to_string())
-    say(f"Error of the face at markers that are left out: {found.model_error:.0%} of their motion.")
+    say(
+        f"Error of the face at markers that are left out: {calibrated.model_error:.0%} of their motion."
+    )

@@ -58,25 +58,25 @@ def segment(
     ending_of_labels(out_path)
     with progress("segmenting") as bar:
         bar.working("regions around the clicks")
-        found = segmented(
+        segmentation = segmented(
             paths, clicks, _numbers(label), fiducials=fiducials or (), spacing=1e-3 * spacing,
             bias=bias, unit=unit,
         )  # fmt: skip
-    write_labels(found, out_path)
+    write_labels(segmentation, out_path)
     say(f"Wrote {out_path}.")
     if picture is not None:
-        write_figure(segmentation_figure(found), picture)
+        write_figure(segmentation_figure(segmentation), picture)
         say(f"Wrote {picture}.")
-    show_table(frame(found.table), "Parts")
-    for sentence in found.notes:
+    show_table(frame(segmentation.table), "Parts")
+    for sentence in segmentation.notes:
         say(sentence)
 
 
 def _numbers(given: list[str]) -> dict[str, int]:
     """Label by part, of options such as jaw=4."""
-    found: dict[str, int] = {}
+    labels: dict[str, int] = {}
     for part, text in parts_of("--label", given).items():
         if not text.isdecimal():
             raise typer.BadParameter(f"--label {part}={text}: expected a number, such as {part}=4")
-        found[part] = int(text)
-    return found
+        labels[part] = int(text)
+    return labels

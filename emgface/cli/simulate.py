@@ -401,7 +401,7 @@ def _tell(trajectory: "xr.Dataset", written: str) -> None:
         return
     error = 1e3 * trajectory.attrs["numerical_error"]
     share = f", {100 * error / moved:.2g} % of the motion" if moved > 0.0 else ""
-    told = f"Estimated error of the time steps: {error:.2g} mm{share}"
+    sentence = f"Estimated error of the time steps: {error:.2g} mm{share}"
     of_contact = contact_share(trajectory)
-    told += f", {of_contact}." if of_contact else "."
-    say(told)
+    sentence += f", {of_contact}." if of_contact else "."
+    say(sentence)

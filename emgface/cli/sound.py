@@ -152,8 +152,8 @@ def areas(
     from emgface.anatomy.airway.area_function import areas_of_surface
     from emgface.anatomy.airway.sound import with_formants
 
-    found = areas_of_surface(surface, start, end=end, unit=unit, count=sections)
-    _finish(with_formants(found), out_path, plot, f"area function of {surface.name}")
+    tract = areas_of_surface(surface, start, end=end, unit=unit, count=sections)
+    _finish(with_formants(tract), out_path, plot, f"area function of {surface.name}")
 
 
 @app.command()
@@ -173,9 +173,9 @@ def muscles(
     from emgface.api.given import face_of, study_of
 
     tract = _tract(areas, row, from_lips, vowel)
-    found = formants_by_muscle(face_of(face, study_of(None)), tract, activation=activation)
+    by_muscle = formants_by_muscle(face_of(face, study_of(None)), tract, activation=activation)
     units = {"area": "area [mm2]", "protrusion": "protrusion [mm]"}
-    table = found.rename(columns=lambda name: units.get(name, f"{name} [Hz]")).round(3)
+    table = by_muscle.rename(columns=lambda name: units.get(name, f"{name} [Hz]")).round(3)
     if out_table is not None:
         from emgface.files import replace_file
 

@@ -301,7 +301,7 @@ def _demo(out_path: Path, full: bool, accuracy: str | None) -> int:
     page = out_path / "report.html"
     _page(out_path / "study", page, tables)
     say(
-        "The page shows the face of the study as the sEMG of each volunteer moves it, and beside it "
+        "The page shows the face of the study as the sEMG of each volunteer moves it, and next to it "
         "the recorded lip markers, for every instruction and strategy. The score rho is the "
         "correlation of the two motions in space: 1 means that they are equal except for their size."
     )
@@ -330,15 +330,15 @@ def _simulate_volunteers(
         return
     mark.unlink(missing_ok=True)
 
-    def ready(found: Path | Exception) -> None:
-        if isinstance(found, Exception):
-            say(f"The page of the first trial is omitted: {found}")
+    def ready(outcome: Path | Exception) -> None:
+        if isinstance(outcome, Exception):
+            say(f"The page of the first trial is omitted: {outcome}")
             return
-        say(f"{found} shows the motion of the first trial.")
-        show_page(found)
+        say(f"{outcome} shows the motion of the first trial.")
+        show_page(outcome)
 
-    page, beside = out_path / "first.html", cores() > 1
-    first = FirstMotion(plan, out_path / "study", page, ready, beside=beside)
+    page, at_same_time = out_path / "first.html", cores() > 1
+    first = FirstMotion(plan, out_path / "study", page, ready, beside=at_same_time)
 
     class Showing(Bar):
         """Progress bar that begins the page when the first recording exists."""

@@ -28,7 +28,7 @@ def status(
     last, running = state.runs[-1], state.running
     done = sum(state.status.values())
     if as_json:
-        told = {
+        summary = {
             "state": last.state,
             "trials": state.total,
             "status": dict(state.status),
@@ -42,7 +42,7 @@ def status(
             "damage": state.damage,
             "runs": [{"file": run.path.name, "state": run.state} for run in state.runs],
         }
-        tell(json.dumps(told, indent=2))
+        tell(json.dumps(summary, indent=2))
         return
     counts = ", ".join(f"{n} {name}" for name, n in state.status.most_common())
     tell(f"{last.first['study']}: {done} of {state.total} trials have an outcome ({counts}).")

@@ -52,8 +52,10 @@ def treat(
     for entry in [] if treated is given else treatments(treated)[-1:]:
         for report in entry["steps"]:
             facts = facts_of_report(report)
-            told = ", ".join(f"{name} {text}" for name, text in facts if text != "none") or "done"
-            say(f"Step {report['step']}, {report['kind']}: {told}.")
+            changes = (
+                ", ".join(f"{name} {text}" for name, text in facts if text != "none") or "done"
+            )
+            say(f"Step {report['step']}, {report['kind']}: {changes}.")
             for doubt in report.get("doubts", ()):
                 say(f"Warning: step {report['step']}: {doubt}.")
     say(f"Wrote {out_path}, simulated. {NOT_VALIDATED.capitalize()}.")
@@ -114,7 +116,7 @@ def compare(
 ) -> None:
     """Simulate two faces under the same activations, and compare their movement.
 
-    Complete motions are kept beside the page, and a repeated command computes only the others. Of two
+    Complete motions are kept next to the page, and a repeated command computes only the others. Of two
     jaws, the outcomes are printed and written as a table, without a page.
     """
     from emgface.api.given import simulation_of, study_of
@@ -179,10 +181,10 @@ def _compare_jaws(before: Path, after: Path, table: Path | None) -> None:
     jaws = [read_model(path, "jaw_model") for path in (before, after)]
     announce_compilation()
     with progress("simulating") as bar:
-        found = jaw_outcome_table(*jaws, progress=bar.show)
+        outcomes = jaw_outcome_table(*jaws, progress=bar.show)
     if table is not None:
-        _write_table(table, found)
-    show_table(frame(found.round(3)), "outcomes of the jaw, simulated")
+        _write_table(table, outcomes)
+    show_table(frame(outcomes.round(3)), "outcomes of the jaw, simulated")
     say(f"{NOT_VALIDATED.capitalize()}.")
 
 
@@ -192,25 +194,25 @@ def _words(text: str) -> tuple[str, ...]:
 
 def _chosen(text: str, option: str, allowed: "Iterable[str]") -> tuple[str, ...]:
     """Words joined by commas, each one of those allowed; typer.BadParameter otherwise."""
-    found, known = _words(text), tuple(allowed)
-    if not found or any(word not in known for word in found):
+    words, known = _words(text), tuple(allowed)
+    if not words or any(word not in known for word in words):
         raise typer.BadParameter(
             f"{option} = {text!r}: expected some of {', '.join(known)}, joined by commas"
         )
-    return found
+    return words
 
 
 def _numbers(text: str, option: str, high: float) -> tuple[float, ...]:
     """Numbers joined by commas, between 0 and `high`; typer.BadParameter otherwise."""
     try:
-        found = tuple(float(word) for word in _words(text))
+        values = tuple(float(word) for word in _words(text))
     except ValueError:
-        found = ()
-    if not found or not all(0.0 < value < high for value in found):
+        values = ()
+    if not values or not all(0.0 < value < high for value in values):
         raise typer.BadParameter(
             f"{option} = {text!r}: expected numbers between 0 and {high:g}, joined by commas"
         )
-    return found
+    return values
 
 
 def dose(
@@ -242,7 +244,7 @@ def dose(
 ) -> None:
     """Tabulate outcomes against the share of a lip that is removed, over generated persons.
 
-    Cases that are complete are kept beside the table, and a repeated command computes the others.
+    Cases that are complete are kept next to the table, and a repeated command computes the others.
     """
     from emgface.muscles import INSTRUCTIONS
     from emgface.pictures.stills import write_figure
@@ -276,8 +278,8 @@ def dose(
         store_netcdf(dose.cube_of(table, setting), cube)
     if figure is not None:
         write_figure(dose_figure(table, setting), figure)
-    found = dose.intervals_by_dose(table)
-    show_table(frame(found[found["median"].notna()].round(3)), "change, simulated")
+    intervals = dose.intervals_by_dose(table)
+    show_table(frame(intervals[intervals["median"].notna()].round(3)), "change, simulated")
     refused = table[table["end"] != "reached"]
     for row in refused.to_dict("records"):
         say(f"Person {row['person']}, {row['shape']} {100 * row['share']:g} %: {row['end']}")

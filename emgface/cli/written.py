@@ -18,7 +18,7 @@ WRITTEN = {
     "wave": "--out",
     **{name: f"--{name}" for name in _OWN},
 }
-"""Option of every parameter by which a command is told what to write; other paths are read."""
+"""Option of every parameter that states what a command writes; other paths are read."""
 
 _DATA = ".nc .h5 .hdf5 .mat .npz .c3d .trc .edf .bdf .poly5 .xdf .vhdr .eeg".split()
 _TEXT_OR_PICTURE = set(_OWN) - {"cube", "log"}
