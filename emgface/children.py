@@ -1,7 +1,7 @@
 """Start of further Python processes: their command and their environment.
 
 A Python process that is started with ``-c`` or ``-m`` imports modules from the current folder first,
-so that a file ``numpy.py`` beside a recording would be executed. Every process that this package
+so that a file ``numpy.py`` next to a recording would be executed. Every process that this package
 starts therefore has the option ``-P`` or, where `multiprocessing` composes the command, the variable
 PYTHONSAFEPATH of the same effect; and it searches no folder that this process does not search
 by an absolute name.

@@ -83,12 +83,12 @@ class Parameters(BaseModel):
 
 def _takes_number(annotation: Any) -> bool:
     """Return True for a type that contains numbers but no truth values."""
-    kinds, found = [annotation], set[Any]()
+    kinds, types = [annotation], set[Any]()
     while kinds:
         kind = kinds.pop()
-        found.add(kind if get_origin(kind) is not Literal else str)
+        types.add(kind if get_origin(kind) is not Literal else str)
         kinds += [] if get_origin(kind) is Literal else get_args(kind)
-    return bool(found & {int, float}) and not found & {bool, Any}
+    return bool(types & {int, float}) and not types & {bool, Any}
 
 
 def configure(model: type[ModelT], values: Mapping[str, Any], *, where: str = "") -> ModelT:
@@ -138,16 +138,16 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
 
 def _models_at(model: type[BaseModel], path: list[str]) -> list[type[BaseModel]]:
     """Parameter models at a path, whose parts are names, numbers in a tuple and tags of a union."""
-    found = [model]
+    models = [model]
     for part in path:
-        fields = [m.model_fields[part].annotation for m in found if part in m.model_fields]
+        fields = [m.model_fields[part].annotation for m in models if part in m.model_fields]
         if fields:
-            found = [inner for field in fields for inner in _models_in(field)]
+            models = [inner for field in fields for inner in _models_in(field)]
         elif not part.isdigit():
-            tagged = [m for m in found if part in {f.default for f in m.model_fields.values()
+            tagged = [m for m in models if part in {f.default for f in m.model_fields.values()
                       if isinstance(f.default, str)}]  # fmt: skip
-            found = tagged or found
-    return found
+            models = tagged or models
+    return models
 
 
 def _names_at(model: type[BaseModel], path: list[str]) -> list[str]:

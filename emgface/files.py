@@ -109,16 +109,16 @@ def different_names(pairs: Iterable[tuple[Path, str]]) -> dict[Path, str]:
 
     Names are compared without case, as some file systems do.
     """
-    found: dict[str, tuple[Path, str]] = {}
+    origins: dict[str, tuple[Path, str]] = {}
     for path, origin in pairs:
         key = str(path).casefold()
-        if key in found:
+        if key in origins:
             raise DataError(
-                f"{origin} and {found[key][1]} would both be written as {path.name}, expected different "
-                "names: rename one of them, or use different folders"
+                f"{origin} and {origins[key][1]} would both be written as {path.name}, expected "
+                "different names: rename one of them, or use different folders"
             )
-        found[key] = path, origin
-    return dict(found.values())
+        origins[key] = path, origin
+    return dict(origins.values())
 
 
 def replace_file(path: Path, write: Callable[[Path], object]) -> None:
@@ -155,7 +155,7 @@ _PART: Final = re.compile(r"\..*\.emgface-([0-9a-f]{8})-(\d+)-[0-9a-f]{8}\.part"
 
 
 def new_part(path: Path) -> Path:
-    """Name of a temporary file beside `path`, which states the process that writes it.
+    """Name of a temporary file next to `path`, which states the process that writes it.
 
     At the first call for a folder, temporary files of processes of this machine that were killed are
     removed from it.
@@ -173,11 +173,11 @@ def _remove_parts_of_killed(folder: Path) -> None:
         return  # where a process cannot be asked whether it exists
     with suppress(OSError), os.scandir(folder) as entries:
         for entry in entries:
-            found = _PART.fullmatch(entry.name)
-            if found is None or found[1] != _machine() or entry.is_symlink():
+            match = _PART.fullmatch(entry.name)
+            if match is None or match[1] != _machine() or entry.is_symlink():
                 continue
             try:
-                os.kill(int(found[2]), 0)
+                os.kill(int(match[2]), 0)
             except (ProcessLookupError, OverflowError):
                 _remove(Path(entry.path))
             except OSError:  # a process of another user
@@ -253,12 +253,12 @@ def expressible(path: str | os.PathLike[str]) -> Path:
 def locked(folder: Path) -> Generator[None]:
     """Run the block in one process at a time, where the system can lock folders; it is created."""
     folder.mkdir(parents=True, exist_ok=True)
-    with ExitStack() as held:
+    with ExitStack() as resources:
         try:
             import fcntl
 
             handle = os.open(folder, os.O_RDONLY)
-            held.callback(os.close, handle)
+            resources.callback(os.close, handle)
             fcntl.flock(handle, fcntl.LOCK_EX)  # released when it is closed
         except (ImportError, OSError):
             pass  # another system, or a file system without locks

@@ -35,8 +35,10 @@ class Plugin:
     @property
     def packages(self) -> str:
         """Names of the packages that provide the part, with their versions."""
-        of = [entry.dist for entry in self.entries]
-        return " and ".join(f"{one.name} {one.version}" if one else "a package" for one in of)
+        distributions = [entry.dist for entry in self.entries]
+        return " and ".join(
+            f"{one.name} {one.version}" if one else "a package" for one in distributions
+        )
 
     def load(self) -> Any:
         """Import the part.
@@ -77,11 +79,11 @@ def plugins(kind: str) -> Mapping[str, Plugin]:
     An entry point that two folders of the search path contain, for example of an installed package
     and of its source, counts once.
     """
-    found: dict[str, dict[str, EntryPoint]] = {}
+    entries: dict[str, dict[str, EntryPoint]] = {}
     for entry in sorted(entry_points(group=GROUPS[kind]), key=lambda one: (one.name, one.value)):
         package = entry.dist.name if entry.dist else ""
-        found.setdefault(entry.name, {}).setdefault(f"{package}={entry.value}", entry)
-    return {name: Plugin(kind, name, tuple(many.values())) for name, many in found.items()}
+        entries.setdefault(entry.name, {}).setdefault(f"{package}={entry.value}", entry)
+    return {name: Plugin(kind, name, tuple(many.values())) for name, many in entries.items()}
 
 
 def require_name(kind: str, name: str, own: Collection[str]) -> str:

@@ -43,9 +43,9 @@ def marked_encoding(start: bytes) -> str | None:
     >>> marked_encoding("t,EMG".encode("utf-16-le")), marked_encoding(b"t,EMG")
     ('utf-16-le', None)
     """
-    found = next((name for mark, name in _MARKS if start.startswith(mark)), None)
-    if found is not None:
-        return found
+    encoding = next((name for mark, name in _MARKS if start.startswith(mark)), None)
+    if encoding is not None:
+        return encoding
     # UTF-16 of western text without a mark has a zero in every second byte.
     head = start[: 2 * (min(len(start), 4096) // 2)]
     even, odd = head[::2].count(0), head[1::2].count(0)
@@ -60,9 +60,9 @@ def decoded(data: bytes, encoding: str = "utf-8", *, fallback: str | None = None
     A byte order mark, or the zeros of UTF-16, take precedence over `encoding`. If the bytes do not
     have this encoding, `fallback` is used. Raises UnicodeDecodeError if that is None.
     """
-    found = marked_encoding(data) or encoding
+    codec = marked_encoding(data) or encoding
     try:
-        return data.decode(found)
+        return data.decode(codec)
     except UnicodeDecodeError:
         if fallback is None:
             raise
@@ -138,19 +138,19 @@ def json_in(text: str) -> Any:
 
 def finite(text: str) -> float:
     """Return the number of a text; ValueError if it is not finite."""
-    found = float(text)
-    if not math.isfinite(found):
+    number = float(text)
+    if not math.isfinite(number):
         raise ValueError(f"{text} is no finite number")
-    return found
+    return number
 
 
 def _named_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    table = dict(pairs)
+    if len(table) < len(pairs):
         keys = [key for key, _ in pairs]
         twice = next(key for key in keys if keys.count(key) > 1)
         raise ValueError(f"the key {twice!r} occurs twice")
-    return found
+    return table
 
 
 def value_of_toml(text: str) -> Any:
@@ -204,7 +204,7 @@ def toml_in(text: str, name: str) -> dict[str, Any]:
 
 
 def module_toml(module: str) -> dict[str, Any]:
-    """Return the data beside a module of the package, the TOML file with its name.
+    """Return the data of a module of the package, from the TOML file with its name.
 
     Such files are part of the source: `emgface.run.digest.code_version` follows them.
     """
@@ -212,26 +212,26 @@ def module_toml(module: str) -> dict[str, Any]:
 
 
 def module_rows(module: str) -> list[dict[str, str]]:
-    """Return the rows of the table beside a module of the package, the CSV file with its name."""
+    """Return the rows of the table of a module of the package, from the CSV file with its name."""
     text = Path(module).with_suffix(".csv").read_text(encoding="utf-8")
     return list(csv.DictReader(io.StringIO(text)))
 
 
 def _line_of(error: Exception) -> int:
     """Number of the line in which an error of a TOML file is, from 1; 0 if it is not stated."""
-    found = re.search(r"at line (\d+)", str(error))
-    return int(found[1]) if found else 0
+    match = re.search(r"at line (\d+)", str(error))
+    return int(match[1]) if match else 0
 
 
 def _not_toml(name: str, error: Exception, text: str = "") -> ConfigurationError:
-    told = " ".join(str(error).split())[:200]
+    description = " ".join(str(error).split())[:200]
     line = (
         text.splitlines()[at - 1] if 0 < (at := _line_of(error)) <= len(text.splitlines()) else ""
     )
     comma = re.search(r"=\s*([-+]?\d+),(\d+)\s*(#|$)", line)
     advice = f"write {comma[1]}.{comma[2]}, with a point" if comma else "repair it"
     return ConfigurationError(
-        f"{name} is not valid TOML ({type(error).__name__}: {told}); expected lines such as "
+        f"{name} is not valid TOML ({type(error).__name__}: {description}); expected lines such as "
         f"name = 'value' in UTF-8: {advice}."
     )
 
