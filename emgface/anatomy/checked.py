@@ -19,8 +19,13 @@ CHECKS: Final[Mapping[str, Callable[[xr.Dataset], xr.Dataset]]] = {
 
 
 def read_model(path: str | Path, kind: str, *, group: str | None = None) -> xr.Dataset:
-    """Read a model of a kind of `CHECKS`, from a group of a file if one is named.
+    """Read a dataset of a kind, a model checked, from a group of a file if one is named.
 
     Raises errors as `emgface.schema.netcdf.read_netcdf` and the check of the kind.
     """
-    return CHECKS[kind](read_netcdf(path, kind, group=group))
+    return checked(read_netcdf(path, kind, group=group), kind)
+
+
+def checked(dataset: xr.Dataset, kind: str) -> xr.Dataset:
+    """Return a dataset after the check of its kind; kinds without one pass."""
+    return CHECKS[kind](dataset) if kind in CHECKS else dataset

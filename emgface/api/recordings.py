@@ -39,16 +39,17 @@ def read(path: "File", *, mapping: "Mapping[str, Any] | File | None" = None) -> 
     >>> import emgface as ef
     >>> recording = ef.read("V1_A_1.c3d", mapping="mapping.toml")  # doctest: +SKIP
     """
+    from emgface.anatomy.checked import read_model
     from emgface.api.given import recording_of
     from emgface.face.file import load_face
-    from emgface.schema.netcdf import kind_of, read_netcdf
+    from emgface.schema.netcdf import kind_of
 
     path = Path(path)
     kind = kind_of(path) if path.suffix.lower() == ".nc" else "recording"
     if kind == "face_model":
         return load_face(path)
     if kind not in ("", "recording"):
-        return read_netcdf(path, kind)
+        return read_model(path, kind)
     return recording_of(path, mapping)
 
 

@@ -111,13 +111,14 @@ def opened(
     shown: xr.Dataset | str | os.PathLike[str],
     mapping: str | Path | Mapping[str, Any] | None = None,
 ) -> tuple[xr.Dataset, Parts]:
-    """Dataset to be shown, read if a path is passed, and its parts (`emgface.show`)."""
+    """Dataset to be shown, read if a path is passed, and its parts (`emgface.show`); models checked."""
+    from emgface.anatomy.checked import checked, read_model
     from emgface.recordings.dataset import read_recording
-    from emgface.schema.netcdf import kind_of, read_netcdf
+    from emgface.schema.netcdf import kind_of
     from emgface.schema.validation import kinds
 
     if isinstance(shown, xr.Dataset):
-        return shown, {}
+        return checked(shown, kind(shown)), {}
     path = Path(shown)
     if path.is_dir() and (path / "cube.nc").is_file():
         path = path / "cube.nc"
@@ -126,7 +127,7 @@ def opened(
         if named in DRAWINGS and named != "recording":
             if reader := DRAWINGS[named].parts:
                 return _function(reader)(path)
-            return read_netcdf(path, named), {}
+            return read_model(path, named), {}
         if named in kinds() and named != "recording":
             raise DataError(
                 f"{path} is of the kind {named!r}, which has no picture, expected one of "

@@ -50,9 +50,16 @@ def test_a_turned_model_is_refused_by_its_check_and_as_a_file(kind, turn, models
     wrong = turned(models[MODELS[kind]], TURNS[turn])
     with pytest.raises(DataError, match="direction of the|inverted at rest|oriented inwards"):
         CHECKS[kind](wrong)
-    wrong.to_netcdf(tmp_path / "turned.nc")
-    told = CliRunner().invoke(app, ["check", str(tmp_path / "turned.nc")])
-    assert told.exit_code == 2, told.output
+    path = tmp_path / "turned.nc"
+    wrong.to_netcdf(path)
+    for command in (["check", str(path)], ["show", str(path), "--out", str(tmp_path / "t.png")]):
+        told = CliRunner().invoke(app, command)
+        assert told.exit_code == 2, told.output
+    for use in (ef.read, ef.show):
+        with pytest.raises(DataError, match="direction of the|inverted at rest|oriented inwards"):
+            use(path)
+    with pytest.raises(DataError, match="direction of the|inverted at rest|oriented inwards"):
+        ef.show(wrong)
 
 
 @pytest.mark.parametrize("kind", MODELS)
