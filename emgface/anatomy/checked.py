@@ -23,9 +23,9 @@ def read_model(path: str | Path, kind: str, *, group: str | None = None) -> xr.D
 
     Raises errors as `emgface.schema.netcdf.read_netcdf` and the check of the kind.
     """
-    return checked(read_netcdf(path, kind, group=group), kind)
+    return checked_model(read_netcdf(path, kind, group=group), kind)
 
 
-def checked(dataset: xr.Dataset, kind: str) -> xr.Dataset:
+def checked_model(dataset: xr.Dataset, kind: str) -> xr.Dataset:
     """Return a dataset after the check of its kind; kinds without one pass."""
     return CHECKS[kind](dataset) if kind in CHECKS else dataset

@@ -112,13 +112,13 @@ def opened(
     mapping: str | Path | Mapping[str, Any] | None = None,
 ) -> tuple[xr.Dataset, Parts]:
     """Dataset to be shown, read if a path is passed, and its parts (`emgface.show`); models checked."""
-    from emgface.anatomy.checked import checked, read_model
+    from emgface.anatomy.checked import checked_model, read_model
     from emgface.recordings.dataset import read_recording
     from emgface.schema.netcdf import kind_of
     from emgface.schema.validation import kinds
 
     if isinstance(shown, xr.Dataset):
-        return checked(shown, kind(shown)), {}
+        return checked_model(shown, kind(shown)), {}
     path = Path(shown)
     if path.is_dir() and (path / "cube.nc").is_file():
         path = path / "cube.nc"
