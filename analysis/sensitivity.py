@@ -186,7 +186,9 @@ def _finding(data: PairedScores, adjusted: float, tests: int, level: float) -> S
     reach = float(t.ppf((1.0 + level) / 2.0, n - 1)) * error
     exact = sign_flip_p(values, sign_patterns(n))
     up, down = int((values > 0).sum()), int((values < 0).sum())
-    smallest = detectable(n, test="t", alpha=(1.0 - level) / max(tests, 1)) * error * math.sqrt(n)
+    smallest = (
+        detectable(n, test="t", contrasts=max(tests, 1), alpha=1.0 - level) * error * math.sqrt(n)
+    )
     many = f"rises in {up}" if up >= down else f"falls in {down}"
     sentence = (
         f"{data.shown(mean)} over {persons(n)} "

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from functools import cache
+from itertools import combinations
 from typing import Final, Literal
 
 import numpy as np
@@ -21,6 +22,8 @@ Test = Literal["sign_flip", "wilcoxon", "t"]
 
 VOLUNTEERS: Final = (4, 6, 8, 10, 12, 16, 20, 30)
 
+BLOCK: Final = 100  #: studies whose sign patterns are computed at once, which bounds the memory
+
 MOST_DETECTABLE: Final = 1e3
 """Largest standardised difference in the search for the detectable difference."""
 
@@ -36,13 +39,17 @@ def simulated_power(
     simulations: int = 2000,
     draws: int = 999,
     seed: int = 0,
+    contrasts: int = 1,
 ) -> xr.Dataset:
     """Compute the power of a test of normal mean differences for several numbers of volunteers.
 
     `effect` and `standard_deviation` are those of the volunteers' mean differences, on the scale of
     the analysis. `volunteers` are the numbers to try, 2 or more each; the `test` over volunteers is
     two-sided; `alpha` is its size and `target` the desired power [1]. `simulations` are simulated
-    studies per number, and `draws` random sign patterns for more than 12 volunteers.
+    studies per number, and `draws` random sign patterns for more than 12 volunteers. `contrasts` are
+    tested together: between strategies of equal spread, one of which has the effect and the others
+    none. The power is that of one contrast, with p over all of them jointly (``sign_flip``), or at the
+    strictest step of Holm.
 
     The result has the dim volunteers: ``power`` [1] with its ``monte_carlo_error`` and
     ``smallest_p``; ``volunteers_needed``, the smallest number that reaches `target`, NaN if none
@@ -53,6 +60,7 @@ def simulated_power(
         number(name, given)
     count("the number of simulations", simulations, least=1)
     count("the number of draws", draws, least=1)
+    count("the number of contrasts", contrasts, least=1)
     if not standard_deviation > 0 or not math.isfinite(effect):
         raise StatisticsError(
             f"effect and standard deviation are {effect} and {standard_deviation}, expected a "
@@ -66,10 +74,12 @@ def simulated_power(
         raise StatisticsError(f"alpha and target are {alpha} and {target}, expected 0 to 1")
     rng = generator(seed)
     power, least = np.zeros(len(volunteers)), np.zeros(len(volunteers))
+    joint = contrasts if test == "sign_flip" else 1
+    strict = alpha if test == "sign_flip" else alpha / contrasts
     for index, n in enumerate(volunteers):
-        studies = effect + standard_deviation * rng.standard_normal((simulations, n))
+        studies = _differences(rng, (simulations, joint, n), effect, standard_deviation)
         p, least[index] = _chances(studies, test, draws, seed)
-        power[index] = float(np.mean(p <= alpha * (1 + 1e-9)))
+        power[index] = float(np.mean(p <= strict * (1 + 1e-9)))
     one = {"units": "1"}
     enough = [n for n, reached in sorted(zip(volunteers, power, strict=True)) if reached >= target]
     needed = enough[0] if enough else None
@@ -100,7 +110,9 @@ def simulated_power(
 
 
 @cache
-def detectable(n: int, *, test: Test, alpha: float = 0.05, target: float = 0.8) -> float:
+def detectable(
+    n: int, *, test: Test, contrasts: int = 1, alpha: float = 0.05, target: float = 0.8
+) -> float:
     """Find the smallest difference that a test of n volunteers detects with a given power.
 
     In standard deviations of the volunteers' differences [1], to about 3 % (by simulation);
@@ -110,8 +122,9 @@ def detectable(n: int, *, test: Test, alpha: float = 0.05, target: float = 0.8) 
     def reached(effect: float) -> float:
         # The draws are the same for every effect, so that power increases monotonically with it.
         found = simulated_power(
-            effect, 1.0, volunteers=[n], test=test, alpha=alpha, target=target, simulations=1000
-        )
+            effect, 1.0, volunteers=[n], test=test, alpha=alpha, target=target, simulations=1000,
+            contrasts=contrasts,
+        )  # fmt: skip
         return float(found["power"][0])
 
     low, high = 0.0, 1.0
@@ -142,7 +155,7 @@ def power(
     `effect` is the difference to be shown, on the scale of the analysis, preferably one that
     matters; by default the observed one, which makes the result as uncertain as that estimate.
     `level` is that of the interval of the standard deviation; the other options are those of
-    `simulated_power`.
+    `simulated_power`, with all contrasts of the cube tested together.
 
     The result has the dims contrast, volunteers, spread (lower, estimate, upper): ``power`` [1] at
     the observed standard deviation and at both ends of its interval, ``monte_carlo_error``,
@@ -178,6 +191,7 @@ def power(
             result = simulated_power(
                 float(effects[row]), float(deviations[row, column]), volunteers=volunteers,
                 test=test, alpha=alpha, target=target, simulations=simulations, seed=seed,
+                contrasts=len(data.pairs),
             )  # fmt: skip
             found[row, column] = result["power"].values
             errors[row, column] = result["monte_carlo_error"].values
@@ -217,16 +231,38 @@ def power(
     )  # fmt: skip
 
 
+def _differences(
+    rng: np.random.Generator, shape: tuple[int, int, int], effect: float, deviation: float
+) -> Array:
+    """Differences of strategies, shape (studies, contrasts, n); the first contrast has the effect.
+
+    The last of the strategies has the effect; the first contrast is the one with the strategy before.
+    """
+    studies, contrasts, n = shape
+    if contrasts == 1:
+        return effect + deviation * rng.standard_normal(shape)
+    strategies = math.ceil((1.0 + math.sqrt(1.0 + 8.0 * contrasts)) / 2.0)
+    values = deviation / math.sqrt(2.0) * rng.standard_normal((studies, strategies, n))
+    values[:, -1] += effect
+    pairs = list(combinations(range(strategies), 2))[::-1][:contrasts]
+    return values[:, [second for _, second in pairs]] - values[:, [first for first, _ in pairs]]
+
+
 def _chances(studies: Array, test: Test, draws: int, seed: int) -> tuple[Array, float]:
-    """Return the two-sided p of every study, shape (studies, n), and the smallest possible."""
-    n = studies.shape[1]
+    """Return the two-sided p of the first contrast of every study, and the smallest possible.
+
+    `studies` have the shape (studies, contrasts, n).
+    """
+    n = studies.shape[2]
     if test == "t":
-        error = studies.std(axis=1, ddof=1) / math.sqrt(n)
-        size: Array = np.abs(studies.mean(axis=1)) / error
+        first = studies[:, 0]
+        error = first.std(axis=1, ddof=1) / math.sqrt(n)
+        size: Array = np.abs(first.mean(axis=1)) / error
         return np.asarray(2.0 * t.sf(size, n - 1), dtype=np.float64), 0.0
     if test == "wilcoxon":
-        ranks = np.argsort(np.argsort(np.abs(studies), axis=1), axis=1) + 1
-        positive = np.where(studies > 0, ranks, 0).sum(axis=1)
+        first = studies[:, 0]
+        ranks = np.argsort(np.argsort(np.abs(first), axis=1), axis=1) + 1
+        positive = np.where(first > 0, ranks, 0).sum(axis=1)
         _, chances = signed_rank_counts(np.arange(1.0, n + 1.0))
         below = np.cumsum(chances[::2])
         extreme = np.minimum(positive, n * (n + 1) // 2 - positive)
@@ -236,9 +272,10 @@ def _chances(studies: Array, test: Test, draws: int, seed: int) -> tuple[Array, 
     else:
         drawn = generator(seed).integers(0, 2, size=(draws, n))
         patterns = np.concatenate([np.ones((1, n)), 1.0 - 2.0 * drawn])
+    # As in `sign_flip.joint_p`: sums over the root of the sum of squares, contrasts flipped together.
+    scaled = studies / np.sqrt((studies**2).sum(axis=2, keepdims=True))
     p = np.empty(len(studies))
-    for start in range(0, len(studies), 500):
-        size = np.abs(studies[start : start + 500] @ patterns.T)
-        observed = size[:, :1] - TIED * np.abs(studies[start : start + 500]).sum(1, keepdims=True)
-        p[start : start + 500] = (size >= observed).mean(axis=1)
+    for start in range(0, len(studies), BLOCK):
+        size = np.abs(scaled[start : start + BLOCK] @ patterns.T)
+        p[start : start + BLOCK] = (size.max(axis=1) >= size[:, 0, :1] - TIED).mean(axis=1)
     return p, max(2.0 ** (1 - n), 1.0 / len(patterns))

@@ -21,6 +21,7 @@ from analysis.statistics.finding import (
     shown_p,
 )
 from analysis.statistics.paired import Array, Comparison, PairedScores, volunteer_means
+from analysis.statistics.sign_flip import TIED
 
 MOST_EXACT: Final = 200
 """Largest number of volunteers of the exact distribution of signed ranks; beyond, it is normal."""
@@ -81,7 +82,7 @@ def friedman(data: Comparison) -> xr.Dataset:
     findings = [_friedman(table, lost)] if values.sizes["strategy"] > 1 else []
     method = "Friedman over volunteers (Friedman 1937), on values that all strategies have"
     result = collected(findings, method=method, level=math.nan, attrs=data.attrs | {"units": "1"})
-    ranks = rankdata(table, axis=1).mean(axis=0) if len(table) else np.full(table.shape[1], np.nan)
+    ranks = table_ranks(table).mean(axis=0) if len(table) else np.full(table.shape[1], np.nan)
     result["mean_rank"] = ("strategy", ranks, {"units": "1"})
     result["strategy"] = values["strategy"].values
     return result
@@ -100,12 +101,25 @@ def signed_rank_counts(ranks: Array) -> tuple[NDArray[np.int64], Array]:
     return np.arange(len(chances), dtype=np.int64), chances
 
 
+def tied_levels(values: Array) -> NDArray[np.int64]:
+    """Numbers of the different values in ascending order, 0 the lowest; equal but for rounding is equal.
+
+    Means of the same scores in another order or unit would otherwise be ranked by their last bit.
+    """
+    order = np.argsort(values, kind="stable")
+    steps = np.diff(values[order]) > TIED * float(np.abs(values).max(initial=0.0))
+    found = np.zeros(len(values), dtype=np.int64)
+    found[order[1:]] = np.cumsum(steps)
+    return found
+
+
 def wilcoxon_p(values: Array) -> tuple[float, float]:
     """Return the sum of positive ranks and its exact two-sided p; zeros are not ranked."""
-    moved = values[values != 0]
+    sizes = tied_levels(np.append(np.abs(values), 0.0))[:-1]  # the level of zero is 0
+    moved = values[sizes > 0]
     if not len(moved):
         return 0.0, 1.0
-    ranks = np.asarray(rankdata(np.abs(moved)), dtype=np.float64)
+    ranks = np.asarray(rankdata(sizes[sizes > 0]), dtype=np.float64)
     positive = float(ranks[moved > 0].sum())
     if len(moved) > MOST_EXACT:
         # Signs are random: the mean of the sum is half of all ranks, its variance a quarter of squares.
@@ -159,6 +173,12 @@ def _hodges_lehmann_of_many(values: Array, level: float) -> tuple[float, float, 
     return middle, smallest(rank), smallest(pairs + 1 - rank), covered
 
 
+def table_ranks(table: Array) -> Array:
+    """Ranks of the strategies in every volunteer, shape (volunteers, strategies), 1 the lowest."""
+    rows = [rankdata(tied_levels(row)) for row in table]
+    return np.array(rows, dtype=np.float64).reshape(table.shape)
+
+
 def friedman_p(table: Array) -> tuple[float, float, float, bool]:
     """Friedman's test of a table, shape (volunteers, strategies).
 
@@ -166,7 +186,7 @@ def friedman_p(table: Array) -> tuple[float, float, float, bool]:
     p by enumeration if feasible; p by the chi-square limit; and True if the first p is exact.
     """
     n, k = map(int, table.shape)
-    ranks = np.asarray(rankdata(table, axis=1), dtype=np.float64)
+    ranks = table_ranks(table)
     spread = float(((ranks - (k + 1) / 2.0) ** 2).sum())
     if spread == 0.0:
         return 0.0, 1.0, 1.0, True

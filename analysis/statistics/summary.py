@@ -89,6 +89,7 @@ def conclusions(found: Mapping[str, xr.Dataset], *, together: bool = False) -> l
     exact = found["sign_flip"]
     alpha = 1.0 - float(exact.attrs["level"])
     variable, origin = str(exact.attrs["variable"]), str(exact.attrs["origin"])
+    tested = int((exact["n"].values > 1).sum())
     told: list[str] = []
     general: dict[str, list[int]] = {}  # of a sentence, the places in `told` that it belongs to
     for index, contrast in enumerate(exact["contrast"].values):
@@ -111,7 +112,7 @@ def conclusions(found: Mapping[str, xr.Dataset], *, together: bool = False) -> l
         else:
             text = (
                 f"no significant difference in {variable} ({shown_p(p)} jointly, "
-                f"{persons(n)}); a difference may exist: {_smallest_seen(row, alpha)}."
+                f"{persons(n)}); a difference may exist: {_smallest_seen(row, alpha, tested)}."
             )
         told.append(f"{contrast}: {text}")
         second = _in_general(found["mixed_model"].isel(contrast=index), alpha)
@@ -127,14 +128,14 @@ def conclusions(found: Mapping[str, xr.Dataset], *, together: bool = False) -> l
     return told or [str(exact.attrs["sentence"])]
 
 
-def _smallest_seen(row: xr.Dataset, alpha: float) -> str:
-    """State the difference that the exact test detects with a power of 0.8."""
+def _smallest_seen(row: xr.Dataset, alpha: float, tested: int) -> str:
+    """State the difference that the exact test over `tested` contrasts detects with a power of 0.8."""
     spread = float(row["standard_deviation"])
     if spread == 0.0:
         return (
             "the volunteers do not differ, so that no smallest detectable difference can be stated"
         )
-    size = detectable(int(row["n"]), test="sign_flip", alpha=alpha) * spread
+    size = detectable(int(row["n"]), test="sign_flip", contrasts=tested, alpha=alpha) * spread
     variable, scale = str(row.attrs["variable"]), str(row.attrs["scale"])
     _, unit, factor, _ = SHOWN.get(variable, ("1", "1", 1.0, 2))
     unit = " in z" if scale == "Fisher z" else "" if unit == "1" else f" {unit}"

@@ -1,5 +1,7 @@
 """Power against closed forms."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from scipy.stats import norm
@@ -9,6 +11,7 @@ from synthetic_scores import of_differences
 from analysis.errors import StatisticsError
 from analysis.statistics.paired import compare
 from analysis.statistics.power import detectable, power, simulated_power
+from analysis.statistics.sign_flip import joint_p
 from analysis.statistics.simulated import simulated_scores
 
 
@@ -55,6 +58,23 @@ def test_smallest_difference_that_six_volunteers_show(test: str) -> None:
         exact = TTestPower().solve_power(nobs=6, alpha=0.05, power=0.8)
     assert detectable(6, test=test) == pytest.approx(exact, rel=0.03)
     assert np.isinf(detectable(5, test="sign_flip"))
+
+
+@pytest.mark.parametrize("strategies", [2, 3, 4])
+def test_the_smallest_difference_is_detected_by_the_test_of_the_report(strategies: int) -> None:
+    """The report judges a contrast by its p over all contrasts jointly: 62 % with that of one alone."""
+    pairs = list(combinations(range(strategies), 2))
+    size = detectable(6, test="sign_flip", contrasts=len(pairs))
+    values = np.random.default_rng(8).standard_normal((600, strategies, 6))
+    values[:, -1] += np.sqrt(2) * size  # the standard deviation of a difference
+    found = [joint_p([one[b] - one[a] for a, b in pairs], 999, 0)[-1] for one in values]
+    error = np.sqrt(0.8 * 0.2 / len(found))
+    assert np.mean(np.array(found) <= 0.05) == pytest.approx(0.8, abs=4 * error)
+
+
+def test_the_strictest_step_of_holm() -> None:
+    exact = TTestPower().solve_power(nobs=8, alpha=0.05 / 5, power=0.8)
+    assert detectable(8, test="t", contrasts=5) == pytest.approx(exact, rel=0.03)
 
 
 def test_power_of_a_cube() -> None:

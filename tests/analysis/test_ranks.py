@@ -128,3 +128,17 @@ def test_friedman_uses_only_values_that_all_strategies_have() -> None:
     assert float(found["statistic"][0]) == float(friedman(compare(cut))["statistic"][0])
     assert int(found["pairs"][0]) == 66
     assert "6 of 72 values are omitted" in found.attrs["sentence"]
+
+
+def test_rounding_breaks_no_tie() -> None:
+    """Tenths, in another unit or as differences of other tenths, are the same ranks as whole numbers."""
+    whole = np.array([1.0, 2.0, 3.0, -1.0, 2.0, -3.0, 4.0, 0.0])
+    table = np.array([[1, 1, 2], [3, 3, 1], [2, 2, 2], [1, 1, 5], [4, 3, 3]], dtype=float)
+    for change in (lambda x: x * 0.1, lambda x: x / 1e3 * 0.3, lambda x: (0.7 + 0.1 * x) - 0.7):
+        assert wilcoxon_p(change(whole)) == wilcoxon_p(whole)
+        assert friedman_p(change(table)) == friedman_p(table)
+    mixed = np.stack(
+        [table[:, 0] * 0.1, (table[:, 1:] * 0.1 + 0.7).T[0] - 0.7, table[:, 2] / 10], 1
+    )
+    assert friedman_p(mixed) == friedman_p(table)
+    assert wilcoxon_p(np.zeros(4)) == (0.0, 1.0)

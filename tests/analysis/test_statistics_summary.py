@@ -16,7 +16,7 @@ from analysis.statistics.finding import COUNTS, holm
 from analysis.statistics.leave_one_out import leave_one_volunteer_out
 from analysis.statistics.mixed_model import mixed_model
 from analysis.statistics.paired import compare
-from analysis.statistics.power import power
+from analysis.statistics.power import detectable, power
 from analysis.statistics.ranks import friedman, wilcoxon
 from analysis.statistics.sign_flip import sign_flip
 from analysis.statistics.simulated import simulated_scores
@@ -124,12 +124,15 @@ def test_every_result_states_its_instructions() -> None:
 
 
 def test_a_difference_not_shown_is_given_with_the_detectable_one() -> None:
-    """Six volunteers: all signs alike in four of five studies, 1.79 standard deviations."""
+    """Three strategies and six volunteers: 2.17 standard deviations, and 1.79 for one contrast alone."""
     found = study_statistics(simulated_scores(7), draws=100)
     text = conclusions(found)[0]
-    size = 1.793 * float(found["sign_flip"]["standard_deviation"][0])
+    size = detectable(6, test="sign_flip", contrasts=3) * float(
+        found["sign_flip"]["standard_deviation"][0]
+    )
     said = float(text.split("with a power of 0.8 is ")[1].split(" in z")[0])
     assert said == pytest.approx(size, rel=0.06)
+    assert size > 2.1 * float(found["sign_flip"]["standard_deviation"][0])
 
 
 @pytest.mark.parametrize("case", ["whole", "two volunteers", "one strategy failed", "identical"])
