@@ -11,7 +11,7 @@ from analysis.statistics.finding import persons
 from analysis.statistics.scope import too_few_volunteers
 from analysis.statistics.skill import LEVELS, against_baselines
 from analysis.tables import Column, Table, origin_of, recordings
-from analysis.typed import selected, status_of, texts
+from analysis.typed import scored_values, selected, texts
 
 HEADS: Final = (
     "rho", "template", "all persons", "repeat", "ceiling", "EMG of others", "shuffled EMG",
@@ -69,13 +69,12 @@ def baseline_instruction_table(cube: xr.Dataset) -> Table:
         Column("instruction"), Column("strategy"), *(Column(head) for head in HEADS),
         Column("median skill"), Column("trials with skill"), Column("no room"),
     )  # fmt: skip
-    cube = complete(cube)
+    cube = scored_values(complete(cube))
     rows: list[tuple[Any, ...]] = []
     for instruction in cube["instruction"].values:
         for strategy in cube["strategy"].values:
             one = selected(cube, {"instruction": instruction, "strategy": strategy})
-            ok = status_of(one) == "ok"
-            levels = [mean_defined(one[name].where(ok)) for name in LEVELS]
+            levels = [mean_defined(one[name]) for name in LEVELS]
             skill = one["skill"].values[np.isfinite(one["skill"].values)]
             no_room = int((texts(one["skill_reason"]) == NO_ROOM).sum())
             middle = float(np.median(skill)) if len(skill) else np.nan
@@ -92,15 +91,15 @@ def individual_table(cube: xr.Dataset) -> Table:
     errors of onset and peak [s] and of the asymmetry [1], correlation of the asymmetry with the
     measured one over trials, and the correlation of deviations within an instruction.
     """
+    cube = scored_values(cube)
     measured = cube["asymmetry_measured"]
     rows: list[tuple[Any, ...]] = []
     for strategy in cube["strategy"].values:
         one = selected(cube, {"strategy": strategy})
-        ok = status_of(one) == "ok"
         rows.append(
             (
                 str(strategy),
-                mean_defined(_log_size(one["amplitude_ratio"].where(ok))),
+                mean_defined(_log_size(one["amplitude_ratio"])),
                 mean_defined(abs(one["onset_error"])),
                 mean_defined(abs(one["peak_error"])),
                 mean_defined(abs(one["asymmetry_simulated"] - measured)),

@@ -8,7 +8,7 @@ import xarray as xr
 from analysis.cube import MARKER_DIMS, OF_INCISOR, PER_MARKER
 from analysis.errors import CubeError
 from analysis.tables import Column, Table, origin_of, recordings
-from analysis.typed import relabelled, selected
+from analysis.typed import relabelled, scored_values, selected
 
 INCISOR: Final = "lower_incisor"
 
@@ -48,10 +48,10 @@ def incisor_table(cube: xr.Dataset) -> Table | None:
     columns = [Column("instruction"), Column("strategy"), Column("trials"), Column("rho", "1", "1")]
     columns += [Column(f"rho, {end} quartile", "1", "1") for end in ("lower", "upper")]
     columns += [Column("amplitude ratio", "1", "1"), Column("rmse", "m", "mm", 1e3)]
-    rows = list[tuple[Any, ...]]()
+    rows, scored = list[tuple[Any, ...]](), scored_values(cube)
     for instruction in cube["instruction"].values:
         for strategy in cube["strategy"].values:
-            one = selected(cube, {"instruction": instruction, "strategy": strategy})
+            one = selected(scored, {"instruction": instruction, "strategy": strategy})
             rho, ratio, rmse = (one[name].values.ravel() for name in OF_INCISOR)
             known = np.isfinite(rho)
             if not known.any():

@@ -10,7 +10,7 @@ from analysis.cube import MARKER_DIMS, OF_INCISOR, PER_TRIAL, TRIAL_DIMS
 from analysis.errors import CubeError
 from analysis.flags import FLAGS
 from analysis.trajectory import names
-from analysis.typed import status_of
+from analysis.typed import scored_values, status_of
 
 
 def trials(cube: xr.Dataset) -> pd.DataFrame:
@@ -21,7 +21,8 @@ def trials(cube: xr.Dataset) -> pd.DataFrame:
     of the ``flags`` that are raised.
     """
     stacked = cube.transpose(*MARKER_DIMS, ...)
-    rho = stacked["rho"].values.reshape(-1, stacked.sizes["marker"])
+    scored = scored_values(stacked)
+    rho = scored["rho"].values.reshape(-1, stacked.sizes["marker"])
     table = pd.DataFrame(
         list(np.ndindex(*(stacked.sizes[dim] for dim in TRIAL_DIMS))), columns=list(TRIAL_DIMS)
     )
@@ -38,7 +39,7 @@ def trials(cube: xr.Dataset) -> pd.DataFrame:
     table["n_undefined"] = np.where(table["status"] == "ok", rho.shape[1] - defined, 0)
     for name in (*PER_TRIAL, *OF_INCISOR):
         if name in stacked:
-            table[name] = stacked[name].values.ravel()
+            table[name] = (scored if name in OF_INCISOR else stacked)[name].values.ravel()
     raised = [name for name in FLAGS if name in table]
     table["flags"] = [
         ", ".join(name for name in raised if row[name] == 1.0)

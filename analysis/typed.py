@@ -42,6 +42,20 @@ def status_of(cube: xr.Dataset) -> xr.DataArray:
     return texts(cube["status"])
 
 
+def scored_values(cube: xr.Dataset) -> xr.Dataset:
+    """Return the cube with NaN for the numbers of every trial that is not scored, as `build_cube` does.
+
+    A trial may be excluded later by its status alone.
+    """
+    ok = status_of(cube) == "ok"
+    found = {
+        name: data.where(ok)
+        for name, data in cube.data_vars.items()
+        if data.dtype.kind == "f" and set(ok.dims) <= set(data.dims)
+    }
+    return cube.assign(found)
+
+
 def relabelled(data: Labelled, coords: Mapping[str, Any]) -> Labelled:
     """Return the data with these coordinates."""
     return cast(Any, data).assign_coords(dict(coords))

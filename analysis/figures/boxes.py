@@ -14,7 +14,7 @@ from analysis.errors import CubeError
 from analysis.figures.style import COLOURS, HATCHES, blank, boxes, heading, legend, styled, ticks
 from analysis.tables import SHOWN, origin_of
 from analysis.trajectory import names
-from analysis.typed import selected
+from analysis.typed import scored_values, selected
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -72,7 +72,7 @@ def box_plots(
     from matplotlib.patches import Patch
 
     _, shown, factor, _ = SHOWN[variable]
-    data = cube[variable] * factor
+    data = scored_values(cube)[variable] * factor
     strategies = [str(label) for label in cube["strategy"].values]
     figure = blank(8.0, 0.6 + 2.6 * len(by))
     axes = figure.subplots(len(by), 1, squeeze=False)[:, 0]

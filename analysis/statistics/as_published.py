@@ -41,16 +41,17 @@ def repeated_measures(
 ) -> pd.DataFrame:
     """Analysis of variance of a variable with the repeated factors strategy and instruction.
 
-    Values are averaged over repetitions and markers; volunteers with a missing cell are left out.
-    The table has the effects as rows, and the columns ``F``, ``df``, ``df_error``, ``p``, ``p_holm``
-    (over the effects) and ``volunteers``. Sphericity is assumed, as in printed analyses. Raises
-    StatisticsError for fewer than two complete volunteers, or no factor with two levels.
+    Values that all strategies have are averaged over repetitions and markers; volunteers with a
+    missing cell are left out. The table has the effects as rows, and the columns ``F``, ``df``,
+    ``df_error``, ``p``, ``p_holm`` (over the effects) and ``volunteers``. Sphericity is assumed, as in
+    printed analyses, and the instructions are those of the study. Raises StatisticsError for fewer
+    than two complete volunteers, or no factor with two levels.
     """
     AnovaRM: Any = import_module("statsmodels.stats.anova").AnovaRM
 
-    data = on_scale(cube, variable, scale, limit).mean(
-        [dim for dim in ("repetition", "marker") if dim in cube[variable].dims]
-    )
+    data = on_scale(cube, variable, scale, limit)
+    # A marker that one strategy lacks would otherwise change the mean of that strategy alone.
+    data = data.where(data.notnull().all("strategy")).mean(["repetition", "marker"])
     whole = data.notnull().all([dim for dim in data.dims if dim != "volunteer"])
     data = data.isel(volunteer=np.flatnonzero(whole.values))
     factors = [name for name in FACTORS if data.sizes[name] > 1]
