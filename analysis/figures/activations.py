@@ -21,6 +21,7 @@ from analysis.figures.style import (
     ticks,
     trial_label,
 )
+from analysis.statistics.finding import persons
 from analysis.tables import origin_of
 from analysis.trajectory import names
 
@@ -148,15 +149,17 @@ def feature_boxes(
         for which, found in groups_of.items():
             boxes(panel, found, 0.34, which, whiskers=(5, 95))
         people = {str(trial.attrs.get("volunteer", "")) for trial in trials} - {""}
-        count = f"{len(trials)} trials" + (f", {len(people)} volunteers" if people else "")
+        count = f"{len(trials)} trial{'s' * (len(trials) > 1)}"
+        count += f", {persons(len(people))}" if people else ""
         panel.set_title(f"{(labels or {}).get(instruction, instruction)} ({count})")
-        panel.set_ylim(-0.03, 1.03)
+        if variable == "activation":
+            panel.set_ylim(-0.03, 1.03)
         ticks(panel, "x", range(len(places)), places)
         panel.tick_params(axis="x", rotation=60)
     for panel in axes[len(groups) :]:
         panel.set_visible(False)
     for row in range(rows):
-        axes[row * columns].set_ylabel("normalised")
+        axes[row * columns].set_ylabel("normalised" if variable == "activation" else variable)
     if sides:
         patches = [
             Patch(facecolor=COLOURS[i], hatch=HATCHES[i], edgecolor="black", label=SIDES[side])

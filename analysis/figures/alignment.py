@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import xarray as xr
 
-from analysis.errors import CubeError
+from analysis.errors import CubeError, FigureError
 from analysis.figures.style import (
     FIRST,
     SECOND,
@@ -113,6 +113,8 @@ def marker_traces(
     given = same_markers(checked(aligned, "aligned"), model)
     same_time(given, model)
     inside = np.isfinite(given.values).all(axis=(0, 1))
+    if not (inside.any() and np.isfinite(model.values).all()):
+        raise FigureError("there is no instant with all markers on both sides: omit those without")
     time = model["time"].values - model["time"].values[0]
     markers = [str(label) for label in model["marker"].values]
     axes_names = [str(label) for label in model["axis"].values] if "axis" in given.dims else []

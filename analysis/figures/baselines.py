@@ -10,7 +10,17 @@ import xarray as xr
 from analysis.baselines import has_baselines
 from analysis.descriptives import mean_defined
 from analysis.errors import FigureError
-from analysis.figures.style import COLOURS, MARKS, blank, grid, heading, legend, styled, ticks
+from analysis.figures.style import (
+    COLOURS,
+    MARKS,
+    blank,
+    grid,
+    heading,
+    legend,
+    logarithmic,
+    styled,
+    ticks,
+)
 from analysis.tables import origin_of
 from analysis.typed import selected, status_of
 
@@ -59,8 +69,7 @@ def baseline_plot(cube: xr.Dataset, *, labels: Mapping[str, str] | None = None) 
     panels[0].set_ylabel("rho")
     panels[0].axhline(0.0, color="0.6", linewidth=0.8, zorder=0)
     panels[1].set_ylabel("1 - rho (better is up)")
-    panels[1].set_yscale("log")
-    panels[1].yaxis.set_major_formatter("{x:g}")  # powers would be formulas
+    logarithmic(panels[1])
     panels[1].invert_yaxis()
     panels[1].set_xlabel("instruction")
     handles: list[Any] = [

@@ -35,6 +35,7 @@ LETTER: Final = 0.6  #: mean width of a letter, in the size of the type [1]
 POINTS: Final = 72.0  #: per inch
 LONGEST: Final = 27  #: largest number of characters of a line at an axis
 LEAST_OF_BOX: Final = 8  #: number of values below which quartiles say little, and points are drawn
+SAMPLE: Final = 6  #: width of the sample of a line in a legend, in letters
 SHADES: Final = "cividis"  #: colour map of ordered values, suitable for colour vision deficiency
 
 LITERAL: Final[dict[str, Any]] = {"text.parse_math": False}
@@ -126,27 +127,60 @@ def title_of(figure: "Figure") -> str:
 def legend(
     figure: "Figure", handles: Sequence[Any], labels: Sequence[str] | None = None, most: int = 3
 ) -> None:
-    """Add a legend below all panels, with `most` entries per row."""
-    texts = {} if labels is None else {"labels": list(labels)}
+    """Add a legend below all panels, with at most `most` entries per row, no wider than the figure."""
+    texts = [str(one.get_label()) for one in handles] if labels is None else list(labels)
+    size = float(cast(float, STYLE["legend.fontsize"])) / POINTS
+    room = int(figure.get_figwidth() / (LETTER * size))
+
+    def wide(columns: int) -> int:
+        """Number of letters of a row, with the samples of lines."""
+        rows = -(-len(texts) // columns)
+        return sum(max(map(len, texts[k : k + rows])) + SAMPLE for k in range(0, len(texts), rows))
+
+    columns = min(most, len(texts))
+    while columns > 1 and wide(columns) > room:
+        columns -= 1
+    texts = [_shortened(text, max(room - SAMPLE, LONGEST)) for text in texts]
     cast(Any, figure).legend(
-        handles=list(handles), loc="outside lower center", ncols=min(most, len(handles)), **texts
+        handles=list(handles), labels=texts, loc="outside lower center", ncols=max(columns, 1)
     )
 
 
 def ticks(panel: "Axes", which: str, places: Sequence[float], texts: Sequence[str]) -> None:
     """Set tick labels of an axis, ``"x"`` or ``"y"``, in small type if there are many.
 
-    The middle of lines above `LONGEST` characters is left out.
+    The middle of lines above `LONGEST` characters is left out; texts below an axis are upright if they
+    would overlap.
     """
     size = "x-small" if len(texts) > 8 else "medium"
     shown = ["\n".join(map(_shortened, text.split("\n"))) for text in texts]
-    getattr(cast(Any, panel), f"set_{which}ticks")(list(places), shown, fontsize=size)
+    letter = (
+        LETTER * float(cast(float, STYLE["font.size"])) * (0.7 if len(texts) > 8 else 1.0) / POINTS
+    )
+    width = cast(Any, panel).get_position().width * cast(Any, panel).figure.get_figwidth()
+    longest = max((len(line) for text in shown for line in text.split("\n")), default=0)
+    upright = which == "x" and letter * (longest + 1) * len(texts) > width
+    turned = {"rotation": 90} if upright else {}
+    getattr(cast(Any, panel), f"set_{which}ticks")(list(places), shown, fontsize=size, **turned)
 
 
-def _shortened(line: str) -> str:
-    """A line of at most `LONGEST` characters: its beginning and its end."""
-    end = LONGEST // 3
-    return line if len(line) <= LONGEST else f"{line[: LONGEST - end - 1]}…{line[-end:]}"
+def _shortened(line: str, most: int = LONGEST) -> str:
+    """A line of at most `most` characters: its beginning and its end."""
+    end = most // 3
+    return line if len(line) <= most else f"{line[: most - end - 1]}…{line[-end:]}"
+
+
+def logarithmic(panel: "Axes") -> None:
+    """Give a panel a logarithmic vertical axis with plain numbers; powers of ten would be formulas."""
+    from matplotlib.ticker import LogFormatterSciNotation
+
+    class Plain(LogFormatterSciNotation):
+        def __call__(self, x: float, pos: Any = None) -> str:
+            return f"{x:g}" if super().__call__(x, pos) else ""
+
+    cast(Any, panel).set_yscale("log")
+    panel.yaxis.set_major_formatter(Plain())
+    panel.yaxis.set_minor_formatter(Plain())
 
 
 def boxes(
