@@ -64,6 +64,17 @@ def _times(time: xr.DataArray) -> np.ndarray:
     return times
 
 
+def _check_spacing(times: np.ndarray) -> None:
+    """Refuse samples that are not equally spaced, each of which would become one output."""
+    spacing, period = np.diff(times), (times[-1] - times[0]) / (len(times) - 1)
+    if (np.abs(spacing - period) > 0.1 * period).any():
+        raise ActivationError(
+            f"the samples of the activation are {spacing.min():.4g} to {spacing.max():.4g} s apart, "
+            "expected equal intervals with timing = 'normalised', which gives one output to each: "
+            "interpolate the activation at equal intervals, or choose timing = 'recorded'"
+        )
+
+
 def control_of(
     activation: xr.DataArray, muscles: Iterable[str], parameters: SimulationParameters
 ) -> tuple[sim.Activation, float, float]:
@@ -98,6 +109,7 @@ def control_of(
     times = _times(activation["time"])
     every = parameters.output
     if parameters.timing == "normalised":
+        _check_spacing(times)
         simulated = every * np.arange(len(times), dtype=np.float64)
         pace = float((times[-1] - times[0]) / simulated[-1])
         return sim.Activation(simulated, values), float(simulated[-1]), pace

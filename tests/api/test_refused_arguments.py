@@ -7,7 +7,8 @@ from scipy.io import wavfile
 
 import emgface as ef
 from emgface.acoustics.errors import AcousticsError
-from emgface.errors import EmgfaceError
+from emgface.errors import ActivationError, EmgfaceError
+from emgface.face.control import control_of
 from emgface.face.motion import require_rest
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.inverse.markers import wanted_positions
@@ -77,3 +78,22 @@ def test_a_source_is_named_or_has_sound(tmp_path):
         wavfile.write(tmp_path / "flow.wav", 8000, values.astype(np.float32))
         with pytest.raises(EmgfaceError, match="is silent or contains values"):
             ef.sound(vowel="a", source=str(tmp_path / "flow.wav"), duration=0.01)
+
+
+@pytest.mark.parametrize("timing", ["normalised", "recorded"])
+def test_samples_that_become_outputs_are_equally_spaced(timing):
+    """Samples at 0, 0.1 and 1 s were simulated as if the second lay in the middle."""
+    times = np.array([0.0, 0.1, 1.0])
+    given = xr.DataArray(
+        [[0.0], [0.5], [1.0]], {"time": times, "muscle": ["ZYG_L"]}, ("time", "muscle")
+    )
+    parameters = SimulationParameters(timing=timing)
+    if timing == "recorded":
+        control, duration, _ = control_of(given, ["ZYG_L"], parameters)
+        np.testing.assert_array_equal(control.time, times)
+        assert duration == pytest.approx(1.0)
+        return
+    with pytest.raises(ActivationError, match="0.1 to 0.9 s apart, expected equal intervals"):
+        control_of(given, ["ZYG_L"], parameters)
+    even = given.assign_coords(time=[0.0, 0.5, 1.0])
+    assert control_of(even, ["ZYG_L"], parameters)[2] > 1.0
