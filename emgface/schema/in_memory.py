@@ -17,10 +17,10 @@ from emgface.schema.validation import declaration
 def usable(dataset: xr.Dataset, kind: str) -> xr.Dataset:
     """Return a dataset of a kind with arrays in memory and times in s; it is not changed.
 
-    Dims may have any order. Variables of the kind that are absent, and further ones, are allowed.
-    Raises UnitsError if a variable has another unit than its declaration, or none although it has a
-    dimension, and SchemaError if it has other dims, contains dates instead of seconds or complex
-    numbers, or lacks the names of its axes.
+    Dims may have any order; the result has the declared one. Variables of the kind that are absent, and
+    further ones, are allowed. Raises UnitsError if a variable has another unit than its declaration, or
+    none although it has a dimension, and SchemaError if it has other dims, contains dates instead of
+    seconds or complex numbers, or lacks the names of its axes.
     """
     declared = declaration(kind)
     arrays = declared.arrays()
@@ -67,6 +67,9 @@ def usable(dataset: xr.Dataset, kind: str) -> xr.Dataset:
                 )
             if own is not None and own.complete and own.names and name != dim:
                 result = _in_order(result, dim, own.names, kind)
+        if name not in result.coords:
+            ordered = result[name].transpose(*array.dims, ..., missing_dims="ignore")
+            result = result.assign({name: ordered})
     return result
 
 

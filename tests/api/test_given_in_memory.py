@@ -77,8 +77,9 @@ def test_what_has_one_meaning_is_converted(kind: str, change: str) -> None:
     given = made(kind)
     found = usable(SAME[change](given), kind)
     for name in given.data_vars:
+        assert found[name].dims == given[name].dims
         np.testing.assert_allclose(
-            found[name].transpose(*given[name].dims).sel(
+            found[name].sel(
                 {d: given[d].values for d in given[name].dims if given[d].dtype.kind == "U"}
             ).values,
             given[name].values,
@@ -86,6 +87,14 @@ def test_what_has_one_meaning_is_converted(kind: str, change: str) -> None:
         assert isinstance(found[name].data, np.ndarray)
     for name in clocks(given):
         np.testing.assert_allclose(found[name].values.astype(float), given[name].values)
+
+
+def test_a_recording_is_checked_in_any_order_of_its_dims() -> None:
+    """Rows were taken for channels: the check ended with a ValueError."""
+    given = made("recording", 40)
+    turned = given.map(lambda array: array.transpose(*reversed(array.dims)))
+    for table, other in zip(ef.check(given).values(), ef.check(turned).values(), strict=True):
+        pd.testing.assert_frame_equal(table, other)
 
 
 def assigned(given: xr.Dataset, name: str, **attrs) -> xr.Dataset:
