@@ -127,7 +127,7 @@ def compare(
     from emgface.schema.netcdf import kind_of
     from emgface.treatment.comparison import compare_faces
     from emgface.treatment.motions import TASKS
-    from emgface.treatment.outcomes import with_words_of_bounds
+    from emgface.treatment.outcomes import with_words
     from emgface.treatment.pages import states_of
     from emgface.treatment.plan import NOT_VALIDATED
     from emgface.treatment.reduced_pair import refuse_reduced
@@ -162,7 +162,7 @@ def compare(
         write_figure(states_of(compared.treated, motions, ("A", "D", *TASKS)), picture)
     if table is not None:
         _write_table(table, compared.outcomes)
-    show_table(frame(with_words_of_bounds(compared.outcomes.round(3), 3)), "outcomes, simulated")
+    show_table(frame(with_words(compared.outcomes.round(3), 3)), "outcomes, simulated")
     show_table(frame(compared.movement.round(3)), "movement after, relative to before, simulated")
     for name, reason in motions.failed.items():
         say(f"The movement {name} could not be simulated: {reason}")

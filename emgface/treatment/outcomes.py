@@ -33,10 +33,12 @@ class Outcome:
     unit: str
     movement: str
     value: Callable[[xr.Dataset, xr.Dataset | None], float]
-    #: words of the plain page: what a larger and a smaller value mean
+    #: sentence of the plain page, with {} for the value and its unit
     plain: str = ""
     #: whether the value in a motion is a lower bound
     at_least: Callable[[xr.Dataset], bool] = lambda motion: False
+    #: whether the value answers a question, 1 for yes and 0 for no
+    answer: bool = False
 
 
 def _marker(motion: xr.Dataset, name: str) -> Floats:
@@ -173,30 +175,43 @@ def _formant(face: xr.Dataset, motion: xr.Dataset | None) -> float:
 
 
 OUTCOMES: Final = (
-    Outcome("mouth width", "mm", "", _mouth_width, "the width of the mouth"),
+    Outcome("mouth width", "mm", "", _mouth_width, "the width of the mouth is {}"),
     Outcome("length of the upper lip margin", "mm", "", _margin("upper")),
     Outcome("length of the lower lip margin", "mm", "", _margin("lower")),
-    Outcome("upper vermilion height", "mm", "", _height("upper"), "the red of the upper lip"),
-    Outcome("lower vermilion height", "mm", "", _height("lower"), "the red of the lower lip"),
+    Outcome(
+        "upper vermilion height", "mm", "", _height("upper"),
+        "the height of the red of the upper lip is {}",
+    ),
+    Outcome(
+        "lower vermilion height", "mm", "", _height("lower"),
+        "the height of the red of the lower lip is {}",
+    ),
     Outcome("asymmetry of the lips at rest", "mm", "", _skin_asymmetry),
-    Outcome("lip opening", "mm", "opening", _opened, "how far the lips open"),
+    Outcome("lip opening", "mm", "opening", _opened, "the lips open by {}"),
     Outcome(
         "residual gap when closing", "mm2", "closing", _residual_area,
-        "the gap that remains when the lips are pressed together",
+        "the gap that is left between lips pressed together, as for p, b and m, is {}",
     ),
     Outcome("pursing, amplitude", "mm", "A", _pursed),
-    Outcome("pursing, protrusion", "mm", "A", _protrusion, "how far the lips come forward"),
-    Outcome("pursing, narrowing", "mm", "A", _narrowing, "how far the corners come together"),
+    Outcome("pursing, protrusion", "mm", "A", _protrusion, "pursed lips come forward by {}"),
     Outcome(
-        "lips close for /p b m/", "1", "closing", _lips_close, "closing the lips, as for p, b and m"
+        "pursing, narrowing", "mm", "A", _narrowing,
+        "the corners of pursed lips come together by {}",
     ),
+    Outcome("lips close for /p b m/", "1", "closing", _lips_close, answer=True),
     Outcome(
         "pressure held before the lips part", "Pa", "closing", _pressure,
-        "the pressure in the mouth that the closed lips hold", _pressure_at_least,
+        "the pressure in the mouth that closed lips hold is {}", _pressure_at_least,
     ),
-    Outcome("rounding, smallest opening", "mm2", "A", _residual_area, "the round opening of an “oo”"),
+    Outcome(
+        "rounding, smallest opening", "mm2", "A", _residual_area,
+        "the opening between pursed lips, as for “oo”, is {}",
+    ),
     Outcome("rounding, first formant of a uniform tract", "Hz", "A", _formant),
-    Outcome("smile, excursion of the corners", "mm", "D", _smile, "how far the corners move in a smile"),
+    Outcome(
+        "smile, excursion of the corners", "mm", "D", _smile,
+        "the corners of the mouth move in a smile by {}",
+    ),
     Outcome("smile, asymmetry", "1", "D", smile_asymmetry),
 )  # fmt: skip
 """All outcomes; a new one is an entry."""
@@ -242,6 +257,7 @@ def bound_of(before: bool, after: bool) -> str:
     return "both" if before and after else "before" if before else "after" if after else ""
 
 
+ANSWERS: Final = {1.0: "yes", 0.0: "no"}  #: words of the values of an answer
 AT_LEAST_WORDS: Final = {
     "before": {"before": "at least ", "change": "at most "},
     "after": {"after": "at least ", "change": "at least "},
@@ -250,9 +266,14 @@ AT_LEAST_WORDS: Final = {
 """Words before a value, by the bounds of its row and the column."""
 
 
-def with_words_of_bounds(outcomes: pd.DataFrame, digits: int = 2) -> pd.DataFrame:
-    """Outcomes for readers: values that are bounds as text, without the column ``bound``."""
+def with_words(outcomes: pd.DataFrame, digits: int = 2) -> pd.DataFrame:
+    """Outcomes for readers: bounds and answers as words, without the column ``bound``."""
     shown = outcomes.drop(columns="bound").astype(object)
+    for row in np.flatnonzero(outcomes["outcome"].isin([o.name for o in OUTCOMES if o.answer])):
+        for name in ("before", "after"):
+            value = float(outcomes[name].iloc[row])
+            shown.loc[shown.index[row], name] = ANSWERS.get(value, "")
+        shown.loc[shown.index[row], ["unit", "change"]] = "", np.nan
     for row, bound in enumerate(outcomes["bound"]):
         for name, words in AT_LEAST_WORDS.get(bound, {}).items():
             value = float(outcomes[name].iloc[row])

@@ -26,7 +26,7 @@ from emgface.pictures.page import as_json, cells, environment, policy, style, vi
 from emgface.pictures.render import VIEWS
 from emgface.pictures.stills import body_figure
 from emgface.treatment.motions import ComparedMotions
-from emgface.treatment.outcomes import CLOSED, OUTCOMES, with_words_of_bounds
+from emgface.treatment.outcomes import CLOSED, FACTOR, OUTCOMES, Outcome, with_words
 from emgface.treatment.outline import in_excision, outline_of
 from emgface.treatment.plan import CUTS, NOT_VALIDATED, Incision, Wedge, applied_plan
 from emgface.treatment.told import UNITS, facts_of_report, facts_of_step
@@ -36,6 +36,14 @@ Indices = NDArray[np.int64]
 
 CUT: Final = (0.62, 0.10, 0.16)  #: colour of the tissue that is removed
 PLAIN_UNITS: Final = {"mm": "millimetres", "mm2": "square millimetres", "Pa": "pascals"}
+PLAIN_LABELS: Final = {
+    "simulated": "points on the lips",
+    "measured": "recording",
+    "instruction": "Movement",
+    "colour": "Points and colour",
+    "displacement": "how far the skin has moved, as colour",
+}
+"""Labels of the viewer on the plain page."""
 NO_SENSATION: Final = (
     "Sensation is not modelled. The activations after the treatment are those before it, which no "
     "person will repeat exactly. Scar, joining of fibres and their retraction have no measured values."
@@ -47,21 +55,26 @@ def side_by_side(
     treated: xr.Dataset,
     motions: ComparedMotions,
     activations: dict[str, xr.DataArray],
+    *,
+    plain: bool = False,
 ) -> dict[str, Any]:
-    """Surfaces and motions of both faces as data of the viewer."""
+    """Surfaces and motions of both faces as data of the viewer; `plain` without terms of the field."""
     names = list(motions.intact)
     bodies = [_drawn_plan(intact, treated), body_of(treated)]
     rest = [f["position"].values[skin_of(f).node] for f in (intact, treated)]
     centre = middle_of(np.concatenate(rest))
     body, beside = joined(*bodies)
     data = body_data(body, np.concatenate(rest))
-    trials = [_trial(name, motions, activations[name], centre) for name in names]
+    trials = [_trial(name, motions, activations[name], centre, plain=plain) for name in names]
     markers = [f"{m} {when}" for when in ("before", "after") for m in intact["marker"].values]
     return data | {
         "beside": packed(beside),
         "sides": [-1] * intact.sizes["marker"] + [1] * treated.sizes["marker"],
         "what": "faces before (left) and after (right) a simulated treatment",
-        "instructions": {name: motions.words[name] for name in names},
+        "instructions": {
+            trial["instruction"]: "" if plain else motions.words[name]
+            for name, trial in zip(names, trials, strict=True)
+        },
         "strategies": [""],
         "markers": markers,
         "muscles": muscle_names(intact["muscle"].values),
@@ -70,7 +83,7 @@ def side_by_side(
 
 
 def _trial(
-    name: str, motions: ComparedMotions, activation: xr.DataArray, centre: Floats
+    name: str, motions: ComparedMotions, activation: xr.DataArray, centre: Floats, *, plain: bool
 ) -> dict[str, Any]:
     pair = motions.intact[name], motions.treated[name]
     n = min(m.sizes["frame"] for m in pair)
@@ -83,12 +96,15 @@ def _trial(
     ]
     sigma = [float(m.attrs["sigma_max"]) / 1e3 for m in pair]
     pace, start = pair[0].attrs["recorded_pace"], pair[0].attrs["recorded_start"]
+    told = f"Simulated, {motions.words[name]}: before on the left, after on the right"
+    shown = motions.words[name] if plain else name
     return {
-        "instruction": name,
+        "instruction": shown,
         "strategy": "",
-        "label": name,
-        "about": f"Simulated, {motions.words[name]}: before on the left, after on the right, with the "
-        f"same activations and sigma_max {sigma[0]:.4g} kPa.",
+        "label": shown,
+        "about": f"{told}."
+        if plain
+        else f"{told}, with the same activations and sigma_max {sigma[0]:.4g} kPa.",
         "time": [round(float(t), 4) for t in time],
         "skin": deltas(whole(np.concatenate(skins, axis=1), centre)),
         "simulated": deltas(whole(np.concatenate(marks, axis=1), centre)),
@@ -180,7 +196,7 @@ def compare_page(
     """
     from emgface import __version__
 
-    data = side_by_side(intact, treated, motions, activations)
+    data = side_by_side(intact, treated, motions, activations, plain=plain)
     entries = treatments_between(intact, treated)
     cuts = any(isinstance(step, CUTS) for e in entries for step in applied_plan(e).step)
     event = "operation" if cuts else "treatment"
@@ -191,10 +207,9 @@ def compare_page(
     )
     return rendered.render(
         viewer=as_json(data),
-        labels={
-            "simulated": "points on the lips" if plain else "lip markers, simulated",
-            "measured": "recording",
-        },
+        labels=PLAIN_LABELS
+        if plain
+        else {"simulated": "lip markers, simulated", "measured": "recording"},
         views=VIEWS,
         tag="simulated · before | after",
         title="Movement of the lips before and after a simulated treatment",
@@ -208,7 +223,7 @@ def compare_page(
             outcomes, movements, [motions.words[n] for n in motions.failed], event
         ),
         event=event,
-        outcomes=_table(with_words_of_bounds(outcomes), "outcomes, simulated"),
+        outcomes=_table(with_words(outcomes), "outcomes, simulated"),
         movements=_table(movements, "movement after, relative to before, simulated"),
         warning=NOT_VALIDATED,
         limits=NO_SENSATION,
@@ -242,49 +257,58 @@ def plain_sentences(
 
     `lost` are the words of movements that could not be simulated, `event` that of the treatment.
     """
-    words = {outcome.name: outcome.plain for outcome in OUTCOMES if outcome.plain}
-    found: list[str] = []
+    known, found = {o.name: o for o in OUTCOMES if o.plain}, list[str]()
+    told = set[str]()
     for row in outcomes.itertuples():
-        name, before, after = str(row.outcome), float(row.before), float(row.after)  # pyright: ignore
-        known = np.isfinite([before, after])
-        if name in words and known.sum() == 1:
-            when = "before" if known[0] else "after"
-            found.append(f"The model could work out {words[name]} only {when} the {event}.")
-        if name not in words or not known.all():
+        outcome, unit = known.get(str(row.outcome)), str(row.unit)
+        values = {"before": float(row.before), "after": float(row.after)}  # pyright: ignore
+        finite = [when for when, value in values.items() if np.isfinite(value)]
+        if outcome is None or not finite:
             continue
-        if row.unit == "1":
-            told = ["no", "yes"]
-            was, now = told[before > 0.5], told[after > 0.5]
-            found.append(f"In the model, {words[name]}: {now} (before: {was}).")
-            continue
-        if row.bound:
-            least = {one: "at least " * (row.bound in (one, "both")) for one in ("before", "after")}
+        bounded = [when for when in finite if row.bound in (when, "both")]
+        worded = {
+            when: "at least " * (when in bounded) + _plain(values[when], unit) for when in finite
+        }
+        if len(finite) == 1:
+            other = next(when for when in values if when not in finite)
             found.append(
-                f"In the model, {words[name]} is {least['after']}{after:.0f} "
-                f"{PLAIN_UNITS[str(row.unit)]} (before: {least['before']}{before:.0f})."
+                f"In the model, {outcome.plain.format(worded[finite[0]])} {finite[0]} the {event}; the "
+                f"model could not work it out {other}."
             )
             continue
-        if row.unit == "mm2" and max(before, after) <= 1e6 * CLOSED:
-            found.append(
-                f"In the model, {words[name]} is below one square millimetre, as before, which counts "
-                "as closed."
-            )
-            continue
-        if abs(after - before) < 0.05 * max(abs(before), 0.2):
-            found.append(f"In the model, {words[name]} stays about the same.")
-            continue
-        size = "more" if after > before else "less"
-        unit = PLAIN_UNITS[str(row.unit)]
-        if min(before, after) < 0.0:  # a number below zero says nothing to a person
-            found.append(
-                f"In the model, {words[name]}: {abs(after - before):.1f} {unit} {size} than before."
-            )
-            continue
-        found.append(
-            f"In the model, {words[name]}: {after:.1f} instead of {before:.1f} {unit}, which is {size}."
-        )
+        told.add(outcome.movement)
+        found.append(f"In the model, {_compared(outcome, values, worded, bool(bounded))}.")
     for row in movements.itertuples():
         share = float(row[3])
-        if np.isfinite(share):
+        if np.isfinite(share) and row.movement not in told:  # its outcomes say what it is for
             found.append(f"“{row.words}”: the movement is {100 * share:.0f} % of that before.")
     return found + [f"“{name}”: the model could not work out this movement." for name in lost]
+
+
+def _plain(value: float, unit: str) -> str:
+    """Number of an outcome with the word of its unit; a pressure in whole hundreds below it."""
+    text = f"{100.0 * (value // 100.0):.0f}" if unit == "Pa" else f"{value:.1f}"
+    return f"{text} {PLAIN_UNITS[unit]}"
+
+
+def _compared(
+    outcome: Outcome, values: dict[str, float], worded: dict[str, str], bounded: bool
+) -> str:
+    """Words on a value after and before the treatment, and on which of them is larger."""
+    before, after = values["before"], values["after"]
+    size = "more" if after > before else "less"
+    if bounded:
+        return f"{outcome.plain.format(worded['after'])} (before: {worded['before']})"
+    if outcome.unit == "mm2" and max(before, after) <= FACTOR["mm2"] * CLOSED:
+        less = "less than one square millimetre, as before, which counts as closed"
+        return outcome.plain.format(less)
+    if min(before, after) < 0.0:  # a number below zero says nothing to a person
+        return outcome.plain.format(
+            f"{_plain(abs(after - before), outcome.unit)} {size} than before"
+        )
+    same = abs(after - before) < 0.05 * max(abs(before), 0.2)
+    closed = "; less than one counts as closed" if outcome.unit == "mm2" else ""
+    than = "about as before" if same else f"{size} than before"
+    return (
+        f"{outcome.plain.format(worded['after'])}, {than} ({worded['before'].split()[0]}){closed}"
+    )

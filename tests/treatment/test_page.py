@@ -2,6 +2,7 @@
 
 import html
 import io
+import json
 import re
 from dataclasses import replace
 
@@ -14,7 +15,7 @@ import emgface as ef
 from emgface.choices import configure
 from emgface.face.simulation_parameters import SimulationParameters
 from emgface.treatment.motions import compared_motions, gestures
-from emgface.treatment.outcomes import OUTCOMES, movement_table, outcome_table
+from emgface.treatment.outcomes import OUTCOMES, movement_table, outcome_table, with_words
 from emgface.treatment.pages import compare_page, plain_sentences, states_of
 from emgface.treatment.plan import NOT_VALIDATED
 from tests.browser import needs_browser, started, until
@@ -72,6 +73,16 @@ def test_the_picture_shows_the_treated_face(made, tmp_path):
     assert yellow.sum() > 50  # the suture
 
 
+def test_the_plain_page_names_movements_by_their_words(pages):
+    """The letter of an instruction, or the name of a task, is a term of the field."""
+    for page, names in zip(pages, ({"A": "purse lips"}, {"purse lips": ""}), strict=True):
+        data = re.search(r'(?s)id="motions">(.*?)</script>', page)
+        assert data is not None
+        shown = json.loads(data[1])
+        assert shown["instructions"] == names
+        assert {trial["instruction"] for trial in shown["trials"]} == set(names)
+
+
 def test_the_plain_page_states_what_could_not_be_worked_out(made):
     """A movement without result, and a number of one face only, are named and not left out."""
     coarse, treated, motions, drives, (outcomes, movements) = made
@@ -81,7 +92,8 @@ def test_the_plain_page_states_what_could_not_be_worked_out(made):
     one.loc[one["outcome"] == "mouth width", "after"] = np.nan
     page = compare_page(coarse, treated, lost, drives, (one, movements), plain=True)
     assert "“press the lips together”: the model could not work out this movement." in page
-    assert "could work out the width of the mouth only before the operation" in page
+    assert "before the operation; the model could not work it out after." in page
+    assert page.count("the model could not work it out after") == 1
     noted = replace(motions, notes=("The pressure held after is a lower bound: because.",))
     assert "a lower bound: because." in compare_page(
         coarse, treated, noted, drives, (outcomes, movements)
@@ -122,7 +134,8 @@ def test_no_number_of_the_plain_page_is_below_zero():
         if outcome.plain and outcome.unit in ("mm", "mm2", "Pa"):
             row = {"outcome": outcome.name, "unit": outcome.unit, "before": -2.0, "after": 3.0}
             (told,) = plain_sentences(pd.DataFrame([row | {"bound": ""}]), none)
-            assert "-" not in told.replace(outcome.plain, "") and "5.0" in told and "more" in told
+            assert "-" not in told and "more than before" in told
+            assert ("-2" not in told) and ("5.0" in told or outcome.unit == "Pa")
 
 
 @needs_browser
@@ -205,13 +218,18 @@ def test_on_a_telephone_nothing_is_covered_and_the_plain_page_has_no_terms(
             assert browser.execute_script(shown) != plain  # its words are terms of the field
             text = browser.execute_script("return document.body.innerText")
             assert NOT_VALIDATED in text
-            for term in ("sigma_max", "orbicularis", "Activation at this instant", "corner left"):
+            text += browser.execute_script(
+                "return document.getElementById('stage').getAttribute('aria-label')"
+            )
+            terms = ("sigma_max", "orbicularis", "Activation at this instant", "corner left",
+                     "Markers and colour")  # fmt: skip
+            for term in terms:
                 assert (term in text) != plain, term
 
 
 def test_small_gaps_are_closed_lips_on_the_plain_page():
     """A gap counts as closed below 1 mm2, and a person is not told that it became smaller."""
-    gap = next(o.name for o in OUTCOMES if "gap that remains" in o.plain)
+    gap = next(o.name for o in OUTCOMES if "gap that is left" in o.plain)
     none = pd.DataFrame(columns=["movement", "words", "instruction", "amplitude ratio"])
 
     def told(name, unit, before, after):
@@ -220,7 +238,51 @@ def test_small_gaps_are_closed_lips_on_the_plain_page():
         return sentence
 
     assert "counts as closed" in told(gap, "mm2", 0.96, 0.02)
-    assert "3.0 instead of 0.0 square millimetres, which is more" in told(gap, "mm2", 0.02, 3.0)
-    assert "40.0 instead of 50.0 millimetres, which is less" in told(
-        "mouth width", "mm", 50.0, 40.0
+    more = told(gap, "mm2", 0.02, 3.0)
+    assert "is 3.0 square millimetres, more than before (0.0); less than one counts as" in more
+    less = told("mouth width", "mm", 50.0, 40.0)
+    assert less.endswith("the width of the mouth is 40.0 millimetres, less than before (50.0).")
+    assert "5400 pascals, more than before (4700)." in told(
+        "pressure held before the lips part", "Pa", 4707.4, 5469.7
     )
+
+
+def test_the_plain_page_says_one_thing_about_every_movement():
+    """A movement with outcomes in words has no share of its own, which may contradict them."""
+    plain = {o.movement for o in OUTCOMES if o.plain and o.movement}
+    rows = [
+        {"outcome": o.name, "unit": o.unit, "before": 3.0, "after": 2.0, "bound": ""}
+        for o in OUTCOMES
+    ]
+    moved = pd.DataFrame(
+        [(name, f"words of {name}", 1.09, 0.9) for name in (*plain, "B")],
+        columns=["movement", "words", "amplitude ratio", "rho"],
+    )
+    told = plain_sentences(pd.DataFrame(rows), moved)
+    assert [one for one in told if "words of" in one] == [
+        "“words of B”: the movement is 109 % of that before."
+    ]
+    assert len(told) == 1 + sum(bool(o.plain) for o in OUTCOMES)
+    lost = plain_sentences(pd.DataFrame(rows).assign(after=np.nan, before=np.nan), moved)
+    assert len(lost) == len(moved)
+
+
+def test_answers_are_words_for_readers():
+    """A question has yes or no, and neither a unit nor a change, in every table for readers."""
+    rows = [
+        {
+            "outcome": o.name,
+            "unit": o.unit,
+            "before": 1.0,
+            "after": 0.0,
+            "change": -1.0,
+            "bound": "",
+        }
+        for o in OUTCOMES
+    ]
+    shown = with_words(pd.DataFrame(rows)).set_index("outcome")
+    for outcome in OUTCOMES:
+        row = shown.loc[outcome.name]
+        assert outcome.answer == ((row["before"], row["after"]) == ("yes", "no"))
+        assert outcome.answer == (row["unit"] == "") == bool(pd.isna(row["change"]))
+        assert not (outcome.answer and outcome.plain)

@@ -16,7 +16,7 @@ from emgface.treatment import dose, jobs, pressure
 from emgface.treatment.cut_difference import with_cut_difference
 from emgface.treatment.dose_figure import dose_figure
 from emgface.treatment.motions import ComparedMotions
-from emgface.treatment.outcomes import OUTCOMES, outcome_table, with_words_of_bounds
+from emgface.treatment.outcomes import OUTCOMES, outcome_table, with_words
 from emgface.treatment.pages import plain_sentences
 from emgface.treatment.pressure import LoadSteps, PressureHeld, pressure_forces, pressure_held
 
@@ -185,7 +185,7 @@ def test_a_lower_bound_is_one_in_table_page_and_interval(coarse, monkeypatch):
         assert row["bound"] == bound and row["after"] == after.pressure
         np.testing.assert_equal(row["change"], change)
         assert (table["bound"] != "").sum() == (bound != "")
-        shown = with_words_of_bounds(table).set_index("outcome").loc[NAME]
+        shown = with_words(table).set_index("outcome").loc[NAME]
         assert str(shown["after"]).startswith("at least") == (bound in ("after", "both"))
         words = {"after": "at least 1600.00", "before": "at most -1600.00"}.get(bound, change)
         np.testing.assert_equal(shown["change"], words)

@@ -264,7 +264,7 @@ function listen() {
 
 async function begin() {
   radios("strategy", data.strategies, (value) => value);
-  radios("instruction", Object.keys(data.instructions), (value) => `${value}: ${data.instructions[value]}`);
+  radios("instruction", Object.keys(data.instructions), (value) => [value, data.instructions[value]].filter(Boolean).join(": "));
   muscles();
   const stops = data.displacement.map((c) => `rgb(${c.map((x) => Math.round(255 * x)).join()})`);
   $("colours").style.background = `linear-gradient(90deg,${stops.join()})`;
