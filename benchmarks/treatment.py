@@ -181,7 +181,7 @@ TRENDS: Final = (
     "pursing, amplitude", "pursing, narrowing", "lip opening", "pursing, protrusion",
 )  # fmt: skip
 FREE: Final = ("pursing, protrusion",)
-"""Outcomes without a required trend: a shorter ring is pressed forward by the teeth."""
+"""Outcomes without a required trend: pursed lips of a shorter ring lie further forward."""
 
 
 def against_width(face: xr.Dataset, *, contact: bool) -> dict[str, Floats]:

@@ -98,7 +98,14 @@ def configure(model: type[ModelT], values: Mapping[str, Any], *, where: str = ""
     if a name is unknown (with the nearest valid one) or a value is invalid.
     """
     try:
-        return model.model_validate(dict(values))
+        given = dict(values)
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(
+            f"{where or model.__name__} is {type(values).__name__}, expected a table of names and "
+            "values: specify a mapping"
+        ) from error
+    try:
+        return model.model_validate(given)
     except ValidationError as error:
         complaints = [_complaint(model, detail) for detail in error.errors()]
         place = f"{where}: " if where else ""

@@ -68,10 +68,10 @@ def treat(
     folder = Path()
     if isinstance(plan, Plan):
         own = plan
-    elif isinstance(plan, Mapping):
-        own = configure(Plan, plan, where="plan")
-    else:
+    elif isinstance(plan, str | os.PathLike):
         own, folder = read_plan(Path(plan)), Path(plan).parent
+    else:
+        own = configure(Plan, plan, where="plan")
     if (
         not isinstance(face, xr.Dataset)
         and Path(face).is_file()

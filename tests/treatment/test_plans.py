@@ -301,3 +301,10 @@ def test_every_comparison_refuses_what_is_no_treatment(coarse, operated):
 def test_a_resection_is_refused_for_a_face(coarse):
     with pytest.raises(FaceError, match="applies to a jaw model"):
         ef.treat(coarse, {"step": [{"kind": "resection"}]})
+
+
+@pytest.mark.parametrize("plan", [None, 3, [{"kind": "wedge", "width": 8.0, "lip": "upper"}], {3}])
+def test_what_is_no_plan_is_refused_in_memory(coarse, plan):
+    """A list of steps, or nothing, in the place of a plan: the sentence names what is expected."""
+    with pytest.raises(ConfigurationError, match="expected a table of names and values"):
+        ef.treat(coarse, plan)
