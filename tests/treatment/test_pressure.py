@@ -190,7 +190,7 @@ def test_a_lower_bound_is_one_in_table_page_and_interval(coarse, monkeypatch):
         words = {"after": "at least 1600.00", "before": "at most -1600.00"}.get(bound, change)
         np.testing.assert_equal(shown["change"], words)
         told = next(s for s in plain_sentences(table, table.iloc[:0, :4]) if "pressure" in s)
-        assert ("at least 10600 pascals" in told) == (bound in ("after", "both"))
+        assert ("is at least 10600 pascals" in told) == (bound in ("after", "both"))
         assert ("before: at least 10600" in told) == (bound in ("before", "both"))
         both = with_cut_difference(table, table).set_index("outcome").loc[NAME]
         ends = both["change, lowest of both cuts"], both["change, highest of both cuts"]
