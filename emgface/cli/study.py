@@ -338,7 +338,7 @@ def _simulate_volunteers(
         show_page(outcome)
 
     page, at_same_time = out_path / "first.html", cores() > 1
-    first = FirstMotion(plan, out_path / "study", page, ready, beside=at_same_time)
+    first = FirstMotion(plan, out_path / "study", page, ready, threaded=at_same_time)
 
     class Showing(Bar):
         """Progress bar that begins the page when the first recording exists."""
@@ -346,7 +346,7 @@ def _simulate_volunteers(
         def finished(self, label: str, status: str) -> None:
             """Advance by one, and begin the page of the first recording."""
             super().finished(label, status)
-            first.of(folder / "recordings" / f"{label.replace(' ', '_')}_1.nc")
+            first.begin(folder / "recordings" / f"{label.replace(' ', '_')}_1.nc")
 
     with progress("simulated volunteers", bar=Showing) as bar:
         make_volunteers(

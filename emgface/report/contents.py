@@ -45,11 +45,11 @@ def verdict(cube: xr.Dataset) -> list[str]:
     """Summarise the outcome of a study in sentences, problems first."""
     if is_empty(cube):
         return ["This study contains no trial; there is nothing to report."]
-    found = counts(cube, by=()).iloc[0]
-    total, ok = int(found["trials"]), int(found["ok"])
-    lost = f"{int(found['failed'])} failed, {int(found['excluded'])} were excluded"
-    lost += f", {int(found['missing'])} are missing"
-    told = [f"{ok} of {_n(total, 'trial')} could be scored; {lost}."]
+    totals = counts(cube, by=()).iloc[0]
+    total, ok = int(totals["trials"]), int(totals["ok"])
+    lost = f"{int(totals['failed'])} failed, {int(totals['excluded'])} were excluded"
+    lost += f", {int(totals['missing'])} are missing"
+    sentences = [f"{ok} of {_n(total, 'trial')} could be scored; {lost}."]
     if ok == 0:
         return [
             f"No trial could be scored: of {_n(total, 'trial')}, {lost}. There are no scores and "
@@ -57,40 +57,42 @@ def verdict(cube: xr.Dataset) -> list[str]:
         ]
     rho = cube["rho"].values[np.isfinite(cube["rho"].values)]
     if not len(rho):
-        told.append(
+        sentences.append(
             "No marker has a defined rho, because in every scored trial the measured or the "
             "simulated marker does not move."
         )
-        return told
+        return sentences
     if len(rho) > 1 and float(np.ptp(rho)) < 1e-12:
-        told.append(
+        sentences.append(
             f"rho is {rho[0]:.3g} everywhere: all {len(rho)} values are identical, so that "
             "strategies cannot be distinguished and tests of differences are meaningless. "
             "Measured data do not have this property; check the input."
         )
     montage = str(cube.attrs.get("montage", COMPLETE.sentence))
     if montage != COMPLETE.sentence:
-        told.append(f"The montage is incomplete: {montage}.")
-    told += features(cube) + accuracy(cube) + reduction(cube)
+        sentences.append(f"The montage is incomplete: {montage}.")
+    sentences += features(cube) + accuracy(cube) + reduction(cube)
     if cube.sizes["volunteer"] == 1:
-        told.append(
+        sentences.append(
             "There is one volunteer; the results cannot be generalised to other people, and "
             "no test is performed."
         )
     elif cube.sizes["volunteer"] < LEAST_VOLUNTEERS:
-        told.append(
+        sentences.append(
             f"There are {cube.sizes['volunteer']} volunteers; intervals require "
             f"{LEAST_VOLUNTEERS} or more and are not given."
         )
     if cube.sizes["strategy"] == 1:
-        told.append(f"There is one strategy, {cube['strategy'].values[0]}; there is no comparison.")
-    return told
+        sentences.append(
+            f"There is one strategy, {cube['strategy'].values[0]}; there is no comparison."
+        )
+    return sentences
 
 
 def features(cube: xr.Dataset) -> list[str]:
     """State in how many scored trials the feature of a muscle has a narrow range or is mainly noise."""
     reasons = cube["reason"].values[cube["status"].values == "ok"].tolist()
-    told: list[str] = []
+    sentences: list[str] = []
     for code, what, remedy in (
         ("narrow count", "counts within a narrow range of steps, which Eq. 8 stretches to 0-1",
          "the findings of each activation state the threshold that would serve"),
@@ -103,11 +105,11 @@ def features(cube: xr.Dataset) -> list[str]:
             continue
         counted = Counter(re.findall(r"[A-Z]+_[LR]", " ".join(hits)))
         most, times = counted.most_common(1)[0]
-        told.append(
+        sentences.append(
             f"In {len(hits)} of {_n(len(reasons), 'scored trial')}, the feature of at least one muscle "
             f"{what} (first of all {most}, named in {times}); {remedy}."
         )
-    return told
+    return sentences
 
 
 def accuracy(cube: xr.Dataset) -> list[str]:
@@ -163,18 +165,23 @@ def inference(cube: xr.Dataset, *, known: dict[str, xr.Dataset] | None = None) -
             ]
         )
     try:
-        found = known or study_statistics(cube)
+        statistics = known or study_statistics(cube)
     except AnalysisError as error:
         return Inference([f"The tests could not be performed: {error}."])
     return Inference(
-        conclusions(found, together=True), statistics_table(found), _results(found), _checks(found)
+        conclusions(statistics, together=True),
+        statistics_table(statistics),
+        _results(statistics),
+        _checks(statistics),
     )
 
 
-def _results(found: dict[str, xr.Dataset]) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:
+def _results(
+    statistics: dict[str, xr.Dataset],
+) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:
     """Tests with method and scope, and their sentences: each once, for all tests that share it."""
     tests: dict[str, list[str]] = {}
-    for name, each in found.items():
+    for name, each in statistics.items():
         scope = f" ({each.attrs['scope']})" if "scope" in each.attrs else ""
         head = f"{name.replace('_', ' ')}: {each.attrs['method']}{scope}"
         for sentence in each["sentence"].values.tolist():
@@ -182,15 +189,15 @@ def _results(found: dict[str, xr.Dataset]) -> tuple[tuple[tuple[str, ...], tuple
     sentences: dict[tuple[str, ...], list[str]] = {}
     for sentence, heads in tests.items():
         sentences.setdefault(tuple(heads), []).append(sentence)
-    return tuple((heads, tuple(told)) for heads, told in sentences.items())
+    return tuple((heads, tuple(texts)) for heads, texts in sentences.items())
 
 
-def _checks(found: dict[str, xr.Dataset]) -> tuple[tuple[str, str, str, str], ...]:
+def _checks(statistics: dict[str, xr.Dataset]) -> tuple[tuple[str, str, str, str], ...]:
     """Tests, assumption, verdict and its basis; the verdict of a test is the worst of all contrasts."""
     order = ["violated", "doubtful", "not checked", "met", "by design"]
     tests: dict[tuple[str, str, str], list[str]] = {}
     assumptions: dict[tuple[str, str, str], list[str]] = {}
-    for name, each in found.items():
+    for name, each in statistics.items():
         for assumption in each["assumption"].values if "verdict" in each else ():
             one = each.sel(assumption=assumption)
             said = [str(verdict) for verdict in one["verdict"].values]
@@ -217,16 +224,16 @@ def varied(cube: xr.Dataset, notes: list[str]) -> xr.Dataset | None:
         return None
 
 
-def conclusions_held(cube: xr.Dataset, notes: list[str]) -> tuple[list[str], Table] | None:
+def other_choices(cube: xr.Dataset, notes: list[str]) -> tuple[list[str], Table] | None:
     """Compare the conclusions under every choice and without flagged trials; None if nothing varies."""
     if not np.isfinite(cube["rho"].values).any() or len(levels_of(cube)) < 2:
         return None
     try:
-        found = robustness(cube)
+        result = robustness(cube)
     except AnalysisError as error:
         notes.append(f"The conclusions under other choices could not be compared: {error}")
         return None
-    return robustness_sentences(found), robustness_table(found)
+    return robustness_sentences(result), robustness_table(result)
 
 
 def exclusions(results: Results) -> Table:
@@ -235,8 +242,8 @@ def exclusions(results: Results) -> Table:
     rows: list[tuple[Any, ...]] = []
     if not is_empty(cube):
         listed = trials(cube)
-        told = listed[(listed["status"] != "ok") | (listed["reason"] != "")]
-        for (status, reason), group in told.groupby(["status", "reason"], sort=False):
+        noted = listed[(listed["status"] != "ok") | (listed["reason"] != "")]
+        for (status, reason), group in noted.groupby(["status", "reason"], sort=False):
             status = "scored, with a remark" if status == "ok" else status
             labels = group[list(TRIAL_DIMS)].astype(str).agg(" ".join, axis=1).tolist()
             more = f" and {len(labels) - 6} more" if len(labels) > 6 else ""
@@ -264,8 +271,8 @@ def _why_undefined(cube: xr.Dataset, one: Any) -> str:
     if "marker_reason" not in cube:
         return text
     reasons = cube["marker_reason"].sel({dim: one[dim] for dim in TRIAL_DIMS}).values
-    told = sorted({str(reason) for reason in reasons.tolist() if reason})
-    return f"{text}: {'; '.join(told)}" if told else text
+    distinct = sorted({str(reason) for reason in reasons.tolist() if reason})
+    return f"{text}: {'; '.join(distinct)}" if distinct else text
 
 
 def cost(results: Results) -> Table | None:

@@ -114,13 +114,13 @@ def formant_figure(results: Results) -> list[Drawn]:
     )
 
 
-def incisor_figure(results: Results, found: Incisors) -> list[Drawn]:
+def incisor_figure(results: Results, incisors: Incisors) -> list[Drawn]:
     """Draw the path of the lower incisor in one trial."""
     text = (
-        f"Trial {found.label}: displacement of the lower incisor relative to the skull along x, y and "
-        "z, measured (aligned) and simulated."
+        f"Trial {incisors.label}: displacement of the lower incisor relative to the skull along x, y "
+        "and z, measured (aligned) and simulated."
     )
-    return _drawn(results, "incisor", "Lower incisor", text, lambda: found.figure)
+    return _drawn(results, "incisor", "Lower incisor", text, lambda: incisors.figure)
 
 
 def scored_face_figure(results: Results, faces: xr.Dataset, body: Body) -> list[Drawn]:
@@ -133,14 +133,14 @@ def scored_face_figure(results: Results, faces: xr.Dataset, body: Body) -> list[
     return _drawn(results, "faces", "Faces", text, lambda: study_faces(faces, body))
 
 
-def choices_figure(results: Results, found: xr.Dataset) -> list[Drawn]:
+def choices_figure(results: Results, effects: xr.Dataset) -> list[Drawn]:
     """Draw the effects of the varied choices."""
     text = (
         "Change of rho caused by each varied choice, with all other choices at their reference, for "
         "each strategy: mean over volunteers with its interval. Open symbols: not significant "
         "after Holm's correction over all changes."
     )
-    return _drawn(results, "choices", "Open choices", text, lambda: sensitivity_plot(found))
+    return _drawn(results, "choices", "Open choices", text, lambda: sensitivity_plot(effects))
 
 
 def trial_figures(results: Results) -> list[Drawn]:
@@ -221,15 +221,15 @@ def _features(results: Results) -> list[Drawn]:
         results.study is not None and results.intake is not None and results.laboratory is not None
     )
     strategy = "act_all" if "act_all" in results.study.strategies else results.study.strategies[0]
-    found: list[xr.Dataset] = []
+    activations: list[xr.Dataset] = []
     for recording in results.intake.recordings:
         if recording.error is not None or recording.excluded:
             continue
         try:
-            found.append(results.activation(recording, strategy))
+            activations.append(results.activation(recording, strategy))
         except FAILURES:  # the trial is in the list of exclusions
             continue
-    if not found:
+    if not activations:
         return []
     text = (
         f"Activation of every muscle with {strategy}, over all samples of all trials of an instruction, "
@@ -241,14 +241,14 @@ def _features(results: Results) -> list[Drawn]:
         "features",
         "Features per muscle",
         text,
-        lambda: feature_boxes(found, labels=INSTRUCTIONS),
+        lambda: feature_boxes(activations, labels=INSTRUCTIONS),
     )
 
 
 def mute_muscles(results: Results) -> list[str]:
     """Sentences on muscles whose feature is zero or saturated throughout, with a threshold to try."""
     assert results.study is not None and results.intake is not None
-    found: dict[str, list[tuple[str, str]]] = {}
+    mute: dict[str, list[tuple[str, str]]] = {}
     for recording in results.intake.recordings:
         if recording.error is not None or recording.excluded:
             continue
@@ -261,11 +261,11 @@ def mute_muscles(results: Results) -> list[str]:
         for one in caught:
             if isinstance(one.message, MuteFeature):
                 trial = " ".join(map(str, recording.place))
-                found.setdefault(one.message.name, []).append((trial, one.message.state))
+                mute.setdefault(one.message.name, []).append((trial, one.message.state))
     return [
         f"{name} contains no information in {_trials([trial for trial, _ in rows])}: its Willison "
         f"amplitude is {rows[0][1]}."
-        for name, rows in sorted(found.items())
+        for name, rows in sorted(mute.items())
     ]
 
 
@@ -312,5 +312,5 @@ def _drawn(
     except AnalysisError as error:
         results.notes.append(f"The figure '{title}' is omitted: {error}")
         return []
-    told = f"{title_of(figure)}. {caption}"
-    return [Drawn(name, title, caption, svg_of(figure, name, told, scale=SCALE))]
+    description = f"{title_of(figure)}. {caption}"
+    return [Drawn(name, title, caption, svg_of(figure, name, description, scale=SCALE))]

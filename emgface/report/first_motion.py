@@ -21,7 +21,7 @@ class FirstMotion:
 
     The page `page` of a `study` is written by its simulation in the folder `out`, where the study
     will reuse the results. `ready` receives the page, or the error that prevented it. The
-    simulation runs in a thread if `beside`, that is, if other processes do the other work;
+    simulation runs in a thread if `threaded`, that is, if other processes do the other work;
     otherwise on request.
     """
 
@@ -32,16 +32,16 @@ class FirstMotion:
         page: Path,
         ready: Callable[[Path | Exception], None],
         *,
-        beside: bool = True,
+        threaded: bool = True,
     ) -> None:
         self._study, self._out, self._page, self._ready = study, out, page, ready
-        self._thread = ThreadPoolExecutor(1, "first motion") if beside else None
+        self._thread = ThreadPoolExecutor(1, "first motion") if threaded else None
         self._laboratory: Laboratory | None = None
         self._begun = False
         if self._thread is not None:
             self._thread.submit(self._settled)
 
-    def of(self, recording: Path) -> None:
+    def begin(self, recording: Path) -> None:
         """Begin with the strategy of the study that is named first; later calls have no effect."""
         if self._begun:
             return

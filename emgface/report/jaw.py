@@ -43,16 +43,16 @@ def incisors(results: Results) -> Incisors | None:
                 pair = incisor_pair(recording, motion, face, frame)
                 if pair is None:
                     continue
-                found = compared_jaws(*pair)
+                scored = compared_jaws(*pair)
             except FAILURES as error:
                 label = " ".join(map(str, (*place, strategy)))
                 results.notes.append(f"The incisor of {label} is omitted: {error}")
                 continue
             label = " ".join(map(str, (*place, strategy)))
             first = first or (label, pair)
-            columns, origin = found.columns, found.origin
-            rows += [(label, *row) for row in found.rows]
-            notes.append(f"{label}: {found.note}")
+            columns, origin = scored.columns, scored.origin
+            rows += [(label, *row) for row in scored.rows]
+            notes.append(f"{label}: {scored.note}")
     if first is None:
         return None
     label, (recording, motion) = first

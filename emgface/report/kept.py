@@ -80,15 +80,15 @@ def _ends_with(mark: str, path: Path) -> bool:
 def _digest(folder: Path) -> str:
     """Digest of all data on which a report depends: cube, recordings, code and templates."""
     cube, package = folder / "cube.nc", Path(__file__).parents[1]
-    found = [code_version(("analysis", "emgface"))]
+    parts = [code_version(("analysis", "emgface"))]
     pages = [*package.glob("report/page/*"), *package.glob("pictures/page/*")]
-    found += [file_digest(path) for path in sorted(pages)]
+    parts += [file_digest(path) for path in sorted(pages)]
     if cube.is_file():
-        found.append(file_digest(cube))
+        parts.append(file_digest(cube))
         recordings = _recordings(cube)
         for path in sorted(recordings.glob("**/*")) if recordings else ():
-            found.append(f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}")
-    return text_digest("\n".join(found))
+            parts.append(f"{path} {path.stat().st_size} {path.stat().st_mtime_ns}")
+    return text_digest("\n".join(parts))
 
 
 def _recordings(cube: Path) -> Path | None:

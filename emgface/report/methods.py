@@ -48,29 +48,29 @@ def methods(study: StudyConfiguration, cube: xr.Dataset) -> str:
     Paragraphs on recordings, signals, mechanics, and scores with their comparison are separated by an
     empty line.
     """
-    told = (
+    paragraphs = (
         _recordings(study, cube),
         _signals(study, cube),
         _mechanics(study, cube),
         [*_scores(study), *_comparison(cube)],
     )
-    return "\n\n".join(" ".join(part) for part in told if part)
+    return "\n\n".join(" ".join(part) for part in paragraphs if part)
 
 
 def _recordings(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
     origin = str(cube.attrs["origin"])
     count = {dim: cube.sizes[dim] for dim in ("volunteer", "instruction", "repetition")}
     text = ", ".join(f"{n} {dim}{'s' if n != 1 else ''}" for dim, n in count.items())
-    told = [f"The {origin} recordings comprise {text}."]
+    sentences = [f"The {origin} recordings comprise {text}."]
     if origin == "simulated":
         world = f", in the {cube.attrs['world']}" if cube.attrs.get("world") else ""
-        told.append(f"No person was recorded: sEMG and marker motion were simulated{world}.")
+        sentences.append(f"No person was recorded: sEMG and marker motion were simulated{world}.")
     head = study.signals.head_frame
-    told.append(
+    sentences.append(
         "The rigid motion of the head was removed by a least-squares fit of the six face markers; "
         f"gaps of up to {1e3 * head.max_gap:g} ms in the positions of a marker were interpolated."
     )
-    return told
+    return sentences
 
 
 def _signals(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
@@ -78,7 +78,7 @@ def _signals(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
         return ["The face was driven by the true activation of the simulated recordings."]
     chain = study.signals
     way = "forward and backward" if chain.filter.phase == "zero" else "forward only"
-    told = [
+    sentences = [
         f"Surface EMG was band-pass filtered from {chain.filter.low:g} to {chain.filter.high:g} Hz "
         f"(Butterworth, design order {chain.filter.order}, {way})."
     ]
@@ -95,24 +95,24 @@ def _signals(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
             else f"{feature.threshold_baseline:g} times the baseline"
         )
         text += f", with a threshold of {over}"
-    told.append(f"{text}.")
+    sentences.append(f"{text}.")
     montage = str(cube.attrs.get("montage", COMPLETE.sentence))
     complete = montage == COMPLETE.sentence
     oom = "with the weights given in the text" if chain.mapping.oom == "text" else "as printed"
-    told.append(
+    sentences.append(
         "The activity of ten muscles per side was derived from the "
         f"{STAGES[chain.mapping.mapping_stage]} of {'seven' if complete else 'up to seven'} "
         f"electrodes per side (Eqs 2-6 of Eskes et al. 2017, Eq. 3 {oom})."
     )
     if not complete:
-        told.append(f"Channels: {montage}.")
-    told.append(
+        sentences.append(f"Channels: {montage}.")
+    sentences.append(
         f"Features were scaled to 0-1 by their minimum and maximum {REACHES[chain.normalisation.reach]}."
     )
-    told.append(f"The activation strategies were {', '.join(study.strategies)}.")
+    sentences.append(f"The activation strategies were {', '.join(study.strategies)}.")
     followed = [name for name in study.strategies if name in VARIANT]
     if followed:
-        told.append(
+        sentences.append(
             f"With {' and '.join(followed)}, the activations were estimated from the measured markers"
             f"{' and the sEMG' if followed == ['assisted'] else ''} (inverse tracking without contact, "
             f"form {study.inverse.form!r}). Each pair of markers was scored in a simulation with "
@@ -120,10 +120,10 @@ def _signals(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
         )
     sampling = chain.resampling
     if sampling.steps is not None:
-        told.append(f"Each trial was resampled to {sampling.steps} equal steps.")
+        sentences.append(f"Each trial was resampled to {sampling.steps} equal steps.")
     elif sampling.period is not None:
-        told.append(f"Each trial was resampled every {1e3 * sampling.period:g} ms.")
-    return told
+        sentences.append(f"Each trial was resampled every {1e3 * sampling.period:g} ms.")
+    return sentences
 
 
 def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
@@ -136,7 +136,7 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
         bulk = "(ln J)²" if s.bulk_potential == "logarithmic" else "(J - 1)²"
         where = VOLUMES[s.incompressibility]
         volume = f"kappa = {s.kappa / 1e3:g} kPa, potential kappa/2 {bulk} {where}"
-    told = [
+    sentences = [
         f"The face model ({face}, {kind}) consisted of Mooney-Rivlin tissue (C10 = {s.C10:g} Pa, "
         f"C20 = {s.C20:g} Pa, {volume}; density {s.density:g} kg/m³). Rayleigh damping "
         f"(alpha = {s.alpha:g} 1/s, beta = {s.beta:g} s, {TANGENTS[s.damping_tangent]}) was included, "
@@ -152,13 +152,15 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
             "the markers in the volunteer's other repetitions"
         )
     if s.muscle_form == "lines":
-        told.append(
+        sentences.append(
             f"Muscles were modelled as lines that each exert {s.line_force:g} N at full activation."
         )
     elif s.fibre_law == "blemker":
-        told.append(f"Muscle fibres followed the law of Blemker et al. 2005; {policy}.")
+        sentences.append(f"Muscle fibres followed the law of Blemker et al. 2005; {policy}.")
     else:
-        told.append(f"The active stress of muscle fibres did not depend on their length; {policy}.")
+        sentences.append(
+            f"The active stress of muscle fibres did not depend on their length; {policy}."
+        )
     own = [
         ("separate properties of the skin", s.skin != type(s.skin)()),
         (f"prestress ({s.prestress.method})", s.prestress != type(s.prestress)()),
@@ -167,29 +169,29 @@ def _mechanics(study: StudyConfiguration, cube: xr.Dataset) -> list[str]:
         (f"stiffening of active muscles by a factor of {s.stiffening:g}", s.stiffening > 1),
     ]
     if further := [text for text, used in own if used]:
-        told.append(
+        sentences.append(
             f"The model included {', '.join(further)}; details are given in the table of parameters."
         )
-    told += [f"The tissue of {tissue}." for tissue in s.tissues]
+    sentences += [f"The tissue of {tissue}." for tissue in s.tissues]
     control = (
         f" that divided {1e3 * s.step:g} ms and were chosen by error control with a tolerance of "
         f"{1e3 * s.error_tolerance:g} mm at the lip markers"
         if s.error_tolerance is not None
         else f" of {1e3 * s.step:g} ms"
     )
-    told.append(f"Motion was integrated by {INTEGRATORS[s.solver]} in steps{control}.")
+    sentences.append(f"Motion was integrated by {INTEGRATORS[s.solver]} in steps{control}.")
     full_order = s.reduced.file is None or s.reduced.fall_back
     if s.contact.method != "none" and full_order:
-        told.append(f"{contact_statement(s.solver, repeated=s.check_contact)}.")
+        sentences.append(f"{contact_statement(s.solver, repeated=s.check_contact)}.")
     if s.reduced.file is not None:
         otherwise = "at full order" if s.reduced.fall_back else "with the reduced face as well"
-        told.append(
+        sentences.append(
             "A reduced face was simulated instead, in linearly implicit Euler steps of "
             f"{1e3 * s.step:g} ms, where its error bound was at most "
             f"{1e3 * s.reduced.largest_error:g} mm and the activation was within the range of its "
             f"training. All other motions were computed {otherwise}."
         )
-    return told
+    return sentences
 
 
 def _scores(study: StudyConfiguration) -> list[str]:

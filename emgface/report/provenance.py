@@ -25,7 +25,7 @@ def sources(results: Results) -> list[tuple[str, str]]:
     """List the title and the sources of the cube, with digests, from its attributes."""
     attrs = results.cube.attrs
     absent = "not recorded"
-    told = [
+    rows = [
         ("study", str(attrs.get("name", "unnamed"))),
         ("title", str(attrs.get("title", absent))),
         ("recordings", origin_of(results.cube)),
@@ -39,17 +39,17 @@ def sources(results: Results) -> list[tuple[str, str]]:
         source = str(results.laboratory.face.attrs.get("source", ""))
         now_read = results.laboratory.face_digest
         if "face_digest" in attrs and now_read != attrs["face_digest"]:
-            told.append(("present digest of the face", f"{now_read}: the face has been changed"))
+            rows.append(("present digest of the face", f"{now_read}: the face has been changed"))
         if source:
-            told.append(("source of the face", source))
-    return told + [("history", line) for line in str(attrs.get("history", "")).splitlines()]
+            rows.append(("source of the face", source))
+    return rows + [("history", line) for line in str(attrs.get("history", "")).splitlines()]
 
 
 def environments(cube: xr.Dataset) -> list[tuple[str, list[tuple[str, str]]]]:
     """List the environments (name, entries) that computed the cube, from its attribute."""
-    found: dict[str, Any] = json.loads(str(cube.attrs.get("environments", "{}")))
+    stored: dict[str, Any] = json.loads(str(cube.attrs.get("environments", "{}")))
     listed: list[tuple[str, list[tuple[str, str]]]] = []
-    for name, one in found.items():
+    for name, one in stored.items():
         rows: list[tuple[str, str]] = []
         for key, value in one.items():
             if isinstance(value, dict):
@@ -95,18 +95,18 @@ def mixture(cube: xr.Dataset) -> Table | None:
 
 def warning(cube: xr.Dataset) -> str:
     """Sentence on a mixed or unknown provenance of a cube; empty if it is uniform and known."""
-    found = environments(cube)
-    if not found:
+    entries = environments(cube)
+    if not entries:
         return (
             "The environment that computed this cube is not recorded, because an older version "
             "wrote it."
         )
-    if len(found) == 1:
+    if len(entries) == 1:
         return ""
-    versions = {dict(rows).get("emgface", "") for _, rows in found}
+    versions = {dict(rows).get("emgface", "") for _, rows in entries}
     what = f"versions {' and '.join(sorted(versions))}" if len(versions) > 1 else "one version"
     return (
-        f"The trials of this cube were computed in {len(found)} different environments "
+        f"The trials of this cube were computed in {len(entries)} different environments "
         f"(emgface of {what}); they are listed under provenance. Run the study in a new "
         "folder to compute all trials in one environment."
     )
@@ -114,13 +114,13 @@ def warning(cube: xr.Dataset) -> str:
 
 def writer() -> list[tuple[str, str]]:
     """List the environment that writes the report, which may differ from that of the cube."""
-    told = [("written", now()), ("emgface", __version__), ("Python", platform.python_version())]
+    rows = [("written", now()), ("emgface", __version__), ("Python", platform.python_version())]
     for name in WRITERS:
         try:
-            told.append((name, version(name)))
+            rows.append((name, version(name)))
         except PackageNotFoundError:
             continue
-    return [*told, ("machine", f"{platform.system()} {platform.machine()}")]
+    return [*rows, ("machine", f"{platform.system()} {platform.machine()}")]
 
 
 def repeated(cube: xr.Dataset) -> list[str]:

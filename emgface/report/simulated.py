@@ -48,11 +48,11 @@ def simulated_limits(cube: xr.Dataset) -> list[str]:
     if cube.attrs.get("origin") != "simulated":
         return []
     world = str(cube.attrs.get("world", ""))
-    told = [CAN, CANNOT]
+    sentences = [CAN, CANNOT]
     if not world:
-        return [*told, UNLABELLED]
+        return [*sentences, UNLABELLED]
     matched = world == "matched world"
-    told.append(MATCHED if matched else OTHER.format(world=world))
+    sentences.append(MATCHED if matched else OTHER.format(world=world))
     if "act_rel" in cube["strategy"].values:
-        told.append(REL_MATCHED if matched else REL_OTHER)
-    return told
+        sentences.append(REL_MATCHED if matched else REL_OTHER)
+    return sentences

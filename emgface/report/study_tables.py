@@ -37,7 +37,7 @@ class Report:
     #: result of `study_statistics`, if the study allows tests
     statistics: dict[str, xr.Dataset] | None
     #: conclusions under other choices, sentences and table, if anything varies
-    held: tuple[list[str], Table] | None
+    other_choices: tuple[list[str], Table] | None
 
 
 def write_tables(cube: xr.Dataset, out: Path) -> Report:
@@ -48,7 +48,7 @@ def write_tables(cube: xr.Dataset, out: Path) -> Report:
     StoreError if the folder cannot be written.
     """
     base, folder = reference_cube(cube), out / "tables"
-    compared, statistics, held = comparison(base), None, None
+    compared, statistics, other_choices = comparison(base), None, None
     meaning = [*repeated(base), *compared[0]]
     tables = report_tables(base) | alignment_tables(base) | compared[1]
     if base.sizes["volunteer"] > 1 and base.sizes["strategy"] > 1:
@@ -60,9 +60,9 @@ def write_tables(cube: xr.Dataset, out: Path) -> Report:
             tables["choices"] = choices_table(sensitivity(cube))
     if np.isfinite(base["rho"].values).any() and len(levels_of(cube)) > 1:
         with suppress(AnalysisError):
-            found = robustness(cube)
-            held = robustness_sentences(found), robustness_table(found)
-            tables["conclusions"] = held[1]
+            result = robustness(cube)
+            other_choices = robustness_sentences(result), robustness_table(result)
+            tables["conclusions"] = other_choices[1]
     for name, table in tables.items():
         store_text(folder / f"{name}.csv", table.csv())
         store_text(folder / f"{name}.md", table.markdown())
@@ -78,7 +78,7 @@ def write_tables(cube: xr.Dataset, out: Path) -> Report:
         folder,
         compared,
         statistics,
-        held,
+        other_choices,
     )
 
 

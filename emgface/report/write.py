@@ -82,9 +82,9 @@ def render_report(
     tables = {} if empty else report_tables(cube)
     listed = tables.pop("trials", None)
     change = contents.varied(results.cube, results.notes)
-    held = known.held if known else None
-    if held is None and not empty:
-        held = contents.conclusions_held(results.cube, results.notes)
+    other_choices = known.other_choices if known else None
+    if other_choices is None and not empty:
+        other_choices = contents.other_choices(results.cube, results.notes)
     tested = contents.inference(cube, known=known.statistics if known else None)
     meaning, compared = (known.compared if known else comparison(cube)) if scored else ([], {})
     values = {
@@ -118,8 +118,8 @@ def render_report(
         "choices": figures.choices_figure(results, change) if change is not None else [],
         "choices_table": cells(choices_table(change)) if change is not None else None,
         "choices_summary": str(change.attrs["summary"]) if change is not None else "",
-        "held": held[0] if held else [],
-        "held_table": cells(held[1]) if held else None,
+        "other_choices": other_choices[0] if other_choices else [],
+        "other_choices_table": cells(other_choices[1]) if other_choices else None,
         "tested": tested,
         "test_table": cells(tested.table) if tested.table else None,
         "exclusions": cells(contents.exclusions(results)),
@@ -163,12 +163,12 @@ def _headline(cube: Any) -> list[dict[str, Any]]:
     """Median rho and counts of each strategy."""
     from analysis.descriptives import descriptives
 
-    found = descriptives(cube)
+    statistics = descriptives(cube)
     return [
         {
             "strategy": str(strategy),
-            "median": float(found["median"].sel(strategy=strategy)),
-            "n": int(found["n"].sel(strategy=strategy)),
+            "median": float(statistics["median"].sel(strategy=strategy)),
+            "n": int(statistics["n"].sel(strategy=strategy)),
         }
         for strategy in cube["strategy"].values
     ]

@@ -204,15 +204,17 @@ def test_the_first_motion_is_shown_and_found_by_the_study(laboratory: Path, tmp_
                                                "instructions": ["B"]})  # fmt: skip
     told: list[Path | Exception] = []
     first = FirstMotion(study, tmp_path / "study", tmp_path / "first.html", told.append)
-    first.of(laboratory / "recordings" / "S01_B_1.nc")
+    first.begin(laboratory / "recordings" / "S01_B_1.nc")
     first.end()
     assert told == [tmp_path / "first.html"]
     text = told[0].read_text(encoding="utf-8")
     assert "S01 B 1 act_rel" in text and "simulated recording" in text
     outcomes = {event.stage: event.outcome for event in run_study(study, tmp_path / "study").events}
     assert outcomes["activation"] == outcomes["motion"] == "reused"
-    absent = FirstMotion(study, tmp_path / "study", tmp_path / "b.html", told.append, beside=False)
-    absent.of(tmp_path / "absent.nc")
+    absent = FirstMotion(
+        study, tmp_path / "study", tmp_path / "b.html", told.append, threaded=False
+    )
+    absent.begin(tmp_path / "absent.nc")
     assert isinstance(told[1], DataError) and not (tmp_path / "b.html").exists()
 
 
