@@ -206,9 +206,9 @@ def align(
 
 def _taken(values: Array, time: Array, source: Array, inside: NDArray[np.bool_]) -> Array:
     """Values (..., time) at the instants of the source that lie inside; NaN elsewhere."""
-    found = np.full((*values.shape[:-1], len(source)), np.nan)
-    found[..., inside] = CubicSpline(time, values, axis=-1)(source[inside])
-    return found
+    resampled = np.full((*values.shape[:-1], len(source)), np.nan)
+    resampled[..., inside] = CubicSpline(time, values, axis=-1)(source[inside])
+    return resampled
 
 
 def _noise_of(

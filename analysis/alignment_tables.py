@@ -13,12 +13,12 @@ from analysis.typed import selected, status_of
 
 def alignment_tables(cube: xr.Dataset) -> dict[str, Table]:
     """Return the tables ``flags``, ``flagged`` and ``noise``, if the cube has their variables."""
-    found = {
+    tables = {
         "flags": flag_table(cube),
         "flagged": flagged_table(cube),
         "noise": noise_table(cube),
     }
-    return {name: table for name, table in found.items() if table is not None}
+    return {name: table for name, table in tables.items() if table is not None}
 
 
 def flag_table(cube: xr.Dataset) -> Table | None:
@@ -27,12 +27,12 @@ def flag_table(cube: xr.Dataset) -> Table | None:
     None if the cube contains no flags or no scored trial.
     """
     ok = status_of(cube) == "ok"
-    held = [name for name in FLAGS if name in cube]
-    if not held or not ok.any():
+    flags = [name for name in FLAGS if name in cube]
+    if not flags or not ok.any():
         return None
     strategies = [str(name) for name in cube["strategy"].values]
     rows: list[tuple[Any, ...]] = []
-    for name in held:
+    for name in flags:
         raised = (cube[name] == 1.0) & ok
         counts = (int(selected(raised, {"strategy": one}).sum()) for one in strategies)
         rho = cube["rho"].where(raised).values
@@ -54,10 +54,10 @@ def flagged_table(cube: xr.Dataset) -> Table | None:
     None if the cube contains no flags or no scored trial.
     """
     ok = status_of(cube) == "ok"
-    held = [name for name in FLAGS if name in cube]
-    if not held or not ok.any():
+    flags = [name for name in FLAGS if name in cube]
+    if not flags or not ok.any():
         return None
-    raised = sum(((cube[name] == 1.0) for name in held), start=xr.zeros_like(ok)) > 0
+    raised = sum(((cube[name] == 1.0) for name in flags), start=xr.zeros_like(ok)) > 0
     rows: list[tuple[Any, ...]] = []
     for strategy in cube["strategy"].values:
         row: list[Any] = [str(strategy)]

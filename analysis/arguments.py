@@ -14,18 +14,18 @@ def number(name: str, value: object, *, error: Refused = StatisticsError) -> flo
     """Return a real number; raise the given error for True, a text, a list, and NaN."""
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise error(f"{name} is {ascii(value)[:60]}, expected a number")
-    found = float(cast("float", value))
-    if math.isnan(found):
+    real = float(cast("float", value))
+    if math.isnan(real):
         raise error(f"{name} is NaN, expected a number")
-    return found
+    return real
 
 
 def count(name: str, value: object, *, least: int, error: Refused = StatisticsError) -> int:
     """Return a whole number of at least `least`; raise the given error for another value."""
-    found = number(name, value, error=error)
-    if not (np.isfinite(found) and found == round(found) and found >= least):
+    real = number(name, value, error=error)
+    if not (np.isfinite(real) and real == round(real) and real >= least):
         raise error(f"{name} is {value!r}, expected a whole number of at least {least}")
-    return int(found)
+    return int(real)
 
 
 def yes_or_no(name: str, value: object, *, error: Refused = StatisticsError) -> bool:

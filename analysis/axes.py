@@ -40,8 +40,8 @@ def combine_cubes(
     CubeError
         No axis, the name of an existing dim, unknown labels, no reference, or different trials.
     """
-    held = next(iter(cubes.values()), xr.Dataset())
-    taken = [name for name in axes if name in MARKER_DIMS or name in held]
+    first = next(iter(cubes.values()), xr.Dataset())
+    taken = [name for name in axes if name in MARKER_DIMS or name in first]
     if taken or not axes:
         raise CubeError(
             f"cannot add the axes {names(taken) or 'none'}, expected names that the cube "

@@ -35,7 +35,7 @@ NOTHING: Final = (
 )
 
 
-def baseline_table(found: xr.Dataset) -> Table:
+def baseline_table(compared: xr.Dataset) -> Table:
     """Tabulate rho, baselines, gains and skill of every strategy, from `against_baselines`."""
     shown = {
         "gain_template": "gain over all persons", "gain_others": "gain over EMG of others",
@@ -47,18 +47,18 @@ def baseline_table(found: xr.Dataset) -> Table:
         columns += [Column(name), Column(f"{name}, lower"), Column(f"{name}, upper")]
     columns += [Column("volunteers"), Column("trials")]
     rows: list[tuple[Any, ...]] = []
-    for strategy in found["strategy"].values:
-        one = selected(found, {"strategy": strategy})
+    for strategy in compared["strategy"].values:
+        one = selected(compared, {"strategy": strategy})
         row: list[Any] = [str(strategy), *(float(one[name]) for name in LEVELS)]
         for name in shown:
             row += [float(one[name]), *map(float, one[f"{name}_interval"].values)]
         rows.append((*row, int(one["volunteers"]), int(one["trials"])))
-    origin = str(found.attrs["origin"])
+    origin = str(compared.attrs["origin"])
     note = (
         NOTE
         + "skill: (rho - template) / (ceiling - template), ratio of the means; negative: worse "
     )
-    note += f"than the template. Intervals: {100 * found.attrs['level']:.3g} %, over volunteers."
+    note += f"than the template. Intervals: {100 * compared.attrs['level']:.3g} %, over volunteers."
     title = f"rho and its baselines, {recordings(origin)}"
     return Table(title, tuple(columns), tuple(rows), origin, note)
 
@@ -138,17 +138,17 @@ def individual_table(cube: xr.Dataset) -> Table:
     return Table(title, columns, tuple(rows), origin, note)
 
 
-def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
+def what_rho_means(compared: xr.Dataset, rho: float = 0.9) -> list[str]:
     """Explain a correlation by the result of `against_baselines`, in sentences."""
-    told = [
+    sentences = [
         f"With a rho of {rho:.2f}, {100 * unexplained(rho):.0f} % of the amplitude of a "
         "movement remains unexplained after the best scaling; with 0.99, "
         f"{100 * unexplained(0.99):.0f} % remains unexplained."
     ]
     # The mean over strategies, whose values differ only by missing trials.
-    levels = {name: mean_defined(found[name]) for name in LEVELS}
+    levels = {name: mean_defined(compared[name]) for name in LEVELS}
     template, ceiling = levels["template_rho"], levels["ceiling"]
-    others = int(found["template_volunteers"])
+    others = int(compared["template_volunteers"])
     if np.isfinite(template):
         who = f"the mean motion of {others} other volunteers"
         who = "the motion of another volunteer" if others == 1 else who
@@ -160,9 +160,9 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
                 "best motion that is the same in every repetition scores "
                 f"{ceiling:.2f} (ceiling)"
             )
-        told.append(text + ".")
+        sentences.append(text + ".")
         if template >= rho:
-            told.append(
+            sentences.append(
                 f"A rho of {rho:.2f} therefore shows that the lips made the instructed "
                 "movement, but not that the EMG contributed to the prediction, because the "
                 "score of the template is at least as high."
@@ -181,23 +181,23 @@ def what_rho_means(found: xr.Dataset, rho: float = 0.9) -> list[str]:
                     f"Of a rho of {rho:.2f}, {rho - limit:.2f} cannot be reached by any motion that is "
                     "common to all persons."
                 )
-            told.append(more)
+            sentences.append(more)
         if others < 3:
-            told.append(
+            sentences.append(
                 "A template of one or two volunteers is unreliable, and so are its extrapolation to "
                 "all persons, gain and skill."
             )
     else:
-        told.append("There is no other volunteer and therefore no template for comparison.")
+        sentences.append("There is no other volunteer and therefore no template for comparison.")
     wrong = levels["wrong_rho"], levels["wrong_rho_max"]
     if np.isfinite(wrong[0]):
-        told.append(
+        sentences.append(
             f"The simulated motion of a wrong instruction scores {wrong[0]:.2f} on average, and "
             f"{wrong[1]:.2f} if the best of the wrong instructions is chosen in each trial."
         )
     if not np.isfinite(ceiling):
-        told.append("No instruction was repeated; ceiling and skill are undefined.")
-    return told + [_of_strategy(found, str(label)) for label in found["strategy"].values]
+        sentences.append("No instruction was repeated; ceiling and skill are undefined.")
+    return sentences + [_of_strategy(compared, str(label)) for label in compared["strategy"].values]
 
 
 def comparison(
@@ -209,17 +209,17 @@ def comparison(
     """
     if not has_baselines(cube):
         return [NOTHING] if "template_rho" in cube else [], {}
-    found = against_baselines(cube, draws=draws, seed=seed)
+    compared = against_baselines(cube, draws=draws, seed=seed)
     tables = {
-        "baselines": baseline_table(found),
+        "baselines": baseline_table(compared),
         "baselines_instruction": baseline_instruction_table(cube),
         "individual": individual_table(cube),
     }
-    return what_rho_means(found), tables
+    return what_rho_means(compared), tables
 
 
-def _of_strategy(found: xr.Dataset, strategy: str) -> str:
-    one = selected(found, {"strategy": strategy})
+def _of_strategy(compared: xr.Dataset, strategy: str) -> str:
+    one = selected(compared, {"strategy": strategy})
     rho, gain, skill = (float(one[name]) for name in ("rho", "gain_template", "skill"))
     if not np.isfinite(rho):
         return f"{strategy}: no trial is scored."

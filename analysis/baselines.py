@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from analysis.align import align
 from analysis.errors import AnalysisError, CubeError
 from analysis.noise import SMALLEST_SNR
-from analysis.registration import held
+from analysis.registration import hold_ends
 from analysis.scores import ROUNDING
 from analysis.trajectory import SMALLEST_MOTION, names
 
@@ -146,7 +146,7 @@ def scored(
     of the predicted markers; NaN if the motions cannot be aligned or a marker does not move.
     """
     options = dict(alignment or {})
-    model = held(predicted)
+    model = hold_ends(predicted)
     undefined = np.full(model.sizes["marker"], np.nan)
     try:
         aligned = align(measured, model, **options)
@@ -239,15 +239,15 @@ def unexplained(rho: float) -> float:
     return float(np.sqrt(1.0 - rho**2))
 
 
-def with_baselines(cube: xr.Dataset, found: Mapping[str, xr.DataArray]) -> xr.Dataset:
+def with_baselines(cube: xr.Dataset, baselines: Mapping[str, xr.DataArray]) -> xr.Dataset:
     """Add baselines, ceiling and skill to a cube.
 
-    `found` contains the variables of `VARIABLES` except ``skill``; trials that they lack become
+    `baselines` contains the variables of `VARIABLES` except ``skill``; trials that they lack become
     NaN. The result has all of `VARIABLES`, and text ``skill_reason`` (volunteer, instruction,
     repetition, strategy). ``skill`` is computed from the means over the markers at which rho,
     `template_limit` and ceiling are defined. Raises CubeError if a variable is unknown, or lacks a dim.
     """
-    unknown = [name for name in found if name not in VARIABLES or name == "skill"]
+    unknown = [name for name in baselines if name not in VARIABLES or name == "skill"]
     if unknown:
         raise CubeError(
             f"{names(unknown)} is not a baseline, expected some of {names([*VARIABLES], 20)}"
@@ -256,10 +256,10 @@ def with_baselines(cube: xr.Dataset, found: Mapping[str, xr.DataArray]) -> xr.Da
     for name, (dims, units, meaning) in VARIABLES.items():
         shape = tuple(cube.sizes[dim] for dim in dims)
         data = xr.DataArray(np.full(shape, np.nan), dims=dims, coords={d: cube[d] for d in dims})
-        if name in found:
-            if set(found[name].dims) != set(dims):
-                raise CubeError(f"{name} has dims {found[name].dims}, expected {dims}")
-            data = found[name].transpose(*dims).reindex_like(data)
+        if name in baselines:
+            if set(baselines[name].dims) != set(dims):
+                raise CubeError(f"{name} has dims {baselines[name].dims}, expected {dims}")
+            data = baselines[name].transpose(*dims).reindex_like(data)
         added[name] = data.assign_attrs(units=units, long_name=meaning)
     limit = template_limit(added["template_rho"], added["template_volunteers"])
     skill, reason = _skill(cube["rho"], limit, added["ceiling"])

@@ -128,11 +128,11 @@ def build_cube(
             ],
         ),
     }
-    for dim, found in labels.items():
-        if not found and (dim != "marker"):
+    for dim, entries in labels.items():
+        if not entries and (dim != "marker"):
             raise CubeError(f"there is no {dim}: pass at least one trial, or the expected labels")
     cube = _empty(labels, PER_TRIAL | (OF_INCISOR if incisor else {}))
-    place = {dim: {label: i for i, label in enumerate(found)} for dim, found in labels.items()}
+    place = {dim: {label: i for i, label in enumerate(entries)} for dim, entries in labels.items()}
     values = {str(name): cube[name].values for name in cube.data_vars}
     environments = {_short(text): json.loads(text) for t in trials_ for text in t.environments}
     seen: set[tuple[int, ...]] = set()
@@ -163,11 +163,11 @@ def _empty(labels: dict[str, list[Any]], per_trial: dict[str, tuple[str, str]]) 
     """Cube of these labels in which every trial is missing; texts are objects."""
     cube = xr.Dataset(
         coords={
-            dim: np.asarray(found, int if dim == "repetition" else str)
-            for dim, found in labels.items()
+            dim: np.asarray(entries, int if dim == "repetition" else str)
+            for dim, entries in labels.items()
         }
     )
-    shape = tuple(len(found) for found in labels.values())
+    shape = tuple(len(entries) for entries in labels.values())
     for dims, numbers in ((MARKER_DIMS, PER_MARKER | OF_NOISE), (TRIAL_DIMS, per_trial)):
         for name, (units, meaning) in numbers.items():
             attrs = {"units": units, "long_name": meaning}
@@ -184,9 +184,9 @@ def _short(environment: str) -> str:
     return hashlib.sha256(environment.encode()).hexdigest()[:8]
 
 
-def _labels(expected: Sequence[Any] | None, found: Sequence[Any]) -> list[Any]:
+def _labels(expected: Sequence[Any] | None, present: Sequence[Any]) -> list[Any]:
     """Return the expected labels, or those found, in order of appearance."""
-    return list(dict.fromkeys(found if expected is None else expected))
+    return list(dict.fromkeys(present if expected is None else expected))
 
 
 def _index(trial: Trial, place: dict[str, dict[Any, int]]) -> tuple[int, ...]:
@@ -205,9 +205,9 @@ def _index(trial: Trial, place: dict[str, dict[Any, int]]) -> tuple[int, ...]:
 def _ordered(trial: Trial, markers: list[str]) -> xr.Dataset:
     """Return the scores of a trial with the markers of the cube."""
     assert trial.scores is not None
-    found = [str(marker) for marker in trial.scores["marker"].values]
-    if set(found) != set(markers) or len(found) != len(markers):
-        odd = sorted(set(found) ^ set(markers)) or sorted(found)
+    labels = [str(marker) for marker in trial.scores["marker"].values]
+    if set(labels) != set(markers) or len(labels) != len(markers):
+        odd = sorted(set(labels) ^ set(markers)) or sorted(labels)
         raise CubeError(
             f"trial {trial.label} scores other markers than the cube ({names(odd)}): "
             "score the same markers in every trial"
@@ -215,13 +215,13 @@ def _ordered(trial: Trial, markers: list[str]) -> xr.Dataset:
     lacking = [name for name in PER_MARKER if name not in trial.scores]
     if lacking:
         raise CubeError(f"the scores of trial {trial.label} lack {names(lacking)}")
-    return trial.scores if found == markers else trial.scores.sel(marker=markers)
+    return trial.scores if labels == markers else trial.scores.sel(marker=markers)
 
 
 def _origin(trials_: list[Trial], origin: Origin | None) -> str:
-    found = {trial.origin for trial in trials_}
-    found |= {t.scores.attrs.get("origin") for t in trials_ if t.scores is not None}
-    known = {str(one) for one in found if one} | ({origin} if origin else set[str]())
+    origins = {trial.origin for trial in trials_}
+    origins |= {t.scores.attrs.get("origin") for t in trials_ if t.scores is not None}
+    known = {str(one) for one in origins if one} | ({origin} if origin else set[str]())
     if len(known) > 1:
         raise CubeError("measured and simulated trials cannot share a cube: build one of each")
     if not known or not known <= {"measured", "simulated"}:

@@ -75,7 +75,7 @@ def descriptives(
         }
     units = {"units": str(data.attrs.get("units", "1"))}
     result = xr.Dataset(
-        {name: (tuple(by), found, units) for name, found in statistics.items()},
+        {name: (tuple(by), statistic, units) for name, statistic in statistics.items()},
         coords={dim: cube[dim] for dim in by},
     )
     for name, mask in (

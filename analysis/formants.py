@@ -28,23 +28,23 @@ VARIABLES: Final = {
 
 def cube_with_formants(
     cube: xr.Dataset,
-    found: Mapping[tuple[str, str, int, str], xr.Dataset],
+    formants: Mapping[tuple[str, str, int, str], xr.Dataset],
     assumptions: str,
 ) -> xr.Dataset:
     """Add the formants of trials to a cube.
 
-    `found` maps volunteer, instruction, repetition and strategy to ``formant_frequency(time,
+    `formants` maps volunteer, instruction, repetition and strategy to ``formant_frequency(time,
     formant)`` [Hz] at `INSTANTS` equidistant instants ``time`` [s]; `assumptions` are stored as
     attribute ``tract``. The result has ``formant_frequency`` (trial, formant, instant), where
     ``instant`` is the fraction of the trial from 0 to 1; ``formant_change`` (trial, formant), the
     signed change that is largest in magnitude; ``simulated_duration`` (trial) [s]. Trials that are
-    not in `found` have NaN.
+    not in `formants` have NaN.
     """
     shape = tuple(cube.sizes[dim] for dim in TRIAL_DIMS)
     frequency = np.full((*shape, FORMANTS, INSTANTS), np.nan)
     change, lasting = np.full((*shape, FORMANTS), np.nan), np.full(shape, np.nan)
     place = [{label: k for k, label in enumerate(cube[dim].values.tolist())} for dim in TRIAL_DIMS]
-    for labels, one in found.items():
+    for labels, one in formants.items():
         index = tuple(known[label] for known, label in zip(place, labels, strict=True))
         values = one["formant_frequency"].transpose("formant", "time").values
         frequency[index] = values

@@ -30,12 +30,12 @@ def of_incisor(cube: xr.Dataset) -> xr.Dataset:
             "the cube has no scores of the incisor, expected incisor_rho, incisor_amplitude_ratio and "
             "incisor_rmse: run a study on a head with recordings of the lower incisor"
         )
-    found = cube.drop_dims("marker").drop_vars(list(OF_INCISOR))
+    result = cube.drop_dims("marker").drop_vars(list(OF_INCISOR))
     added = {name: cube[f"incisor_{name}"].expand_dims("marker", axis=-1) for name in PER_MARKER}
     extra = [dim for dim in cube["incisor_rho"].dims if dim not in MARKER_DIMS]
     added = {name: v.transpose(*MARKER_DIMS, *extra) for name, v in added.items()}
-    found = found.assign(added)
-    return relabelled(found, {"marker": np.array([INCISOR])})
+    result = result.assign(added)
+    return relabelled(result, {"marker": np.array([INCISOR])})
 
 
 def incisor_table(cube: xr.Dataset) -> Table | None:

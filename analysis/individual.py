@@ -15,7 +15,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from analysis.align import align
 from analysis.errors import AnalysisError
-from analysis.registration import held, mean_motion, registered, retimed
+from analysis.registration import hold_ends, mean_motion, registered, retimed
 from analysis.trajectory import SMALLEST_MOTION, checked, same_markers
 
 Array = NDArray[np.float64]
@@ -34,7 +34,7 @@ def instants(
     interpolated linearly; peak: s = max s, interpolated by a parabola. Positions, dims (marker,
     axis, time) [m], begin at rest.
     """
-    data = held(position)
+    data = hold_ends(position)
     values, time = data.values, np.asarray(data["time"].values, dtype=np.float64)
     if len(time) < 3 or not np.isfinite(values).all():
         return np.nan, np.nan
@@ -82,7 +82,7 @@ def asymmetry(
         1 if only the left side moves, -1 if only the right side does; NaN if nothing moves or a
         side has no marker without gaps.
     """
-    data = held(position)
+    data = hold_ends(position)
     names = np.array([str(name) for name in data["marker"].values])
     sizes: list[float] = []
     for side in ("left", "right"):

@@ -152,8 +152,8 @@ class Search:
         powers = range(int(np.ceil(low - 1e-9)), int(np.floor(high + 1e-9)) + 1)
         factors = np.exp(step * np.array(powers, dtype=np.float64))
         tried = [self.at_scale(nominal * float(k), subsample=subsample) for k in factors]
-        found = [match for match in tried if match is not None]
-        best = min(found, key=lambda match: match.unexplained, default=None)
+        matches = [match for match in tried if match is not None]
+        best = min(matches, key=lambda match: match.unexplained, default=None)
         if best is None or not subsample:
             return best
         # A stretch by one step moves the end of the trajectory; a shift can offset that.
@@ -217,8 +217,8 @@ def within_lags(source: Array, t_m: Array) -> tuple[NDArray[np.bool_], Array]:
 
 def _minimum(loss: Callable[[float], float], low: float, high: float, width: float) -> float:
     """Find a minimum between two bounds, to `width`."""
-    found = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": width})
-    return float(found.x)
+    optimum = minimize_scalar(loss, bounds=(low, high), method="bounded", options={"xatol": width})
+    return float(optimum.x)
 
 
 def _uniform(time: Array, values: Array) -> tuple[Array, Array]:

@@ -1,4 +1,4 @@
-"""Scores of a study beside the values and statements printed by Eskes et al. 2017.
+"""Scores of a study compared with the values and statements printed by Eskes et al. 2017.
 
 Source: M. Eskes et al. 2017, Simulation of facial expressions using person-specific sEMG signals
 controlling a biomechanical face model, Results (mean, standard deviation and median of rho) and Fig. 6.
@@ -24,14 +24,14 @@ PRINTED_SOURCE: Final = "Eskes et al. 2017, Results"
 
 
 def printed_table(cube: xr.Dataset) -> Table:
-    """Tabulate the statistics of rho of a study beside the printed ones."""
+    """Tabulate the statistics of rho of a study and the printed ones."""
     base = reference_cube(cube)
-    found = descriptives(base)
+    statistics = descriptives(base)
     rows: list[tuple[object, ...]] = []
     for strategy, printed in PRINTED.items():
-        known = strategy in found["strategy"].values
+        known = strategy in statistics["strategy"].values
         for name, value in printed.items():
-            own = float(selected(found[name], {"strategy": strategy})) if known else np.nan
+            own = float(selected(statistics[name], {"strategy": strategy})) if known else np.nan
             rows.append((strategy, name.replace("_", " "), value, own, own - value))
     origin = origin_of(base)
     columns = (
@@ -42,7 +42,7 @@ def printed_table(cube: xr.Dataset) -> Table:
     if origin == "simulated":
         note += " The recordings of this study are simulated, so that the values need not agree."
     return Table(
-        f"rho beside the printed values, {recordings(origin)}", columns, tuple(rows), origin, note
+        f"rho and the printed values, {recordings(origin)}", columns, tuple(rows), origin, note
     )
 
 
@@ -59,12 +59,12 @@ def printed_statements(cube: xr.Dataset) -> list[tuple[str, str, str]]:
     central = [m for m in markers if "paramedian" in m]
     upper, lower = ([m for m in markers if m.startswith(side)] for side in ("upper", "lower"))
     strategies = base["strategy"].values.tolist()
-    found: list[tuple[str, str, str]] = []
+    rows: list[tuple[str, str, str]] = []
 
     def compare(text: str, more: float, less: float) -> None:
         known = np.isfinite(more) and np.isfinite(less)
         said = ("holds" if more > less else "does not hold") if known else "not tested"
-        found.append((text, said, f"{more:.2f} and {less:.2f}"))
+        rows.append((text, said, f"{more:.2f} and {less:.2f}"))
 
     compare(
         "lateral markers have a higher rho than central ones",
@@ -76,9 +76,11 @@ def printed_statements(cube: xr.Dataset) -> list[tuple[str, str, str]]:
         _median(selected(rho, {"marker": upper})),
         _median(selected(rho, {"marker": lower})),
     )
-    of = {str(i): _median(selected(rho, {"instruction": i})) for i in base["instruction"].values}
-    best = [of[i] for i in ("E", "F") if i in of]
-    rest = [value for i, value in of.items() if i not in ("E", "F")]
+    medians = {
+        str(i): _median(selected(rho, {"instruction": i})) for i in base["instruction"].values
+    }
+    best = [medians[i] for i in ("E", "F") if i in medians]
+    rest = [value for i, value in medians.items() if i not in ("E", "F")]
     compare(
         "instructions E and F have the highest rho",
         min(best) if len(best) == 2 else np.nan,
@@ -92,14 +94,14 @@ def printed_statements(cube: xr.Dataset) -> list[tuple[str, str, str]]:
             _median(selected(rho, {"strategy": "act_all"})) if both else np.nan,
         )
     moved = _median(ratio)
-    found.append(
+    rows.append(
         (
             "the model moves less than the volunteer",
             ("holds" if moved < 1.0 else "does not hold") if np.isfinite(moved) else "not tested",
             f"amplitude ratio {moved:.2f}",
         )
     )
-    return found
+    return rows
 
 
 def _median(values: xr.DataArray) -> float:
@@ -111,10 +113,10 @@ def used_stress(cube: xr.Dataset) -> dict[str, tuple[float, float]]:
     """Smallest and largest sigma_max [Pa] of the scored trials of every volunteer."""
     base = reference_cube(cube)
     used = base["sigma_max"].where(status_of(base) == "ok")
-    found: dict[str, tuple[float, float]] = {}
+    ranges: dict[str, tuple[float, float]] = {}
     for volunteer in base["volunteer"].values.tolist():
         values = selected(used, {"volunteer": volunteer}).values
         values = values[np.isfinite(values)]
         if values.size:
-            found[str(volunteer)] = float(values.min()), float(values.max())
-    return found
+            ranges[str(volunteer)] = float(values.min()), float(values.max())
+    return ranges

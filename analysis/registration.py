@@ -21,7 +21,7 @@ from analysis.typed import coordinates, relabelled
 ROUNDS: Final = 2  #: number of alignments of all motions: with one of them, then with their mean
 
 
-def held(position: xr.Dataset | xr.DataArray) -> xr.DataArray:
+def hold_ends(position: xr.Dataset | xr.DataArray) -> xr.DataArray:
     """Hold every marker before the first and after the last instant with all markers visible.
 
     Positions have the dims (marker, axis, time) [m]; gaps between these instants remain.
@@ -35,8 +35,8 @@ def held(position: xr.Dataset | xr.DataArray) -> xr.DataArray:
 
 
 def displacement(position: xr.Dataset | xr.DataArray) -> xr.DataArray:
-    """Positions of markers from their own mean over time, x(t) - mean x [m], after `held`."""
-    data = held(position)
+    """Positions of markers from their own mean over time, x(t) - mean x [m], after `hold_ends`."""
+    data = hold_ends(position)
     moved = data - data.mean("time")
     return moved.assign_attrs(units="m")
 
@@ -63,15 +63,15 @@ def registered(
         Displacements (marker, axis, time) [m] at the times of the reference, held before the first
         and after the last recorded instant; None for a motion that cannot be aligned.
     """
-    found: list[xr.DataArray | None] = []
+    displacements: list[xr.DataArray | None] = []
     for motion in motions:
         try:
             aligned = align(motion, reference, **dict(options or {}))["position"]
         except AnalysisError:
-            found.append(None)
+            displacements.append(None)
             continue
-        found.append(displacement(aligned))
-    return found
+        displacements.append(displacement(aligned))
+    return displacements
 
 
 def mean_motion(
@@ -101,7 +101,7 @@ def mean_motion(
         No motion is given, or none moves.
     """
     least = float(dict(options or {}).get("smallest_motion", SMALLEST_MOTION))
-    sizes = [motion_of(held(each)) for each in motions]
+    sizes = [motion_of(hold_ends(each)) for each in motions]
     moving = sorted((size, k) for k, size in enumerate(sizes) if size >= least)
     if not moving:
         raise AlignmentError(

@@ -29,29 +29,29 @@ def levels_of(cube: xr.Dataset) -> dict[Place, xr.Dataset]:
     """
     axes = further_axes(cube)
     base = reference_cube(cube)
-    found: dict[Place, xr.Dataset] = {REFERENCE: base}
+    levels: dict[Place, xr.Dataset] = {REFERENCE: base}
     for axis in axes:
         others = {name: cube[name].values[0] for name in axes if name != axis}
         for label in cube[axis].values[1:]:
             one = selected(cube, others | {axis: label}).drop_vars(axes)
             text = f"{label:g}" if isinstance(label, float) else str(label)
-            found[axis, text] = one.assign_attrs(cube.attrs)
+            levels[axis, text] = one.assign_attrs(cube.attrs)
     flagged = _flagged(base)
     if flagged.any():
-        found[WITHOUT_FLAGGED] = base.assign(
+        levels[WITHOUT_FLAGGED] = base.assign(
             rho=base["rho"].where(~flagged),
             status=texts(base["status"].where(~flagged, "excluded")),
         )
-    return found
+    return levels
 
 
 def _flagged(cube: xr.Dataset) -> xr.DataArray:
     """Return True for trials with a flag of their alignment."""
     flags = [cube[name] == 1.0 for name in OF_ALIGNMENT if name in cube]
-    found = xr.zeros_like(cube["status"], dtype=bool)
+    flagged = xr.zeros_like(cube["status"], dtype=bool)
     for one in flags:
-        found = found | one
-    return found
+        flagged = flagged | one
+    return flagged
 
 
 def robustness(cube: xr.Dataset, *, draws: int = 1000) -> xr.Dataset:
@@ -104,8 +104,8 @@ def robustness(cube: xr.Dataset, *, draws: int = 1000) -> xr.Dataset:
     result["axis"] = ("choice", [axis for axis, _ in places])
     result["level"] = ("choice", [level for _, level in places])
     reference = {name: _text(cube[name].values[0]) for name in further_axes(cube)}
-    told = ", ".join(f"{name} = {value}" for name, value in reference.items())
-    return result.assign_attrs(origin=origin_of(cube), reference=told)
+    description = ", ".join(f"{name} = {value}" for name, value in reference.items())
+    return result.assign_attrs(origin=origin_of(cube), reference=description)
 
 
 def _text(label: Any) -> str:
@@ -117,16 +117,16 @@ def _median(values: np.ndarray) -> float:
     return float(np.median(known)) if known.size else np.nan
 
 
-def robustness_table(found: xr.Dataset) -> Table:
+def robustness_table(compared: xr.Dataset) -> Table:
     """Tabulate the result of `robustness`, one row per choice and strategy."""
     columns = (
         Column("axis"), Column("level"), Column("strategy"), Column("median rho"), Column("rank"),
         Column("gain over all persons"), Column("lower"), Column("upper"), Column("trials"),
     )  # fmt: skip
     rows: list[tuple[object, ...]] = []
-    for index in range(found.sizes["choice"]):
-        one = found.isel(choice=index)
-        for k, strategy in enumerate(found["strategy"].values.tolist()):
+    for index in range(compared.sizes["choice"]):
+        one = compared.isel(choice=index)
+        for k, strategy in enumerate(compared["strategy"].values.tolist()):
             rank = float(one["rank"].values[k])
             low, high = one["gain_interval"].values[k].tolist()
             rows.append(
@@ -136,30 +136,30 @@ def robustness_table(found: xr.Dataset) -> Table:
                     float(one["gain"].values[k]), low, high, int(one["trials"].values[k]),
                 )
             )  # fmt: skip
-    origin = str(found.attrs["origin"])
+    origin = str(compared.attrs["origin"])
     return Table(
         f"conclusions under every choice, {recordings(origin)}",
         columns,
         tuple(rows),
         origin,
-        f"Reference: {found.attrs['reference'] or 'the parameters of the study'}. One choice at a time "
-        "differs from it. Gain: rho minus that of the template of infinitely many persons, with its "
-        "95 % interval over volunteers, which requires enough of them. An interval that contains "
-        "0 shows no gain. Trials: with a score.",
+        f"Reference: {compared.attrs['reference'] or 'the parameters of the study'}. One choice at a "
+        "time differs from it. Gain: rho minus that of the template of infinitely many persons, with "
+        "its 95 % interval over volunteers, which requires enough of them. An interval that contains 0 "
+        "shows no gain. Trials: with a score.",
     )
 
 
-def robustness_sentences(found: xr.Dataset) -> list[str]:
+def robustness_sentences(compared: xr.Dataset) -> list[str]:
     """State which conclusions of the reference hold under every choice, and which do not."""
     places = [
         " = ".join(filter(None, (str(a), str(b))))
-        for a, b in zip(found["axis"].values, found["level"].values, strict=True)
+        for a, b in zip(compared["axis"].values, compared["level"].values, strict=True)
     ]
-    told: list[str] = []
-    orders = [_order(found.isel(choice=k)) for k in range(found.sizes["choice"])]
-    if found.sizes["strategy"] > 1:
+    sentences: list[str] = []
+    orders = [_order(compared.isel(choice=k)) for k in range(compared.sizes["choice"])]
+    if compared.sizes["strategy"] > 1:
         other = {places[k]: orders[k] for k in range(1, len(orders)) if orders[k] != orders[0]}
-        told.append(
+        sentences.append(
             f"Order of the medians at the reference: {orders[0]}. "
             + (
                 "It is the same under every choice."
@@ -167,23 +167,23 @@ def robustness_sentences(found: xr.Dataset) -> list[str]:
                 else f"It changes with {_listed(other)}."
             )
         )
-    medians = found["median"].values
+    medians = compared["median"].values
     if np.isfinite(medians).any():
         spans = [
             f"{name} {np.nanmin(column):.2f} to {np.nanmax(column):.2f}"
-            for name, column in zip(found["strategy"].values, medians.T, strict=True)
+            for name, column in zip(compared["strategy"].values, medians.T, strict=True)
             if np.isfinite(column).any()
         ]
-        told.append("Range of the medians over all choices: " + ", ".join(spans) + ".")
-    for name in found["strategy"].values.tolist():
-        bounds = selected(found["gain_interval"], {"strategy": name}).values
+        sentences.append("Range of the medians over all choices: " + ", ".join(spans) + ".")
+    for name in compared["strategy"].values.tolist():
+        bounds = selected(compared["gain_interval"], {"strategy": name}).values
         said = [_said(low, high) for low, high in bounds.tolist()]
         if said[0] == "":
             continue
         other = {
             places[k]: f"{said[k]} it" for k in range(1, len(said)) if said[k] not in ("", said[0])
         }
-        told.append(
+        sentences.append(
             f"{name}: at the reference, rho is {said[0]} that of a template without EMG"
             + (
                 ", and so it is under every choice."
@@ -191,7 +191,7 @@ def robustness_sentences(found: xr.Dataset) -> list[str]:
                 else f"; this changes with {_listed(other)}."
             )
         )
-    return told
+    return sentences
 
 
 def _listed(other: Mapping[str, str]) -> str:

@@ -75,7 +75,7 @@ def correlation_3d(
     Source: Eskes et al. 2017, Eqs 11-13, after Pitermann and Munhall. rho is invariant to shift
     and positive scale of either trajectory, not to rotation.
     """
-    both = Pair.of(measured, simulated, dim)
+    both = Pair.from_positions(measured, simulated, dim)
     return _correlation(both, _reason(both, smallest_motion) == "", form)
 
 
@@ -106,7 +106,9 @@ def undefined_reason(
     xarray.DataArray
         Text, dims (...).
     """
-    return _reason(Pair.of(measured, simulated, dim), smallest_motion, noise, smallest_snr)
+    return _reason(
+        Pair.from_positions(measured, simulated, dim), smallest_motion, noise, smallest_snr
+    )
 
 
 def amplitude_ratio(
@@ -122,7 +124,7 @@ def amplitude_ratio(
     NaN if the measured one does not move or either has gaps. Source of sigma: Eskes et al. 2017,
     Eq. 12.
     """
-    both = Pair.of(measured, simulated, dim)
+    both = Pair.from_positions(measured, simulated, dim)
     return _ratio(both, _reason(both, smallest_motion))
 
 
@@ -217,7 +219,7 @@ def score(
     v, w = given.isel(time=span), model.isel(time=span)
     noise = aligned.get("noise") if isinstance(aligned, xr.Dataset) else None
     noise = noise if noise is None else selected(noise, {"marker": model["marker"].values})
-    both = Pair.of(v, w, "time")
+    both = Pair.from_positions(v, w, "time")
     reason = _reason(both, smallest_motion, noise, smallest_snr)
     result = xr.Dataset(
         {

@@ -88,35 +88,35 @@ def sensitivity(
     check_level(level)
     if variable not in cube:
         raise StatisticsError(f"the cube has no variable {variable!r}")
-    found = [str(dim) for dim in cube[variable].dims if dim not in MARKER_DIMS]
-    chosen = found if axes is None else list(axes)
-    wrong = [axis for axis in chosen if axis not in found]
+    available = [str(dim) for dim in cube[variable].dims if dim not in MARKER_DIMS]
+    chosen = available if axes is None else list(axes)
+    wrong = [axis for axis in chosen if axis not in available]
     if wrong or not chosen:
         raise StatisticsError(
             f"cannot compare along {names(wrong) or 'nothing'}: the cube has the further dims "
-            f"{names(found) or 'none'}"
+            f"{names(available) or 'none'}"
         )
-    base = {axis: cube[axis].values[0] for axis in found} | dict(reference or {})
+    base = {axis: cube[axis].values[0] for axis in available} | dict(reference or {})
     for axis, label in base.items():
-        if axis not in found or label not in cube[axis].values:
+        if axis not in available or label not in cube[axis].values:
             raise StatisticsError(
                 f"the reference {axis} = {label} is not in the cube, expected one of "
-                f"{names([str(each) for each in cube[axis].values]) if axis in found else names(found)}"
+                f"{names(available if axis not in available else [str(v) for v in cube[axis].values])}"
             )
     used: Scale = scale if scale is not None else ("z" if variable == "rho" else "raw")
     data: list[PairedScores] = []
-    of: list[tuple[str, str, str]] = []
+    choices: list[tuple[str, str, str]] = []
     strategies = [str(label) for label in cube["strategy"].values]
     for axis in chosen:
         others = {other: label for other, label in base.items() if other != axis}
         # Only scores have the axes; variables such as labels do not.
-        held = selected(cube[[variable, "status"]].assign_attrs(cube.attrs), others)
-        held = held.drop_vars(list(others))
+        fixed = selected(cube[[variable, "status"]].assign_attrs(cube.attrs), others)
+        fixed = fixed.drop_vars(list(others))
         for label in cube[axis].values:
             if label == base[axis]:
                 continue
             for strategy in strategies:
-                one = selected(held, {"strategy": [strategy]})
+                one = selected(fixed, {"strategy": [strategy]})
                 each = paired(
                     one, label, base[axis], dim=axis, variable=variable, scale=used, limit=limit
                 )
@@ -126,13 +126,13 @@ def sensitivity(
                         words, each.differences, each.means, each.counts, each.unit, each.factor
                     )
                 )
-                of.append((axis, _words(label), strategy))
-    return _result(data, of, base, cube, variable=variable, scale=used, level=level)
+                choices.append((axis, _words(label), strategy))
+    return _result(data, choices, base, cube, variable=variable, scale=used, level=level)
 
 
 def _result(
-    data: list[PairedScores], of: list[tuple[str, str, str]], base: Mapping[str, Any], cube: xr.Dataset,
-    *, variable: str, scale: Scale, level: float,
+    data: list[PairedScores], choices: list[tuple[str, str, str]], base: Mapping[str, Any],
+    cube: xr.Dataset, *, variable: str, scale: Scale, level: float,
 ) -> xr.Dataset:  # fmt: skip
     alpha = 1.0 - level
     p = np.array([_t_test(each)[1] for each in data], dtype=np.float64)
@@ -151,10 +151,12 @@ def _result(
         least=LEAST_VOLUNTEERS,
     ).rename({"contrast": "choice"})
     for place, name in enumerate(("axis", "level", "strategy")):
-        result[name] = ("choice", np.array([each[place] for each in of], dtype=str))
-    chosen = list(dict.fromkeys(axis for axis, _, _ in of))
+        result[name] = ("choice", np.array([each[place] for each in choices], dtype=str))
+    chosen = list(dict.fromkeys(axis for axis, _, _ in choices))
     size = np.abs(result["estimate"].values)
-    reach = [float(np.max(size[[each[0] == axis for each in of]], initial=0.0)) for axis in chosen]
+    reach = [
+        float(np.max(size[[each[0] == axis for each in choices]], initial=0.0)) for axis in chosen
+    ]
     result["reach"] = ("axes", np.array(reach), {"units": attrs["units"]})
     result["axes"] = chosen
     result.attrs["summary"] = _summary(result, data[0] if data else None, alpha)
@@ -201,11 +203,11 @@ def _finding(data: PairedScores, adjusted: float, tests: int, level: float) -> S
     return StatisticalFinding(mean, mean - reach, mean + reach, p, 0.0, sentence, further)
 
 
-def choices_table(found: xr.Dataset) -> Table:
+def choices_table(effects: xr.Dataset) -> Table:
     """Tabulate the change with every level of every axis for every strategy, from `sensitivity`."""
-    variable = str(found.attrs["variable"])
+    variable = str(effects.attrs["variable"])
     units, shown, factor, digits = SHOWN.get(variable, ("1", "1", 1.0, 2))
-    if found.attrs["scale"] == "Fisher z":
+    if effects.attrs["scale"] == "Fisher z":
         units, shown, factor = "1", "1", 1.0
     columns = (
         Column("axis"), Column("level"), Column("strategy"),
@@ -214,8 +216,8 @@ def choices_table(found: xr.Dataset) -> Table:
         Column("volunteers"), Column("pairs"),
     )  # fmt: skip
     rows: list[tuple[object, ...]] = []
-    for index in range(found.sizes["choice"]):
-        one = found.isel(choice=index)
+    for index in range(effects.sizes["choice"]):
+        one = effects.isel(choice=index)
         low, high = one["interval"].values.tolist()
         rises = float(one["rises"])
         rows.append(
@@ -226,15 +228,15 @@ def choices_table(found: xr.Dataset) -> Table:
                 int(one["pairs"]),
             )
         )  # fmt: skip
-    origin = str(found.attrs["origin"])
-    scale = " in Fisher's z" if found.attrs["scale"] == "Fisher z" else ""
+    origin = str(effects.attrs["origin"])
+    scale = " in Fisher's z" if effects.attrs["scale"] == "Fisher z" else ""
     return Table(
         f"change of {variable}{scale} with each choice, {recordings(origin)}",
         columns,
         tuple(rows),
         origin,
-        f"Reference: {found.attrs['reference']}. One choice is varied at a time. Paired t "
-        f"test over volunteers, scope: {found.attrs['scope']}; intervals are not adjusted, "
+        f"Reference: {effects.attrs['reference']}. One choice is varied at a time. Paired t "
+        f"test over volunteers, scope: {effects.attrs['scope']}; intervals are not adjusted, "
         f"'p Holm' is over all rows; neither is given with fewer than {LEAST_VOLUNTEERS} "
         "volunteers.",
     )
@@ -259,7 +261,7 @@ def _summary(result: xr.Dataset, first: PairedScores | None, alpha: float) -> st
     change, rises = result["estimate"].values, result["rises"].values
     label = result["choice"].values
 
-    def told(index: int) -> str:
+    def change_text(index: int) -> str:
         up = change[index] > 0
         many = int(rises[index]) if up else int(n[index] - rises[index])
         moved = "rises" if up else "falls"
@@ -269,7 +271,7 @@ def _summary(result: xr.Dataset, first: PairedScores | None, alpha: float) -> st
     order = np.argsort(-np.abs(change), kind="stable")
     parts: list[str] = []
     if shown.any():
-        moving = names([told(k) for k in order if shown[k]], 100)
+        moving = names([change_text(k) for k in order if shown[k]], 100)
         parts.append(
             f"{variable} changes significantly, after Holm's correction over {tests} tests, with "
             f"{moving}."
@@ -278,7 +280,7 @@ def _summary(result: xr.Dataset, first: PairedScores | None, alpha: float) -> st
     if alike.any():
         parts.append(
             f"Of the same sign in all volunteers, but not significant after Holm's correction: "
-            f"{names([told(k) for k in order if alike[k]], 100)}."
+            f"{names([change_text(k) for k in order if alike[k]], 100)}."
         )
     open_ = np.isfinite(p) & ~shown & (result["detectable"].values > 0)
     same = int((np.isfinite(p) & (change == 0) & ~open_).sum())

@@ -231,7 +231,7 @@ def descriptive_table(
     CubeError
         Unknown dim or variable.
     """
-    found = descriptives(cube, by=by, variable=variable)
+    groups = descriptives(cube, by=by, variable=variable)
     units, shown, factor, digits = SHOWN.get(
         variable, (str(cube[variable].attrs.get("units", "1")),) * 2 + (1.0, 3)
     )
@@ -246,7 +246,7 @@ def descriptive_table(
         *(Column(name) for name in ("n", "undefined", "failed", "excluded", "missing")),
     )
     rows: list[tuple[Any, ...]] = []
-    flat = found.stack(group=list(by)) if by else found.expand_dims("group")
+    flat = groups.stack(group=list(by)) if by else groups.expand_dims("group")
     for index in range(flat.sizes["group"]):
         group = flat.isel(group=index)
         labels = [group[dim].values.item() for dim in by]

@@ -18,9 +18,11 @@ whose residual motion must not be scored as movement.
 """
 
 
-def names(found: list[str], most: int = 4) -> str:
+def names(labels: list[str], most: int = 4) -> str:
     """Join labels for a message, the first few of them."""
-    return ", ".join(found[:most]) + (f" and {len(found) - most} more" if len(found) > most else "")
+    return ", ".join(labels[:most]) + (
+        f" and {len(labels) - most} more" if len(labels) > most else ""
+    )
 
 
 def require_real(data: xr.DataArray, what: str) -> None:
@@ -132,7 +134,7 @@ def without_gaps(position: xr.DataArray, role: str, *, least: int) -> None:
     bad = ~np.isfinite(position.values)
     seen: NDArray[np.bool_] = np.any(~bad, axis=(1, 2))
     labels = [str(marker) for marker in position["marker"].values]
-    never = [label for label, found in zip(labels, seen.tolist(), strict=True) if not found]
+    never = [label for label, visible in zip(labels, seen.tolist(), strict=True) if not visible]
     if never and count:
         raise TrajectoryError(
             f"the {role} marker{'s' if len(never) > 1 else ''} {names(never)} "
@@ -217,7 +219,7 @@ class Pair:
     dim: str
 
     @classmethod
-    def of(cls, measured: xr.DataArray, simulated: xr.DataArray, dim: str) -> "Pair":
+    def from_positions(cls, measured: xr.DataArray, simulated: xr.DataArray, dim: str) -> "Pair":
         """Check two trajectories against each other and centre them."""
         v, w = pair(measured, simulated, dim)
         given = {"measured": v, "simulated": w}

@@ -78,8 +78,8 @@ class Trial:
                 "'excluded' or 'failed:<ErrorName>'"
             )
         if (self.status == "ok") != (self.scores is not None):
-            found = "no scores" if self.scores is None else "scores"
-            raise CubeError(f"trial {self.label} has status {self.status!r} but {found}")
+            content = "no scores" if self.scores is None else "scores"
+            raise CubeError(f"trial {self.label} has status {self.status!r} but {content}")
 
     @property
     def label(self) -> str:

@@ -13,8 +13,8 @@ Labelled = TypeVar("Labelled", xr.DataArray, xr.Dataset)
 
 def coordinates(data: xr.DataArray | xr.Dataset) -> dict[str, xr.DataArray]:
     """Return the coordinates by name."""
-    held: Mapping[Hashable, xr.DataArray] = cast(Any, data).coords
-    return {str(name): held[name] for name in held}
+    coords: Mapping[Hashable, xr.DataArray] = cast(Any, data).coords
+    return {str(name): coords[name] for name in coords}
 
 
 def selected(data: Labelled, indexers: Mapping[str, Any]) -> Labelled:

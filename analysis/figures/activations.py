@@ -51,7 +51,7 @@ def activation_heat_map(activation: xr.Dataset) -> "Figure":
     FigureError
         The variable is missing or has other dims.
     """
-    data = _of(activation, "activation")
+    data = _over_time(activation, "activation")
     muscles = [str(label) for label in data["muscle"].values]
     values, time = data.values, data["time"].values
     figure = blank(7.0, 1.2 + 0.19 * len(muscles))
@@ -116,7 +116,7 @@ def feature_boxes(
 
     groups: dict[str, list[xr.Dataset]] = {}
     for trial in activations:
-        _of(trial, variable)
+        _over_time(trial, variable)
         if "instruction" not in trial.attrs:
             raise FigureError("a trial has no attribute 'instruction': it cannot be grouped")
         groups.setdefault(str(trial.attrs["instruction"]), []).append(trial)
@@ -146,8 +146,8 @@ def feature_boxes(
             which = sides.index(side) if paired else 0
             shift = (which - (len(sides) - 1) / 2) * 0.4 if paired else 0.0
             groups_of.setdefault(which, {})[places.index(stem) + shift] = values
-        for which, found in groups_of.items():
-            boxes(panel, found, 0.34, which, whiskers=(5, 95))
+        for which, samples in groups_of.items():
+            boxes(panel, samples, 0.34, which, whiskers=(5, 95))
         people = {str(trial.attrs.get("volunteer", "")) for trial in trials} - {""}
         count = f"{len(trials)} trial{'s' * (len(trials) > 1)}"
         count += f", {persons(len(people))}" if people else ""
@@ -203,15 +203,15 @@ def difference_map(pairs: Mapping[str, Sequence[tuple[xr.Dataset, xr.Dataset]]])
     panels = grid(figure, 1, 2 * len(pairs), sharey=True)[0]
     other, mesh = str(each[0][1].attrs.get("strategy", "the other")), None
     for k, (strategy, trials) in enumerate(pairs.items()):
-        found = np.full((2, len(muscles), len(instructions)), np.nan)
+        maps = np.full((2, len(muscles), len(instructions)), np.nan)
         for column, instruction in enumerate(instructions):
             both = [_compared(*p) for p in trials if p[0].attrs["instruction"] == instruction]
             if both:
                 known = np.isfinite(both)
                 total = np.where(known, both, 0.0).sum(axis=0)
-                found[:, :, column] = total / np.where(known.any(axis=0), known.sum(axis=0), np.nan)
+                maps[:, :, column] = total / np.where(known.any(axis=0), known.sum(axis=0), np.nan)
         for panel, values, title in zip(
-            panels[2 * k :], found, ("mean difference", "correlation"), strict=False
+            panels[2 * k :], maps, ("mean difference", "correlation"), strict=False
         ):
             panel.set_facecolor("0.85")
             mesh = panel.pcolormesh(values, cmap="PuOr_r", vmin=-1.0, vmax=1.0)
@@ -229,7 +229,7 @@ def difference_map(pairs: Mapping[str, Sequence[tuple[xr.Dataset, xr.Dataset]]])
 
 def _compared(one: xr.Dataset, other: xr.Dataset) -> NDArray[np.float64]:
     """Mean difference and correlation over time (2, muscle) of two activations."""
-    a, b = _of(one, "activation"), _of(other, "activation")
+    a, b = _over_time(one, "activation"), _over_time(other, "activation")
     if list(a["muscle"].values) != list(b["muscle"].values):
         raise FigureError("the trials have different muscles, expected the same in each")
     time, given = a["time"].values, b["time"].values
@@ -246,12 +246,12 @@ def _compared(one: xr.Dataset, other: xr.Dataset) -> NDArray[np.float64]:
     return np.array([(x - y).mean(axis=1), r])
 
 
-def _of(data: xr.Dataset, variable: str) -> xr.DataArray:
+def _over_time(data: xr.Dataset, variable: str) -> xr.DataArray:
     """Return a variable over muscle and time, or raise."""
     if variable not in data or set(data[variable].dims) != {"muscle", "time"}:
-        found = [f"{name} {tuple(map(str, each.dims))}" for name, each in data.data_vars.items()]
+        present = [f"{name} {tuple(map(str, each.dims))}" for name, each in data.data_vars.items()]
         raise FigureError(
             f"expected a variable {variable!r} with dims (muscle, time), found "
-            f"{names(found) or 'none'}"
+            f"{names(present) or 'none'}"
         )
     return data[variable].transpose("muscle", "time")

@@ -92,7 +92,7 @@ def marker_traces(
     simulated : xarray.Dataset
         ``position`` (marker, axis, time) [m], the simulation used in the alignment.
     scores : xarray.Dataset, optional
-        ``rho`` (marker), written beside the markers.
+        ``rho`` (marker), written next to the markers.
 
     Returns
     -------
@@ -137,8 +137,8 @@ def marker_traces(
     texts = [marker.replace("_", " ") for marker in markers]
     if scores is not None:
         rho = [float(selected(scores["rho"], {"marker": marker})) for marker in markers]
-        told = [f"rho = {one:.2f}" if np.isfinite(one) else "rho undefined" for one in rho]
-        texts = [f"{text}\n{one}" for text, one in zip(texts, told, strict=True)]
+        captions = [f"rho = {one:.2f}" if np.isfinite(one) else "rho undefined" for one in rho]
+        texts = [f"{text}\n{one}" for text, one in zip(texts, captions, strict=True)]
     ticks(panels[0], "y", rows.tolist(), texts)
     panels[0].set_ylim(rows[-1] - 1.05 * most, 1.05 * most)
     panels[0].set_ylabel(f"displacement, lines {apart:g} mm apart")

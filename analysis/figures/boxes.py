@@ -87,12 +87,12 @@ def box_plots(
             _ratios(panel, data.values)
         else:
             panel.set_ylim(bottom=0.0)
-    found = descriptives(cube, variable=variable)
+    statistics = descriptives(cube, variable=variable)
     handles: list[Patch] = []
     for i, strategy in enumerate(strategies):
         # The legend also counts the trials that are not in the boxes.
         n, *left = (
-            int(selected(found[name], {"strategy": strategy}))
+            int(selected(statistics[name], {"strategy": strategy}))
             for name in ("n", "n_undefined", "n_failed", "n_excluded", "n_missing")
         )
         label = f"{strategy} (n = {n}, not drawn {sum(left)})"

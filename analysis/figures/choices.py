@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 
 @styled
-def sensitivity_plot(found: xr.Dataset) -> "Figure":
+def sensitivity_plot(effects: xr.Dataset) -> "Figure":
     """Draw the change with every level of every axis, the axis with the largest change on top.
 
     Parameters
     ----------
-    found : xarray.Dataset
+    effects : xarray.Dataset
         Result of `analysis.sensitivity.sensitivity`.
 
     Returns
@@ -34,17 +34,20 @@ def sensitivity_plot(found: xr.Dataset) -> "Figure":
     FigureError
         The dataset is not a result of `sensitivity`, or contains no choice.
     """
-    if "reach" not in found or not found.sizes.get("choice"):
+    if "reach" not in effects or not effects.sizes.get("choice"):
         raise FigureError("expected the result of analysis.sensitivity with at least one choice")
     from matplotlib.lines import Line2D
 
-    variable = str(found.attrs["variable"])
+    variable = str(effects.attrs["variable"])
     _, unit, factor, _ = SHOWN.get(variable, ("1", "1", 1.0, 2))
-    unit = "Fisher z" if found.attrs["scale"] == "Fisher z" else unit
-    reach = dict(zip(found["axes"].values.tolist(), found["reach"].values.tolist(), strict=True))
-    strategies = list(dict.fromkeys(str(label) for label in found["strategy"].values))
+    unit = "Fisher z" if effects.attrs["scale"] == "Fisher z" else unit
+    reach = dict(
+        zip(effects["axes"].values.tolist(), effects["reach"].values.tolist(), strict=True)
+    )
+    strategies = list(dict.fromkeys(str(label) for label in effects["strategy"].values))
     kinds = [
-        (str(a), str(b)) for a, b in zip(found["axis"].values, found["level"].values, strict=True)
+        (str(a), str(b))
+        for a, b in zip(effects["axis"].values, effects["level"].values, strict=True)
     ]
     order = sorted(dict.fromkeys(kinds), key=lambda kind: (-reach[kind[0]], kind[0]))
     places: dict[tuple[str, str], float] = {}
@@ -55,10 +58,10 @@ def sensitivity_plot(found: xr.Dataset) -> "Figure":
     figure = blank(7.5, 1.3 + (0.3 + 0.2 * len(strategies)) * (last + 1))
     panel = grid(figure)[0][0]
     panel.axvline(0.0, color="0.5", linewidth=0.8, zorder=0)
-    alpha = 1.0 - float(found.attrs["level"])
+    alpha = 1.0 - float(effects.attrs["level"])
     apart = 0.7 / len(strategies)
     for k, kind in enumerate(kinds):
-        one = found.isel(choice=k)
+        one = effects.isel(choice=k)
         i = strategies.index(str(one["strategy"].values))
         place = places[kind] + (i - (len(strategies) - 1) / 2) * apart
         low, high = factor * one["interval"].values
@@ -85,7 +88,7 @@ def sensitivity_plot(found: xr.Dataset) -> "Figure":
                label=f"open: p above {alpha:.2g} after Holm")
     )  # fmt: skip
     legend(figure, handles, most=4)
-    reference = f"reference: {found.attrs['reference']}".replace("_", " ")
+    reference = f"reference: {effects.attrs['reference']}".replace("_", " ")
     panel.set_title("\n".join(wrap(reference, 80)), fontsize="small")
-    heading(figure, f"effect of the choices on {named}", str(cast(Any, found.attrs)["origin"]))
+    heading(figure, f"effect of the choices on {named}", str(cast(Any, effects.attrs)["origin"]))
     return figure

@@ -85,7 +85,7 @@ def cross_check(data: Comparison) -> pd.DataFrame:
     models: Any = import_module("statsmodels.regression.mixed_linear_model")
 
     random = ("volunteer", "instruction")
-    found: dict[str, dict[str, float | bool]] = {}
+    fits: dict[str, dict[str, float | bool]] = {}
     for each in data.pairs:
         table = cell_means(each)
         places = np.nonzero(np.isfinite(table))
@@ -112,8 +112,8 @@ def cross_check(data: Comparison) -> pd.DataFrame:
                 "standard_error": float(fit.bse_fe[0]),
                 "residual": float(fit.scale),
             }
-        found[each.label] = row | {"converged": converged}
-    return pd.DataFrame.from_dict(found, orient="index").rename_axis("contrast")
+        fits[each.label] = row | {"converged": converged}
+    return pd.DataFrame.from_dict(fits, orient="index").rename_axis("contrast")
 
 
 __all__ = ["cross_check", "repeated_measures"]

@@ -76,15 +76,15 @@ def replicates(differences: Array, statistic: Statistic, draws: int, seed: int) 
     rng = generator(seed)
     volunteers, instructions, repetitions, _ = differences.shape
     every = np.arange(instructions, dtype=np.int64)[None, :, None]
-    found = np.full(draws, np.nan)
+    values = np.full(draws, np.nan)
     for draw in range(draws):
         who = rng.integers(0, volunteers, size=(volunteers, 1, 1))
         which = rng.integers(0, repetitions, size=(volunteers, instructions, repetitions))
         sample = differences[who, every, which].ravel()
         sample = sample[np.isfinite(sample)]
         if len(sample):
-            found[draw] = np.median(sample) if statistic == "median" else np.mean(sample)
-    return found
+            values[draw] = np.median(sample) if statistic == "median" else np.mean(sample)
+    return values
 
 
 def tails(n: int, level: float, interval: Interval) -> tuple[float, float]:

@@ -70,16 +70,16 @@ def judged_tests(
     findings: list[StatisticalFinding] = []
     for data in pairs:
         n = len(data.values)
-        found = judge(data) if n >= least else _too_few(data, least)
+        finding = judge(data) if n >= least else _too_few(data, least)
         findings.append(
             replace(
-                found,
+                finding,
                 contrast=data.label,
                 n=n,
-                sentence=f"{data.label}: {found.sentence}{_lost(data.counts)}",
+                sentence=f"{data.label}: {finding.sentence}{_lost(data.counts)}",
                 counts=data.counts,
                 checks=(*checks(data), _left_out(data)),
-                further={name: found.further.get(name, math.nan) for name in further},
+                further={name: finding.further.get(name, math.nan) for name in further},
             )
         )
     return collected(findings, method=method, level=level, attrs=attrs)
@@ -110,7 +110,7 @@ def collected(
     p = np.array([f.p for f in findings], dtype=np.float64)
     least = np.array([f.smallest_p for f in findings], dtype=np.float64)
     estimates = np.array([f.estimate for f in findings], dtype=np.float64)
-    found: dict[str, Any] = {
+    variables: dict[str, Any] = {
         "estimate": (dim, estimates, units),
         "interval": ((dim, "bound"), bounds, units),
         "p": (dim, p, one),
@@ -120,28 +120,31 @@ def collected(
         "n": (dim, np.array([f.n for f in findings], dtype=int), one),
     }
     for name in COUNTS:
-        found[name] = (dim, np.array([f.counts.get(name, 0) for f in findings], dtype=int), one)
+        variables[name] = (dim, np.array([f.counts.get(name, 0) for f in findings], dtype=int), one)
     for name in findings[0].further if findings else ():
         measured = name in ("standard_error", "standard_deviation")
         values = np.array([f.further[name] for f in findings])
-        found[name] = (dim, values, units if measured else one)
-    found["reason"] = (dim, np.array([f.reason for f in findings], dtype=str))
-    found["sentence"] = (dim, np.array([f.sentence for f in findings], dtype=str))
+        variables[name] = (dim, values, units if measured else one)
+    variables["reason"] = (dim, np.array([f.reason for f in findings], dtype=str))
+    variables["sentence"] = (dim, np.array([f.sentence for f in findings], dtype=str))
     coords: dict[str, Any] = {
         dim: np.array([f.contrast for f in findings], dtype=str),
         "bound": ["lower", "upper"],
     }
     if findings and findings[0].checks:
-        found["verdict"] = ((dim, "assumption"), [[c.verdict for c in f.checks] for f in findings])
-        found["check"] = ((dim, "assumption"), [[c.check for c in f.checks] for f in findings])
+        variables["verdict"] = (
+            (dim, "assumption"),
+            [[c.verdict for c in f.checks] for f in findings],
+        )
+        variables["check"] = ((dim, "assumption"), [[c.check for c in f.checks] for f in findings])
         coords["assumption"] = [c.assumption for c in findings[0].checks]
-    result = xr.Dataset(found, coords=coords)
-    told = [f.sentence for f in findings] or [
+    result = xr.Dataset(variables, coords=coords)
+    sentences = [f.sentence for f in findings] or [
         "There is no comparison: a contrast requires two strategies."
     ]
     if findings and "scope" in attrs:
-        told.append(f"Scope: {attrs['scope']}.")
-    result.attrs = {"method": method, "level": level, **attrs, "sentence": " ".join(told)}
+        sentences.append(f"Scope: {attrs['scope']}.")
+    result.attrs = {"method": method, "level": level, **attrs, "sentence": " ".join(sentences)}
     return result
 
 

@@ -64,8 +64,8 @@ class PairedScores:
     @property
     def values(self) -> Array:
         """Means of the volunteers with a pair, shape (n,)."""
-        found = self.means.values
-        return found[np.isfinite(found)]
+        means = self.means.values
+        return means[np.isfinite(means)]
 
     @property
     def volunteers(self) -> list[str]:

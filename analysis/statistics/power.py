@@ -93,13 +93,13 @@ def simulated_power(
         coords={"volunteers": list(volunteers)},
     )
     what = f"a difference of {effect:.2g} with standard deviation {standard_deviation:.2g}"
-    found = (
+    requirement = (
         (f"requires {persons(needed)}")
         if needed
         else f"requires more than {max(volunteers)} volunteers"
     )
     names = {"sign_flip": "sign-flip", "wilcoxon": "Wilcoxon", "t": "t"}
-    sentence = f"To detect {what} with power {target:.2g}, the {names[test]} test {found}."
+    sentence = f"To detect {what} with power {target:.2g}, the {names[test]} test {requirement}."
     result.attrs = {
         "method": "power by simulation of normal mean differences",
         "test": test, "effect": effect, "standard_deviation": standard_deviation,
@@ -167,8 +167,8 @@ def power(
     generator(seed)  # errors before the first simulation
     spreads = ("lower", "estimate", "upper")
     shape = (len(data.pairs), len(spreads))
-    found = np.full((*shape, len(volunteers)), np.nan)
-    errors, deviations, needed = found.copy(), np.full(shape, np.nan), np.full(shape, np.nan)
+    powers = np.full((*shape, len(volunteers)), np.nan)
+    errors, deviations, needed = powers.copy(), np.full(shape, np.nan), np.full(shape, np.nan)
     effects = np.full(len(data.pairs), math.nan)
     sentences: list[str] = []
     for row, each in enumerate(data.pairs):
@@ -193,7 +193,7 @@ def power(
                 test=test, alpha=alpha, target=target, simulations=simulations, seed=seed,
                 contrasts=len(data.pairs),
             )  # fmt: skip
-            found[row, column] = result["power"].values
+            powers[row, column] = result["power"].values
             errors[row, column] = result["monte_carlo_error"].values
             needed[row, column] = float(result["volunteers_needed"])
         shown = [f"{k:.0f}" if np.isfinite(k) else f"over {max(volunteers)}" for k in needed[row]]
@@ -211,7 +211,7 @@ def power(
     dims = ("contrast", "spread")
     return xr.Dataset(
         {
-            "power": ((*dims, "volunteers"), found, one),
+            "power": ((*dims, "volunteers"), powers, one),
             "monte_carlo_error": ((*dims, "volunteers"), errors, one),
             "volunteers_needed": (dims, needed, one),
             "effect": ("contrast", effects, units),

@@ -126,8 +126,8 @@ def wilcoxon_p(values: Array) -> tuple[float, float]:
         away = abs(positive - float(ranks.sum()) / 2.0) / (0.5 * float(np.sqrt((ranks**2).sum())))
         return positive, 2.0 * float(norm.sf(away))
     sums, chances = signed_rank_counts(ranks)
-    found = round(2.0 * positive)
-    tails = float(chances[sums <= found].sum()), float(chances[sums >= found].sum())
+    observed = round(2.0 * positive)
+    tails = float(chances[sums <= observed].sum()), float(chances[sums >= observed].sum())
     return positive, min(1.0, 2.0 * min(tails))
 
 
@@ -194,7 +194,7 @@ def friedman_p(table: Array) -> tuple[float, float, float, bool]:
     statistic = (k - 1) * float(((sums - n * (k + 1) / 2.0) ** 2).sum()) / spread
     p_chi2 = float(chi2.sf(statistic, k - 1))
     # The sum of squares of doubled sums of ranks is an integer and increases with the statistic.
-    found = int((np.rint(2.0 * sums).astype(np.int64) ** 2).sum())
+    observed = int((np.rint(2.0 * sums).astype(np.int64) ** 2).sum())
     # Without ties there are about n^(k - 1) / 2 sums or more.
     if k > 5 or n ** (k - 1) > 2 * MOST_STATES:
         return statistic, p_chi2, p_chi2, False
@@ -211,7 +211,7 @@ def friedman_p(table: Array) -> tuple[float, float, float, bool]:
         states = following
         if len(states) > MOST_STATES:
             return statistic, p_chi2, p_chi2, False
-    p = sum(chance for state, chance in states.items() if sum(s * s for s in state) >= found)
+    p = sum(chance for state, chance in states.items() if sum(s * s for s in state) >= observed)
     return statistic, min(1.0, float(p)), p_chi2, True
 
 
@@ -220,12 +220,12 @@ def _signed_ranks(data: PairedScores, level: float, contrasts: int) -> Statistic
     n, zeros = len(values), int((values == 0).sum())
     statistic, p = wilcoxon_p(values)
     estimate, lower, upper, coverage = hodges_lehmann(values, level)
-    held = coverage if math.isfinite(lower) else level  # an unbounded interval has the level 1
+    attained = coverage if math.isfinite(lower) else level  # an unbounded interval has the level 1
     least = min(1.0, 2.0 ** (1 - n))
     reach = min(1.0, least * contrasts)
     sentence = (
         f"median {data.shown(estimate)} over {persons(n)} "
-        f"({data.shown_interval(lower, upper, held)}; Wilcoxon {shown_p(p)}; after Holm over "
+        f"({data.shown_interval(lower, upper, attained)}; Wilcoxon {shown_p(p)}; after Holm over "
         f"{contrasts} contrasts no p below {reach:.2g} is possible)."
     )
     if reach > 1.0 - level:

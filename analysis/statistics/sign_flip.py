@@ -136,11 +136,11 @@ def _finding(
     patterns = sign_patterns(n, draws, seed)
     p, least = sign_flip_p(values, patterns), max(2.0 ** (1 - n), 1.0 / len(patterns))
     lower, upper, coverage = sign_flip_interval(values, patterns, level)
-    held = coverage if math.isfinite(lower) else level  # an unbounded interval has the level 1
+    attained = coverage if math.isfinite(lower) else level  # an unbounded interval has the level 1
     exact = "all" if n <= MOST_EXACT else f"{draws} random"
     sentence = (
         f"{data.shown(estimate)} over {persons(n)} "
-        f"({data.shown_interval(lower, upper, held)}; {shown_p(p)}, {exact} sign flips, smallest "
+        f"({data.shown_interval(lower, upper, attained)}; {shown_p(p)}, {exact} sign flips, smallest "
         f"p possible {least:.2g}; {shown_p(joint)} over all contrasts jointly)."
     )
     if not values.any():

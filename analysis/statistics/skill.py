@@ -96,15 +96,15 @@ def against_baselines(
     }
     for name, top in parts.items():
         bottom = rooms.get(name)
-        found = [
+        estimates = [
             ratio_interval(
                 _cells(top, k), None if bottom is None else _cells(bottom, k), level, draws, seed
             )
             for k in range(len(strategies))
         ]
         attrs = {"units": "1", "long_name": GAINS[name]}
-        result[name] = ("strategy", np.array([one[0] for one in found]), attrs)
-        bounds = np.array([one[1:] for one in found]).reshape(-1, 2)
+        result[name] = ("strategy", np.array([one[0] for one in estimates]), attrs)
+        bounds = np.array([one[1:] for one in estimates]).reshape(-1, 2)
         result[f"{name}_interval"] = (("strategy", "bound"), bounds, attrs)
     scored = parts["gain_template"].transpose("strategy", *TRIAL[:3], "marker").notnull().values
     result["trials"] = ("strategy", scored.any(axis=4).sum(axis=(1, 2, 3)))

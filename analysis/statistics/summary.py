@@ -60,7 +60,7 @@ def study_statistics(
     data = compare(cube, variable=variable)
     # The bootstrap estimates effects in units of the variable.
     raw = compare(cube, variable=variable, scale="raw")
-    found = {
+    results = {
         "sign_flip": sign_flip(data, level=level, seed=seed),
         "mixed_model": mixed_model(data, level=level),
         "mixed_model_these_instructions": mixed_model(
@@ -72,11 +72,11 @@ def study_statistics(
         "leave_one_out": leave_one_volunteer_out(data),
     }
     if margin is not None:
-        found["equivalence"] = equivalence(data, margin=margin)
-    return found
+        results["equivalence"] = equivalence(data, margin=margin)
+    return results
 
 
-def conclusions(found: Mapping[str, xr.Dataset], *, together: bool = False) -> list[str]:
+def conclusions(statistics: Mapping[str, xr.Dataset], *, together: bool = False) -> list[str]:
     """State for every contrast whether the difference is significant, and for which scope.
 
     One or two sentences per contrast of the result of `study_statistics`; with `together`, a second
@@ -86,7 +86,7 @@ def conclusions(found: Mapping[str, xr.Dataset], *, together: bool = False) -> l
     of the mixed model is, after Holm's correction. Otherwise the smallest detectable difference is
     stated.
     """
-    exact = found["sign_flip"]
+    exact = statistics["sign_flip"]
     alpha = 1.0 - float(exact.attrs["level"])
     variable, origin = str(exact.attrs["variable"]), str(exact.attrs["origin"])
     tested = int((exact["n"].values > 1).sum())
@@ -115,7 +115,7 @@ def conclusions(found: Mapping[str, xr.Dataset], *, together: bool = False) -> l
                 f"{persons(n)}); a difference may exist: {_smallest_seen(row, alpha, tested)}."
             )
         told.append(f"{contrast}: {text}")
-        second = _in_general(found["mixed_model"].isel(contrast=index), alpha)
+        second = _in_general(statistics["mixed_model"].isel(contrast=index), alpha)
         general.setdefault(second, []).append(len(told) - 1)
     every = exact["contrast"].values.tolist()
     for second, places in general.items():
@@ -163,7 +163,7 @@ def _in_general(row: xr.Dataset, alpha: float) -> str:
     )
 
 
-def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
+def statistics_table(statistics: Mapping[str, xr.Dataset]) -> Table:
     """Tabulate estimate, interval and p of every test and contrast of `study_statistics`.
 
     The column ``in`` contains the unit of the estimate.
@@ -176,7 +176,7 @@ def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
         Column("volunteers"), Column("pairs"), Column("pairs lost"),
     )  # fmt: skip
     rows: list[tuple[object, ...]] = []
-    for name, each in found.items():
+    for name, each in statistics.items():
         variable = str(each.attrs["variable"])
         _, unit, factor, _ = SHOWN.get(variable, ("1", "1", 1.0, 2))
         if each.attrs["scale"] == "Fisher z":
@@ -197,7 +197,7 @@ def statistics_table(found: Mapping[str, xr.Dataset]) -> Table:
             counts = (int(row["n"]), int(row["pairs"]), gone)
             test = name.replace("_these_instructions", "").replace("_", " ")
             rows.append((test, scope, str(contrast), unit, *numbers, *counts))
-    first = next(iter(found.values()))
+    first = next(iter(statistics.values()))
     origin = str(first.attrs["origin"])
     note = (
         "All tests apply to volunteers in general; the column instructions states if they "

@@ -191,7 +191,7 @@ def test_forces_are_those_of_the_changed_curves_or_none(served, opened):
     until(opened, f"return ({STAGE}.refused || '').includes('element 3')")
     assert force() == "" and status() == ""
     assert not opened.execute_script("return document.getElementById('rho').innerText")
-    told = opened.execute_script("return document.getElementById('told').textContent")
+    told = opened.execute_script("return document.getElementById('message').textContent")
     assert "the motion of the former curves" in told
     opened.execute_script(
         "const t = document.getElementById('time'); t.value = 3; t.dispatchEvent(new Event('input'))"
