@@ -105,7 +105,7 @@ def describe(
     refuse_existing(None if out is None else Path(out))
     folder = None if out is None else Path(out).parent
     text = draft(
-        Path(path), beside=folder, rate=rate, unit=unit, columns=columns, variable=variable,
+        Path(path), sidecar_folder=folder, rate=rate, unit=unit, columns=columns, variable=variable,
         confirmed=confirmed,
     )  # fmt: skip
     if out is not None:

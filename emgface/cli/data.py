@@ -73,7 +73,7 @@ def check(
     from emgface.files import refuse_existing, write_text
     from emgface.recordings.dataset import find_recordings, read_recordings
     from emgface.recordings.exclusions import Exclusion, exclusions_text
-    from emgface.recordings.folder import told
+    from emgface.recordings.folder import left_out_sentence
     from emgface.signals.parameters import SignalChain
 
     paths, unusable = _without_models(paths)
@@ -112,7 +112,7 @@ def check(
         tables = pd.concat([verdict.labelled() for verdict in done], ignore_index=True)
         typer.echo(tables.map(no_formula).to_csv(index=False), nl=False)
     for folder in (path for path in paths if path.is_dir()):
-        if sentence := told(folder):
+        if sentence := left_out_sentence(folder):
             say(sentence)
     for sentence in later_steps(done):
         say(sentence)

@@ -43,7 +43,7 @@ def describe(
     refuse_existing(out_path)
     text = draft(
         path,
-        beside=None if out_path is None else out_path.parent,
+        sidecar_folder=None if out_path is None else out_path.parent,
         rate=rate,
         unit=unit,
         columns=None if columns is None else [label.strip() for label in columns.split(",")],

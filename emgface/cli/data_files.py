@@ -90,7 +90,7 @@ def convert(
     from emgface.recordings.bids.rules import bids_problems
     from emgface.recordings.bids.write import bids_entities
     from emgface.recordings.dataset import find_recordings, read_recording, write_recording
-    from emgface.recordings.folder import told
+    from emgface.recordings.folder import left_out_sentence
     from emgface.recordings.quality import remove_hum
 
     given = [
@@ -139,7 +139,7 @@ def convert(
     for sentence in broken:
         say(sentence)
     for folder in (path for path in paths if path.is_dir()):
-        if sentence := told(folder):
+        if sentence := left_out_sentence(folder):
             say(sentence)
     say(f"{len(given) - n_bad} of {len(given)} recordings were converted.")
     if n_bad or broken:

@@ -27,16 +27,16 @@ def array_table(
     (labels) are specified if known. Returns in addition the sampling rate [Hz], if a variable or
     attribute states it. Raises DataError if the file is damaged or contains no such array.
     """
-    held = parsed(path, parse_contents, path)
+    contents = parsed(path, parse_contents, path)
     arrays = {
         name: shape
-        for name, (shape, kind) in held["variables"].items()
+        for name, (shape, kind) in contents["variables"].items()
         if kind in "iuf" and 1 <= len([n for n in shape if n > 1]) <= 2 and max(shape) >= _LEAST
     }
     if not arrays:
         raise DataError(
             f"{path.name} contains no array of two dims with {_LEAST} samples or more, found "
-            f"{', '.join(held['variables']) or 'no variable'}; expected time and channels."
+            f"{', '.join(contents['variables']) or 'no variable'}; expected time and channels."
         )
     if variable is not None and variable not in arrays:
         raise DataError(
@@ -54,8 +54,8 @@ def array_table(
     if others:
         draft.lines.append(f"# other arrays in the file: {listed(others)}")
     draft.put("dims", ["channel", "time"] if transposed else ["time", "channel"])
-    frame.columns = _labels(path, draft, name, columns, frame.shape[1], held["variables"])
-    rates = list(rates_of(held["numbers"]).values())
+    frame.columns = _labels(path, draft, name, columns, frame.shape[1], contents["variables"])
+    rates = list(rates_of(contents["numbers"]).values())
     return frame, rates[0] if rates else None
 
 

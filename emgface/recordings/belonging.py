@@ -98,20 +98,20 @@ def of_times(motion: xr.Dataset, other: xr.Dataset, dim: str, what: str) -> list
     times = np.asarray(motion["time"].values, dtype=np.float64)
     if times.size < 3:
         return []
-    found: list[Finding] = []
+    findings: list[Finding] = []
     output, interval = motion.attrs.get("output"), float(np.median(np.diff(times)))
     if isinstance(output, int | float) and output > 0.0:
         factor = interval / float(output)
         if abs(factor - 1.0) > SAME_INTERVAL:
-            told = {"found": interval, "output": float(output), "factor": factor}
-            found.append(Finding("changed_times", values=told))
+            values = {"found": interval, "output": float(output), "factor": factor}
+            findings.append(Finding("changed_times", values=values))
     stated = [motion.attrs.get(name) for name in ("recorded_start", "recorded_pace")]
     if not all(isinstance(one, int | float) for one in stated) or not other.sizes.get(dim, 0):
-        return found
+        return findings
     begin, end = (float(stated[0] + stated[1] * t) for t in (times[0], times[-1]))
     first, last = (float(other[dim].values[k]) for k in (0, -1))
     share = (min(end, last) - max(begin, first)) / (end - begin)
     if share < COVERED:
-        told = {"motion_from": begin, "motion_to": end, "what": what, "from": first, "to": last}
-        found.append(Finding("other_times", values=told | {"share": max(0.0, share)}))
-    return found
+        values = {"motion_from": begin, "motion_to": end, "what": what, "from": first, "to": last}
+        findings.append(Finding("other_times", values=values | {"share": max(0.0, share)}))
+    return findings

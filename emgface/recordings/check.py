@@ -49,23 +49,23 @@ def check_recording(
     verdict.
     """
     limit = HeadFrameParameters().max_gap if max_gap is None else max_gap
-    examined, found = _examined(recording, limit)
+    examined, all_findings = _examined(recording, limit)
     first = {
         kind: next((r["name"] for r in examined if _judgeable(r, kind)), None) for kind in KINDS
     }
     rows: list[dict[str, object]] = []
     for row in examined:
-        own = [f for f in found if f.kind == row["kind"] and f.name == row["name"]]
+        own = [f for f in all_findings if f.kind == row["kind"] and f.name == row["name"]]
         # A finding on the whole recording is stated with its first channel or marker.
         if row["name"] == first[str(row["kind"])]:
-            own += [f for f in found if not f.name and f.kind in (row["kind"], "recording")]
+            own += [f for f in all_findings if not f.name and f.kind in (row["kind"], "recording")]
         if "verdict" in row:  # a channel without EMG
-            told = "; ".join([str(row["reason"]), *(f.clause for f in own)])
-            rows.append({**row, "reason": told})
+            reasons = "; ".join([str(row["reason"]), *(f.clause for f in own)])
+            rows.append({**row, "reason": reasons})
         else:
             rows.append(judged(row, own))
-    rows += _lost(rows, found)
-    rows += _of_nothing(rows, found, first)
+    rows += _lost(rows, all_findings)
+    rows += _of_nothing(rows, all_findings, first)
     if study:
         rows += _absent(rows)
     columns = list(dict.fromkeys(key for row in rows for key in row))
@@ -87,7 +87,7 @@ def _examined(recording: xr.Dataset, limit: float) -> tuple[list[dict[str, objec
     """Measure every channel and marker; return the rows without verdict and all findings."""
     rows: list[dict[str, object]] = []
     stored = findings_in(recording)
-    found = [finding for finding in stored if finding.code != "left_out"]
+    all_findings = [finding for finding in stored if finding.code != "left_out"]
     if "emg" in recording:
         emg = recording["emg"]
         clock = clock_of(emg["time_emg"].values)
@@ -98,7 +98,7 @@ def _examined(recording: xr.Dataset, limit: float) -> tuple[list[dict[str, objec
                 rows.append(_other(row, signal))
                 continue
             rows.append(row | {"signal": "EMG"})
-            found += _not_marked(stored, channel_findings(values, row, clock))
+            all_findings += _not_marked(stored, channel_findings(values, row, clock))
     rows += _left_out(stored)
     if "position" in recording:
         position = recording["position"]
@@ -106,47 +106,51 @@ def _examined(recording: xr.Dataset, limit: float) -> tuple[list[dict[str, objec
         for label, values in zip(position["marker"].values, position.values, strict=True):
             row = row_of(str(label), "marker", "m", values, clock) | {"signal": "position"}
             rows.append(row)
-            found += _not_marked(stored, marker_findings(values, row, clock, limit))
+            all_findings += _not_marked(stored, marker_findings(values, row, clock, limit))
     named = [row["name"] for row in rows if row["signal"] == "EMG"]
     if "emg" in recording:
         recording = recording.sel(channel=named) if named else recording.drop_vars("emg")
     measures, further = findings(recording)
     rows = [{**row, **measures.get((str(row["kind"]), str(row["name"])), {})} for row in rows]
-    return rows, found + further
+    return rows, all_findings + further
 
 
-def _not_marked(stored: list[Finding], found: list[Finding]) -> list[Finding]:
+def _not_marked(stored: list[Finding], new: list[Finding]) -> list[Finding]:
     """Leave out that a signal is never visible where a mark of the file is the reason."""
     marked = {(f.kind, f.name) for f in stored if f.code in ("all_bad", "all_bad_frames")}
-    return [f for f in found if f.code != "invisible" or (f.kind, f.name) not in marked]
+    return [f for f in new if f.code != "invisible" or (f.kind, f.name) not in marked]
 
 
 def _judgeable(row: dict[str, object], kind: str) -> bool:
     return row["kind"] == kind and "verdict" not in row
 
 
-def _lost(rows: list[dict[str, object]], found: list[Finding]) -> list[dict[str, object]]:
+def _lost(rows: list[dict[str, object]], all_findings: list[Finding]) -> list[dict[str, object]]:
     """Rows of the channels that the file marks as bad, which are no longer in the recording."""
-    held = {(row["kind"], row["name"]) for row in rows}
-    bad = {(f.kind, f.name): f for f in found if f.code == "bad" and f.name}
+    present = {(row["kind"], row["name"]) for row in rows}
+    bad = {(f.kind, f.name): f for f in all_findings if f.code == "bad" and f.name}
     return [
         judged(
             _nothing(name, kind, "V" if kind == "channel" else "m") | {"signal": "EMG"},
-            [f for f in found if (f.kind, f.name) == (kind, name)],
+            [f for f in all_findings if (f.kind, f.name) == (kind, name)],
         )
         for kind, name in bad
-        if (kind, name) not in held
+        if (kind, name) not in present
     ]
 
 
 def _of_nothing(
-    rows: list[dict[str, object]], found: list[Finding], first: dict[str, object]
+    rows: list[dict[str, object]], all_findings: list[Finding], first: dict[str, object]
 ) -> list[dict[str, object]]:
     """Row of the findings on the whole recording, or on signals that it lacks, if no other has them."""
-    held = {(row["kind"], row["name"]) for row in rows}
+    present = {(row["kind"], row["name"]) for row in rows}
     whole = [kind for kind in KINDS if first[kind] is not None]
-    told = {*whole, "recording"} if whole else set[str]()
-    left = [f for f in found if ((f.kind, f.name) not in held if f.name else f.kind not in told)]
+    stated = {*whole, "recording"} if whole else set[str]()
+    left = [
+        f
+        for f in all_findings
+        if ((f.kind, f.name) not in present if f.name else f.kind not in stated)
+    ]
     if not left:
         return []
     return [judged(_nothing("", "recording", "") | {"signal": ""}, left)]
@@ -160,8 +164,8 @@ def problems(table: pd.DataFrame, verdict: Verdict = "error") -> list[str]:
     columns = (table[name] for name in ("kind", "name", "verdict", "reason"))
     return [
         f"{kind} {name}: {reason}." if name else f"{kind}: {reason}."
-        for kind, name, found, reason in zip(*columns, strict=True)
-        if found == verdict
+        for kind, name, row_verdict, reason in zip(*columns, strict=True)
+        if row_verdict == verdict
     ]
 
 
@@ -170,10 +174,10 @@ def _other(row: dict[str, object], signal: Signal) -> dict[str, object]:
     return {**row, "signal": signal.kind, "verdict": "not EMG", "reason": signal.reason}
 
 
-def _left_out(found: list[Finding]) -> list[dict[str, object]]:
+def _left_out(all_findings: list[Finding]) -> list[dict[str, object]]:
     """Rows for analog channels that the reader omitted because they are not voltages."""
     rows: list[dict[str, object]] = []
-    for finding in found:
+    for finding in all_findings:
         if finding.code != "left_out":
             continue
         unit, label = str(finding.values["unit"]), finding.name
@@ -195,10 +199,10 @@ def _absent(rows: list[dict[str, object]]) -> list[dict[str, object]]:
     demand = declaration("recording").study
     result: list[dict[str, object]] = []
     for kind, names in (demand.names if demand else {}).items():
-        held = [str(row["name"]) for row in rows if row["kind"] == kind]
-        spare = [name for name in held if name not in names]
+        present = [str(row["name"]) for row in rows if row["kind"] == kind]
+        spare = [name for name in present if name not in names]
         for name in names:
-            if name in held:
+            if name in present:
                 continue
             near = nearest(name, spare, cutoff=0.75)
             advice = f"it may be {near!r}" if near else "map a label of the file to it"

@@ -71,12 +71,12 @@ def _whole(values: np.ndarray, step: float) -> bool:
     return bool(np.abs(counts - np.rint(counts)).max() < 1e-3)
 
 
-def _modulus(held: float, step: float) -> tuple[float, bool]:
+def _modulus(span: float, step: float) -> tuple[float, bool]:
     """Modulus of a counter by its range: the next power of 2 or 10 if it is within a tenth of it.
 
     The second value is False if there is no such power, and the modulus is the range itself.
     """
-    counts = held / step
+    counts = span / step
     powers = sorted([2.0**k for k in range(3, 33)] + [10.0**k for k in range(1, 10)])
     near = next((number for number in powers if number >= counts - 0.5), np.inf)
     known = near <= 1.1 * counts

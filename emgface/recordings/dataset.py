@@ -63,16 +63,16 @@ def readers() -> dict[str, Reader]:
     >>> readers()[".c3d"].FORMAT
     'C3D'
     """
-    found: dict[str, Reader] = {}
+    by_suffix: dict[str, Reader] = {}
     for info in pkgutil.iter_modules(emgface.recordings.readers.__path__):
         if not info.name.startswith("_"):
             module = cast(
                 Reader, importlib.import_module(f"emgface.recordings.readers.{info.name}")
             )
-            found.update(dict.fromkeys(module.SUFFIXES, module))
+            by_suffix.update(dict.fromkeys(module.SUFFIXES, module))
     for name, plugin in plugins("reader").items():
-        found[f".{name}"] = cast(Reader, _OfPackage(plugin, own=f".{name}" in found))
-    return found
+        by_suffix[f".{name}"] = cast(Reader, _OfPackage(plugin, own=f".{name}" in by_suffix))
+    return by_suffix
 
 
 class _OfPackage:
@@ -142,11 +142,11 @@ def read_recording(
         return validate(_flag_constant(recording), "recording", study=study)
     except DataError as error:
         # Errors of libraries may have several lines.
-        told = " ".join(line.strip() for line in str(error).splitlines())
-        told = told if path.name in told else f"{path.name}: {told}"
-        if told == str(error):
+        message = " ".join(line.strip() for line in str(error).splitlines())
+        message = message if path.name in message else f"{path.name}: {message}"
+        if message == str(error):
             raise
-        raise type(error)(told) from error
+        raise type(error)(message) from error
     except EmgfaceError:
         raise
     except Exception as error:
@@ -177,8 +177,8 @@ def find_recordings(folder: str | Path) -> list[Path]:
     Files that declare another kind are omitted, damaged ones are not. Raises DataError if a folder
     is absent or cannot be read, or contains none.
     """
-    found = [path for path in candidates(folder) if may_be_recording(path)]
-    return found if found else none_found(folder)
+    recordings = [path for path in candidates(folder) if may_be_recording(path)]
+    return recordings if recordings else none_found(folder)
 
 
 def candidates(folder: str | Path) -> list[Path]:
@@ -186,7 +186,7 @@ def candidates(folder: str | Path) -> list[Path]:
     folder = Path(folder)
     if not folder.is_dir():
         raise DataError(f"No folder {folder}; expected recordings in it: check the path.")
-    known, found, left = readers(), list[Path](), [folder]
+    known, paths, left = readers(), list[Path](), [folder]
     try:
         while left:
             with os.scandir(left.pop()) as entries:
@@ -196,14 +196,14 @@ def candidates(folder: str | Path) -> list[Path]:
                     elif os.path.splitext(entry.name)[1].lower() in known:
                         # A link to an absent file is listed, so that its recording is missed.
                         if entry.is_file() or (entry.is_symlink() and not os.path.exists(entry)):
-                            found.append(Path(entry.path))
+                            paths.append(Path(entry.path))
     except OSError as error:
         raise DataError(
             f"{error.filename} cannot be read ({error.strerror}); expected a folder of recordings: "
             "change its permissions, or move it elsewhere."
         ) from error
     return sorted(
-        (path for path in found if not path.name.startswith(".")), key=lambda path: path.parts
+        (path for path in paths if not path.name.startswith(".")), key=lambda path: path.parts
     )
 
 
@@ -285,11 +285,11 @@ def _digest(files: Sequence[Path]) -> str:
 def _unknown_format(path: Path) -> str:
     known = readers()
     if path.suffix.lower() in _UNNAMED:
-        beside = path.with_suffix(".toml")
-        named = f"specify {beside.name}, which is in the same folder"
+        sidecar = path.with_suffix(".toml")
+        named = f"specify {sidecar.name}, which is in the same folder"
         return (
             f"{path.name} does not specify its contents, rate and units; expected a TOML "
-            f"sidecar that does: {named if beside.is_file() else 'write one'} instead."
+            f"sidecar that does: {named if sidecar.is_file() else 'write one'} instead."
         )
     if own := _OTHERS.get(path.suffix.lower()):
         return f"{path.name} is {own}."

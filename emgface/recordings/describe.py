@@ -45,7 +45,7 @@ _INDEX: Final = re.compile(r"(sample|samples|index|frame|nr|no|#|n)\b.*", re.IGN
 def describe(
     path: str | Path,
     *,
-    beside: str | Path | None = None,
+    sidecar_folder: str | Path | None = None,
     rate: float | None = None,
     unit: str | None = None,
     columns: Sequence[str] | None = None,
@@ -54,8 +54,8 @@ def describe(
 ) -> str:
     """Draft the sidecar of a text table, a MATLAB or an HDF5 file, as TOML.
 
-    `beside` is the folder of the sidecar, which contains the file or its folder; the default is that
-    of the file. Known properties are the sampling `rate` [Hz], the `unit` of the EMG, the
+    `sidecar_folder` is the folder of the sidecar, which contains the file or its folder; the default
+    is that of the file. Known properties are the sampling `rate` [Hz], the `unit` of the EMG, the
     labels of the `columns`, if the file contains none, and the `variable` of a MATLAB or HDF5 file
     that contains the recording; `confirmed` accepts all guesses. Raises DataError if the file is
     absent, of a format that requires no sidecar, or contains no rows of numbers, and UnitsError if
@@ -76,7 +76,7 @@ def describe(
             "formats state their rates and units themselves, open them with 'emgface check'."
         )
     draft = Draft()
-    folder = path.parent if beside is None else Path(beside)
+    folder = path.parent if sidecar_folder is None else Path(sidecar_folder)
     draft.lines.append("[emg]")
     relative = Path(os.path.relpath(path, folder)).as_posix()
     if relative.startswith("../") or Path(relative).is_absolute():
@@ -93,8 +93,8 @@ def describe(
         except _NoUnit:
             del draft.lines[2:]  # counts without a transfer function: a table of the user
     if suffix in ARRAYS:
-        frame, found = array_table(path, draft, variable, columns)
-        units, rate = dict.fromkeys(frame.columns, ""), rate or found
+        frame, own_rate = array_table(path, draft, variable, columns)
+        units, rate = dict.fromkeys(frame.columns, ""), rate or own_rate
     else:
         frame, units = _text_table(path, draft, columns)
     clock, rate = _clock(draft, frame, units, rate)
@@ -169,36 +169,38 @@ def _text_table(
     path: Path, draft: Draft, columns: Sequence[str] | None
 ) -> tuple[pd.DataFrame, dict[str, str]]:
     """Numbers of a text table, and the unit of each column; adds the layout to the draft."""
-    found = text_layout(path)
-    given: dict[str, Any] = {"delimiter": found.delimiter}
-    draft.put("delimiter", found.delimiter, table="emg", sure=found.sure,
-              why="" if found.sure else "other delimiters fit as well")  # fmt: skip
-    if found.decimal != ".":
-        given["decimal"] = found.decimal
-        draft.put("decimal", found.decimal)
-    if found.encoding:
-        given["encoding"] = found.encoding
-        draft.put("encoding", found.encoding, "the file is not UTF-8", table="emg", sure=False)
-    if found.skip_rows:
-        given["skip_rows"] = found.skip_rows
+    layout = text_layout(path)
+    given: dict[str, Any] = {"delimiter": layout.delimiter}
+    draft.put("delimiter", layout.delimiter, table="emg", sure=layout.sure,
+              why="" if layout.sure else "other delimiters fit as well")  # fmt: skip
+    if layout.decimal != ".":
+        given["decimal"] = layout.decimal
+        draft.put("decimal", layout.decimal)
+    if layout.encoding:
+        given["encoding"] = layout.encoding
+        draft.put("encoding", layout.encoding, "the file is not UTF-8", table="emg", sure=False)
+    if layout.skip_rows:
+        given["skip_rows"] = layout.skip_rows
         why = "lines before the table"
-        if found.skipped:
-            why += f", {found.skipped} of which are rows of numbers: check that they are no samples"
-        draft.put("skip_rows", found.skip_rows, why, table="emg", sure=not found.skipped)
-    if columns is not None and len(columns) != len(found.labels):
+        if layout.skipped:
+            why += (
+                f", {layout.skipped} of which are rows of numbers: check that they are no samples"
+            )
+        draft.put("skip_rows", layout.skip_rows, why, table="emg", sure=not layout.skipped)
+    if columns is not None and len(columns) != len(layout.labels):
         raise DataError(
-            f"{path.name} has {len(found.labels)} columns and {len(columns)} labels were given; "
-            f"expected one for each of {listed(found.labels, 12)}."
+            f"{path.name} has {len(layout.labels)} columns and {len(columns)} labels were given; "
+            f"expected one for each of {listed(layout.labels, 12)}."
         )
-    if columns is not None or not found.labelled:
-        if columns is not None and found.labelled:
-            if found.skip_rows:
+    if columns is not None or not layout.labelled:
+        if columns is not None and layout.labelled:
+            if layout.skip_rows:
                 draft.lines.pop()
-            given["skip_rows"] = found.skip_rows + 1
-            draft.put("skip_rows", found.skip_rows + 1, "lines before the numbers", table="emg",
-                      sure=not found.skipped)  # fmt: skip
-        named = columns is not None or any(not x.startswith("column ") for x in found.labels)
-        given["columns"] = tuple(unique_labels(list(columns or found.labels), "column")[0])
+            given["skip_rows"] = layout.skip_rows + 1
+            draft.put("skip_rows", layout.skip_rows + 1, "lines before the numbers", table="emg",
+                      sure=not layout.skipped)  # fmt: skip
+        named = columns is not None or any(not x.startswith("column ") for x in layout.labels)
+        given["columns"] = tuple(unique_labels(list(columns or layout.labels), "column")[0])
         draft.put("columns", list(given["columns"]), "" if named else "the file contains none",
                   table="emg", sure=named)  # fmt: skip
     table = EmgTable(file=path.name, unit="V", rate=1.0, **given)
@@ -207,7 +209,7 @@ def _text_table(
     frame.columns = names
     for name in dropped:
         draft.lines.append(f"# The column {toml_value(name)} contains text and is left out.")
-    units = dict(zip(given.get("columns", found.labels), found.units, strict=False))
+    units = dict(zip(given.get("columns", layout.labels), layout.units, strict=False))
     return frame, {name: units.get(name) or unit_in(name) for name in names}
 
 
@@ -244,23 +246,25 @@ def _clock(
             continue
         if not (_TIME.fullmatch(name) or (name == frame.columns[0] and name.startswith("column "))):
             continue
-        told = units[name] if units[name] in DIVISORS["s"] else ""
-        divisors = {told: DIVISORS["s"][told]} if told else DIVISORS["s"] | {"min": 1.0 / 60.0}
+        stated = units[name] if units[name] in DIVISORS["s"] else ""
+        divisors = (
+            {stated: DIVISORS["s"][stated]} if stated else DIVISORS["s"] | {"min": 1.0 / 60.0}
+        )
         fits = {
-            u: d / mean for u, d in divisors.items() if told or RATES[0] <= d / mean <= RATES[1]
+            u: d / mean for u, d in divisors.items() if stated or RATES[0] <= d / mean <= RATES[1]
         }
         if not fits or rate is not None:
             counting.append(name)
             continue
-        found, hertz = next(iter(fits.items()))
-        if found == "min":  # not a unit of sidecars
+        unit, hertz = next(iter(fits.items()))
+        if unit == "min":  # not a unit of sidecars
             draft.put("rate", float(f"{hertz:.6g}"), f"Hz; {name} seems to be in minutes",
                       table="emg", sure=False)  # fmt: skip
             return [*counting, name], hertz
         draft.put("time", name, "the first column ascends evenly" if not _TIME.fullmatch(name) else "",
                   table="emg", sure=bool(_TIME.fullmatch(name)))  # fmt: skip
-        draft.put("time_unit", found, f"{hertz:.6g} Hz" + ("" if told else " in this unit"),
-                  table="emg", sure=bool(told) or len(fits) == 1 and found == "s")  # fmt: skip
+        draft.put("time_unit", unit, f"{hertz:.6g} Hz" + ("" if stated else " in this unit"),
+                  table="emg", sure=bool(stated) or len(fits) == 1 and unit == "s")  # fmt: skip
         return [*counting, name], hertz
     if rate is not None:
         draft.put("rate", float(rate), "Hz")
@@ -277,18 +281,18 @@ def _emg(
     names = [
         name for name in frame.columns if _axis(name, frame) is None and kind_of_name(name) is None
     ]
-    told = {units[name] for name in names if units.get(name) in DIVISORS["V"]}
+    stated = {units[name] for name in names if units.get(name) in DIVISORS["V"]}
     spread = [_fast(frame[name].to_numpy()) for name in names]
     spread = [value for value in spread if value > 0]
     typical = float(np.median(spread)) if spread else float("nan")
     lacking = [name for name in names if units.get(name) not in DIVISORS["V"]]
     if unit is not None:
         draft.put("unit", unit)
-    elif told and (len(told) == 1 or not lacking):
-        unit = next(units[name] for name in names if units.get(name) in told)
+    elif stated and (len(stated) == 1 or not lacking):
+        unit = next(units[name] for name in names if units.get(name) in stated)
         why = "as the labels say" if not lacking else f"the label {lacking[0]!r} states none"
         draft.put("unit", unit, why, table="emg", sure=not lacking)
-        others = [name for name in names if units.get(name) in told - {unit}]
+        others = [name for name in names if units.get(name) in stated - {unit}]
         if others:
             listing = ", ".join(f"{toml_value(n)} = {toml_value(units[n])}" for n in others)
             draft.lines.append(f"units = {{ {listing} }}  # of other columns, as their labels say")
@@ -321,10 +325,10 @@ def _emg(
 
 def _positions(draft: Draft, frame: pd.DataFrame) -> None:
     """Write the table of markers, if there are columns of three axes."""
-    found = {_axis(name, frame) for name in frame.columns} - {None}
-    if not found:
+    directions = {_axis(name, frame) for name in frame.columns} - {None}
+    if not directions:
         return
-    axes = next(iter(sorted(a for a in found if a is not None)))
+    axes = next(iter(sorted(a for a in directions if a is not None)))
     values = np.abs(frame[[n for n in frame.columns if _axis(n, frame)]].to_numpy())
     middle = float(np.nanmedian(values))
     unit = "mm" if middle > 5.0 else "m"

@@ -83,8 +83,8 @@ def read_exclusions(path: Path) -> tuple[Exclusion, ...]:
             f"{path} cannot be read (no such file), expected a file of exclusions: write one "
             "with 'emgface check --exclude'"
         )
-    found = configure(_ExclusionFile, read_toml(path), where=path.name).exclude
-    return check_exclusions(found, where=path.name)
+    exclusions = configure(_ExclusionFile, read_toml(path), where=path.name).exclude
+    return check_exclusions(exclusions, where=path.name)
 
 
 def reason_to_exclude(place: Place, exclusions: Iterable[Exclusion]) -> str:

@@ -20,7 +20,7 @@ FINE: Final = 3.0
 """Usual step over the resolution above which repeated values are not due to the resolution."""
 FAR: Final = 5.0  #: distance of a constant from all other values, over their range
 FAR_MARKER: Final = 0.5  #: distance of a constant from all other positions [m]
-JUMP: Final = 5.0  #: distance of a marker from the origin beside zeros, in usual large steps
+JUMP: Final = 5.0  #: distance of a marker from the origin next to zeros, in usual large steps
 NOISE: Final = 0.02
 """Third differences of a marker over its steps above which it has the noise of a measurement."""
 SLOWEST: Final = 5e-3  #: sampling interval [s] above which a signal is no surface EMG
@@ -40,7 +40,7 @@ def without_fillers(recording: xr.Dataset) -> xr.Dataset:
     Signals that are constant throughout are not changed (`emgface.recordings.check` reports them),
     except markers at the origin while the others are not near it.
     """
-    found: list[Finding] = []
+    findings: list[Finding] = []
     if _usable(recording, "emg", ("channel", "time_emg")):
         emg = recording["emg"].transpose("channel", "time_emg")
         values = np.array(emg.values, dtype=float)
@@ -48,11 +48,11 @@ def without_fillers(recording: xr.Dataset) -> xr.Dataset:
         period = _period(time)
         for row, name in zip(values, emg["channel"].values, strict=True):
             for filler in emg_fillers(row, period):
-                found.append(_finding("filler", "channel", str(name), filler, time, period))
+                findings.append(_finding("filler", "channel", str(name), filler, time, period))
                 row[filler.mask] = np.nan
-        if found:
+        if findings:
             recording = recording.assign(emg=emg.copy(data=values))
-    known = len(found)
+    known = len(findings)
     if _usable(recording, "position", ("marker", "axis", "time_marker")):
         position = recording["position"].transpose("marker", "axis", "time_marker")
         values = np.array(position.values, dtype=float)
@@ -62,13 +62,13 @@ def without_fillers(recording: xr.Dataset) -> xr.Dataset:
         for row, name in zip(values, position["marker"].values, strict=True):
             # The first filler is removed before the next one is sought.
             for filler in marker_fillers(row, elsewhere):
-                found.append(
+                findings.append(
                     _finding("filler_of_marker", "marker", str(name), filler, time, period)
                 )
                 row[:, filler.mask] = np.nan
-        if len(found) > known:
+        if len(findings) > known:
             recording = recording.assign(position=position.copy(data=values))
-    return with_findings(recording, found) if found else recording
+    return with_findings(recording, findings) if findings else recording
 
 
 def emg_fillers(values: np.ndarray, period: float) -> Iterator[Filler]:
@@ -93,7 +93,7 @@ def emg_fillers(values: np.ndarray, period: float) -> Iterator[Filler]:
         # A run at a limit is saturation, or rectified EMG at rest.
         if stop - start < shortest or value in edges:
             continue
-        yield _held(values.size, start, stop, value == 0.0)
+        yield _constant_run(values.size, start, stop, value == 0.0)
 
 
 def _rough(values: np.ndarray, period: float) -> bool:
@@ -134,7 +134,7 @@ def marker_fillers(values: np.ndarray, elsewhere: float) -> Iterator[Filler]:
     for start, stop in _runs(kept, finite):
         # A marker without noise, as of a simulation, may rest; it does not jump afterwards.
         if noisy or (stop <= steps.size and steps[stop - 1] > JUMP * usual):
-            yield _held(values.shape[1], start, stop, False)
+            yield _constant_run(values.shape[1], start, stop, False)
 
 
 def _noisy(values: np.ndarray) -> bool:
@@ -153,16 +153,16 @@ def _apart(values: np.ndarray, zero: np.ndarray, finite: np.ndarray) -> bool:
     """Return True if positions (axes, frames) jump to zero: a displacement may begin there."""
     distance = np.linalg.norm(values, axis=0)
     edges = np.flatnonzero(np.diff(zero.astype(np.int8)))
-    beside = np.where(zero[edges], edges + 1, edges)
-    beside = distance[beside[finite[beside]]]
+    adjacent = np.where(zero[edges], edges + 1, edges)
+    adjacent = distance[adjacent[finite[adjacent]]]
     moving = finite & ~zero
     steps = np.linalg.norm(np.diff(values, axis=1), axis=0)[moving[1:] & moving[:-1]]
-    if not beside.size or not steps.size:
+    if not adjacent.size or not steps.size:
         return True
-    return float(np.median(beside)) > JUMP * float(np.percentile(steps, 90))
+    return float(np.median(adjacent)) > JUMP * float(np.percentile(steps, 90))
 
 
-def _held(size: int, start: int, stop: int, zero: bool) -> Filler:
+def _constant_run(size: int, start: int, stop: int, zero: bool) -> Filler:
     """Filler of a run of equal samples; the first of a held value was measured."""
     mask = np.zeros(size, dtype=bool)
     mask[start if zero else start + 1 : stop] = True

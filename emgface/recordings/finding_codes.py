@@ -20,6 +20,6 @@ class Meaning(NamedTuple):
 
 
 CODES: Final[Mapping[str, Meaning]] = {
-    code: Meaning(**told) for code, told in module_toml(__file__).items()
+    code: Meaning(**entry) for code, entry in module_toml(__file__).items()
 }
 """Meaning of every code."""

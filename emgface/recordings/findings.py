@@ -60,15 +60,15 @@ def findings_in(dataset: xr.Dataset | xr.DataArray) -> list[Finding]:
     """Return the findings stored with a dataset; DataError if the attribute is damaged."""
     text = str(dataset.attrs.get(ATTRIBUTE, "[]"))
     try:
-        found = [_finding(item) for item in json.loads(text)]
-        for one in found:
+        stored = [_finding(item) for item in json.loads(text)]
+        for one in stored:
             _ = one.sentence
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         raise DataError(
             f"The attribute {ATTRIBUTE!r} is {text[:60]!r}; expected the JSON list of findings that "
             "this package writes: delete it."
         ) from None
-    return found
+    return stored
 
 
 def _finding(item: dict[str, Any]) -> Finding:
@@ -80,9 +80,9 @@ def _finding(item: dict[str, Any]) -> Finding:
     return Finding(code, kind, name, item)  # pyright: ignore[reportArgumentType]
 
 
-def with_findings(dataset: _Data, found: Iterable[Finding]) -> _Data:
+def with_findings(dataset: _Data, findings: Iterable[Finding]) -> _Data:
     """Store findings with a dataset, in addition to those that it has, each once."""
-    every = {json.dumps(f.as_data(), sort_keys=True): f for f in [*findings_in(dataset), *found]}
+    every = {json.dumps(f.as_data(), sort_keys=True): f for f in [*findings_in(dataset), *findings]}
     return _stored(dataset, list(every.values()))
 
 
@@ -94,11 +94,11 @@ def only_findings(dataset: xr.Dataset, keep: Callable[[Finding], Finding | None]
     return _stored(dataset, [finding for finding in changed if finding is not None])
 
 
-def _stored(dataset: _Data, found: Sequence[Finding]) -> _Data:
+def _stored(dataset: _Data, findings: Sequence[Finding]) -> _Data:
     result = dataset.assign_attrs()
     result.attrs.pop(ATTRIBUTE, None)
-    if found:
-        data = [finding.as_data() for finding in found[:LARGEST]]
+    if findings:
+        data = [finding.as_data() for finding in findings[:LARGEST]]
         result.attrs[ATTRIBUTE] = json.dumps(data, ensure_ascii=False)
     return result
 
@@ -146,13 +146,13 @@ def within(dataset: xr.Dataset, start: float, stop: float) -> xr.Dataset:
 
 
 def used(
-    found: Iterable[Finding], *, channels: Collection[str] = (), markers: Collection[str] = ()
+    findings: Iterable[Finding], *, channels: Collection[str] = (), markers: Collection[str] = ()
 ) -> list[Finding]:
     """Return the findings on the channels and markers that a step uses, and on all of them."""
     names: dict[str, Collection[str]] = {"channel": channels, "marker": markers, "muscle": ()}
     return [
         finding
-        for finding in found
+        for finding in findings
         if finding.kind == "recording"
         or finding.name in names[finding.kind]
         or (not finding.name and names[finding.kind])

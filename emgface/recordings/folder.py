@@ -21,20 +21,20 @@ def left_out_files(folder: str | Path) -> dict[Path, str]:
     formats of recordings, hidden ones, and links to folders, which are not followed. Files that are
     read, if only to be refused, are those of `emgface.recordings.dataset.find_recordings`.
     """
-    root, found = Path(folder), dict[Path, str]()
+    root, reasons = Path(folder), dict[Path, str]()
     known = readers()
     for place, folders, files in os.walk(root):
         here = Path(place)
         for name in folders:
             if (here / name).is_symlink():
-                found[here / name] = "a link to a folder, which is not followed"
+                reasons[here / name] = "a link to a folder, which is not followed"
         for name in files:
             path, suffix = here / name, os.path.splitext(name)[1].lower()
             if suffix not in known and suffix not in ARRAYS:
                 continue
             if reason := _reason(path, suffix):
-                found[path] = reason
-    return dict(sorted(found.items(), key=lambda item: item[0].parts))
+                reasons[path] = reason
+    return dict(sorted(reasons.items(), key=lambda item: item[0].parts))
 
 
 def _reason(path: Path, suffix: str) -> str:
@@ -56,7 +56,7 @@ def _reason(path: Path, suffix: str) -> str:
     return ""
 
 
-def told(folder: str | Path, most: int = 6) -> str:
+def left_out_sentence(folder: str | Path, most: int = 6) -> str:
     """Return a sentence that names the files that are left out; empty if there are none.
 
     Raises DataError if the folder is absent.
@@ -64,9 +64,9 @@ def told(folder: str | Path, most: int = 6) -> str:
     root = Path(folder)
     if not root.is_dir():
         raise DataError(f"No folder {root}; expected recordings in it: check the path.")
-    found = left_out_files(root)
-    if not found:
+    reasons = left_out_files(root)
+    if not reasons:
         return ""
-    named = [f"{path.relative_to(root)} ({reason})" for path, reason in found.items()]
+    named = [f"{path.relative_to(root)} ({reason})" for path, reason in reasons.items()]
     more = f" and {len(named) - most} more" if len(named) > most else ""
     return f"Not read in {root}: {', '.join(named[:most])}{more}."

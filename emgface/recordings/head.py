@@ -107,12 +107,12 @@ def _checked(position: xr.DataArray) -> xr.DataArray:
         raise UnitsError(
             f"positions have units {units!r}, expected 'm': convert the recording when it is read"
         )
-    found = [str(name) for name in position["marker"].values]
-    missing = [name for name in (*FACE_MARKERS, *LIP_MARKERS) if name not in found]
+    names = [str(name) for name in position["marker"].values]
+    missing = [name for name in (*FACE_MARKERS, *LIP_MARKERS) if name not in names]
     if missing:
         raise MarkerError(
             f"missing marker{'s' if len(missing) > 1 else ''} {listed(missing)} (found "
-            f"{listed(found) or 'none'}), expected six face and ten lip markers: rename the "
+            f"{listed(names) or 'none'}), expected six face and ten lip markers: rename the "
             "markers of the recording"
         )
     return position.sel(axis=list(AXES)).transpose("marker", "axis", "time_marker")
@@ -186,10 +186,10 @@ def _placed(own: np.ndarray, reference: np.ndarray) -> np.ndarray:
 
 def _check_size(own: np.ndarray, reference: np.ndarray) -> None:
     """Refuse positions whose stated unit cannot be that of their values."""
-    found, expected = (float(np.linalg.norm(np.std(x, axis=0))) for x in (own, reference))
-    if not found <= LARGEST_RATIO * expected or not expected <= LARGEST_RATIO * found:
+    size, expected = (float(np.linalg.norm(np.std(x, axis=0))) for x in (own, reference))
+    if not size <= LARGEST_RATIO * expected or not expected <= LARGEST_RATIO * size:
         raise UnitsError(
-            f"the face markers are {found:.3g} m (rms) from their centre, those of the reference "
+            f"the face markers are {size:.3g} m (rms) from their centre, those of the reference "
             f"{expected:.3g} m, expected at most a factor of {LARGEST_RATIO:g}: check the unit of the "
             "positions in the recording or its sidecar"
         )
@@ -198,12 +198,12 @@ def _check_size(own: np.ndarray, reference: np.ndarray) -> None:
 def _given_reference(reference: xr.DataArray) -> np.ndarray:
     """Check a reference and return its positions in the order of FACE_MARKERS."""
     dim = "face_marker" if "face_marker" in reference.dims else "marker"
-    found = [str(name) for name in reference[dim].values] if dim in reference.coords else []
-    missing = [name for name in FACE_MARKERS if name not in found]
+    names = [str(name) for name in reference[dim].values] if dim in reference.coords else []
+    missing = [name for name in FACE_MARKERS if name not in names]
     if missing:
         raise MarkerError(
             f"reference lacks the face markers {', '.join(missing)} (found "
-            f"{', '.join(found) or 'none'}), expected {', '.join(FACE_MARKERS)}: rename them"
+            f"{', '.join(names) or 'none'}), expected {', '.join(FACE_MARKERS)}: rename them"
         )
     if reference.attrs.get("units") != "m":
         raise UnitsError(

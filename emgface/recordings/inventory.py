@@ -17,7 +17,7 @@ from emgface.texts import read_toml
 
 TEXTS = (".md", ".json", ".tsv", ".pdf", ".rst", ".license", "")
 """Suffixes of files that describe recordings; of these only ``*_motion.tsv`` contains signals."""
-BESIDE_HEADER = (".eeg", ".dat", ".vmrk")
+HEADER_COMPANIONS = (".eeg", ".dat", ".vmrk")
 """Suffixes of the files of a BrainVision recording, which is listed under its header."""
 COLUMNS = ("file", "format", "channels", "emg_rate", "markers", "marker_rate", "units", "duration",
            "findings", "refusal")  # fmt: skip
@@ -35,7 +35,7 @@ def inventory_table(folder: str | Path, *, sidecars: str | Path | None = None) -
     such file.
     """
     root = Path(folder)
-    rows = [_row(path, root, found) for path, found in read_files(root, sidecars=sidecars)]
+    rows = [_row(path, root, result) for path, result in read_files(root, sidecars=sidecars)]
     if not rows:
         raise DataError(
             f"{root} contains no file with signals; expected recordings: check the path."
@@ -54,17 +54,17 @@ def read_files(
     root = Path(folder)
     if not root.is_dir():
         raise DataError(f"No folder {root}; expected recordings in it: check the path.")
-    told: dict[Path, Path] = {}
+    by_file: dict[Path, Path] = {}
     if sidecars is not None:
-        told, bad = _sidecars(root, Path(sidecars))
+        by_file, bad = _sidecars(root, Path(sidecars))
         yield from bad
     for path in _files(root):
         try:
-            if path not in told:
+            if path not in by_file:
                 yield path, read_recording(path)
                 continue
-            recording = read_recording(told[path], folder=root)
-            yield path, recording.assign_attrs(sidecar=told[path].name)
+            recording = read_recording(by_file[path], folder=root)
+            yield path, recording.assign_attrs(sidecar=by_file[path].name)
         except EmgfaceError as error:
             yield path, error
 
@@ -81,7 +81,7 @@ def _files(root: Path) -> Iterator[Path]:
         if not path.is_file():
             continue
         reader = known.get(suffix)
-        if suffix in BESIDE_HEADER and _beside(path, ".vhdr"):
+        if suffix in HEADER_COMPANIONS and _has_sibling(path, ".vhdr"):
             continue
         if suffix == ".tsv":
             if reader is not None and path.name.endswith("_motion.tsv"):
@@ -92,7 +92,7 @@ def _files(root: Path) -> Iterator[Path]:
             yield path
 
 
-def _beside(path: Path, suffix: str) -> bool:
+def _has_sibling(path: Path, suffix: str) -> bool:
     """Return True if a file of the same name has the suffix, in upper or lower case."""
     return any(path.with_suffix(s).is_file() for s in (suffix, suffix.upper()))
 
@@ -104,7 +104,7 @@ def _sidecars(root: Path, folder: Path) -> tuple[dict[Path, Path], list[tuple[Pa
     """
     if not folder.is_dir():
         raise DataError(f"No folder {folder}; expected TOML sidecars in it: check the path.")
-    found: dict[Path, Path] = {}
+    by_file: dict[Path, Path] = {}
     bad: list[tuple[Path, EmgfaceError]] = []
     for path in sorted(p for p in folder.iterdir() if p.suffix.lower() == ".toml"):
         try:
@@ -115,43 +115,43 @@ def _sidecars(root: Path, folder: Path) -> tuple[dict[Path, Path], list[tuple[Pa
         tables = [content.get(part) for part in ("emg", "position")]
         names = [table.get("file") for table in tables if isinstance(table, dict)]
         described = [root / name for name in names if isinstance(name, str)]
-        if problem := _unusable(root, described, found):
+        if problem := _unusable(root, described, by_file):
             bad.append((path, DataError(f"{path.name} {problem}")))
             continue
-        found |= dict.fromkeys(described, path)
-    return found, bad
+        by_file |= dict.fromkeys(described, path)
+    return by_file, bad
 
 
-def _unusable(root: Path, described: list[Path], found: dict[Path, Path]) -> str:
+def _unusable(root: Path, described: list[Path], by_file: dict[Path, Path]) -> str:
     """Reason why a sidecar describes no file of a folder, or one that another describes."""
     if not described:
         return "describes no file; expected the entry 'file' in a table 'emg' or 'position'."
     for target in described:
         if not target.is_file():
             return f"describes {target.name}, which {root} lacks; expected a path relative to it."
-        if target in found:
+        if target in by_file:
             return f"describes {target.name}, as another sidecar does; expected one: delete one."
     return ""
 
 
-def _row(path: Path, root: Path, found: xr.Dataset | EmgfaceError) -> dict[str, Any]:
+def _row(path: Path, root: Path, result: xr.Dataset | EmgfaceError) -> dict[str, Any]:
     reader = readers().get(path.suffix.lower())
     row: dict[str, Any] = dict.fromkeys(COLUMNS)
     row["file"] = path.relative_to(root).as_posix() if path.is_relative_to(root) else path.name
     row["format"] = reader.FORMAT if reader else path.suffix.lower().removeprefix(".")
-    if isinstance(found, EmgfaceError):
-        row["refusal"] = " ".join(str(found).split()).replace(f"{path.parent.resolve()}/", "")
+    if isinstance(result, EmgfaceError):
+        row["refusal"] = " ".join(str(result).split()).replace(f"{path.parent.resolve()}/", "")
         return row
-    if "sidecar" in found.attrs:
+    if "sidecar" in result.attrs:
         row["format"] += " with a sidecar"
     try:
-        return row | _measures(found) | {"findings": _findings(found)}
+        return row | _measures(result) | {"findings": _findings(result)}
     except Exception as error:  # an invalid file must not stop the inventory
         return row | {"refusal": f"{path.name} could not be examined ({one_line(error)})."}
 
 
 def _measures(recording: xr.Dataset) -> dict[str, Any]:
-    found: dict[str, Any] = {"duration": 0.0}
+    measures: dict[str, Any] = {"duration": 0.0}
     for part, dim, count, rate in (
         ("emg", "channel", "channels", "emg_rate"),
         ("position", "marker", "markers", "marker_rate"),
@@ -160,11 +160,11 @@ def _measures(recording: xr.Dataset) -> dict[str, Any]:
             continue
         time = recording["time_emg" if part == "emg" else "time_marker"].values
         step = (time[-1] - time[0]) / (time.size - 1) if time.size > 1 else float("nan")
-        found[count], found[rate] = recording.sizes[dim], 1.0 / step
-        found["duration"] = max(found["duration"], time.size * step)
+        measures[count], measures[rate] = recording.sizes[dim], 1.0 / step
+        measures["duration"] = max(measures["duration"], time.size * step)
     units = note(recording, "original_units")
-    found["units"] = ", ".join(f"{part} {unit}" for part, unit in units.items()) or "SI"
-    return found
+    measures["units"] = ", ".join(f"{part} {unit}" for part, unit in units.items()) or "SI"
+    return measures
 
 
 def _findings(recording: xr.Dataset) -> str:
@@ -176,17 +176,17 @@ def _findings(recording: xr.Dataset) -> str:
             # Findings that differ only in their numbers are combined.
             key = re.sub(r"-?\d+(\.\d+)?(e[-+]?\d+)?", "#", reason.partition(":")[0])
             reasons.setdefault((str(row["kind"]), key), []).append(f"{row['name']}|{reason}")
-    told: list[str] = []
-    for (kind, _), found in reasons.items():
-        name, _, first = found[0].partition("|")
+    clauses: list[str] = []
+    for (kind, _), entries in reasons.items():
+        name, _, first = entries[0].partition("|")
         first = first.partition(":")[0]
-        if len(found) == 1:
-            told.append(f"{kind} {name}: {first}")
+        if len(entries) == 1:
+            clauses.append(f"{kind} {name}: {first}")
         else:
-            names = ", ".join(one.partition("|")[0] for one in found[:_MOST])
-            more = f" and {len(found) - _MOST} more" if len(found) > _MOST else ""
-            told.append(f"{len(found)} {kind}s ({names}{more}): {first}")
-    return "; ".join(told) or "no findings"
+            names = ", ".join(one.partition("|")[0] for one in entries[:_MOST])
+            more = f" and {len(entries) - _MOST} more" if len(entries) > _MOST else ""
+            clauses.append(f"{len(entries)} {kind}s ({names}{more}): {first}")
+    return "; ".join(clauses) or "no findings"
 
 
 def markdown(table: pd.DataFrame) -> str:

@@ -123,7 +123,7 @@ def signal_of(label: str, values: np.ndarray, rate: float) -> Signal:
     above = float(np.sqrt(np.trapezoid(density[frequency >= 2 * SLOW], dx=frequency[1])))
     spread = float(np.std(finite))
     if share > MOSTLY_SLOW and (spread > LARGE or above < FAINT):
-        found = f"{share:.0%} of its power lies below {SLOW:g} Hz, with "
-        found += f"{spread * 1e3:.3g} mV in all and {above * 1e6:.3g} uV above {2 * SLOW:g} Hz"
-        return Signal("slow signal", f"{found}: a force, an angle or skin conductance, not EMG")
+        evidence = f"{share:.0%} of its power lies below {SLOW:g} Hz, with "
+        evidence += f"{spread * 1e3:.3g} mV in all and {above * 1e6:.3g} uV above {2 * SLOW:g} Hz"
+        return Signal("slow signal", f"{evidence}: a force, an angle or skin conductance, not EMG")
     return Signal("EMG")

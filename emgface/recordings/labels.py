@@ -134,19 +134,19 @@ def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
     recording = without_unusable(recording, labels.unusable)
     names = note(recording, "original_names")
     dropped = note(recording, "dropped")
-    held = [str(v) for v in recording.coords["channel"].values] if "emg" in recording else []
+    channels = [str(v) for v in recording.coords["channel"].values] if "emg" in recording else []
     maps: tuple[tuple[Kind, dict[str, str] | None], ...]
     maps = (("channel", labels.channels), ("marker", labels.markers))
     for dim, chosen in maps:
         if chosen is None:
             continue
-        found = [str(v) for v in recording[dim].values] if dim in recording.coords else []
+        present = [str(v) for v in recording[dim].values] if dim in recording.coords else []
         # A channel that its file marks as bad is missing, and its finding says so.
         bad = {f.name for f in findings_in(recording) if (f.code, f.kind) == ("bad", dim)}
         recording = renamed(_without_mapped(recording, chosen), dim, chosen)
-        chosen = {k: name for k, name in chosen.items() if k in found or k not in bad}
-        _demand(dim, chosen, found, dropped)
-        for label in found:
+        chosen = {k: name for k, name in chosen.items() if k in present or k not in bad}
+        _demand(dim, chosen, present, dropped)
+        for label in present:
             if label not in chosen:
                 values = recording["emg" if dim == "channel" else "position"].sel({dim: label})
                 still = constant_value(values.values)
@@ -155,7 +155,7 @@ def apply_labels(recording: xr.Dataset, labels: LabelMap) -> xr.Dataset:
         recording = recording.sel({dim: list(chosen)}).assign_coords({dim: list(chosen.values())})
         for label, name in chosen.items():
             names[name] = names.pop(label, label)
-    every = {*names.values(), *names, *dropped, *held}
+    every = {*names.values(), *names, *dropped, *channels}
     for label in labels.units:
         if label not in ("emg", "position") and label not in every:
             raise SchemaError(
@@ -204,8 +204,8 @@ def without_unusable(recording: xr.Dataset, unusable: Unusable) -> xr.Dataset:
     Raises SchemaError if a label is not in the file (with the nearest one), or a span does not lie in
     the recording.
     """
-    told = list[Finding]()
-    held: dict[Kind, list[str]] = {
+    findings = list[Finding]()
+    present: dict[Kind, list[str]] = {
         dim: [str(v) for v in recording[dim].values] if dim in recording.coords else []
         for dim in ("channel", "marker")
     }
@@ -215,21 +215,21 @@ def without_unusable(recording: xr.Dataset, unusable: Unusable) -> xr.Dataset:
     }
     for dim, names in given.items():
         for label in names:
-            if label not in held[dim]:
+            if label not in present[dim]:
                 raise SchemaError(
-                    f"The file has no {dim} {label!r}{hint(label, held[dim])}; found "
-                    f"{listed(held[dim]) or 'none'}: repair the table 'unusable' of the mapping."
+                    f"The file has no {dim} {label!r}{hint(label, present[dim])}; found "
+                    f"{listed(present[dim]) or 'none'}: repair the table 'unusable' of the mapping."
                 )
     whole: dict[Kind, list[str]] = {"channel": unusable.channels, "marker": unusable.markers}
     for dim, names in whole.items():
-        told += [Finding("bad", dim, name, {"by": BY_MAPPING, "why": ""}) for name in names]
+        findings += [Finding("bad", dim, name, {"by": BY_MAPPING, "why": ""}) for name in names]
     for span in unusable.spans:
-        recording, found = _with_gap(recording, span, held)
-        told += found
+        recording, gaps = _with_gap(recording, span, present)
+        findings += gaps
     dropped = note(recording, "dropped")
     if unusable.channels:
         dropped |= {name: f"marked as bad in {BY_MAPPING}" for name in unusable.channels}
-        keep = [name for name in held["channel"] if name not in unusable.channels]
+        keep = [name for name in present["channel"] if name not in unusable.channels]
         recording = recording.sel(channel=keep)
         if not keep:
             recording = recording.drop_vars("emg").drop_dims(["channel", "time_emg"])
@@ -238,21 +238,21 @@ def without_unusable(recording: xr.Dataset, unusable: Unusable) -> xr.Dataset:
         hidden = recording["marker"].isin(unusable.markers)
         position = recording["position"]
         recording["position"] = position.where(~hidden).assign_attrs(position.attrs)
-    return with_findings(recording, told) if told else recording
+    return with_findings(recording, findings) if findings else recording
 
 
 def _with_gap(
-    recording: xr.Dataset, span: UnusableSpan, held: Mapping[Kind, list[str]]
+    recording: xr.Dataset, span: UnusableSpan, present: Mapping[Kind, list[str]]
 ) -> tuple[xr.Dataset, list[Finding]]:
     """Replace the samples of a span by NaN."""
-    every, touched, told = not (span.channels or span.markers), False, list[Finding]()
+    every, touched, findings = not (span.channels or span.markers), False, list[Finding]()
     recording = recording.copy()
     kinds: tuple[tuple[Kind, str, str, list[str], str], ...] = (
         ("channel", "emg", "time_emg", span.channels, "bad_interval"),
         ("marker", "position", "time_marker", span.markers, "bad_frames"),
     )
     for dim, variable, time, names, code in kinds:
-        chosen = held[dim] if every else names
+        chosen = present[dim] if every else names
         if variable not in recording or not chosen:
             continue
         inside = (recording[time] >= span.start) & (recording[time] <= span.stop)
@@ -261,20 +261,20 @@ def _with_gap(
         array = recording[variable]
         recording[variable] = array.where(~where).assign_attrs(array.attrs)
         values = {"by": BY_MAPPING, "seconds": span.stop - span.start, "at": span.start}
-        told += [Finding(code, dim, name, values) for name in ([""] if every else chosen)]
+        findings += [Finding(code, dim, name, values) for name in ([""] if every else chosen)]
     if not touched:
         raise SchemaError(
             f"The unusable span from {span.start:g} to {span.stop:g} s contains no sample of the "
             "recording; expected times in s in which it was recorded, the smaller one first: repair "
             "the table 'unusable' of the mapping."
         )
-    return recording, told
+    return recording, findings
 
 
-def _demand(dim: str, chosen: dict[str, str], found: list[str], dropped: dict[str, str]) -> None:
+def _demand(dim: str, chosen: dict[str, str], present: list[str], dropped: dict[str, str]) -> None:
     """Refuse labels that the file lacks, and names that are assigned twice."""
     for label in chosen:
-        if label in found:
+        if label in present:
             continue
         if label in dropped:
             raise SchemaError(
@@ -283,7 +283,7 @@ def _demand(dim: str, chosen: dict[str, str], found: list[str], dropped: dict[st
                 "mapping (emg there replaces the units of all channels), or map another."
             )
         raise SchemaError(
-            f"The file has no {dim} {label!r}{hint(label, found)}; found {listed(found)}: "
+            f"The file has no {dim} {label!r}{hint(label, present)}; found {listed(present)}: "
             "repair the label in the mapping."
         )
     given = list(chosen.values())

@@ -81,7 +81,7 @@ def text_layout(path: Path) -> Layout:
     labelled = label_row is not None and label_row == first - 1
     if label_row is not None:
         labels = [cell or f"column {k + 1}" for k, cell in enumerate(rows[label_row])]
-        units = [told or unit_in(label) for told, label in zip(units, labels, strict=True)]
+        units = [stated or unit_in(label) for stated, label in zip(units, labels, strict=True)]
     start = first if not labelled or label_row is None else label_row
     decimal: Literal[".", ","] = "," if sign == "," and _has_fractions(tail, delimiter) else "."
     if delimiter == ",":
@@ -100,13 +100,13 @@ def unit_in(label: str) -> str:
     >>> unit_in("Zyg L [µV]"), unit_in("time (ms)"), unit_in("EMG1")
     ('uV', 'ms', '')
     """
-    found = _UNIT.search(label)
-    if found is None:
+    match = _UNIT.search(label)
+    if match is None:
         return ""
-    unit = spelling(found.group(2))
+    unit = spelling(match.group(2))
     # A single letter after a blank or an underscore is ambiguous, for example an axis or a side.
-    told = found.group(1) in "[(/" or len(unit) > 1
-    return unit if told and quantity_of(unit) else ""
+    certain = match.group(1) in "[(/" or len(unit) > 1
+    return unit if certain and quantity_of(unit) else ""
 
 
 def _text(path: Path) -> tuple[str, str | None]:
@@ -148,8 +148,8 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 def _share(row: list[str], sign: str) -> float:
     """Fraction of numbers among the cells of a row that are not empty."""
-    held = [cell for cell in row if cell]
-    return sum(bool(_NUMBER[sign].fullmatch(cell)) for cell in held) / max(1, len(held))
+    filled = [cell for cell in row if cell]
+    return sum(bool(_NUMBER[sign].fullmatch(cell)) for cell in filled) / max(1, len(filled))
 
 
 def _numbers(lines: list[str], delimiter: str, sign: str) -> tuple[float, int]:
@@ -158,8 +158,8 @@ def _numbers(lines: list[str], delimiter: str, sign: str) -> tuple[float, int]:
     width, often = Counter(map(len, rows)).most_common(1)[0]
     if often < 0.9 * len(rows):
         return 0.0, 0
-    held = [_share(row, sign) for row in rows if len(row) == width]
-    return round(sum(held) / len(held), 1), width
+    shares = [_share(row, sign) for row in rows if len(row) == width]
+    return round(sum(shares) / len(shares), 1), width
 
 
 def _has_fractions(lines: list[str], delimiter: str) -> bool:
@@ -168,5 +168,7 @@ def _has_fractions(lines: list[str], delimiter: str) -> bool:
 
 def _are_units(row: list[str]) -> bool:
     """Return True if a line between labels and numbers contains units."""
-    told = [quantity_of(cell.strip("[]()")) for cell in row if cell]
-    return bool(told) and sum(found is not None for found in told) >= 0.5 * len(told)
+    quantities = [quantity_of(cell.strip("[]()")) for cell in row if cell]
+    return bool(quantities) and sum(quantity is not None for quantity in quantities) >= 0.5 * len(
+        quantities
+    )

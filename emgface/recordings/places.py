@@ -44,19 +44,21 @@ def with_places(table: pd.DataFrame, position: xr.DataArray) -> pd.DataFrame:
             return table
         placed, half = _laid(points[known], anchor, points[free])
     else:
-        found = _oriented(points[free], layout) if len(free) >= FEWEST else None
-        if found is None:
+        oriented = _oriented(points[free], layout) if len(free) >= FEWEST else None
+        if oriented is None:
             return table
-        placed, half = found
+        placed, half = oriented
     if not WIDTHS[0] <= half <= WIDTHS[1]:
         return table
     distance = np.linalg.norm(placed[:, None] - layout[None], axis=2)
     result = table.copy()
     for i, j in zip(*linear_sum_assignment(np.minimum(distance, 10 * NEAR)), strict=True):
         if distance[i, j] < NEAR:
-            told = f"lies {1e3 * half * distance[i, j]:.0f} mm from where {targets[j]} is expected"
+            reason = (
+                f"lies {1e3 * half * distance[i, j]:.0f} mm from where {targets[j]} is expected"
+            )
             result.loc[result.index[free[i]], ["name", "certainty", "reason"]] = [
-                targets[j], "likely", told,
+                targets[j], "likely", reason,
             ]  # fmt: skip
     return result
 
@@ -73,7 +75,7 @@ def _laid(points: np.ndarray, layout: np.ndarray, others: np.ndarray) -> tuple[n
 
 def _oriented(points: np.ndarray, layout: np.ndarray) -> tuple[np.ndarray, float] | None:
     """Points in the frame of the layout for the best orientation; None if none is clearly best."""
-    found: list[tuple[float, tuple[int, ...], np.ndarray, float]] = []
+    placements: list[tuple[float, tuple[int, ...], np.ndarray, float]] = []
     for turn in _orientations():
         size = np.linalg.norm(layout - layout.mean(axis=0)) / np.linalg.norm(
             points - points.mean(axis=0)
@@ -90,10 +92,10 @@ def _oriented(points: np.ndarray, layout: np.ndarray) -> tuple[np.ndarray, float
         distance = np.linalg.norm(placed[:, None] - layout[None], axis=2)
         rows, columns = linear_sum_assignment(distance)
         misfit = float(np.sqrt(np.mean(distance[rows, columns] ** 2)))
-        found.append((misfit, (*rows.tolist(), *columns.tolist()), placed, half))
-    found.sort(key=lambda one: one[0])
-    best = found[0]
-    others = [one[0] for one in found if one[1] != best[1]]
+        placements.append((misfit, (*rows.tolist(), *columns.tolist()), placed, half))
+    placements.sort(key=lambda one: one[0])
+    best = placements[0]
+    others = [one[0] for one in placements if one[1] != best[1]]
     if best[0] > NEAR or (others and min(others) < CLEARER * best[0]):
         return None
     return best[2], best[3]
@@ -101,9 +103,9 @@ def _oriented(points: np.ndarray, layout: np.ndarray) -> tuple[np.ndarray, float
 
 def _orientations() -> list[np.ndarray]:
     """The 24 rotations that map axes to axes."""
-    found = []
+    turns = []
     for order, signs in product(permutations(range(3)), product((1.0, -1.0), repeat=3)):
         turn = np.eye(3)[list(order)] * np.array(signs)[:, None]
         if np.linalg.det(turn) > 0:
-            found.append(turn)
-    return found
+            turns.append(turn)
+    return turns

@@ -40,13 +40,13 @@ def propose_for(
     tables: dict[Literal["channel", "marker"], pd.DataFrame] = {}
     if "channel" in recording.coords:
         electrodes = json.loads(str(recording.attrs.get("electrodes", "{}")))
-        told = {
+        targets = {
             str(label): str(link["target_muscle"])
             for label, link in electrodes.get("channels", {}).items()
             if "target_muscle" in link
         }
         labels = [str(label) for label in recording["channel"].values]
-        tables["channel"] = propose_mapping(labels, "channel", side=side, told=told)
+        tables["channel"] = propose_mapping(labels, "channel", side=side, targets=targets)
     if "marker" in recording.coords:
         table = propose_mapping([str(label) for label in recording["marker"].values], "marker")
         tables["marker"] = with_places(table, recording["position"])
@@ -58,12 +58,12 @@ def propose_mapping(
     kind: Literal["channel", "marker"] = "channel",
     *,
     side: Literal["L", "R"] | None = None,
-    told: Mapping[str, str] | None = None,
+    targets: Mapping[str, str] | None = None,
 ) -> pd.DataFrame:
     """Propose the meaning of each label of a file.
 
     `kind` is ``channel`` for muscles and side, ``marker`` for positions on the face; `side` is that
-    of channels whose label contains none, and `told` contains further information on a label in the
+    of channels whose label contains none, and `targets` contains further information on a label in the
     source, such as the target muscle. The table has one row per label, in their order: ``label``;
     ``name`` (of the study, empty if unresolved); ``certainty`` (``sure``: a known name or words;
     ``likely``: a similar spelling; ``unresolved``); ``reason``. No name is assigned twice: if
@@ -79,10 +79,10 @@ def propose_mapping(
         raise DataError(f"Unknown kind of label {kind!r}; expected 'channel' or 'marker'.")
     rows = [(str(label), *_one(str(label), kind, side)) for label in labels]
     for k, (label, name, _, _) in enumerate(rows):
-        if not name and told and label in told:
-            name, certainty, reason = _one(f"{told[label]} {label}", kind, side)
+        if not name and targets and label in targets:
+            name, certainty, reason = _one(f"{targets[label]} {label}", kind, side)
             certainty = "likely" if name else certainty
-            rows[k] = (label, name, certainty, f"its target muscle is {told[label]!r}: {reason}")
+            rows[k] = (label, name, certainty, f"its target muscle is {targets[label]!r}: {reason}")
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     for name in sorted(set(table["name"]) - {""}):
         claims = table["name"] == name
@@ -138,8 +138,8 @@ def _one(label: str, kind: str, assumed: str | None = None) -> tuple[str, str, s
     what, certainty = _known(text, _table(kind))
     if what is None:
         noun = "muscle" if kind == "channel" else "place"
-        found = f"several {noun}s" if certainty == "several" else f"no known {noun}"
-        return "", "unresolved", f"{found} in it"
+        result = f"several {noun}s" if certainty == "several" else f"no known {noun}"
+        return "", "unresolved", f"{result} in it"
     if what in OTHER_MUSCLES:
         return "", "unresolved", f"{what}, a muscle that the study does not record"
     if what in AMBIGUOUS:

@@ -34,10 +34,10 @@ def findings_for(
     """
     recording = usable_parts(recording)
     try:
-        found = findings_of(recording) if recording.data_vars else findings_in(recording)
+        findings = findings_of(recording) if recording.data_vars else findings_in(recording)
     except (EmgfaceError, KeyError):
         return []
-    return used(found, channels=channels, markers=markers)
+    return used(findings, channels=channels, markers=markers)
 
 
 def for_activation(recording: xr.Dataset) -> list[Finding]:
@@ -56,40 +56,42 @@ def _of_clocks(recording: xr.Dataset) -> list[Finding]:
     return little_in_common(usable_parts(recording))
 
 
-def stored_with(result: xr.Dataset, found: Iterable[Finding], *sources: xr.Dataset) -> xr.Dataset:
+def stored_with(
+    result: xr.Dataset, findings: Iterable[Finding], *sources: xr.Dataset
+) -> xr.Dataset:
     """Store findings, and those of the datasets from which a result was computed, with the result."""
     inherited = [finding for source in sources for finding in findings_in(source)]
-    return with_findings(result, [*inherited, *found])
+    return with_findings(result, [*inherited, *findings])
 
 
-def warn_of(found: Iterable[Finding], *, stacklevel: int = 3) -> None:
+def warn_of(findings: Iterable[Finding], *, stacklevel: int = 3) -> None:
     """Warn of each kind of finding that the step itself does not state."""
-    for sentence in sentences(finding for finding in found if finding.code not in STATED):
+    for sentence in sentences(finding for finding in findings if finding.code not in STATED):
         warnings.warn(sentence, FeatureWarning, stacklevel=stacklevel)
 
 
-def sentences(found: Iterable[Finding]) -> list[str]:
+def sentences(findings: Iterable[Finding]) -> list[str]:
     """One sentence without full stop for each code: where, and the first finding in words."""
     return [
         f"{_where(group)}: {group[0].clause}{', and similarly' if len(group) > 1 else ''}"
         if group[0].name
         else group[0].sentence
-        for group in _grouped(found)
+        for group in _grouped(findings)
     ]
 
 
-def headline(found: Iterable[Finding]) -> str:
+def headline(findings: Iterable[Finding]) -> str:
     """Codes with the channels and markers concerned, without numbers, for a column of a table."""
     parts = [
         " ".join(filter(None, (group[0].code.replace("_", " "), _names(group))))
-        for group in _grouped(found)
+        for group in _grouped(findings)
     ]
     return f"check: {', '.join(parts)}" if parts else ""
 
 
-def _grouped(found: Iterable[Finding]) -> list[list[Finding]]:
+def _grouped(findings: Iterable[Finding]) -> list[list[Finding]]:
     groups: dict[tuple[str, str], list[Finding]] = {}
-    for finding in found:
+    for finding in findings:
         groups.setdefault((finding.code, finding.kind), []).append(finding)
     return list(groups.values())
 

@@ -90,7 +90,7 @@ class TimeBase:
     def findings(self, kind: Kind) -> list[Finding]:
         """Return gaps and contradictions as findings on all channels or all markers."""
         code = "gap_of_markers" if kind == "marker" else "gap"
-        told = [
+        result = [
             Finding(code, kind, "", {
                 "at": gap.at, "samples": gap.samples, "seconds": gap.samples / self.rate,
                 "evidence": self.evidence,
@@ -99,12 +99,12 @@ class TimeBase:
         ]  # fmt: skip
         if len(self.gaps) > LISTED:
             most = max(self.gaps, key=lambda gap: gap.samples)
-            told.append(Finding("gaps", kind, "", {
+            result.append(Finding("gaps", kind, "", {
                 "count": len(self.gaps), "samples": sum(gap.samples for gap in self.gaps),
                 "at": self.gaps[0].at, "seconds": most.samples / self.rate,
                 "evidence": self.evidence,
             }))  # fmt: skip
-        return told + [replace(note, kind=kind) for note in self.notes]
+        return result + [replace(note, kind=kind) for note in self.notes]
 
 
 def of_rate(
@@ -203,14 +203,14 @@ def _resolved(
             lost[places[0]] += turns * cycle
             return lost, f"{by} and the stated duration of {duration:g} s"
     least = "that number" if places.size > 1 else f"{counter.lost[places[0]]}"
-    told = (
+    evidence = (
         f"{by}, which returns to its beginning after {cycle} samples, so that the number is ambiguous "
         f"({least} + k {cycle}, k = 0, 1, ...)"
     )
     if more is not None and abs(more) > 1:
         count = f"{abs(more)} {'more' if more > 0 else 'fewer'} samples"
-        told += f", while the stated duration of {duration:g} s requires {count} in all"
-    return counter.lost, told
+        evidence += f", while the stated duration of {duration:g} s requires {count} in all"
+    return counter.lost, evidence
 
 
 def contradicting(channels: Mapping[str, np.ndarray], rate: float, by: str) -> tuple[Finding, ...]:
@@ -218,18 +218,18 @@ def contradicting(channels: Mapping[str, np.ndarray], rate: float, by: str) -> t
 
     A column is one of times if its name says so and its values ascend; s, ms and us are tried.
     """
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for name, values in channels.items():
         steps = np.diff(values)
         if not _TIMES.fullmatch(name.strip()) or values.size < 3 or not (steps >= 0).all():
             continue
         span = float(values[-1] - values[0])
-        told = [(values.size - 1) * unit / span for unit in (1.0, 1e3, 1e6, 1e9) if span > 0]
-        if told and min(abs(other / rate - 1.0) for other in told) > CLOCKS_AGREE:
-            near = min(told, key=lambda other: abs(np.log(other / rate)))
+        possible = [(values.size - 1) * unit / span for unit in (1.0, 1e3, 1e6, 1e9) if span > 0]
+        if possible and min(abs(other / rate - 1.0) for other in possible) > CLOCKS_AGREE:
+            near = min(possible, key=lambda other: abs(np.log(other / rate)))
             place = f"the column {name!r}"
-            found += differing(rate, by, {place: near}, values.size)
-    return tuple(found)
+            findings += differing(rate, by, {place: near}, values.size)
+    return tuple(findings)
 
 
 def of_blocks(
@@ -346,15 +346,15 @@ def differing(
     within: float = RATES_AGREE,
 ) -> tuple[Finding, ...]:
     """Findings on statements of the rate that contradict the one that is used."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for place, other in others.items():
         if other is None or not np.isfinite(other) or other <= 0:
             continue
         seconds = abs(samples / other - samples / rate)
         if abs(other / rate - 1.0) > within:
             values = {"used_by": by, "used": rate, "other_by": place, "other": other}
-            found.append(Finding("rate", values={**values, "seconds": seconds}))
-    return tuple(found)
+            findings.append(Finding("rate", values={**values, "seconds": seconds}))
+    return tuple(findings)
 
 
 def _require_finite(where: str, times: np.ndarray) -> None:

@@ -25,9 +25,9 @@ def is_pattern(text: str | Path) -> bool:
 
 def check_pattern(pattern: str) -> str:
     """Return a pattern; ConfigurationError if it contains an unknown field, or one twice."""
-    found = _FIELD.findall(pattern)
-    wrong = [name for name in found if name not in FIELDS or found.count(name) > 1]
-    if wrong or not found or "{" in _FIELD.sub("", pattern) or "}" in _FIELD.sub("", pattern):
+    names = _FIELD.findall(pattern)
+    wrong = [name for name in names if name not in FIELDS or names.count(name) > 1]
+    if wrong or not names or "{" in _FIELD.sub("", pattern) or "}" in _FIELD.sub("", pattern):
         raise ConfigurationError(
             f"names = {pattern!r} contains {wrong[0] if wrong else 'no field'!r}; expected each of "
             "{volunteer}, {instruction} and {repetition} at most once, such as "
@@ -62,10 +62,10 @@ def trial_in_name(pattern: str, path: Path) -> dict[str, Any]:
             form += re.escape(piece)
         else:
             form += rf"(?P<{piece}>{_FORMS[piece]})"
-    found = re.fullmatch(form, text, re.IGNORECASE)
-    if found is None:
+    match = re.fullmatch(form, text, re.IGNORECASE)
+    if match is None:
         return {}
-    result: dict[str, Any] = dict(found.groupdict())
+    result: dict[str, Any] = dict(match.groupdict())
     if "repetition" in result:
         result["repetition"] = int(result["repetition"])
     return result

@@ -43,10 +43,10 @@ def clock_of(time: np.ndarray) -> Clock:
 def row_of(name: str, kind: str, unit: str, values: np.ndarray, clock: Clock) -> dict[str, object]:
     """Measures of one signal, shape (components, samples)."""
     seen: np.ndarray = np.all(np.isfinite(values), axis=0)
-    found = values[:, seen]
+    visible = values[:, seen]
     still = all(constant_value(component) is not None for component in values)
     nothing = not seen.any()
-    about = found.mean(axis=1, keepdims=True) if kind == "marker" and not nothing else 0.0
+    about = visible.mean(axis=1, keepdims=True) if kind == "marker" and not nothing else 0.0
     return {
         "name": name,
         "kind": kind,
@@ -56,9 +56,9 @@ def row_of(name: str, kind: str, unit: str, values: np.ndarray, clock: Clock) ->
         "finite": float(seen.mean()) if seen.size else 0.0,
         "longest_gap": _longest_run(~seen) / clock.rate,
         "constant": still,
-        "rms": np.nan if nothing else float(np.sqrt(((found - about) ** 2).sum(axis=0).mean())),
-        "smallest": np.nan if nothing else float(found.min()),
-        "largest": np.nan if nothing else float(found.max()),
+        "rms": np.nan if nothing else float(np.sqrt(((visible - about) ** 2).sum(axis=0).mean())),
+        "smallest": np.nan if nothing else float(visible.min()),
+        "largest": np.nan if nothing else float(visible.max()),
     }
 
 
@@ -82,12 +82,12 @@ def _common(row: dict[str, object], clock: Clock, kind: Kind) -> list[Finding]:
 
 def channel_findings(values: np.ndarray, row: dict[str, object], clock: Clock) -> list[Finding]:
     """Find faults of a channel, shape (samples,) [V], whose row is that of `row_of`."""
-    found = _common(row, clock, "channel")
-    if found:
-        return found
+    findings = _common(row, clock, "channel")
+    if findings:
+        return findings
 
     def note(code: str, **numbers: float) -> None:
-        found.append(Finding(code, "channel", str(row["name"]), numbers))
+        findings.append(Finding(code, "channel", str(row["name"]), numbers))
 
     missing = int(np.isnan(values).sum())
     if missing:
@@ -95,8 +95,8 @@ def channel_findings(values: np.ndarray, row: dict[str, object], clock: Clock) -
         note("absent_samples", missing=missing, samples=values.size, seconds=longest)
     if row["constant"]:
         note("constant", volts=float(str(row["largest"])))
-        return found
-    found += _band(str(row["name"]), clock.rate)
+        return findings
+    findings += _band(str(row["name"]), clock.rate)
     variation = float(np.nanstd(values))  # an offset is removed by the band-pass
     if variation > LARGEST_VARIATION:
         note("large", volts=variation)
@@ -105,7 +105,7 @@ def channel_findings(values: np.ndarray, row: dict[str, object], clock: Clock) -
     share = max(float((values == edge).mean()) for edge in (np.nanmin(values), np.nanmax(values)))
     if share > CLIPPED:
         note("clipped", share=share)
-    return found
+    return findings
 
 
 def _band(name: str, rate: float) -> list[Finding]:
@@ -128,30 +128,30 @@ def marker_findings(
     values: np.ndarray, row: dict[str, object], clock: Clock, limit: float
 ) -> list[Finding]:
     """Find faults of a marker (axes, frames) [m]; gaps up to `limit` [s] are interpolated."""
-    found = _common(row, clock, "marker")
-    if found:
-        return found
+    findings = _common(row, clock, "marker")
+    if findings:
+        return findings
     name = str(row["name"])
     seen: np.ndarray = np.all(np.isfinite(values), axis=0)
     first, last = int(np.argmax(seen)), seen.size - int(np.argmax(seen[::-1]))
     gap, ends = _longest_run(~seen[first:last]) / clock.rate, (first + seen.size - last)
     # Half a frame of tolerance accepts a gap of exactly the limit in spite of rounding.
     if gap > limit + 0.5 / clock.rate:
-        found.append(Finding("lost", "marker", name, {"seconds": gap, "limit": limit}))
+        findings.append(Finding("lost", "marker", name, {"seconds": gap, "limit": limit}))
     elif gap > 0:
-        found.append(Finding("lost_briefly", "marker", name, {"seconds": gap}))
+        findings.append(Finding("lost_briefly", "marker", name, {"seconds": gap}))
     if ends:
-        found.append(Finding("ends", "marker", name, {"seconds": ends / clock.rate}))
+        findings.append(Finding("ends", "marker", name, {"seconds": ends / clock.rate}))
     if row["constant"]:
-        found.append(Finding("still", "marker", name))
-    return found
+        findings.append(Finding("still", "marker", name))
+    return findings
 
 
 def judged(row: dict[str, object], findings: Sequence[Finding]) -> dict[str, object]:
     """Complete a row with the worst verdict and all reasons."""
     order: tuple[Verdict, ...] = ("error", "warning")
-    found = {finding.verdict for finding in findings}
-    verdict = next((one for one in order if one in found), "ok")
+    verdicts = {finding.verdict for finding in findings}
+    verdict = next((one for one in order if one in verdicts), "ok")
     # Reasons for the verdict are listed first.
     ranked = sorted(findings, key=lambda finding: finding.verdict != verdict)
     return {**row, "verdict": verdict, "reason": "; ".join(f.clause for f in ranked)}

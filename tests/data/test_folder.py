@@ -17,7 +17,7 @@ from emgface.recordings.dataset import (
     readers,
     write_recording,
 )
-from emgface.recordings.folder import left_out_files, told
+from emgface.recordings.folder import left_out_files, left_out_sentence
 from emgface.recordings.inventory import inventory_table
 from emgface.study.configuration import RecordingsConfiguration
 from emgface.study.intake import take_in
@@ -104,7 +104,7 @@ def test_files_that_are_left_out_are_named(tmp_path: Path) -> None:
     for command in (["check", str(folder)], ["convert", str(folder), "--out", str(tmp_path / "o")]):
         said = " ".join(CliRunner().invoke(app, [*command]).output.split())
         assert "Not read in" in said and "notes.csv (no sidecar describes it)" in said
-    assert told(tmp_path / "more") == ""
+    assert left_out_sentence(tmp_path / "more") == ""
 
 
 @pytest.mark.parametrize(

@@ -168,8 +168,8 @@ def test_a_sidecar_is_drafted_only_where_it_can_be_read(tmp_path: Path) -> None:
     (tmp_path / "data" / "a.csv").write_text(TABLE)
     (tmp_path / "other").mkdir()
     with pytest.raises(DataError, match="expected a sidecar in the folder of the file"):
-        describe(tmp_path / "data" / "a.csv", beside=tmp_path / "other", rate=100.0)
-    above = describe(tmp_path / "data" / "a.csv", beside=tmp_path, rate=100.0, unit="mV")
+        describe(tmp_path / "data" / "a.csv", sidecar_folder=tmp_path / "other", rate=100.0)
+    above = describe(tmp_path / "data" / "a.csv", sidecar_folder=tmp_path, rate=100.0, unit="mV")
     (tmp_path / "a.toml").write_text(above)
     assert read_recording(tmp_path / "a.toml").sizes["channel"] == 2
 

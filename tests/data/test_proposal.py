@@ -141,7 +141,7 @@ def test_spellings_of_laboratories(label: str, name: str, reason: str) -> None:
 def test_a_side_or_a_target_muscle_is_taken_from_elsewhere() -> None:
     labels = ["zygomaticus", "EMG2", "DAO R", "EMG4"]
     told = {"EMG2": "Mentalis", "EMG4": "platysma"}
-    table = propose_mapping(labels, side="L", told=told)
+    table = propose_mapping(labels, side="L", targets=told)
     assert table["name"].to_list() == ["ZYG_L", "MEN_L", "DAO_R", ""]
     assert table["certainty"].to_list() == ["likely", "likely", "sure", "unresolved"]
     assert "target muscle is 'Mentalis'" in table["reason"][1]

@@ -25,25 +25,25 @@ def read_electrodes(path: Path, channels: pd.DataFrame) -> str | None:
     coordinate system). Returns None if electrodes are not specified. Raises DataError if a file is
     damaged, or a position is not a number.
     """
-    told: dict[str, Any] = {}
-    held = [name for name in LINKS if name in channels]
+    electrodes: dict[str, Any] = {}
+    columns = [name for name in LINKS if name in channels]
     links = {
-        str(row["name"]): {name: str(row[name]) for name in held if str(row[name]) != "n/a"}
+        str(row["name"]): {name: str(row[name]) for name in columns if str(row[name]) != "n/a"}
         for row in channels.to_dict("records")
     }
     if any("signal_electrode" in link for link in links.values()):
-        told["channels"] = links
+        electrodes["channels"] = links
     table = sidecar_path(path, "electrodes.tsv")
     if table is not None:
-        told["positions"] = _positions(table)
+        electrodes["positions"] = _positions(table)
         rows = read_tsv(table)
         if "coordinate_system" in rows:
             cells = zip(rows["name"], rows["coordinate_system"], strict=True)
-            told["spaces"] = {str(name): str(space) for name, space in cells}
+            electrodes["spaces"] = {str(name): str(space) for name, space in cells}
         system = sidecar_path(path, "coordsystem.json")
         if system is not None:
-            told["system"] = read_json(system)
-    return json.dumps(told, ensure_ascii=False) if told else None
+            electrodes["system"] = read_json(system)
+    return json.dumps(electrodes, ensure_ascii=False) if electrodes else None
 
 
 def _positions(table: Path) -> dict[str, list[float | None]]:
@@ -53,7 +53,7 @@ def _positions(table: Path) -> dict[str, list[float | None]]:
         raise DataError(
             f"{table.name} lacks the column {absent[0]!r}; expected name, x and y: repair it."
         )
-    found: dict[str, list[float | None]] = {}
+    positions: dict[str, list[float | None]] = {}
     for row in rows.to_dict("records"):
         place: list[float | None] = []
         for axis in AXES:
@@ -65,8 +65,8 @@ def _positions(table: Path) -> dict[str, list[float | None]]:
                     f"{table.name}: {axis} of the electrode {row['name']!r} is {cell!r}; expected a "
                     "number or n/a: repair it."
                 ) from error
-        found[str(row["name"])] = place
-    return found
+        positions[str(row["name"])] = place
+    return positions
 
 
 def electrode_tables(
@@ -80,13 +80,13 @@ def electrode_tables(
     ``*_coordsystem.json``. Raises DataError if the attribute is not such an object.
     """
     try:
-        told = json.loads(attribute)
-        links, places = told.get("channels", {}), told.get("positions", {})
+        electrodes = json.loads(attribute)
+        links, places = electrodes.get("channels", {}), electrodes.get("positions", {})
         cells = []
         for name in names:
             link = links.get(name, links.get(original.get(name, ""), {}))
             cells.append(tuple(str(link.get(key, "n/a")) for key in LINKS))
-        spaces = told.get("spaces", {})
+        spaces = electrodes.get("spaces", {})
         rows = [
             (
                 name,
@@ -95,7 +95,7 @@ def electrode_tables(
             )
             for name, place in places.items()
         ]
-        return cells, rows, dict(told.get("system", {}))
+        return cells, rows, dict(electrodes.get("system", {}))
     except (json.JSONDecodeError, AttributeError, TypeError, ValueError) as error:
         raise DataError(
             f"The attribute 'electrodes' is {attribute[:60]!r}; expected a JSON object with "

@@ -26,10 +26,10 @@ def labels_in_name(path: Path) -> dict[str, list[str]]:
     pairs = [part.partition("-") for part in _parts(path)]
     if any(not hyphen or not label for _, hyphen, label in pairs):
         return {}
-    found: dict[str, list[str]] = {}
+    labels: dict[str, list[str]] = {}
     for key, _, label in pairs:
-        found.setdefault(key, []).append(label)
-    return found
+        labels.setdefault(key, []).append(label)
+    return labels
 
 
 def _parts(path: Path) -> list[str]:
@@ -47,7 +47,7 @@ def faults(path: Path) -> list[str]:
     parts = _parts(path)
     if not any(part.startswith("sub-") for part in parts):
         return []
-    told = [
+    clauses = [
         f"contains {part!r}, which is no entity; expected key and label, such as 'run-01'"
         for part in parts
         if not part.partition("-")[2] and _in_dataset(path)
@@ -55,16 +55,16 @@ def faults(path: Path) -> list[str]:
     for key, values in labels_in_name(path).items():
         if len(values) > 1:
             shown = " and ".join(f"{key}-{value}" for value in values)
-            told.append(f"contains {shown}; expected the entity {key!r} once")
-        told += [
+            clauses.append(f"contains {shown}; expected the entity {key!r} once")
+        clauses += [
             f"contains run-{value}; expected a number, such as run-01"
             for value in values
             if key == "run" and not (value.isascii() and value.isdecimal())
         ]
         folder = _folder_of(path, key) if key in ("sub", "ses") else None
         if folder is not None and [folder] != values[:1]:
-            told.append(f"contains {key}-{values[0]}, but is in the folder {key}-{folder}")
-    return told
+            clauses.append(f"contains {key}-{values[0]}, but is in the folder {key}-{folder}")
+    return clauses
 
 
 def _in_dataset(path: Path) -> bool:
@@ -82,9 +82,11 @@ def _folder_of(path: Path, key: str) -> str | None:
 
 def require_bids_name(path: Path) -> None:
     """Refuse a file whose name does not identify its trial, or contradicts its folder (DataError)."""
-    told = faults(path)
-    if told:
-        raise DataError(f"{path.name} {'; it '.join(told)}: rename it, or move it to its folder.")
+    clauses = faults(path)
+    if clauses:
+        raise DataError(
+            f"{path.name} {'; it '.join(clauses)}: rename it, or move it to its folder."
+        )
 
 
 def name_findings(path: Path, task_name: object = None) -> list[Finding]:
@@ -92,13 +94,13 @@ def name_findings(path: Path, task_name: object = None) -> list[Finding]:
 
     `task_name` is the ``TaskName`` of the sidecar, if it states one.
     """
-    own, found = entities(path), list[Finding]()
+    own, findings = entities(path), list[Finding]()
     label = own.get("run", "1")
     if label.isdecimal() and int(label) == 0:
-        found.append(Finding("no_repetition", values={"label": label}))
+        findings.append(Finding("no_repetition", values={"label": label}))
     if other_task(path, task_name):
-        found.append(Finding("task", values={"told": str(task_name)[:80], "label": own["task"]}))
-    return found
+        findings.append(Finding("task", values={"told": str(task_name)[:80], "label": own["task"]}))
+    return findings
 
 
 def other_task(path: Path, task_name: object) -> bool:
@@ -129,7 +131,7 @@ def may_describe(path: Path, own: dict[str, str]) -> bool:
     return all(own.get(key) in values for key, values in labels_in_name(path).items())
 
 
-def file_name(found: dict[str, str], ending: str) -> str:
+def file_name(labels: dict[str, str], ending: str) -> str:
     """Compose a name from entities that have a value, and an ending such as ``emg.bdf``.
 
     Raises DataError if a label contains anything but letters and digits.
@@ -139,13 +141,13 @@ def file_name(found: dict[str, str], ending: str) -> str:
     >>> file_name({"run": "01", "sub": "V01", "task": "A"}, "emg.bdf")
     'sub-V01_task-A_run-01_emg.bdf'
     """
-    for key, label in found.items():
+    for key, label in labels.items():
         if not LABEL.fullmatch(label):
             raise DataError(
                 f"{label!r} cannot be the label of {key!r} in a BIDS name; expected letters and "
                 "digits only: rename it in the recording's attributes."
             )
-    return "_".join([*(f"{key}-{found[key]}" for key in ORDER if key in found), ending])
+    return "_".join([*(f"{key}-{labels[key]}" for key in ORDER if key in labels), ending])
 
 
 def trial_of(path: Path) -> dict[str, str | int]:
@@ -154,12 +156,12 @@ def trial_of(path: Path) -> dict[str, str | int]:
     Raises DataError if the name does not identify the trial, or contradicts its folder.
     """
     require_bids_name(path)
-    found = entities(path)
+    labels = entities(path)
     trial: dict[str, str | int] = {}
-    if "sub" in found:
-        trial["volunteer"] = found["sub"]
-    if "task" in found:
-        trial["instruction"] = found["task"]
-    if found.get("run", "").isdecimal() and int(found["run"]) > 0:
-        trial["repetition"] = int(found["run"])
+    if "sub" in labels:
+        trial["volunteer"] = labels["sub"]
+    if "task" in labels:
+        trial["instruction"] = labels["task"]
+    if labels.get("run", "").isdecimal() and int(labels["run"]) > 0:
+        trial["repetition"] = int(labels["run"])
     return trial

@@ -130,31 +130,31 @@ def _kind(root: Path, kind: str) -> Iterator[str]:
 
 def _name(path: Path, root: Path, kind: str) -> Iterator[str]:
     """Problems of the name and folder of a file."""
-    found = entities(path)
+    labels = entities(path)
     for key, values in labels_in_name(path).items():
         if len(values) > 1:
             yield f"{path.name} has the entity {key!r} {len(values)} times"
-    keys = list(found)
-    if keys != [key for key in ORDER if key in found]:
+    keys = list(labels)
+    if keys != [key for key in ORDER if key in labels]:
         yield f"{path.name} has the entities {', '.join(keys)}; expected {', '.join(ORDER)}"
     needed = ("sub", "task", "tracksys") if kind == "motion" else ("sub", "task")
     for key in needed:
-        if key not in found:
+        if key not in labels:
             yield f"{path.name} lacks the entity {key!r}"
-    for key, label in found.items():
+    for key, label in labels.items():
         if not (label.isdecimal() if key == "run" else LABEL.fullmatch(label)):
             yield f"{path.name} has the label {label!r} for {key!r}"
-    folders = [f"sub-{found.get('sub')}"]
-    folders += [f"ses-{found['ses']}"] if "ses" in found else []
+    folders = [f"sub-{labels.get('sub')}"]
+    folders += [f"ses-{labels['ses']}"] if "ses" in labels else []
     if path.parent.relative_to(root).parts != (*folders, kind):
         yield f"{path.name} is in {path.parent.relative_to(root)}, not in {'/'.join(folders)}/{kind}"
 
 
 def _task(path: Path, sidecar: Path) -> Iterator[str]:
     """Problem of a task in a name that is not that of its sidecar."""
-    told = read_json(sidecar).get("TaskName")
-    if other_task(path, told):
-        yield f"{path.name} has another task than its {sidecar.name}, TaskName {told!r}"
+    task = read_json(sidecar).get("TaskName")
+    if other_task(path, task):
+        yield f"{path.name} has another task than its {sidecar.name}, TaskName {task!r}"
 
 
 def _keys(path: Path, required: tuple[str, ...]) -> Iterator[str]:
@@ -189,9 +189,9 @@ def _positive(value: object) -> bool:
 
 
 def _columns(path: Path, first: tuple[str, ...]) -> Iterator[str]:
-    found = [str(column) for column in _table(path).columns]
-    if found[: len(first)] != list(first):
-        yield f"{path.name} begins with the columns {', '.join(found)}; expected {', '.join(first)}"
+    columns = [str(column) for column in _table(path).columns]
+    if columns[: len(first)] != list(first):
+        yield f"{path.name} begins with the columns {', '.join(columns)}; expected {', '.join(first)}"
 
 
 def _channels(path: Path, table: Path, kind: str) -> Iterator[str]:

@@ -70,28 +70,28 @@ class EmgSidecars(NamedTuple):
         result: list[str] = []
         for label, unit in zip(labels, own, strict=True):
             rows = self.channels.loc[self.channels["name"] == label]
-            told = "" if rows.empty or "units" not in rows else str(rows["units"].iloc[0])
-            told = "" if told == "n/a" else told
-            if unit and told and spelling(unit) != spelling(told):
+            stated = "" if rows.empty or "units" not in rows else str(rows["units"].iloc[0])
+            stated = "" if stated == "n/a" else stated
+            if unit and stated and spelling(unit) != spelling(stated):
                 raise UnitsError(
-                    f"{self.path.name}: channel {label!r} is in {unit!r}, and in {told!r} in "
+                    f"{self.path.name}: channel {label!r} is in {unit!r}, and in {stated!r} in "
                     "its channels.tsv; expected one unit: repair the table, or specify the "
                     "correct one as emg in the table 'units' of the mapping."
                 )
-            result.append(unit or told)
+            result.append(unit or stated)
         return result
 
     def rates(self, labels: Sequence[str]) -> dict[str, float | None]:
         """Return the sampling rates [Hz] that the JSON file and the table state, by their place."""
-        told = self.description.get("SamplingFrequency")
-        found = {"emg.json": positive_number(told, "emg.json", "SamplingFrequency")}
+        stated = self.description.get("SamplingFrequency")
+        by_place = {"emg.json": positive_number(stated, "emg.json", "SamplingFrequency")}
         if "sampling_frequency" in self.channels:
             rows = self.channels.loc[self.channels["name"].isin(labels), "sampling_frequency"]
             rates = (positive_number(cell, "channels.tsv", "sampling_frequency") for cell in rows)
-            told = [rate for rate in rates if rate is not None]
-            if told:
-                found["channels.tsv"] = max(told, key=told.count)
-        return found
+            listed_rates = [rate for rate in rates if rate is not None]
+            if listed_rates:
+                by_place["channels.tsv"] = max(listed_rates, key=listed_rates.count)
+        return by_place
 
     @property
     def duration(self) -> float | None:
@@ -130,26 +130,26 @@ def positive_number(value: Any, where: str, name: str) -> float | None:
     if value is None or (isinstance(value, str) and value.strip() in ("", "n/a")):
         return None
     try:
-        found = float("nan") if isinstance(value, bool) else float(value)
+        number = float("nan") if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):
-        found = float("nan")
-    if not 0.0 < found < 1e9:
+        number = float("nan")
+    if not 0.0 < number < 1e9:
         raise DataError(
             f"{where} has {name} {value!r}; expected a number above 0, or 'n/a': repair it."
         )
-    return found
+    return number
 
 
 def world(description: dict[str, Any]) -> dict[str, str]:
     """Return the attribute with the world of simulated volunteers, empty if none is specified."""
-    told = description.get("World")
-    return {"world": str(told)} if told else {}
+    name = description.get("World")
+    return {"world": str(name)} if name else {}
 
 
 def device(description: dict[str, Any]) -> str:
     """Return manufacturer and model from a sidecar; empty if neither is specified."""
-    told = (description.get(key) for key in ("Manufacturer", "ManufacturersModelName"))
-    return " ".join(str(text) for text in told if text and text != "n/a")
+    texts = (description.get(key) for key in ("Manufacturer", "ManufacturersModelName"))
+    return " ".join(str(text) for text in texts if text and text != "n/a")
 
 
 def emg_sidecars(path: Path) -> EmgSidecars | None:
@@ -179,10 +179,10 @@ def sidecar_path(path: Path, ending: str) -> Path | None:
     for folder in (path.parent, *list(path.parents)[1:4]):
         best: list[tuple[int, Path]] = []
         for candidate in folder.glob(f"*{ending}"):
-            found = entities(candidate)
+            labels = entities(candidate)
             named = candidate.name == ending or candidate.name.endswith(f"_{ending}")
-            if named and may_describe(candidate, own) and (found or candidate.name == ending):
-                best.append((len(found), candidate))
+            if named and may_describe(candidate, own) and (labels or candidate.name == ending):
+                best.append((len(labels), candidate))
         if best:
             chosen = max(best)[1]
             require_bids_name(chosen)
@@ -266,8 +266,8 @@ def read_json(path: Path) -> dict[str, Any]:
 
 def start_times(path: Path) -> dict[str, str]:
     """Return the start times as stated in ``*_scans.tsv``, by file name, of the files of a volunteer."""
-    found = entities(path)
-    own = {key: found[key] for key in ORDER[:2] if key in found}
+    labels = entities(path)
+    own = {key: labels[key] for key in ORDER[:2] if key in labels}
     table = path.parent.parent / file_name(own, "scans.tsv") if own else None
     if table is None or not table.is_file():
         return {}
@@ -275,9 +275,9 @@ def start_times(path: Path) -> dict[str, str]:
     if not {"filename", "acq_time"} <= set(scans.columns):
         return {}
     return {
-        Path(str(name)).name: str(told).strip()
-        for name, told in zip(scans["filename"], scans["acq_time"], strict=True)
-        if str(told).strip() not in ("", "n/a", "nan")
+        Path(str(name)).name: str(time).strip()
+        for name, time in zip(scans["filename"], scans["acq_time"], strict=True)
+        if str(time).strip() not in ("", "n/a", "nan")
     }
 
 
@@ -286,11 +286,11 @@ def lag_between(first: str, second: str) -> tuple[float, Finding | None]:
 
     Times without a zone are local (BIDS), so that they cannot be compared with those of a zone.
     """
-    told = {"first": first[:40], "second": second[:40]}
+    values = {"first": first[:40], "second": second[:40]}
     try:
         lag = (datetime.fromisoformat(second) - datetime.fromisoformat(first)).total_seconds()
     except (ValueError, TypeError):  # no date, or a time with a zone and one without
-        return 0.0, Finding("no_lag", "marker", "", told)
+        return 0.0, Finding("no_lag", "marker", "", values)
     if lag != 0.0 and not any(re.search(r"[.,]\d", one) for one in (first, second)):
-        return lag, Finding("coarse_lag", "marker", "", told)
+        return lag, Finding("coarse_lag", "marker", "", values)
     return lag, None

@@ -18,17 +18,17 @@ def complete_table(path: Path, columns: Sequence[str], rows: Sequence[tuple[str,
 
 
 def _complete(path: Path, columns: Sequence[str], rows: Sequence[tuple[str, ...]]) -> None:
-    held: dict[str, tuple[str, ...]] = {}
+    stored: dict[str, tuple[str, ...]] = {}
     names = list(columns)
     if path.is_file():
         table = read_tsv(path)
         names = [str(column) for column in table.columns]
-        held = {str(row[0]): tuple(map(str, row)) for row in table.itertuples(index=False)}
+        stored = {str(row[0]): tuple(map(str, row)) for row in table.itertuples(index=False)}
     for row in rows:
         new = dict(zip(columns, row, strict=True))
-        old = dict(zip(names, held.get(row[0], ()), strict=False))
-        held[row[0]] = tuple(new.get(column, old.get(column, "n/a")) for column in names)
-    write_table(path, names, [held[key] for key in sorted(held)])
+        old = dict(zip(names, stored.get(row[0], ()), strict=False))
+        stored[row[0]] = tuple(new.get(column, old.get(column, "n/a")) for column in names)
+    write_table(path, names, [stored[key] for key in sorted(stored)])
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Sequence[tuple[str, ...]]) -> None:

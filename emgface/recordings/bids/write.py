@@ -183,9 +183,9 @@ def _write_emg(
         ]
         columns = (*columns, *LINKS[:2])
     write_table(path.with_name(file_name(given, "channels.tsv")), columns, rows)
-    told = {**_DEFAULTS, **_common(recording, rate, n)}
-    told |= {"RecordingType": "continuous", "EMGChannelCount": len(labels), **further}
-    write_json(path.with_suffix(".json"), told)
+    description = {**_DEFAULTS, **_common(recording, rate, n)}
+    description |= {"RecordingType": "continuous", "EMGChannelCount": len(labels), **further}
+    write_json(path.with_suffix(".json"), description)
     replace_file(path, lambda target: content.write(target))
 
 
@@ -193,8 +193,8 @@ def _write_electrodes(
     recording: xr.Dataset, labels: Sequence[str], folder: Path, given: dict[str, str]
 ) -> list[tuple[str, ...]]:
     """Write the positions of the electrodes; return the electrodes and the muscle of each channel."""
-    told, original = str(recording.attrs["electrodes"]), note(recording, "original_names")
-    links, places, system = electrode_tables(told, labels, original)
+    electrodes, original = str(recording.attrs["electrodes"]), note(recording, "original_names")
+    links, places, system = electrode_tables(electrodes, labels, original)
     if places:
         subject = {"sub": given["sub"]}
         columns = (*ELECTRODE_COLUMNS, "z", "coordinate_system")
@@ -219,8 +219,8 @@ def _write_motion(
     lines = ("\t".join("n/a" if math.isnan(v) else repr(v) for v in row) for row in values.tolist())
     rows = [(f"{m}_{axis}", axis, "POS", m, "m") for m in markers for axis in AXES]
     write_table(path.with_name(file_name(given, "channels.tsv")), MOTION_COLUMNS, rows)
-    told = _common(recording, rate, position.sizes["time_marker"])
-    told |= {
+    description = _common(recording, rate, position.sizes["time_marker"])
+    description |= {
         "TrackingSystemName": TRACKING,
         "MotionChannelCount": len(rows),
         "POSChannelCount": len(rows),
@@ -228,7 +228,7 @@ def _write_motion(
         "MissingValues": "n/a",
         **further,
     }
-    write_json(path.with_suffix(".json"), told)
+    write_json(path.with_suffix(".json"), description)
     write_text(path, "\n".join(lines) + "\n")
 
 
@@ -263,13 +263,13 @@ def _begin(root: Path, name: str, recording: xr.Dataset) -> None:
     simulated = recording.attrs["origin"] == "simulated"
     description = root / "dataset_description.json"
     if not description.is_file():
-        told = {
+        content = {
             "Name": f"{name} ({origin_of(recording)})" if simulated else name,
             "BIDSVersion": BIDS_VERSION,
             "DatasetType": "raw",
             "GeneratedBy": [{"Name": "emgface"}],
         }
-        write_json(description, told)
+        write_json(description, content)
     readme = root / "README.md"
     if not readme.is_file():
         kind = "Simulated" if simulated else "Measured"

@@ -55,13 +55,13 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
     """Return the channels; digital and calculation channels are set apart."""
     row = _interval_row(head)
     assert row is not None  # the file matches
-    told = _INTERVAL.fullmatch(head[row])
-    assert told is not None
-    period = header_rate(path, "interval", told.group(1)) * _SECONDS[told.group(2).lower()]
+    interval = _INTERVAL.fullmatch(head[row])
+    assert interval is not None
+    period = header_rate(path, "interval", interval.group(1)) * _SECONDS[interval.group(2).lower()]
     rate = 1.0 / period
     at = next(k for k in range(row + 1, row + 3) if _COUNT.fullmatch(head[k]))
-    found = _COUNT.fullmatch(head[at])
-    count = int(found.group(1)) if found else 0
+    number = _COUNT.fullmatch(head[at])
+    count = int(number.group(1)) if number else 0
     numbered = at + 1 + 2 * count
     if count < 1 or numbered >= len(head):
         raise DataError(

@@ -51,7 +51,7 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
     assert row is not None  # the file matches
     delimiter = delimiter_of(head[row])
     cells = split(head[row], delimiter)
-    stated = [found for line in head[:row] if (found := _STATED.match(line))]
+    stated = [match for line in head[:row] if (match := _STATED.match(line))]
     block = Block(path, text, row + 1, delimiter, cells)
     columns: list[Column] = []
     clock = 0
@@ -62,13 +62,13 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
         n = block.used(k)
         if not cell or (n == 0 and block.used(clock) == 0):
             continue  # an empty pair of columns, or a delimiter at the end
-        found = _UNIT.fullmatch(cell)
-        label, unit = (found.group(1), found.group(2)) if found else (cell, "")
-        told = next((one for one in stated if one["label"].strip() in (label, cell)), None)
-        if told is None and len(stated) == len(cells) // 2:
-            told = stated[len(columns)]
-        rate = None if told is None else header_rate(path, "Sampling frequency", told["rate"])
-        unit = unit or (told["unit"] or "" if told else "")
+        match = _UNIT.fullmatch(cell)
+        label, unit = (match.group(1), match.group(2)) if match else (cell, "")
+        entry = next((one for one in stated if one["label"].strip() in (label, cell)), None)
+        if entry is None and len(stated) == len(cells) // 2:
+            entry = stated[len(columns)]
+        rate = None if entry is None else header_rate(path, "Sampling frequency", entry["rate"])
+        unit = unit or (entry["unit"] or "" if entry else "")
         n = max(n, block.used(clock))  # a signal may end with missing values
         scale = 1e-3 if "ms" in cells[clock].lower() else 1.0
         time = scale * block.numbers(clock)[:n]

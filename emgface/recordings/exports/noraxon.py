@@ -50,37 +50,39 @@ def _stated(head: Sequence[str]) -> tuple[int, dict[str, str]] | None:
             if names[:1] != ["type"] or any(name not in names for name in _STATED):
                 continue
             values = split(head[k + 1], delimiter) if k + 1 < len(head) else []
-            told = dict(zip(names, values, strict=False))
+            entries = dict(zip(names, values, strict=False))
             for row in range(k + 2, min(k + 12, len(head))):
                 if (
                     split(head[row], delimiter)[:1]
                     and split(head[row], delimiter)[0].lower() == "time"
                 ):
-                    return row, told
+                    return row, entries
     return None
 
 
 def read(path: Path, text: str, head: Sequence[str]) -> Export:
     """Return the signals of a table, or the one of a file per signal."""
-    found = _stated(head)
-    if found is None:
-        row, told = _xp_row(head), dict[str, str]()
+    stated = _stated(head)
+    if stated is None:
+        row, entries = _xp_row(head), dict[str, str]()
         assert row is not None  # the file matches
         delimiter = "\t"
     else:
-        row, told = found
+        row, entries = stated
         delimiter = delimiter_of(head[row])
     labels = split(head[row], delimiter)
     block = Block(path, text, row + 1, delimiter, labels)
-    time_unit = told.get("time_units", "") or _parted(labels[0])[1] or "s"
+    time_unit = entries.get("time_units", "") or _parted(labels[0])[1] or "s"
     time = seconds_in(path, block.numbers(0), time_unit)
-    if told.get("count", "").isdigit() and block.n_rows < int(told["count"]):
+    if entries.get("count", "").isdigit() and block.n_rows < int(entries["count"]):
         raise DataError(
-            f"{path.name} declares {told['count']} samples but contains {block.n_rows}; expected all "
+            f"{path.name} declares {entries['count']} samples but contains {block.n_rows}; expected all "
             "of them: it is truncated, export it again."
         )
-    rate = header_rate(path, "frequency", told["frequency"]) if told.get("frequency") else None
-    single = told.get("type", "").lower() == "signal"
+    rate = (
+        header_rate(path, "frequency", entries["frequency"]) if entries.get("frequency") else None
+    )
+    single = entries.get("type", "").lower() == "signal"
     columns: list[Column] = []
     for k, cell in enumerate(labels[1:], start=1):
         if not cell:
@@ -89,8 +91,8 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
         if label.lower() in _TEXTS:
             continue
         if single:
-            label = told.get("name") or label
-        unit = unit or told.get("units", "")
+            label = entries.get("name") or label
+        unit = unit or entries.get("units", "")
         n = block.used(k)
         apart = "" if n else "has no samples"
         if n and n < 0.9 * block.n_rows:
@@ -103,7 +105,7 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
 def _parted(cell: str) -> tuple[str, str]:
     """Label and unit of a cell, the unit empty if none is stated."""
     for pattern in _UNIT:
-        found = pattern.fullmatch(cell)
-        if found:
-            return found.group(1), found.group(2)
+        match = pattern.fullmatch(cell)
+        if match:
+            return match.group(1), match.group(2)
     return cell, ""

@@ -51,9 +51,9 @@ def matches(head: Sequence[str]) -> bool:
 def read(path: Path, text: str, head: Sequence[str]) -> Export:
     """Return the sensors of all devices, in volts where the transfer function is known."""
     end = next((k for k, line in enumerate(head) if line.lower().startswith(_END)), None)
-    told = next((line[1:].strip() for line in head if line.startswith("# {")), None)
+    header = next((line[1:].strip() for line in head if line.startswith("# {")), None)
     try:
-        content = json_in(told or "")
+        content = json_in(header or "")
         devices = [_device(path, one) for one in content.values()]
     except (ValueError, AttributeError, RecursionError) as error:
         if isinstance(error, DataError):
@@ -75,37 +75,37 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
     return Export(columns, ", ".join(device.name for device in devices))
 
 
-def _device(path: Path, told: Mapping[str, Any]) -> _Device:
-    columns, labels = _texts(told, "column"), _texts(told, "label")
-    count = len(labels) or len(told.get("channels", []))
-    if not columns or not 0 < count <= len(columns) or "sampling rate" not in told:
+def _device(path: Path, header: Mapping[str, Any]) -> _Device:
+    columns, labels = _texts(header, "column"), _texts(header, "label")
+    count = len(labels) or len(header.get("channels", []))
+    if not columns or not 0 < count <= len(columns) or "sampling rate" not in header:
         raise DataError(
             f"{path.name} declares {len(columns)} columns and {count} channels; expected both, and a "
             "sampling rate: its header is damaged, export the recording again."
         )
-    sensors = _texts(told, "sensor")
-    bits = told.get("resolution", [])
+    sensors = _texts(header, "sensor")
+    bits = header.get("resolution", [])
     bits = bits if isinstance(bits, list) else [bits]
     return _Device(
-        str(told.get("device", "") or told.get("device name", "")),
-        header_rate(path, "sampling rate", str(told["sampling rate"])),
+        str(header.get("device", "") or header.get("device name", "")),
+        header_rate(path, "sampling rate", str(header["sampling rate"])),
         columns,
         columns[-count:],
         (sensors + [""] * count)[:count],
         # Resolutions are listed for the channels, or for all columns but the sequence number.
         [float(b or 0) for b in bits[-count:]] + [float("nan")] * (count - len(bits[-count:])),
-        bool(told.get("convertedValues", 0)),
+        bool(header.get("convertedValues", 0)),
     )
 
 
-def _texts(told: Mapping[str, Any], key: str) -> list[str]:
-    value = told.get(key, [])
+def _texts(header: Mapping[str, Any], key: str) -> list[str]:
+    value = header.get(key, [])
     return [str(one) for one in value] if isinstance(value, list) else []
 
 
 def _signals(path: Path, block: Block, device: _Device, first: int, several: bool) -> list[Column]:
     place = _places(path, block, device, first)
-    found: list[Column] = []
+    columns: list[Column] = []
     start = first + len(device.columns) - len(device.channels)
     for k, label in enumerate(device.channels):
         raw = block.numbers(start + k)
@@ -131,8 +131,8 @@ def _signals(path: Path, block: Block, device: _Device, first: int, several: boo
             )  # fmt: skip
         else:
             apart = f"of type {sensor}, not EMG"
-        found.append(Column(named, unit, values, device.rate, None, apart))
-    return found
+        columns.append(Column(named, unit, values, device.rate, None, apart))
+    return columns
 
 
 def _places(path: Path, block: Block, device: _Device, first: int) -> np.ndarray:

@@ -67,9 +67,9 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
     clocks: dict[str, int] = {}
     last: int | None = None
     for k, name in enumerate(names):
-        found = _CLOCK.fullmatch(name)
-        if found:
-            clocks[found.group(1)], last = k, k
+        match = _CLOCK.fullmatch(name)
+        if match:
+            clocks[match.group(1)], last = k, k
             continue
         signal = _SIGNAL.fullmatch(name)
         if signal is None:
@@ -81,7 +81,7 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
                 "'... Time Series (s)' to its left: it is damaged, export it again."
             )
         n = block.used(clock)
-        told = _RATE.fullmatch(rates[k]) or _RATE.fullmatch(rates[clock])
+        stated = _RATE.fullmatch(rates[k]) or _RATE.fullmatch(rates[clock])
         scale = 1e-3 if "(ms)" in names[clock].lower() else 1.0
         label = ": ".join(part for part in (sensors[k], signal.group(1)) if part)
         columns.append(
@@ -89,7 +89,7 @@ def read(path: Path, text: str, head: Sequence[str]) -> Export:
                 label,
                 signal.group(2),
                 np.array(block.numbers(k)[:n]),
-                None if told is None else header_rate(path, "rate", told.group(1)),
+                None if stated is None else header_rate(path, "rate", stated.group(1)),
                 scale * block.numbers(clock)[:n],
             )
         )

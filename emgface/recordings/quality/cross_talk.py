@@ -39,7 +39,7 @@ def cross_talk(emg: xr.DataArray) -> pd.DataFrame:
     r^2 as the common part: Winter, Fuglevand and Archer 1994, J Electromyogr Kinesiol 4:15-26. For
     two independent sources of powers P and Q, each recorded by the other electrode with amplitude
     c, the covariance is c (P + Q) and the sum of variances (1 + c^2) (P + Q). With q their ratio, c
-    = (1 - sqrt(1 - 4 q^2)) / (2 q), for any powers; a passive muscle beside a strong one results in
+    = (1 - sqrt(1 - 4 q^2)) / (2 q), for any powers; a passive muscle next to a strong one results in
     a large r and a small c. Simultaneous contraction alone does not correlate muscles, because
     their motor units fire independently.
     """

@@ -118,17 +118,17 @@ def _traces(axes: Axes, emg: xr.DataArray, table: pd.DataFrame) -> None:
         t, drawn = _envelope(np.clip(0.45 * factor * values / unit, -0.6, 0.6), time)
         axes.plot(t, drawn - row, lw=0.4, color=COLOURS[verdicts.get(name, "ok")])
         if factor != 1.0:
-            told = f"\u00d7 {factor:g}" if factor > 1.0 else f"\u00f7 {1.0 / factor:g}"
+            text = f"\u00d7 {factor:g}" if factor > 1.0 else f"\u00f7 {1.0 / factor:g}"
             axes.text(
-                1.0, -row, told, transform=axes.get_yaxis_transform(), ha="right",
+                1.0, -row, text, transform=axes.get_yaxis_transform(), ha="right",
                 va="center", fontsize=6.5, bbox={"fc": "white", "ec": "none", "pad": 0.8},
             )  # fmt: skip
     _rows(axes, names, verdicts, emg.sizes["channel"])
     axes.set_xlabel("time [s]", fontsize=8)
     high = 2.0 * unit / 0.9
-    told = f"{high * 1e6:.3g} \u00b5V" if high < 1e-3 else f"{high * 1e3:.3g} mV"
+    text = f"{high * 1e6:.3g} \u00b5V" if high < 1e-3 else f"{high * 1e3:.3g} mV"
     axes.set_title(
-        f"EMG, one row is {told} high, or scaled as indicated by \u00d7 or \u00f7", fontsize=9
+        f"EMG, one row is {text} high, or scaled as indicated by \u00d7 or \u00f7", fontsize=9
     )
 
 

@@ -48,36 +48,36 @@ def findings(
     neighbour; and the findings, without a name if they apply to all channels or markers.
     """
     measures: dict[tuple[str, str], dict[str, float]] = {}
-    found: list[Finding] = []
+    result: list[Finding] = []
     try:
         if "emg" in recording:
-            found += _of_channels(recording["emg"], measures)
+            result += _of_channels(recording["emg"], measures)
         if "position" in recording:
             for name, row in _rows(marker_quality(recording["position"])):
                 measures["marker", name] = row
-                found += _marker(name, row)
-            found += _exchanged(swapped_markers(recording["position"]))
+                result += _marker(name, row)
+            result += _exchanged(swapped_markers(recording["position"]))
             for one, other, frames, at in coinciding_markers(recording["position"]).itertuples(
                 False
             ):
                 numbers = {"other": str(other), "frames": float(frames), "at": float(at)}
-                found.append(Finding("coincides", "marker", str(one), numbers))
-            found += wrong_size(recording["position"])
-        found += little_in_common(recording)
+                result.append(Finding("coincides", "marker", str(one), numbers))
+            result += wrong_size(recording["position"])
+        result += little_in_common(recording)
         for left, right, r, swapped in swapped_sides(recording).itertuples(index=False):
             if swapped:
                 numbers = {"r": r, "other": str(right)}
-                found.append(Finding("sides_exchanged", "channel", str(left), numbers))
+                result.append(Finding("sides_exchanged", "channel", str(left), numbers))
     except SignalError:
         pass  # a non-uniform clock, which the check of clocks reports for every row
-    return measures, found
+    return measures, result
 
 
 def _of_channels(
     emg: xr.DataArray, measures: dict[tuple[str, str], dict[str, float]]
 ) -> list[Finding]:
     """Measure the channels, and return the findings on them."""
-    found: list[Finding] = []
+    result: list[Finding] = []
     rate = sampling_rate(emg[TIME_EMG])
     table = emg_quality(emg)
     processed: set[str] = set()
@@ -85,17 +85,17 @@ def _of_channels(
         measures["channel", name] = {**row, "common": np.nan, "cross_talk": np.nan}
         treated = processing(name, emg.sel(channel=name).values, rate)
         if treated is None:
-            found += _channel(name, row)
+            result += _channel(name, row)
         else:  # hum, artefact and drift are properties of the raw signal
             processed.add(name)
-            found.append(treated)
+            result.append(treated)
     for name in map(str, emg["channel"].values):
-        found += _spikes(name, emg.sel(channel=name), rate)
+        result += _spikes(name, emg.sel(channel=name), rate)
     raw = table.drop(index=list(processed))
     if numbers := doubtful_rate(raw, rate):
-        found.append(Finding("median_frequency", "channel", "", numbers))
+        result.append(Finding("median_frequency", "channel", "", numbers))
     for name, numbers in doubtful_sides(raw).items():
-        found.append(Finding("sides_differ", "channel", name, numbers))
+        result.append(Finding("sides_differ", "channel", name, numbers))
     for a, b, r, _, common, share in cross_talk(emg).itertuples(index=False):
         for name in (a, b):
             row = measures["channel", name]
@@ -103,8 +103,8 @@ def _of_channels(
             row["cross_talk"] = float(np.fmax(share, row["cross_talk"]))
         if share > MUCH_CROSS_TALK:
             numbers = {"common": common, "other": str(b), "r": r, "share": share}
-            found.append(Finding("cross_talk", "channel", str(a), numbers))
-    return found
+            result.append(Finding("cross_talk", "channel", str(a), numbers))
+    return result
 
 
 def _rows(table: pd.DataFrame) -> list[tuple[str, dict[str, float]]]:
@@ -116,10 +116,10 @@ def _rows(table: pd.DataFrame) -> list[tuple[str, dict[str, float]]]:
 
 def _channel(name: str, row: Mapping[str, float]) -> list[Finding]:
     """Findings on one channel; a comparison with NaN is false."""
-    found: list[Finding] = []
+    result: list[Finding] = []
 
     def note(code: str, **numbers: float) -> None:
-        found.append(Finding(code, "channel", name, numbers))
+        result.append(Finding(code, "channel", name, numbers))
 
     sure = row["hum_chance"] < UNLIKELY
     if row["hum"] > MUCH_HUM and row["hum_rms"] > LOUD_HUM and sure:
@@ -135,29 +135,29 @@ def _channel(name: str, row: Mapping[str, float]) -> list[Finding]:
         note("saturated", share=row["saturated"])
     if row["baseline"] > LOUD_BASELINE:
         note("baseline", microvolts=1e6 * row["baseline"])
-    return found
+    return result
 
 
 def _spikes(name: str, values: xr.DataArray, rate: float) -> list[Finding]:
     """Finding of single samples far from their neighbours in a channel."""
-    found = spikes(values.values, rate)
-    if not found.at.size:
+    outliers = spikes(values.values, rate)
+    if not outliers.at.size:
         return []
     numbers = {
-        "count": int(found.at.size),
-        "at": float(values[TIME_EMG].values[found.at[0]]),
-        "microvolts": 1e6 * float(found.distance[0]),
+        "count": int(outliers.at.size),
+        "at": float(values[TIME_EMG].values[outliers.at[0]]),
+        "microvolts": 1e6 * float(outliers.distance[0]),
     }
     return [Finding("spikes", "channel", name, numbers)]
 
 
 def _marker(name: str, row: Mapping[str, float]) -> list[Finding]:
-    found: list[Finding] = []
+    result: list[Finding] = []
     if row["noise"] > MUCH_NOISE:
-        found.append(Finding("noise", "marker", name, {"millimetres": 1e3 * row["noise"]}))
+        result.append(Finding("noise", "marker", name, {"millimetres": 1e3 * row["noise"]}))
     if row["largest_speed"] > (TOO_FAST if name in LAYOUT else TOO_FAST_ELSEWHERE):
-        found.append(Finding("jumps", "marker", name, {"speed": row["largest_speed"]}))
-    return found
+        result.append(Finding("jumps", "marker", name, {"speed": row["largest_speed"]}))
+    return result
 
 
 def _coinciding(table: pd.DataFrame) -> list[Finding]:
@@ -168,14 +168,14 @@ def _coinciding(table: pd.DataFrame) -> list[Finding]:
 
 
 def _exchanged(table: pd.DataFrame) -> list[Finding]:
-    found: list[Finding] = []
+    result: list[Finding] = []
     for first, second, time, ratio in table.itertuples(index=False):
         if first == "left":
-            found.append(Finding("mirrored", "marker"))
+            result.append(Finding("mirrored", "marker"))
         elif np.isnan(time):
             numbers = {"other": str(second), "ratio": float(ratio)}
-            found.append(Finding("misplaced", "marker", str(first), numbers))
+            result.append(Finding("misplaced", "marker", str(first), numbers))
         else:
             numbers = {"other": str(second), "at": float(time)}
-            found.append(Finding("exchanged", "marker", str(first), numbers))
-    return found
+            result.append(Finding("exchanged", "marker", str(first), numbers))
+    return result

@@ -60,8 +60,8 @@ def mains_hum(values: np.ndarray, rate: float) -> Hum:
         for line in np.arange(mains, top, mains):
             away = np.abs(frequency - line)
             inside = away <= 2.0 * step + 1e-9
-            beside = (away >= 3.0 * step) & (away <= 10.0 * step) & (frequency > 0)
-            power += float(density[inside].sum() - inside.sum() * np.median(density[beside]))
+            adjacent = (away >= 3.0 * step) & (away <= 10.0 * step) & (frequency > 0)
+            power += float(density[inside].sum() - inside.sum() * np.median(density[adjacent]))
         # Single lines may by chance be below their neighbours; only the sum of all is used.
         power = max(power, 0.0)
         share = power / total if total > 0 else 0.0
@@ -89,8 +89,8 @@ def _chance(values: np.ndarray, rate: float, lines: np.ndarray) -> float:
     best = 1.0
     for line in lines:
         away = np.abs(frequency - line)
-        beside = power[(away >= 3.0) & (away <= 10.0) & (frequency > 2.0)][:: 2 * _FINER]
-        m, level = beside.size, float(beside.mean())
+        adjacent = power[(away >= 3.0) & (away <= 10.0) & (frequency > 2.0)][:: 2 * _FINER]
+        m, level = adjacent.size, float(adjacent.mean())
         if level > 0.0:
             ratio = float(power[away <= WANDER].max()) / level
             best = min(best, float((1.0 + ratio / m) ** -m))

@@ -114,7 +114,7 @@ def _throughout(values: np.ndarray, names: Sequence[str]) -> list[_Row]:
         return []
     frame = values[known][:, :, int(np.argmax(whole))]
     layout = np.array([LAYOUT[names[i]] for i in known])
-    held = [names[i] for i in known]
+    labels = [names[i] for i in known]
     rows: list[_Row] = []
     given = _misfit(frame, layout)
     mirrored = _misfit(frame, layout * [-1.0, 1.0, 1.0])
@@ -123,9 +123,9 @@ def _throughout(values: np.ndarray, names: Sequence[str]) -> list[_Row]:
         layout, given = layout * [-1.0, 1.0, 1.0], mirrored
     while given > 0:
         tried: list[tuple[float, int, int]] = []
-        for i in range(len(held)):
-            for j in range(i + 1, len(held)):
-                order = np.arange(len(held))
+        for i in range(len(labels)):
+            for j in range(i + 1, len(labels)):
+                order = np.arange(len(labels))
                 order[[i, j]] = j, i
                 left = _misfit(frame[order], layout)
                 # Exchanged neighbours change the misfit little, but reverse the vector between them.
@@ -134,7 +134,7 @@ def _throughout(values: np.ndarray, names: Sequence[str]) -> list[_Row]:
         if not tried:
             break
         best, i, j = min(tried)
-        rows.append((held[i], held[j], float("nan"), best / given))
+        rows.append((labels[i], labels[j], float("nan"), best / given))
         frame[[i, j]] = frame[[j, i]]
         given = best
     return rows

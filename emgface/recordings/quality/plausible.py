@@ -44,12 +44,12 @@ def doubtful_rate(measures: pd.DataFrame, rate: float) -> dict[str, float | str]
     active = measures.loc[measures["snr"] > ACTIVE, "median_frequency"].dropna()
     if rate < LEAST_RATE or active.empty:
         return {}
-    found, (low, high) = float(active.median()), MEDIAN_FREQUENCY
-    if low <= found <= high:
+    median, (low, high) = float(active.median()), MEDIAN_FREQUENCY
+    if low <= median <= high:
         return {}
-    error = "low" if found < low else "high"
+    error = "low" if median < low else "high"
     limits = {"low": low, "high": high, "error": error}
-    return {"found": found, "channels": len(active), "rate": rate, **limits}
+    return {"found": median, "channels": len(active), "rate": rate, **limits}
 
 
 def doubtful_sides(measures: pd.DataFrame) -> dict[str, dict[str, float | str]]:
@@ -58,14 +58,14 @@ def doubtful_sides(measures: pd.DataFrame) -> dict[str, dict[str, float | str]]:
     `measures` is as for `doubtful_rate`, with the names of the study, ``ZYG_L`` and ``ZYG_R``.
     """
     levels = _levels(measures)
-    found: dict[str, dict[str, float | str]] = {}
+    doubtful: dict[str, dict[str, float | str]] = {}
     for name in levels.index:
         muscle, _, side = str(name).rpartition("_")
         other = f"{muscle}_{SIDES[1 - SIDES.index(side)]}" if side in SIDES else ""
         if other in levels.index and (ratios := _exceeds(levels, levels, str(name), other)):
             numbers = {"noise": ratios[0], "activity": ratios[1]}
-            found[str(name)] = {**numbers, "other": other, "allowed": GAIN_RATIO}
-    return found
+            doubtful[str(name)] = {**numbers, "other": other, "allowed": GAIN_RATIO}
+    return doubtful
 
 
 def doubtful_gains(recordings: Mapping[str, pd.DataFrame]) -> dict[str, str]:
@@ -75,7 +75,7 @@ def doubtful_gains(recordings: Mapping[str, pd.DataFrame]) -> dict[str, str]:
     are compared with the medians over the other recordings, of which there are at least two.
     """
     levels = {file: _levels(measures) for file, measures in recordings.items()}
-    found: dict[str, str] = {}
+    clauses: dict[str, str] = {}
     for file, own in levels.items():
         others = [each for name, each in levels.items() if name != file]
         if len(others) < 2:
@@ -86,13 +86,13 @@ def doubtful_gains(recordings: Mapping[str, pd.DataFrame]) -> dict[str, str]:
             differ = [name for name in shared if _exceeds(one, two, name, name)]
             if differ:
                 ratio = float(np.median((one.loc[differ] / two.loc[differ]).to_numpy()))
-                found[file] = (
+                clauses[file] = (
                     f"{len(differ)} of {len(shared)} channels ({', '.join(differ[:4])}"
                     f"{', ...' if len(differ) > 4 else ''}) are {ratio:.2g} times {word} than in the "
                     "volunteer's other recordings, in amplifier noise and in activity, expected at most "
                     f"{GAIN_RATIO:g} times: check gain and unit"
                 )
-    return found
+    return clauses
 
 
 def wrong_size(position: xr.DataArray) -> list[Finding]:
@@ -108,14 +108,14 @@ def wrong_size(position: xr.DataArray) -> list[Finding]:
     face = [k for k, name in enumerate(names) if name in FACE_MARKERS and seen[k]]
     if len(face) >= FEWEST:
         layout = HALF_MOUTH * np.array([LAYOUT[names[k]] for k in face])
-        found, expected = (_spread(x) for x in (places.values[face], layout))
-        if not expected / LARGEST_RATIO <= found <= expected * LARGEST_RATIO:
-            return [Finding("size", "marker", "", {"found": found, "expected": expected})]
+        size, expected = (_spread(x) for x in (places.values[face], layout))
+        if not expected / LARGEST_RATIO <= size <= expected * LARGEST_RATIO:
+            return [Finding("size", "marker", "", {"found": size, "expected": expected})]
         return []
-    found = _spread(places.values[seen])
+    size = _spread(places.values[seen])
     low, high = SIZES
-    if seen.sum() >= FEWEST and not low <= found <= high:
-        return [Finding("scale", "marker", "", {"found": found, "low": low, "high": high})]
+    if seen.sum() >= FEWEST and not low <= size <= high:
+        return [Finding("scale", "marker", "", {"found": size, "low": low, "high": high})]
     return []
 
 
@@ -136,8 +136,8 @@ def _exceeds(
     one: pd.DataFrame, two: pd.DataFrame, first: str, second: str
 ) -> tuple[float, float] | None:
     """Ratios of noise and activity of two channels if both are above `GAIN_RATIO`, otherwise None."""
-    held, other = one.loc[first].to_numpy(dtype=float), two.loc[second].to_numpy(dtype=float)
-    noise, activity = (held / other).tolist()
+    levels, other = one.loc[first].to_numpy(dtype=float), two.loc[second].to_numpy(dtype=float)
+    noise, activity = (levels / other).tolist()
     if min(noise, activity) <= GAIN_RATIO:
         return None
     return noise, activity

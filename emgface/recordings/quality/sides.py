@@ -37,17 +37,17 @@ def swapped_sides(recording: xr.Dataset) -> pd.DataFrame:
     position = recording["position"]
     if not set(CORNERS) <= {str(m) for m in position["marker"].values}:
         return empty
-    found = _ways(position)
-    if found is None:
+    ways = _ways(position)
+    if ways is None:
         return empty
-    frames, way = found
+    frames, way = ways
     emg = recording["emg"]
     rate = sampling_rate(emg[TIME_EMG])
-    held = {str(c) for c in emg["channel"].values}
+    channels = {str(c) for c in emg["channel"].values}
     rows: list[tuple[str, str, float, bool]] = []
     for muscle in PULLING:
         pair = [f"{muscle}_L", f"{muscle}_R"]
-        if not set(pair) <= held:
+        if not set(pair) <= channels:
             continue
         values = emg.sel(channel=pair).transpose("channel", TIME_EMG).values
         if not all(can_be_judged(row, rate) for row in values):

@@ -18,7 +18,7 @@ USUAL: Final = 3.0
 Single steps of the resolution in an otherwise constant signal are thereby no spikes.
 """
 RARE: Final = 0.002  #: fraction of the samples that may be spikes
-BESIDE: Final = (
+NEIGHBOUR_RATIO: Final = (
     0.75  #: largest distance of its neighbours over that of a spike, which is 0.5 + noise
 )
 LEAST: Final = 100  #: samples from which a channel can be judged
@@ -36,7 +36,7 @@ def spikes(values: np.ndarray, rate: float) -> Spikes:
 
     With d[i] = x[i] - (x[i-1] + x[i+1]) / 2, sample i is a spike if |d[i]| exceeds `TOWERS` times the
     largest |d| within `AROUND` that does not contain x[i] (j < i - 1 or j > i + 1), and `USUAL` times
-    the quantile 1 - `RARE` of all |d|. Samples beside a gap (NaN) are not judged, and two spikes within
+    the quantile 1 - `RARE` of all |d|. Samples next to a gap (NaN) are not judged, and two spikes within
     `AROUND` hide each other.
     """
     none = Spikes(np.zeros(0, dtype=int), np.zeros(0))
@@ -56,5 +56,5 @@ def spikes(values: np.ndarray, rate: float) -> Spikes:
     around = shifted.max(axis=0)
     at = np.flatnonzero((distance > TOWERS * around) & (distance > USUAL * usual))
     # The neighbours of a spike have half its distance; at a step of the baseline, both sides are equal.
-    at = at[BESIDE * distance[at] > np.maximum(distance[at - 1], distance[at + 1])]
+    at = at[NEIGHBOUR_RATIO * distance[at] > np.maximum(distance[at - 1], distance[at + 1])]
     return Spikes(at, distance[at]) if at.size else none

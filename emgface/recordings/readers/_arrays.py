@@ -101,8 +101,8 @@ def _check_elements(path: Path) -> None:
         )
 
 
-def _absent(path: Path, name: str, held: list[str]) -> str:
+def _absent(path: Path, name: str, names: list[str]) -> str:
     return (
-        f"{path.name} has no variable {name!r}{hint(name, held)}; found "
-        f"{listed(held) or 'none'}: check 'variable' in the sidecar."
+        f"{path.name} has no variable {name!r}{hint(name, names)}; found "
+        f"{listed(names) or 'none'}: check 'variable' in the sidecar."
     )

@@ -67,14 +67,14 @@ def position_array(
 def voltages(
     values: Sequence[np.ndarray] | np.ndarray,
     labels: Sequence[str],
-    found: Sequence[str],
+    stated: Sequence[str],
     time: TimeBase,
     units: Mapping[str, str],
     names: Mapping[str, str],
 ) -> Part:
     """Return the channels that are voltages, each converted from its own unit.
 
-    `found` is the unit of each channel in the file (possibly empty). In `units`, ``emg`` replaces
+    `stated` is the unit of each channel in the file (possibly empty). In `units`, ``emg`` replaces
     all of them, and the label of a channel that of this channel. `names` are the labels that were
     changed (`unique_labels`). Channels of another quantity are listed in ``dropped``. Raises
     UnitsError if no channel has a unit and none is specified.
@@ -83,7 +83,7 @@ def voltages(
     left: list[Finding] = []
     keep: list[int] = []
     used: list[str] = []
-    for i, (label, own) in enumerate(zip(labels, found, strict=True)):
+    for i, (label, own) in enumerate(zip(labels, stated, strict=True)):
         own = units.get(label, units.get("emg", own))
         used.append(own)
         if quantity_of(own) == "voltage" or label in units or "emg" in units:
@@ -92,16 +92,16 @@ def voltages(
         left.append(left_out(label, unit=own.strip()))
         dropped[label] = left[-1].clause
     if not keep:
-        if not any(own.strip() for own in found):
+        if not any(own.strip() for own in stated):
             raise UnitsError(
                 f"None of the {len(labels)} analog channels has a unit; expected V, mV or uV: "
                 "specify it as emg in the table 'units' of the mapping."
             )
-        unknown = [i for i, own in enumerate(found) if _unknown(own)]
+        unknown = [i for i, own in enumerate(stated) if _unknown(own)]
         if unknown:
             raise UnitsError(
                 f"{listed([labels[i] for i in unknown])} {'is' if len(unknown) == 1 else 'are'} in "
-                f"{listed(dict.fromkeys(repr(found[i]) for i in unknown))}, an unknown unit; expected "
+                f"{listed(dict.fromkeys(repr(stated[i]) for i in unknown))}, an unknown unit; expected "
                 "V, mV, uV or nV: specify the unit of the values as emg in the table 'units' of the "
                 "mapping, and if they are a root mean square or rectified, export the raw signal."
             )
@@ -116,7 +116,7 @@ def voltages(
     data = xr.concat(parts, "channel", combine_attrs="override").sel(
         channel=[labels[i] for i in keep]
     )
-    original = ", ".join(dict.fromkeys(found[i] for i in keep))
+    original = ", ".join(dict.fromkeys(stated[i] for i in keep))
     return Part(data, {"emg": original}, dropped, names, left)
 
 
@@ -152,8 +152,8 @@ def assemble_parts(
         notes["original_names"] |= part.names
         notes["original_units"] |= part.units
         notes["dropped"] |= part.dropped
-    found = [part.data for part in parts if part.data is not None]
-    if not found:
+    arrays = [part.data for part in parts if part.data is not None]
+    if not arrays:
         reasons = "; ".join(f"{name}: {why}" for name, why in list(notes["dropped"].items())[:3])
         raise DataError(
             f"The file contains neither EMG nor markers{f' ({reasons})' if reasons else ''}; "
@@ -165,12 +165,12 @@ def assemble_parts(
                 else "."
             )
         )
-    told = [finding for data in found for finding in findings_in(data)]
-    told += [finding for part in parts for finding in part.findings]
-    told += [finding for part in parts for finding in _repeated(part)]
-    united = xr.merge([data.drop_attrs(deep=False) for data in found])
+    findings = [finding for data in arrays for finding in findings_in(data)]
+    findings += [finding for part in parts for finding in part.findings]
+    findings += [finding for part in parts for finding in _repeated(part)]
+    united = xr.merge([data.drop_attrs(deep=False) for data in arrays])
     united.attrs = {"origin": origin}
-    united = with_findings(united, told)
+    united = with_findings(united, findings)
     for name, value in notes.items():
         united.attrs[name] = json.dumps(value, ensure_ascii=False)
     return united.assign_attrs(device=device) if device else united
@@ -181,10 +181,10 @@ def _repeated(part: Part) -> list[Finding]:
     if part.data is None:
         return []
     kind = "channel" if "emg" in part.data else "marker"
-    held = part.data[kind].values.tolist()
+    labels = part.data[kind].values.tolist()
     others = dict[str, list[str]]()
     for name, given in part.names.items():
-        if name != given.strip() and given.strip() in held:
+        if name != given.strip() and given.strip() in labels:
             others.setdefault(given.strip(), []).append(name)
     return [
         Finding("repeated_label", kind, label, {"count": 1 + len(names), "other": names[0]})

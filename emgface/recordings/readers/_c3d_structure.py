@@ -44,7 +44,7 @@ def check_structure(path: Path) -> None:
     if not start < end <= len(data):
         raise _error(path, f"has parameters up to byte {end} of {len(data)}", "all of them")
     groups: dict[int, str] = {}
-    held: dict[tuple[str, str], _Record] = {}
+    parameters: dict[tuple[str, str], _Record] = {}
     for record in _records(path, data, start + 4, end, order):
         if record.group < 0:
             groups[-record.group] = record.name
@@ -52,8 +52,8 @@ def check_structure(path: Path) -> None:
         if record.group > 0:
             if record.group not in groups:
                 raise _error(path, f"has {record.name!r} in no group", "a group for each parameter")
-            held[groups[record.group], record.name] = record
-    _check_counts(path, data, held, order)
+            parameters[groups[record.group], record.name] = record
+    _check_counts(path, data, parameters, order)
 
 
 def _records(path: Path, data: bytes, at: int, end: int, order: str) -> Iterator[_Record]:
@@ -100,16 +100,16 @@ def _records(path: Path, data: bytes, at: int, end: int, order: str) -> Iterator
 
 
 def _check_counts(
-    path: Path, data: bytes, held: dict[tuple[str, str], _Record], order: str
+    path: Path, data: bytes, parameters: dict[tuple[str, str], _Record], order: str
 ) -> None:
     """Compare counts of header and parameters with the length of the file."""
     points, per_frame, first, last = struct.unpack_from(f"{order}4H", data, 2)
     block, samples = struct.unpack_from(f"{order}2H", data, 16)
-    told = {
-        name: _integer(held.get(name), order)
+    numbers = {
+        name: _integer(parameters.get(name), order)
         for name in (("POINT", "USED"), ("ANALOG", "USED"), ("POINT", "DATA_START"))
     }
-    used, channels, start = told.values()
+    used, channels, start = numbers.values()
     if used is not None and used != points:
         raise _error(
             path, f"has {points} points in its header and {used} in POINT:USED", "one count"
@@ -128,7 +128,7 @@ def _check_counts(
         needed += [("ANALOG", "RATE", 1)]
         needed += [("ANALOG", "SCALE", each), ("ANALOG", "OFFSET", each)]
     for group, name, least in needed:
-        record = held.get((group, name))
+        record = parameters.get((group, name))
         if record is None or record.kind < 2 or len(record.data) < least * record.kind:
             raise _error(path, f"has no {group}:{name} of {least} numbers", "one for each channel")
     frames = last - first + 1 if last >= first else 0
@@ -144,8 +144,8 @@ def _integer(record: _Record | None, order: str) -> int | None:
     return struct.unpack_from(f"{order}H", record.data)[0]
 
 
-def _error(path: Path, found: str, expected: str) -> DataError:
+def _error(path: Path, fault: str, expected: str) -> DataError:
     return DataError(
-        f"{path.name} cannot be read as C3D: it {found}; expected {expected}: it is damaged or "
+        f"{path.name} cannot be read as C3D: it {fault}; expected {expected}: it is damaged or "
         "another format, export it again."
     )

@@ -1,4 +1,4 @@
-"""Statements of a file that contradict its sidecar: units in labels, and rates beside an array."""
+"""Statements of a file that contradict its sidecar: units in labels, and rates stored with an array."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -42,10 +42,10 @@ def rates_of(numbers: dict[str, float]) -> dict[str, float]:
     }
 
 
-def rates_beside(
+def declared_rates(
     path: Path, variable: str, rate: float, samples: int, by: str
 ) -> tuple[Finding, ...]:
-    """Findings on sampling rates that a file states beside an array and that contradict `rate` [Hz].
+    """Findings on rates that a file states in addition to an array and that contradict `rate` [Hz].
 
     Rates of the same group, structure or data set apply, else those of the whole file. None is found
     if one of them agrees, or agrees in kHz, because a file may contain signals of several rates.

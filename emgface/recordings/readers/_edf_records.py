@@ -40,25 +40,25 @@ def records_of(data: bytes) -> Records | None:
     labels = [data[_HEADER + 16 * i : _HEADER + 16 * (i + 1)].strip() for i in range(signals)]
     first = _HEADER + 216 * signals
     counts = [int(data[first + 8 * i : first + 8 * (i + 1)]) for i in range(signals)]
-    found = [i for i, label in enumerate(labels) if label in _LABELS]
-    if not found:
+    annotated = [i for i, label in enumerate(labels) if label in _LABELS]
+    if not annotated:
         return None
     start, size = int(data[184:192]), width * sum(counts)
     starts: list[float] = []
     bad: list[BadInterval] = []
     for record in range(int(data[236:244])):
-        for number, i in enumerate(found):
+        for number, i in enumerate(annotated):
             at = start + record * size + width * sum(counts[:i])
             lists = list(_ONSET.finditer(data[at : at + width * counts[i]]))
             if number == 0 and not lists:
                 return None
             if number == 0:
                 starts.append(float(lists[0].group(1)))
-            for told in lists:
-                text = told.group(3).decode("utf-8", "replace").strip("\x14")
+            for onset in lists:
+                text = onset.group(3).decode("utf-8", "replace").strip("\x14")
                 if _BAD.fullmatch(text.strip()):
-                    span = float(told.group(2) or 0.0)
-                    bad.append(BadInterval(float(told.group(1)) - starts[0], span, text.strip()))
+                    span = float(onset.group(2) or 0.0)
+                    bad.append(BadInterval(float(onset.group(1)) - starts[0], span, text.strip()))
     return Records(np.array(starts) - starts[0], float(data[244:252]), tuple(bad))
 
 

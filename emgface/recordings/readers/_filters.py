@@ -20,17 +20,17 @@ _PROCESSED = re.compile(r"\brms\b|rectif|envelope|smooth|moving|integrat|averag"
 
 def stated_filters(filters: Mapping[str, str]) -> list[Finding]:
     """Findings on texts such as ``HP:100Hz LP:150Hz N:50Hz`` by channel, as EDF states them."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for name, text in filters.items():
         if _PROCESSED.search(text):
-            found.append(Finding("processed", "channel", name, {"text": text.strip()[:80]}))
+            findings.append(Finding("processed", "channel", name, {"text": text.strip()[:80]}))
         edges = {
-            edge: float(told.group(1)) * (1e3 if told.group(2) else 1.0)
+            edge: float(match.group(1)) * (1e3 if match.group(2) else 1.0)
             for edge, form in _EDGES.items()
-            if (told := form.search(text)) is not None
+            if (match := form.search(text)) is not None
         }
-        found += stated_band(name, edges.get("low"), edges.get("high"))
-    return found
+        findings += stated_band(name, edges.get("low"), edges.get("high"))
+    return findings
 
 
 def stated_band(name: str, low: float | None, high: float | None) -> list[Finding]:
@@ -48,12 +48,12 @@ def stated_band(name: str, low: float | None, high: float | None) -> list[Findin
 
 def bands_of_table(table: pd.DataFrame, names: Collection[str]) -> list[Finding]:
     """Findings on ``low_cutoff`` and ``high_cutoff`` [Hz] of some channels in a table of BIDS."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for row in table.to_dict("records"):
         low, high = (_number(row.get(column)) for column in ("low_cutoff", "high_cutoff"))
         if row["name"] in names:
-            found += stated_band(str(row["name"]), low, high)
-    return found
+            findings += stated_band(str(row["name"]), low, high)
+    return findings
 
 
 def _number(cell: object) -> float | None:

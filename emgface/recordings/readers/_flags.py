@@ -17,23 +17,23 @@ def bad_rows(table: pd.DataFrame | None, names: Sequence[str]) -> dict[str, str]
     """Channels with ``status`` bad in a table of BIDS, with ``status_description`` (or empty)."""
     if table is None or "status" not in table.columns:
         return {}
-    found: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     for row in table.to_dict("records"):
         if str(row["status"]).strip().lower() == "bad" and str(row["name"]) in names:
-            told = str(row.get("status_description", "n/a")).strip()
-            found[str(row["name"])] = "" if told in ("", "n/a", "nan") else told
-    return found
+            reason = str(row.get("status_description", "n/a")).strip()
+            reasons[str(row["name"])] = "" if reason in ("", "n/a", "nan") else reason
+    return reasons
 
 
 def without_bad(part: Part, dim: Kind, bad: dict[str, str], by: str) -> Part:
     """Leave out channels that a table marks as bad; markers are not visible instead."""
     if not bad:
         return part
-    told = [
+    marks = [
         Finding("bad", dim, name, {"by": by, "why": f" ({why})" if why else ""})
         for name, why in bad.items()
     ]
-    part = part._replace(findings=[*part.findings, *told])
+    part = part._replace(findings=[*part.findings, *marks])
     if part.data is None:
         return part
     names = [str(name) for name in part.data[dim].values]
@@ -68,8 +68,8 @@ def with_bad_samples(
     laid = base.laid(bad.astype(float)) == 1.0
     variable, time = ("position", "time_marker") if dim == "marker" else ("emg", "time_emg")
     array = part.data[variable]
-    held = [str(name) for name in array[dim].values]
-    concerned = [name for name in held if names is None or name in names]
+    labels = [str(name) for name in array[dim].values]
+    concerned = [name for name in labels if names is None or name in names]
     if not concerned:
         return part
     where = array[dim].isin(concerned) & array[time].copy(data=laid)
@@ -83,11 +83,11 @@ def with_bad_samples(
         return part._replace(data=data, findings=[*part.findings, *every])
     edges = np.flatnonzero(np.diff(np.concatenate(([0], laid.astype(np.int8), [0]))))
     code = "bad_frames" if dim == "marker" else "bad_interval"
-    told = [
+    marks = [
         Finding(code, dim, name, {
             "by": by, "at": float(base.times[start]), "seconds": float((stop - start) / base.rate)
         })
         for name in ([""] if names is None else concerned)
         for start, stop in zip(edges[::2][:_LISTED], edges[1::2], strict=False)
     ]  # fmt: skip
-    return part._replace(data=data, findings=[*part.findings, *told])
+    return part._replace(data=data, findings=[*part.findings, *marks])

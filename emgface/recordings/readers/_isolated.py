@@ -28,9 +28,9 @@ from emgface.recordings.readers._messages import (
     error_of,
     function_of,
     name_of,
+    packed_error,
     receive,
     send,
-    told_error,
 )
 from emgface.recordings.readers._parsers import AbsentVariable, NotAnArray
 
@@ -167,12 +167,12 @@ def serve() -> None:
         try:
             answer = [True, function_of(name)(*arguments, **options)]
         except Exception as error:
-            answer = [False, told_error(error)]
+            answer = [False, packed_error(error)]
         try:
             try:
                 send(answers, answer)
             except (TypeError, MemoryError) as error:  # a result that is not plain, or too large
-                send(answers, [False, told_error(error)])
+                send(answers, [False, packed_error(error)])
         except BrokenPipeError:
             return
 
@@ -182,11 +182,11 @@ def _limit_memory(size: int) -> None:
     try:
         import resource
 
-        held = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     except (ImportError, OSError):
         return
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    wanted = held + _MEMORY + _MEMORY_PER_BYTE * size
+    wanted = used + _MEMORY + _MEMORY_PER_BYTE * size
     allowed = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
     resource.setrlimit(resource.RLIMIT_AS, (allowed, hard))
     resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))

@@ -82,7 +82,7 @@ def function_of(name: str) -> Callable[..., Any]:
     return reduce(getattr, path.split("."), import_module(module))
 
 
-def told_error(error: Exception) -> list[Any]:
+def packed_error(error: Exception) -> list[Any]:
     """Type and arguments of an error as a message."""
     known = next(kind for kind in type(error).__mro__ if _known(kind.__name__) is kind)
     if known is type(error):
@@ -97,11 +97,11 @@ def told_error(error: Exception) -> list[Any]:
     return [known.__name__, [str(error)]]
 
 
-def error_of(told: Any) -> Exception:
-    """Error from `told_error`; of an unknown type, a RuntimeError."""
-    if not (isinstance(told, list) and len(told) == 2 and isinstance(told[1], list)):
+def error_of(message: Any) -> Exception:
+    """Error from `packed_error`; of an unknown type, a RuntimeError."""
+    if not (isinstance(message, list) and len(message) == 2 and isinstance(message[1], list)):
         return DataError("the parser failed without a message")
-    name, arguments = str(told[0]), told[1]
+    name, arguments = str(message[0]), message[1]
     kind = _known(name)
     if kind is not None:
         try:
@@ -141,11 +141,11 @@ def _packed(value: Any, body: _Body) -> Any:
     if isinstance(value, Path):
         return [_PATH, str(value)]
     if isinstance(value, np.ndarray | np.generic):
-        found: Any = np.asarray(value)
-        if found.dtype.kind in _KINDS and found.dtype.names is None:
-            return [_ARRAY, found.dtype.str, list(found.shape), *body.add(found)]
-        if found.dtype == object:
-            return [_TEXTS, list(found.shape), [_packed(each, body) for each in found.ravel()]]
+        array: Any = np.asarray(value)
+        if array.dtype.kind in _KINDS and array.dtype.names is None:
+            return [_ARRAY, array.dtype.str, list(array.shape), *body.add(array)]
+        if array.dtype == object:
+            return [_TEXTS, list(array.shape), [_packed(each, body) for each in array.ravel()]]
     raise TypeError(f"{type(value).__name__} cannot be sent, expected plain values and arrays")
 
 
@@ -163,8 +163,8 @@ def _unpacked(value: Any, body: memoryview) -> Any:
         dtype = np.dtype(kind)
         if dtype.kind not in _KINDS or start < 0 or size < 0 or start + size > len(body):
             raise ValueError("an array outside the message")
-        found = np.frombuffer(body[start : start + size], dtype).reshape(shape)
-        return found.copy() if shape else found[()]
+        array = np.frombuffer(body[start : start + size], dtype).reshape(shape)
+        return array.copy() if shape else array[()]
     if mark == _TEXTS:
         shape, values = rest
         made = np.empty(len(values), dtype=object)

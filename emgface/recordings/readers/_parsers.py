@@ -41,14 +41,14 @@ def parse_c3d(path: Path) -> dict[str, Any]:
     import ezc3d
 
     content = ezc3d.c3d(str(path))
-    held = content["parameters"]
+    groups = content["parameters"]
     parameters = {
         group: {
-            name: list(held[group][name]["value"])
-            for name in held[group]
-            if isinstance(held[group][name], dict) and "value" in held[group][name]
+            name: list(groups[group][name]["value"])
+            for name in groups[group]
+            if isinstance(groups[group][name], dict) and "value" in groups[group][name]
         }
-        for group in held
+        for group in groups
     }
     return {
         "parameters": parameters,
@@ -66,11 +66,11 @@ def parse_matlab(path: Path, name: str) -> Any:
     import scipy.io
 
     head, *fields = name.split(".")
-    found: list[Any] = scipy.io.whosmat(str(path), appendmat=False)
-    held: dict[str, tuple[int, ...]] = {str(row[0]): row[1] for row in found}
-    if head not in held:
-        raise AbsentVariable(head, list(held))
-    _require_room(path, head, held[head])
+    listing: list[Any] = scipy.io.whosmat(str(path), appendmat=False)
+    shapes: dict[str, tuple[int, ...]] = {str(row[0]): row[1] for row in listing}
+    if head not in shapes:
+        raise AbsentVariable(head, list(shapes))
+    _require_room(path, head, shapes[head])
     # With mat_dtype, logical arrays are bool, also in structures, not numbers 0 and 1.
     value: Any = scipy.io.loadmat(
         str(path), appendmat=False, variable_names=[head], mat_dtype=True
@@ -110,8 +110,8 @@ def parse_hdf5(
             where: Any = item_of(path, opened, name.replace(".", "/") if matlab else name)
         except KeyError as error:
             part, group = error.args
-            held = [str(k) for k in group] if isinstance(group, h5py.Group) else []
-            raise AbsentVariable(part, [k for k in held if not k.startswith("#")]) from None
+            names = [str(k) for k in group] if isinstance(group, h5py.Group) else []
+            raise AbsentVariable(part, [k for k in names if not k.startswith("#")]) from None
         if not isinstance(where, h5py.Dataset):
             raise NotAnArray(name, [str(k) for k in where])
         if where.size is not None:
@@ -123,10 +123,10 @@ def parse_hdf5(
             value = value.astype(bool)
         if texts and matlab and value.dtype.kind in "Ou":
             if value.dtype == object:  # references to arrays of characters
-                found: Any = opened
+                file: Any = opened
                 cells: list[Any] = []
                 for reference in value.ravel(order="F"):
-                    cell = found[reference]
+                    cell = file[reference]
                     require_own_data(path, cell)
                     _require_room(path, name, cell.shape)
                     cells.append(np.asarray(cell[()]))
@@ -207,11 +207,11 @@ def parse_contents(path: Path) -> dict[str, Any]:
     import scipy.io
 
     kinds = {"cell": "O", "char": "U", "struct": "V", "logical": "b", "sparse": "V"}
-    found: list[Any] = scipy.io.whosmat(str(path), appendmat=False)
-    for name, shape, kind in found:
+    listing: list[Any] = scipy.io.whosmat(str(path), appendmat=False)
+    for name, shape, kind in listing:
         variables[name] = (tuple(shape), kinds.get(kind, "f"))
     content = scipy.io.loadmat(
-        str(path), appendmat=False, variable_names=[n for n, s, _ in found if np.prod(s) == 1]
+        str(path), appendmat=False, variable_names=[n for n, s, _ in listing if np.prod(s) == 1]
     )
     for name, (shape, kind) in list(variables.items()):
         if int(np.prod(shape)) != 1 or name not in content:
@@ -248,11 +248,11 @@ def parse_xdf(path: Path) -> list[dict[str, Any]]:
 
     import pyxdf
 
-    told: list[str] = []
+    errors: list[str] = []
 
     class Collector(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:
-            told.append(record.getMessage())
+            errors.append(record.getMessage())
 
     # pyxdf omits parts that it cannot read and reports this by logging only.
     collector = Collector(logging.ERROR)
@@ -262,9 +262,9 @@ def parse_xdf(path: Path) -> list[dict[str, Any]]:
         streams, _ = pyxdf.load_xdf(str(path), dejitter_timestamps=False)
     finally:
         logging.getLogger("pyxdf").removeHandler(collector)
-    if told:
-        raise ValueError(told[0])
-    found: list[dict[str, Any]] = []
+    if errors:
+        raise ValueError(errors[0])
+    numeric: list[dict[str, Any]] = []
     for stream in streams:
         info = stream["info"]
         values = np.asarray(stream["time_series"])
@@ -273,7 +273,7 @@ def parse_xdf(path: Path) -> list[dict[str, Any]]:
         described = (info.get("desc") or [None])[0] or {}
         channels = ((described.get("channels") or [None])[0] or {}).get("channel") or []
         footer = stream.get("footer", {}).get("info", {}).get("sample_count")
-        found.append(
+        numeric.append(
             {
                 "name": str(info["name"][0]),
                 "type": str(info["type"][0]),
@@ -287,4 +287,4 @@ def parse_xdf(path: Path) -> list[dict[str, Any]]:
                 "time": np.asarray(stream["time_stamps"], dtype=np.float64),
             }
         )
-    return found
+    return numeric

@@ -22,7 +22,7 @@ class Table(Parameters):
     #: program whose export the file is, as `emgface describe` names it; the file then states the
     #: rate and most units itself, `unit` is that of signals without one
     layout: str | None = None
-    delimiter: str = ","  #: differs from `decimal`; ``;`` beside ``,`` in some countries
+    delimiter: str = ","  #: differs from `decimal`, and is often ``;`` if that is ``,``
     decimal: Literal[".", ","] = "."
     #: ``utf-8``, ``latin-1``, ``utf-16`` or another one supported by Python; a byte order mark at
     #: the start of the file takes precedence
@@ -42,11 +42,11 @@ class Table(Parameters):
             raise ValueError(
                 f"{self.file} requires either rate, in Hz, or time, the column of the sampling times"
             )
-        held = Path(self.file).suffix.lower() in ARRAYS
-        if held != (self.variable is not None):
+        is_array = Path(self.file).suffix.lower() in ARRAYS
+        if is_array != (self.variable is not None):
             raise ValueError(
                 f"{self.file} requires variable, the name of the array in the file"
-                if held
+                if is_array
                 else f"{self.file} contains no variables; expected one of {', '.join(ARRAYS)}"
             )
         if self.step == 0.0:

@@ -14,9 +14,9 @@ from emgface.errors import DataError, listed
 from emgface.recordings.ends import doubtful_lines
 from emgface.recordings.findings import Finding
 from emgface.recordings.readers._arrays import read_array, read_texts
-from emgface.recordings.readers._beside import file_beside
 from emgface.recordings.readers._build import require_few
-from emgface.recordings.readers._declared import rates_beside
+from emgface.recordings.readers._companion import companion_file
+from emgface.recordings.readers._declared import declared_rates
 from emgface.recordings.readers._table_models import PositionTable, Table
 from emgface.recordings.timebase import (
     TimeBase,
@@ -50,7 +50,7 @@ def load_table(
     omitted. Raises DataError if the file is absent or damaged, contains a cell that is not a
     number, or does not fit the description, and UnitsError if the unit of time is unknown.
     """
-    path = file_beside(folder or sidecar.parent, table.file, sidecar.name)
+    path = companion_file(folder or sidecar.parent, table.file, sidecar.name)
     dropped: dict[str, str] = {}
     cut: list[Finding] = []
     if table.variable is None:
@@ -88,7 +88,7 @@ def load_table(
         by = f"'rate' in {sidecar.name}"
         base = base.noting([*contradicting(columns, rate, by), *cut])
         if table.variable is not None:
-            base = base.noting(rates_beside(path, table.variable, rate, len(frame), by))
+            base = base.noting(declared_rates(path, table.variable, rate, len(frame), by))
         return frame, with_counter(base, columns), dropped
     named = xr.DataArray(instants, dims="time", name=f"{path.name}, {table.time}")
     time = to_si(named.assign_attrs(units=table.time_unit), "time").values

@@ -69,13 +69,13 @@ def motion_of_trial(emg: Path, units: Mapping[str, str]) -> list[Part]:
     contains both start times, the lag of the markers is preserved; those that cannot be compared are a
     finding.
     """
-    found = _partners(emg, "motion", ("motion.tsv",))
-    if not found:
+    files = _partners(emg, "motion", ("motion.tsv",))
+    if not files:
         return []
-    part, _ = _load(found[0], units)
+    part, _ = _load(files[0], units)
     started = start_times(emg)
-    if part.data is not None and {emg.name, found[0].name} & started.keys():
-        stated = (started.get(path.name, "n/a") for path in (emg, found[0]))
+    if part.data is not None and {emg.name, files[0].name} & started.keys():
+        stated = (started.get(path.name, "n/a") for path in (emg, files[0]))
         lag, doubt = lag_between(*stated)
         time = part.data["time_marker"]
         shifted = time.values + lag
@@ -83,21 +83,21 @@ def motion_of_trial(emg: Path, units: Mapping[str, str]) -> list[Part]:
             data=part.data.assign_coords(time_marker=("time_marker", shifted, time.attrs)),
             findings=(*part.findings, *([doubt] if doubt else [])),
         )
-    others = {path.name: "another tracking system, read it separately" for path in found[1:]}
+    others = {path.name: "another tracking system, read it separately" for path in files[1:]}
     return [part._replace(dropped={**part.dropped, **others})]
 
 
 def _partners(path: Path, folder: str, endings: tuple[str, ...]) -> list[Path]:
     """Files of the same trial in the folder of another kind of signal."""
-    found = entities(path)
-    own = {key: found[key] for key in TRIAL if key in found}
-    beside = path.parent.parent / folder
-    if not own or not beside.is_dir():
+    labels = entities(path)
+    own = {key: labels[key] for key in TRIAL if key in labels}
+    other = path.parent.parent / folder
+    if not own or not other.is_dir():
         return []
     partners = sorted(
         candidate
         for ending in endings
-        for candidate in beside.glob(f"*_{ending}")
+        for candidate in other.glob(f"*_{ending}")
         if _same_trial(labels_in_name(candidate), own)
     )
     for partner in partners:
@@ -105,9 +105,9 @@ def _partners(path: Path, folder: str, endings: tuple[str, ...]) -> list[Path]:
     return partners
 
 
-def _same_trial(found: dict[str, list[str]], own: dict[str, str]) -> bool:
+def _same_trial(labels: dict[str, list[str]], own: dict[str, str]) -> bool:
     """Return True if a name has the entities of a trial, also if it has others of them as well."""
-    named = {key: values for key, values in found.items() if key in TRIAL}
+    named = {key: values for key, values in labels.items() if key in TRIAL}
     return named.keys() == own.keys() and all(own[key] in named[key] for key in own)
 
 
@@ -140,8 +140,8 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
         )
     values, cut = _values(path, len(channels))
     base = _time_base(path, values, channels, rate, announced).noting(cut)
-    held = base.times.size / base.rate
-    short = announced is not None and held < announced - 0.5 / base.rate
+    duration = base.times.size / base.rate
+    short = announced is not None and duration < announced - 0.5 / base.rate
     positions = channels[(channels["type"] == "POS") & channels["component"].isin(AXES)]
     dropped = {
         str(row["name"]): (
@@ -152,7 +152,7 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
         for _, row in channels.drop(positions.index).iterrows()
     }
     if short:
-        dropped[path.name] = f"contains {held:g} s of the {announced:g} s that it declares"
+        dropped[path.name] = f"contains {duration:g} s of the {announced:g} s that it declares"
     points: list[str] = []
     columns: list[list[int]] = []
     for point, rows in positions.groupby("tracked_point", sort=False):
@@ -165,16 +165,16 @@ def _load(path: Path, units: Mapping[str, str]) -> tuple[Part, dict[str, Any]]:
     if not points:
         return Part(None, {}, dropped), description
     used = positions.loc[[i for triple in columns for i in triple], "units"]
-    found = list(dict.fromkeys(used))
-    if len(found) > 1 and "position" not in units:
+    position_units = list(dict.fromkeys(used))
+    if len(position_units) > 1 and "position" not in units:
         raise DataError(
-            f"{table.name} lists the units {', '.join(found)} for positions; expected one: repair "
-            "it, or specify the unit in the table 'units' of the mapping."
+            f"{table.name} lists the units {', '.join(position_units)} for positions; expected one: "
+            "repair it, or specify the unit in the table 'units' of the mapping."
         )
     labels, names = unique_labels(points, "marker")
     array = np.stack([values[:, triple].T for triple in columns])
-    data = position_array(array, labels, base, units.get("position", found[0]))
-    part = Part(data, {"position": found[0]}, dropped, names)
+    data = position_array(array, labels, base, units.get("position", position_units[0]))
+    part = Part(data, {"position": position_units[0]}, dropped, names)
     bad = bad_rows(channels, [str(name) for name in positions["name"]])
     point = {str(row["name"]): str(row["tracked_point"]) for _, row in positions.iterrows()}
     of_points = {point[name]: why for name, why in bad.items() if point[name] in labels}
@@ -202,11 +202,11 @@ def _time_base(
             jittered=True,
         )
     columns = {str(name): values[:, k] for k, name in enumerate(channels["name"])}
-    told = [
+    stated = [
         positive_number(cell, "channels.tsv", "sampling_frequency")
         for cell in channels.get("sampling_frequency", ())
     ]
-    others = {"channels.tsv": next((rate for rate in told if rate), None)}
+    others = {"channels.tsv": next((rate for rate in stated if rate), None)}
     return of_rate(
         path.name,
         len(values),

@@ -14,8 +14,8 @@ import numpy as np
 import xarray as xr
 
 from emgface.errors import DataError
-from emgface.recordings.readers._beside import file_beside
 from emgface.recordings.readers._build import assemble_parts, positive, unique_labels, voltages
+from emgface.recordings.readers._companion import companion_file
 from emgface.recordings.readers._flags import with_bad_samples
 from emgface.recordings.timebase import of_rate, with_losses
 from emgface.texts import decoded, marked_encoding
@@ -37,7 +37,7 @@ class _Channel(NamedTuple):
 def companions(path: Path) -> list[Path]:
     """Return the files of samples and markers, if they exist, of a header."""
     common = _sections(path).get("Common Infos", {})
-    named = [_beside(path, common.get(key, "")) for key in ("DataFile", "MarkerFile")]
+    named = [_companion(path, common.get(key, "")) for key in ("DataFile", "MarkerFile")]
     return [file for file in named if file is not None and file.is_file()]
 
 
@@ -59,8 +59,8 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     witnesses = dict(zip(labels, values, strict=True))
     base = of_rate(path.name, samples.shape[1], rate, by="SamplingInterval", witnesses=witnesses)
     base = with_losses(base, lost, "markers 'LostSamples'")
-    found = [channel.unit for channel in channels]
-    part = voltages(values, labels, found, base, units, names)
+    stated = [channel.unit for channel in channels]
+    part = voltages(values, labels, stated, base, units, names)
     for start, stop, channel in bad:
         inside = np.zeros(base.stored, dtype=bool)
         inside[start:stop] = True
@@ -91,28 +91,28 @@ def _sections(path: Path) -> dict[str, dict[str, str]]:
                 "export it again."
             ) from None
         text = decoded(data, "cp1252", fallback="latin-1")
-    found: dict[str, dict[str, str]] = {}
+    sections: dict[str, dict[str, str]] = {}
     entries: dict[str, str] = {}
     for line in text.splitlines():
         line = line.strip()
         if line.startswith("[") and line.endswith("]"):
-            entries = found.setdefault(line[1:-1], {})
+            entries = sections.setdefault(line[1:-1], {})
         elif "=" in line and not line.startswith(";"):
             key, _, value = line.partition("=")
             entries.setdefault(key.strip(), value.strip())
-    found.pop("Comment", None)
-    return found
+    sections.pop("Comment", None)
+    return sections
 
 
 def _channel(path: Path, entries: Mapping[str, str], number: int) -> _Channel:
     """Return label, value of one count and unit of a channel: ``Ch1=label,reference,0.5,uV``."""
-    told = entries.get(f"Ch{number}")
-    if told is None:
+    entry = entries.get(f"Ch{number}")
+    if entry is None:
         raise DataError(
             f"{path.name} does not describe channel {number}; expected an entry 'Ch{number}' in "
             "[Channel Infos]: the header is damaged, export the recording again."
         )
-    label, _, resolution, unit, *_ = [*told.split(","), "", "", "", ""][:5]
+    label, _, resolution, unit, *_ = [*entry.split(","), "", "", "", ""][:5]
     try:
         value = float(resolution or 1.0)
         if not 0.0 < value < np.inf:
@@ -125,11 +125,11 @@ def _channel(path: Path, entries: Mapping[str, str], number: int) -> _Channel:
     return _Channel(label.replace("\\1", ","), value, unit.strip() or _UNIT)
 
 
-def _beside(path: Path, name: str) -> Path | None:
+def _companion(path: Path, name: str) -> Path | None:
     """File specified by the header, in its folder; ``$b`` is the name of the header."""
     name = name.replace("$b", path.stem)
     plain = Path(name.replace("\\", "/")).name
-    return file_beside(path.parent, plain, path.name) if plain else None
+    return companion_file(path.parent, plain, path.name) if plain else None
 
 
 def _marked(
@@ -146,20 +146,20 @@ def _marked(
             f"{path.name} contains {kind or domain} data; expected one continuous recording: export "
             "the raw data."
         )
-    markers = _beside(path, common.get("MarkerFile", ""))
+    markers = _companion(path, common.get("MarkerFile", ""))
     bad: list[tuple[int, int, int | None]] = []
     lost = dict[int, int]()
     if markers is None or not markers.is_file():
         return bad, lost
-    for told in _sections(markers).get("Marker Infos", {}).values():
-        cells = told.split(",")
+    for entry in _sections(markers).get("Marker Infos", {}).values():
+        cells = entry.split(",")
         if cells[0] == "New Segment" and len(cells) > 2 and cells[2].strip() not in ("0", "1"):
             raise DataError(
                 f"{path.name} was paused: a new segment begins at sample {cells[2]}; expected a "
                 "continuous recording: export each part as a separate file."
             )
-        if told_lost := _LOST.fullmatch(told):
-            lost[int(told_lost[2]) - 1] = int(told_lost[1])
+        if loss := _LOST.fullmatch(entry):
+            lost[int(loss[2]) - 1] = int(loss[1])
         if cells[0].strip() == "Bad Interval" and len(cells) > 4:
             numbers = [cell.strip() for cell in cells[2:5]]
             if all(number.isascii() and number.isdigit() for number in numbers):
@@ -183,7 +183,7 @@ def _samples(
             f"{order}; expected BINARY samples as {', '.join(_FORMATS)}, MULTIPLEXED or "
             "VECTORIZED: export it in one of these."
         )
-    file = _beside(path, common.get("DataFile", ""))
+    file = _companion(path, common.get("DataFile", ""))
     if file is None or not file.is_file():
         raise DataError(
             f"{path.name} refers to the samples {common.get('DataFile', '')!r}, which are "
@@ -194,10 +194,14 @@ def _samples(
     data, dtype = file.read_bytes(), np.dtype((">" if big else "<") + _FORMATS[kind])
     width = count * dtype.itemsize
     announced = common.get("DataPoints")
-    held = len(data) / width
-    if held != int(held) or held < 1 or (announced is not None and announced != f"{held:.0f}"):
+    contained = len(data) / width
+    if (
+        contained != int(contained)
+        or contained < 1
+        or (announced is not None and announced != f"{contained:.0f}")
+    ):
         raise DataError(
-            f"{file.name} contains {held:.6g} samples of {count} channels and {path.name} declares "
+            f"{file.name} contains {contained:.6g} samples of {count} channels and {path.name} declares "
             f"{announced or 'a whole number'}; expected all of them: it is truncated or damaged, "
             "copy it again."
         )

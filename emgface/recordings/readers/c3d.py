@@ -45,11 +45,11 @@ def _open(path: Path) -> dict[str, Any]:
     check_structure(path)
     content = parsed(path, parse_c3d, path)
     # ezc3d reads a truncated file up to its end and adapts its counts without a warning.
-    announced, found = _announced_frames(path, content), content["points"].shape[2]
+    announced, frames = _announced_frames(path, content), content["points"].shape[2]
     content["header_rate"] = _header_rate(path)
-    if announced is not None and found < announced:
+    if announced is not None and frames < announced:
         raise DataError(
-            f"{path.name} declares {announced} frames but contains {found}; expected all of them: "
+            f"{path.name} declares {announced} frames but contains {frames}; expected all of them: "
             "it is truncated, copy or export it again."
         )
     return content
@@ -90,12 +90,12 @@ def _header_rate(path: Path) -> float | None:
 
 def _strings(group: Any, name: str) -> list[str]:
     """Strings of a parameter and of its continuations NAME2, NAME3 ... beyond 255."""
-    found = [str(v) for v in group.get(name, [])]
+    strings = [str(v) for v in group.get(name, [])]
     number = 2
     while f"{name}{number}" in group:
-        found += [str(v) for v in group[f"{name}{number}"]]
+        strings += [str(v) for v in group[f"{name}{number}"]]
         number += 1
-    return found
+    return strings
 
 
 def _rate(group: Any, what: str) -> float:
@@ -128,8 +128,8 @@ def _points(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
         return Part(None, {}, dropped, changed)
     # ezc3d returns NaN for points with a negative residual, which were not visible.
     seen = values[:, keep]
-    found = (_strings(group, "UNITS") or [""])[0]
-    unit = units.get("position", found)
+    stated = (_strings(group, "UNITS") or [""])[0]
+    unit = units.get("position", stated)
     base = of_rate(
         "POINT",
         frames,
@@ -143,8 +143,8 @@ def _points(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
     part = position_array(
         np.ascontiguousarray(seen.transpose(1, 0, 2)), [labels[i] for i in keep], base, unit
     )
-    told = _interpolated(content["residuals"][0][keep], [labels[i] for i in keep])
-    return Part(part, {"position": found}, dropped, changed, told)
+    findings = _interpolated(content["residuals"][0][keep], [labels[i] for i in keep])
+    return Part(part, {"position": stated}, dropped, changed, findings)
 
 
 def _interpolated(residuals: np.ndarray, labels: list[str]) -> list[Finding]:
@@ -154,13 +154,13 @@ def _interpolated(residuals: np.ndarray, labels: list[str]) -> list[Finding]:
     """
     if not (residuals > 0).any():
         return []
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for label, row in zip(labels, residuals, strict=True):
         computed = int((row == 0).sum())
         if computed:
             values = {"frames": computed, "share": computed / row.size, "by": "their residual of 0"}
-            found.append(Finding("interpolated", "marker", label, values))
-    return found
+            findings.append(Finding("interpolated", "marker", label, values))
+    return findings
 
 
 def _number(content: Mapping[str, Any], group: str, name: str) -> float | None:
@@ -177,9 +177,9 @@ def _unsigned(content: Mapping[str, Any]) -> np.ndarray:
     """
     values = content["analogs"][0]
     group = content["parameters"]["ANALOG"]
-    told = (_strings(group, "FORMAT") or [""])[0].strip().upper()
+    kind = (_strings(group, "FORMAT") or [""])[0].strip().upper()
     stored = _number(content, "POINT", "SCALE")
-    if told != "UNSIGNED" or stored is None or stored <= 0 or not values.size:
+    if kind != "UNSIGNED" or stored is None or stored <= 0 or not values.size:
         return values
     count = len(values)
     scale = _numbers(group, "SCALE")[:count] * (_number(content, "ANALOG", "GEN_SCALE") or 1.0)
@@ -193,12 +193,12 @@ def _unsigned(content: Mapping[str, Any]) -> np.ndarray:
 
 def _numbers(group: Any, name: str) -> np.ndarray:
     """Numbers of a parameter and of its continuations NAME2, NAME3 ... beyond 255."""
-    found = [np.atleast_1d(group.get(name, [])).astype(float)]
+    parts = [np.atleast_1d(group.get(name, [])).astype(float)]
     number = 2
     while f"{name}{number}" in group:
-        found.append(np.atleast_1d(group[f"{name}{number}"]).astype(float))
+        parts.append(np.atleast_1d(group[f"{name}{number}"]).astype(float))
         number += 1
-    return np.concatenate(found)
+    return np.concatenate(parts)
 
 
 def _analogs(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
@@ -210,8 +210,8 @@ def _analogs(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
         return Part()
     given = _strings(group, "LABELS")[:count]
     labels, changed = unique_labels(given + [""] * (count - len(given)), "channel")
-    found = _strings(group, "UNITS")[:count]
-    found += [""] * (count - len(found))
+    stated = _strings(group, "UNITS")[:count]
+    stated += [""] * (count - len(stated))
     rate, frames = _rate(group, "ANALOG"), content["points"].shape[2]
     frame_rate = _number(content, "POINT", "RATE")
     base = of_rate(
@@ -226,4 +226,4 @@ def _analogs(content: Mapping[str, Any], units: Mapping[str, str]) -> Part:
         },
         witnesses=dict(zip(labels, values, strict=True)),
     )
-    return voltages(values, labels, found, base, units, changed)
+    return voltages(values, labels, stated, base, units, changed)

@@ -43,7 +43,6 @@ from emgface.choices import Parameters, configure
 from emgface.errors import DataError, EmgfaceError, listed
 from emgface.recordings.exports import EXPORTS, layout_of
 from emgface.recordings.labels import LabelMap, apply_labels
-from emgface.recordings.readers._beside import file_beside
 from emgface.recordings.readers._build import (
     Part,
     assemble_parts,
@@ -51,6 +50,7 @@ from emgface.recordings.readers._build import (
     unique_labels,
     voltages,
 )
+from emgface.recordings.readers._companion import companion_file
 from emgface.recordings.readers._declared import require_stated_units
 from emgface.recordings.readers._table_models import EmgTable, PositionTable
 from emgface.recordings.readers._tables import by_marker, load_table
@@ -91,7 +91,9 @@ def companions(path: Path, folder: Path | None = None) -> list[Path]:
     sidecar = configure(Sidecar, _with_tables(read_toml(path), path), where=path.name)
     tables = [table for table in (sidecar.emg, sidecar.position) if table is not None]
     return list(
-        dict.fromkeys(file_beside(folder or path.parent, table.file, path.name) for table in tables)
+        dict.fromkeys(
+            companion_file(folder or path.parent, table.file, path.name) for table in tables
+        )
     )
 
 
@@ -151,10 +153,10 @@ def _emg(
             if column not in given and (column in called or table.channels is None):
                 _require_stated(path, table, [column], table.units.get(column))
     labels, names = unique_labels(columns, "channel")
-    found = [table.units.get(column, table.unit) for column in columns]
-    every = [given.get(c, units.get("emg", own)) for c, own in zip(columns, found, strict=True)]
+    stated = [table.units.get(column, table.unit) for column in columns]
+    every = [given.get(c, units.get("emg", own)) for c, own in zip(columns, stated, strict=True)]
     chosen = dict(zip(labels, every, strict=True))
-    part = voltages(frame.to_numpy().T, labels, found, time, chosen, names)
+    part = voltages(frame.to_numpy().T, labels, stated, time, chosen, names)
     return part._replace(dropped={**part.dropped, **dropped})
 
 
@@ -170,12 +172,12 @@ def _require_stated(
 
 def _export(path: Path, table: EmgTable, units: Mapping[str, str], folder: Path | None) -> Part:
     """Read a file that is the export of a recording program."""
-    file = file_beside(folder or path.parent, table.file, path.name)
-    found = layout_of(file)
-    if found is None or found.NAME != table.layout:
-        told = "no known export" if found is None else f"an export of {found.NAME}"
+    file = companion_file(folder or path.parent, table.file, path.name)
+    layout = layout_of(file)
+    if layout is None or layout.NAME != table.layout:
+        description = "no known export" if layout is None else f"an export of {layout.NAME}"
         raise DataError(
-            f"{path.name} specifies layout = {table.layout!r}, and {file.name} is {told}; "
+            f"{path.name} specifies layout = {table.layout!r}, and {file.name} is {description}; "
             f"expected one of {', '.join(one.NAME for one in EXPORTS)}: draft the sidecar again with "
             "'emgface describe'."
         )

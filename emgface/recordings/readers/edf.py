@@ -66,11 +66,11 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     sidecars = emg_sidecars(path)
     given = content.labels if sidecars is None else sidecars.names(content.labels)
     labels, names = unique_labels(given, "channel")
-    found = content.units
+    stated = content.units
     if sidecars is not None and "emg" not in units:
-        found = sidecars.units(given, content.units)
+        stated = sidecars.units(given, content.units)
     names |= {label: own for label, own in zip(labels, content.labels, strict=True) if label != own}
-    keep, dropped, left = _of_one_rate(content, labels, found, sidecars, "emg" in units)
+    keep, dropped, left = _of_one_rate(content, labels, stated, sidecars, "emg" in units)
     emg = Part()
     if keep:
         base = _time_base(path, content, keep, sidecars, given)
@@ -78,17 +78,17 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
         emg = voltages(
             [content.values[i][:n] for i in keep],
             [labels[i] for i in keep],
-            [found[i] for i in keep],
+            [stated[i] for i in keep],
             base,
             units,
             {label: names[label] for label in labels if label in names},
         )
         emg = _without_flagged(emg, content, base)
     used = [i for i in keep if labels[i] not in emg.dropped]
-    told = stated_filters({labels[i]: content.filters[i] for i in used})
+    bands = stated_filters({labels[i]: content.filters[i] for i in used})
     if sidecars is not None:
-        told += bands_of_table(sidecars.channels, [labels[i] for i in used])
-    emg = emg._replace(dropped={**dropped, **emg.dropped}, findings=[*left, *told, *emg.findings])
+        bands += bands_of_table(sidecars.channels, [labels[i] for i in used])
+    emg = emg._replace(dropped={**dropped, **emg.dropped}, findings=[*left, *bands, *emg.findings])
     if sidecars is not None:
         emg = without_bad(emg, "channel", bad_rows(sidecars.channels, labels), "channels.tsv")
     if sidecars is None:
@@ -99,8 +99,8 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     )
     united = with_findings(united, name_findings(path, sidecars.description.get("TaskName")))
     electrodes = read_electrodes(path, sidecars.channels)
-    told = {} if electrodes is None else {"electrodes": electrodes}
-    return united.assign_attrs({**sidecars.world, **sidecars.trial, **told})
+    attrs = {} if electrodes is None else {"electrodes": electrodes}
+    return united.assign_attrs({**sidecars.world, **sidecars.trial, **attrs})
 
 
 def _time_base(
@@ -271,14 +271,14 @@ def _whole(path: Path) -> bytes:
             f"{path.name} declares {records} records of {sum(counts)} samples; expected at least "
             "one of each: the recording is empty or damaged."
         )
-    held = (len(data) - header) / record
+    count = (len(data) - header) / record
     # After an interruption the number is -1; a whole number of records is then required.
-    if held != (int(held) if records == -1 else records) or held < 1:
+    if count != (int(count) if records == -1 else records) or count < 1:
         raise DataError(
             f"{path.name} declares {'whole' if records == -1 else records} records but contains "
-            f"{held:.6g}; expected all of them: it is truncated or damaged, copy it again."
+            f"{count:.6g}; expected all of them: it is truncated or damaged, copy it again."
         )
-    return data[:236] + b"%-8d" % int(held) + data[244:]
+    return data[:236] + b"%-8d" % int(count) + data[244:]
 
 
 def _integer(path: Path, data: bytes, what: str, start: int, length: int) -> int:

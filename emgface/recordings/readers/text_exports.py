@@ -56,7 +56,7 @@ def described_files(folder: Path) -> frozenset[Path]:
 @lru_cache(maxsize=64)
 def _described(folder: Path, changed: int) -> frozenset[Path]:
     """Files that the sidecars of a folder describe."""
-    found: set[Path] = set()
+    files: set[Path] = set()
     for sidecar in folder.iterdir():
         if sidecar.suffix.lower() != ".toml":
             continue
@@ -68,8 +68,8 @@ def _described(folder: Path, changed: int) -> frozenset[Path]:
             table = content.get(part)
             name = table.get("file") if isinstance(table, dict) else None
             if isinstance(name, str):
-                found.add((folder / name).resolve())
-    return frozenset(found)
+                files.add((folder / name).resolve())
+    return frozenset(files)
 
 
 def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
@@ -99,12 +99,12 @@ def export_of(path: Path) -> Export:
 
 def needs_sidecar(path: Path) -> str:
     """Return the message for a table that does not describe itself."""
-    beside = path.with_suffix(".toml")
-    named = f"specify {beside.name}, which is in the same folder"
+    sidecar = path.with_suffix(".toml")
+    named = f"specify {sidecar.name}, which is in the same folder"
     return (
         f"{path.name} does not specify its contents, rate and units, and is no export of "
         f"{', '.join(one.NAME for one in EXPORTS)}; expected a TOML sidecar that does: "
-        f"{named if beside.is_file() else 'draft one with emgface describe'} instead."
+        f"{named if sidecar.is_file() else 'draft one with emgface describe'} instead."
     )
 
 
@@ -233,11 +233,11 @@ def _together(
 
 def _findings(signals: Sequence[_Signal]) -> list[Finding]:
     """Return the findings on the time of the signals, once if all have the same."""
-    found = [signal.base.findings("channel") for signal in signals]
-    if all(one == found[0] for one in found):
-        return found[0]
+    by_signal = [signal.base.findings("channel") for signal in signals]
+    if all(one == by_signal[0] for one in by_signal):
+        return by_signal[0]
     return [
         replace(finding, name=signal.label)
-        for signal, one in zip(signals, found, strict=True)
+        for signal, one in zip(signals, by_signal, strict=True)
         for finding in one
     ]

@@ -47,11 +47,11 @@ def read(path: Path, units: Mapping[str, str]) -> xr.Dataset:
     streams = [stream for stream in streams if len(stream["time"])]
     emg = [stream for stream in streams if _emg_channels(stream)]
     markers = [stream for stream in streams if stream["type"].lower() == "mocap"]
-    for kind, found in (("EMG", emg), ("MoCap", markers)):
-        if len(found) > 1:
-            names = listed([stream["name"] for stream in found])
+    for kind, candidates in (("EMG", emg), ("MoCap", markers)):
+        if len(candidates) > 1:
+            names = listed([stream["name"] for stream in candidates])
             raise DataError(
-                f"{path.name} contains {len(found)} streams of {kind} ({names}); expected "
+                f"{path.name} contains {len(candidates)} streams of {kind} ({names}); expected "
                 "one: save each as a separate file."
             )
     used = emg + markers
@@ -103,11 +103,11 @@ def _check_chunks(path: Path) -> None:
 
 def _require_whole(path: Path, stream: Mapping[str, Any]) -> None:
     """Refuse a stream that does not contain the samples that it declares."""
-    held, announced = len(stream["time"]), stream["announced"]
-    if announced is not None and announced != held:
+    stored, announced = len(stream["time"]), stream["announced"]
+    if announced is not None and announced != stored:
         raise DataError(
-            f"{path.name}, stream {stream['name']!r}, declares {announced} samples but contains {held}; "
-            "expected all of them: it is damaged, copy it again."
+            f"{path.name}, stream {stream['name']!r}, declares {announced} samples but contains "
+            f"{stored}; expected all of them: it is damaged, copy it again."
         )
 
 
@@ -139,8 +139,8 @@ def _emg(stream: Mapping[str, Any], base: TimeBase, units: Mapping[str, str]) ->
     chosen = _emg_channels(stream)
     labels, names = unique_labels([_text(stream, i, "label") for i in chosen], "channel")
     values = [stream["values"][:, i] for i in chosen]
-    found = [_text(stream, i, "unit") for i in chosen]
-    return voltages(values, labels, found, base, units, names)
+    stated = [_text(stream, i, "unit") for i in chosen]
+    return voltages(values, labels, stated, base, units, names)
 
 
 def _markers(path: Path, stream: Mapping[str, Any], base: TimeBase, unit: str | None) -> Part:
@@ -160,11 +160,11 @@ def _markers(path: Path, stream: Mapping[str, Any], base: TimeBase, unit: str | 
         )
     labels, names = unique_labels(list(whole), "marker")
     order = [[axes[axis] for axis in _AXES] for axes in whole.values()]
-    found = _text(stream, order[0][0], "unit")
+    stated = _text(stream, order[0][0], "unit")
     values = np.stack([stream["values"][:, columns].T for columns in order])
-    data = position_array(values, labels, base, unit or found)
+    data = position_array(values, labels, base, unit or stated)
     dropped = {name: "lacks a coordinate" for name in places if name not in whole}
-    return Part(data, {"position": found}, dropped, names)
+    return Part(data, {"position": stated}, dropped, names)
 
 
 def _text(stream: Mapping[str, Any], index: int, name: str) -> str:

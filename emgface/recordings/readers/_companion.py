@@ -5,7 +5,7 @@ from pathlib import Path, PureWindowsPath
 from emgface.errors import DataError
 
 
-def file_beside(folder: Path, name: str, stated_in: str) -> Path:
+def companion_file(folder: Path, name: str, stated_in: str) -> Path:
     """Return the path of a file that another one names, relative to its `folder`.
 
     `stated_in` is the name of the file that names it, for messages. Raises DataError if the name is
