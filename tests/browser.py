@@ -57,7 +57,7 @@ def started(profile: Path) -> Iterator[Any]:
 def until(browser: Any, script: str) -> Any:
     """Wait for a condition in the page, and return it."""
     limit = time.monotonic() + PATIENCE
-    while not (found := browser.execute_script(script)):
+    while not (value := browser.execute_script(script)):
         assert time.monotonic() < limit, (script, browser.get_log("browser"))
         time.sleep(0.05)
-    return found
+    return value

@@ -22,7 +22,7 @@ MadeOnce = Callable[[str, Callable[[Path], object]], Path]
 
 
 def shared_folder() -> Path | None:
-    """Folder of third-party material: EMGFACE_SHARED, or ../shared beside the checkout."""
+    """Folder of third-party material: EMGFACE_SHARED, or ../shared next to the checkout."""
     named = os.environ.get("EMGFACE_SHARED")
     folder = Path(named) if named else ROOT.parent / "shared"
     return folder if (folder / "artisynth_models").is_dir() else None

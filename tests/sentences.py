@@ -1,4 +1,4 @@
-"""Results that sentences state, rebuilt from the tables that a command wrote beside them.
+"""Results that sentences state, rebuilt from the tables that a command wrote next to them.
 
 `meanings`, `conclusions_of` and `choices_of` compute the sentences again, from the CSV alone. A sentence
 that differs from its table is then not among them.
@@ -31,17 +31,17 @@ def words(text: str) -> str:
 def meanings(path: Path) -> list[str]:
     """Sentences of `what_rho_means` from the table of baselines."""
     table = pd.read_csv(path)
-    found = xr.Dataset(coords={"strategy": table["strategy"].tolist(), "bound": BOUNDS})
+    dataset = xr.Dataset(coords={"strategy": table["strategy"].tolist(), "bound": BOUNDS})
     for name, head in zip(LEVELS, HEADS, strict=True):
-        found[name] = ("strategy", table[head].to_numpy(float))
+        dataset[name] = ("strategy", table[head].to_numpy(float))
     for name, head in GAINS.items():
-        found[name] = ("strategy", table[head].to_numpy(float))
+        dataset[name] = ("strategy", table[head].to_numpy(float))
         bounds = table[[f"{head}, {bound}" for bound in BOUNDS]].to_numpy(float)
-        found[f"{name}_interval"] = (("strategy", "bound"), bounds)
+        dataset[f"{name}_interval"] = (("strategy", "bound"), bounds)
     for name in ("volunteers", "trials"):
-        found[name] = ("strategy", table[name].to_numpy())
-    found["template_volunteers"] = float(table["volunteers"].max()) - 1.0
-    return what_rho_means(found.assign_attrs(level=0.95, origin=table["origin"][0]))
+        dataset[name] = ("strategy", table[name].to_numpy())
+    dataset["template_volunteers"] = float(table["volunteers"].max()) - 1.0
+    return what_rho_means(dataset.assign_attrs(level=0.95, origin=table["origin"][0]))
 
 
 def conclusions_of(path: Path, *, together: bool = False) -> list[str]:
@@ -52,7 +52,7 @@ def conclusions_of(path: Path, *, together: bool = False) -> list[str]:
         "estimate": "estimate", "p": "p", "p_holm": "p Holm", "p_joint": "p joint",
         "smallest_p": "smallest p", "n": "volunteers", "standard_deviation": "standard deviation",
     }  # fmt: skip
-    found: dict[str, xr.Dataset] = {}
+    datasets: dict[str, xr.Dataset] = {}
     for name, (test, scope) in parts.items():
         own = table[(table["test"] == test) & (table["instructions"] == scope)]
         assert len(own), (test, scope)
@@ -62,13 +62,13 @@ def conclusions_of(path: Path, *, together: bool = False) -> list[str]:
             "scale": "Fisher z",
             "origin": own["origin"].iloc[0],
         }
-        found[name] = xr.Dataset(
+        datasets[name] = xr.Dataset(
             {key: ("contrast", own[head].to_numpy(float)) for key, head in heads.items()},
             coords={"contrast": own["contrast"].tolist()},
             attrs=attrs,
         )
-        found[name]["sentence"] = ("contrast", [""] * len(own))
-    return conclusions(found, together=together)
+        datasets[name]["sentence"] = ("contrast", [""] * len(own))
+    return conclusions(datasets, together=together)
 
 
 def choices_of(path: Path) -> list[str]:
@@ -79,18 +79,18 @@ def choices_of(path: Path) -> list[str]:
     shape = (len(places), len(strategies))
     dims = ("choice", "strategy")
 
-    def of(head: str) -> np.ndarray:
+    def column(head: str) -> np.ndarray:
         values = pd.to_numeric(table[head], errors="coerce").to_numpy(float)
         return values.reshape(shape)
 
-    found = xr.Dataset(
+    dataset = xr.Dataset(
         {
-            "median": (dims, of("median rho")),
-            "rank": (dims, of("rank")),
-            "gain_interval": ((*dims, "bound"), np.stack([of(one) for one in BOUNDS], axis=-1)),
+            "median": (dims, column("median rho")),
+            "rank": (dims, column("rank")),
+            "gain_interval": ((*dims, "bound"), np.stack([column(one) for one in BOUNDS], axis=-1)),
             "axis": ("choice", [axis for axis, _ in places]),
             "level": ("choice", ["" if level == "-" else level for _, level in places]),
         },
         coords={"strategy": strategies, "bound": BOUNDS},
     )
-    return robustness_sentences(found)
+    return robustness_sentences(dataset)

@@ -43,9 +43,9 @@ def refused(check: str, error: type[Exception], attempt: Callable[[], object]) -
 
 def markdown(lines: Iterable[Result]) -> str:
     """Lines as a table."""
-    told = {True: "yes", False: "**no**", None: ""}
+    words = {True: "yes", False: "**no**", None: ""}
     rows = [("check", "required", "measured", "met"), ("---",) * 4]
-    rows += [(one.check, one.wanted, one.measured, told[one.passed]) for one in lines]
+    rows += [(one.check, one.wanted, one.measured, words[one.passed]) for one in lines]
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 

@@ -45,11 +45,11 @@ def _motion(f: Folds, inertance: float, lung: float, state: np.ndarray) -> np.nd
     p1 = lung - 0.685 * rho * (U / a1) ** 2 - 0.5 * (R1 * U + L1 * rate)
     p2 = p1 - 0.5 * ((R1 + R2) * U + (L1 + L2) * rate)
     p2 -= 0.5 * rho * U * abs(U) * (1 / a2**2 - 1 / a1**2)
-    found = [v1, 0.0, v2, 0.0, rate]
+    rates = [v1, 0.0, v2, 0.0, rate]
     for at, m, k, zeta, x, v, other, p, d in (
         (1, f.m1 / q, f.k1 * q, f.zeta1, x1, v1, x2, p1, f.d1),
         (3, f.m2 / q, f.k2 * q, f.zeta2, x2, v2, x1, p2, f.d2),
     ):
         spring = k * x * (1 + f.cubic * x**2) + f.kc * q * (x - other)
-        found[at] = (length * d * p - 2 * zeta * np.sqrt(m * k) * v - spring) / m
-    return np.array(found)
+        rates[at] = (length * d * p - 2 * zeta * np.sqrt(m * k) * v - spring) / m
+    return np.array(rates)

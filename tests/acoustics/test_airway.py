@@ -33,35 +33,35 @@ def test_area_and_length_of_known_tubes(line, flat):
     s = np.append(0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
     radius = 0.008 + 0.003 * np.sin(40 * s)
     position, triangle = pipe(line, radius, flat=flat)
-    found = sections(position, triangle, line, count=40)
+    airway = sections(position, triangle, line, count=40)
     middle = (np.arange(40) + 0.5) / 40 * s[-1]
     expected = np.pi * flat * (0.008 + 0.003 * np.sin(40 * middle)) ** 2
-    assert found.area == pytest.approx(expected, rel=0.01)
-    assert found.length == pytest.approx(s[-1], rel=0.01)
+    assert airway.area == pytest.approx(expected, rel=0.01)
+    assert airway.length == pytest.approx(s[-1], rel=0.01)
 
 
 def test_a_centre_line_is_found_and_moves_with_the_body():
     position, triangle = pipe(BENT, 0.008)
     line = centre_line(position, triangle, BENT[0], levels=20)
-    found = sections(position, triangle, line, count=30, rounds=4)
-    assert found.area[2:-2] == pytest.approx(np.pi * 0.008**2, rel=0.01)
+    airway = sections(position, triangle, line, count=30, rounds=4)
+    assert airway.area[2:-2] == pytest.approx(np.pi * 0.008**2, rel=0.01)
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     shift = np.array([1.0, -2.0, 0.5])
     moved = sections(position @ turn.T + shift, triangle, line @ turn.T + shift, count=30, rounds=4)
-    assert moved.area == pytest.approx(found.area, rel=1e-9)
-    assert moved.length == pytest.approx(found.length, rel=1e-9)
+    assert moved.area == pytest.approx(airway.area, rel=1e-9)
+    assert moved.length == pytest.approx(airway.length, rel=1e-9)
 
 
 def test_the_published_airway_is_of_adult_length_and_keeps_it_in_rigid_motion(shared):
     """Skin of the tract of one speaker, without its lips, which continue over the face."""
     position, triangle, line = published_airway(shared)
-    found = sections(position, triangle, line, count=30)
-    assert 0.15 < found.length < 0.18
-    assert ((found.area[1:] > 0.3e-4) & (found.area[1:] < 6e-4)).all()
+    airway = sections(position, triangle, line, count=30)
+    assert 0.15 < airway.length < 0.18
+    assert ((airway.area[1:] > 0.3e-4) & (airway.area[1:] < 6e-4)).all()
     turn = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))[0]
     moved = sections(position @ turn.T + 1.0, triangle, line @ turn.T + 1.0, count=30)
-    assert moved.area == pytest.approx(found.area, rel=1e-9, abs=1e-15)
-    assert moved.length == pytest.approx(found.length, rel=1e-9)
+    assert moved.area == pytest.approx(airway.area, rel=1e-9, abs=1e-15)
+    assert moved.length == pytest.approx(airway.length, rel=1e-9)
 
 
 def test_other_walls_and_closures():
@@ -88,11 +88,11 @@ TABLE = "label,A0_cm2,A1_cm2,A2_cm2,length_m\nfirst,1,2,3,0.17\nsecond,4,5,6,0.1
 def test_tables_of_areas(tmp_path):
     path = tmp_path / "areas.csv"
     path.write_text(TABLE)
-    found = read_areas(path, "second")
-    assert found["area"].values == pytest.approx(np.array([[4e-4, 5e-4, 6e-4]]))
-    assert float(found["length"][0]) == 0.16
+    areas = read_areas(path, "second")
+    assert areas["area"].values == pytest.approx(np.array([[4e-4, 5e-4, 6e-4]]))
+    assert float(areas["length"][0]) == 0.16
     back = read_areas(path, "second", from_lips=True)
-    assert back["area"].values == pytest.approx(found["area"].values[:, ::-1])
+    assert back["area"].values == pytest.approx(areas["area"].values[:, ::-1])
     path.write_text("time_s,A0_cm2,A1_cm2,length_m\n0,1,2,0.17\n0.1,1,0,0.17\n")
     assert read_areas(path).sizes == {"time": 2, "section": 2}
 
@@ -193,18 +193,18 @@ def test_a_line_without_an_end_lacks_half_of_one_level_of_two_in_a_section(tmp_p
     """The line ends in the middle of the last level; the first contains what is near its beginning."""
     line = np.stack([np.linspace(0, 0.17, 601), np.zeros(601), np.zeros(601)], axis=1)
     path = written(tmp_path / "tube.obj", *pipe(line, 0.008, around=12))
-    found = areas_of_surface(path, (0.0, 0.0, 0.0), unit="mm", count=count)
+    areas_read = areas_of_surface(path, (0.0, 0.0, 0.0), unit="mm", count=count)
     near = 0.008 * np.sqrt(1.5**2 - 1.0)  # vertices within 1.5 radii of the first point
     lacking = 0.5 * (0.17 - near) / (2 * count)
-    assert 0.17 - float(found["length"][0]) == pytest.approx(lacking, abs=line[1, 0])
+    assert 0.17 - float(areas_read["length"][0]) == pytest.approx(lacking, abs=line[1, 0])
 
 
 def test_the_area_function_of_a_surface_in_a_file(tmp_path):
     path = written(tmp_path / "tube.obj", *pipe(STRAIGHT, 0.008))
-    found = areas_of_surface(path, (0.0, 0.0, 0.0), unit="mm", count=20)
-    assert found["area"].values[0, 1:-1] == pytest.approx(np.pi * 0.008**2, rel=0.01)
-    assert float(found["length"][0]) == pytest.approx(0.17, rel=0.02)
-    assert found.attrs["origin"] == "measured"
+    areas_read = areas_of_surface(path, (0.0, 0.0, 0.0), unit="mm", count=20)
+    assert areas_read["area"].values[0, 1:-1] == pytest.approx(np.pi * 0.008**2, rel=0.01)
+    assert float(areas_read["length"][0]) == pytest.approx(0.17, rel=0.02)
+    assert areas_read.attrs["origin"] == "measured"
     with pytest.raises(DataError, match="unknown unit 'inch'"):
         areas_of_surface(path, (0.0, 0.0, 0.0), unit="inch")
 

@@ -50,8 +50,8 @@ def test_a_branch_satisfies_the_closed_form_of_three_tubes():
     grid = np.linspace(41.0, 4999.0, 5000)
     ends = np.flatnonzero(np.diff(np.sign(equation(grid))))
     expected = [brentq(equation, grid[k], grid[k + 1], xtol=1e-10) for k in ends]
-    found, _ = formants(areas, 0.17, medium=LOSSLESS, branch=branch)
-    assert found == pytest.approx(expected, abs=1e-6)
+    resonances, _ = formants(areas, 0.17, medium=LOSSLESS, branch=branch)
+    assert resonances == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_closed_velum_leaves_the_formants_of_the_mouth():
@@ -64,8 +64,8 @@ def test_radiation_lengthens_a_tube_by_8_r_over_3_pi():
     medium = Medium(friction=0.0, yielding=0.0)
     area, L = 5e-5, 0.17
     r = np.sqrt(area / np.pi)
-    found = formants(np.full(4, area), L, medium=medium)[0][0]
-    correction = 350.0 / (4.0 * found) - L
+    resonances = formants(np.full(4, area), L, medium=medium)[0][0]
+    correction = 350.0 / (4.0 * resonances) - L
     assert correction == pytest.approx(8.0 * r / (3.0 * np.pi), rel=0.01)
 
 
@@ -76,8 +76,8 @@ def test_a_closed_tube_resonates_by_the_mass_of_its_walls():
     areas = np.full(40, area)
     areas[-1] = 0.0
     expected = 350.0 / (2 * np.pi) * np.sqrt(1.14 * 2 * np.sqrt(np.pi * area) / (21.0 * area))
-    found, width = formants(areas, 0.17, medium=medium)
-    assert found[0] == pytest.approx(expected, rel=0.015)
+    resonances, width = formants(areas, 0.17, medium=medium)
+    assert resonances[0] == pytest.approx(expected, rel=0.015)
     assert width[0] < 1.0
 
 
@@ -85,8 +85,8 @@ def test_every_formant_of_the_published_shapes(shared):
     given = tubes(shared)
     for name, (lossless, lossy) in TABLE.items():
         assert lossless_formants(*given[name])[:4] == pytest.approx(lossless, abs=1.0), name
-        found, width = formants(*given[name])
-        assert found[:4] == pytest.approx(lossy, rel=0.025), name
+        resonances, width = formants(*given[name])
+        assert resonances[:4] == pytest.approx(lossy, rel=0.025), name
         assert (width > 0.0).all()
     for closed in ("12", "13", "15", "16", "17"):
         assert 190.0 < formants(*given[closed])[0][0] < 340.0
@@ -96,8 +96,8 @@ def test_peaks_of_the_transfer_function_lie_at_its_poles():
     f = np.arange(100.0, 4000.0, 1.0)
     H = np.abs(transfer(f, *EE))
     peaks = f[1:-1][(H[1:-1] > H[:-2]) & (H[1:-1] > H[2:])]
-    found, width = formants(*EE)
-    sharp = found[(width < 100.0) & (found < 3900.0)]
+    resonances, width = formants(*EE)
+    sharp = resonances[(width < 100.0) & (resonances < 3900.0)]
     assert np.abs(peaks[:, None] - sharp).min(axis=0).max() < 5.0
     assert np.abs(transfer(1.0, *EE))[0] == pytest.approx(1.0, abs=1e-3)
 

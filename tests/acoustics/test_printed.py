@@ -33,11 +33,11 @@ def simulated(path: Path, *, noise: float = 0.0, **changes: object) -> Path:
 
 
 def test_the_layout_of_the_group_is_read(tmp_path: Path) -> None:
-    found = read_transfer_function(simulated(tmp_path / "a.txt"))
+    response = read_transfer_function(simulated(tmp_path / "a.txt"))
     f = STEP * np.arange(1, 600)
     exact = transfer(f, AREAS, LENGTH, medium=PRINTED)
-    assert found.has_phase and found.frequency[0] == 0.0
-    assert np.allclose(found.value[1:], exact, rtol=1e-4, atol=2e-6)
+    assert response.has_phase and response.frequency[0] == 0.0
+    assert np.allclose(response.value[1:], exact, rtol=1e-4, atol=2e-6)
 
 
 @pytest.mark.parametrize(
@@ -50,8 +50,8 @@ def test_the_layout_of_the_group_is_read(tmp_path: Path) -> None:
 )
 def test_other_tables_have_the_same_maxima(tmp_path: Path, changes: dict[str, object]) -> None:
     usual = read_transfer_function(simulated(tmp_path / "a.txt")).peaks()[0]
-    found = read_transfer_function(simulated(tmp_path / "b.txt", **changes)).peaks()[0]
-    assert np.allclose(found, usual, rtol=1e-6)
+    maxima = read_transfer_function(simulated(tmp_path / "b.txt", **changes)).peaks()[0]
+    assert np.allclose(maxima, usual, rtol=1e-6)
 
 
 def test_levels_in_decibel_are_ratios(tmp_path: Path) -> None:
@@ -78,20 +78,20 @@ def test_formants_of_the_same_tube_are_found_in_a_simulated_file(
     """Poles and maxima differ by less than 0.5 %, with noise of 2 % by less than 1 %."""
     measured = read_transfer_function(simulated(tmp_path / "a.txt", noise=noise))
     frequency, bandwidth = formants(AREAS, LENGTH, medium=PRINTED)
-    found, difference = nearest_maxima(measured, frequency)
-    assert np.isfinite(found).all() and len(found) >= 4
+    maxima, difference = nearest_maxima(measured, frequency)
+    assert np.isfinite(maxima).all() and len(maxima) >= 4
     assert np.abs(difference).max() < (0.01 if noise else 0.005)
     if not noise:
         peaks, widths = measured.peaks()
         assert widths[: len(bandwidth)] == pytest.approx(bandwidth, rel=0.15)
-        shifted, _ = nearest_maxima(measured, 1.05 * frequency)  # a longer tube is told by 5 %
+        shifted, _ = nearest_maxima(measured, 1.05 * frequency)  # a longer tube is detected by 5 %
         assert np.allclose(1.05 * frequency / shifted - 1.0, 0.05, atol=0.006) and len(peaks) >= 4
 
 
 def test_formants_without_a_maximum_are_undefined(tmp_path: Path) -> None:
     measured = read_transfer_function(simulated(tmp_path / "a.txt"))
-    found, _ = nearest_maxima(measured, np.array([100.0]))
-    assert np.isnan(found).all()
+    maxima, _ = nearest_maxima(measured, np.array([100.0]))
+    assert np.isnan(maxima).all()
 
 
 def test_the_command_compares_an_area_function(tmp_path: Path) -> None:
@@ -101,15 +101,15 @@ def test_the_command_compares_an_area_function(tmp_path: Path) -> None:
     table.write_text("area_cm2,length_cm\n" + "\n".join(f"{1e4 * a:.6f},{each:.9f}" for a in AREAS))
     areas, length = read_areas(table, None)
     assert length == pytest.approx(LENGTH) and np.allclose(areas, AREAS, rtol=1e-5)
-    found = comparison(measured, areas, length)
-    assert found["difference [%]"].abs().max() < 0.5
+    rows = comparison(measured, areas, length)
+    assert rows["difference [%]"].abs().max() < 0.5
     table.write_text("area\n1\n")
     with pytest.raises(AcousticsError, match="expected area_cm2"):
         read_areas(table, None)
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("frequency_Hz magnitude phase_rad\n" + "1 2 3\n" * 9, "do not increase"),
         ("num_points: 4\n" + "\n".join(f"{k} 1 0" for k in range(20)), "not whole"),
@@ -121,8 +121,8 @@ def test_the_command_compares_an_area_function(tmp_path: Path) -> None:
         ("", "at least"),
     ],
 )
-def test_other_files_are_refused(tmp_path: Path, text: str, told: str) -> None:
+def test_other_files_are_refused(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "x.txt"
     path.write_text(text)
-    with pytest.raises(AcousticsError, match=told):
+    with pytest.raises(AcousticsError, match=message):
         read_transfer_function(path)

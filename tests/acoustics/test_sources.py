@@ -47,8 +47,10 @@ def test_folds_begin_where_their_equilibrium_is_unstable(tube, inertance):
 
 
 def test_the_pitch_of_folds_does_not_depend_on_the_step():
-    found = [pitch(simulate_tube(*AH, Folds(), duration=0.35, substeps=steps)) for steps in (3, 9)]
-    assert found[1] == pytest.approx(found[0], rel=0.01)
+    pitches = [
+        pitch(simulate_tube(*AH, Folds(), duration=0.35, substeps=steps)) for steps in (3, 9)
+    ]
+    assert pitches[1] == pytest.approx(pitches[0], rel=0.01)
 
 
 def test_stiff_folds_pass_the_steady_flow_of_their_resistance():

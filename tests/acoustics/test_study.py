@@ -46,10 +46,10 @@ def cube(closing):
     trial = Trial(
         *PLACE, scores=xr.Dataset(scores, {"marker": ["corner_left"]}), origin="simulated"
     )
-    found = build_cube([trial], strategies=["act_all", "act_3"], origin="simulated")
+    scored = build_cube([trial], strategies=["act_all", "act_3"], origin="simulated")
     tract = ideal_vowel("u")
     return cube_with_formants(
-        found, {PLACE: formants_of(closing, tract, 0.01)}, tract.attrs["assumptions"]
+        scored, {PLACE: formants_of(closing, tract, 0.01)}, tract.attrs["assumptions"]
     )
 
 
@@ -77,8 +77,8 @@ def test_the_cube_reads_the_formants_that_a_worker_stored(closing, cube, tmp_pat
     digest = trial_formants(laboratory, (PlannedTrial(PLACE[:3], PLACE[3], None), entry, None))
     bare = cube.drop_vars([*VARIABLES, "formant", "instant"])
     bare.attrs.pop("tract")
-    found = with_stored_formants(bare, laboratory, {PLACE: digest})
-    xr.testing.assert_identical(found, cube)
+    completed = with_stored_formants(bare, laboratory, {PLACE: digest})
+    xr.testing.assert_identical(completed, cube)
     (tmp_path / "formants" / f"{digest}.nc").unlink()
     with pytest.raises(StoreError, match="was changed or removed while the study ran"):
         with_stored_formants(bare, laboratory, {PLACE: digest})

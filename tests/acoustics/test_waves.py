@@ -29,24 +29,24 @@ def response(areas, length, medium, *, skip=0.0, order=32, **how):
     return resonances(sound.mouth + sound.nose, sound.rate, skip=skip, order=order)
 
 
-def nearest(found, wanted):
-    return found[np.abs(found[:, None] - wanted).argmin(axis=0)]
+def nearest(values, wanted):
+    return values[np.abs(values[:, None] - wanted).argmin(axis=0)]
 
 
 def test_impulse_responses_have_the_published_formants(shared):
     given = tubes(shared)
     for name, (lossless, _) in TABLE.items():
-        found, _ = response(*given[name], LOSSLESS, skip=0.02, order=24)
-        assert nearest(found, lossless) == pytest.approx(lossless, rel=0.01), name
+        frequencies, _ = response(*given[name], LOSSLESS, skip=0.02, order=24)
+        assert nearest(frequencies, lossless) == pytest.approx(lossless, rel=0.01), name
 
 
 @pytest.mark.parametrize("tube", [AH, EE])
 def test_frequencies_and_bandwidths_agree_with_the_matrix_method(tube):
     expected, width = formants(*tube)
     k = width[:4] < 300.0
-    found, found_width = response(*tube, Medium())
-    here = np.abs(found[:, None] - expected[:4][k]).argmin(axis=0)
-    assert found[here] == pytest.approx(expected[:4][k], rel=0.01)
+    frequencies, found_width = response(*tube, Medium())
+    here = np.abs(frequencies[:, None] - expected[:4][k]).argmin(axis=0)
+    assert frequencies[here] == pytest.approx(expected[:4][k], rel=0.01)
     assert found_width[here] == pytest.approx(width[:4][k], rel=0.05)
 
 
@@ -55,18 +55,18 @@ def test_a_nasal_branch_agrees_with_the_matrix_method():
     expected, width = formants(*AH, branch=branch)
     sharp = expected[(width < 250.0) & (expected < 3500.0)]
     assert len(sharp) > 3  # more formants than without the branch
-    found, _ = response(*AH, Medium(), branch=branch)
-    assert nearest(found, sharp) == pytest.approx(sharp, rel=0.012)
+    frequencies, _ = response(*AH, Medium(), branch=branch)
+    assert nearest(frequencies, sharp) == pytest.approx(sharp, rel=0.012)
 
 
 @pytest.mark.parametrize("sections", [15, 16, 17])
 def test_rows_end_after_the_last_node(sections):
     """Rows are filled up to a multiple of 16 entries, which never resonate; a uniform tube is exact."""
-    found, _ = response(
+    frequencies, _ = response(
         np.full(4, 3e-4), 0.175, LOSSLESS, sections=sections, rate=350.0 * sections / 0.175,
         substeps=1, skip=0.02, order=24,
     )  # fmt: skip
-    assert nearest(found, [500.0, 1500.0, 2500.0]) == pytest.approx(
+    assert nearest(frequencies, [500.0, 1500.0, 2500.0]) == pytest.approx(
         [500.0, 1500.0, 2500.0], rel=1e-3
     )
 
@@ -97,7 +97,7 @@ def test_the_scheme_is_of_second_order():
     exact = lossless_formants(areas, 0.16)[:3]
     errors = []
     for sections in (16, 32, 64):  # the step is proportional to the cell length
-        found, _ = response(
+        frequencies, _ = response(
             areas,
             0.16,
             LOSSLESS,
@@ -106,7 +106,7 @@ def test_the_scheme_is_of_second_order():
             skip=0.02,
             order=24,
         )
-        errors.append(np.abs(nearest(found, exact) - exact)[2])
+        errors.append(np.abs(nearest(frequencies, exact) - exact)[2])
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.3)
     assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.3)
 
@@ -148,9 +148,9 @@ def test_kelly_lochbaum_is_exact_where_the_length_fits_its_grid():
     click = np.zeros(12_000)
     click[1] = 1e-6
     flow, rate = kelly_lochbaum(areas, length, click)
-    found, _ = resonances(flow, rate, skip=0.005, order=24)
+    frequencies, _ = resonances(flow, rate, skip=0.005, order=24)
     exact = lossless_formants(*AH)[:4]
-    assert nearest(found, exact) == pytest.approx(exact, rel=1e-3)
+    assert nearest(frequencies, exact) == pytest.approx(exact, rel=1e-3)
 
 
 def test_steps_beyond_the_courant_limit_are_refused():

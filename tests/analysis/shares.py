@@ -26,43 +26,43 @@ PAIR: Final = (STRATEGIES[1], STRATEGIES[0])  #: contrast whose size and coverag
 
 
 def _sign_flip(cube: xr.Dataset, seed: int) -> Outcome:
-    found = sign_flip(compare(cube))
+    tested = sign_flip(compare(cube))
     return {
-        "sign flip": (float(found["p"][0]), _holds(found, 0.0)),
-        "sign flip, joint": (float(found["p_joint"].min()), np.nan),
+        "sign flip": (float(tested["p"][0]), _holds(tested, 0.0)),
+        "sign flip, joint": (float(tested["p_joint"].min()), np.nan),
     }
 
 
 def _wilcoxon(cube: xr.Dataset, seed: int) -> Outcome:
-    found = wilcoxon(compare(cube))
+    tested = wilcoxon(compare(cube))
     return {
-        "Wilcoxon": (float(found["p"][0]), _holds(found, 0.0)),
-        "Wilcoxon, Holm": (float(found["p_holm"].min()), np.nan),
+        "Wilcoxon": (float(tested["p"][0]), _holds(tested, 0.0)),
+        "Wilcoxon, Holm": (float(tested["p_holm"].min()), np.nan),
     }
 
 
 def _friedman(cube: xr.Dataset, seed: int) -> Outcome:
-    found = friedman(compare(cube))
+    tested = friedman(compare(cube))
     return {
-        "Friedman": (float(found["p"][0]), np.nan),
-        "Friedman, chi-square limit": (float(found["p_chi2"][0]), np.nan),
+        "Friedman": (float(tested["p"][0]), np.nan),
+        "Friedman, chi-square limit": (float(tested["p_chi2"][0]), np.nan),
     }
 
 
 def _mixed_model(cube: xr.Dataset, seed: int) -> Outcome:
-    found = mixed_model(compare(cube, contrasts=[PAIR]), scope="these instructions")
-    wald = abs(float(found["estimate"][0])) <= 1.959964 * float(found["standard_error"][0])
+    fitted = mixed_model(compare(cube, contrasts=[PAIR]), scope="these instructions")
+    wald = abs(float(fitted["estimate"][0])) <= 1.959964 * float(fitted["standard_error"][0])
     return {
-        "mixed model": (float(found["p"][0]), _holds(found, 0.0)),
-        "mixed model, Wald": (float(found["p_wald"][0]), float(wald)),
+        "mixed model": (float(fitted["p"][0]), _holds(fitted, 0.0)),
+        "mixed model, Wald": (float(fitted["p_wald"][0]), float(wald)),
     }
 
 
 def _mixed_model_in_general(cube: xr.Dataset, seed: int) -> Outcome:
     data = compare(cube, contrasts=[PAIR])
-    found, fixed = mixed_model(data), mixed_model(data, scope="these instructions")
+    general, fixed = mixed_model(data), mixed_model(data, scope="these instructions")
     return {
-        "mixed model, instructions": (float(found["p"][0]), _holds(found, 0.0)),
+        "mixed model, instructions": (float(general["p"][0]), _holds(general, 0.0)),
         "mixed model, misread": (float(fixed["p"][0]), _holds(fixed, 0.0)),
     }
 
@@ -84,8 +84,8 @@ def _equivalence(cube: xr.Dataset, seed: int) -> Outcome:
     margin = 0.3
     moved = fisher_z(cube["rho"]) + margin * (cube["strategy"] == PAIR[0])
     cube = cube.assign(rho=moved.copy(data=np.tanh(moved.values)).assign_attrs(units="1"))
-    found = equivalence(compare(cube, contrasts=[PAIR]), margin=margin)
-    return {"equivalence": (float(found["p"][0]), _holds(found, margin))}
+    tested = equivalence(compare(cube, contrasts=[PAIR]), margin=margin)
+    return {"equivalence": (float(tested["p"][0]), _holds(tested, margin))}
 
 
 METHODS: Final[dict[str, Callable[[xr.Dataset, int], Outcome]]] = {
@@ -133,10 +133,10 @@ def calibration(
     outcomes: list[Outcome] = []
     for index in range(simulations):
         cubes = [simulated_scores(seed + index, these=these, **model) for these in (True, False)]
-        found: Outcome = {}
+        outcome: Outcome = {}
         for name in methods:
-            found |= METHODS[name](cubes[name in IN_GENERAL], seed + index)
-        outcomes.append(found)
+            outcome |= METHODS[name](cubes[name in IN_GENERAL], seed + index)
+        outcomes.append(outcome)
     attrs = {"alpha": alpha, "simulations": simulations, "seed": seed, **model}
     return _shares(outcomes, alpha).assign_attrs(attrs)
 
@@ -151,7 +151,7 @@ def interval_coverage(*, simulations: int = 200, seed: int = 0, **model: Any) ->
     """
     outcomes: list[Outcome] = []
     for index in range(simulations):
-        found: Outcome = {}
+        outcome: Outcome = {}
         for these in (True, False):
             cube = simulated_scores(seed + index, these=these, **model)
             data = paired(cube, *PAIR)
@@ -161,17 +161,17 @@ def interval_coverage(*, simulations: int = 200, seed: int = 0, **model: Any) ->
             fitted = fit_differences(table, scope, least=(2, 2))
             if not isinstance(fitted, str):
                 reach = float(t.ppf(0.975, fitted.freedom)) * fitted.error
-                found[label] = (np.nan, float(abs(fitted.estimate) <= reach))
+                outcome[label] = (np.nan, float(abs(fitted.estimate) <= reach))
             if not these:
                 continue
             n, values = len(data.values), data.values
             reach = float(t.ppf(0.975, n - 1)) * float(values.std(ddof=1)) / math.sqrt(n)
-            found["paired t"] = (np.nan, float(abs(values.mean()) <= reach))
+            outcome["paired t"] = (np.nan, float(abs(values.mean()) <= reach))
             cells = data.differences.transpose("volunteer", "instruction", "repetition", ...)
             drawn = replicates(cells.values, "mean", 500, seed + index)
             low, high = np.nanquantile(drawn, tails(n, 0.95, "expanded"))
-            found["bootstrap, expanded"] = (np.nan, float(low <= 0.0 <= high))
-        outcomes.append(found)
+            outcome["bootstrap, expanded"] = (np.nan, float(low <= 0.0 <= high))
+        outcomes.append(outcome)
     attrs = {"simulations": simulations, "seed": seed, **model}
     return _shares(outcomes, 0.05).assign_attrs(attrs)
 
@@ -193,6 +193,6 @@ def _shares(outcomes: Sequence[Outcome], alpha: float) -> xr.Dataset:
     return result
 
 
-def _holds(found: xr.Dataset, truth: float) -> float:
-    lower, upper = found["interval"].values[0]
+def _holds(tested: xr.Dataset, truth: float) -> float:
+    lower, upper = tested["interval"].values[0]
     return math.nan if math.isnan(lower) else float(lower <= truth <= upper)

@@ -49,13 +49,13 @@ def results() -> list[Trial]:
                             Trial.failed(*label, error, sigma_max=240e3, origin="simulated")
                         )
                         continue
-                    found = scores(seed)
+                    scored = scores(seed)
                     if label == ("v1", "A", 1, "act_all"):
-                        found["rho"][1] = np.nan
-                        found["amplitude_ratio"][1] = 0.0
-                        found["reason"][1] = "the simulated marker does not move"
+                        scored["rho"][1] = np.nan
+                        scored["amplitude_ratio"][1] = 0.0
+                        scored["reason"][1] = "the simulated marker does not move"
                     made.append(
-                        Trial(*label, found, sigma_max=300e3, steps=160, run_time=1.5 * seed)
+                        Trial(*label, scored, sigma_max=300e3, steps=160, run_time=1.5 * seed)
                     )
     return made
 

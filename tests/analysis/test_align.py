@@ -41,12 +41,12 @@ def test_overlap_correlation_against_a_loop() -> None:
     x, y = rng.normal(size=23) + 100.0, rng.normal(size=17) - 40.0
     lags, r, overlap, motion, variance = overlap_correlation(x, y)
     assert list(lags) == list(range(-16, 23))
-    for lag, found, count, part, var in zip(lags, r, overlap, motion, variance, strict=True):
+    for lag, correlation, count, part, var in zip(lags, r, overlap, motion, variance, strict=True):
         pairs = [(x[i], y[i - lag], i) for i in range(23) if 0 <= i - lag < 17]
         a, b = np.array([p[0] for p in pairs]), np.array([p[1] for p in pairs])
         assert count == len(pairs)
         if len(pairs) > 2:
-            assert found == pytest.approx(np.corrcoef(a, b)[0, 1], abs=1e-10)
+            assert correlation == pytest.approx(np.corrcoef(a, b)[0, 1], abs=1e-10)
             fractions = a.var() * len(a) / (x.var() * 23), b.var() * len(b) / (y.var() * 17)
             assert part == pytest.approx(min(fractions), rel=1e-9)
             assert var == pytest.approx(b.var(), rel=1e-9)
@@ -65,12 +65,12 @@ def test_a_marker_that_is_never_visible_is_named() -> None:
 @pytest.mark.parametrize("scaling", ["length", "search", "none"])
 def test_equal_trajectories_stay_as_they_are(course, scaling: str) -> None:
     data = trajectory(course, noise=5e-4)
-    found = align(data, data, scaling=scaling)
-    assert (float(found["shift"]), float(found["scale"]), int(found["sign"])) == (0.0, 1.0, 1)
-    assert float(found["overlap"]) == 1.0
-    assert int(found["shift_at_bound"]) == 0
-    np.testing.assert_allclose(found["position"], data["position"], atol=1e-15)
-    np.testing.assert_allclose(found["b_aligned"], found["b_simulated"], atol=1e-15)
+    aligned = align(data, data, scaling=scaling)
+    assert (float(aligned["shift"]), float(aligned["scale"]), int(aligned["sign"])) == (0.0, 1.0, 1)
+    assert float(aligned["overlap"]) == 1.0
+    assert int(aligned["shift_at_bound"]) == 0
+    np.testing.assert_allclose(aligned["position"], data["position"], atol=1e-15)
+    np.testing.assert_allclose(aligned["b_aligned"], aligned["b_simulated"], atol=1e-15)
 
 
 @COURSES
@@ -81,24 +81,24 @@ def test_shift_without_noise(course, shift: float) -> None:
     The remaining error is that of cubic interpolation at 100 Hz.
     """
     model = trajectory(course)
-    found = align(trajectory(course, shift=shift, dim="time_marker"), model)
-    assert float(found["shift"]) == pytest.approx(shift, abs=1e-5)
-    assert float(found["scale"]) == 1.0
-    gap = np.abs(found["position"] - model["position"]).max()
+    aligned = align(trajectory(course, shift=shift, dim="time_marker"), model)
+    assert float(aligned["shift"]) == pytest.approx(shift, abs=1e-5)
+    assert float(aligned["scale"]) == 1.0
+    gap = np.abs(aligned["position"] - model["position"]).max()
     assert float(gap) < 1e-5
-    covered = np.isfinite(found["position"]).all(["marker", "axis"])
-    assert float(found["overlap"]) == float(covered.mean())
-    assert float(found["overlap"]) == pytest.approx(1 - abs(shift) / DURATION, abs=1 / 80)
+    covered = np.isfinite(aligned["position"]).all(["marker", "axis"])
+    assert float(aligned["overlap"]) == float(covered.mean())
+    assert float(aligned["overlap"]) == pytest.approx(1 - abs(shift) / DURATION, abs=1 / 80)
 
 
 @COURSES
 @pytest.mark.parametrize(("shift", "scale"), [(-0.05, 1.1), (0.05, 0.9), (0.0, 1.2), (-0.1, 0.85)])
 def test_scale_without_noise(course, shift: float, scale: float) -> None:
     """Recovered to a thousandth; the error is due to the common low-pass at different speeds."""
-    found = align(trajectory(course, shift=shift, scale=scale), trajectory(course),
+    aligned = align(trajectory(course, shift=shift, scale=scale), trajectory(course),
                   scaling="search")  # fmt: skip
-    assert float(found["scale"]) == pytest.approx(scale, abs=1e-3)
-    assert float(found["shift"]) == pytest.approx(shift, abs=1e-3)
+    assert float(aligned["scale"]) == pytest.approx(scale, abs=1e-3)
+    assert float(aligned["shift"]) == pytest.approx(shift, abs=1e-3)
 
 
 @pytest.mark.slow
@@ -113,8 +113,8 @@ def test_shift_and_scale_under_noise_reach_the_cramer_rao_bound(course) -> None:
     errors = []
     for seed in range(count):
         data = trajectory(course, shift=shift, scale=scale, noise=noise, seed=seed)
-        found = align(data, model, scaling="search")
-        errors.append((float(found["scale"]) - scale, float(found["shift"]) - shift))
+        aligned = align(data, model, scaling="search")
+        errors.append((float(aligned["scale"]) - scale, float(aligned["shift"]) - shift))
     for error, bound in zip(np.array(errors).T, timing_bound(course, scale, shift, noise),
                             strict=True):  # fmt: skip
         assert error.std(ddof=1) < 1.4 * bound
@@ -162,8 +162,8 @@ def test_periodic_movement_takes_the_nearest_peak() -> None:
     for shift in (0.0, 0.03, -0.03):
         for seed in range(5):
             data = trajectory(wave, shift=shift, noise=5e-4, seed=seed)
-            found = align(data, trajectory(wave))
-            assert float(found["shift"]) == pytest.approx(shift, abs=0.01)
+            aligned = align(data, trajectory(wave))
+            assert float(aligned["shift"]) == pytest.approx(shift, abs=0.01)
 
 
 def test_length_is_normalised() -> None:
@@ -171,11 +171,11 @@ def test_length_is_normalised() -> None:
     model = trajectory()
     slow = trajectory(scale=0.5, shift=0.04, duration=2 * DURATION, count=401, dim="time_marker")
     slow = slow.isel(marker=slice(None, None, -1))
-    found = align(slow, model)
-    assert float(found["scale"]) == pytest.approx(0.5, rel=1e-12)
-    assert float(found["shift"]) == pytest.approx(0.04, abs=1e-4)
-    assert list(found["marker"].values) == list(model["marker"].values)
-    assert float(np.abs(found["position"] - model["position"]).max()) < 2e-5
+    aligned = align(slow, model)
+    assert float(aligned["scale"]) == pytest.approx(0.5, rel=1e-12)
+    assert float(aligned["shift"]) == pytest.approx(0.04, abs=1e-4)
+    assert list(aligned["marker"].values) == list(model["marker"].values)
+    assert float(np.abs(aligned["position"] - model["position"]).max()) < 2e-5
 
 
 def test_durations_within_a_period_are_not_stretched() -> None:
@@ -194,38 +194,38 @@ def test_uneven_simulated_time() -> None:
     """A simulation with halved steps keeps its instants."""
     keep = np.r_[0:60, 61:100:2, 100:160]
     model = trajectory().isel(time=keep)
-    found = align(trajectory(shift=0.06), model)
-    assert float(found["shift"]) == pytest.approx(0.06, abs=1e-4)
-    np.testing.assert_array_equal(found["time"], model["time"])
+    aligned = align(trajectory(shift=0.06), model)
+    assert float(aligned["shift"]) == pytest.approx(0.06, abs=1e-4)
+    np.testing.assert_array_equal(aligned["time"], model["time"])
 
 
 def test_whole_samples_on_request() -> None:
     model = trajectory()
-    found = align(trajectory(shift=0.083), model, subsample=False)
+    aligned = align(trajectory(shift=0.083), model, subsample=False)
     period = DURATION / 159
-    assert float(found["shift"]) == pytest.approx(round(0.083 / period) * period, abs=1e-12)
+    assert float(aligned["shift"]) == pytest.approx(round(0.083 / period) * period, abs=1e-12)
 
 
 def test_uncentred_on_request() -> None:
-    found = align(trajectory(shift=0.08), trajectory(), centred=False)
-    assert found.attrs["centred"] == 0
-    assert float(found["explained_variance_measured"]) > 0.97
-    assert float(found["shift"]) == pytest.approx(0.08, abs=0.02)
+    aligned = align(trajectory(shift=0.08), trajectory(), centred=False)
+    assert aligned.attrs["centred"] == 0
+    assert float(aligned["explained_variance_measured"]) > 0.97
+    assert float(aligned["shift"]) == pytest.approx(0.08, abs=0.02)
 
 
 def test_choices_and_identity_are_recorded() -> None:
     data = trajectory(origin="simulated", volunteer="v1", instruction="A", repetition=2)
     model = trajectory(strategy="act_3", origin="simulated")
-    found = align(data, model, scaling="search", max_shift=0.3)
-    assert found.attrs["origin"] == "simulated"
-    assert (found.attrs["volunteer"], found.attrs["repetition"]) == ("v1", 2)
-    assert found.attrs["strategy"] == "act_3"
-    assert (found.attrs["scaling"], found.attrs["max_shift"]) == ("search", 0.3)
-    assert all("units" in found[name].attrs for name in found.data_vars)
+    aligned = align(data, model, scaling="search", max_shift=0.3)
+    assert aligned.attrs["origin"] == "simulated"
+    assert (aligned.attrs["volunteer"], aligned.attrs["repetition"]) == ("v1", 2)
+    assert aligned.attrs["strategy"] == "act_3"
+    assert (aligned.attrs["scaling"], aligned.attrs["max_shift"]) == ("search", 0.3)
+    assert all("units" in aligned[name].attrs for name in aligned.data_vars)
 
 
 def test_result_survives_netcdf(tmp_path) -> None:
-    found = align(trajectory(shift=0.05), trajectory())
-    found.to_netcdf(tmp_path / "aligned.nc")
+    aligned = align(trajectory(shift=0.05), trajectory())
+    aligned.to_netcdf(tmp_path / "aligned.nc")
     with xr.open_dataset(tmp_path / "aligned.nc") as again:
-        xr.testing.assert_equal(again.load(), found)
+        xr.testing.assert_equal(again.load(), aligned)

@@ -16,9 +16,9 @@ COURSES = pytest.mark.parametrize("course", [once, there_and_back])
 
 def test_bound_on_the_shift() -> None:
     """The true shift is outside; the nearest allowed one is selected and flagged."""
-    found = align(trajectory(shift=0.2), trajectory(), max_shift=0.1)
-    assert abs(float(found["shift"])) <= 0.1
-    assert int(found["shift_at_bound"]) == 1
+    aligned = align(trajectory(shift=0.2), trajectory(), max_shift=0.1)
+    assert abs(float(aligned["shift"])) <= 0.1
+    assert int(aligned["shift_at_bound"]) == 1
     assert float(align(trajectory(shift=0.2), trajectory(), max_shift=0.0)["shift"]) == 0.0
 
 
@@ -27,8 +27,10 @@ def test_bound_on_the_shift() -> None:
 def test_a_shift_beyond_the_overlap_is_flagged(sign: str, shift: float) -> None:
     """The allowed shifts contain smaller peaks, of which that of the mirror image is -0.75."""
     for one in (shift, -shift):
-        found = align(trajectory(there_and_back, shift=one), trajectory(there_and_back), sign=sign)
-        assert int(found["shift_at_bound"]) == 1
+        aligned = align(
+            trajectory(there_and_back, shift=one), trajectory(there_and_back), sign=sign
+        )
+        assert int(aligned["shift_at_bound"]) == 1
         inside = np.sign(one) * (shift - 0.41)
         near = align(
             trajectory(there_and_back, shift=inside), trajectory(there_and_back), sign=sign
@@ -38,9 +40,9 @@ def test_a_shift_beyond_the_overlap_is_flagged(sign: str, shift: float) -> None:
 
 def test_burst_shifted_out_of_the_overlap_is_a_weak_match() -> None:
     """With less than half of the motion, shifts cannot be distinguished."""
-    found = align(trajectory(shift=0.8), trajectory())
-    assert float(found["b_correlation"]) < 0.7
-    assert int(found["weak_match"]) == 1
+    aligned = align(trajectory(shift=0.8), trajectory())
+    assert float(aligned["b_correlation"]) < 0.7
+    assert int(aligned["weak_match"]) == 1
     assert int(align(trajectory(shift=0.3), trajectory())["weak_match"]) == 0
 
 
@@ -48,16 +50,16 @@ def test_burst_shifted_out_of_the_overlap_is_a_weak_match() -> None:
 def test_noise_raises_no_flags(course) -> None:
     model = trajectory(course)
     for seed in range(10):
-        found = align(trajectory(course, shift=0.1, noise=5e-4, seed=seed), model)
-        assert flags_of(found) == []
+        aligned = align(trajectory(course, shift=0.1, noise=5e-4, seed=seed), model)
+        assert flags_of(aligned) == []
 
 
 def test_a_stretch_outside_the_range_is_flagged() -> None:
     """A quarter of a second is stretched by 6.4; a search ends at its bound."""
     short = trajectory(duration=0.25, count=26, scale=6.4)
-    found = align(short, trajectory())
-    assert float(found["scale"]) == pytest.approx(6.4)
-    assert int(found["scale_at_bound"]) == 1
+    aligned = align(short, trajectory())
+    assert float(aligned["scale"]) == pytest.approx(6.4)
+    assert int(aligned["scale_at_bound"]) == 1
     searched = align(trajectory(scale=1.5), trajectory(), scaling="search")
     assert int(searched["scale_at_bound"]) == 1
     for scale in (0.9, 1.0, 1.15):
@@ -73,27 +75,27 @@ def test_invisible_ends_are_omitted_and_do_not_change_the_stretch(
     """One marker is not visible for an eighth of the trial; shift and scale are unaffected."""
     model, data = trajectory(), trajectory(shift=shift, dim="time_marker")
     data["position"].values[4, :, lost] = np.nan
-    found = align(data, model)
-    assert float(found["scale"]) == 1.0
-    assert float(found["shift"]) == pytest.approx(shift, abs=1e-4)
+    aligned = align(data, model)
+    assert float(aligned["scale"]) == 1.0
+    assert float(aligned["shift"]) == pytest.approx(shift, abs=1e-4)
     period = DURATION / 159
-    assert float(found["unseen_ends"]) == pytest.approx(20 * period, rel=1e-9)
-    covered = np.isfinite(found["position"]).all(["marker", "axis"])
-    assert float(found["overlap"]) == float(covered.mean()) < 0.9
-    np.testing.assert_allclose(score(found, model)["rho"], 1.0, atol=1e-5)
+    assert float(aligned["unseen_ends"]) == pytest.approx(20 * period, rel=1e-9)
+    covered = np.isfinite(aligned["position"]).all(["marker", "axis"])
+    assert float(aligned["overlap"]) == float(covered.mean()) < 0.9
+    np.testing.assert_allclose(score(aligned, model)["rho"], 1.0, atol=1e-5)
     whole = align(trajectory(shift=shift), model)
     both = covered & np.isfinite(whole["position"]).all(["marker", "axis"])
-    gap = (found["position"] - whole["position"]).where(both)
+    gap = (aligned["position"] - whole["position"]).where(both)
     assert float(abs(gap).max()) < 1e-5
-    assert flags_of(found) == []
+    assert flags_of(aligned) == []
 
 
 def test_a_small_overlap_is_flagged() -> None:
     data = trajectory()
     data["position"].values[:, :, 110:] = np.nan
-    found = align(data, trajectory())
-    assert float(found["overlap"]) == pytest.approx(110 / 160, abs=1 / 160)
-    assert flags_of(found) == ["little_overlap"]
+    aligned = align(data, trajectory())
+    assert float(aligned["overlap"]) == pytest.approx(110 / 160, abs=1 / 160)
+    assert flags_of(aligned) == ["little_overlap"]
 
 
 def test_small_overlap_cannot_win() -> None:
@@ -107,9 +109,9 @@ def test_small_overlap_cannot_win() -> None:
     data = trajectory(lambda own: np.interp(own, t, tail))
     lags, r, *_ = overlap_correlation(head, tail)
     assert r[lags == -130] == pytest.approx(1.0, abs=1e-9)  # correlation of the short overlap
-    found = align(data, model)
-    assert float(found["overlap"]) >= 0.74
-    assert abs(float(found["shift"])) <= 0.26 * DURATION
+    aligned = align(data, model)
+    assert float(aligned["overlap"]) >= 0.74
+    assert abs(float(aligned["shift"])) <= 0.26 * DURATION
 
 
 def still(data: xr.Dataset) -> xr.Dataset:

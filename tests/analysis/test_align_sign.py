@@ -17,14 +17,14 @@ def test_mirrored_movement_under_both_rules() -> None:
     In both cases the disagreement is flagged, and the cosine is returned.
     """
     model = trajectory(amplitude=-5e-3)
-    found = align(trajectory(shift=0.08), model, sign="correlation")
-    assert float(found["shift"]) == pytest.approx(0.08, abs=1e-3)
-    assert float(found["b_correlation"]) > 0.999
-    assert float(found["direction_cosine"]) < -0.9
+    aligned = align(trajectory(shift=0.08), model, sign="correlation")
+    assert float(aligned["shift"]) == pytest.approx(0.08, abs=1e-3)
+    assert float(aligned["b_correlation"]) > 0.999
+    assert float(aligned["direction_cosine"]) < -0.9
     kept = align(trajectory(shift=0.08), model)
     assert float(kept["direction_cosine"]) > 0.9
     assert float(kept["b_correlation"]) < 0.9
-    assert int(found["sign_disagrees"]) == int(kept["sign_disagrees"]) == 1
+    assert int(aligned["sign_disagrees"]) == int(kept["sign_disagrees"]) == 1
     same = align(trajectory(shift=0.08), trajectory())
     assert float(same["direction_cosine"]) > 0.9
     assert (int(same["sign_disagrees"]), int(same["sign_by_direction"])) == (0, 1)
@@ -48,13 +48,13 @@ def test_left_right_left_matches_itself_and_not_its_mirror(noise: float) -> None
     """
     model = trajectory(lobes(0.5, 1.0, 1.0))
     data = trajectory(lobes(1.0, 1.0, 0.5), noise=noise)
-    found = align(data, model)
-    assert abs(float(found["shift"])) < 0.05
-    assert float(score(found, model)["rho"].median()) > 0.7
-    assert (int(found["sign_disagrees"]), int(found["sign_by_direction"])) == (1, 1)
+    aligned = align(data, model)
+    assert abs(float(aligned["shift"])) < 0.05
+    assert float(score(aligned, model)["rho"].median()) > 0.7
+    assert (int(aligned["sign_disagrees"]), int(aligned["sign_by_direction"])) == (1, 1)
     mirrored = align(data, model, sign="correlation")
     assert abs(float(mirrored["shift"])) == pytest.approx(0.4, abs=0.02)
-    assert float(mirrored["b_correlation"]) > float(found["b_correlation"])
+    assert float(mirrored["b_correlation"]) > float(aligned["b_correlation"])
     assert float(score(mirrored, model)["rho"].median()) < -0.7
     assert (int(mirrored["sign_disagrees"]), int(mirrored["sign_by_direction"])) == (1, 0)
     assert mirrored.attrs["sign_by"] == "correlation"
@@ -64,9 +64,9 @@ def test_time_reversed_movement_keeps_its_direction() -> None:
     """The direction of a reversed movement is the same, so that the signs agree."""
     data, model = trajectory(), trajectory()
     backwards = data.isel(time=slice(None, None, -1)).assign_coords(time=data["time"])
-    found = align(backwards, model)
-    assert float(found["direction_cosine"]) > 0.9
-    assert (int(found["sign_disagrees"]), int(found["sign_by_direction"])) == (0, 1)
+    aligned = align(backwards, model)
+    assert float(aligned["direction_cosine"]) > 0.9
+    assert (int(aligned["sign_disagrees"]), int(aligned["sign_by_direction"])) == (0, 1)
 
 
 def test_unrelated_directions_leave_the_sign_to_the_correlation() -> None:
@@ -99,9 +99,9 @@ def test_clear_cosine_is_the_point_of_five_per_cent_in_six_dimensions() -> None:
 
 def test_sign_resolves_half_a_period() -> None:
     """Left-right-left shifted by little must not match right-left at half a period."""
-    found = align(trajectory(there_and_back, shift=0.05, noise=1e-3), trajectory(there_and_back))
-    assert float(found["shift"]) == pytest.approx(0.05, abs=0.02)
-    assert float(found["direction_cosine"]) > 0.9
+    aligned = align(trajectory(there_and_back, shift=0.05, noise=1e-3), trajectory(there_and_back))
+    assert float(aligned["shift"]) == pytest.approx(0.05, abs=0.02)
+    assert float(aligned["direction_cosine"]) > 0.9
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -119,8 +119,8 @@ def test_a_match_of_negative_correlation_does_not_depend_on_rounding(seed: int) 
         return -np.tanh(3.0 * (t - 0.7)) + 0.3 * np.cos(9.0 * t)
 
     data, model = trajectory(rising), trajectory(falling)
-    found = align(data, model, max_shift=0.2)
-    assert int(found["sign_by_direction"]) == 1 and float(found["b_correlation"]) < 0.0
+    aligned = align(data, model, max_shift=0.2)
+    assert int(aligned["sign_by_direction"]) == 1 and float(aligned["b_correlation"]) < 0.0
     turn = Rotation.random(random_state=seed).as_matrix()
     turned = [
         each.assign(
@@ -131,8 +131,8 @@ def test_a_match_of_negative_correlation_does_not_depend_on_rounding(seed: int) 
         for each in (data, model)
     ]
     again = align(*turned, max_shift=0.2)
-    assert float(again["shift"]) == pytest.approx(float(found["shift"]), abs=1e-6)
+    assert float(again["shift"]) == pytest.approx(float(aligned["shift"]), abs=1e-6)
     tried = [
         float(align(data, model, max_shift=bound)["b_correlation"]) for bound in (0.0, 0.05, 0.1)
     ]
-    assert float(found["b_correlation"]) >= max(tried) - 1e-9
+    assert float(aligned["b_correlation"]) >= max(tried) - 1e-9

@@ -30,9 +30,9 @@ EXACT = {"sign_flip"}
 def functions(parameter: str):
     """Public functions of the tests with a parameter."""
     for module in pkgutil.iter_modules(analysis.statistics.__path__):
-        found = importlib.import_module(f"analysis.statistics.{module.name}")
-        for name, value in vars(found).items():
-            if not (inspect.isfunction(value) and value.__module__ == found.__name__):
+        statistics = importlib.import_module(f"analysis.statistics.{module.name}")
+        for name, value in vars(statistics).items():
+            if not (inspect.isfunction(value) and value.__module__ == statistics.__name__):
                 continue
             names = list(inspect.signature(value).parameters)
             if parameter in names and names[0] in FIRST and not name.startswith("_"):

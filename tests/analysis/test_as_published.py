@@ -14,13 +14,13 @@ from analysis.statistics.simulated import simulated_scores
 def test_two_strategies_have_the_f_of_the_paired_t_test() -> None:
     cube = simulated_scores(3, volunteers=8, instructions=4)
     cube = cube.isel(strategy=[0, 1])
-    found = repeated_measures(cube)
+    table = repeated_measures(cube)
     z = fisher_z(cube["rho"]).mean(["repetition", "marker", "instruction"])
     t = stats.ttest_rel(*z.transpose("strategy", "volunteer").values)
-    assert found.loc["strategy", "F"] == pytest.approx(t.statistic**2)
-    assert found.loc["strategy", "p"] == pytest.approx(t.pvalue)
-    assert found["df"].tolist() == [1, 3, 3] and found["df_error"].tolist() == [7, 21, 21]
-    assert (found["p_holm"] >= found["p"]).all()
+    assert table.loc["strategy", "F"] == pytest.approx(t.statistic**2)
+    assert table.loc["strategy", "p"] == pytest.approx(t.pvalue)
+    assert table["df"].tolist() == [1, 3, 3] and table["df_error"].tolist() == [7, 21, 21]
+    assert (table["p_holm"] >= table["p"]).all()
 
 
 def test_volunteers_without_a_cell_are_left_out() -> None:

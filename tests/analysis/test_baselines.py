@@ -66,8 +66,8 @@ def common_and_own(rng, count: int, q: float, n: int = 20_000) -> np.ndarray:
 @pytest.mark.parametrize("others", [1, 3, 8])
 def test_template_of_more_people_correlates_better(q: float, others: int) -> None:
     series = common_and_own(np.random.default_rng(1), others + 1, q)
-    found = np.corrcoef(series[0], series[1:].mean(axis=0))[0, 1]
-    assert template_correlation(q, others) == pytest.approx(found, abs=0.02)
+    correlation = np.corrcoef(series[0], series[1:].mean(axis=0))[0, 1]
+    assert template_correlation(q, others) == pytest.approx(correlation, abs=0.02)
 
 
 @pytest.mark.parametrize("q", [0.2, 0.7, 0.95])
@@ -90,8 +90,8 @@ def test_ceiling_from_noisy_repetitions_of_a_motion() -> None:
 
 def test_skill_between_template_and_ceiling() -> None:
     rho = np.array([0.90, 0.95, 0.97, 1.00, 0.85])
-    found = skill_of(rho, np.full(5, 0.90), np.full(5, 0.97))
-    np.testing.assert_allclose(found, [0, 5 / 7, 1, 10 / 7, -5 / 7])
+    skill = skill_of(rho, np.full(5, 0.90), np.full(5, 0.97))
+    np.testing.assert_allclose(skill, [0, 5 / 7, 1, 10 / 7, -5 / 7])
     assert np.isnan(skill_of(*np.array([[0.9], [0.95], [0.95]]))).all()
     assert np.isnan(skill_of(*np.array([[0.9], [0.95], [0.94]]))).all()
 
@@ -142,20 +142,20 @@ def test_a_cube_with_baselines_keeps_its_scores_and_gives_the_reason_of_missing_
     added["template_rho"][0, 0, 0] = np.nan
     added["ceiling"][0, 0, 1] = np.nan
     added["ceiling"][0, 1, 0] = 0.4
-    found = with_baselines(data, added)
-    xr.testing.assert_identical(found[list(data.data_vars)], data)
-    assert {*found.data_vars} == {*data.data_vars, *VARIABLES, "skill_reason"}
-    why = found["skill_reason"]
+    extended = with_baselines(data, added)
+    xr.testing.assert_identical(extended[list(data.data_vars)], data)
+    assert {*extended.data_vars} == {*data.data_vars, *VARIABLES, "skill_reason"}
+    why = extended["skill_reason"]
     assert set(why.values[0, 0, 0]) == {"no other volunteer"}
     assert why.values[0, 0, 1].tolist() == ["no other repetition"] * 3
     assert why.values[0, 1, 0].tolist() == ["ceiling not above the template"] * 3
     lost = data["status"] != "ok"
     assert set(why.values[lost.values]) == {"rho is undefined"}
-    assert ((why == "") == np.isfinite(found["skill"])).all()
+    assert ((why == "") == np.isfinite(extended["skill"])).all()
     rho = data["rho"].sel(volunteer="v2", instruction="B", repetition=1, strategy="act_3")
-    one = found["skill"].sel(volunteer="v2", instruction="B", repetition=1, strategy="act_3")
+    one = extended["skill"].sel(volunteer="v2", instruction="B", repetition=1, strategy="act_3")
     assert float(one) == pytest.approx((float(rho.mean()) - 0.5) / 0.4)
-    assert has_baselines(found) and not has_baselines(data)
+    assert has_baselines(extended) and not has_baselines(data)
 
 
 def test_skill_compares_the_same_markers() -> None:
@@ -163,9 +163,9 @@ def test_skill_compares_the_same_markers() -> None:
     data = cube()
     added = filled(data, template_rho=0.5, ceiling=0.9, template_volunteers=np.inf)
     added["template_rho"][..., 1] = -1.0
-    found = with_baselines(data, added)["skill"].values[0, 0, 0, 0]  # its marker 1 has no rho
+    extended = with_baselines(data, added)["skill"].values[0, 0, 0, 0]  # its marker 1 has no rho
     rho = data["rho"].values[0, 0, 0, 0, [0, 2]].mean()
-    assert found == pytest.approx((rho - 0.5) / 0.4)
+    assert extended == pytest.approx((rho - 0.5) / 0.4)
 
 
 def test_unknown_baselines_are_refused() -> None:

@@ -32,18 +32,20 @@ def test_error_of_repetitions_within_volunteers() -> None:
 
 def test_median_of_pairs_and_bounds() -> None:
     cube = fail(simulated_scores(3, effects=(0.0, 0.5, 0.5)), volunteer="v1", repetition=1)
-    found = hierarchical_bootstrap(compare(cube, scale="raw"), draws=300, seed=8)
+    tested = hierarchical_bootstrap(compare(cube, scale="raw"), draws=300, seed=8)
     pairs = cube["rho"].sel(strategy="act_3") - cube["rho"].sel(strategy="act_all")
-    assert float(found["estimate"][0]) == pytest.approx(float(pairs.median()))
+    assert float(tested["estimate"][0]) == pytest.approx(float(pairs.median()))
     cells = pairs.transpose("volunteer", "instruction", "repetition", "marker").values
     drawn = replicates(cells, "median", 300, 8)
-    np.testing.assert_allclose(found["interval"][0], np.quantile(drawn, tails(6, 0.95, "expanded")))
-    assert np.isnan(found["p"]).all()
+    np.testing.assert_allclose(
+        tested["interval"][0], np.quantile(drawn, tails(6, 0.95, "expanded"))
+    )
+    assert np.isnan(tested["p"]).all()
     again = hierarchical_bootstrap(compare(cube, scale="raw"), draws=300, seed=8)
-    assert again.identical(found)
+    assert again.identical(tested)
     assert not hierarchical_bootstrap(compare(cube, scale="raw"), draws=300, seed=9)[
         "interval"
-    ].equals(found["interval"])
+    ].equals(tested["interval"])
 
 
 def test_expanded_tails() -> None:
@@ -56,11 +58,11 @@ def test_expanded_tails() -> None:
 
 
 def test_draws_without_pairs_are_omitted() -> None:
-    found = hierarchical_bootstrap(
+    tested = hierarchical_bootstrap(
         compare(of_differences([0.1, 0.2, 0.4, 0.3, 0.2, np.nan]), scale="raw"), draws=500
     )
-    assert int(found["n"][0]) == 5
-    assert np.isfinite(found["interval"]).all()
+    assert int(tested["n"][0]) == 5
+    assert np.isfinite(tested["interval"]).all()
 
 
 def test_impossible_options() -> None:

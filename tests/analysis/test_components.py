@@ -21,34 +21,36 @@ def test_equation_9_first_component_is_leading_eigenvector_of_the_covariance() -
     X = columns(data)
     X = X - X.mean(axis=1, keepdims=True)
     values, vectors = np.linalg.eigh(X @ X.T)
-    found = principal_component(data)
-    u = found["u"].values.ravel()
+    component = principal_component(data)
+    u = component["u"].values.ravel()
     assert abs(u @ vectors[:, -1]) == pytest.approx(1.0, abs=1e-12)
-    assert float(found["explained_variance"]) == pytest.approx(values[-1] / values.sum(), rel=1e-12)
+    assert float(component["explained_variance"]) == pytest.approx(
+        values[-1] / values.sum(), rel=1e-12
+    )
 
 
 def test_equation_10_coefficients_are_projections_on_the_first_component() -> None:
     """Check b = u_1^T X sample by sample; the variance of b is sigma_1^2."""
     data = trajectory(there_and_back, noise=3e-4)
     X = columns(data)
-    found = principal_component(data)
-    u, mean = found["u"].values.ravel(), X.mean(axis=1)
+    component = principal_component(data)
+    u, mean = component["u"].values.ravel(), X.mean(axis=1)
     expected = [sum(u[i] * (X[i, t] - mean[i]) for i in range(30)) for t in range(X.shape[1])]
-    np.testing.assert_allclose(found["b"], expected, atol=1e-15)
+    np.testing.assert_allclose(component["b"], expected, atol=1e-15)
     sigma = np.linalg.svd(X - mean[:, None], compute_uv=False)
-    assert float((found["b"] ** 2).sum()) == pytest.approx(sigma[0] ** 2, rel=1e-12)
-    assert found["b"].attrs["units"] == "m"
+    assert float((component["b"] ** 2).sum()) == pytest.approx(sigma[0] ** 2, rel=1e-12)
+    assert component["b"].attrs["units"] == "m"
 
 
 def test_uncentred_component_is_the_posture() -> None:
     """Without centring u_1 is approximately the mean posture, with nearly all of the 'variance'."""
     data = trajectory(there_and_back)
     X = columns(data)
-    found = principal_component(data, centred=False)
+    component = principal_component(data, centred=False)
     posture = X.mean(axis=1) / np.linalg.norm(X.mean(axis=1))
-    assert abs(found["u"].values.ravel() @ posture) > 0.99
-    assert float(found["explained_variance"]) > 0.97
-    np.testing.assert_allclose(found["b"], found["u"].values.ravel() @ X, rtol=1e-12)
+    assert abs(component["u"].values.ravel() @ posture) > 0.99
+    assert float(component["explained_variance"]) > 0.97
+    np.testing.assert_allclose(component["b"], component["u"].values.ravel() @ X, rtol=1e-12)
 
 
 def test_sign_is_deterministic() -> None:

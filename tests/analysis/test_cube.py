@@ -16,14 +16,14 @@ from analysis.trial import Trial
 
 
 def test_every_combination_has_a_status() -> None:
-    found = cube()
-    assert found["status"].dims == TRIAL_DIMS
-    assert found["rho"].dims == MARKER_DIMS
-    assert found["status"].size == 24
+    scored = cube()
+    assert scored["status"].dims == TRIAL_DIMS
+    assert scored["rho"].dims == MARKER_DIMS
+    assert scored["status"].size == 24
     given_in = {(t.volunteer, t.instruction, t.repetition, t.strategy): t for t in results()}
-    labels = (found[dim].values.tolist() for dim in TRIAL_DIMS)
+    labels = (scored[dim].values.tolist() for dim in TRIAL_DIMS)
     for label in itertools.product(*labels):
-        cell = found.sel(dict(zip(TRIAL_DIMS, label, strict=True)))
+        cell = scored.sel(dict(zip(TRIAL_DIMS, label, strict=True)))
         trial = given_in.get(label)
         if trial is None:
             assert str(cell["status"].values) == "missing"
@@ -49,33 +49,33 @@ def test_undefined_marker_keeps_its_reason() -> None:
 
 
 def test_expected_labels_without_result_are_missing() -> None:
-    found = build_cube(
+    scored = build_cube(
         [Trial("v1", "A", 1, "act_3", scores(0))],
         volunteers=["v1", "v2", "v3"],
         instructions=list("ABCDEF"),
         repetitions=[1, 2, 3, 4],
         strategies=["act_all", "act_3", "act_rel"],
     )
-    assert found["status"].size == 216
-    assert int((found["status"] == "missing").sum()) == 215
-    assert [int(c.iloc[0]) for _, c in counts(found, by=()).items()] == [216, 1, 0, 0, 215, 3, 0]
+    assert scored["status"].size == 216
+    assert int((scored["status"] == "missing").sum()) == 215
+    assert [int(c.iloc[0]) for _, c in counts(scored, by=()).items()] == [216, 1, 0, 0, 215, 3, 0]
 
 
 def test_all_failed_is_still_a_cube() -> None:
     error = Inverted("element 7 inverted")
-    found = build_cube(
+    scored = build_cube(
         [Trial.failed("v1", "A", 1, "act_3", error)], markers=MARKERS, origin="measured"
     )
-    assert found.attrs["origin"] == "measured"
-    assert np.isnan(found["rho"]).all()
-    table = descriptives(found)
+    assert scored.attrs["origin"] == "measured"
+    assert np.isnan(scored["rho"]).all()
+    table = descriptives(scored)
     assert int(table["n_failed"].sum()) == 3
     assert np.isnan(table["median"]).all()
 
 
 def test_trials_lists_all_with_status() -> None:
-    found = cube()
-    table = trials(found)
+    scored = cube()
+    table = trials(scored)
     assert len(table) == 24
     assert table["status"].value_counts().to_dict() == {
         "ok": 19,
@@ -83,7 +83,7 @@ def test_trials_lists_all_with_status() -> None:
         "missing": 2,
     }
     for row in table.itertuples():
-        cell = found.sel({dim: getattr(row, dim) for dim in TRIAL_DIMS})
+        cell = scored.sel({dim: getattr(row, dim) for dim in TRIAL_DIMS})
         assert str(cell["status"].values) == row.status
         if row.n_defined:
             assert row.median_rho == np.nanmedian(cell["rho"])
@@ -124,16 +124,16 @@ def test_order_of_results_does_not_matter() -> None:
 
 def test_markers_are_matched_by_name() -> None:
     first, second = scores(1), scores(2).isel(marker=[2, 0, 1])
-    found = build_cube([Trial("v1", "A", 1, "s", first), Trial("v1", "A", 2, "s", second)])
-    cell = found["rho"].sel(repetition=2, marker="corner_left").item()
+    scored = build_cube([Trial("v1", "A", 1, "s", first), Trial("v1", "A", 2, "s", second)])
+    cell = scored["rho"].sel(repetition=2, marker="corner_left").item()
     assert cell == float(second["rho"].sel(marker="corner_left"))
 
 
 def test_cube_survives_netcdf(tmp_path) -> None:
-    found = cube()
-    found.to_netcdf(tmp_path / "cube.nc")
+    scored = cube()
+    scored.to_netcdf(tmp_path / "cube.nc")
     with xr.open_dataset(tmp_path / "cube.nc") as again:
-        xr.testing.assert_equal(again.load(), found)
+        xr.testing.assert_equal(again.load(), scored)
 
 
 def test_cube_meets_the_schema(root) -> None:
@@ -141,14 +141,14 @@ def test_cube_meets_the_schema(root) -> None:
     import json
 
     declared = json.loads((root / "data_schema" / "cube.json").read_text())
-    found = cube()
+    scored = cube()
     of_the_study = {"recording", "recording_digest"}  # attributes of studies only
     assert of_the_study < set(declared["variables"])
     for name, variable in declared["variables"].items():
-        if name in of_the_study or (name not in found and variable.get("required") is False):
+        if name in of_the_study or (name not in scored and variable.get("required") is False):
             continue
-        assert list(found[name].dims) == variable["dims"], name
-        assert found[name].attrs.get("units") == variable["units"], name
+        assert list(scored[name].dims) == variable["dims"], name
+        assert scored[name].attrs.get("units") == variable["units"], name
 
 
 def second(**options) -> list[Trial]:
@@ -157,13 +157,13 @@ def second(**options) -> list[Trial]:
 
 
 def without_origin() -> xr.Dataset:
-    found = scores(1)
-    del found.attrs["origin"]
-    return found
+    scored = scores(1)
+    del scored.attrs["origin"]
+    return scored
 
 
-def only(found: xr.Dataset) -> list[Trial]:
-    return [Trial("v1", "A", 1, "s", found)]
+def only(scored: xr.Dataset) -> list[Trial]:
+    return [Trial("v1", "A", 1, "s", scored)]
 
 
 @pytest.mark.parametrize(
@@ -208,8 +208,8 @@ def test_the_cube_says_where_full_order_replaced_a_reduced_face() -> None:
         Trial("V1", "A", k, "act_all", scores(k), reduced=value)
         for k, value in enumerate((1.0, 0.0, np.nan), 1)
     ]
-    found = build_cube(given_in)["reduced"].values.ravel()
-    np.testing.assert_array_equal(found, [1.0, 0.0, np.nan])
+    reduced = build_cube(given_in)["reduced"].values.ravel()
+    np.testing.assert_array_equal(reduced, [1.0, 0.0, np.nan])
 
 
 def test_a_trial_whose_error_exceeds_a_tenth_of_its_motion_is_flagged() -> None:
@@ -226,12 +226,12 @@ def test_a_trial_whose_error_exceeds_a_tenth_of_its_motion_is_flagged() -> None:
         )
         for (volunteer, repetition), (error, motion) in errors.items()
     ]
-    found = build_cube(given_in)
+    scored = build_cube(given_in)
     for (volunteer, repetition), raised in {("V1", 1): 0.0, ("V1", 2): 1.0}.items():
-        cell = found.sel(volunteer=volunteer, repetition=repetition)
+        cell = scored.sel(volunteer=volunteer, repetition=repetition)
         assert cell["inaccurate"].item() == raised
         assert cell["motion"].item() == 3e-3
-    assert np.isnan(found["inaccurate"].sel(volunteer="V2", repetition=1).item())
-    listed = trials(found)
+    assert np.isnan(scored["inaccurate"].sel(volunteer="V2", repetition=1).item())
+    listed = trials(scored)
     flagged = listed[listed["flags"] == "inaccurate"]
     assert flagged[["volunteer", "repetition"]].values.tolist() == [["V1", 2]]

@@ -28,11 +28,11 @@ GROUPINGS = [
 def test_against_pandas(by: tuple[str, ...], variable: str) -> None:
     """Same numbers as a long table grouped by hand; the counts fill every group."""
     data = cube()
-    found = descriptives(data, by=by, variable=variable)
+    rows = descriptives(data, by=by, variable=variable)
     table = xr.merge([data[[variable]], data["status"]]).to_dataframe().reset_index()
     labels = [data[dim].values.tolist() for dim in by]
     for label in itertools.product(*labels):
-        group, cell = table, found
+        group, cell = table, rows
         for dim, value in zip(by, label, strict=True):
             group = group[group[dim] == value]
             cell = cell.sel({dim: value})
@@ -58,29 +58,29 @@ def test_by_hand() -> None:
         coords={"marker": list("abcd")},
         attrs={"origin": "measured"},
     )
-    found = descriptives(build_cube([Trial("v", "A", 1, "s", scores)]), by=())
-    assert float(found["median"]) == pytest.approx(0.5)
-    assert float(found["mean"]) == pytest.approx(0.4)
-    assert float(found["standard_deviation"]) == pytest.approx(np.sqrt(0.38 / 3))
-    assert int(found["n"]) == 4
+    table = descriptives(build_cube([Trial("v", "A", 1, "s", scores)]), by=())
+    assert float(table["median"]) == pytest.approx(0.5)
+    assert float(table["mean"]) == pytest.approx(0.4)
+    assert float(table["standard_deviation"]) == pytest.approx(np.sqrt(0.38 / 3))
+    assert int(table["n"]) == 4
 
 
 def test_one_value_has_no_standard_deviation() -> None:
-    found = descriptives(cube(), by=MARKER_DIMS)
-    assert np.isnan(found["standard_deviation"]).all()
-    assert int(np.isfinite(found["median"]).sum()) == 56
+    table = descriptives(cube(), by=MARKER_DIMS)
+    assert np.isnan(table["standard_deviation"]).all()
+    assert int(np.isfinite(table["median"]).sum()) == 56
 
 
 def test_variable_per_trial() -> None:
-    found = descriptives(cube(), variable="run_time")
-    assert list(found["n"].values) == [5, 7, 7]
-    assert found["median"].attrs["units"] == "s"
+    table = descriptives(cube(), variable="run_time")
+    assert list(table["n"].values) == [5, 7, 7]
+    assert table["median"].attrs["units"] == "s"
 
 
 def test_origin_and_units_are_kept() -> None:
-    found = descriptives(cube(), variable="rmse")
-    assert found.attrs["origin"] == "simulated"
-    assert found["mean"].attrs["units"] == "m"
+    table = descriptives(cube(), variable="rmse")
+    assert table.attrs["origin"] == "simulated"
+    assert table["mean"].attrs["units"] == "m"
 
 
 @pytest.mark.parametrize(

@@ -14,14 +14,14 @@ VALUES = [0.05, -0.1, 0.12, 0.02, -0.04, 0.08]
 
 @pytest.mark.parametrize("margin", [0.05, 0.1, 0.3])
 def test_against_statsmodels(margin: float) -> None:
-    found = equivalence(compare(of_differences(VALUES)), margin=margin)
+    tested = equivalence(compare(of_differences(VALUES)), margin=margin)
     p, above, below = ttost_paired(np.array(VALUES), np.zeros(6), -margin, margin)
-    assert float(found["p"][0]) == pytest.approx(p, rel=1e-9)
-    assert float(found["p_above"][0]) == pytest.approx(above[1], rel=1e-9)
-    assert float(found["p_below"][0]) == pytest.approx(below[1], rel=1e-9)
-    lower, upper = found["interval"].values[0]
+    assert float(tested["p"][0]) == pytest.approx(p, rel=1e-9)
+    assert float(tested["p_above"][0]) == pytest.approx(above[1], rel=1e-9)
+    assert float(tested["p_below"][0]) == pytest.approx(below[1], rel=1e-9)
+    lower, upper = tested["interval"].values[0]
     inside = -margin < lower and upper < margin
-    assert inside == (p < 0.05) == ("b - a: equivalent within" in found.attrs["sentence"])
+    assert inside == (p < 0.05) == ("b - a: equivalent within" in tested.attrs["sentence"])
 
 
 def test_no_equivalence_is_not_reported_as_a_difference() -> None:
@@ -31,8 +31,8 @@ def test_no_equivalence_is_not_reported_as_a_difference() -> None:
 
 
 def test_gross_departure_from_normality_is_doubtful() -> None:
-    found = equivalence(compare(of_differences([0.0, 0.01, 0.0, 0.01, 0.0, 2.0])), margin=0.1)
-    assert str(found["verdict"].sel(assumption="mean differences are normal").values[0]) == (
+    tested = equivalence(compare(of_differences([0.0, 0.01, 0.0, 0.01, 0.0, 2.0])), margin=0.1)
+    assert str(tested["verdict"].sel(assumption="mean differences are normal").values[0]) == (
         "doubtful"
     )
 

@@ -55,13 +55,13 @@ def test_a_group_without_values_is_empty() -> None:
 
 
 def test_synchronisation_before_and_after() -> None:
-    found = align(trajectory(shift=0.2, origin="simulated", volunteer="v1"), trajectory())
-    figure = synchronisation(found)
+    aligned = align(trajectory(shift=0.2, origin="simulated", volunteer="v1"), trajectory())
+    figure = synchronisation(aligned)
     assert "v1 (simulated recordings)" in title_of(figure)
     before, after = figure.axes
     model, given = (line.get_ydata() for line in before.get_lines())
     _, moved = (line.get_ydata() for line in after.get_lines())
-    np.testing.assert_allclose(given, 1e3 * found["b_measured"], atol=1e-9)
+    np.testing.assert_allclose(given, 1e3 * aligned["b_measured"], atol=1e-9)
     inside = np.isfinite(moved)
     np.testing.assert_allclose(moved[inside], model[inside], atol=0.2)
     assert "shift 200 ms" in after.get_title()

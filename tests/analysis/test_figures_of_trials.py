@@ -53,7 +53,7 @@ def test_feature_boxes_show_the_medians() -> None:
         if line.get_linewidth() == 1.6
     )
     pooled = np.concatenate([trial["activation"].values for trial in trials[3:]], axis=1)
-    # Left beside right: muscle k on the left, k + 10 on the right.
+    # Left next to right: muscle k on the left, k + 10 on the right.
     expected = [float(np.median(pooled[k + side])) for k in range(10) for side in (0, 10)]
     np.testing.assert_allclose([y for _, y in drawn], expected)
     assert "simulated recordings" in title_of(figure)
@@ -93,13 +93,13 @@ def test_signals_and_features() -> None:
 def test_marker_traces() -> None:
     measured = trajectory(shift=0.2, origin="simulated", volunteer="v1", noise=2e-4)
     model = trajectory(amplitude=3e-3)
-    found = align(measured, model)
-    scores = score(found, model)
-    figure = marker_traces(found, model, scores)
+    aligned = align(measured, model)
+    scores = score(aligned, model)
+    figure = marker_traces(aligned, model, scores)
     panel, row = figure.axes[1], figure.axes[0].get_yticks()[4]
-    inside = np.isfinite(found["position"].values).all(axis=(0, 1))
+    inside = np.isfinite(aligned["position"].values).all(axis=(0, 1))
     shown = [panel.get_lines()[4], panel.get_lines()[len(MARKERS) + 4]]
-    for line, data in zip(shown, (model, found), strict=True):
+    for line, data in zip(shown, (model, aligned), strict=True):
         one = data["position"].sel(marker=MARKERS[4], axis="y").values
         expected = row + 1e3 * (one - one[inside].mean())
         np.testing.assert_allclose(line.get_ydata(), expected, atol=1e-9)
@@ -117,18 +117,20 @@ LEVELS = ["mapping stage = feature", "mapping stage = activation", "phase = caus
 
 def test_sensitivity_puts_the_farthest_axis_on_top() -> None:
     cube = factorial().transpose("phase", "mapping_stage", ...)
-    found = sensitivity(cube)
-    figure = sensitivity_plot(found)
+    effects = sensitivity(cube)
+    figure = sensitivity_plot(effects)
     panel = figure.axes[0]
     assert [label.get_text() for label in panel.get_yticklabels()] == LEVELS
     marks = [line for line in panel.get_lines() if line.get_marker() in ("s", "^", "D")]
-    np.testing.assert_allclose([line.get_xdata()[0] for line in marks], found["estimate"])
+    np.testing.assert_allclose([line.get_xdata()[0] for line in marks], effects["estimate"])
     shown = [line.get_markerfacecolor() != "white" for line in marks]
-    assert shown == (found["p_holm"].values <= 0.05).tolist()
+    assert shown == (effects["p_holm"].values <= 0.05).tolist()
     assert any(shown) and not all(shown)
     # A strategy's mark lies within half a row of the label of its level.
     heights = {label: place for place, label in zip(panel.get_yticks(), LEVELS, strict=True)}
-    for line, axis, level in zip(marks, found["axis"].values, found["level"].values, strict=True):
+    for line, axis, level in zip(
+        marks, effects["axis"].values, effects["level"].values, strict=True
+    ):
         label = f"{axis} = {level}".replace("_", " ")
         assert abs(line.get_ydata()[0] - heights[label]) < 0.5
     assert title_of(figure) == "effect of the choices on rho (simulated recordings)"

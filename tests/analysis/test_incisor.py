@@ -16,7 +16,7 @@ LIPS = ("corner_left", "corner_right")
 
 def results() -> list[Trial]:
     """Six persons: rho of the incisor is higher with the second strategy, of the lips with the first."""
-    found = list[Trial]()
+    trials = list[Trial]()
     for k in range(6):
         for strategy, lips, own in (("act_all", 0.9, 0.3), ("act_3", 0.5, 0.8)):
             scores = xr.Dataset(
@@ -26,8 +26,8 @@ def results() -> list[Trial]:
             )  # fmt: skip
             if k == 5:  # the incisor was not recorded in this person
                 scores = scores.drop_vars(list(OF_INCISOR))
-            found.append(Trial(f"v{k}", "A", 1, strategy, scores, origin="simulated"))
-    return found
+            trials.append(Trial(f"v{k}", "A", 1, strategy, scores, origin="simulated"))
+    return trials
 
 
 def test_statistics_of_the_incisor_are_its_own() -> None:
@@ -38,13 +38,17 @@ def test_statistics_of_the_incisor_are_its_own() -> None:
     contrast = [("act_3", "act_all")]
     estimates = []
     for one in (own, cube):
-        found = study_statistics(one, draws=100)["sign_flip"]
-        assert [tuple(str(c).split(" - ")) for c in found["contrast"].values] in (
+        statistics = study_statistics(one, draws=100)["sign_flip"]
+        assert [tuple(str(c).split(" - ")) for c in statistics["contrast"].values] in (
             contrast,
             [("act_all", "act_3")],
         )
         estimates.append(
-            (str(found["contrast"].values[0]), float(found["estimate"][0]), int(found["n"][0]))
+            (
+                str(statistics["contrast"].values[0]),
+                float(statistics["estimate"][0]),
+                int(statistics["n"][0]),
+            )
         )
     assert estimates[0][0] == estimates[1][0] and estimates[0][1] * estimates[1][1] < 0.0
     assert [n for *_, n in estimates] == [5, 6]

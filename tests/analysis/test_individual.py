@@ -125,8 +125,8 @@ def test_motion_omits_gaps() -> None:
 
 def test_size_of_deviations_does_not_matter() -> None:
     c = np.array([1.0, -0.4, 0.3])
-    found = within_instruction(varied(c, 3), varied(c, 3, size=0.2e-3), {"scaling": "none"})
-    assert (found.values > 0.95).all()
+    centred = within_instruction(varied(c, 3), varied(c, 3, size=0.2e-3), {"scaling": "none"})
+    assert (centred.values > 0.95).all()
 
 
 def test_mean_over_all_orders_is_zero() -> None:

@@ -54,17 +54,17 @@ def test_over_a_thousand_volunteers_have_all_tests() -> None:
         3, volunteers=1100, instructions=4, repetitions=1, markers=1, effects=(0.0, 0.0, 0.1),
         sd_interaction=0.1, sd_error=0.2,
     )  # fmt: skip
-    found = study_statistics(cube, draws=100, margin=0.1)
-    for name, each in found.items():
+    statistics = study_statistics(cube, draws=100, margin=0.1)
+    for name, each in statistics.items():
         assert np.isfinite(each["estimate"].values).all(), name
         p = each["p"].values
         assert name == "bootstrap" or ((p >= 0) & (p <= 1)).all(), name
     effects = {"act_3 - act_all": 0.0, "act_rel - act_all": 0.1, "act_rel - act_3": 0.1}
     for name in ("sign_flip", "mixed_model_these_instructions", "wilcoxon", "leave_one_out"):
-        each = found[name]
+        each = statistics[name]
         by = dict(zip(each["contrast"].values, each["estimate"].values, strict=True))
         assert by == pytest.approx(effects, abs=0.03), name
-    assert found["sign_flip"]["p"].values[1:].max() < 1e-3
+    assert statistics["sign_flip"]["p"].values[1:].max() < 1e-3
 
 
 def test_signed_ranks_of_many_tend_to_those_of_few(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -90,10 +90,10 @@ def test_signed_ranks_of_many_tend_to_those_of_few(monkeypatch: pytest.MonkeyPat
 def test_leaving_one_of_many_out_is_the_test_of_the_others() -> None:
     """Above 17 volunteers random patterns are shared; p agrees within Monte Carlo errors."""
     cube = simulated_scores(2, volunteers=30, effects=(0.0, 0.1, 0.2))
-    found = leave_one_volunteer_out(compare(cube))
+    effects = leave_one_volunteer_out(compare(cube))
     for volunteer in ("v1", "v30"):
         rest = sign_flip(compare(cube.drop_sel(volunteer=volunteer)))
-        ours = found.sel(volunteer=volunteer)
+        ours = effects.sel(volunteer=volunteer)
         np.testing.assert_allclose(ours["estimate_without"], rest["estimate"], rtol=1e-12)
         p = rest["p"].values
         error = 4.0 * np.sqrt(2.0 * p * (1.0 - p) / 20_000) + 1e-4

@@ -80,8 +80,8 @@ def of_case(case: str) -> np.ndarray:
         here = cells.setdefault((row["volunteer"], row["instruction"]), [])
         here += [float(both[0]) - float(both[1])] if all(both) else []
     volunteers, instructions = (sorted({key[k] for key in cells}) for k in (0, 1))
-    found = [[cells.get((v, i), []) for i in instructions] for v in volunteers]
-    return np.array([[np.mean(each) if each else np.nan for each in row] for row in found])
+    table = [[cells.get((v, i), []) for i in instructions] for v in volunteers]
+    return np.array([[np.mean(each) if each else np.nan for each in row] for row in table])
 
 
 def test_published_fit_of_crossed_effects() -> None:
@@ -104,20 +104,20 @@ def test_published_fit_of_crossed_effects() -> None:
 @pytest.mark.parametrize(("case", "scope"), LME4)
 def test_crossed_slopes_agree_with_lme4(case: str, scope: str) -> None:
     variances, estimate, error, criterion, freedom, p = LME4[case, scope]
-    found = fit_differences(of_case(case), scope)
-    np.testing.assert_allclose(list(found.fit.variances.values()), variances, rtol=1e-6, atol=1e-9)
-    assert found.estimate == pytest.approx(estimate, rel=1e-6)
-    assert found.error == pytest.approx(error, rel=1e-6)
-    assert found.fit.criterion == pytest.approx(criterion, abs=1e-5)
-    assert found.freedom == pytest.approx(freedom, rel=1e-5)
-    t = abs(found.estimate) / found.error
-    assert 2 * stats.t.sf(t, found.freedom) == pytest.approx(p, rel=2e-5)
+    fit = fit_differences(of_case(case), scope)
+    np.testing.assert_allclose(list(fit.fit.variances.values()), variances, rtol=1e-6, atol=1e-9)
+    assert fit.estimate == pytest.approx(estimate, rel=1e-6)
+    assert fit.error == pytest.approx(error, rel=1e-6)
+    assert fit.fit.criterion == pytest.approx(criterion, abs=1e-5)
+    assert fit.freedom == pytest.approx(freedom, rel=1e-5)
+    t = abs(fit.estimate) / fit.error
+    assert 2 * stats.t.sf(t, fit.freedom) == pytest.approx(p, rel=2e-5)
 
 
 def test_shared_terms_cancel_in_the_difference() -> None:
     """lme4 with all intercepts and interactions finds the same estimate and error."""
-    found = fit_differences(of_case("complete"), "instructions")
-    assert (found.estimate, found.error) == pytest.approx(LME4_LONG, rel=1e-6)
+    fit = fit_differences(of_case("complete"), "instructions")
+    assert (fit.estimate, fit.error) == pytest.approx(LME4_LONG, rel=1e-6)
 
 
 def by_mean_squares(d: np.ndarray) -> tuple[float, float]:
@@ -148,10 +148,10 @@ def test_complete_tables_agree_with_analysis_of_variance(seed: int) -> None:
     d = 0.4 * rng.normal(size=(n, m)) + volunteer * rng.normal(size=(n, 1))
     d = d + instruction * rng.normal(size=(1, m))
     error, freedom = by_mean_squares(d)
-    found = fit_differences(d, "instructions")
-    assert found.estimate == pytest.approx(d.mean())
-    assert found.error == pytest.approx(error, rel=1e-5)
-    assert found.freedom == pytest.approx(freedom, rel=1e-4)
+    fit = fit_differences(d, "instructions")
+    assert fit.estimate == pytest.approx(d.mean())
+    assert fit.error == pytest.approx(error, rel=1e-5)
+    assert fit.freedom == pytest.approx(freedom, rel=1e-4)
 
 
 def test_a_criterion_that_falls_from_zero_is_followed() -> None:
@@ -160,19 +160,19 @@ def test_a_criterion_that_falls_from_zero_is_followed() -> None:
     rest -= rest.mean(axis=0)  # instructions alike
     for spread in np.linspace(0.2, 0.6, 9):
         table = rest + spread * np.linspace(-1, 1, 6)
-        found = fit_differences(table, "instructions")
-        assert found.error == pytest.approx(by_mean_squares(table)[0], rel=1e-5), spread
+        fit = fit_differences(table, "instructions")
+        assert fit.error == pytest.approx(by_mean_squares(table)[0], rel=1e-5), spread
 
 
 def test_these_instructions_are_the_paired_t_test() -> None:
     """On complete data it is the paired t test of the volunteers' means."""
     cube = simulated_scores(2, instructions=6, sd_interaction=0.4)
-    found = mixed_model(compare(cube), scope="these instructions")
+    fitted = mixed_model(compare(cube), scope="these instructions")
     for index, pair in enumerate((("act_3", "act_all"), ("act_rel", "act_all"))):
         peer = stats.ttest_1samp(paired(cube, *pair).values, 0.0)
-        assert float(found["p"][index]) == pytest.approx(peer.pvalue, rel=1e-4)
-        assert float(found["degrees_of_freedom"][index]) == pytest.approx(5.0, rel=1e-4)
-        np.testing.assert_allclose(found["interval"][index], peer.confidence_interval(), rtol=1e-4)
+        assert float(fitted["p"][index]) == pytest.approx(peer.pvalue, rel=1e-4)
+        assert float(fitted["degrees_of_freedom"][index]) == pytest.approx(5.0, rel=1e-4)
+        np.testing.assert_allclose(fitted["interval"][index], peer.confidence_interval(), rtol=1e-4)
 
 
 def test_effects_common_to_both_strategies_cancel() -> None:
@@ -203,13 +203,13 @@ def test_incomplete_data_agree_with_statsmodels() -> None:
 
 
 def test_a_variance_of_zero_is_reported() -> None:
-    found = mixed_model(
+    fitted = mixed_model(
         compare(simulated_scores(0, instructions=6, sd_interaction=0.0, sd_error=1.0))
     )
-    zero = found["variance"].sel(random="volunteer x strategy") < 1e-9
+    zero = fitted["variance"].sel(random="volunteer x strategy") < 1e-9
     assert zero.any()
-    checks = found["check"].sel(assumption="variances lie above zero")
-    verdicts = found["verdict"].sel(assumption="variances lie above zero")
+    checks = fitted["check"].sel(assumption="variances lie above zero")
+    verdicts = fitted["verdict"].sel(assumption="variances lie above zero")
     for there, check, verdict in zip(zero.values, checks.values, verdicts.values, strict=True):
         assert ("volunteer x strategy" in str(check)) == there
         assert not there or verdict == "doubtful"
@@ -250,18 +250,20 @@ def test_each_scope_is_stated_with_its_own_estimate() -> None:
     ],
 )
 def test_too_few_give_no_interval_and_no_p(sizes: dict, words: str) -> None:
-    found = mixed_model(compare(simulated_scores(1, **sizes)))
-    assert np.isnan(found["interval"]).all()
-    assert np.isnan(found["p"]).all()
-    assert np.isfinite(found["estimate"]).all()
-    assert words in found.attrs["sentence"]
+    fitted = mixed_model(compare(simulated_scores(1, **sizes)))
+    assert np.isnan(fitted["interval"]).all()
+    assert np.isnan(fitted["p"]).all()
+    assert np.isfinite(fitted["estimate"]).all()
+    assert words in fitted.attrs["sentence"]
 
 
 def test_one_instruction_leaves_the_paired_t_test() -> None:
     cube = simulated_scores(1, instructions=1)
-    found = mixed_model(compare(cube, contrasts=[("act_rel", "act_3")]), scope="these instructions")
+    fitted = mixed_model(
+        compare(cube, contrasts=[("act_rel", "act_3")]), scope="these instructions"
+    )
     peer = stats.ttest_1samp(paired(cube, "act_rel", "act_3").values, 0.0)
-    assert float(found["p"][0]) == pytest.approx(peer.pvalue, rel=1e-6)
+    assert float(fitted["p"][0]) == pytest.approx(peer.pvalue, rel=1e-6)
 
 
 def test_many_missing_pairs_are_reported() -> None:
@@ -271,17 +273,17 @@ def test_many_missing_pairs_are_reported() -> None:
 
 
 def test_a_strategy_without_scores_is_left_out() -> None:
-    found = mixed_model(compare(fail(simulated_scores(1, instructions=4), strategy="act_3")))
-    assert list(np.isnan(found["p"].values)) == [True, False, True]
-    assert "no pair of scored trials" in str(found["sentence"].values[0])
+    fitted = mixed_model(compare(fail(simulated_scores(1, instructions=4), strategy="act_3")))
+    assert list(np.isnan(fitted["p"].values)) == [True, False, True]
+    assert "no pair of scored trials" in str(fitted["sentence"].values[0])
 
 
 @pytest.mark.slow
 def test_instructions_taken_as_fixed_reject_too_often_of_instructions_in_general() -> None:
     """SD 0.3 of instruction x strategy: only the test with this term has its nominal size."""
     model = {"instructions": 6, "sd_instruction_strategy": 0.3, "repetitions": 1, "markers": 1}
-    found = calibration(methods=["mixed_model_in_general"], simulations=40, seed=7, **model)
-    size = {str(test): float(found["size"].sel(test=test)) for test in found["test"].values}
+    rates = calibration(methods=["mixed_model_in_general"], simulations=40, seed=7, **model)
+    size = {str(test): float(rates["size"].sel(test=test)) for test in rates["test"].values}
     # Four Monte Carlo errors about 0.05 of 40 cubes.
     assert size["mixed model, instructions"] < 0.05 + 4 * 0.034
     assert size["mixed model, misread"] > 0.05 + 4 * 0.034
@@ -289,5 +291,5 @@ def test_instructions_taken_as_fixed_reject_too_often_of_instructions_in_general
 
 def test_two_volunteers_would_not_be_covered() -> None:
     """Coverage of 40 cubes is four Monte Carlo errors below the nominal 0.95."""
-    found = interval_coverage(simulations=40, seed=3, volunteers=2, instructions=3)
-    assert float(found["coverage"].sel(test="bootstrap, expanded")) < 0.95 - 4 * 0.034
+    coverage = interval_coverage(simulations=40, seed=3, volunteers=2, instructions=3)
+    assert float(coverage["coverage"].sel(test="bootstrap, expanded")) < 0.95 - 4 * 0.034

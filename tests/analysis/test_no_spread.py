@@ -40,10 +40,10 @@ def moved(change: float, volunteers: int = 6) -> xr.Dataset:
 @pytest.mark.parametrize("name", BY_SPREAD)
 @pytest.mark.parametrize("volunteers", [5, 12])
 def test_without_spread_there_is_no_p_and_no_interval(name: str, volunteers: int) -> None:
-    found = BY_SPREAD[name](compare(moved(0.3, volunteers))).isel(contrast=0)
-    assert np.isnan(found["p"]) and np.isnan(found["interval"]).all()
-    np.testing.assert_allclose(found["estimate"], 0.3, atol=1e-9)
-    assert "no test and no interval" in str(found["sentence"].item())
+    tested = BY_SPREAD[name](compare(moved(0.3, volunteers))).isel(contrast=0)
+    assert np.isnan(tested["p"]) and np.isnan(tested["interval"]).all()
+    np.testing.assert_allclose(tested["estimate"], 0.3, atol=1e-9)
+    assert "no test and no interval" in str(tested["sentence"].item())
 
 
 def test_exact_tests_do_not_need_spread() -> None:
@@ -56,12 +56,12 @@ def test_sensitivity_tests_no_choice_that_changes_all_volunteers_equally() -> No
     rho = np.tanh(np.arctanh(other["rho"]) + 0.2).where(other["strategy"] == "a", other["rho"])
     rho = rho.transpose(*base["rho"].dims).assign_attrs(units="1")
     axis = xr.IndexVariable("threshold", [1.0, 2.0])
-    found = sensitivity(xr.concat([base, other.assign(rho=rho)], axis).assign_attrs(base.attrs))
-    assert np.isnan(found["p"][0]) and np.isnan(found["p_holm"][0])
-    np.testing.assert_allclose(found["p_sign_flip"][0], 2 / 64)
-    assert float(found["p"][1]) == 1.0  # no difference at all
-    assert "significantly" not in found.attrs["summary"]
-    assert "no variation between them" in found.attrs["summary"]
+    effects = sensitivity(xr.concat([base, other.assign(rho=rho)], axis).assign_attrs(base.attrs))
+    assert np.isnan(effects["p"][0]) and np.isnan(effects["p_holm"][0])
+    np.testing.assert_allclose(effects["p_sign_flip"][0], 2 / 64)
+    assert float(effects["p"][1]) == 1.0  # no difference at all
+    assert "significantly" not in effects.attrs["summary"]
+    assert "no variation between them" in effects.attrs["summary"]
 
 
 def test_the_table_counts_the_trials_without_room_for_skill() -> None:
@@ -74,11 +74,11 @@ def test_the_table_counts_the_trials_without_room_for_skill() -> None:
         for name, (dims, _, _) in VARIABLES.items() if name in ("template_rho", "ceiling")
     }  # fmt: skip
     made["template_volunteers"] = made["ceiling"].isel(repetition=0, marker=0, drop=True) * 0 + 5
-    found = with_baselines(cube, made)
-    table = baseline_instruction_table(found)
+    extended = with_baselines(cube, made)
+    table = baseline_instruction_table(extended)
     counted = sum(int(row[-1]) for row in table.rows)
-    assert counted == int((found["skill_reason"] == NO_ROOM).sum()) == found["skill"].size > 0
-    assert set(np.unique(found["skill_reason"])) <= set(SKILL_REASONS)
+    assert counted == int((extended["skill_reason"] == NO_ROOM).sum()) == extended["skill"].size > 0
+    assert set(np.unique(extended["skill_reason"])) <= set(SKILL_REASONS)
 
 
 def test_medians_are_given_with_and_without_flagged_trials() -> None:

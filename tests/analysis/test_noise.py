@@ -15,12 +15,12 @@ from analysis.scores import DROWNED, correlation_3d, score
 @pytest.mark.parametrize("course", [once, there_and_back])
 def test_known_noise_of_a_moving_marker(sigma: float, course) -> None:
     """Twenty trials of ten markers that move by 5 mm: bias below 2 %, standard deviation 7 %."""
-    found = [
+    estimates = [
         marker_noise(trajectory(course, noise=sigma, seed=seed)["position"]).values
         for seed in range(20)
     ]
-    assert np.mean(found) == pytest.approx(np.sqrt(3) * sigma, rel=0.02)
-    assert np.std(found) == pytest.approx(0.07 * np.sqrt(3) * sigma, rel=0.25)
+    assert np.mean(estimates) == pytest.approx(np.sqrt(3) * sigma, rel=0.02)
+    assert np.std(estimates) == pytest.approx(0.07 * np.sqrt(3) * sigma, rel=0.25)
 
 
 def test_motion_and_jumps_hardly_affect_the_noise_estimate() -> None:
@@ -44,8 +44,8 @@ def test_noise_after_interpolation_between_frames() -> None:
     w = np.linspace(0, 2 * np.pi, 4096, endpoint=False)
     response = (46 * np.cos(w / 2) + 2 * np.cos(1.5 * w)) / 48 / ((4 + 2 * np.cos(w)) / 6)
     for offset, share in ((0.0, 1.0), (0.005, float((response**2).mean()))):
-        found = sampled_share(None, time, time[20:-20] + offset)
-        assert found == pytest.approx(share, rel=0.04)
+        sampled = sampled_share(None, time, time[20:-20] + offset)
+        assert sampled == pytest.approx(share, rel=0.04)
     # a sample that is the mean of four frames keeps a quarter
     four = unit_noise(640).reshape(64, 160, 4).mean(axis=2)
     assert sampled_share(four, time, time) == pytest.approx(0.25, rel=0.04)
@@ -55,8 +55,8 @@ def test_noise_after_interpolation_between_frames() -> None:
 def test_uneven_instants_have_no_noise_estimate() -> None:
     uneven = trajectory().isel(time=np.r_[0:60, 61:100:2, 100:160])
     assert np.isnan(marker_noise(uneven["position"])).all()
-    found = score(align(uneven, trajectory()), trajectory())
-    assert np.isfinite(found["rho"]).all() and np.isnan(found["attenuation"]).all()
+    scores = score(align(uneven, trajectory()), trajectory())
+    assert np.isfinite(scores["rho"]).all() and np.isnan(scores["attenuation"]).all()
 
 
 @pytest.mark.parametrize("ratio", [0.1, 0.5, 1.0, 2.0])
@@ -74,10 +74,10 @@ def test_correlation_is_attenuated_as_predicted(ratio: float) -> None:
     rng = np.random.default_rng(2)
     sigma = ratio * motion
     noisy = xr.DataArray(v + sigma * rng.normal(size=(100, 3, 200)), dims=("trial", *dims))
-    found = correlation_3d(noisy, xr.DataArray(w, dims=dims))
+    rho = correlation_3d(noisy, xr.DataArray(w, dims=dims))
     expected = 1.0 / np.sqrt(1.0 + 3 * ratio**2)
-    error = 4 * float(found.std()) / 10
-    assert float(found.mean()) == pytest.approx(clean * expected, abs=error)
+    error = 4 * float(rho.std()) / 10
+    assert float(rho.mean()) == pytest.approx(clean * expected, abs=error)
     size = ((noisy - noisy.mean("time")) ** 2).sum(dims) ** 0.5 / 200**0.5
     predicted = attenuation(size, xr.full_like(size, np.sqrt(3) * sigma))
     # The estimate of the reliability is unbiased; that of its root is not if it may be zero.
@@ -89,9 +89,9 @@ def test_attenuation_of_a_whole_trial_is_that_of_its_scores(noise: float) -> Non
     """Noise is estimated, resampled and aligned; the motion of some markers is twice as large."""
     model = trajectory(there_and_back)
     trials = [trajectory(there_and_back, shift=0.055, noise=noise, seed=s) for s in range(10)]
-    found = [score(align(data, model), model, smallest_snr=0.0) for data in trials]
-    rho = np.array([one["rho"].values for one in found])
-    predicted = np.array([one["attenuation"].values for one in found])
+    scored = [score(align(data, model), model, smallest_snr=0.0) for data in trials]
+    rho = np.array([one["rho"].values for one in scored])
+    predicted = np.array([one["attenuation"].values for one in scored])
     kept = predicted.mean(axis=0) > np.sqrt(2 / 3)
     assert kept.sum() >= 3
     np.testing.assert_allclose(
@@ -112,12 +112,12 @@ def moving_but_one(scale: float, seed: int) -> xr.Dataset:
 def test_still_marker_under_camera_noise_has_a_reason() -> None:
     model = trajectory()
     for seed in range(8):
-        found = score(align(moving_but_one(0.0, seed), model), model)
-        one = found.sel(marker="marker_4")
+        scores = score(align(moving_but_one(0.0, seed), model), model)
+        one = scores.sel(marker="marker_4")
         assert str(one["reason"].values) == DROWNED
         assert np.isnan(one["rho"]) and np.isnan(one["amplitude_ratio"])
         assert float(one["attenuation"]) < 0.71
-        assert int(np.isfinite(found["rho"]).sum()) == 9
+        assert int(np.isfinite(scores["rho"]).sum()) == 9
 
 
 def test_tiny_motion_above_the_noise_is_kept() -> None:
@@ -145,20 +145,20 @@ def test_a_trial_of_noise_only_is_refused(count: int) -> None:
 def test_small_motion_shared_by_all_markers_is_aligned() -> None:
     """Ten markers together have a detectable motion, although none of them alone has."""
     data = trajectory(amplitude=1.5e-4, shift=0.05, noise=1e-4)
-    found = align(data, trajectory())
-    assert float(found["shift"]) == pytest.approx(0.05, abs=0.02)
+    aligned = align(data, trajectory())
+    assert float(aligned["shift"]) == pytest.approx(0.05, abs=0.02)
 
 
 def test_the_noise_stated_in_a_dataset_is_used() -> None:
     data = trajectory(shift=0.05)
     data["noise"] = ("marker", np.linspace(1e-4, 1e-3, 10), {"units": "m"})
     shuffled = data.isel(marker=[3, 1, 2, 0, 4, 5, 9, 8, 7, 6])
-    found = align(shuffled, trajectory())
-    share = (found["noise"] / data["noise"]).values
+    aligned = align(shuffled, trajectory())
+    share = (aligned["noise"] / data["noise"]).values
     np.testing.assert_allclose(share, share[0], rtol=1e-12)
     assert 0.7 < share[0] < 1.05
-    scored = score(found, trajectory())
-    assert list(scored["noise"].values) == list(found["noise"].values)
+    scored = score(aligned, trajectory())
+    assert list(scored["noise"].values) == list(aligned["noise"].values)
     assert (np.diff(scored["attenuation"].values) != 0).all()
 
 

@@ -10,12 +10,12 @@ from studies.science.drawn import ERROR, VARIATION, exchanged, gain_interval, ga
 def test_the_gain_is_the_known_one_and_below_the_largest(own: float) -> None:
     """Closed form f q / sqrt((1 + q)(1 + f^2 q + s)), averaged over the sizes of the variation."""
     rng = np.random.default_rng(1)
-    found, room = zip(*(gains(rng, 12, own) for _ in range(100)), strict=True)
+    gained, room = zip(*(gains(rng, 12, own) for _ in range(100)), strict=True)
     q = VARIATION * np.exp(0.8 * rng.normal(size=200_000))
     expected = np.mean(own * q / np.sqrt((1 + q) * (1 + own**2 * q + ERROR)))
-    assert np.mean(found) == pytest.approx(expected, abs=0.004)
+    assert np.mean(gained) == pytest.approx(expected, abs=0.004)
     assert np.mean(room) == pytest.approx(np.mean(q / (1 + q)), abs=0.004)
-    assert np.mean(found) < np.mean(room)
+    assert np.mean(gained) < np.mean(room)
 
 
 @pytest.mark.parametrize("volunteers", [6, 12])

@@ -15,36 +15,38 @@ from analysis.statistics.sign_flip import joint_p
 from analysis.statistics.simulated import simulated_scores
 
 
-def within(found, expected) -> None:
+def within(estimated, expected) -> None:
     """Within four Monte Carlo errors of the truth."""
-    error = np.sqrt(np.asarray(expected) * (1 - np.asarray(expected)) / found.attrs["simulations"])
-    assert (np.abs(found["power"].values - expected) <= 4 * error).all()
+    error = np.sqrt(
+        np.asarray(expected) * (1 - np.asarray(expected)) / estimated.attrs["simulations"]
+    )
+    assert (np.abs(estimated["power"].values - expected) <= 4 * error).all()
 
 
 def test_t_test_has_the_noncentral_power() -> None:
-    found = simulated_power(0.5, 0.6, volunteers=(4, 6, 12, 20), test="t", simulations=4000)
+    estimate = simulated_power(0.5, 0.6, volunteers=(4, 6, 12, 20), test="t", simulations=4000)
     exact = [TTestPower().power(0.5 / 0.6, n, 0.05) for n in (4, 6, 12, 20)]
-    within(found, exact)
+    within(estimate, exact)
 
 
 @pytest.mark.parametrize("test", ["sign_flip", "wilcoxon"])
 def test_six_volunteers_must_all_agree(test: str) -> None:
     """Only the two patterns of one sign reach 2/64, so power is P(all +) + P(all -)."""
-    found = simulated_power(0.5, 0.6, volunteers=(5, 6), test=test, simulations=4000)
+    estimate = simulated_power(0.5, 0.6, volunteers=(5, 6), test=test, simulations=4000)
     plus = norm.cdf(0.5 / 0.6)
-    within(found, [0.0, plus**6 + (1 - plus) ** 6])
-    np.testing.assert_allclose(found["smallest_p"], [2 / 32, 2 / 64])
+    within(estimate, [0.0, plus**6 + (1 - plus) ** 6])
+    np.testing.assert_allclose(estimate["smallest_p"], [2 / 32, 2 / 64])
 
 
 def test_without_an_effect_power_is_size() -> None:
-    found = simulated_power(0.0, 1.0, volunteers=(6, 16), simulations=4000)
-    within(found, [2 / 64, 0.05])
+    estimate = simulated_power(0.0, 1.0, volunteers=(6, 16), simulations=4000)
+    within(estimate, [2 / 64, 0.05])
 
 
 def test_volunteers_needed() -> None:
-    found = simulated_power(0.5, 0.6, volunteers=(20, 6, 12))
-    assert float(found["volunteers_needed"]) == 20
-    assert "requires 20 volunteers" in found.attrs["sentence"]
+    estimate = simulated_power(0.5, 0.6, volunteers=(20, 6, 12))
+    assert float(estimate["volunteers_needed"]) == 20
+    assert "requires 20 volunteers" in estimate.attrs["sentence"]
     never = simulated_power(0.01, 0.6, volunteers=(6, 12))
     assert np.isnan(float(never["volunteers_needed"]))
     assert "requires more than 12" in never.attrs["sentence"]
@@ -79,20 +81,22 @@ def test_the_strictest_step_of_holm() -> None:
 
 def test_power_of_a_cube() -> None:
     cube = simulated_scores(3, effects=(0.0, 0.6, 0.6))
-    found = power(compare(cube), effect=0.4, volunteers=(6, 20), simulations=300)
-    spread = found["standard_deviation"]
+    planned = power(compare(cube), effect=0.4, volunteers=(6, 20), simulations=300)
+    spread = planned["standard_deviation"]
     assert (spread.diff("spread") > 0).all()
     # Power decreases with the variance and increases with the number of volunteers.
-    assert (found["power"].diff("spread") <= 0).all()
-    assert (found["power"].diff("volunteers") >= 0).all()
-    assert "to detect a difference of +0.40 in z with power 0.8" in str(found["sentence"].values[0])
+    assert (planned["power"].diff("spread") <= 0).all()
+    assert (planned["power"].diff("volunteers") >= 0).all()
+    assert "to detect a difference of +0.40 in z with power 0.8" in str(
+        planned["sentence"].values[0]
+    )
 
 
 def test_cubes_without_variance_are_refused() -> None:
     for values in ([0.4], [0.4, 0.4, 0.4]):
-        found = power(compare(of_differences(values)), simulations=10)
-        assert np.isnan(found["power"]).all()
-        assert "no variation, which planning requires" in found.attrs["sentence"]
+        planned = power(compare(of_differences(values)), simulations=10)
+        assert np.isnan(planned["power"]).all()
+        assert "no variation, which planning requires" in planned.attrs["sentence"]
 
 
 @pytest.mark.parametrize(

@@ -46,9 +46,9 @@ def test_signed_ranks_with_ties_and_zeros_by_enumeration() -> None:
         sum(r for r, s in zip(ranks, signs, strict=True) if s)
         for signs in itertools.product((0, 1), repeat=len(moved))
     ])  # fmt: skip
-    found = ranks[moved > 0].sum()
-    expected = min(1.0, 2 * min(np.mean(sums <= found), np.mean(sums >= found)))
-    assert wilcoxon_p(values) == (found, pytest.approx(expected, abs=1e-14))
+    statistic = ranks[moved > 0].sum()
+    expected = min(1.0, 2 * min(np.mean(sums <= statistic), np.mean(sums >= statistic)))
+    assert wilcoxon_p(values) == (statistic, pytest.approx(expected, abs=1e-14))
 
 
 def test_interval_is_the_inverted_test() -> None:
@@ -63,11 +63,11 @@ def test_six_volunteers_cannot_reach_five_percent_after_holm() -> None:
     z = np.zeros((6, 1, 1, 3, 1))
     z[:, 0, 0, 1, 0] = np.arange(1, 7) / 10
     z[:, 0, 0, 2, 0] = np.arange(1, 7) / 4
-    found = wilcoxon(compare(of_rho(np.tanh(z))))
-    assert (found["p"] == 2 / 64).all()
-    np.testing.assert_allclose(found["p_holm"], 6 / 64)
-    np.testing.assert_allclose(found["smallest_p_holm"], 6 / 64)
-    assert "cannot reach 0.05, whatever" in found.attrs["sentence"]
+    tested = wilcoxon(compare(of_rho(np.tanh(z))))
+    assert (tested["p"] == 2 / 64).all()
+    np.testing.assert_allclose(tested["p_holm"], 6 / 64)
+    np.testing.assert_allclose(tested["smallest_p_holm"], 6 / 64)
+    assert "cannot reach 0.05, whatever" in tested.attrs["sentence"]
     two = wilcoxon(compare(of_differences([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])))
     assert "cannot reach" not in two.attrs["sentence"]
 
@@ -104,30 +104,30 @@ def test_friedman_published_table(
     """Three treatments, six blocks: P(chi-square >= 7.00) = 0.029, P(>= 9.33) = 0.006."""
     orders = itertools.product(itertools.permutations((1.0, 2.0, 3.0)), repeat=6)
     table = next(np.array(t) for t in orders if tuple(np.sum(t, axis=0)) == tuple(map(float, sums)))
-    found = friedman_p(table)
-    assert found[0] == pytest.approx(statistic, abs=5e-3)
-    assert found[1] == pytest.approx(published, abs=5e-4)
+    p = friedman_p(table)
+    assert p[0] == pytest.approx(statistic, abs=5e-3)
+    assert p[1] == pytest.approx(published, abs=5e-4)
 
 
 def test_friedman_of_a_cube() -> None:
     cube = simulated_scores(3, effects=(0.0, 0.8, 0.9))
-    found = friedman(compare(cube))
+    tested = friedman(compare(cube))
     means = np.arctanh(cube["rho"]).mean(["repetition", "instruction", "marker"])
     peer = stats.friedmanchisquare(*means.transpose("strategy", "volunteer").values)
-    assert float(found["statistic"][0]) == pytest.approx(peer.statistic)
-    assert float(found["estimate"][0]) == pytest.approx(peer.statistic / 12)
-    assert float(found["smallest_p"][0]) == pytest.approx(6.0**-5)
-    assert float(found["mean_rank"].sel(strategy="act_all")) == 1.0
+    assert float(tested["statistic"][0]) == pytest.approx(peer.statistic)
+    assert float(tested["estimate"][0]) == pytest.approx(peer.statistic / 12)
+    assert float(tested["smallest_p"][0]) == pytest.approx(6.0**-5)
+    assert float(tested["mean_rank"].sel(strategy="act_all")) == 1.0
 
 
 def test_friedman_uses_only_values_that_all_strategies_have() -> None:
     cube = fail(simulated_scores(3), volunteer="v1", instruction="i1", strategy="act_3")
     cut = cube.copy(deep=True)
     cut["rho"].loc[{"volunteer": "v1", "instruction": "i1"}] = np.nan
-    found = friedman(compare(cube))
-    assert float(found["statistic"][0]) == float(friedman(compare(cut))["statistic"][0])
-    assert int(found["pairs"][0]) == 66
-    assert "6 of 72 values are omitted" in found.attrs["sentence"]
+    tested = friedman(compare(cube))
+    assert float(tested["statistic"][0]) == float(friedman(compare(cut))["statistic"][0])
+    assert int(tested["pairs"][0]) == 66
+    assert "6 of 72 values are omitted" in tested.attrs["sentence"]
 
 
 def test_rounding_breaks_no_tie() -> None:

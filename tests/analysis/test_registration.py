@@ -47,8 +47,8 @@ def test_order_does_not_matter() -> None:
 
 def test_mean_of_one_motion_is_its_displacement() -> None:
     motion = trajectory()
-    found = mean_motion([motion], OPTIONS)
-    np.testing.assert_allclose(found.values, displacement(motion).values, atol=1e-15)
+    mean = mean_motion([motion], OPTIONS)
+    np.testing.assert_allclose(mean.values, displacement(motion).values, atol=1e-15)
 
 
 def test_motions_without_movement_are_omitted_and_counted() -> None:
@@ -63,9 +63,13 @@ def test_motions_without_movement_are_omitted_and_counted() -> None:
 
 def test_a_registered_motion_keeps_its_duration() -> None:
     """It is held at its ends; a shorter motion would be stretched in a comparison."""
-    (found,) = registered([trajectory(shift=0.2)], trajectory(), OPTIONS)
-    assert found is not None and found.sizes["time"] == 160 and np.isfinite(found.values).all()
-    np.testing.assert_array_equal(found.values[:, :, 0], found.values[:, :, 1])
+    (transform,) = registered([trajectory(shift=0.2)], trajectory(), OPTIONS)
+    assert (
+        transform is not None
+        and transform.sizes["time"] == 160
+        and np.isfinite(transform.values).all()
+    )
+    np.testing.assert_array_equal(transform.values[:, :, 0], transform.values[:, :, 1])
 
 
 def test_retiming_repeats_an_alignment() -> None:
@@ -81,8 +85,8 @@ def test_retiming_repeats_an_alignment() -> None:
 
 def test_registration_finds_a_time_course_at_any_start() -> None:
     course = [displacement(one) for one in (trajectory(once), trajectory(once, shift=0.15))]
-    (found,) = registered(course[1:], course[0], OPTIONS)
-    assert found is not None
-    error = found.values - course[0].values
+    (transform,) = registered(course[1:], course[0], OPTIONS)
+    assert transform is not None
+    error = transform.values - course[0].values
     error -= error.mean(axis=2, keepdims=True)
     assert np.sqrt((error**2).mean()) < 0.02 * np.sqrt((course[0].values ** 2).mean())

@@ -30,28 +30,28 @@ def varied() -> xr.Dataset:
 
 
 def test_medians_and_order_of_every_level(varied: xr.Dataset) -> None:
-    found = robustness(varied, draws=100)
-    assert found["axis"].values.tolist() == ["reference", "stress"]
-    assert found["level"].values.tolist() == ["", "300000"]
-    at = found.isel(choice=0).sel(strategy="act_rel")
+    verdicts = robustness(varied, draws=100)
+    assert verdicts["axis"].values.tolist() == ["reference", "stress"]
+    assert verdicts["level"].values.tolist() == ["", "300000"]
+    at = verdicts.isel(choice=0).sel(strategy="act_rel")
     scored = varied["rho"].isel(stress=0).sel(strategy="act_rel").values
     assert float(at["median"]) == pytest.approx(np.median(scored[np.isfinite(scored)]))
-    assert found["rank"].isel(choice=0).values.tolist() == [3.0, 1.0, 2.0]
-    assert found["rank"].isel(choice=1).values.tolist() == [3.0, 2.0, 1.0]
-    told = robustness_sentences(found)
-    assert told[0] == (
+    assert verdicts["rank"].isel(choice=0).values.tolist() == [3.0, 1.0, 2.0]
+    assert verdicts["rank"].isel(choice=1).values.tolist() == [3.0, 2.0, 1.0]
+    sentences = robustness_sentences(verdicts)
+    assert sentences[0] == (
         "Order of the medians at the reference: act_3 > act_rel > act_all. It changes with stress = "
         "300000: act_rel > act_3 > act_all."
     )
-    assert "act_3 0.5" in told[1] and "to 0.8" in told[1]
-    assert len(robustness_table(found).rows) == 2 * 3
+    assert "act_3 0.5" in sentences[1] and "to 0.8" in sentences[1]
+    assert len(robustness_table(verdicts).rows) == 2 * 3
 
 
 def test_an_order_that_holds_is_said_to_hold(varied: xr.Dataset) -> None:
     same = varied.copy(deep=True)
     same["rho"].values[1] = same["rho"].values[0]
-    told = robustness_sentences(robustness(same, draws=100))
-    assert told[0].endswith("It is the same under every choice.")
+    sentences = robustness_sentences(robustness(same, draws=100))
+    assert sentences[0].endswith("It is the same under every choice.")
 
 
 def test_trials_with_flagged_alignments_are_left_out_at_the_reference(varied: xr.Dataset) -> None:
@@ -61,8 +61,8 @@ def test_trials_with_flagged_alignments_are_left_out_at_the_reference(varied: xr
     bad["rho"].loc[{"stress": 100e3, "volunteer": "v2", "strategy": "act_3"}] = -0.9
     places = levels_of(bad)
     assert list(places)[-1] == ("flagged alignments", "left out")
-    found = robustness(bad, draws=100)
-    with_all, without = (found.isel(choice=k).sel(strategy="act_3") for k in (0, -1))
+    verdicts = robustness(bad, draws=100)
+    with_all, without = (verdicts.isel(choice=k).sel(strategy="act_3") for k in (0, -1))
     assert float(without["median"]) == pytest.approx(0.8)
     assert float(with_all["median"]) < 0.75
     assert int(without["trials"]) < int(with_all["trials"])
@@ -72,14 +72,14 @@ def test_trials_with_flagged_alignments_are_left_out_at_the_reference(varied: xr
 
 
 def test_the_gain_states_its_side_of_the_template(varied: xr.Dataset) -> None:
-    found = robustness(varied, draws=100)
-    assert not np.isfinite(found["gain"]).any()  # a cube without baselines
+    verdicts = robustness(varied, draws=100)
+    assert not np.isfinite(verdicts["gain"]).any()  # a cube without baselines
     bounds = np.array(
         [[[0.1, 0.2], [-0.2, -0.1], [-0.1, 0.1]], [[-0.1, 0.2], [-0.2, -0.1], [0.1, 0.2]]]
     )
-    sides = found.assign(gain_interval=found["gain_interval"].copy(data=bounds))
-    told = " ".join(robustness_sentences(sides))
+    sides = verdicts.assign(gain_interval=verdicts["gain_interval"].copy(data=bounds))
+    text = " ".join(robustness_sentences(sides))
     first, second, third = "act_all: at the reference", "act_3: at the reference", "act_rel: at the"
-    assert f"{first}, rho is above that of a template without EMG; this changes with" in told
-    assert f"{second}, rho is below that of a template without EMG, and so it is under" in told
-    assert f"{third} reference, rho is not distinguishable from" in told
+    assert f"{first}, rho is above that of a template without EMG; this changes with" in text
+    assert f"{second}, rho is below that of a template without EMG, and so it is under" in text
+    assert f"{third} reference, rho is not distinguishable from" in text

@@ -156,9 +156,9 @@ def test_reasons_of_undefined_markers() -> None:
         "the simulated marker has gaps",
         "both have gaps",
     ]
-    for found in (correlation_3d(array(v), array(w)),
+    for rho in (correlation_3d(array(v), array(w)),
                   correlation_3d(array(v), array(w), form="as_printed")):  # fmt: skip
-        assert list(np.isfinite(found.values)) == [True] + [False] * 6
+        assert list(np.isfinite(rho.values)) == [True] + [False] * 6
     ratio = amplitude_ratio(array(v), array(w)).values
     assert ratio[2] == 0.0
     assert list(np.isfinite(ratio)) == [True, False, True, False, False, False, False]
@@ -181,9 +181,9 @@ def test_rmse_of_a_sine_and_an_offset(reference: str, expected: float) -> None:
     v = np.stack([np.cos(t), t, np.sin(2 * t)])
     w = v + np.array([0.6, 0.0, 0.8])[:, None]
     w[1] += 0.5 * np.sin(t)
-    found = rmse(array(v), array(w), reference=reference)
-    assert float(found) == pytest.approx(expected, rel=1e-12)
-    assert found.attrs["units"] == "m"
+    error = rmse(array(v), array(w), reference=reference)
+    assert float(error) == pytest.approx(expected, rel=1e-12)
+    assert error.attrs["units"] == "m"
 
 
 def test_rmse_from_first_sample_differs_from_mean() -> None:
@@ -200,15 +200,15 @@ def test_score_after_alignment() -> None:
     data = trajectory(there_and_back, shift=0.07, origin="simulated", volunteer="v1")
     data["position"] += 0.02
     data["position"].attrs["units"] = "m"
-    found = score(align(data, model), model)
-    np.testing.assert_allclose(found["rho"], 1.0, atol=1e-5)
-    np.testing.assert_allclose(found["amplitude_ratio"], 0.5, rtol=1e-2)
-    assert set(found["reason"].values) == {""}
-    assert float(found["shift"]) == pytest.approx(0.07, abs=1e-4)
-    assert int(found["samples"]) == round(float(align(data, model)["overlap"]) * 160)
-    assert found["rmse"].attrs["units"] == "m"
-    assert found.attrs["origin"] == "simulated"
-    assert found.attrs["volunteer"] == "v1"
+    scores = score(align(data, model), model)
+    np.testing.assert_allclose(scores["rho"], 1.0, atol=1e-5)
+    np.testing.assert_allclose(scores["amplitude_ratio"], 0.5, rtol=1e-2)
+    assert set(scores["reason"].values) == {""}
+    assert float(scores["shift"]) == pytest.approx(0.07, abs=1e-4)
+    assert int(scores["samples"]) == round(float(align(data, model)["overlap"]) * 160)
+    assert scores["rmse"].attrs["units"] == "m"
+    assert scores.attrs["origin"] == "simulated"
+    assert scores.attrs["volunteer"] == "v1"
 
 
 def test_score_of_a_still_marker() -> None:
@@ -216,30 +216,30 @@ def test_score_of_a_still_marker() -> None:
     model["position"].values[4] = model["position"].values[4, :, :1] + 1e-11 * np.sin(
         np.arange(160)
     )
-    found = score(align(data, model), model)
+    scores = score(align(data, model), model)
     assert (
-        str(found["reason"].sel(marker="marker_4").values) == "the simulated marker does not move"
+        str(scores["reason"].sel(marker="marker_4").values) == "the simulated marker does not move"
     )
-    assert np.isnan(found["rho"].sel(marker="marker_4"))
-    assert int(np.isfinite(found["rho"]).sum()) == 9
-    assert float(found["amplitude_ratio"].sel(marker="marker_4")) == 0.0
+    assert np.isnan(scores["rho"].sel(marker="marker_4"))
+    assert int(np.isfinite(scores["rho"]).sum()) == 9
+    assert float(scores["amplitude_ratio"].sel(marker="marker_4")) == 0.0
 
 
 def test_score_marks_a_gap_inside_but_not_the_ends() -> None:
     data = trajectory()
     data["position"].values[:, :, :10] = np.nan
     data["position"].values[2, :, 50] = np.nan
-    found = score(data, trajectory())
-    assert int(found["samples"]) == 150
-    assert str(found["reason"].sel(marker="marker_2").values) == "the measured marker has gaps"
-    assert int(np.isfinite(found["rho"]).sum()) == 9
+    scores = score(data, trajectory())
+    assert int(scores["samples"]) == 150
+    assert str(scores["reason"].sel(marker="marker_2").values) == "the measured marker has gaps"
+    assert int(np.isfinite(scores["rho"]).sum()) == 9
 
 
 def test_score_with_one_array_and_no_alignment() -> None:
     data = trajectory(once)
-    found = score(data["position"], data["position"])
-    np.testing.assert_allclose(found["rho"], 1.0, atol=1e-14)
-    assert "shift" not in found
+    scores = score(data["position"], data["position"])
+    np.testing.assert_allclose(scores["rho"], 1.0, atol=1e-14)
+    assert "shift" not in scores
 
 
 @pytest.mark.parametrize(

@@ -49,39 +49,39 @@ def one_strategy_moved(seed: int = 5, volunteers: int = 6) -> xr.Dataset:
 
 
 def test_planted_axis_is_found() -> None:
-    found = sensitivity(factorial())
-    assert list(found["choice"].values[:4]) == [
+    effects = sensitivity(factorial())
+    assert list(effects["choice"].values[:4]) == [
         "mapping_stage = feature, act_all",
         "mapping_stage = feature, act_3",
         "mapping_stage = feature, act_rel",
         "mapping_stage = activation, act_all",
     ]
-    np.testing.assert_allclose(found["estimate"], [0.3] * 3 + [0.2] * 3 + [0.0] * 3, atol=0.03)
-    assert (found["p_holm"][:6] < 1e-6).all()
-    assert (found["p_holm"][6:] > 0.05).all()
-    np.testing.assert_allclose(found["reach"][0], 0.3, atol=1e-9)
-    text = found.attrs["summary"]
+    np.testing.assert_allclose(effects["estimate"], [0.3] * 3 + [0.2] * 3 + [0.0] * 3, atol=0.03)
+    assert (effects["p_holm"][:6] < 1e-6).all()
+    assert (effects["p_holm"][6:] > 0.05).all()
+    np.testing.assert_allclose(effects["reach"][0], 0.3, atol=1e-9)
+    text = effects.attrs["summary"]
     assert text.startswith(
         "rho changes significantly, after Holm's correction over 9 tests, with mapping_stage"
     )
     assert "phase" not in text.partition("Of the same sign")[0].partition("The other")[0]
     assert "are not significant, but may exist" in text
-    assert found.attrs["reference"] == "mapping_stage = signal, phase = zero"
+    assert effects.attrs["reference"] == "mapping_stage = signal, phase = zero"
 
 
 def test_an_effect_on_one_strategy_is_found_although_the_mean_hardly_changes() -> None:
     cube = one_strategy_moved()
-    found = sensitivity(cube)
-    of = {
-        str(label): found.sel(choice=found["strategy"] == label)
+    effects = sensitivity(cube)
+    by_strategy = {
+        str(label): effects.sel(choice=effects["strategy"] == label)
         for label in cube["strategy"].values
     }
-    assert int(of["act_all"]["rises"][0]) == 6
-    assert float(of["act_all"]["p_holm"][0]) < 0.05
-    assert (found["p_holm"][1:] > 0.05).all()
+    assert int(by_strategy["act_all"]["rises"][0]) == 6
+    assert float(by_strategy["act_all"]["p_holm"][0]) < 0.05
+    assert (effects["p_holm"][1:] > 0.05).all()
     assert (
         "normalisation_reach = session, act_all (+0.23 in z, rises in 6 of 6)"
-        in (found.attrs["summary"])
+        in (effects.attrs["summary"])
     )
     # A pooled test of raw rho would not be significant.
     raw = cube["rho"].sel(normalisation_reach="session", drop=True) - cube["rho"].sel(
@@ -93,7 +93,7 @@ def test_an_effect_on_one_strategy_is_found_although_the_mean_hardly_changes() -
 
 def test_p_and_interval_are_those_of_the_paired_t_test() -> None:
     cube = one_strategy_moved()
-    found = sensitivity(cube)
+    effects = sensitivity(cube)
     z = np.arctanh(cube["rho"])
     change = z.sel(normalisation_reach="session", drop=True) - z.sel(
         normalisation_reach="trial", drop=True
@@ -101,46 +101,46 @@ def test_p_and_interval_are_those_of_the_paired_t_test() -> None:
     for k, strategy in enumerate(cube["strategy"].values):
         values = volunteer_means(change.sel(strategy=strategy)).values
         peer = stats.ttest_1samp(values, 0.0)
-        assert float(found["p"][k]) == pytest.approx(peer.pvalue)
-        np.testing.assert_allclose(found["interval"][k], peer.confidence_interval())
-        assert float(found["p_sign_flip"][k]) == sign_flip_p(values, sign_patterns(6))
-    np.testing.assert_allclose(found["p_holm"], multipletests(found["p"], method="holm")[1])
+        assert float(effects["p"][k]) == pytest.approx(peer.pvalue)
+        np.testing.assert_allclose(effects["interval"][k], peer.confidence_interval())
+        assert float(effects["p_sign_flip"][k]) == sign_flip_p(values, sign_patterns(6))
+    np.testing.assert_allclose(effects["p_holm"], multipletests(effects["p"], method="holm")[1])
 
 
 def test_too_few_volunteers_for_a_test_of_choices() -> None:
-    found = sensitivity(one_strategy_moved(volunteers=4))
-    assert np.isnan(found["p"]).all() and np.isnan(found["interval"]).all()
-    assert np.isfinite(found["estimate"]).all()
-    assert found.attrs["summary"].startswith("No test is performed: 4 volunteers with pairs")
+    effects = sensitivity(one_strategy_moved(volunteers=4))
+    assert np.isnan(effects["p"]).all() and np.isnan(effects["interval"]).all()
+    assert np.isfinite(effects["estimate"]).all()
+    assert effects.attrs["summary"].startswith("No test is performed: 4 volunteers with pairs")
 
 
 def test_a_choice_without_effect_is_reported_as_such() -> None:
     cube = one_strategy_moved()
     same = cube["rho"].sel(normalisation_reach="trial", strategy="act_3", drop=True)
     rho = xr.where(cube["strategy"] == "act_3", same, cube["rho"], keep_attrs=True)
-    found = sensitivity(cube.assign(rho=rho.transpose(*cube["rho"].dims).assign_attrs(units="1")))
-    assert list(found["p"].values == 1.0) == [False, True, False]
-    assert "1 of the tests show no change in any volunteer" in found.attrs["summary"]
+    effects = sensitivity(cube.assign(rho=rho.transpose(*cube["rho"].dims).assign_attrs(units="1")))
+    assert list(effects["p"].values == 1.0) == [False, True, False]
+    assert "1 of the tests show no change in any volunteer" in effects.attrs["summary"]
 
 
 def test_raw_change_by_hand() -> None:
     cube = factorial()
-    found = sensitivity(cube, scale="raw")
+    effects = sensitivity(cube, scale="raw")
     at = {"phase": "zero", "strategy": "act_all"}
     change = cube["rho"].sel(mapping_stage="feature", **at) - cube["rho"].sel(
         mapping_stage="signal", **at
     )
     expected = float(volunteer_means(change.drop_vars(["phase"])).mean())
-    assert float(found["estimate"][0]) == pytest.approx(expected)
+    assert float(effects["estimate"][0]) == pytest.approx(expected)
 
 
 def test_reference_may_be_another_level_and_corners_may_be_missing() -> None:
     cube = factorial()
     cube = fail(cube, mapping_stage=["signal", "activation"], phase="causal")
-    found = sensitivity(cube, reference={"mapping_stage": "feature"})
-    assert list(found["level"].values[::3]) == ["signal", "activation", "causal"]
-    np.testing.assert_allclose(found["estimate"][:6], [-0.3] * 3 + [-0.1] * 3, atol=1e-9)
-    assert int(found["lost_failed"].sum()) == 0
+    effects = sensitivity(cube, reference={"mapping_stage": "feature"})
+    assert list(effects["level"].values[::3]) == ["signal", "activation", "causal"]
+    np.testing.assert_allclose(effects["estimate"][:6], [-0.3] * 3 + [-0.1] * 3, atol=1e-9)
+    assert int(effects["lost_failed"].sum()) == 0
     other = sensitivity(cube, axes=["phase"])
     assert other.sizes["choice"] == 3
     assert int(other["lost_failed"].sum()) == cube["rho"][0, 0].size

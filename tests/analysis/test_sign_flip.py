@@ -59,18 +59,18 @@ def test_interval_holds_exactly_the_shifts_not_rejected(n: int, level: float) ->
 
 
 def test_six_volunteers_reach_one_in_thirty_two() -> None:
-    found = sign_flip(compare(of_differences([0.2, 0.5, 0.4, 0.9, 0.1, 0.3])))
-    assert float(found["p"][0]) == float(found["smallest_p"][0]) == 2 / 64
-    assert float(found["estimate"][0]) == pytest.approx(0.4)
-    np.testing.assert_allclose(found["interval"][0], [0.1, 0.9])
-    assert float(found["coverage"][0]) == 1 - 2 / 64
-    assert "smallest p possible 0.031" in str(found["sentence"].values[0])
+    tested = sign_flip(compare(of_differences([0.2, 0.5, 0.4, 0.9, 0.1, 0.3])))
+    assert float(tested["p"][0]) == float(tested["smallest_p"][0]) == 2 / 64
+    assert float(tested["estimate"][0]) == pytest.approx(0.4)
+    np.testing.assert_allclose(tested["interval"][0], [0.1, 0.9])
+    assert float(tested["coverage"][0]) == 1 - 2 / 64
+    assert "smallest p possible 0.031" in str(tested["sentence"].values[0])
 
 
 def test_five_volunteers_allow_no_95_percent_interval() -> None:
-    found = sign_flip(compare(of_differences([0.2, 0.5, 0.4, 0.9, 0.1])))
-    assert np.isinf(found["interval"]).all()
-    assert "no bounded 95 % interval" in found.attrs["sentence"]
+    tested = sign_flip(compare(of_differences([0.2, 0.5, 0.4, 0.9, 0.1])))
+    assert np.isinf(tested["interval"]).all()
+    assert "no bounded 95 % interval" in tested.attrs["sentence"]
 
 
 def test_random_patterns_beyond_sixteen() -> None:
@@ -85,7 +85,7 @@ def test_random_patterns_beyond_sixteen() -> None:
 
 def test_joint_p_by_enumeration() -> None:
     cube = simulated_scores(4, effects=(0.0, 0.5, 0.4))
-    found = sign_flip(compare(cube))
+    tested = sign_flip(compare(cube))
     labels = [("act_3", "act_all"), ("act_rel", "act_all"), ("act_rel", "act_3")]
     table = np.array([paired(cube, *pair).values for pair in labels])
     t = np.abs(table.sum(axis=1)) / np.sqrt((table**2).sum(axis=1))
@@ -94,8 +94,8 @@ def test_joint_p_by_enumeration() -> None:
         for s in itertools.product((1, -1), repeat=6)
     ]
     expected = [np.mean(np.array(largest) >= each - 1e-12) for each in t]
-    np.testing.assert_allclose(found["p_joint"], expected)
-    assert (found["p_joint"] >= found["p"] - 1e-12).all()
+    np.testing.assert_allclose(tested["p_joint"], expected)
+    assert (tested["p_joint"] >= tested["p"] - 1e-12).all()
 
 
 def test_pairs_by_hand() -> None:
@@ -103,7 +103,7 @@ def test_pairs_by_hand() -> None:
     cube = fail(simulated_scores(2), volunteer="v2", instruction="i1", repetition=1)
     cube = fail(cube, volunteer="v3", instruction="i2", strategy="act_3")
     cube["rho"].loc[{"volunteer": "v4", "marker": "marker_1", "strategy": "act_all"}] = np.nan
-    found = paired(cube, "act_3", "act_all")
+    pairs = paired(cube, "act_3", "act_all")
     z = np.arctanh(cube["rho"])
     for volunteer in cube["volunteer"].values:
         cells = []
@@ -124,8 +124,8 @@ def test_pairs_by_hand() -> None:
                 both = [value for value in both if np.isfinite(value)]
                 if both:
                     cells.append(np.mean(both))
-        assert float(found.means.sel(volunteer=volunteer)) == pytest.approx(np.mean(cells))
-    assert found.counts == {
+        assert float(pairs.means.sel(volunteer=volunteer)) == pytest.approx(np.mean(cells))
+    assert pairs.counts == {
         "pairs": 72 - 3 - 6 - 4,
         "lost_failed": 9,
         "lost_excluded": 0,
@@ -140,22 +140,22 @@ def test_missing_and_failed_trials_are_distinguished() -> None:
     at = {"volunteer": "v1", "repetition": 2, "strategy": "act_rel"}
     cube["status"].loc[at] = "missing"
     cube["rho"].loc[at] = np.nan
-    found = sign_flip(compare(cube))
-    assert list(found["lost_missing"].values) == [0, 6, 6]
-    assert "6 of 72 pairs are missing (6 missing)" in str(found["sentence"].values[1])
-    assert list(found["verdict"].values[:, 2]) == ["met", "doubtful", "doubtful"]
+    tested = sign_flip(compare(cube))
+    assert list(tested["lost_missing"].values) == [0, 6, 6]
+    assert "6 of 72 pairs are missing (6 missing)" in str(tested["sentence"].values[1])
+    assert list(tested["verdict"].values[:, 2]) == ["met", "doubtful", "doubtful"]
     cube["status"].loc[at] = "excluded"
-    found = sign_flip(compare(cube))
-    assert list(found["lost_excluded"].values) == [0, 6, 6]
-    assert "6 of 72 pairs are missing (6 excluded)" in str(found["sentence"].values[1])
+    tested = sign_flip(compare(cube))
+    assert list(tested["lost_excluded"].values) == [0, 6, 6]
+    assert "6 of 72 pairs are missing (6 excluded)" in str(tested["sentence"].values[1])
 
 
 def test_fisher_z_is_clipped_and_counted() -> None:
     cube = simulated_scores(2)
     cube["rho"][0, 0, 0, 0, 0] = 1.0
-    found = sign_flip(compare(cube))
-    assert list(found["clipped"].values) == [1, 1, 0]
-    assert np.isfinite(found["estimate"]).all()
+    tested = sign_flip(compare(cube))
+    assert list(tested["clipped"].values) == [1, 1, 0]
+    assert np.isfinite(tested["estimate"]).all()
     z = fisher_z(cube["rho"], limit=0.9)
     assert float(z.max()) == pytest.approx(np.arctanh(0.9))
     inside = abs(cube["rho"]) < 0.9
@@ -163,9 +163,9 @@ def test_fisher_z_is_clipped_and_counted() -> None:
 
 
 def test_other_variables_keep_their_unit() -> None:
-    found = sign_flip(compare(simulated_scores(2), variable="rmse"))
-    assert found["estimate"].attrs["units"] == "m"
-    assert " mm over 6 volunteers" in found.attrs["sentence"]
+    tested = sign_flip(compare(simulated_scores(2), variable="rmse"))
+    assert tested["estimate"].attrs["units"] == "m"
+    assert " mm over 6 volunteers" in tested.attrs["sentence"]
 
 
 @pytest.mark.parametrize(

@@ -42,30 +42,30 @@ def study(
 
 def test_gains_and_skill_are_those_of_the_means() -> None:
     cube = study()
-    found = against_baselines(cube, draws=200)
+    compared = against_baselines(cube, draws=200)
     mean, limit = float(cube["rho"].mean()), float(unlimited_template(0.80, 5))
-    np.testing.assert_allclose(found["template_limit"], limit)
-    np.testing.assert_allclose(found["gain_template"], mean - limit)
-    np.testing.assert_allclose(found["gain_others"], mean - 0.82)
-    np.testing.assert_allclose(found["gain_shuffled"], mean - 0.85)
-    np.testing.assert_allclose(found["gain_wrong"], mean - 0.30)
-    np.testing.assert_allclose(found["skill"], (mean - limit) / (0.90 - limit))
-    np.testing.assert_allclose(found["skill_others"], (0.82 - limit) / (0.90 - limit))
-    np.testing.assert_allclose(found["within"], 0.25)
-    assert (found["volunteers"] == 6).all() and (found["trials"] == 24).all()
+    np.testing.assert_allclose(compared["template_limit"], limit)
+    np.testing.assert_allclose(compared["gain_template"], mean - limit)
+    np.testing.assert_allclose(compared["gain_others"], mean - 0.82)
+    np.testing.assert_allclose(compared["gain_shuffled"], mean - 0.85)
+    np.testing.assert_allclose(compared["gain_wrong"], mean - 0.30)
+    np.testing.assert_allclose(compared["skill"], (mean - limit) / (0.90 - limit))
+    np.testing.assert_allclose(compared["skill_others"], (0.82 - limit) / (0.90 - limit))
+    np.testing.assert_allclose(compared["within"], 0.25)
+    assert (compared["volunteers"] == 6).all() and (compared["trials"] == 24).all()
     for name in ("gain_template", "skill"):
-        low, high = found[f"{name}_interval"].transpose("bound", ...).values
-        assert ((low < found[name]) & (found[name] < high)).all()
+        low, high = compared[f"{name}_interval"].transpose("bound", ...).values
+        assert ((low < compared[name]) & (compared[name] < high)).all()
     np.testing.assert_allclose(
-        found["skill_interval"], found["gain_template_interval"] / (0.90 - limit), rtol=1e-9
+        compared["skill_interval"], compared["gain_template_interval"] / (0.90 - limit), rtol=1e-9
     )
 
 
 @pytest.mark.parametrize("n", [1, 2, LEAST_VOLUNTEERS - 1, LEAST_VOLUNTEERS])
 def test_few_volunteers_have_no_interval(n: int) -> None:
-    found = against_baselines(study(n), draws=200)
-    assert np.isfinite(found["skill"]).all()
-    assert np.isfinite(found["skill_interval"]).all() == (n >= LEAST_VOLUNTEERS)
+    compared = against_baselines(study(n), draws=200)
+    assert np.isfinite(compared["skill"]).all()
+    assert np.isfinite(compared["skill_interval"]).all() == (n >= LEAST_VOLUNTEERS)
 
 
 @pytest.mark.slow
@@ -80,8 +80,8 @@ def test_interval_covers_the_true_gain() -> None:
 
 
 def test_a_ceiling_at_the_template_gives_gain_but_no_skill() -> None:
-    found = against_baselines(study(ceiling=0.8005), draws=200)
-    assert np.isnan(found["skill"]).all() and np.isfinite(found["gain_template"]).all()
+    compared = against_baselines(study(ceiling=0.8005), draws=200)
+    assert np.isnan(compared["skill"]).all() and np.isfinite(compared["gain_template"]).all()
 
 
 def test_unscored_trials_are_left_out_of_both_sides() -> None:
@@ -91,10 +91,10 @@ def test_unscored_trials_are_left_out_of_both_sides() -> None:
     cube["template_rho"] = changed
     cube["status"][0, 0, 0, 1] = "failed:InvertedElement"
     cube["rho"][0, 0, 0, 1] = np.nan
-    found = against_baselines(cube, draws=200)
-    assert float(found["template_rho"][1]) == pytest.approx(0.80)
-    assert float(found["template_rho"][0]) == pytest.approx((23 * 0.80 - 1.0) / 24)
-    assert found["trials"].values.tolist() == [24, 23, 24]
+    compared = against_baselines(cube, draws=200)
+    assert float(compared["template_rho"][1]) == pytest.approx(0.80)
+    assert float(compared["template_rho"][0]) == pytest.approx((23 * 0.80 - 1.0) / 24)
+    assert compared["trials"].values.tolist() == [24, 23, 24]
 
 
 def test_a_cube_without_baselines_is_refused() -> None:
@@ -114,8 +114,8 @@ def test_a_cube_without_baselines_is_refused() -> None:
     [(0.97, "not that the EMG contributed"), (0.6, "0.23 cannot be reached by any motion")],
 )
 def test_what_a_rho_of_090_means_depends_on_the_template(template: float, said: str) -> None:
-    told, _ = comparison(study(template_rho=template, ceiling=0.99), draws=200)
-    text = " ".join(told)
+    sentences, _ = comparison(study(template_rho=template, ceiling=0.99), draws=200)
+    text = " ".join(sentences)
     assert "With a rho of 0.90, 44 % of the amplitude" in text and said in text
     assert f"scores {template:.2f} (template)" in text and "0.99 (ceiling)" in text
     assert "wrong instruction scores 0.30 on average, and 0.50" in text
@@ -123,12 +123,12 @@ def test_what_a_rho_of_090_means_depends_on_the_template(template: float, said: 
 
 
 def test_missing_results_are_stated() -> None:
-    told = " ".join(comparison(study(2), draws=200)[0])
-    assert "the motion of another volunteer" in told and "A template of one or two" in told
-    assert "no interval, which requires" in told
+    text = " ".join(comparison(study(2), draws=200)[0])
+    assert "the motion of another volunteer" in text and "A template of one or two" in text
+    assert "no interval, which requires" in text
     once = study(repeat_rho=np.nan, ceiling=np.nan, shuffled_rho=np.nan, within_rho=np.nan)
-    told = " ".join(comparison(once, draws=200)[0])
-    assert "No instruction was repeated" in told and "skill" not in told.split("are undefined.")[1]
+    text = " ".join(comparison(once, draws=200)[0])
+    assert "No instruction was repeated" in text and "skill" not in text.split("are undefined.")[1]
     alone = study(1, template_rho=np.nan, ceiling=np.nan)
     assert "no other volunteer" in " ".join(comparison(alone, draws=200)[0])
 
@@ -145,7 +145,7 @@ def test_tables_contain_the_named_quantities() -> None:
     assert all("simulated recordings" in table.title for table in tables.values())
 
 
-def test_individual_measures_beside_those_of_the_template() -> None:
+def test_individual_measures_with_those_of_the_template() -> None:
     cube = study(asymmetry_measured=0.1, asymmetry_simulated=0.3, template_asymmetry=-0.1,
                  onset_error=-0.05, template_onset_error=0.02, template_amplitude_ratio=0.5)  # fmt: skip
     cube["amplitude_ratio"] = xr.full_like(cube["rho"], 2.0)

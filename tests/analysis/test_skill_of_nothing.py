@@ -26,14 +26,14 @@ def test_it_is_the_interval_of_a_study() -> None:
     )  # fmt: skip
     cube["reason"] = xr.full_like(cube["status"], "")
     cube["rho"] = cube["rho"].copy(data=rho[:, :, :, None])
-    found = {"template_rho": template, "repeat_rho": again, "ceiling": ceiling_of(again)}
+    values = {"template_rho": template, "repeat_rho": again, "ceiling": ceiling_of(again)}
     coords = {dim: cube[dim] for dim in DIMS}
-    made = {name: xr.DataArray(v, coords, DIMS) for name, v in found.items()}
+    made = {name: xr.DataArray(v, coords, DIMS) for name, v in values.items()}
     made["template_volunteers"] = made["ceiling"].isel(repetition=0, marker=0, drop=True) * 0 + 5
     result = against_baselines(with_baselines(cube, made), draws=200)
     expected = skill_interval(rho, template, again)
-    found = (float(result["skill"][0]), *result["skill_interval"].values[0])
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    values = (float(result["skill"][0]), *result["skill_interval"].values[0])
+    np.testing.assert_allclose(values, expected, rtol=1e-12)
 
 
 @pytest.mark.slow
@@ -83,5 +83,5 @@ def test_limit_of_few_or_no_persons() -> None:
     assert np.isnan(template_limit(rho * np.nan, one)).all()
     odd = rho.copy()
     odd[0] = -0.5  # a person unlike all others
-    found = template_limit(odd, one)
-    assert np.isfinite(found).all() and (found[0] < 0).all()
+    limit = template_limit(odd, one)
+    assert np.isfinite(limit).all() and (limit[0] < 0).all()

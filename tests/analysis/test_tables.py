@@ -12,10 +12,10 @@ from analysis.tables import Column, Table, descriptive_table, report_tables, tri
 
 
 def test_strategy_table_holds_the_descriptives() -> None:
-    table, found = descriptive_table(cube()), descriptives(cube())
+    table, described = descriptive_table(cube()), descriptives(cube())
     assert [row[0] for row in table.rows] == ["act_all", "act_3", "act_rel"]
     for row in table.rows:
-        group = found.sel(strategy=row[0])
+        group = described.sel(strategy=row[0])
         assert row[1:4] == tuple(
             float(group[name]) for name in ("median", "mean", "standard_deviation")
         )
@@ -76,9 +76,9 @@ def test_text_is_aligned_and_in_readable_units() -> None:
 def test_csv_is_exact_and_si() -> None:
     table = descriptive_table(cube(), variable="rmse")
     rows = list(csv.DictReader(io.StringIO(table.csv())))
-    found = descriptives(cube(), variable="rmse")
+    described = descriptives(cube(), variable="rmse")
     for row in rows:
-        assert float(row["median [m]"]) == float(found["median"].sel(strategy=row["strategy"]))
+        assert float(row["median [m]"]) == float(described["median"].sel(strategy=row["strategy"]))
     empty = list(csv.DictReader(io.StringIO(trial_table(cube()).csv())))
     assert {row["median_rho"] for row in empty if row["status"] != "ok"} == {""}
 

@@ -78,7 +78,7 @@ def test_the_sentence_states_what_no_common_motion_reaches():
         "ceiling": 0.99,
         "repeat_rho": 0.98,
     }
-    found = xr.Dataset(
+    limits = xr.Dataset(
         {name: ("strategy", [value]) for name, value in values.items()}
         | {name: ("strategy", [0.1]) for name in GAINS}
         | {f"{name}_interval": (("strategy", "bound"), [[0.0, 0.2]]) for name in GAINS}
@@ -90,7 +90,7 @@ def test_the_sentence_states_what_no_common_motion_reaches():
         {"strategy": ["act_all"], "bound": ["lower", "upper"]},
         {"level": 0.95, "instructions": 6},
     )
-    text = " ".join(what_rho_means(found))
+    text = " ".join(what_rho_means(limits))
     assert "specific to the person" not in text
     assert "would score about 0.80" in text and "Of a rho of 0.90, 0.10 cannot be reached" in text
-    assert "does not show that the EMG contributed" in " ".join(what_rho_means(found, 0.79))
+    assert "does not show that the EMG contributed" in " ".join(what_rho_means(limits, 0.79))

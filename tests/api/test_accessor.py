@@ -30,9 +30,9 @@ def recording():
 def test_bandpass_is_that_of_the_chain(recording, filtering):
     wanted = bandpass(recording["emg"], FilterParameters(**filtering))
     for given in (recording, recording["emg"]):
-        found = given.semg.bandpass(**filtering)
-        np.testing.assert_array_equal(found.values, wanted.values)
-        assert found.attrs["filter_low"] == wanted.attrs["filter_low"]
+        filtered = given.semg.bandpass(**filtering)
+        np.testing.assert_array_equal(filtered.values, wanted.values)
+        assert filtered.attrs["filter_low"] == wanted.attrs["filter_low"]
 
 
 @pytest.mark.parametrize(
@@ -58,20 +58,20 @@ def test_chained_steps_give_the_activation(recording, stage):
     steps = ["bandpass", "wamp", "normalise", "resample"]
     steps.insert(1 + ["signal", "feature", "activation"].index(stage), "muscles")
     chain = chain_of(mapping={"mapping_stage": stage}, resampling={"steps": 100})
-    found = recording
+    chained = recording
     for step in steps:
-        found = getattr(found.semg, step)(**({"steps": 100} if step == "resample" else {}))
+        chained = getattr(chained.semg, step)(**({"steps": 100} if step == "resample" else {}))
     wanted = activation_of(recording, chain, strategy="act_all")["activation"]
-    np.testing.assert_allclose(found["time"], wanted["time"], rtol=0, atol=0)
-    np.testing.assert_array_equal(found.values, wanted.values)
+    np.testing.assert_allclose(chained["time"], wanted["time"], rtol=0, atol=0)
+    np.testing.assert_array_equal(chained.values, wanted.values)
 
 
 def test_chained_envelope_gives_the_activation(recording):
     chain = chain_of(feature={"kind": "envelope", "A": -2.0})
     wanted = activation_of(recording, chain, strategy="act_all")["activation"]
     envelope = recording.semg.bandpass().semg.muscles().semg.envelope()
-    found = envelope.semg.normalise().semg.shape(A=-2.0).semg.resample()
-    np.testing.assert_array_equal(found.values, wanted.values)
+    resampled = envelope.semg.normalise().semg.shape(A=-2.0).semg.resample()
+    np.testing.assert_array_equal(resampled.values, wanted.values)
 
 
 def test_normalisation_over_a_session(recording):
@@ -79,10 +79,10 @@ def test_normalisation_over_a_session(recording):
     weak = recording_of(1, gain=0.5)
     extent = feature_range([recording, weak], chain)
     feature, _ = feature_before_normalisation(weak, chain)
-    found = feature.semg.normalise(extent, outside="clip").semg.resample()
+    resampled = feature.semg.normalise(extent, outside="clip").semg.resample()
     wanted = activation_of(weak, chain, strategy="act_rel", session=extent)["activation"]
     relevant = [m for m in wanted["muscle"].values if m[:-2] in RELEVANT["A"]]
-    np.testing.assert_array_equal(found.sel(muscle=relevant), wanted.sel(muscle=relevant))
+    np.testing.assert_array_equal(resampled.sel(muscle=relevant), wanted.sel(muscle=relevant))
 
 
 def test_a_step_carries_what_identifies_the_trial(recording):
@@ -94,7 +94,7 @@ def test_the_variable_of_a_recording_is_an_array(recording):
     variable = recording["emg"]
     assert isinstance(recording.emg, xr.DataArray)
     assert np.asarray(recording.emg).shape == variable.shape
-    for found, wanted in (
+    for array, wanted in (
         (recording.emg, variable),
         (recording.emg * 1e6, variable * 1e6),
         (recording.emg.sel(channel="ZYG_L"), variable.sel(channel="ZYG_L")),
@@ -103,7 +103,7 @@ def test_the_variable_of_a_recording_is_an_array(recording):
         (pickle.loads(pickle.dumps(recording.emg)), variable),
         (copy.deepcopy(recording.emg), variable),
     ):
-        xr.testing.assert_identical(found, wanted)
+        xr.testing.assert_identical(array, wanted)
     assert type(recording.emg * 1e6) is xr.DataArray
     assert "bandpass" in repr(recording.semg) and "(channel: 14" in repr(recording.semg)
     with pytest.raises(AttributeError, match="has no attribute 'wimp'"):
@@ -136,9 +136,11 @@ def test_steps_name_their_choices(recording):
 
 def test_muscles_of_a_recording_of_some_channels(recording):
     part = recording.sel(channel=["ZYG_L", "RIS_L"])
-    found = part.semg.bandpass().semg.muscles(["ZYG_L", "BUC_L"])
+    feature = part.semg.bandpass().semg.muscles(["ZYG_L", "BUC_L"])
     whole = recording.semg.bandpass().semg.muscles()
-    np.testing.assert_allclose(found.values, whole.sel(muscle=found["muscle"]).values, rtol=1e-12)
+    np.testing.assert_allclose(
+        feature.values, whole.sel(muscle=feature["muscle"]).values, rtol=1e-12
+    )
     with pytest.raises(SchemaError, match="no channel of the muscles"):
         part.semg.bandpass().semg.muscles()
 

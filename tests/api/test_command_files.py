@@ -42,8 +42,8 @@ def pairs():
 
 
 def test_every_path_of_a_command_is_known_as_read_or_written():
-    found = {name for _, _, names in paths() for name in names}
-    assert found == READ | set(WRITTEN)
+    names_of_paths = {name for _, _, names in paths() for name in names}
+    assert names_of_paths == READ | set(WRITTEN)
     assert not READ & set(WRITTEN)
 
 
@@ -68,16 +68,16 @@ def test_the_input_of_simulate_is_not_replaced(tmp_path):
     given = tmp_path / "activation.nc"
     given.write_bytes(b"activation")
     for option in ("--out", "--page", "--movie"):
-        found = CliRunner().invoke(app, ["simulate", str(given), option, str(given)])
-        assert found.exit_code == 2 and "command reads" in " ".join(found.output.split())
+        result = CliRunner().invoke(app, ["simulate", str(given), option, str(given)])
+        assert result.exit_code == 2 and "command reads" in " ".join(result.output.split())
     assert given.read_bytes() == b"activation"
 
 
 def test_one_file_is_not_written_twice(tmp_path):
     (tmp_path / "r.nc").write_bytes(b"recording")
     line = ["activate", str(tmp_path / "r.nc"), "--out", str(tmp_path / "a.nc")]
-    found = CliRunner().invoke(app, [*line, "--plot", str(tmp_path / "." / "a.nc")])
-    assert found.exit_code == 2
+    result = CliRunner().invoke(app, [*line, "--plot", str(tmp_path / "." / "a.nc")])
+    assert result.exit_code == 2
     assert not (tmp_path / "a.nc").exists()
 
 
@@ -127,6 +127,6 @@ def test_a_table_or_page_is_not_written_under_the_suffix_of_data(callback, out, 
 @pytest.mark.parametrize("name", ["dose", "dose.txt", "dose.html"])
 def test_tables_end_in_csv(name, tmp_path):
     """The folder of the cases of a dose has its name without suffix."""
-    found = CliRunner().invoke(app, ["dose", "--out", str(tmp_path / name)])
-    assert found.exit_code == 2 and "ends in .csv" in " ".join(found.output.split())
+    result = CliRunner().invoke(app, ["dose", "--out", str(tmp_path / name)])
+    assert result.exit_code == 2 and "ends in .csv" in " ".join(result.output.split())
     assert not list(tmp_path.iterdir())

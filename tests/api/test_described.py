@@ -51,7 +51,7 @@ def test_html_escapes_and_lists_the_same_facts():
     made = scene()
     shown = Odd(made.mesh, made.terms)._repr_html_()
     assert "a &lt; b" in shown and "1 &amp; 2" in shown
-    assert all(told in made._repr_html_() for told in made.facts().values())
+    assert all(fact in made._repr_html_() for fact in made.facts().values())
 
 
 def test_parameters_show_what_differs_from_the_defaults():

@@ -19,12 +19,12 @@ def parts(root):
     page = (root / "docs" / "extend.md").read_text()
     examples = re.findall(r"^( *)```python\n(.*?)^ *```", page, re.M | re.S)
     assert len(examples) >= 5
-    found = {"inner": lambda f: f, "math": math}
+    names = {"inner": lambda f: f, "math": math}
     for indent, text in examples:
         lines = [line.removeprefix(indent) for line in text.splitlines()]
         assert len(lines) <= SHORT
-        exec("\n".join(lines), found)  # the page is part of the package
-    return found
+        exec("\n".join(lines), names)  # the page is part of the package
+    return names
 
 
 def block(*constraints, **more):
@@ -36,8 +36,8 @@ def block(*constraints, **more):
 def end_of(system, integrator, duration, steps, initial=None):
     h = duration / steps
     about = {"integrator": integrator, "steps": sim.FixedStep(h), "every": duration}
-    found = sim.simulate(system, sim.resting(0), duration=duration, initial=initial, **about)
-    return found[1]
+    motion = sim.simulate(system, sim.resting(0), duration=duration, initial=initial, **about)
+    return motion[1]
 
 
 def test_law(parts):
@@ -88,8 +88,8 @@ def test_joint(parts, integrator):
 
 def test_method(parts):
     """The order is 2."""
-    held = sim.Fixed(np.flatnonzero(grid((2, 1, 2), (0.02, 0.01, 0.02)).X[:, 0] == 0.0))
-    system = block(reductions=(held,))
+    fixed = sim.Fixed(np.flatnonzero(grid((2, 1, 2), (0.02, 0.01, 0.02)).X[:, 0] == 0.0))
+    system = block(reductions=(fixed,))
     method = parts["MyMidpoint"](tolerance=1e-12, residual_tolerance=1e-11)
     ends = [end_of(system, method, 0.01, n).q for n in (10, 20, 40)]
     d = [np.abs(b - a).max() for a, b in zip(ends, ends[1:], strict=False)]

@@ -53,8 +53,8 @@ def test_a_turned_model_is_refused_by_its_check_and_as_a_file(kind, turn, models
     path = tmp_path / "turned.nc"
     wrong.to_netcdf(path)
     for command in (["check", str(path)], ["show", str(path), "--out", str(tmp_path / "t.png")]):
-        told = CliRunner().invoke(app, command)
-        assert told.exit_code == 2, told.output
+        result = CliRunner().invoke(app, command)
+        assert result.exit_code == 2, result.output
     for use in (ef.read, ef.show):
         with pytest.raises(DataError, match="direction of the|inverted at rest|oriented inwards"):
             use(path)

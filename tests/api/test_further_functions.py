@@ -22,10 +22,10 @@ def recording(channels=CHANNELS):
 
 
 def test_a_recording_without_markers_can_be_activated_but_not_scored():
-    found = ef.check(recording())
-    every = found["channels and markers"]
+    tables = ef.check(recording())
+    every = tables["channels and markers"]
     assert set(every["name"]) == set(CHANNELS)
-    steps = found["later steps"].set_index("step")["reason"]
+    steps = tables["later steps"].set_index("step")["reason"]
     assert "activate" not in steps and "no marker positions" in steps["score"]
 
 
@@ -65,8 +65,8 @@ def test_formants_of_a_vowel_are_those_of_its_tube():
     tract = ef.sound(vowel="a", source=None)
     assert "sound" not in tract
     exact = formants(tract["area"].values[0], float(tract["length"][0]))[0]
-    found = tract["formant_frequency"].values[0]
-    np.testing.assert_allclose(found, exact[: len(found)], rtol=1e-6)
+    frequencies = tract["formant_frequency"].values[0]
+    np.testing.assert_allclose(frequencies, exact[: len(frequencies)], rtol=1e-6)
     with pytest.raises(ConfigurationError, match="a wave file needs a source"):
         ef.sound(source=None, wave="a.wav")
 

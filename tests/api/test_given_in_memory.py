@@ -75,18 +75,18 @@ SAME = {
 @pytest.mark.parametrize("change", list(SAME))
 def test_what_has_one_meaning_is_converted(kind: str, change: str) -> None:
     given = made(kind)
-    found = usable(SAME[change](given), kind)
+    converted = usable(SAME[change](given), kind)
     for name in given.data_vars:
-        assert found[name].dims == given[name].dims
+        assert converted[name].dims == given[name].dims
         np.testing.assert_allclose(
-            found[name].sel(
+            converted[name].sel(
                 {d: given[d].values for d in given[name].dims if given[d].dtype.kind == "U"}
             ).values,
             given[name].values,
         )  # fmt: skip
-        assert isinstance(found[name].data, np.ndarray)
+        assert isinstance(converted[name].data, np.ndarray)
     for name in clocks(given):
-        np.testing.assert_allclose(found[name].values.astype(float), given[name].values)
+        np.testing.assert_allclose(converted[name].values.astype(float), given[name].values)
 
 
 def test_a_recording_is_checked_in_any_order_of_its_dims() -> None:
@@ -197,8 +197,8 @@ def test_the_lips_of_a_motion_have_the_size_and_the_sides_of_their_face() -> Non
 @pytest.mark.parametrize(("own", "same"), [(1, True), ("01", True), (1.0, True), ("1", True),
                                            (2, False), ("1a", False), (np.int64(1), True)])  # fmt: skip
 def test_repetitions_are_compared_as_numbers(own, same) -> None:
-    found = of_recording(
+    findings = of_recording(
         {"repetition": 1, "volunteer": "V1"}, {"repetition": own, "volunteer": "V1"}
     )
-    assert (not found) is same
+    assert (not findings) is same
     assert of_recording({"volunteer": "V1"}, {"volunteer": "v1"})

@@ -68,9 +68,9 @@ def test_functions_document_arguments_result_errors_and_an_example(name):
     doc = inspect.getdoc(getattr(ef.api, name)) or ""
     for section in ("Parameters", "Returns", "Raises", "Examples"):
         assert f"{section}\n---" in doc, section
-    told = doc[doc.index("Parameters\n---") : doc.index("Returns\n---")]
+    parameters = doc[doc.index("Parameters\n---") : doc.index("Returns\n---")]
     for argument in inspect.signature(getattr(ef.api, name)).parameters:
-        assert argument in told, argument
+        assert argument in parameters, argument
 
 
 @pytest.mark.parametrize("package", ["emgface", "sim", "analysis"])

@@ -71,8 +71,8 @@ def test_options_of_other_kinds_are_refused_and_nothing_is_written(kind, tmp_pat
     size = BUILT.get(kind, ("--resolution", "coarse"))
     assert run("build", kind, "--out", model, *size).exit_code == 0
     for option in (("--solver", "sdirk2"), ("--no-contact",), ("--set", "color=red")):
-        found = run("simulate", "rest", "--model", model, "--out", out, *option)
-        assert found.exit_code == 2 and "expected" in found.output, found.output
+        result = run("simulate", "rest", "--model", model, "--out", out, *option)
+        assert result.exit_code == 2 and "expected" in result.output, result.output
     assert not out.exists()
     if kind != "head":
         assert run("build", kind, "--out", out, "--parts", "jaw").exit_code == 2
@@ -121,16 +121,16 @@ def test_a_setting_of_a_face_has_the_effect_of_its_option(tmp_path) -> None:
     assert run("build", "face", "--out", face, "--resolution", "coarse").exit_code == 0
     common = ("simulate", "ZYG_L=0.2", "--face", face, "--duration", "0.05", "--accuracy", "draft")
     assert run(*common, "--no-contact", "--out", one).exit_code == 0
-    found = run(*common, "--set", "contact.method=none", "--out", other)
-    assert found.exit_code == 0, found.output
+    result = run(*common, "--set", "contact.method=none", "--out", other)
+    assert result.exit_code == 0, result.output
     with xr.open_dataset(one) as a, xr.open_dataset(other) as b:
         assert a["position"].identical(b["position"])
 
 
 @pytest.mark.parametrize("words", ["build nose --out n.nc", "import nose . --out n.nc"])
 def test_an_unknown_kind_is_named(words: str) -> None:
-    found = run(*words.split())
-    assert found.exit_code == 2 and "expected one of face, jaw, tongue, head" in found.output
+    result = run(*words.split())
+    assert result.exit_code == 2 and "expected one of face, jaw, tongue, head" in result.output
 
 
 def test_help_fits_a_screen_and_lists_every_command_once() -> None:
@@ -189,9 +189,9 @@ FORMER_LINES = {
 
 @pytest.mark.parametrize("line", FORMER_LINES)
 def test_words_of_former_commands_are_rearranged(line: str, tmp_path, monkeypatch) -> None:
-    words, told = translated(shlex.split(line))
+    words, message = translated(shlex.split(line))
     assert " ".join(words) == FORMER_LINES[line]
-    assert bool(told) == (not line.startswith("simulate"))
+    assert bool(message) == (not line.startswith("simulate"))
     monkeypatch.chdir(tmp_path)
     assert accepted(words) == ""
 
@@ -217,7 +217,7 @@ def test_settings_have_the_types_of_their_defaults() -> None:
             parsed([text])
 
 
-def test_files_are_told_from_exciters(tmp_path: Path) -> None:
+def test_files_are_distinguished_from_exciters(tmp_path: Path) -> None:
     assert names_file("e.csv") and names_file(str(tmp_path))
     assert not any(map(names_file, ("open", "bi_open=0.1", "a=0.1,b", "rest")))
 

@@ -114,7 +114,7 @@ def test_a_face_that_is_none_is_refused(face):
 
 
 @pytest.mark.parametrize(
-    ("levels", "given", "told"),
+    ("levels", "given", "message"),
     [
         ({"X": 0.1}, {}, "no muscle 'X'"),
         ({"ZYG_L": 2.0}, {}, "level of ZYG_L is 2.0"),
@@ -124,8 +124,8 @@ def test_a_face_that_is_none_is_refused(face):
         (xr.Dataset({"activation": ("time", [0.0])}), {"duration": 1.0}, "whose times are its own"),
     ],
 )
-def test_levels_of_muscles_are_checked(levels, given, told):
-    with pytest.raises(ConfigurationError, match=told):
+def test_levels_of_muscles_are_checked(levels, given, message):
+    with pytest.raises(ConfigurationError, match=message):
         ef.simulate(levels, ef.face(resolution="coarse"), **given)
 
 
@@ -212,9 +212,9 @@ def test_a_table_without_labels_keeps_its_first_sample(tmp_path):
 def test_an_instruction_that_contradicts_the_recording_is_a_finding():
     stated = recording().assign_attrs(instruction="A")
     with pytest.warns(FeatureWarning, match="recorded as instruction 'A', but 'B' was specified"):
-        found = ef.activate(stated, strategy="act_rel", instruction="B")
-    assert found.attrs["instruction"] == "B"
-    assert "instruction" in [finding.code for finding in findings_in(found)]
+        activation = ef.activate(stated, strategy="act_rel", instruction="B")
+    assert activation.attrs["instruction"] == "B"
+    assert "instruction" in [finding.code for finding in findings_in(activation)]
     for given in ({"instruction": "A"}, {}):
         same = ef.activate(stated, strategy="act_rel", **given)
         assert "instruction" not in [finding.code for finding in findings_in(same)]

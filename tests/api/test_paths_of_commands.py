@@ -42,10 +42,10 @@ CALLS = {
 def test_a_strange_name_is_not_called_damage(name: str, tmp_path: Path) -> None:
     path = tmp_path / f"{STRANGE}{name if name.startswith('.') else '.nc'}"
     path.write_bytes(b"old")
-    with pytest.raises(EmgfaceError, match="encoding of file names") as told:
+    with pytest.raises(EmgfaceError, match="encoding of file names") as raised:
         CALLS[name](path)
-    assert "damaged" not in str(told.value)
-    assert str(told.value).isascii()  # it can be printed anywhere
+    assert "damaged" not in str(raised.value)
+    assert str(raised.value).isascii()  # it can be printed anywhere
     assert path.read_bytes() == b"old"
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -70,11 +70,11 @@ def test_another_locale_states_how_to_read_the_name(tmp_path: Path) -> None:
     (tmp_path / "Müller.nc").write_bytes(b"")
     plain = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     code = "import sys; from emgface.files import expressible; expressible(sys.argv[1])"
-    found = subprocess.run(
+    result = subprocess.run(
         [sys.executable, "-c", code, tmp_path / "Müller.nc"],
         env=os.environ | plain, capture_output=True, check=False,
     )  # fmt: skip
-    assert b"DataError" in found.stderr and b"PYTHONUTF8=1" in found.stderr
+    assert b"DataError" in result.stderr and b"PYTHONUTF8=1" in result.stderr
     whole = subprocess.run(
         [sys.executable, "-c", code, tmp_path / "Müller.nc"],
         env=os.environ | plain | {"PYTHONUTF8": "1"}, capture_output=True, check=False,

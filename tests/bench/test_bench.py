@@ -67,11 +67,11 @@ def test_error_control_reports_requested_and_achieved_errors(measured):
 
 def test_models_are_compared_with_the_finest(measured):
     assert measured.finest == "element"
-    found = measured.models.set_index("model")
-    pointwise, element = found["error max mm"][["pointwise", "element"]]
-    assert element == found["change of rho"]["element"] == 0.0
+    table = measured.models.set_index("model")
+    pointwise, element = table["error max mm"][["pointwise", "element"]]
+    assert element == table["change of rho"]["element"] == 0.0
     assert 1e-3 < pointwise < 1.0
-    assert found["error rms mm"]["pointwise"] < pointwise
+    assert table["error rms mm"]["pointwise"] < pointwise
     models = [Model(1, "pointwise"), Model(0, "nodal"), Model(1, "hard"), Model(1, "element")]
     assert finest(tuple(models)) == models[-1]
     assert [Model.named(m.name) for m in models] == models
@@ -113,15 +113,15 @@ def test_the_substitute_of_a_measurement_is_another_motion():
 
 def test_pareto_marks_undominated_points():
     time, error = [1.0, 2.0, 2.0, 3.0, 0.5, 2.1], [4.0, 2.0, 3.0, 2.0, 0.1, 1.99]
-    found = pd.DataFrame({TIME: time, "error max mm": error, "error rms mm": error})
-    found = found.assign(
+    table = pd.DataFrame({TIME: time, "error max mm": error, "error rms mm": error})
+    table = table.assign(
         model="pointwise", family="Euler", setting=list("abcdef"), instruction="A", status="ok",
         **dict.fromkeys(
             ("change of rho", "steps", "rejected", "iterations", "factorisations", "smallest J"), 1.0
         ),
     )  # fmt: skip
-    found.loc[4, "status"] = "NotConverged"
-    assert worst(found)["Pareto"].tolist() == [True, True, False, False, False, False]
+    table.loc[4, "status"] = "NotConverged"
+    assert worst(table)["Pareto"].tolist() == [True, True, False, False, False, False]
 
 
 def test_growth_of_a_power_law_is_found():
@@ -131,17 +131,19 @@ def test_growth_of_a_power_law_is_found():
 
 
 def test_the_battery_has_no_wrong_answers_and_converged_solvers_survive():
-    found = run_battery(rows=(4, 5, 10))
-    outcome = found["outcome"].to_numpy(dtype=str)
+    results = run_battery(rows=(4, 5, 10))
+    outcome = results["outcome"].to_numpy(dtype=str)
     assert not np.char.startswith(outcome, "WRONG").any()
-    converged = np.isin(found["integrator"].to_numpy(dtype=str), ["Euler", "trapezoidal", "SDIRK2"])
-    jumps = converged & (found["row"].values == 4)
+    converged = np.isin(
+        results["integrator"].to_numpy(dtype=str), ["Euler", "trapezoidal", "SDIRK2"]
+    )
+    jumps = converged & (results["row"].values == 4)
     assert jumps.sum() == 12
     assert (outcome[jumps] == "ok").all()
-    single = ~converged & (found["row"].values == 4)
+    single = ~converged & (results["row"].values == 4)
     assert (outcome[single] == "refused: InvertedElement").any()  # as in the published scheme
-    assert (found["smallest_J"].values[outcome == "ok"] > 0.0).all()
-    table = limits(found).set_index("parameter")
+    assert (results["smallest_J"].values[outcome == "ok"] > 0.0).all()
+    table = limits(results).set_index("parameter")
     jump = table.loc["sigma_max [kPa], block"]
     assert jump["swept"] == "100 ... 1000"
     assert jump["SDIRK2"] == jump["static"] == "all"
@@ -176,7 +178,7 @@ def test_the_command_lists_measurements_and_writes_files(tmp_path, capsys):
         run([])
     said = capsys.readouterr().out
     assert {"stability", "work_precision", "locking", "tables"} <= set(measurements())
-    assert all(name in said and told for name, told in measurements().items())
+    assert all(name in said and title for name, title in measurements().items())
     with pytest.raises(SystemExit, match="2"):
         run(["stabilty"])
     assert "no measurement 'stabilty'" in capsys.readouterr().err

@@ -31,11 +31,11 @@ def test_lips_close_and_do_not_pass_each_other(closed: xr.Dataset) -> None:
     assert bare["depth_lips"] > 2e-3 and bare["depth_teeth"] > 1e-3
     limit = 1e-5
     for name in METHODS[1:]:
-        found = closed.sel(contact=name, case=CLOSING)
-        assert found["gap_end"] < 2e-4, name
-        assert found["depth_lips"] <= limit, name
-        assert found["depth_teeth"] <= limit, name
-        assert found["gap"] >= -limit, name
+        run = closed.sel(contact=name, case=CLOSING)
+        assert run["gap_end"] < 2e-4, name
+        assert run["depth_lips"] <= limit, name
+        assert run["depth_teeth"] <= limit, name
+        assert run["gap"] >= -limit, name
     assert bare["gap"].isnull()
 
 
@@ -44,10 +44,10 @@ def test_lips_at_rest_do_not_oscillate(coarse: xr.Dataset) -> None:
     parameters = SimulationParameters(
         gravity=False, sigma_max=100e3, **(accuracy_settings("study") | {"solver": "converged"})
     )
-    found = measure(
+    measured = measure(
         coarse, cases=(CLOSING,), methods=("constraint",), hold=0.5, parameters=parameters
     )
-    assert found["chatter"] < 1e-4 and found["ripple"] < 1e-5
+    assert measured["chatter"] < 1e-4 and measured["ripple"] < 1e-5
 
 
 def test_measurements_are_tabulated(closed: xr.Dataset) -> None:
@@ -69,11 +69,13 @@ def test_a_failed_run_is_reported(coarse: xr.Dataset, monkeypatch: pytest.Monkey
 
     monkeypatch.setattr(sim, "simulate", simulate)
     parameters = SimulationParameters(gravity=False, sigma_max=100e3)
-    found = measure(coarse, methods=("none",), cases=(CLOSING,), hold=0.05, parameters=parameters)
+    measured = measure(
+        coarse, methods=("none",), cases=(CLOSING,), hold=0.05, parameters=parameters
+    )
     assert len(made) == 2
-    assert str(found["status"].values[0, 0]).startswith("InvertedElement: ")
-    assert np.isfinite(found["opening"].values[0, 0]).sum() == 6
-    assert np.isnan(found["speed"].values[0, 0])
+    assert str(measured["status"].values[0, 0]).startswith("InvertedElement: ")
+    assert np.isfinite(measured["opening"].values[0, 0]).sum() == 6
+    assert np.isnan(measured["speed"].values[0, 0])
 
 
 def test_only_reversals_count_as_oscillation() -> None:

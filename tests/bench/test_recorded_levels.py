@@ -24,14 +24,14 @@ def excited(*rows):
 
 def test_every_excitation_has_its_own_start_and_ramp():
     """a(t) = amax clip((t - start)/ramp, 0, 1); without a ramp it is constant."""
-    time, found = recorded_levels(
+    time, levels = recorded_levels(
         excited(("GGP", 0.2, 0.0, 0.1), ("SL", 0.4, 0.05, 0.2), ("HG", 0.3, 0.0, 0.0))
     )
     t = np.array([0.0, 0.02, 0.05, 0.1, 0.15, 0.25, 0.4])
     for name, a, start, ramp in (("GGP", 0.2, 0.0, 0.1), ("SL", 0.4, 0.05, 0.2)):
         exact = a * np.clip((t - start) / ramp, 0.0, 1.0)
-        np.testing.assert_allclose(np.interp(t, time, found[name]), exact, atol=1e-15)
-    np.testing.assert_allclose(found["HG"], 0.3)
+        np.testing.assert_allclose(np.interp(t, time, levels[name]), exact, atol=1e-15)
+    np.testing.assert_allclose(levels["HG"], 0.3)
 
 
 def test_two_excitations_of_one_target_are_refused():
@@ -40,8 +40,8 @@ def test_two_excitations_of_one_target_are_refused():
 
 
 def test_recorded_changes_become_parameters():
-    told = ["activation stiffening of the passive material switched off", "gravity off"]
-    p = parameters_of(CASE | {"changes_against_the_model_file": told})
+    messages = ["activation stiffening of the passive material switched off", "gravity off"]
+    p = parameters_of(CASE | {"changes_against_the_model_file": messages})
     assert (p.stiffening, p.gravity, p.incompressibility) == (1.0, False, "hard")
     p = parameters_of(
         CASE

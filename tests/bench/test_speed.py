@@ -20,8 +20,8 @@ def test_the_values_are_of_the_later_steps():
 
 def test_every_step_of_a_motion_is_timed():
     mesh = grid((2, 2, 2))
-    held = sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0))
-    system = solid_system(mesh, muscles=crossed_muscles(mesh), reductions=(held,))
+    fixed = sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0))
+    system = solid_system(mesh, muscles=crossed_muscles(mesh), reductions=(fixed,))
     method = sim.LinearlyImplicitEuler()
     run = timed(system, rising(system, system.muscles[0], 0.1), 0.005, method, 1)
     assert len(run.seconds) == LAST and min(run.seconds) > 0.0
@@ -46,7 +46,7 @@ def test_cases_are_chosen_by_their_beginning():
 
 def test_the_memory_of_a_case_is_that_of_a_process_of_its_own():
     """A large array of this process does not count."""
-    held = np.ones(2**27)  # 1 GiB
+    constrained = np.ones(2**27)  # 1 GiB
     assert speed.largest_memory() > 1024.0
     assert 100.0 < speed.memory_of(speed.FREE, False, 1) < 1024.0
-    assert held.all()
+    assert constrained.all()

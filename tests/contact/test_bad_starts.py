@@ -191,9 +191,9 @@ def test_surfaces_that_do_not_fit_the_mesh_are_refused_with_their_place(method):
         "inside out": sim.NodeSurface(whole.triangles[:, ::-1], "lip"),
     }
     for text, surface in bad.items():
-        with pytest.raises(sim.ContactFailure, match=text) as found:
+        with pytest.raises(sim.ContactFailure, match=text) as raised:
             system_of(mesh, contact_of(method, (sim.Pairing(surface, square(-0.01)),)))
-        assert found.value.surface == "lip"
+        assert raised.value.surface == "lip"
     part = sim.NodeSurface(whole.triangles[:2], "part")
     with pytest.raises(
         sim.ContactFailure, match="belongs to both surfaces of pairing 'skin on part'"
@@ -256,7 +256,7 @@ def test_a_position_or_velocity_that_is_not_a_number_is_refused(method, integrat
 
 @pytest.mark.parametrize(("method", "integrator"), CASES)
 def test_a_contact_without_a_free_vertex_exerts_no_force(method, integrator):
-    """A fixed block overlapped by a plate, beside a falling one."""
+    """A fixed block overlapped by a plate, next to a falling one."""
     mesh, a, b = two_bodies(grid((1, 1, 1), BLOCK), grid((1, 1, 1), BLOCK), [0.1, 0, 0])
     for height in (-1e-3, 0.0, 2e-3):
         pairing = sim.Pairing(a, square(height))

@@ -97,11 +97,11 @@ def test_a_row_that_another_contact_closes_acts_in_the_same_step():
     h, v = 5e-3, np.array([0.0, 0.0, -0.2, 0.0, 0.0, 0.0])
     left, right = (-z / h for z in ends)  # speeds with which the ends reach the floor
     assert right < v[2] < left  # the free motion closes one of them
-    found = moved(system, h, 1, v)[-1].twists[0]
+    motion = moved(system, h, 1, v)[-1].twists[0]
     expected = [0.0, 0.0, 0.5 * (left + right), 0.0, (left - right) / 0.1, 0.0]
-    np.testing.assert_allclose(found, expected, atol=5e-3)
+    np.testing.assert_allclose(motion, expected, atol=5e-3)
     # with a force on the left end alone the right one would land at 1.45 of the speed
-    assert found[2] - 0.05 * found[4] == pytest.approx(right, abs=2e-4)
+    assert motion[2] - 0.05 * motion[4] == pytest.approx(right, abs=2e-4)
 
 
 def rotation_y(angle):
@@ -341,13 +341,13 @@ def test_tissue_on_a_body_is_not_in_contact_with_it_where_it_is_attached(integra
     mesh = grid((2, 2, 2), (0.02, 0.02, 0.02))
     body, X, triangles = cuboid("plate", (0.03, 0.03, 0.01), (-0.005, -0.005, -0.0099))
     points, on, surfaces = body_surfaces({"plate": (X, triangles)}, mesh.n_nodes)
-    held = sim.OnBody("plate", np.flatnonzero(mesh.X[:, 2] == 0.0))
+    attached = sim.OnBody("plate", np.flatnonzero(mesh.X[:, 2] == 0.0))
     pairing = sim.Pairing(sim.boundary_surface(mesh, "tissue"), surfaces["plate"])
     ends = []
     for contact in ((), (sim.ConstraintContact((pairing,), initial_penetration="removed"),)):
         more = {"bodies": (body,), "points": points}
         terms = sim.Solid(), sim.Gravity(), *contact
-        system = sim.compile_scene(sim.Scene(mesh, terms, (held, *on), **more))
+        system = sim.compile_scene(sim.Scene(mesh, terms, (attached, *on), **more))
         ends.append(moved(system, 0.005, 5, integrator=integrator())[-1])
     np.testing.assert_allclose(ends[1].q, ends[0].q, rtol=0, atol=1e-9)
     _, _, force = sim.Contacts().record(system, ends[1], system.control(np.zeros(0)), None)
@@ -436,5 +436,5 @@ def contact_and_saddle():
 
 def test_contact_and_joint_by_the_schur_complement_equal_the_full_saddle_system():
     """Forces are compared by their effect, because those of coplanar contacts are not unique."""
-    for found, expected in contact_and_saddle():
-        np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+    for computed, expected in contact_and_saddle():
+        np.testing.assert_allclose(computed, expected, atol=1e-9 * np.abs(expected).max())

@@ -112,11 +112,11 @@ def pressed_blocks(method, lower, upper):
     top = np.flatnonzero(np.isclose(X[:, 2], 0.02))
     edges = np.isclose(X[top, :2], 0.0) | np.isclose(X[top, :2], 0.02)
     area = 0.02**2 / (upper[0] * upper[1]) * 0.5 ** edges.sum(axis=1)
-    held = tuple(sim.Fixed(np.flatnonzero(np.isclose(X[:, i], 0.0)), (i,)) for i in range(3))
+    planes = tuple(sim.Fixed(np.flatnonzero(np.isclose(X[:, i], 0.0)), (i,)) for i in range(3))
     solid = sim.Solid((sim.Material(sim.LinearElastic(YOUNG, POISSON)),))
     load = sim.NodeLoad(top, np.outer(area, [0.0, 0.0, -pressure]))
     contact = contact_of(method, (sim.Pairing(a, b),))
-    system = system_of(mesh, load, contact, reductions=held, solid=solid)
+    system = system_of(mesh, load, contact, reductions=planes, solid=solid)
     end = moved(system, sim.Static(residual_tolerance=RESIDUAL), 1)[-1]
     force = sim.Contacts().record(system, end, system.control(np.zeros(0)), None)[2]
     assert force[0] == pytest.approx(pressure * 0.02**2, rel=1e-4)

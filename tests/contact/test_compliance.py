@@ -34,8 +34,8 @@ SCALE = 1e-4
 def block(n=(3, 3, 3)):
     """A fixed block and the matrix of a step, as values and dense."""
     mesh = grid(n, (0.03, 0.03, 0.03), distort=0.2)
-    held = sim.Fixed(np.flatnonzero(mesh.X[:, 2] < 1e-9))
-    system = system_of(mesh, reductions=(held,))
+    fixed = sim.Fixed(np.flatnonzero(mesh.X[:, 2] < 1e-9))
+    system = system_of(mesh, reductions=(fixed,))
     K = system.tangent(mesh.X, system.control(np.zeros(0)))[1]
     A = SCALE * K
     A[system.pattern.diagonal] += system.mass

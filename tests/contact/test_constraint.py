@@ -85,9 +85,9 @@ def test_a_pair_beyond_reach_is_named(monkeypatch):
     monkeypatch.setattr("sim.integrators.factor.MOST_APART", -1)  # rows in the matrix
     v = np.zeros_like(mesh.X)
     v[upper.nodes, 2] = -1.0
-    with pytest.raises(sim.ContactFailure, match="reach of 0.005 m.*increase the reach") as found:
+    with pytest.raises(sim.ContactFailure, match="reach of 0.005 m.*increase the reach") as raised:
         moved(system, sim.ConvergedEuler(), 3, v=v)
-    assert found.value.surface == "first on second"
+    assert raised.value.surface == "first on second"
     # rows of linearly implicit steps have no entries in the matrix
     q = moved(system, sim.LinearlyImplicitEuler(), 3, v=v)[-1].q
     assert q[upper.nodes, 2].min() > q[lower.nodes, 2].max() - 1e-3
@@ -227,13 +227,13 @@ def test_normals_at_the_end_of_a_stage_keep_the_second_order_of_sliding_tissue()
     """A cube slides by 10 mm on a soft block whose upper side tilts under it."""
     low, high = grid((1, 1, 1), (0.03, 0.03, 0.02)), grid((1, 1, 1), (0.008, 0.008, 0.008))
     mesh, *surfaces = two_bodies(low, high, [0.003, 0.0185, 0.02])
-    held = sim.Fixed(np.flatnonzero(mesh.X[:, 2] < 1e-9))
+    fixed = sim.Fixed(np.flatnonzero(mesh.X[:, 2] < 1e-9))
     method, order = sim.Sdirk2(tolerance=1e-10, residual_tolerance=1e-8), []
     for renewals in (0, 1):
         pairing = sim.Pairing(*surfaces)
         contact = sim.ConstraintContact((pairing,), tolerance=1e-6, renewals=renewals)
         pull = sim.Gravity((12.0, 2.0, -30.0))
-        system = system_of(mesh, contact, pull, reductions=(held,))
+        system = system_of(mesh, contact, pull, reductions=(fixed,))
         ends = [moved(system, method, n, 0.04 / n)[-1].q for n in (8, 16, 64)]
         one, two = (np.abs(q - ends[-1]).max() for q in ends[:-1])
         assert np.abs(ends[-1] - mesh.X).max() > 5e-3

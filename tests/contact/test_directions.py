@@ -29,8 +29,8 @@ def test_normals_rotate_with_a_plate():
     system = system_of(mesh, contact, sim.Gravity((0.0, 0.0, -9.81)))
     for state in moved(system, sim.ConvergedEuler(), 20, h=H)[1:]:
         memory = state.memory[MEMORY]
-        held = memory[np.linalg.norm(memory[:, DIRECTION], axis=1) > 0.0, DIRECTION]
-        up = held[held @ UP > 0.5]
+        stored = memory[np.linalg.norm(memory[:, DIRECTION], axis=1) > 0.0, DIRECTION]
+        up = stored[stored @ UP > 0.5]
         assert len(up) == 4
         np.testing.assert_allclose(up, np.tile(tilted(state.t) @ UP, (4, 1)), atol=1e-6)
 

@@ -22,8 +22,8 @@ def sliding(renewals=0, friction=0.0, *, in_matrix=False) -> sim.System:
     mesh, *surfaces = two_bodies(low, high, [0.003, 0.0185, 0.02])
     pairing = (sim.Pairing(*surfaces),)
     contact = sim.ConstraintContact(pairing, friction, tolerance=1e-6, renewals=renewals)
-    held = sim.Fixed(np.flatnonzero(mesh.X[:, 2] < 1e-9))
-    whole = system_of(mesh, contact, sim.Gravity((12.0, 2.0, -30.0)), reductions=(held,))
+    fixed = sim.Fixed(np.flatnonzero(mesh.X[:, 2] < 1e-9))
+    whole = system_of(mesh, contact, sim.Gravity((12.0, 2.0, -30.0)), reductions=(fixed,))
     return whole.with_rows.system if in_matrix else whole
 
 
@@ -98,11 +98,11 @@ def test_recorded_errors_of_contact_are_missing_where_the_method_has_none(name, 
     """Errors of several steps between two outputs are added."""
     system = sliding()
     method = METHODS.get(name, sim.LinearlyImplicitEuler())
-    found, _ = sim.simulate(
+    simulated, _ = sim.simulate(
         system, sim.resting(0), duration=0.02, every=0.01, integrator=method,
         steps=sim.FixedStep(1e-3), probes=(sim.StepErrors(np.array([8]), ("corner",)),),
     )  # fmt: skip
-    error = abs(found["contact_error"]) + abs(found["contact_passing_error"])
+    error = abs(simulated["contact_error"]) + abs(simulated["contact_passing_error"])
     assert isinstance(error, xr.DataArray) and not error.isel(time=0).any()
     assert bool(error.isel(time=slice(1, None)).notnull().all()) == known
     assert not known or float(error.max()) > 1e-9

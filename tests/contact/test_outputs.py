@@ -49,12 +49,12 @@ def test_a_cube_thrown_at_a_floor_is_above_it_in_every_output(method, integrator
     pairing = sim.Pairing(sim.boundary_surface(mesh), square())
     v = np.zeros_like(mesh.X)
     v[:, 2] = -0.5
-    found = flung(method, integrator, steps, mesh, pairing, v)
-    lowest = found["node_position"].sel(axis="z").min("node").values
-    assert found.sizes["time"] == round(0.1 / OUTPUT) + 1
+    motion = flung(method, integrator, steps, mesh, pairing, v)
+    lowest = motion["node_position"].sel(axis="z").min("node").values
+    assert motion.sizes["time"] == round(0.1 / OUTPUT) + 1
     assert lowest.min() > -FREE
     assert lowest.min() < 1e-3  # it has reached the floor
-    gap = found["contact_gap"].values[0]
+    gap = motion["contact_gap"].values[0]
     near = np.isfinite(gap)
     assert near.any()
     np.testing.assert_allclose(gap[near], lowest[near], atol=FREE)
@@ -69,11 +69,11 @@ def test_bodies_thrown_at_each_other_do_not_overlap_in_any_output(method, integr
     half = len(one.X)
     v = np.zeros_like(mesh.X)
     v[:half, 2], v[half:, 2] = speed, -speed
-    found = flung(method, integrator, sim.FixedStep(STEP), mesh, sim.Pairing(lower, upper), v)
-    written = found["node_position"].transpose("time", "node", "axis").values
+    motion = flung(method, integrator, sim.FixedStep(STEP), mesh, sim.Pairing(lower, upper), v)
+    written = motion["node_position"].transpose("time", "node", "axis").values
     deepest = [
         max(depths(q[half:], q[lower.triangles]).max(), depths(q[:half], q[upper.triangles]).max())
         for q in written
     ]
     assert max(deepest) < FREE
-    assert np.isfinite(found["contact_gap"].values).any()
+    assert np.isfinite(motion["contact_gap"].values).any()

@@ -61,7 +61,7 @@ def test_nearest_faces_are_those_of_brute_force_on_1000_configurations():
         own = nodes >= 0
         p[own] = x[nodes[own]]
         radius = rng.choice([0.3, 1.0, np.inf])
-        found = nearest_faces(p, radius, x, triangles, nodes=nodes)
+        nearest = nearest_faces(p, radius, x, triangles, nodes=nodes)
         for i in range(n):
             d = np.array(
                 [
@@ -71,11 +71,11 @@ def test_nearest_faces_are_those_of_brute_force_on_1000_configurations():
                     for t in triangles
                 ]
             )
-            at = np.flatnonzero(found.point == i)
+            at = np.flatnonzero(nearest.point == i)
             if d.min() < radius**2:
                 # Any of several faces with a common nearest point is valid.
-                assert d[found.face[at[0]]] == pytest.approx(d.min(), rel=1e-12), case
-                assert found.value[at[0]] ** 2 == pytest.approx(d.min(), rel=1e-12)
+                assert d[nearest.face[at[0]]] == pytest.approx(d.min(), rel=1e-12), case
+                assert nearest.value[at[0]] ** 2 == pytest.approx(d.min(), rel=1e-12)
             else:
                 assert len(at) == 0, case
 
@@ -111,11 +111,11 @@ def test_entered_faces_are_those_of_brute_force_on_1000_configurations():
             continue
         compared += 1
         best, which = min((when, f) for f, (when, _) in enumerate(sampled))
-        found = entered_by(p0, p1, x0, x1, triangles)
-        assert len(found.point) == (best < 2.0)
+        crossings = entered_by(p0, p1, x0, x1, triangles)
+        assert len(crossings.point) == (best < 2.0)
         if best < 2.0:
-            assert found.value[0] == pytest.approx(best, abs=1e-3)
-            assert found.face[0] == which
+            assert crossings.value[0] == pytest.approx(best, abs=1e-3)
+            assert crossings.face[0] == which
             entered += 1
     assert entered > 100  # sufficient number of cases
 
@@ -138,17 +138,17 @@ def test_search_among_many_faces_is_that_of_brute_force(radius):
     p = rng.uniform([-0.6, -0.5, -0.5], [0.6, 0.5, 0.5], size=(150, 3))
     p[:20] = x[:20]
     nodes = np.r_[np.arange(20), np.full(130, -1)]
-    found = nearest_faces(p, radius, x, triangles, nodes=nodes)
+    nearest = nearest_faces(p, radius, x, triangles, nodes=nodes)
     weight, expected = np.zeros(3), {}
     for i in range(len(p)):
         for f, t in enumerate(triangles):
             d = kernel.point_triangle(p[i], x[t[0]], x[t[1]], x[t[2]], weight)[0]
             if nodes[i] not in t and d < min(radius**2, expected.get(i, (np.inf, 0))[0]):
                 expected[i] = d, f
-    np.testing.assert_array_equal(found.point, list(expected))
-    np.testing.assert_allclose(found.value**2, [d for d, _ in expected.values()], rtol=1e-12)
-    if len(found.point):
-        assert (found.face == [f for _, f in expected.values()]).mean() > 0.95  # ties at corners
+    np.testing.assert_array_equal(nearest.point, list(expected))
+    np.testing.assert_allclose(nearest.value**2, [d for d, _ in expected.values()], rtol=1e-12)
+    if len(nearest.point):
+        assert (nearest.face == [f for _, f in expected.values()]).mean() > 0.95  # ties at corners
 
 
 def test_entries_among_many_faces_are_those_of_each_face_alone():
@@ -157,14 +157,14 @@ def test_entries_among_many_faces_are_those_of_each_face_alone():
     x1 = x0 + 0.02 * rng.normal(size=x0.shape)
     before = rng.uniform([-0.6, -0.5, -0.5], [0.6, 0.5, 0.5], size=(200, 3))
     after = before + rng.normal(size=before.shape) * rng.choice([0.05, 0.5], size=(200, 1))
-    found = entered_by(before, after, x0, x1, triangles)
+    crossings = entered_by(before, after, x0, x1, triangles)
     first = np.full(len(before), np.inf)
     for face in triangles:
         alone = entered_by(before, after, x0, x1, face[None])
         first[alone.point] = np.minimum(first[alone.point], alone.value)
-    np.testing.assert_array_equal(found.point, np.flatnonzero(first < np.inf))
-    np.testing.assert_array_equal(found.value, first[found.point])
-    assert 20 < len(found.point) < 160
+    np.testing.assert_array_equal(crossings.point, np.flatnonzero(first < np.inf))
+    np.testing.assert_array_equal(crossings.value, first[crossings.point])
+    assert 20 < len(crossings.point) < 160
 
 
 def test_a_search_ends_if_positions_are_not_numbers():
@@ -175,9 +175,9 @@ def test_a_search_ends_if_positions_are_not_numbers():
         for nothing in (np.nan, np.inf, -np.inf):
             bad = x.copy()
             bad[node, node % 3] = nothing
-            found = nearest_faces(p, 1.0, bad, triangles).point
-            assert 0 not in found
-            assert 1 in found or np.isinf(nothing)  # despite the NaN
+            nearest = nearest_faces(p, 1.0, bad, triangles).point
+            assert 0 not in nearest
+            assert 1 in nearest or np.isinf(nothing)  # despite the NaN
             entered_by(p, p + 1.0, x, bad, triangles)
     entered_by(p, p + 1.0, x, x + 0.1, triangles)
     assert len(nearest_faces(p, 1.0, x * np.nan, triangles).point) == 0
@@ -233,8 +233,8 @@ def test_signed_distance_against_half_spaces():
     within = (planes < 0).all(axis=1)
     assert 50 < within.sum() < 450
     faces = SignedFaces(shell)
-    found = nearest_faces(p, np.inf, x, triangles)
-    gap, out = faces.signed(p, found, x)
+    nearest = nearest_faces(p, np.inf, x, triangles)
+    gap, out = faces.signed(p, nearest, x)
     np.testing.assert_array_equal(gap < 0, within)
     np.testing.assert_allclose(gap[within], planes[within].max(axis=1), rtol=0, atol=1e-12)
     # the direction is the gradient of the gap
@@ -249,13 +249,13 @@ def test_a_thin_sheet_crossed_in_one_step_is_entered_once():
     sheet = sim.boundary_surface(plate)
     for x, y in ((0.003, 0.004), (0.005, 0.005), (0.01, 0.01), (0.01, 0.002)):
         p0, p1 = np.array([[x, y, 0.005]]), np.array([[x, y, -0.005]])
-        found = entered_by(p0, p1, plate.X, plate.X, sheet.triangles)
-        assert found.first().value == pytest.approx([0.49], rel=1e-9)
+        crossings = entered_by(p0, p1, plate.X, plate.X, sheet.triangles)
+        assert crossings.first().value == pytest.approx([0.49], rel=1e-9)
         # equivalently, the sheet passes the point
         R = rotation(2)
-        found = entered_by(
+        crossings = entered_by(
             p0 @ R, p0 @ R, plate.X @ R, plate.X @ R + np.array([0, 0, 0.01]) @ R, sheet.triangles
         )
-        assert found.first().value == pytest.approx([0.49], rel=1e-9)
+        assert crossings.first().value == pytest.approx([0.49], rel=1e-9)
     away = entered_by(p1, p1 - [0, 0, 0.01], plate.X, plate.X, sheet.triangles)
     assert len(away.point) == 0

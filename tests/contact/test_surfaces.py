@@ -56,9 +56,9 @@ BAD = {
 @pytest.mark.parametrize("text", BAD)
 def test_invalid_triangles_are_refused_with_their_place(text):
     mesh = sim.mesh_from_arrays(CORNERS, tet4=[[0, 1, 2, 3]])
-    with pytest.raises(sim.ContactFailure, match=text) as found:
+    with pytest.raises(sim.ContactFailure, match=text) as raised:
         sim.NodeSurface(BAD[text], "lip").check(mesh)
-    assert found.value.surface == "lip" and "lip" in str(found.value)
+    assert raised.value.surface == "lip" and "lip" in str(raised.value)
     with pytest.raises(sim.ContactFailure, match=text):
         sim.RigidShell(CORNERS, BAD[text], "jaw")
 
@@ -66,9 +66,9 @@ def test_invalid_triangles_are_refused_with_their_place(text):
 def test_a_triangle_without_area_and_a_vertex_that_is_not_finite_are_refused():
     flat = CORNERS.copy()
     flat[3] = 0.5 * (flat[1] + flat[2])
-    with pytest.raises(sim.ContactFailure, match="triangle 2 .* has no area") as found:
+    with pytest.raises(sim.ContactFailure, match="triangle 2 .* has no area") as raised:
         sim.RigidShell(flat, TETRAHEDRON)
-    assert found.value.triangle == 2
+    assert raised.value.triangle == 2
     flat[3] = np.nan
     with pytest.raises(sim.ContactFailure, match="vertex 3 .* not finite"):
         sim.RigidShell(flat, TETRAHEDRON)

@@ -53,8 +53,8 @@ def thrown(method, mesh, surfaces, integrator, steps=8):
     Free blocks would tip over, an instability that starts from rounding.
     """
     z = mesh.X[:, 2]
-    held = sim.Fixed(np.flatnonzero((z < 1e-9) | (z > z.max() - 1e-9)))
-    system = system_of(mesh, contact_of(method, (sim.Pairing(*surfaces),)), reductions=(held,))
+    fixed = sim.Fixed(np.flatnonzero((z < 1e-9) | (z > z.max() - 1e-9)))
+    system = system_of(mesh, contact_of(method, (sim.Pairing(*surfaces),)), reductions=(fixed,))
     cells, upper = mesh.blocks[0].nodes, max(surfaces, key=lambda s: z[s.nodes].max())
     down = np.isin(np.arange(mesh.n_nodes), cells[np.isin(cells, upper.nodes).any(axis=1)])
     v = np.where(down[:, None], [0.0, 0.0, -0.5], [0.0, 0.0, 0.5])

@@ -23,8 +23,8 @@ def landed(integrator, scale):
     solid = sim.Solid((sim.Material(stiffer, sim.LogarithmicBulk(scale**2 * 25e3)),))
     contact = sim.ConstraintContact((sim.Pairing(a, b),), approach=scale * 5e-4, reach=scale * 0.01)
     gravity = sim.Gravity((2.0 * scale, scale, -40.0 * scale))
-    held = sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0))
-    system = system_of(mesh, contact, gravity, reductions=(held,), solid=solid)
+    fixed = sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0))
+    system = system_of(mesh, contact, gravity, reductions=(fixed,), solid=solid)
     if isinstance(integrator, sim.ConvergedEuler):
         residual = scale**4 * 1e-8  # forces are moduli times areas
         integrator = replace(integrator, residual_tolerance=residual)

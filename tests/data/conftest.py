@@ -175,13 +175,13 @@ def cube() -> xr.Dataset:
 
 def sound() -> xr.Dataset:
     time, samples = ("time", [0.0, 0.1], S), ("time_sound", np.arange(5) / 44_100.0, S)
-    found = (("time", "formant"), np.array([[500.0, 1500.0], [480.0, np.nan]]), {"units": "Hz"})
+    formants = (("time", "formant"), np.array([[500.0, 1500.0], [480.0, np.nan]]), {"units": "Hz"})
     return xr.Dataset(
         {
             "area": (("time", "section"), np.full((2, 4), 3e-4), {"units": "m2"}),
             "length": ("time", [0.17, 0.18], M),
-            "formant_frequency": found,
-            "formant_bandwidth": (found[0], 0.1 * found[1], {"units": "Hz"}),
+            "formant_frequency": formants,
+            "formant_bandwidth": (formants[0], 0.1 * formants[1], {"units": "Hz"}),
             "sound": ("time_sound", np.zeros(5), {"units": "Pa"}),
             "glottal_flow": ("time_sound", np.zeros(5), {"units": "m3 s-1"}),
         },

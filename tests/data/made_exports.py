@@ -63,8 +63,8 @@ def _columns(rows: list[list[str]], delimiter: str, trailing: bool) -> list[str]
 
 
 def _label(name: str, rate: float, count: int, unit: str) -> str:
-    told = f"Sampling frequency: {rate:.7g} Number of points: {count}"
-    return f"Label: {name} {told} Unit: {unit} Domain: Time"
+    text = f"Sampling frequency: {rate:.7g} Number of points: {count}"
+    return f"Label: {name} {text} Unit: {unit} Domain: Time"
 
 
 def emgworks(path: Path, rng: np.random.Generator) -> Made:
@@ -244,12 +244,12 @@ def noraxon(path: Path, rng: np.random.Generator) -> Made:
     if kind == "signal":
         names, volts = ["Ultium_EMG-RT_ZYG"], volts[:1]
         keys = ["type", "name", "time_units", "begin_time", "frequency", "count", "units"]
-        told = ["signal", names[0], "s", "0" + point + "0", f"{rate:g}", str(n), "uV"]
+        messages = ["signal", names[0], "s", "0" + point + "0", f"{rate:g}", str(n), "uV"]
         columns = [_numbers(time, point, ".6f"), _numbers(1e6 * volts[0], point)]
         labels = ["time", "value"]
     else:
         keys = ["type", "begin_time", "frequency", "count", "created with version", "record_name"]
-        told = ["record", "0" + point + "0", f"{rate:g}", str(n), "Noraxon MR 3.18", "smile"]
+        messages = ["record", "0" + point + "0", f"{rate:g}", str(n), "Noraxon MR 3.18", "smile"]
         unit = " (uV)" if kind == "mr3" else ""
         labels = ["time", "Activity", "Marker", *(f"{name}{unit}" for name in names)]
         columns = [_numbers(time, point, ".6f"), ["REST", *[""] * (n - 1)], [""] * n]
@@ -258,7 +258,7 @@ def noraxon(path: Path, rng: np.random.Generator) -> Made:
             others.append("Ultium EMG.Internal Accel 1 Ax")
             labels.append(f"{others[0]} (mG)")
             columns.append(_numbers(rng.normal(size=n), point))
-    lines = [sign.join(keys), sign.join(told), "", sign.join(labels)]
+    lines = [sign.join(keys), sign.join(messages), "", sign.join(labels)]
     _written(path, rng, lines + _columns(columns, sign, False))
     units = {} if kind != "mr4 without units" else {"emg": "uV"}
     return Made(path, names, rate, volts, others, 1e-12, units)

@@ -42,10 +42,10 @@ def save_v73(path: Path) -> None:
         opened["position"] = given["position"].T
         references = []
         for i, name in enumerate(CHANNELS):
-            held = opened.create_dataset(
+            stored = opened.create_dataset(
                 f"#refs#/{i}", data=np.array([[ord(c)] for c in name], "u2")
             )
-            references.append(held.ref)
+            references.append(stored.ref)
         opened.create_dataset("names", data=np.array(references, dtype=h5py.ref_dtype)[None, :])
     with path.open("r+b") as stream:
         stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
@@ -267,4 +267,4 @@ def test_a_real_trajectory_is_read_by_a_sidecar(shared: Path, tmp_path: Path) ->
     trial = read_recording(tmp_path / "jaw.toml", folder=source.parent)
     assert trial["position"].shape == (1, 3, 1017)
     span = np.ptp(trial["position"].values[0], axis=1) * 1e3
-    np.testing.assert_allclose(span, [3.16, 1.47, 2.53], atol=0.005)  # as stated beside the file
+    np.testing.assert_allclose(span, [3.16, 1.47, 2.53], atol=0.005)  # as stated with the file

@@ -149,12 +149,12 @@ def test_names_places_and_headers_are_examined(trial: xr.Dataset, tmp_path: Path
     motion = tmp_path / (MOTION + "motion.tsv")
     motion.write_text("a\tb\n" + motion.read_text())
     (tmp_path / (EMG + "emg.bdf")).rename(tmp_path / "sub-V01" / "run-01_sub-V01_emg.bdf")
-    found = " ".join(bids_problems(tmp_path))
+    problems = " ".join(bids_problems(tmp_path))
     for text in (
         "begins with a row of names", "has 2 columns and", "lacks the entity 'task'",
         "is in sub-V01, not in sub-V01/emg", "has the entities run, sub; expected sub, ses",
     ):  # fmt: skip
-        assert text in found
+        assert text in problems
 
 
 @pytest.mark.parametrize(
@@ -211,8 +211,8 @@ def test_a_motion_file_cut_within_a_row_is_refused(trial: xr.Dataset, tmp_path: 
     with pytest.raises(DataError, match="motion.tsv ends within a row"):
         read_recording(path)
     motion.write_text(text[: text.rstrip("\n").rindex("\n")])
-    held = note(read_recording(path), "dropped")[motion.name]
-    assert held == "contains 0.24 s of the 0.25 s that it declares"
+    noted = note(read_recording(path), "dropped")[motion.name]
+    assert noted == "contains 0.24 s of the 0.25 s that it declares"
 
 
 def test_recordings_that_bids_cannot_represent_are_refused(
@@ -250,7 +250,9 @@ def test_the_published_examples(shared: Path) -> None:
     assert dict(trial.sizes) == {"channel": 6, "time_emg": 2000}
     assert (trial.attrs["volunteer"], trial.attrs["instruction"]) == ("01", "talking")
     deviation = trial["emg"].std("time_emg").values
-    assert (0.05e-6 < deviation).all() and (deviation < 0.1e-6).all()  # 0.07 uV beside the file
+    assert (0.05e-6 < deviation).all() and (
+        deviation < 0.1e-6
+    ).all()  # 0.07 uV as stated with the file
     with pytest.raises(DataError, match="number of signals is '0  E'; expected an integer"):
         read_recording(many / "sub-01" / "emg" / "sub-01_task-pullstand_emg.edf")
     motion = many / "sub-01" / "motion" / "sub-01_task-pullstand_tracksys-mocap_motion.tsv"

@@ -1,4 +1,4 @@
-"""BIDS datasets whose names, sidecars or tables contradict each other: refused, or told."""
+"""BIDS datasets whose names, sidecars or tables contradict each other: refused, or reported."""
 
 import json
 import re
@@ -98,9 +98,11 @@ def test_numbers_of_sidecars_are_finite(
 ) -> None:
     emg = write_bids(trial, tmp_path)[0]
     set_json(tmp_path / file, key, text)
-    with pytest.raises(DataError, match=f"{Path(file).name[-8:]}|{Path(file).name[-11:]}") as told:
+    with pytest.raises(
+        DataError, match=f"{Path(file).name[-8:]}|{Path(file).name[-11:]}"
+    ) as raised:
         read_recording(emg)
-    assert text.strip('"').split("e")[0] in str(told.value).replace("True", "true")
+    assert text.strip('"').split("e")[0] in str(raised.value).replace("True", "true")
 
 
 @pytest.mark.parametrize("key", ["PowerLineFrequency", "Gain", "Anything"])
@@ -247,7 +249,7 @@ def test_two_processes_complete_one_table(tmp_path: Path) -> None:
         ("n/a", "n/a", 0.0, ""),
     ],
 )
-def test_start_times_that_cannot_be_compared_are_told(
+def test_start_times_that_cannot_be_compared_are_reported(
     trial: xr.Dataset, tmp_path: Path, first: str, second: str, lag: float, code: str
 ) -> None:
     """A time with a zone made the reader fail, and one that is no date was a lag of zero."""
@@ -255,10 +257,10 @@ def test_start_times_that_cannot_be_compared_are_told(
     (table,) = tmp_path.rglob("*_scans.tsv")
     rows = [f"emg/{emg.name}\t{first}", f"motion/{motion.name}\t{second}"]
     table.write_text("\n".join(["filename\tacq_time", *rows]) + "\n")
-    found = read_recording(emg)
-    apart = float(found["time_marker"][0] - found["time_emg"][0])
+    recording = read_recording(emg)
+    apart = float(recording["time_marker"][0] - recording["time_emg"][0])
     assert apart == pytest.approx(lag, abs=1e-6)
-    told = [f for f in findings_in(found) if f.code.endswith("_lag")]
-    assert [f.code for f in told] == ([code] if code else [])
-    for one in told:
+    messages = [f for f in findings_in(recording) if f.code.endswith("_lag")]
+    assert [f.code for f in messages] == ([code] if code else [])
+    for one in messages:
         assert repr(first) in one.clause and repr(second) in one.clause and one.kind == "marker"

@@ -29,14 +29,14 @@ def test_places_of_electrodes_are_written_and_read_back(trial: xr.Dataset, tmp_p
     trial.attrs["electrodes"] = json.dumps(PLACES)
     path = write_bids(trial, tmp_path)[0]
     assert bids_problems(tmp_path) == []
-    told = json.loads(read_recording(path).attrs["electrodes"])
+    message = json.loads(read_recording(path).attrs["electrodes"])
     for part in ("positions", "spaces", "system"):
-        assert told[part] == PLACES[part]
+        assert message[part] == PLACES[part]
     for name, link in PLACES["channels"].items():
-        assert link.items() <= told["channels"][name].items()
-    assert told["channels"]["OOS_L"] == {"target_muscle": "orbicularis oris superior"}
+        assert link.items() <= message["channels"][name].items()
+    assert message["channels"]["OOS_L"] == {"target_muscle": "orbicularis oris superior"}
     again = write_bids(read_recording(path), tmp_path / "again")[0]
-    assert json.loads(read_recording(again).attrs["electrodes"]) == told
+    assert json.loads(read_recording(again).attrs["electrodes"]) == message
 
 
 @pytest.mark.parametrize(

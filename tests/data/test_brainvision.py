@@ -78,10 +78,10 @@ def test_an_old_header_is_in_the_code_page_of_windows(tmp_path: Path) -> None:
 
 def test_a_channel_without_unit_is_in_microvolts(tmp_path: Path) -> None:
     path = make(tmp_path, channels="Ch1=A,,0.5\nCh2=B,,\nCh3=C,,0.001,V")
-    found = read_recording(path)["emg"].values
-    np.testing.assert_allclose(found[0], COUNTS[0] * 0.5 / 1e6, rtol=1e-15)
-    np.testing.assert_allclose(found[1], COUNTS[1] / 1e6, rtol=1e-15)
-    np.testing.assert_allclose(found[2], COUNTS[2] / 1e3, rtol=1e-15)
+    recording = read_recording(path)["emg"].values
+    np.testing.assert_allclose(recording[0], COUNTS[0] * 0.5 / 1e6, rtol=1e-15)
+    np.testing.assert_allclose(recording[1], COUNTS[1] / 1e6, rtol=1e-15)
+    np.testing.assert_allclose(recording[2], COUNTS[2] / 1e3, rtol=1e-15)
 
 
 def test_it_is_one_recording_of_a_folder_whose_digest_covers_the_samples(tmp_path: Path) -> None:

@@ -248,7 +248,7 @@ def test_the_real_values_are_those_of_the_file(real: xr.Dataset, real_c3d: Path)
     np.testing.assert_array_equal(real["emg"], raw["analogs"][0])
     expected = raw["points"][:3].transpose(1, 0, 2) / 1000.0
     np.testing.assert_array_equal(real["position"], expected)
-    assert round(100 * np.isnan(raw["points"]).mean(), 1) == 0.8  # as published beside the file
+    assert round(100 * np.isnan(raw["points"]).mean(), 1) == 0.8  # as published with the file
 
 
 def test_the_real_file_has_eleven_live_and_five_dead_surface_channels(real: xr.Dataset) -> None:
@@ -258,7 +258,7 @@ def test_the_real_file_has_eleven_live_and_five_dead_surface_channels(real: xr.D
         DEAD_EMG, "constant at 0 V"
     )
     deviation = real["emg"].sel(channel="Delt_ant.EMG1").std().item()
-    assert deviation == pytest.approx(0.212e-3, abs=0.0005e-3)  # as published beside the file
+    assert deviation == pytest.approx(0.212e-3, abs=0.0005e-3)  # as published with the file
 
 
 def test_the_real_file_is_mapped_and_written(real_c3d: Path, tmp_path: Path) -> None:

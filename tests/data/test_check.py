@@ -178,11 +178,11 @@ def test_findings_are_values_not_sentences() -> None:
 
 def test_a_rate_without_the_pass_band_is_an_error_with_its_values(clean: xr.Dataset) -> None:
     slow = clean.assign_coords(time_emg=clean["time_emg"] * 100.0)
-    found = [f for f in findings_of(slow) if f.code == "no_band"]
+    findings = [f for f in findings_of(slow) if f.code == "no_band"]
     rate = 1.0 / float(slow["time_emg"].diff("time_emg").mean())
-    assert found and found[0].values["rate"] == pytest.approx(rate)
-    assert found[0].values["half"] == pytest.approx(rate / 2)
-    assert "at least an octave of the pass-band from 15 to 500 Hz" in found[0].clause
+    assert findings and findings[0].values["rate"] == pytest.approx(rate)
+    assert findings[0].values["half"] == pytest.approx(rate / 2)
+    assert "at least an octave of the pass-band from 15 to 500 Hz" in findings[0].clause
 
 
 @pytest.mark.parametrize("frames", [2, 5, None])

@@ -125,8 +125,10 @@ def test_a_number_with_a_sign_between_thousands_is_refused(tmp_path: Path, cell:
 
 def test_decimal_commas_hold_exponents_signs_and_empty_cells(tmp_path: Path) -> None:
     path = comma_table(tmp_path, "0,5", "-1,25e-3", "+2", ",75", "NaN", "3,")
-    found = read_recording(path)["emg"].values[0]
-    np.testing.assert_array_equal(found, np.array([0.5, -1.25e-3, 2.0, 0.75, np.nan, 3.0]) / 1e3)
+    recording = read_recording(path)["emg"].values[0]
+    np.testing.assert_array_equal(
+        recording, np.array([0.5, -1.25e-3, 2.0, 0.75, np.nan, 3.0]) / 1e3
+    )
 
 
 def test_thousands_are_refused_with_a_decimal_point_too(tmp_path: Path) -> None:

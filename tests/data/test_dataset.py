@@ -107,9 +107,9 @@ def test_a_folder_returns_its_recordings_and_failures(
     (tmp_path / "notes.txt").write_text("not a recording")
     (tmp_path / ".A_1.nc.part").write_text("a write that was killed")
     assert find_recordings(tmp_path) == [good, cut]
-    found = dict(read_recordings(tmp_path, study=True))
-    assert isinstance(found[good], xr.Dataset)
-    assert isinstance(found[cut], DataError) and "truncated" in str(found[cut])
+    results = dict(read_recordings(tmp_path, study=True))
+    assert isinstance(results[good], xr.Dataset)
+    assert isinstance(results[cut], DataError) and "truncated" in str(results[cut])
 
 
 def test_a_folder_without_recordings_is_refused(tmp_path: Path) -> None:
@@ -142,8 +142,8 @@ def read(path, units):
     readers.cache_clear()
     try:
         (tmp_path / "trial.raw8").write_bytes(bytes([1, 2, 250]))
-        found = read_recording(tmp_path / "trial.raw8")
-        np.testing.assert_array_equal(found["emg"], [[1 / 1e6, 2 / 1e6, -6 / 1e6]])
+        recording = read_recording(tmp_path / "trial.raw8")
+        np.testing.assert_array_equal(recording["emg"], [[1 / 1e6, 2 / 1e6, -6 / 1e6]])
         mapped = read_recording(tmp_path / "trial.raw8", mapping={"units": {"emg": "mV"}})
         np.testing.assert_array_equal(mapped["emg"], [[1e-3, 2e-3, -6e-3]])
     finally:

@@ -39,7 +39,7 @@ def table(folder: Path, labels: str, *, unit: str = "mV", more: str = "") -> Pat
 
 
 @pytest.mark.parametrize(
-    ("labels", "told"),
+    ("labels", "message"),
     [
         (
             "time,ZYG_L (uV),ZYG_R,OOS_L",
@@ -49,8 +49,8 @@ def table(folder: Path, labels: str, *, unit: str = "mV", more: str = "") -> Pat
         ("time (ms),ZYG_L,ZYG_R,OOS_L", "in ms by its label, and in s by 'time_unit'"),
     ],
 )
-def test_a_unit_in_a_label_that_contradicts_the_sidecar_is_refused(tmp_path, labels, told):
-    with pytest.raises(EmgfaceError, match=told):
+def test_a_unit_in_a_label_that_contradicts_the_sidecar_is_refused(tmp_path, labels, message):
+    with pytest.raises(EmgfaceError, match=message):
         read_recording(table(tmp_path, labels))
 
 
@@ -112,7 +112,7 @@ STATED: list[tuple[Callable[..., None], str, str]] = [
     ("save", "name", "variable"), STATED, ids=lambda x: getattr(x, "__name__", None)
 )
 @pytest.mark.parametrize("word", sorted(RATES))
-def test_a_rate_beside_an_array_is_compared(tmp_path, save, name, variable, word):
+def test_a_rate_next_to_an_array_is_compared(tmp_path, save, name, variable, word):
     path = tmp_path / "a.toml"
     for stated, expected in ((1000.0, [("rate", "")]), (2000.0, []), (2.0, [])):
         save(tmp_path / name, **{word: stated})

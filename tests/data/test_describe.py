@@ -151,8 +151,8 @@ def test_every_column_has_its_own_unit_and_lines_any_end(end: str, tmp_path: Pat
     draft = describe(tmp_path / "a.csv")
     assert tomllib.loads(draft)["emg"]["units"] == {"oos [mV]": "mV"}
     (tmp_path / "a.toml").write_text(draft)
-    found = read_recording(tmp_path / "a.toml")["emg"]
-    np.testing.assert_allclose(found, EMG[:2], atol=2e-6 * float(np.abs(EMG).max()) + 1e-9)
+    recording = read_recording(tmp_path / "a.toml")["emg"]
+    np.testing.assert_allclose(recording, EMG[:2], atol=2e-6 * float(np.abs(EMG).max()) + 1e-9)
     (tmp_path / "a.toml").write_text(draft.replace('"oos [mV]" = "mV"', '"oos" = "mV"'))
     with pytest.raises(DataError, match="'units' names 'oos'; expected columns of a.csv"):
         read_recording(tmp_path / "a.toml")
@@ -196,8 +196,8 @@ def test_files_that_are_not_tables_are_refused(
 def test_ambiguous_commas_are_a_guess(tmp_path: Path) -> None:
     """ "1,5" may be one decimal number or two integers."""
     (tmp_path / "a.csv").write_text("\n".join(f"{k % 7},{k % 5}" for k in range(300)))
-    found = text_layout(tmp_path / "a.csv")
-    assert (found.delimiter, found.decimal, found.sure) == (",", ".", False)
+    layout = text_layout(tmp_path / "a.csv")
+    assert (layout.delimiter, layout.decimal, layout.sure) == (",", ".", False)
 
 
 def test_units_in_labels() -> None:
@@ -211,5 +211,5 @@ def test_labels_count_as_those_of_the_file_directly_above_the_numbers(
 ) -> None:
     rows = "".join(f"{0.25 * k},{-0.5 * k}\n" for k in range(20))
     (tmp_path / "a.csv").write_text(f"left,right\n{between}{rows}")
-    found = text_layout(tmp_path / "a.csv")
-    assert (found.labels, found.labelled) == (("left", "right"), labelled)
+    layout = text_layout(tmp_path / "a.csv")
+    assert (layout.labels, layout.labelled) == (("left", "right"), labelled)

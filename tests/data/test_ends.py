@@ -72,14 +72,15 @@ def test_a_line_that_ends_within_a_number_is_a_finding(name: str, tmp_path: Path
     cut = text[: -max(2, min(number - 1, 5))]
     target.write_bytes(cut.encode())
     try:
-        found = read_recording(path, mapping={"units": units})
+        opened = read_recording(path, mapping={"units": units})
     except EmgfaceError as error:
         assert "ends within a row" in str(error)
         return
-    told = [finding for finding in findings_in(found) if finding.code == "cut"]
-    assert len(told) == 1
+    messages = [finding for finding in findings_in(opened) if finding.code == "cut"]
+    assert len(messages) == 1
     assert (
-        "without a line end" in told[0].sentence and "copy or export it again" in told[0].sentence
+        "without a line end" in messages[0].sentence
+        and "copy or export it again" in messages[0].sentence
     )
 
 
@@ -98,8 +99,8 @@ ROWS = ["1.2500,-0.1250", "1.5000,0.2500", "1.7500,0.5000", "2.0000,0.7500"]
     ],
 )
 def test_what_is_missing_is_stated(last: str, why: str) -> None:
-    (found,) = cut_line("\n".join([*ROWS, last]), ",")
-    assert found.values["why"] == why
+    (line,) = cut_line("\n".join([*ROWS, last]), ",")
+    assert line.values["why"] == why
 
 
 @pytest.mark.parametrize("last", ["2.2500,1.0000", "2.2500,-1.0000", "2.2500,123.0000"])
@@ -135,12 +136,12 @@ def test_a_line_that_was_written_twice_is_a_finding_or_refused(name: str, tmp_pa
     lines.insert(len(lines) - 5, lines[-5])
     target.write_bytes("".join(lines).encode())
     try:
-        found = codes(read_recording(path, mapping={"units": units}))
+        findings = codes(read_recording(path, mapping={"units": units}))
     except EmgfaceError as error:
         assert path.stem in str(error) or target.name in str(error)
         return
     several = len([c for c in lines[-5].strip().split(sign) if c.strip()]) > 2
-    assert found or not several, "a table of one signal may repeat a value"
+    assert findings or not several, "a table of one signal may repeat a value"
 
 
 def codes(data) -> set[str]:
@@ -155,21 +156,21 @@ def test_values_that_stay_the_same_are_not_written_twice() -> None:
     twice = [*fine[:200], fine[199], *fine[200:]]
     assert [f.values["line"] for f in repeated_line("\n".join(twice), ",")] == [201]
     assert not repeated_line("\n".join(fine), ",")
-    held = [*fine[:200], *[fine[199]] * 5, *fine[200:]]  # a dropout, which is found as a filler
-    assert not repeated_line("\n".join(held), ",")
+    dropout = [*fine[:200], *[fine[199]] * 5, *fine[200:]]  # a dropout, which is found as a filler
+    assert not repeated_line("\n".join(dropout), ",")
     assert not repeated_line("\n".join(line.split(",")[0] for line in twice), ","), "one column"
 
 
 def test_signals_of_few_levels_give_no_false_alarm() -> None:
     """Converters of 6 to 12 bits at rest: lines that repeat by chance are no finding."""
     rng = np.random.default_rng(1)
-    found = 0
+    alarms = 0
     for _ in range(200):
         levels = 2.0 ** rng.uniform(0.0, 6.0)  # standard deviation in steps of the converter
         values = np.round(levels * rng.normal(size=(1000, int(rng.integers(2, 6)))))
         text = "\n".join(",".join(f"{0.1 * v:.4f}" for v in row) for row in values)
-        found += bool(repeated_line(text, ","))
-    assert found <= 2
+        alarms += bool(repeated_line(text, ","))
+    assert alarms <= 2
 
 
 @pytest.mark.parametrize(("kept", "expected"), [(200, False), (199, True), (150, True)])
@@ -179,6 +180,8 @@ def test_numbers_of_samples_are_compared_with_those_stated(kept, expected, tmp_p
     head = ["a.acq", "1 msec/sample", "2 channels", "ZYG_L", "mV", "ZYG_R", "mV", "CH1\tCH2"]
     del rows[kept:]
     (tmp_path / "a.txt").write_text("\n".join([*head, "200\t200", *rows]) + "\n")
-    found = [f for f in findings_in(read_recording(tmp_path / "a.txt")) if f.code == "sample_count"]
-    assert bool(found) == expected
-    assert not found or (found[0].values["held"], found[0].values["stated"]) == (kept, 200)
+    findings = [
+        f for f in findings_in(read_recording(tmp_path / "a.txt")) if f.code == "sample_count"
+    ]
+    assert bool(findings) == expected
+    assert not findings or (findings[0].values["held"], findings[0].values["stated"]) == (kept, 200)

@@ -83,7 +83,7 @@ def test_trials_are_cut_by_events(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("onsets", "durations", "told"),
+    ("onsets", "durations", "message"),
     [
         ([2.0, 3.0], [2.0, 2.0], "from 3 to 4 s"),
         ([3.0, 2.0], [2.0, 2.0], "from 3 to 4 s"),
@@ -92,13 +92,13 @@ def test_trials_are_cut_by_events(tmp_path: Path) -> None:
         ([5.0, 2.0, 9.0], [2.0, 3.0, 1.0], ""),
     ],
 )
-def test_trials_that_share_their_samples_are_warned_of(onsets, durations, told) -> None:
+def test_trials_that_share_their_samples_are_warned_of(onsets, durations, message) -> None:
     events = pd.DataFrame({"onset": onsets, "duration": durations, "label": "A"})
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         assert len(list(cut_trials(long(), events))) == len(onsets)
-    assert len(caught) == bool(told)
-    assert all(told in str(one.message) for one in caught)
+    assert len(caught) == bool(message)
+    assert all(message in str(one.message) for one in caught)
 
 
 def test_invalid_events_are_refused(tmp_path: Path) -> None:
@@ -137,10 +137,10 @@ def bursts(noise: float) -> tuple[xr.DataArray, list[tuple[float, float]]]:
 @pytest.mark.parametrize("noise", [0.02, 0.1])
 def test_repetitions_are_found_in_emg(noise: float) -> None:
     signal, spans = bursts(noise)
-    found = find_repetitions(signal)
-    assert len(found) == len(spans)
+    repetitions = find_repetitions(signal)
+    assert len(repetitions) == len(spans)
     for (start, stop), onset, duration in zip(
-        spans, found["onset"], found["duration"], strict=True
+        spans, repetitions["onset"], repetitions["duration"], strict=True
     ):
         assert onset == pytest.approx(start, abs=0.1)
         assert onset + duration == pytest.approx(stop, abs=0.1)
@@ -153,8 +153,8 @@ def test_repetitions_are_found_in_motion() -> None:
     values += 2e-5 * np.random.default_rng(0).normal(size=values.shape)
     coords = {"marker": ["m"], "axis": ["x", "y", "z"], "time_marker": time}
     positions = xr.DataArray(values, coords, ("marker", "axis", "time_marker"))
-    found = find_repetitions(positions)
-    centres = found["onset"] + found["duration"] / 2
+    repetitions = find_repetitions(positions)
+    centres = repetitions["onset"] + repetitions["duration"] / 2
     assert centres.to_list() == pytest.approx([2.0, 6.0, 10.0, 13.0], abs=0.1)
 
 

@@ -42,10 +42,10 @@ MARKER_FILLERS = {
 def test_fillers_of_emg_are_found_and_nothing_else(filler: str) -> None:
     values = RAW.copy()
     values[SPAN] = EMG_FILLERS[filler](values)
-    (found,) = emg_fillers(values, 5e-4)
+    (fillers,) = emg_fillers(values, 5e-4)
     expected = np.zeros(T.size, dtype=bool)
     expected[SPAN] = True
-    np.testing.assert_array_equal(found.mask, expected)
+    np.testing.assert_array_equal(fillers.mask, expected)
 
 
 @pytest.mark.parametrize("filler", MARKER_FILLERS)
@@ -53,8 +53,8 @@ def test_fillers_of_markers_are_found_and_nothing_else(filler: str) -> None:
     span = slice(100, 101) if "one" in filler else slice(100, 112)
     values = MARKER.copy()
     values[:, span] = MARKER_FILLERS[filler](values)
-    (found,) = marker_fillers(values, 0.9)
-    np.testing.assert_array_equal(np.flatnonzero(found.mask), np.arange(span.start, span.stop))
+    (fillers,) = marker_fillers(values, 0.9)
+    np.testing.assert_array_equal(np.flatnonzero(fillers.mask), np.arange(span.start, span.stop))
 
 
 def clipped(x: np.ndarray) -> np.ndarray:
@@ -101,8 +101,8 @@ def test_measured_markers_have_no_filler(values: np.ndarray) -> None:
 
 
 def test_a_marker_at_the_origin_throughout_is_missing_if_the_others_are_elsewhere() -> None:
-    (found,) = marker_fillers(np.zeros((3, 300)), 1.2)
-    assert found.mask.all()
+    (fillers,) = marker_fillers(np.zeros((3, 300)), 1.2)
+    assert fillers.mask.all()
 
 
 def test_random_recordings_of_any_resolution_have_no_filler() -> None:
@@ -138,10 +138,10 @@ def test_fillers_are_gaps_with_findings_in_every_way_of_opening(
     for opened in (read_recording(path), ef.read(path), without_fillers(trial)):
         assert int(np.isnan(opened["emg"]).sum()) == 100
         assert int(np.isnan(opened["position"]).sum()) == 3 * 15
-        found = {(f.kind, f.name): f.values["samples"] for f in findings_in(opened)}
+        findings = {(f.kind, f.name): f.values["samples"] for f in findings_in(opened)}
         names = [str(name) for name in trial["marker"].values]
         channel = str(trial["channel"].values[3])
-        assert found == {
+        assert findings == {
             ("channel", channel): 100,
             ("marker", names[2]): 10,
             ("marker", names[5]): 5,

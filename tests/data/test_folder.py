@@ -56,9 +56,9 @@ def test_a_link_to_an_absent_file_is_listed_and_refused(suffix: str, tmp_path: P
 def test_a_link_to_an_absent_file_is_unreadable_in_a_study(tmp_path: Path) -> None:
     write_recording(recording(), tmp_path / "there.nc")
     (tmp_path / "gone.nc").symlink_to(tmp_path / "absent")
-    found = take_in(RecordingsConfiguration(folder=tmp_path))
-    assert len(found.recordings) == 1
-    assert [path.name for path in found.unreadable] == ["gone.nc"]
+    intake = take_in(RecordingsConfiguration(folder=tmp_path))
+    assert len(intake.recordings) == 1
+    assert [path.name for path in intake.unreadable] == ["gone.nc"]
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
@@ -69,8 +69,8 @@ def test_a_sidecar_of_any_encoding_keeps_its_recording(
     (tmp_path / "b.csv").write_text(TABLE)
     sidecar = tmp_path / f"side{suffix}"
     sidecar.write_bytes(SIDECAR.format("b.csv").encode(encoding))
-    ((path, found),) = read_recordings(tmp_path)
-    assert path == sidecar and isinstance(found, xr.Dataset)
+    ((path, recordings),) = read_recordings(tmp_path)
+    assert path == sidecar and isinstance(recordings, xr.Dataset)
     assert not left_out_files(tmp_path)
 
 
@@ -78,8 +78,8 @@ def test_a_damaged_sidecar_is_listed(tmp_path: Path) -> None:
     (tmp_path / "b.csv").write_text(TABLE)
     sidecar = tmp_path / "side.toml"
     sidecar.write_bytes(codecs.BOM_UTF8 + b'schema = "recording\n')
-    ((path, found),) = read_recordings(tmp_path)
-    assert path == sidecar and isinstance(found, EmgfaceError)
+    ((path, recordings),) = read_recordings(tmp_path)
+    assert path == sidecar and isinstance(recordings, EmgfaceError)
 
 
 def test_files_that_are_left_out_are_named(tmp_path: Path) -> None:
@@ -92,10 +92,10 @@ def test_files_that_are_left_out_are_named(tmp_path: Path) -> None:
     (folder / "README.txt").write_text("what it is")
     (tmp_path / "more").mkdir()
     (folder / "linked").symlink_to(tmp_path / "more", target_is_directory=True)
-    found = {
+    names = {
         path.relative_to(folder).as_posix(): why for path, why in left_out_files(folder).items()
     }
-    assert found == {
+    assert names == {
         ".d.nc": "hidden",
         "linked": "a link to a folder, which is not followed",
         "notes.csv": "no sidecar describes it",

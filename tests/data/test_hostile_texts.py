@@ -95,10 +95,10 @@ def test_a_faulty_sample_does_not_stay_in_the_live_feature(fault: float) -> None
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for k in range(0, 4000, 20):
-            wanted, found = clean(whole[:, k : k + 20]), hurt(damaged[:, k : k + 20])
-            assert np.isfinite(found).all()
-            np.testing.assert_array_equal(found[1], wanted[1])
-    np.testing.assert_allclose(found, wanted, rtol=1e-9)
+            wanted, feature = clean(whole[:, k : k + 20]), hurt(damaged[:, k : k + 20])
+            assert np.isfinite(feature).all()
+            np.testing.assert_array_equal(feature[1], wanted[1])
+    np.testing.assert_allclose(feature, wanted, rtol=1e-9)
 
 
 def test_channels_of_one_place_are_refused() -> None:

@@ -28,13 +28,13 @@ def numbered() -> list[tuple[str, str, str]]:
 
 
 def test_muscles_bodies_and_joints_are_among_them() -> None:
-    found = set(numbered())
+    dims = set(numbered())
     for kind, name, dim in (
         ("face_model", "bundle_muscle", "muscle"),
         ("tongue_model", "fibre_muscle", "muscle"),
         ("jaw_model", "muscle_body", "body"),
     ):
-        assert (kind, name, dim) in found
+        assert (kind, name, dim) in dims
 
 
 @pytest.mark.parametrize(("kind", "name", "dim"), numbered())

@@ -41,8 +41,8 @@ def test_slow_recordings_are_examined(tmp_path: Path, rate: float, seconds: floa
 @pytest.mark.parametrize(("rate", "verdict"), [(1000.0, "warning"), (2048.0, "ok")])
 def test_the_check_reports_a_narrowed_band(tmp_path: Path, rate: float, verdict: str) -> None:
     table = check_recording(read_recording(table_of(tmp_path, "a", rate, 2.0)))
-    told = table["reason"].str.contains("pass-band ends at 450 Hz, not 500 Hz")
-    assert told.tolist() == [verdict == "warning"] * 2
+    narrowed = table["reason"].str.contains("pass-band ends at 450 Hz, not 500 Hz")
+    assert narrowed.tolist() == [verdict == "warning"] * 2
 
 
 def test_an_inventory_continues_after_a_slow_file(tmp_path: Path, trial: xr.Dataset) -> None:
@@ -67,11 +67,11 @@ def test_any_error_of_a_reader_becomes_a_sentence(
 
     monkeypatch.setattr(dataset.readers()[".trc"], "read", fail)
     monkeypatch.setattr(dataset.readers()[".trc"], "is_recording", fail, raising=False)
-    found = dict(read_recordings(tmp_path))
-    assert [isinstance(one, Exception) for one in found.values()] == [False, True, False]
-    told = str(found[tmp_path / "b.trc"])
-    assert isinstance(found[tmp_path / "b.trc"], DataError)
-    assert "b.trc" in told and type(failure).__name__ in told and "\n" not in told
+    results = dict(read_recordings(tmp_path))
+    assert [isinstance(one, Exception) for one in results.values()] == [False, True, False]
+    text = str(results[tmp_path / "b.trc"])
+    assert isinstance(results[tmp_path / "b.trc"], DataError)
+    assert "b.trc" in text and type(failure).__name__ in text and "\n" not in text
     assert inventory_table(tmp_path)["refusal"].notna().tolist() == [False, True, False]
 
 

@@ -49,9 +49,9 @@ def file(tmp_path: Path) -> Path:
 
 def test_the_result_is_returned_whatever_the_parser_prints(file: Path) -> None:
     value = {"a": np.arange(3), "b": "text"}
-    found = isolated(file, echo, value)
-    assert isinstance(found, dict) and found["b"] == "text"
-    np.testing.assert_array_equal(found["a"], value["a"])
+    returned = isolated(file, echo, value)
+    assert isinstance(returned, dict) and returned["b"] == "text"
+    np.testing.assert_array_equal(returned["a"], value["a"])
 
 
 def test_an_error_of_the_parser_is_raised_again(file: Path) -> None:

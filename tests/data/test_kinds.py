@@ -35,8 +35,8 @@ SLOW = np.sin(2 * np.pi * 0.7 * TIME)
     ],
 )
 def test_the_kind_follows_from_values_and_spectrum(values: np.ndarray, kind: str) -> None:
-    found = signal_of("channel 3", values, RATE)
-    assert found.kind == kind and bool(found.reason) == (kind != "EMG")
+    signal = signal_of("channel 3", values, RATE)
+    assert signal.kind == kind and bool(signal.reason) == (kind != "EMG")
     if kind != "unused":
         assert signal_of("ZYG_L", values, RATE).kind == "EMG"  # a mapped channel is judged as EMG
 

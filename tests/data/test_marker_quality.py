@@ -17,8 +17,8 @@ def test_noise_and_leaps_of_markers_are_measured() -> None:
     values = face(400)
     rng = np.random.default_rng(1)
     for scale in (5e-5, 1e-3):
-        found = marker_quality(positions(values + scale * rng.normal(size=values.shape)))
-        np.testing.assert_allclose(found["noise"], np.sqrt(3) * scale, rtol=0.2)
+        quality = marker_quality(positions(values + scale * rng.normal(size=values.shape)))
+        np.testing.assert_allclose(quality["noise"], np.sqrt(3) * scale, rtol=0.2)
     values[9, :, 100] += 0.02
     table = check_recording(recording(noise(seconds=4.0), values))
     (sentence,) = problems(table, "warning")
@@ -48,9 +48,9 @@ def test_names_exchanged_throughout_are_found(first: str, second: str) -> None:
     i, j = MARKERS.index(first), MARKERS.index(second)
     values = face(20, seed=3, deform=0.05)
     values[[i, j]] = values[[j, i]]
-    found = swapped_markers(positions(values))
-    assert {(r.first, r.second) for r in found.itertuples()} == {(first, second)}
-    assert found["time"].isna().all()
+    swaps = swapped_markers(positions(values))
+    assert {(r.first, r.second) for r in swaps.itertuples()} == {(first, second)}
+    assert swaps["time"].isna().all()
 
 
 def test_a_mirrored_face_is_reported() -> None:
@@ -113,8 +113,8 @@ def test_lost_frames_do_not_hide_exchanged_sides(lost: str) -> None:
         given["position"].values[markers, :, frames] = np.nan
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            found = swapped_sides(given)
-        assert len(found) == 4 and (found["swapped"] == (sign < 0)).all()
+            swaps = swapped_sides(given)
+        assert len(swaps) == 4 and (swaps["swapped"] == (sign < 0)).all()
 
 
 def test_equal_sides_raise_no_suspicion() -> None:

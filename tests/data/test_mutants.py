@@ -30,6 +30,6 @@ def test_every_reader_has_a_format(tmp_path) -> None:
 @pytest.mark.slow  # one process for each format
 @pytest.mark.parametrize("name", formats())
 def test_no_mutant_crashes_or_hangs(name: str) -> None:
-    found = outcomes(name, range(5000, 5020))
-    assert len(found) == 20
-    assert {result for _, _, result in found} <= ALLOWED, found
+    results = outcomes(name, range(5000, 5020))
+    assert len(results) == 20
+    assert {result for _, _, result in results} <= ALLOWED, results

@@ -200,9 +200,9 @@ def attempt(path: Path) -> str:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            found = read_recording(path)
-        assert isinstance(found, xr.Dataset)
-        validate(found, "recording")
+            opened = read_recording(path)
+        assert isinstance(opened, xr.Dataset)
+        validate(opened, "recording")
         outcome = "ok"
     except EmgfaceError as error:
         assert str(error) and "\n" not in str(error)
@@ -234,11 +234,11 @@ def test_damage_gives_a_typed_error(name: str, tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def whole_files(tmp_path_factory) -> Callable[[str], tuple[Path, Path, bytes]]:
     """Return a valid file of every format: path to open, file to damage, and its content."""
-    found = {}
+    files = {}
     for name, make in FORMATS.items():
         path, target = make(tmp_path_factory.mktemp("whole"))
-        found[name] = path, target, target.read_bytes()
-    return lambda name: found[name]
+        files[name] = path, target, target.read_bytes()
+    return lambda name: files[name]
 
 
 @settings(max_examples=100, deadline=None, suppress_health_check=list(HealthCheck))

@@ -1,4 +1,4 @@
-"""Files that cannot be written: the number of the error decides what is told."""
+"""Files that cannot be written: the number of the error decides what is reported."""
 
 import errno
 import os
@@ -12,7 +12,7 @@ import pytest
 from emgface.errors import DataError
 from emgface.files import replace_file, write_text
 
-TOLD = {
+MESSAGES = {
     errno.ENOSPC: "the disk is full",
     errno.EFBIG: "it exceeds the limit of the size of files",
     errno.EDQUOT: "the quota of the disk is used up",
@@ -28,16 +28,16 @@ def refused(folder: Path, error: Exception) -> str:
     def write(path: Path) -> None:
         raise error
 
-    with pytest.raises(DataError) as found:
+    with pytest.raises(DataError) as raised:
         replace_file(folder / "a.nc", write)
     assert not list(folder.iterdir())
-    return str(found.value)
+    return str(raised.value)
 
 
-@pytest.mark.parametrize("number", TOLD, ids=errno.errorcode.get)
+@pytest.mark.parametrize("number", MESSAGES, ids=errno.errorcode.get)
 def test_each_number_has_its_reason(number: int, tmp_path: Path) -> None:
-    told = refused(tmp_path, OSError(number, os.strerror(number)))
-    assert TOLD[number] in told and ("disk is full" in told) == (number == errno.ENOSPC)
+    message = refused(tmp_path, OSError(number, os.strerror(number)))
+    assert MESSAGES[number] in message and ("disk is full" in message) == (number == errno.ENOSPC)
 
 
 @pytest.mark.parametrize("error", [OSError(errno.EACCES, "denied"), RuntimeError("HDF error")])
@@ -75,11 +75,13 @@ try:
 except EmgfaceError as error:
     print(error)
 """
-    told = subprocess.run(
+    output = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=True
     ).stdout
-    assert "exceeds the limit of the size of files of 100000 bytes" in told and "ulimit -f" in told
-    assert "disk" not in told and "space" not in told
+    assert (
+        "exceeds the limit of the size of files of 100000 bytes" in output and "ulimit -f" in output
+    )
+    assert "disk" not in output and "space" not in output
 
 
 def test_an_error_of_another_cause_is_passed_on(tmp_path: Path) -> None:
@@ -92,6 +94,6 @@ def test_an_error_of_another_cause_is_passed_on(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="no file system of processes")
 def test_a_file_system_without_size_is_not_full() -> None:
-    with pytest.raises(DataError, match="Cannot write") as found:
+    with pytest.raises(DataError, match="Cannot write") as raised:
         write_text(Path("/proc/a.txt"), "x")
-    assert "disk is full" not in str(found.value)
+    assert "disk is full" not in str(raised.value)

@@ -64,8 +64,8 @@ def never_written(opened: h5py.File, folder: Path) -> None:
 
 
 def partly_written(opened: h5py.File, folder: Path) -> None:
-    held = opened.create_dataset("emg", (N, CHANNELS), "f8", chunks=(50, CHANNELS))
-    held[:200] = 1e-5
+    stored = opened.create_dataset("emg", (N, CHANNELS), "f8", chunks=(50, CHANNELS))
+    stored[:200] = 1e-5
 
 
 MADE: dict[str, Callable[[h5py.File, Path], None]] = {
@@ -92,12 +92,12 @@ def test_data_of_other_files_and_absent_data_are_refused(
         if suffix == ".nc":
             read_netcdf(path, "recording")
         else:
-            beside = tmp_path / "a.toml"
-            beside.write_text(
+            sidecar = tmp_path / "a.toml"
+            sidecar.write_text(
                 f'schema = "recording"\n[emg]\nfile = "{path.name}"\nvariable = "emg"\nrate = 100\n'
                 'unit = "V"\n'
             )
-            read_recording(beside)
+            read_recording(sidecar)
     if suffix != ".nc":
         with pytest.raises(DataError):
             describe(path)

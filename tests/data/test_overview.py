@@ -36,10 +36,10 @@ def test_the_page_names_trial_rows_and_findings() -> None:
     table = check_recording(trial)
     figure = overview_figure(trial, table)
     assert texts(figure)[0] == "V03 D 2 (SIMULATED): 27 ok, 1 warning, 2 error"
-    found = labels(figure)
-    assert set(MARKERS) <= set(found) and len(found) >= 30
-    assert (found["ZYG_L"], found["nasion"]) == (COLOURS["error"], COLOURS["error"])
-    assert (found["DAO_L"], found["MEN_L"]) == (COLOURS["warning"], COLOURS["ok"])
+    label_names = labels(figure)
+    assert set(MARKERS) <= set(label_names) and len(label_names) >= 30
+    assert (label_names["ZYG_L"], label_names["nasion"]) == (COLOURS["error"], COLOURS["error"])
+    assert (label_names["DAO_L"], label_names["MEN_L"]) == (COLOURS["warning"], COLOURS["ok"])
     words = " ".join(texts(figure))
     for part in (
         "error: channel ZYG_L: constant",

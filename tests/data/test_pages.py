@@ -41,9 +41,9 @@ def test_the_page_of_sidecars_lists_every_key(root: Path) -> None:
 
 @pytest.mark.parametrize("page", ["sidecars.md", "worked_examples.md"])
 def test_the_examples_of_toml_are_accepted(root: Path, page: str) -> None:
-    found = blocks(root / "docs" / page, "toml")
-    assert len(found) >= 2
-    for text in found:
+    examples = blocks(root / "docs" / page, "toml")
+    assert len(examples) >= 2
+    for text in examples:
         kind = re.match(r"# (\w+)\n", text)
         assert kind, text
         configure(MODELS[kind.group(1)], tomllib.loads(text))

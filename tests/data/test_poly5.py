@@ -179,7 +179,7 @@ def test_the_real_file_holds_ventilator_signals(shared: Path) -> None:
     assert dict(trial.sizes) == {"channel": 3, "time_emg": 42000}
     assert list(trial["channel"].values) == ["P", "F", "V"]
     np.testing.assert_array_equal(trial["time_emg"], np.arange(42000) / 100)
-    # Block by block with the numbers of the header, as published beside the file.
+    # Block by block with the numbers of the header, as published with the file.
     data, pieces = path.read_bytes(), []
     for k in range(16):
         pieces.append(np.frombuffer(data, "<f4", 2730 * 3, 217 + 6 * 136 + k * (86 + 32760) + 86))

@@ -110,9 +110,9 @@ def test_a_recording_of_the_shoulder_stays_unresolved(shared: Path) -> None:
     path = shared / "recordings" / "pyomeca" / "markers_analogs.c3d"
     if not path.is_file():
         pytest.skip("the recording is not there")
-    found = read_recording(path)
-    assert set(propose_mapping(found["channel"].values)["certainty"]) == {"unresolved"}
-    assert set(propose_mapping(found["marker"].values, "marker")["name"]) == {""}
+    recording = read_recording(path)
+    assert set(propose_mapping(recording["channel"].values)["certainty"]) == {"unresolved"}
+    assert set(propose_mapping(recording["marker"].values, "marker")["name"]) == {""}
 
 
 @pytest.mark.parametrize(
@@ -140,8 +140,8 @@ def test_spellings_of_laboratories(label: str, name: str, reason: str) -> None:
 
 def test_a_side_or_a_target_muscle_is_taken_from_elsewhere() -> None:
     labels = ["zygomaticus", "EMG2", "DAO R", "EMG4"]
-    told = {"EMG2": "Mentalis", "EMG4": "platysma"}
-    table = propose_mapping(labels, side="L", targets=told)
+    targets = {"EMG2": "Mentalis", "EMG4": "platysma"}
+    table = propose_mapping(labels, side="L", targets=targets)
     assert table["name"].to_list() == ["ZYG_L", "MEN_L", "DAO_R", ""]
     assert table["certainty"].to_list() == ["likely", "likely", "sure", "unresolved"]
     assert "target muscle is 'Mentalis'" in table["reason"][1]

@@ -33,14 +33,14 @@ def test_hum_is_measured_as_it_was_added(mains: float, amplitude: float) -> None
     values = values + amplitude * (
         np.sin(2 * np.pi * mains * time) + 0.3 * np.sin(2 * np.pi * 3 * mains * time)
     )
-    found = mains_hum(values, RATE)
+    hum = mains_hum(values, RATE)
     added = amplitude**2 * (1 + 0.3**2) / 2
-    assert found.frequency == mains
+    assert hum.frequency == mains
     # Over 8 s a line of 1/8 Hz contains 1/960 of a spectrum 120 Hz wide, which determines the
     # standard deviation of the product of hum and EMG; the lines also contain a part of the EMG.
     beat = np.sqrt(2 * added * plain / 960)
-    assert found.rms**2 == pytest.approx(added, abs=3 * beat + 0.03 * plain)
-    assert found.share == pytest.approx(added / (added + plain), abs=0.06)
+    assert hum.rms**2 == pytest.approx(added, abs=3 * beat + 0.03 * plain)
+    assert hum.share == pytest.approx(added / (added + plain), abs=0.06)
 
 
 def test_strong_hum_is_reported_and_removed() -> None:
@@ -135,8 +135,8 @@ def test_cross_talk_is_found_with_its_delay() -> None:
     assert row["correlation"] == pytest.approx(np.sqrt(0.5), abs=0.05)
     values = noise()
     values[7] = 0.8 * values[7] + 0.8 * values[0]  # cross-talk of OOS_L
-    found = problems(check_recording(recording(values)), "warning")
-    assert any("channel OOS_L: shares" in text and "with OOS_R" in text for text in found)
+    texts = problems(check_recording(recording(values)), "warning")
+    assert any("channel OOS_L: shares" in text and "with OOS_R" in text for text in texts)
 
 
 def test_lines_of_a_short_burst_are_no_hum() -> None:
@@ -148,10 +148,10 @@ def test_lines_of_a_short_burst_are_no_hum() -> None:
     chances, shares = [], []
     for _ in range(200):
         muscle = 100e-6 * burst * scipy.signal.sosfilt(sos, rng.standard_normal(time.size))
-        found = mains_hum(muscle, RATE)
-        chances.append(found.chance)
-        shares.append(found.share)
-        assert found.chance > UNLIKELY
+        lines = mains_hum(muscle, RATE)
+        chances.append(lines.chance)
+        shares.append(lines.share)
+        assert lines.chance > UNLIKELY
     # By the fraction of power some would be classified as hum; the p value has its nominal size.
     assert max(shares) > 0.1
     assert np.mean(np.array(chances) < 0.05) < 0.1

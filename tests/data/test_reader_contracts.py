@@ -90,12 +90,12 @@ def xdf(folder: Path, emg: np.ndarray, kept: Kept) -> Path:
     samples = which + struct.pack("<BI", 4, len(kept))
     for k, row in zip(kept, emg.T, strict=True):
         samples += struct.pack("<Bd", 8, 50.0 + k / RATE) + row.astype("<f8").tobytes()
-    told = f"<info><sample_count>{len(kept)}</sample_count></info>"
+    text = f"<info><sample_count>{len(kept)}</sample_count></info>"
     path = folder / "a.xdf"
     first = chunk(1, b'<?xml version="1.0"?><info><version>1.0</version></info>')
     path.write_bytes(
         b"XDF:" + first + chunk(2, which + head.encode()) + chunk(3, samples)
-        + chunk(6, which + told.encode())
+        + chunk(6, which + text.encode())
     )  # fmt: skip
     return path
 
@@ -119,12 +119,12 @@ def csv_counter(folder: Path, emg: np.ndarray, kept: Kept) -> Path:
 
 
 def netcdf(folder: Path, emg: np.ndarray, kept: Kept) -> Path:
-    found = xr.Dataset(
+    recording = xr.Dataset(
         {"emg": (("channel", "time_emg"), emg / 1e6, {"units": "V"})},
         {"channel": ["E1", "E2"], "time_emg": ("time_emg", kept / RATE, {"units": "s"})},
         {"origin": "measured"},
     )
-    return write_recording(found, folder / "a.nc")
+    return write_recording(recording, folder / "a.nc")
 
 
 def trc(folder: Path, position: np.ndarray, kept: Kept) -> Path:
@@ -164,9 +164,9 @@ ELSEWHERE = {"text_exports"}
 
 
 def test_every_reader_is_examined() -> None:
-    held = {name.partition(",")[0] for name in (*OF_EMG, *OF_MARKERS)} | ELSEWHERE
+    examined = {name.partition(",")[0] for name in (*OF_EMG, *OF_MARKERS)} | ELSEWHERE
     registered = {reader.__name__.rpartition(".")[2] for reader in readers().values()}  # type: ignore[attr-defined]
-    assert registered - held == set(), "add a writer of this format to OF_EMG or OF_MARKERS"
+    assert registered - examined == set(), "add a writer of this format to OF_EMG or OF_MARKERS"
 
 
 def remaining(samples: int, first: int, number: int) -> Kept:
@@ -175,23 +175,23 @@ def remaining(samples: int, first: int, number: int) -> Kept:
 
 @pytest.mark.parametrize("name", OF_EMG)
 def test_a_whole_recording_has_no_finding(name: str, tmp_path: Path) -> None:
-    found = read_recording(OF_EMG[name](tmp_path, EMG, np.arange(N)))
-    np.testing.assert_allclose(found["time_emg"], np.arange(N) / RATE, atol=1e-9)
-    np.testing.assert_allclose(found["emg"].sel(channel="E1"), EMG[0] / 1e6, atol=4e-8)
-    assert [f.sentence for f in findings_in(found) if f.code != "left_out"] == []
+    recording = read_recording(OF_EMG[name](tmp_path, EMG, np.arange(N)))
+    np.testing.assert_allclose(recording["time_emg"], np.arange(N) / RATE, atol=1e-9)
+    np.testing.assert_allclose(recording["emg"].sel(channel="E1"), EMG[0] / 1e6, atol=4e-8)
+    assert [f.sentence for f in findings_in(recording) if f.code != "left_out"] == []
 
 
 @pytest.mark.parametrize("name", OF_EMG)
 def test_lost_samples_are_gaps(name: str, tmp_path: Path) -> None:
     kept = remaining(N, *LOST)
-    found = read_recording(OF_EMG[name](tmp_path, EMG[:, kept], kept))
+    recording = read_recording(OF_EMG[name](tmp_path, EMG[:, kept], kept))
     whole = np.full(N, np.nan)
     whole[kept] = EMG[0, kept] / 1e6
-    size = found.sizes["time_emg"]
+    size = recording.sizes["time_emg"]
     assert size >= N - 10  # whole records and frames alone are written
-    np.testing.assert_allclose(found["time_emg"], np.arange(size) / RATE, atol=1e-9)
-    np.testing.assert_allclose(found["emg"].sel(channel="E1"), whole[:size], atol=4e-8)
-    (gap,) = [f for f in findings_in(found) if f.code == "gap"]
+    np.testing.assert_allclose(recording["time_emg"], np.arange(size) / RATE, atol=1e-9)
+    np.testing.assert_allclose(recording["emg"].sel(channel="E1"), whole[:size], atol=4e-8)
+    (gap,) = [f for f in findings_in(recording) if f.code == "gap"]
     assert (gap.values["samples"], gap.values["at"]) == (30, pytest.approx(0.7))
 
 
@@ -227,11 +227,11 @@ def test_a_recording_in_si_units_takes_no_unit(units: dict[str, str], tmp_path: 
 
 
 @pytest.mark.parametrize("name", [n for n in OF_EMG if n not in ("netcdf", "csv_toml", "xdf")])
-def test_a_packet_stored_twice_is_told(name: str, tmp_path: Path) -> None:
+def test_a_packet_stored_twice_is_reported(name: str, tmp_path: Path) -> None:
     kept = np.r_[0:700, 680:1980]
-    found = read_recording(OF_EMG[name](tmp_path, EMG[:, kept], kept))
-    (told,) = [f for f in findings_in(found) if f.code != "left_out"]
-    assert (told.code, told.values["at"]) == ("counter", pytest.approx(0.7))
+    recording = read_recording(OF_EMG[name](tmp_path, EMG[:, kept], kept))
+    (finding,) = [f for f in findings_in(recording) if f.code != "left_out"]
+    assert (finding.code, finding.values["at"]) == ("counter", pytest.approx(0.7))
 
 
 @pytest.mark.parametrize("name", OF_EMG)
@@ -240,14 +240,14 @@ def test_fillers_are_gaps_and_findings_follow_their_channel(name: str, tmp_path:
     filled[0, FILLED] = 0.0 if name != "edf" else filled[0, FILLED.start]  # 0 is between two counts
     path = OF_EMG[name](tmp_path, filled, np.arange(N))
     channels = {"E2": "ZYG_R", "E1": "ZYG_L"}
-    found = read_recording(path, mapping={"channels": channels})
-    gaps = np.isnan(found["emg"])
+    recording = read_recording(path, mapping={"channels": channels})
+    gaps = np.isnan(recording["emg"])
     assert 99 <= int(gaps.sel(channel="ZYG_L").sum()) <= 100
     assert not gaps.sel(channel="ZYG_R").any()
-    (filler,) = [f for f in findings_in(found) if f.code == "filler"]
+    (filler,) = [f for f in findings_in(recording) if f.code == "filler"]
     assert (filler.kind, filler.name) == ("channel", "ZYG_L")
-    again = read_recording(write_recording(found, tmp_path / "kept.nc"))
-    assert findings_in(again) == findings_in(found)
+    again = read_recording(write_recording(recording, tmp_path / "kept.nc"))
+    assert findings_in(again) == findings_in(recording)
     early, late = cut(again, 0.2, 1.0), cut(again, 1.0, 1.9)
     (moved,) = [f for f in findings_in(early) if f.code == "filler"]
     assert moved.values["at"] == pytest.approx(float(filler.values["at"]) - 0.2)
@@ -261,26 +261,26 @@ def test_lost_frames_and_fillers_of_markers_are_gaps(name: str, tmp_path: Path) 
     filled = MARKER.copy()
     filled[:, HIDDEN] = 0.0
     kept = remaining(FRAMES, 120, 7)
-    found = read_recording(OF_MARKERS[name](tmp_path, filled[:, kept], kept))
+    recording = read_recording(OF_MARKERS[name](tmp_path, filled[:, kept], kept))
     expected = np.full((3, FRAMES), np.nan)
     expected[:, kept] = filled[:, kept] / 1e3
     expected[:, HIDDEN] = np.nan
-    np.testing.assert_allclose(found["position"].sel(marker="M1"), expected, atol=1e-8)
-    np.testing.assert_allclose(found["time_marker"], np.arange(FRAMES) / 100, atol=1e-9)
-    codes = {f.code: f.values for f in findings_in(found)}
+    np.testing.assert_allclose(recording["position"].sel(marker="M1"), expected, atol=1e-8)
+    np.testing.assert_allclose(recording["time_marker"], np.arange(FRAMES) / 100, atol=1e-9)
+    codes = {f.code: f.values for f in findings_in(recording)}
     assert codes["gap_of_markers"]["samples"] == 7
     assert codes["filler_of_marker"]["samples"] == 15
 
 
-def test_fillers_of_markers_beside_emg_are_gaps(tmp_path: Path) -> None:
-    held = MARKER.copy()
-    held[:, HIDDEN] = held[:, HIDDEN.start - 1 : HIDDEN.start]
+def test_fillers_of_markers_with_emg_are_gaps(tmp_path: Path) -> None:
+    filled = MARKER.copy()
+    filled[:, HIDDEN] = filled[:, HIDDEN.start - 1 : HIDDEN.start]
     MARKER_BEFORE = MARKER.copy()
     try:
-        MARKER[:] = held
-        found = read_recording(c3d(tmp_path, EMG, np.arange(N)))
+        MARKER[:] = filled
+        recording = read_recording(c3d(tmp_path, EMG, np.arange(N)))
     finally:
         MARKER[:] = MARKER_BEFORE
     np.testing.assert_array_equal(
-        np.flatnonzero(np.isnan(found["position"].values[0, 0])), np.arange(60, 75)
+        np.flatnonzero(np.isnan(recording["position"].values[0, 0])), np.arange(60, 75)
     )

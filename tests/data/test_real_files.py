@@ -48,10 +48,10 @@ def test_every_file_gives_a_recording_or_an_error_in_one_sentence(shared: Path) 
         else:
             with pytest.raises(DataError) as caught:
                 read_recording(path)
-            told = str(caught.value)
-            assert path.name in told
+            sentence = str(caught.value)
+            assert path.name in sentence
             text = REFUSED.get(name, "does not specify its contents, rate and units")
-            assert text in told, told
+            assert text in sentence, sentence
     assert seen >= 12
 
 

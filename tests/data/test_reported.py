@@ -1,4 +1,4 @@
-"""Situations that people reported publicly, as small files: read, told or refused as they must be."""
+"""Situations that people reported publicly, as small files: read, reported or refused as required."""
 
 import warnings
 from pathlib import Path
@@ -38,27 +38,27 @@ def onset(emg: xr.DataArray) -> float:
 
 @pytest.mark.parametrize(("file", "rate", "seconds"), RATES)
 def test_lost_samples_keep_the_time(reported: Path, file: str, rate: float, seconds: float) -> None:
-    found = read_recording(reported / file)
-    time = found["time_emg"].values
+    recording = read_recording(reported / file)
+    time = recording["time_emg"].values
     assert 1.0 / np.diff(time).mean() == pytest.approx(rate, rel=1e-6)
     assert time.size / rate == pytest.approx(seconds)
     if "04" not in file:
-        assert onset(found["emg"][0]) == pytest.approx(5.0, abs=0.03)
+        assert onset(recording["emg"][0]) == pytest.approx(5.0, abs=0.03)
 
 
 def test_counter_jumps_are_reported_with_place_and_number(reported: Path) -> None:
-    found = read_recording(reported / "05-counter-jumps/board.toml")
-    assert codes(found)["gaps"]["samples"] == 702
-    table = check_recording(found)
+    recording = read_recording(reported / "05-counter-jumps/board.toml")
+    assert codes(recording)["gaps"]["samples"] == 702
+    table = check_recording(recording)
     assert "by the counter 'Sample Index'" in str(table["reason"][0])
 
 
 @pytest.mark.parametrize("file", ["c_gap.edf", "d_gap.edf"])
 def test_pauses_of_edf_are_gaps(reported: Path, file: str) -> None:
-    found = read_recording(reported / "04-edf-tal-gap" / file)
-    assert codes(found)["gap"]["at"] == pytest.approx(4.0)
+    recording = read_recording(reported / "04-edf-tal-gap" / file)
+    assert codes(recording)["gap"]["at"] == pytest.approx(4.0)
     with pytest.raises(DataError, match="has a gap of 9 s"):
-        ef.activate(found, strategy="act_all", missing_side="mirror", missing_muscle="zero")
+        ef.activate(recording, strategy="act_all", missing_side="mirror", missing_muscle="zero")
 
 
 def test_other_streams_of_xdf(reported: Path) -> None:
@@ -73,20 +73,20 @@ def test_other_streams_of_xdf(reported: Path) -> None:
 
 def test_latencies_are_the_times_of_markers(reported: Path) -> None:
     (path,) = reported.glob("02-bids-latency/bids/**/*_emg.edf")
-    found = read_recording(path)
-    moved = found["position"].sel(marker="corner_left", axis="y")
+    recording = read_recording(path)
+    moved = recording["position"].sel(marker="corner_left", axis="y")
     first = float(
         moved["time_marker"][np.argmax(np.nan_to_num(moved.values) > 0.5 * np.nanmax(moved))]
     )
     assert first == pytest.approx(5.0, abs=0.02)
-    assert codes(found)["gap_of_markers"]["seconds"] == pytest.approx(1.5)
+    assert codes(recording)["gap_of_markers"]["seconds"] == pytest.approx(1.5)
 
 
 def test_bad_channels_are_missing(reported: Path) -> None:
     (path,) = reported.glob("03-bids-status-bad/bids/**/*_emg.edf")
-    found = read_recording(path)
-    assert "ZYG_R" not in found["channel"].values
-    row = check_recording(found).set_index("name").loc["ZYG_R"]
+    recording = read_recording(path)
+    assert "ZYG_R" not in recording["channel"].values
+    row = check_recording(recording).set_index("name").loc["ZYG_R"]
     assert (row["verdict"], "electrode came off" in row["reason"]) == ("error", True)
     with pytest.warns(match="channel ZYG_R: marked as bad in channels.tsv"):
         activation = ef.activate(
@@ -109,8 +109,8 @@ def test_unknown_units_are_named(reported: Path, file: str) -> None:
 @pytest.mark.parametrize("file", "first negative real_offset signed start0 unsigned12".split())
 def test_scales_of_c3d(reported: Path, file: str) -> None:
     folder = reported / "09-c3d-scaling"
-    found, usual = (read_recording(folder / f"{name}.c3d") for name in (file, "real_offset"))
-    np.testing.assert_allclose(found["emg"], usual["emg"], atol=0.6e-6)
+    scaled, usual = (read_recording(folder / f"{name}.c3d") for name in (file, "real_offset"))
+    np.testing.assert_allclose(scaled["emg"], usual["emg"], atol=0.6e-6)
 
 
 def test_other_byte_orders_of_c3d_are_named(reported: Path) -> None:
@@ -125,22 +125,22 @@ def test_other_byte_orders_of_c3d_are_named(reported: Path) -> None:
 )  # fmt: skip
 def test_zeros_for_missing_markers_are_gaps(reported: Path, file: str, marker: str) -> None:
     folder = reported / "10-zero-for-missing"
-    found = read_recording(folder / file)
+    recording = read_recording(folder / file)
     marked = read_recording(folder / ("marked_head.c3d" if "head" in file else "marked_lip.c3d"))
-    np.testing.assert_allclose(found["position"], marked["position"], atol=1e-7)
-    (filler,) = [f for f in findings_in(found) if f.code == "filler_of_marker"]
+    np.testing.assert_allclose(recording["position"], marked["position"], atol=1e-7)
+    (filler,) = [f for f in findings_in(recording) if f.code == "filler_of_marker"]
     assert (filler.name, filler.values["samples"]) == (marker, 12)
 
 
 def test_the_column_of_times_determines_the_rate(reported: Path) -> None:
-    for file, rate, told in (("exact", 29.97, None), ("v2997", 29.97, 30.0), ("v2997long", 29.97, 30.0),
+    for file, rate, other in (("exact", 29.97, None), ("v2997", 29.97, 30.0), ("v2997long", 29.97, 30.0),
                              ("v60", 59.94, 60.0)):  # fmt: skip
-        found = read_recording(reported / "11-trc-rate" / f"{file}.trc")
-        assert 1.0 / np.diff(found["time_marker"]).mean() == pytest.approx(rate, rel=1e-6)
-        assert codes(found).get("rate", {}).get("other") == told
+        recording = read_recording(reported / "11-trc-rate" / f"{file}.trc")
+        assert 1.0 / np.diff(recording["time_marker"]).mean() == pytest.approx(rate, rel=1e-6)
+        assert codes(recording).get("rate", {}).get("other") == other
 
 
-def test_contradicting_rates_of_bids_are_told(reported: Path) -> None:
+def test_contradicting_rates_of_bids_are_reported(reported: Path) -> None:
     (path,) = reported.glob("12-bids-rate/**/*_emg.edf")
     rates = [f.values["other_by"] for f in findings_in(read_recording(path)) if f.code == "rate"]
     assert rates == ["emg.json", "channels.tsv"]
@@ -149,7 +149,7 @@ def test_contradicting_rates_of_bids_are_told(reported: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "code"), [("rect", "rectified"), ("env", "envelope"), ("rms", "envelope"), ("raw", "")]
 )
-def test_processed_emg_is_told_after_mapping(reported: Path, file: str, code: str) -> None:
+def test_processed_emg_is_reported_after_mapping(reported: Path, file: str, code: str) -> None:
     folder = reported / "16-rectified"
     for path, mapping in ((f"{file}_named.c3d", None), (f"{file}_other.c3d", folder / "map.toml")):
         reasons = check_recording(read_recording(folder / path, mapping=mapping))["reason"]
@@ -161,8 +161,8 @@ def test_processed_emg_is_told_after_mapping(reported: Path, file: str, code: st
                 missing_muscle="zero", feature="rms",
             )  # fmt: skip
         assert (code in codes(done)) == bool(code)
-        told = " ".join(str(one.message) for one in caught)
-        assert ("is never negative" in told) == bool(code)
+        text = " ".join(str(one.message) for one in caught)
+        assert ("is never negative" in text) == bool(code)
 
 
 def test_check_states_a_size_that_score_refuses(reported: Path) -> None:
@@ -178,9 +178,9 @@ def test_check_states_a_size_that_score_refuses(reported: Path) -> None:
 @pytest.mark.parametrize("file", ["hold", "zero"])
 def test_samples_that_the_status_marks_are_gaps(reported: Path, file: str) -> None:
     folder = reported / "19-poly5-dummy"
-    found, clean = (read_recording(folder / f"{name}.poly5") for name in (file, "clean"))
-    gaps = np.isnan(found["emg"].values)
+    marked, clean = (read_recording(folder / f"{name}.poly5") for name in (file, "clean"))
+    gaps = np.isnan(marked["emg"].values)
     assert gaps.sum() == 2 * 1200
-    np.testing.assert_array_equal(found["emg"].values[~gaps], clean["emg"].values[~gaps])
+    np.testing.assert_array_equal(marked["emg"].values[~gaps], clean["emg"].values[~gaps])
     with pytest.warns(match="marked as bad by bit 8"), pytest.raises(DataError, match="has a gap"):
-        ef.activate(found, strategy="act_all", missing_side="mirror", missing_muscle="zero")
+        ef.activate(marked, strategy="act_all", missing_side="mirror", missing_muscle="zero")

@@ -135,8 +135,8 @@ def test_each_range_and_each_gap_is_checked(valid: Make, kind: str) -> None:
         if array.nullable:
             validate(spoilt, kind)
             spoilt[name].values[first] = np.inf
-        found = complaint(spoilt, kind)
-        assert re.match(rf"{name} has 1 of \d+ values (not finite|infinite)", found)
+        message = complaint(spoilt, kind)
+        assert re.match(rf"{name} has 1 of \d+ values (not finite|infinite)", message)
     assert tried > 0
 
 
@@ -289,12 +289,12 @@ def test_a_cube_of_version_1_is_read_as_one_of_the_present_version(valid: Make, 
     old = valid("cube").assign_attrs(schema="cube", schema_version=1)
     old["status"].attrs["long_name"] = "ok, missing, or failed"
     old.to_netcdf(tmp_path / "cube.nc")
-    found = read_netcdf(tmp_path / "cube.nc", "cube")
-    assert found.attrs["schema_version"] == declaration("cube").version == 3
-    assert found.attrs["migrated_from"] == 1
-    assert "excluded" in found["status"].attrs["long_name"]
+    dataset = read_netcdf(tmp_path / "cube.nc", "cube")
+    assert dataset.attrs["schema_version"] == declaration("cube").version == 3
+    assert dataset.attrs["migrated_from"] == 1
+    assert "excluded" in dataset["status"].attrs["long_name"]
     for name in old.data_vars:
-        np.testing.assert_array_equal(found[name].values, old[name].values)
+        np.testing.assert_array_equal(dataset[name].values, old[name].values)
 
 
 def test_versions_are_migrated_one_by_one_or_refused_by_name(valid: Make) -> None:
@@ -349,7 +349,7 @@ def test_the_page_is_up_to_date_and_names_everything(root) -> None:
 
 def test_the_schema_of_a_study_file_is_up_to_date() -> None:
     written = (schema_folder() / "study.json").read_text(encoding="utf-8")
-    told = "run: emgface schema --study --out data_schema/study.json"
-    assert written == study_schema_text(), told
+    text = "run: emgface schema --study --out data_schema/study.json"
+    assert written == study_schema_text(), text
     schema = json.loads(written)
     assert schema["properties"]["simulation"] and schema["version"] == 1

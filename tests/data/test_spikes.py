@@ -13,9 +13,9 @@ def test_single_samples_are_found(height: float) -> None:
     """One damaged sample in independent noise is found at its place, whatever its sign."""
     values = np.random.default_rng(0).standard_normal(5000)
     values[1234] += height
-    found = spikes(values, 2000.0)
-    assert found.at.tolist() == [1234]
-    assert found.distance[0] == pytest.approx(abs(height), abs=5.0)
+    spike_table = spikes(values, 2000.0)
+    assert spike_table.at.tolist() == [1234]
+    assert spike_table.distance[0] == pytest.approx(abs(height), abs=5.0)
 
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0, 2148.1, 50e3])
@@ -23,8 +23,8 @@ def test_spikes_of_a_reversed_signal_are_the_same(rate: float) -> None:
     """No side of a sample has an advantage, at even and odd numbers of samples around it."""
     values = np.random.default_rng(2).standard_normal(5000)
     values[[1000, 4200]] += 50.0, -70.0
-    found, back = spikes(values, rate).at, 4999 - spikes(values[::-1], rate).at[::-1]
-    assert found.tolist() == back.tolist() == [1000, 4200]
+    forward, back = spikes(values, rate).at, 4999 - spikes(values[::-1], rate).at[::-1]
+    assert forward.tolist() == back.tolist() == [1000, 4200]
 
 
 def test_the_level_and_a_drift_of_a_signal_do_not_matter() -> None:

@@ -31,13 +31,13 @@ def test_the_filter_in_the_header_of_edf_is_compared_with_the_band_of_emg(tmp_pa
     signal = EdfSignal(EMG, sampling_frequency=2000, label="ZYG_L", physical_dimension="uV",
                        prefiltering=text)  # fmt: skip
     Edf([signal]).write(tmp_path / "a.edf")
-    found = findings_in(read_recording(tmp_path / "a.edf"))
-    assert [f.code for f in found if f.name == "ZYG_L"] == codes
-    assert all(CODES[f.code].verdict == "warning" and f.sentence for f in found)
+    findings = findings_in(read_recording(tmp_path / "a.edf"))
+    assert [f.code for f in findings if f.name == "ZYG_L"] == codes
+    assert all(CODES[f.code].verdict == "warning" and f.sentence for f in findings)
 
 
 @pytest.mark.parametrize(
-    ("low", "high", "told"),
+    ("low", "high", "message"),
     [
         ("n/a", "n/a", ""),
         ("10", "500", ""),
@@ -47,13 +47,13 @@ def test_the_filter_in_the_header_of_edf_is_compared_with_the_band_of_emg(tmp_pa
         ("100", "250", "a high-pass of 100 Hz and a low-pass of 250 Hz,"),
     ],
 )
-def test_cut_offs_in_a_table_of_bids_are_compared_with_the_band_of_emg(low, high, told):
+def test_cut_offs_in_a_table_of_bids_are_compared_with_the_band_of_emg(low, high, message):
     table = pd.DataFrame(
         {"name": ["a", "b"], "low_cutoff": [low, "99"], "high_cutoff": [high, "99"]}
     )
-    found = bands_of_table(table, ["a"])
-    assert len(found) == bool(told)
-    assert all(told in one.clause for one in found)
+    findings = bands_of_table(table, ["a"])
+    assert len(findings) == bool(message)
+    assert all(message in one.clause for one in findings)
     assert bands_of_table(table[["name"]], ["a", "b"]) == []
 
 

@@ -44,8 +44,8 @@ def test_an_export_is_read_as_it_was_recorded(name: str, seed: int, tmp_path: Pa
     if truth.units:
         with pytest.raises(UnitsError, match="has a unit"):
             read_recording(truth.path)
-    found = read_recording(truth.path, mapping={"units": truth.units})
-    emg, time = found["emg"], found["time_emg"].values
+    recording = read_recording(truth.path, mapping={"units": truth.units})
+    emg, time = recording["emg"], recording["time_emg"].values
     labels = [str(label) for label in emg["channel"].values]
     # Characters beyond ASCII are only in a code page if the file was saved in one.
     assert labels == truth.labels
@@ -53,8 +53,8 @@ def test_an_export_is_read_as_it_was_recorded(name: str, seed: int, tmp_path: Pa
     assert (time.size - 1) / (time[-1] - time[0]) == pytest.approx(truth.rate, rel=2e-6)
     assert abs(time[0]) < 0.01 / truth.rate
     np.testing.assert_allclose(emg.values, truth.volts, rtol=1e-6, atol=truth.resolution)
-    assert set(truth.others) <= set(note(found, "dropped"))
-    assert not [f for f in findings_in(found) if f.code != "left_out"]
+    assert set(truth.others) <= set(note(recording, "dropped"))
+    assert not [f for f in findings_in(recording) if f.code != "left_out"]
 
     draft = describe(truth.path, unit=truth.units.get("emg"))
     assert "unconfirmed" not in draft and f'layout = "{name}"' in draft
@@ -86,10 +86,10 @@ def test_a_truncated_export_is_refused_or_says_so(name: str, tmp_path: Path) -> 
     for part in (0.02, 0.1):
         truth.path.write_bytes(data[: int(part * len(data))])
         try:
-            found = read_recording(truth.path, mapping={"units": truth.units})
+            recording = read_recording(truth.path, mapping={"units": truth.units})
         except DataError:
             continue
-        assert found.sizes["time_emg"] <= 0.2 * truth.volts.shape[1] + 2
+        assert recording.sizes["time_emg"] <= 0.2 * truth.volts.shape[1] + 2
 
 
 def discover(path: Path, clocks: list[np.ndarray], rates: list[float]) -> Path:
@@ -108,34 +108,34 @@ def discover(path: Path, clocks: list[np.ndarray], rates: list[float]) -> Path:
 def test_lost_samples_of_a_sensor_are_a_gap_of_that_sensor(tmp_path: Path) -> None:
     clock = np.arange(4000) / 2000.0
     lossy = np.delete(clock, slice(1000, 1500))
-    found = read_recording(discover(tmp_path / "a.csv", [clock, lossy], [2000.0, 2000.0]))
-    assert found["emg"].shape == (2, 4000)
-    missing = np.isnan(found["emg"].values)
+    recording = read_recording(discover(tmp_path / "a.csv", [clock, lossy], [2000.0, 2000.0]))
+    assert recording["emg"].shape == (2, 4000)
+    missing = np.isnan(recording["emg"].values)
     assert not missing[0].any() and missing[1].sum() == 500 and missing[1, 1000:1500].all()
-    (gap,) = findings_in(found)
+    (gap,) = findings_in(recording)
     assert (gap.code, gap.name, gap.values["samples"]) == ("gap", "EMG 1", 500)
 
 
-def test_sensors_of_two_rates_are_told_apart(tmp_path: Path) -> None:
+def test_sensors_of_two_rates_are_distinguished(tmp_path: Path) -> None:
     clocks = [np.arange(4000) / 2000.0, np.arange(4000) / 2000.0, np.arange(2500) / 1259.26]
     path = discover(tmp_path / "a.csv", clocks, [2000.0, 2000.0, 1259.26])
-    found = read_recording(path)
-    assert [str(c) for c in found["channel"].values] == ["EMG 0", "EMG 1"]
-    assert "1259.26 Hz on its own column of times" in note(found, "dropped")["EMG 2"]
+    recording = read_recording(path)
+    assert [str(c) for c in recording["channel"].values] == ["EMG 0", "EMG 1"]
+    assert "1259.26 Hz on its own column of times" in note(recording, "dropped")["EMG 2"]
 
 
-def test_a_stated_rate_that_contradicts_the_times_is_told(tmp_path: Path) -> None:
-    found = read_recording(discover(tmp_path / "a.csv", [np.arange(4000) / 2000.0], [1925.926]))
-    time = found["time_emg"].values
+def test_a_stated_rate_that_contradicts_the_times_is_reported(tmp_path: Path) -> None:
+    recording = read_recording(discover(tmp_path / "a.csv", [np.arange(4000) / 2000.0], [1925.926]))
+    time = recording["time_emg"].values
     assert (time.size - 1) / (time[-1] - time[0]) == pytest.approx(2000.0)
-    assert [finding.code for finding in findings_in(found)] == ["rate"]
+    assert [finding.code for finding in findings_in(recording)] == ["rate"]
 
 
 def test_a_sensor_that_began_later_is_placed_by_its_times(tmp_path: Path) -> None:
     clocks = [np.arange(4000) / 2000.0, 0.5 + np.arange(3000) / 2000.0]
-    found = read_recording(discover(tmp_path / "a.csv", clocks, [2000.0, 2000.0]))
-    assert np.isnan(found["emg"].values[1, :1000]).all()
-    assert np.isfinite(found["emg"].values[1, 1000:]).all()
+    recording = read_recording(discover(tmp_path / "a.csv", clocks, [2000.0, 2000.0]))
+    assert np.isnan(recording["emg"].values[1, :1000]).all()
+    assert np.isfinite(recording["emg"].values[1, 1000:]).all()
 
 
 def test_lost_packets_of_opensignals_are_gaps(tmp_path: Path) -> None:
@@ -144,9 +144,9 @@ def test_lost_packets_of_opensignals_are_gaps(tmp_path: Path) -> None:
     if "nSeq" not in "".join(lines[:3]):
         lines = truth.path.read_text(encoding="utf-16").splitlines()
     truth.path.write_text("\n".join(lines[:203] + lines[208:]) + "\n")
-    found = read_recording(truth.path)
-    missing = np.isnan(found["emg"].values)
-    assert found["emg"].shape == truth.volts.shape
+    recording = read_recording(truth.path)
+    missing = np.isnan(recording["emg"].values)
+    assert recording["emg"].shape == truth.volts.shape
     assert missing[:, 200:205].all() and missing.sum() == 5 * len(missing)
 
 
@@ -174,20 +174,20 @@ def test_the_reported_exports_are_read_whole(shared: Path) -> None:
     if not folder.is_dir():
         pytest.skip("the reported files are not there")
     for name in ("trigno.csv", "trigno_emg.csv"):
-        found = read_recording(folder / "24-trigno" / name)
-        time = found["time_emg"].values
-        assert found["emg"].shape == (3, 17185)
+        recording = read_recording(folder / "24-trigno" / name)
+        time = recording["time_emg"].values
+        assert recording["emg"].shape == (3, 17185)
         assert time[-1] == pytest.approx(8.0, abs=1e-3)
         assert (time.size - 1) / (time[-1] - time[0]) == pytest.approx(2148.1481, rel=1e-6)
-    found = read_recording(folder / "25-biopac-text" / "femg.txt")
-    assert [str(c) for c in found["channel"].values] == ["Corr Raw", "Zyg Raw", "Lev Raw"]
-    assert found["time_emg"].values[1] == pytest.approx(1e-3)
-    assert found["emg"].shape == (3, 13150)
-    assert found["emg"].values[0, 0] == pytest.approx(-0.00384521e-3)
-    assert found["emg"].values[2, 0] == pytest.approx(0.000610352)
-    dropped = note(found, "dropped")
+    recording = read_recording(folder / "25-biopac-text" / "femg.txt")
+    assert [str(c) for c in recording["channel"].values] == ["Corr Raw", "Zyg Raw", "Lev Raw"]
+    assert recording["time_emg"].values[1] == pytest.approx(1e-3)
+    assert recording["emg"].shape == (3, 13150)
+    assert recording["emg"].values[0, 0] == pytest.approx(-0.00384521e-3)
+    assert recording["emg"].values[2, 0] == pytest.approx(0.000610352)
+    dropped = note(recording, "dropped")
     assert "processed" in dropped["Lev Processed"] and len(dropped) == 12
-    proposed = propose_for(found, side="L")["channel"].set_index("label")["name"]
+    proposed = propose_for(recording, side="L")["channel"].set_index("label")["name"]
     assert proposed["Lev Raw"] == "LLSAN_L" and proposed["Zyg Raw"] == "ZYG_L"
     with pytest.raises(DataError, match=r"two columns of times 'X\[s\]' that differ"):
         read_recording(folder / "06-delsys-two-rates" / "trigno.toml")

@@ -58,7 +58,7 @@ def test_settings_are_read_whatever_encoding_they_were_saved_in(saved: str, tmp_
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("x = " + "[" * 3000 + "]" * 3000, "not valid TOML"),
         (".".join("a" * 5000) + " = 1", "deep"),
@@ -69,17 +69,17 @@ def test_settings_are_read_whatever_encoding_they_were_saved_in(saved: str, tmp_
     ],
     ids=["nested arrays", "dotted key", "nested table", "huge integer", "huge file", "latin-1"],
 )
-def test_a_deep_or_huge_toml_file_is_refused(text: str, told: str, tmp_path: Path) -> None:
+def test_a_deep_or_huge_toml_file_is_refused(text: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "a.toml"
     path.write_bytes(text.encode("latin-1"))
     for read in (read_toml, read_label_map, load_study, read_exclusions):
-        with pytest.raises(ConfigurationError, match=told):
+        with pytest.raises(ConfigurationError, match=message):
             read(path)
     with pytest.raises((ConfigurationError, DataError)):
         read_recording(path)
 
 
-def test_a_decimal_comma_in_a_toml_file_is_told(tmp_path: Path) -> None:
+def test_a_decimal_comma_in_a_toml_file_is_reported(tmp_path: Path) -> None:
     path = tmp_path / "a.toml"
     path.write_text('name = "a, b"\nwidth = 12,5  # mm\n', encoding="utf-8")
     with pytest.raises(ConfigurationError, match=r"write 12\.5, with a point"):
@@ -116,7 +116,7 @@ OWN = {  # files that the package writes itself, or ships
 def test_every_text_file_of_a_user_is_opened_in_one_place() -> None:
     """No other module decodes a file, except those that read what the package wrote."""
     root = Path(__file__).parents[2]
-    found = []
+    calls = []
     for path in sorted((root / "emgface").rglob("*.py")):
         name = path.relative_to(root).as_posix()
         if name in OWN or name.startswith(("emgface/run/", "emgface/study/")):
@@ -129,8 +129,8 @@ def test_every_text_file_of_a_user_is_opened_in_one_place() -> None:
             decodes = called.endswith((".read_text", "tomllib.loads", "tomllib.load"))
             table = called in ("pd.read_csv", "pandas.read_csv")
             if decodes or (table and not first.startswith(OPENED)):
-                found.append(f"{name}: {ast.unparse(node)[:60]}")
-    assert not found
+                calls.append(f"{name}: {ast.unparse(node)[:60]}")
+    assert not calls
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def test_times_rounded_to_milliseconds_keep_their_rate() -> None:
     assert not base.gaps
 
 
-def test_chunks_out_of_order_are_sorted_and_told() -> None:
+def test_chunks_out_of_order_are_sorted_and_reported() -> None:
     stamps = np.arange(2000) / RATE
     order = np.r_[0:500, 600:700, 500:600, 700:2000]
     base = of_stamps("a", stamps[order], nominal=RATE)
@@ -66,7 +66,7 @@ def test_chunks_out_of_order_are_sorted_and_told() -> None:
     assert [f.code for f in base.findings("channel")] == ["reordered"]
 
 
-def test_a_wrong_nominal_rate_is_told_and_the_times_are_used() -> None:
+def test_a_wrong_nominal_rate_is_reported_and_the_times_are_used() -> None:
     base = of_stamps("a", np.arange(3000) / RATE, nominal=2000.0)
     assert base.rate == pytest.approx(RATE, rel=1e-12)
     (finding,) = base.findings("channel")
@@ -78,7 +78,7 @@ def test_a_wrong_nominal_rate_is_told_and_the_times_are_used() -> None:
 
 
 @pytest.mark.parametrize(
-    ("stamps", "told"),
+    ("stamps", "message"),
     [
         (np.r_[np.arange(50), np.nan, np.arange(51, 99)], "1 of 99 samples have no time, the first is"),
         (np.zeros(30), "all 30 samples are at 0 s"),
@@ -87,8 +87,8 @@ def test_a_wrong_nominal_rate_is_told_and_the_times_are_used() -> None:
         (np.r_[np.arange(50.0), 5000.0], "lacks 4950 samples between the 51"),
     ],
 )  # fmt: skip
-def test_times_that_cannot_be_placed_are_refused(stamps: np.ndarray, told: str) -> None:
-    with pytest.raises(DataError, match=told):
+def test_times_that_cannot_be_placed_are_refused(stamps: np.ndarray, message: str) -> None:
+    with pytest.raises(DataError, match=message):
         of_stamps("a", stamps)
 
 
@@ -117,7 +117,7 @@ AMBIGUOUS = "so that the number is ambiguous"
 
 
 @pytest.mark.parametrize(
-    ("losses", "modulus", "total", "samples", "told"),
+    ("losses", "modulus", "total", "samples", "message"),
     [
         # more samples are lost than the counter has values: only the duration shows all of them
         ([(700, 300)], 256, None, [44], f"{AMBIGUOUS} (44 + k 256, k = 0, 1, ...)"),
@@ -137,15 +137,15 @@ def test_a_counter_that_returns_does_not_hide_that_the_loss_is_ambiguous(
     modulus: int,
     total: int | None,
     samples: list[int],
-    told: str,
+    message: str,
 ) -> None:
     kept = lost(*losses)
     duration = None if total is None else total / RATE
     base = of_rate("a", kept.size, RATE, witnesses={"n": kept % modulus}, duration=duration)
     assert [gap.samples for gap in base.gaps] == samples
     first = base.findings("channel")[0].sentence
-    assert told in first
-    assert (AMBIGUOUS in first) is (AMBIGUOUS in told or "requires" in told)
+    assert message in first
+    assert (AMBIGUOUS in first) is (AMBIGUOUS in message or "requires" in message)
 
 
 @pytest.mark.parametrize(
@@ -175,7 +175,7 @@ COUNTS = np.arange(4000)
         (np.r_[COUNTS[:500], 499, COUNTS[500:3999]], 500),
     ],
 )
-def test_a_counter_that_does_not_continue_is_told(values: np.ndarray, place: int) -> None:
+def test_a_counter_that_does_not_continue_is_reported(values: np.ndarray, place: int) -> None:
     base = of_rate("a", values.size, RATE, witnesses={"n": values.astype(float)})
     assert not base.gaps
     (finding,) = base.findings("channel")

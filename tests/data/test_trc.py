@@ -14,9 +14,9 @@ LABELS = ["nasion", "rhinion", ""]
 
 def content(mark: str = "\t", **changes: str) -> str:
     """Return three markers over four frames at 50 Hz, the second lost in the third frame."""
-    told = {"rate": "50.00", "frames": "4", "markers": "3", "unit": "mm"} | changes
+    text = {"rate": "50.00", "frames": "4", "markers": "3", "unit": "mm"} | changes
     names = "DataRate CameraRate NumFrames NumMarkers Units OrigDataRate".split()
-    counts = [told["rate"], told["rate"], told["frames"], told["markers"], told["unit"], "50"]
+    counts = [text["rate"], text["rate"], text["frames"], text["markers"], text["unit"], "50"]
     lines = [
         ["PathFileType", "4", "(X/Y/Z)", "trial.trc"],
         names,

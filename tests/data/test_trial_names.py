@@ -23,7 +23,7 @@ PATTERN = "{volunteer}_{instruction}_{repetition}.c3d"
 
 
 @pytest.mark.parametrize(
-    ("pattern", "path", "found"),
+    ("pattern", "path", "stated"),
     [
         (PATTERN, "x/V1_A_3.c3d", ("V1", "A", 3)),
         (PATTERN, "V1_A_03.C3D", ("V1", "A", 3)),
@@ -40,9 +40,9 @@ PATTERN = "{volunteer}_{instruction}_{repetition}.c3d"
         ("{volunteer}_{repetition}.{instruction}", "V1_3.c3d", None),
     ],
 )  # fmt: skip
-def test_a_pattern_states_the_trial(pattern, path, found) -> None:
+def test_a_pattern_states_the_trial(pattern, path, stated) -> None:
     names = ("volunteer", "instruction", "repetition")
-    wanted = {} if found is None else dict(zip(names, found, strict=True))
+    wanted = {} if stated is None else dict(zip(names, stated, strict=True))
     assert trial_in_name(pattern, Path(path)) == wanted
 
 
@@ -67,9 +67,9 @@ def folder_of(tmp_path: Path) -> Path:
 def test_a_folder_of_c3d_is_named_by_a_pattern(tmp_path: Path) -> None:
     folder = folder_of(tmp_path)
     for mapping in (PATTERN, Path(PATTERN), {"names": PATTERN}):
-        found = [each for _, each in read_recordings(folder, mapping=mapping)]
+        recordings = [each for _, each in read_recordings(folder, mapping=mapping)]
         assert [(r.attrs["volunteer"], r.attrs["instruction"], r.attrs["repetition"])
-                for r in found] == [("V1", "A", 1), ("V1", "B", 2)]  # fmt: skip
+                for r in recordings] == [("V1", "A", 1), ("V1", "B", 2)]  # fmt: skip
 
 
 def test_one_mapping_has_tables_per_file(tmp_path: Path) -> None:
@@ -99,9 +99,9 @@ def test_words_for_instructions_are_translated(tmp_path: Path) -> None:
     other = read_recording(tmp_path / "P01-smile2.c3d", mapping=named | {"instruction": "purse"})
     assert other.attrs["instruction"] == "A"
     stated = recording().assign_attrs(instruction="smile")
-    found = apply_labels(stated, read_label_map(words))
-    assert found.attrs["instruction"] == "B"
-    assert "named_otherwise" not in {one.code for one in findings_in(found)}
+    labelled = apply_labels(stated, read_label_map(words))
+    assert labelled.attrs["instruction"] == "B"
+    assert "named_otherwise" not in {one.code for one in findings_in(labelled)}
     with pytest.raises(ConfigurationError, match="'smile' is instruction 'G'"):
         read_label_map({"instructions": {"smile": "G"}})
 
@@ -117,12 +117,12 @@ def test_a_study_takes_the_pattern(tmp_path: Path) -> None:
     (tmp_path / "study.toml").write_text(f'[recordings]\nfolder = "data"\nmapping = "{pattern}"\n')
     study = load_study(tmp_path / "study.toml")
     assert isinstance(study.recordings, RecordingsConfiguration)
-    found = take_in(study.recordings)
-    assert sorted(one.place for one in found.recordings) == [("V1", "A", 1), ("V1", "A", 2)]
+    intake = take_in(study.recordings)
+    assert sorted(one.place for one in intake.recordings) == [("V1", "A", 1), ("V1", "A", 2)]
 
 
 @pytest.mark.parametrize(
-    ("mapping", "told"),
+    ("mapping", "message"),
     [
         ("{volunteer}_{instruction}_{repetition}.nc", ["volunteer", "instruction", "repetition"]),
         ({"names": "{volunteer}_{instruction}_3.nc"}, ["volunteer", "instruction"]),
@@ -132,11 +132,11 @@ def test_a_study_takes_the_pattern(tmp_path: Path) -> None:
         (None, []),
     ],
 )
-def test_a_name_or_mapping_that_contradicts_the_recording_is_a_finding(tmp_path, mapping, told):
+def test_a_name_or_mapping_that_contradicts_the_recording_is_a_finding(tmp_path, mapping, message):
     values = np.random.default_rng(0).normal(0.0, 1e-5, (1, 4000))
     coords = {"channel": ["ZYG_L"], "time_emg": ("time_emg", np.arange(4000) / 2e3, {"units": "s"})}
     emg = xr.DataArray(values, coords, ("channel", "time_emg"), "emg", {"units": "V"})
     trial = {"volunteer": "V1", "instruction": "A", "repetition": 2, "origin": "simulated"}
     path = write_recording(xr.Dataset({"emg": emg}, attrs=trial), tmp_path / "V9_C_3.nc")
-    found = findings_in(read_recording(path, mapping=mapping))
-    assert [f.values["what"] for f in found if f.code == "named_otherwise"] == told
+    findings = findings_in(read_recording(path, mapping=mapping))
+    assert [f.values["what"] for f in findings if f.code == "named_otherwise"] == message

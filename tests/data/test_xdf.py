@@ -36,17 +36,17 @@ def stream(
         + "</channels></desc></info>"
     )
     which = struct.pack("<I", number)
-    found = chunk(2, which + head.encode())
+    chunks = chunk(2, which + head.encode())
     half = len(values) // 2
     for first, rows in ((0, values[:half]), (half, values[half:])):
         content = which + struct.pack("<BI", 4, len(rows))
         for k, row in enumerate(rows):
             at = start + (first + k) / rate + (gap if first else 0.0)
             content += struct.pack("<Bd", 8, at) + row.astype("<f8").tobytes()
-        found += chunk(3, content)
+        chunks += chunk(3, content)
     count = len(values) if footer is None else footer
-    found += chunk(6, which + f"<info><sample_count>{count}</sample_count></info>".encode())
-    return found
+    chunks += chunk(6, which + f"<info><sample_count>{count}</sample_count></info>".encode())
+    return chunks
 
 
 def emg_stream(**options) -> bytes:

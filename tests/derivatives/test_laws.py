@@ -33,10 +33,10 @@ def of_lanes(code, p, x, drive):
     """Energy, slope and curvature (3, n, 8) of a fibre law at rows of eight stretches."""
     out = np.empty((3, *x.shape))
     for i in range(len(x)):
-        found = kernel.fibre(code, p, load(x, i), drive)
-        store(out[0], i, found[0])
-        store(out[1], i, found[1])
-        store(out[2], i, found[2])
+        values = kernel.fibre(code, p, load(x, i), drive)
+        store(out[0], i, values[0])
+        store(out[1], i, values[1])
+        store(out[2], i, values[2])
     return out
 
 
@@ -45,10 +45,10 @@ def bulk_of_lanes(code, kappa, x):
     """The same of a bulk law at rows of eight volume ratios."""
     out = np.empty((3, *x.shape))
     for i in range(len(x)):
-        found = kernel.bulk(code, kappa, load(x, i))
-        store(out[0], i, found[0])
-        store(out[1], i, found[1])
-        store(out[2], i, found[2])
+        modulus = kernel.bulk(code, kappa, load(x, i))
+        store(out[0], i, modulus[0])
+        store(out[1], i, modulus[1])
+        store(out[2], i, modulus[2])
     return out
 
 
@@ -119,7 +119,7 @@ def test_eight_points_at_once_have_the_values_of_each(law, activation):
         if law in FIBRE_LAWS:
             p = parameters(own, 5)
             one = np.array([fibre(own.code, p, stretch, activation) for stretch in x])
-            found = of_lanes(own.code, p, x.reshape(-1, 8), activation)
+            lanes = of_lanes(own.code, p, x.reshape(-1, 8), activation)
             of_class = own.evaluate(x, np.full_like(x, activation))[1]
             np.testing.assert_allclose(
                 slopes(own, x, np.full_like(x, activation)), one[:, 1], rtol=1e-14, atol=1e-20
@@ -127,9 +127,9 @@ def test_eight_points_at_once_have_the_values_of_each(law, activation):
             np.testing.assert_allclose(of_class, one[:, 1], rtol=1e-11, atol=1e-9 * own.sigma_max)
         else:
             one = np.array([bulk(own.code, own.kappa, J) for J in x])
-            found = bulk_of_lanes(own.code, own.kappa, x.reshape(-1, 8))
+            lanes = bulk_of_lanes(own.code, own.kappa, x.reshape(-1, 8))
         size = np.abs(one).max(axis=0)
-        np.testing.assert_allclose(found.reshape(3, -1).T, one, rtol=1e-12, atol=1e-12 * size.max())
+        np.testing.assert_allclose(lanes.reshape(3, -1).T, one, rtol=1e-12, atol=1e-12 * size.max())
 
 
 @pytest.mark.parametrize("cls", FIBRE_LAWS)
@@ -151,9 +151,9 @@ def test_an_unknown_code_gives_nan():
 
 def lines():
     """Every line law, and the special cases of the law with a tendon."""
-    found = [cls(force_max=3.0, passive_fraction=0.2) for cls in LINE_LAWS]
-    hill = found[-1]
-    return [*found, replace(hill, pennation=0.4), replace(hill, tendon_strain=0.0)]
+    laws = [cls(force_max=3.0, passive_fraction=0.2) for cls in LINE_LAWS]
+    hill = laws[-1]
+    return [*laws, replace(hill, pennation=0.4), replace(hill, tendon_strain=0.0)]
 
 
 @pytest.mark.parametrize("law", lines(), ids=lambda law: type(law).__name__)
@@ -193,7 +193,9 @@ def test_hill_has_the_force_of_its_definition():
     assert rigid.evaluate(one, one, one)[1][0] == pytest.approx(5.0 * np.cos(0.3), rel=1e-12)
     elastic = Hill(5.0, tendon_ratio=0.4, pennation=0.3, tendon_strain=0.05)
     F = elastic.evaluate(one, one, one)[1][0]
-    y = 1.0 - 0.4 * (1.0 + 0.05 * F / 5.0)  # length of the fibres beside the stretched tendon
+    y = 1.0 - 0.4 * (
+        1.0 + 0.05 * F / 5.0
+    )  # length of the fibres in series with the stretched tendon
     l_opt = 0.6 / np.cos(0.3)
     length = np.hypot(y, l_opt * np.sin(0.3))
     active = np.exp(-((length / l_opt - 1.0) ** 2) / 0.45)
@@ -213,10 +215,10 @@ def test_a_scalar_law_is_in_three_files_at_most(root):
     """The kernel with its dispatcher, the class with its register, and the exported name."""
     for cls in (*ISOCHORIC_LAWS, *BULK_LAWS):
         kernel_name = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
-        found = {
+        names = {
             str(path.relative_to(root))
             for package in ("sim", "emgface")
             for path in (root / package).rglob("*.py")
             if re.search(rf"\b(class {cls.__name__}|def {kernel_name})\b", path.read_text("utf-8"))
         }
-        assert len(found) == 2, found
+        assert len(names) == 2, names

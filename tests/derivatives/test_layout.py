@@ -29,8 +29,8 @@ def test_chunks_of_a_colour_have_no_common_node_and_contain_every_element_once(a
             assert len(np.unique(np.concatenate(chunks))) == sum(map(len, chunks))
     assert len(parts[0].colour) == 3  # The test requires two colours.
     assert len(parts[0].chunk) > 3
-    found = np.sort(np.concatenate([part.element for part in parts]))
-    np.testing.assert_array_equal(found, np.arange(mesh.n_elements))
+    elements = np.sort(np.concatenate([part.element for part in parts]))
+    np.testing.assert_array_equal(elements, np.arange(mesh.n_elements))
 
 
 @pytest.mark.parametrize("volume", [None, sim.ElementVolume, sim.NodalVolume])
@@ -38,8 +38,8 @@ def test_partly_free_nodes_have_the_rows_of_the_free_body(volume):
     mesh, terms = grid((3, 2, 2), wedges=(1,)), () if volume is None else (volume(),)
     control = sim.Control(np.zeros(0))
     body = solid_system(mesh, terms=terms)
-    held = sim.Fixed(np.arange(5, 14), axes=(1,)), sim.Fixed(np.array([0, 20, 30]), axes=(0, 2))
-    system = solid_system(mesh, terms=terms, reductions=held)
+    fixed = sim.Fixed(np.arange(5, 14), axes=(1,)), sim.Fixed(np.array([0, 20, 30]), axes=(0, 2))
+    system = solid_system(mesh, terms=terms, reductions=fixed)
     q = deformed(mesh=mesh, size=5e-4)
     whole = dense(body, body.tangent(q, control)[1])[np.ix_(system.free, system.free)]
     part = dense(system, system.tangent(q, control)[1])
@@ -84,11 +84,11 @@ def test_an_inverted_element_does_not_contribute_and_is_reported():
     system = solid_system(mesh)
     q = mesh.X.copy()
     q[mesh.X[:, 0] == 0.02, 0] = 0.005  # the second of two cells is inverted
-    found, K = system.tangent(q, system.control(np.zeros(0)))
-    assert found.smallest_J < 0.0
-    assert found.element == 1
+    tangent, K = system.tangent(q, system.control(np.zeros(0)))
+    assert tangent.smallest_J < 0.0
+    assert tangent.element == 1
     outer = np.repeat(mesh.X[:, 0] == 0.02, 3)
-    assert not found.f.reshape(-1)[outer].any()
+    assert not tangent.f.reshape(-1)[outer].any()
     assert not dense(system, K)[outer].any()
     q[mesh.X[:, 0] == 0.0] = np.nan
     assert np.isnan(system.force(q, system.control(np.zeros(0))).smallest_J)

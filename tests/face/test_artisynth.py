@@ -128,8 +128,8 @@ def test_lateral_levator_anguli_oris_alone(models: Path) -> None:
 def test_other_radii(models: Path, radius: float, counts: dict[str, int]) -> None:
     face = import_artisynth(models, radius=radius, oop="radius", oom="radius")
     for side in "LR":
-        found = {muscle: len(elements_of(face, f"{muscle}_{side}")) for muscle in counts}
-        assert found == counts
+        counted = {muscle: len(elements_of(face, f"{muscle}_{side}")) for muscle in counts}
+        assert counted == counts
     distinct = len(np.unique(face["bundle_index"].values))
     assert distinct == {3e-3: 662, 6e-3: 1910}[radius]
 

@@ -41,11 +41,11 @@ def test_distance_agrees_with_dense_sampling_of_the_fibre() -> None:
         [(1 - t) * a + t * b for a, b in zip(fibre[:-1], fibre[1:], strict=True)]
     )
     brute = np.array([np.linalg.norm(samples - point, axis=1).min() for point in points])
-    found = distance_to_fibres(points, [fibre])
+    distance = distance_to_fibres(points, [fibre])
     spacing = np.linalg.norm(np.diff(fibre, axis=0), axis=1).max() / 20000
     # The nearest sample is at most half a spacing off along the fibre.
-    assert (found <= brute + 1e-12).all()
-    assert (brute - found <= spacing / 2).all()
+    assert (distance <= brute + 1e-12).all()
+    assert (brute - distance <= spacing / 2).all()
 
 
 def test_radius_is_exclusive_and_positive() -> None:
@@ -84,8 +84,8 @@ def test_outside_the_hull_the_nearest_point_of_the_hull_counts() -> None:
     sites = rng.normal(size=(12, 3))
     points = 5.0 * rng.normal(size=(20, 3))
     site, weight = interpolation_weights(points, sites)
-    found = np.einsum("nk,nki->ni", weight, sites[site])
-    for point, near in zip(points, found, strict=True):
+    product = np.einsum("nk,nki->ni", weight, sites[site])
+    for point, near in zip(points, product, strict=True):
         # min |sum w_i s_i - p| with w >= 0, sum w = 1 (a heavy extra row) by non-negative
         # least squares.
         heavy = 1e4
@@ -123,17 +123,17 @@ def test_flat_sites_clamp_to_their_hull() -> None:
 
 def test_straight_fibre_gives_its_own_direction() -> None:
     fibre = np.linspace([0.0, 0, 0], [3.0, 3.0, 0.0], 4)
-    found = fibre_directions(np.random.default_rng(5).normal(size=(9, 3)), [fibre])
+    directions = fibre_directions(np.random.default_rng(5).normal(size=(9, 3)), [fibre])
     along = np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0)
-    np.testing.assert_allclose(found, np.tile(along, (9, 1)), atol=1e-12)
+    np.testing.assert_allclose(directions, np.tile(along, (9, 1)), atol=1e-12)
 
 
 def test_opposing_segments_do_not_cancel() -> None:
     # Two antiparallel fibres: a plain sum would be zero half way between them.
     up = np.array([[0.0, 0, 0], [0, 0, 1.0], [0, 0, 2.0]])
     down = up[::-1] + [1.0, 0, 0]
-    found = fibre_directions(np.array([[0.5, 0.0, 1.0], [0.4, 0.3, 0.9]]), [up, down])
-    np.testing.assert_allclose(np.abs(found), [[0, 0, 1.0]] * 2, atol=1e-12)
+    directions = fibre_directions(np.array([[0.5, 0.0, 1.0], [0.4, 0.3, 0.9]]), [up, down])
+    np.testing.assert_allclose(np.abs(directions), [[0, 0, 1.0]] * 2, atol=1e-12)
 
 
 def test_symmetric_directions_mirror_each_other() -> None:
@@ -217,8 +217,8 @@ def test_directions_of_another_simulator(shared: Path, reference_face: xr.Datase
         open_ones = np.arange(len(index))
         for _ in range(30):
             moved = [segment + 1e-8 * rng.normal(size=3) for segment in segments]
-            found = fibre_directions(centres[index][open_ones], moved)
-            sine = np.linalg.norm(np.cross(found, expected[open_ones]), axis=1)
+            directions = fibre_directions(centres[index][open_ones], moved)
+            sine = np.linalg.norm(np.cross(directions, expected[open_ones]), axis=1)
             # 10 nm on segments of millimetres turn a direction by about 1e-5.
             open_ones = open_ones[sine > 1e-5]
             if len(open_ones) == 0:

@@ -104,10 +104,10 @@ def test_published_muscles_by_radius(imported: Callable[..., xr.Dataset]) -> Non
     columns = ["elements", "hexahedra", "wedges", "inner", "centre", "outer"]
     for muscle, row in MUSCLES_5MM.items():
         for side in "LR":
-            found = report.muscles.loc[f"{muscle}_{side}"]
-            assert tuple(found[columns]) == row[:6], muscle
-            assert found["volume"] == pytest.approx(row[6], abs=0.05), muscle
-            assert found["shared"] == row[7], muscle
+            muscle_row = report.muscles.loc[f"{muscle}_{side}"]
+            assert tuple(muscle_row[columns]) == row[:6], muscle
+            assert muscle_row["volume"] == pytest.approx(row[6], abs=0.05), muscle
+            assert muscle_row["shared"] == row[7], muscle
     values = report.summary["value"]
     assert values["muscle elements"] == 1556
     assert values["elements of several muscles"] == 374

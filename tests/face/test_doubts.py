@@ -1,4 +1,4 @@
-"""Doubts about a motion: told by the function and the command, and not of a face at rest."""
+"""Doubts about a motion: reported by the function and the command, and not of a face at rest."""
 
 import warnings
 
@@ -27,9 +27,9 @@ def motion(**attrs: float | str) -> xr.Dataset:
     ],
 )
 def test_doubts_in_sentences(attrs, expected):
-    found = doubts_of(motion(**attrs))
-    assert len(found) == bool(expected)
-    assert all(expected in text for text in found)
+    doubts = doubts_of(motion(**attrs))
+    assert len(doubts) == bool(expected)
+    assert all(expected in text for text in doubts)
 
 
 @pytest.mark.parametrize(("level", "doubtful"), [(0.1, True), (0.0, False)])

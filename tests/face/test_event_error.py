@@ -61,25 +61,25 @@ def test_errors_of_the_steps_accumulate_and_do_not_fall():
     lasting, passing = (xr.zeros_like(motion["position"]) for _ in range(2))
     lasting[0, 0, 1], lasting[0, 0, 2], passing[0, 1, 2] = 3e-5, 3e-5, 4e-5
     motion = motion.assign(dict(zip(ERRORS, (lasting, passing), strict=True)))
-    found, told = event_error(motion, None, 0.02)
+    event, attributes = event_error(motion, None, 0.02)
     kept = 3e-5 * (1.0 + np.exp(-0.5))
-    np.testing.assert_allclose(found / FACTOR, [0.0, 3e-5, *2 * [np.hypot(kept, 4e-5)]])
-    assert told == {"event_error": float(found.max()), "event_error_measured": BY_STEPS}
+    np.testing.assert_allclose(event / FACTOR, [0.0, 3e-5, *2 * [np.hypot(kept, 4e-5)]])
+    assert attributes == {"event_error": float(event.max()), "event_error_measured": BY_STEPS}
     unknown = motion.assign({ERRORS[0]: lasting.where(lasting["time"] < 0.02)})
     assert event_error(unknown, None, 0.02)[1]["event_error_measured"] == BY_ASSUMPTION
 
 
 def test_an_error_is_assumed_from_the_first_contact():
     for without in (motion_of([0.0] * 4), motion_of([0.0] * 4).drop_vars(FORCE)):
-        found, told = event_error(without, None)
-        assert not found.any() and told == {}
+        event, attributes = event_error(without, None)
+        assert not event.any() and attributes == {}
     far = motion_of([0.0, 0.2, 0.0, 0.0], moved=0.1)
-    assumed, told = event_error(far, None)
+    assumed, attributes = event_error(far, None)
     np.testing.assert_array_equal(assumed, [0.0, 0.0, ASSUMED, ASSUMED])
-    assert told == {"event_error": ASSUMED, "event_error_measured": 0}
-    near, told = event_error(motion_of([0.0, 0.2, 0.0, 0.0], moved=1e-3), None)
+    assert attributes == {"event_error": ASSUMED, "event_error_measured": 0}
+    near, attributes = event_error(motion_of([0.0, 0.2, 0.0, 0.0], moved=1e-3), None)
     np.testing.assert_allclose(near, [0.0, 0.0, 1e-3 * ASSUMED_SHARE, 1e-3 * ASSUMED_SHARE])
-    assert told["event_error"] == pytest.approx(1e-3 * ASSUMED_SHARE)
+    assert attributes["event_error"] == pytest.approx(1e-3 * ASSUMED_SHARE)
 
 
 def test_a_contact_between_two_outputs_counts():
@@ -91,34 +91,36 @@ def test_a_contact_between_two_outputs_counts():
     system = system_of(mesh, contact, damping=RestRayleigh(0.0, 1e-4))
     rest = system.rest_state()
     fast = State(0.0, rest.q, rest.v - [0.0, 0.0, 0.5])
-    found, _ = simulate(
+    simulated, _ = simulate(
         system, resting(0), duration=0.06, every=0.03, initial=fast, steps=FixedStep(1e-3),
         integrator=LinearlyImplicitTrapezoidal(), probes=(ContactForce(), Positions()),
     )  # fmt: skip
-    assert (found[FORCE] == 0.0).all() and (found["node_position"].sel(axis="z") > -1e-3).all()
-    assert float(found[TOUCHING].max()) >= 1.0
-    far = (found["node_position"] * 0.0 + found["time"]).rename(node="marker")
-    error, told = event_error(found[[FORCE, TOUCHING]].assign(position=far), None)
-    assert float(error.max()) == ASSUMED and told["event_error_measured"] == 0
+    assert (simulated[FORCE] == 0.0).all() and (
+        simulated["node_position"].sel(axis="z") > -1e-3
+    ).all()
+    assert float(simulated[TOUCHING].max()) >= 1.0
+    far = (simulated["node_position"] * 0.0 + simulated["time"]).rename(node="marker")
+    error, attributes = event_error(simulated[[FORCE, TOUCHING]].assign(position=far), None)
+    assert float(error.max()) == ASSUMED and attributes["event_error_measured"] == 0
 
 
 def test_the_error_is_twice_the_largest_distance_from_the_repetition_so_far():
     touching = motion_of([0.0, 0.2, 0.0, 0.0])
     other = motion_of([0.0] * 4, moved=-2e-4)["position"].transpose("time", "axis", "marker")
     repeated = xr.Dataset({"position": other}, attrs={"run_time_s": 3.0})
-    found, told = event_error(touching, lambda: repeated)
-    np.testing.assert_allclose(found, [0.0, 0.0, 4e-4, 4e-4], rtol=1e-12)
-    assert told["event_error_measured"] == 1 and touching.attrs["run_time_s"] == 5.0
+    event, attributes = event_error(touching, lambda: repeated)
+    np.testing.assert_allclose(event, [0.0, 0.0, 4e-4, 4e-4], rtol=1e-12)
+    assert attributes["event_error_measured"] == 1 and touching.attrs["run_time_s"] == 5.0
 
 
-def test_a_repetition_that_fails_loses_no_motion_and_is_told():
+def test_a_repetition_that_fails_loses_no_motion_and_is_reported():
     def fails() -> xr.Dataset:
         raise NotConverged((), 0.02, "no")
 
     touching = motion_of([0.0, 0.2, 0.0, 0.0], moved=0.1)
-    found, told = event_error(touching, fails)
-    assert found.max() == ASSUMED and told["event_error_measured"] == 0
-    moved = touching.assign_attrs(told)
+    event, attributes = event_error(touching, fails)
+    assert event.max() == ASSUMED and attributes["event_error_measured"] == 0
+    moved = touching.assign_attrs(attributes)
     assert "failed (NotConverged" in stability_warning(moved)
     assert "assumed" in contact_share(moved) and "--check-contact" not in contact_share(moved)
     assert event_error(motion_of([0.0] * 4), fails)[1] == {}, "without contact it is not repeated"
@@ -185,8 +187,8 @@ def test_methods_say_how_each_solver_finds_the_error_of_contact(coarse, solver):
     except ConfigurationError:
         assert solver == "trapezoidal"
         return
-    told = contact_statement(solver, repeated=False)
+    statement = contact_statement(solver, repeated=False)
     motion = simulate_face(coarse, 0.3 * pursing(coarse), parameters)
     kind = motion.attrs["event_error_measured"]
-    assert kind == (BY_STEPS if "within each step" in told else BY_ASSUMPTION)
+    assert kind == (BY_STEPS if "within each step" in statement else BY_ASSUMPTION)
     assert "repeated" in contact_statement(solver, repeated=True)

@@ -46,15 +46,15 @@ ELSEWHERE = {
 
 
 def test_every_parameter_that_takes_a_result_of_a_face_is_listed():
-    found = {
+    parameters = {
         (name, parameter)
         for name in ef.__all__
         if inspect.isfunction(getattr(ef, name))
         for parameter in inspect.signature(getattr(ef, name)).parameters
         if parameter in OF_A_FACE
     }
-    assert found - {("simulate", "activation")} >= {*MEETINGS} - {("simulate", "activation")}
-    assert found == {*MEETINGS, *ELSEWHERE}
+    assert parameters - {("simulate", "activation")} >= {*MEETINGS} - {("simulate", "activation")}
+    assert parameters == {*MEETINGS, *ELSEWHERE}
 
 
 @pytest.fixture(scope="module")
@@ -177,7 +177,7 @@ def test_another_file_is_found_where_no_trial_is_named(coarse, drive, trial):
     assert set(LIP_MARKERS) <= set(motion["marker"].values.tolist())
 
 
-def test_a_motion_is_shown_with_a_face_only_beside_its_recording(motions, coarse):
+def test_a_motion_is_shown_with_a_face_only_with_its_recording(motions, coarse):
     with pytest.raises(
         EmgfaceError, match="face of a trajectory has no effect without a recording"
     ):

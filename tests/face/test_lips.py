@@ -119,8 +119,8 @@ def test_published_bones_and_lips(reference_face: xr.Dataset, tmp_path: Path) ->
     assert exposed(face, run).all()
     # Without stored lip surfaces, those found for the two lips have no node in common.
     bare = face.drop_dims("lip_facet")
-    found = [np.unique(lip_surface(bare, lip)) for lip in LIPS]
-    assert len(np.intersect1d(*found)) == 0 and min(map(len, found)) > 300
+    lips = [np.unique(lip_surface(bare, lip)) for lip in LIPS]
+    assert len(np.intersect1d(*lips)) == 0 and min(map(len, lips)) > 300
 
 
 def test_damaged_surfaces_are_located(tmp_path: Path) -> None:

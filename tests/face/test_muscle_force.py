@@ -23,13 +23,13 @@ PARAMETERS = SimulationParameters(accuracy="draft", contact=FREE, sigma_max=80e3
 def test_at_rest_the_force_is_stress_times_cross_section(coarse, law):
     """No fibre is stretched: F = sigma_max activation V / L; the generic law has no passive force."""
     parameters = PARAMETERS.model_copy(update={"fibre_law": law})
-    found = MuscleForces.from_face(coarse, parameters)
-    volume = np.zeros(len(found.muscles))
+    forces = MuscleForces.from_face(coarse, parameters)
+    volume = np.zeros(len(forces.muscles))
     sizes = sim.compile_scene(compose_scene(coarse, parameters)).mesh.volumes()
     muscles = compose_scene(coarse, parameters).terms[0].muscles
     np.add.at(volume, muscles.muscle, muscles.weight * sizes[muscles.element])
     level = np.linspace(0.0, 1.0, len(volume))
-    force = found(coarse["position"].values[None], level[None])[0]
+    force = forces(coarse["position"].values[None], level[None])[0]
     expected = 80e3 * level * volume / fibre_lengths(coarse)
     np.testing.assert_allclose(force, expected, rtol=1e-12, atol=1e-15)
 
@@ -41,19 +41,19 @@ def test_the_force_is_the_derivative_of_the_energy_by_the_length(coarse, stretch
     The fibre energy of the scene depends on the stretch without the change of volume, which an
     isotropic stretch would cancel: the law is integrated here.
     """
-    found, rest = MuscleForces.from_face(coarse, PARAMETERS), coarse["position"].values
-    level = np.random.default_rng(1).uniform(0.0, 1.0, len(found.muscles))
+    fibre, rest = MuscleForces.from_face(coarse, PARAMETERS), coarse["position"].values
+    level = np.random.default_rng(1).uniform(0.0, 1.0, len(fibre.muscles))
     length = fibre_lengths(coarse)
     h = 1e-6
 
     def energy(at):
         return np.array([
-            (found.area[found.muscle == k] * length[k] * law.evaluate(np.float64(at), level[k])[0]).sum()
-            for k, law in enumerate(found.laws)
+            (fibre.area[fibre.muscle == k] * length[k] * law.evaluate(np.float64(at), level[k])[0]).sum()
+            for k, law in enumerate(fibre.laws)
         ])  # fmt: skip
 
     slope = (energy(stretch + h) - energy(stretch - h)) / (2.0 * h * length)
-    force = found(stretch * rest[None], level[None])[0]
+    force = fibre(stretch * rest[None], level[None])[0]
     np.testing.assert_allclose(force, slope, rtol=1e-6, atol=1e-9)
 
 
@@ -74,15 +74,15 @@ def test_the_power_of_a_shortened_muscle_is_that_of_the_scene(coarse):
         return f
 
     power = -((internal(1.0) - internal(0.0)) * moved).sum()
-    found, h = MuscleForces.from_face(coarse, PARAMETERS), 1e-6
-    stretch = [np.linalg.norm((found.along @ (q + s * h * moved)), axis=1) for s in (1.0, -1.0)]
+    forces, h = MuscleForces.from_face(coarse, PARAMETERS), 1e-6
+    stretch = [np.linalg.norm((forces.along @ (q + s * h * moved)), axis=1) for s in (1.0, -1.0)]
     rate = (stretch[0] - stretch[1]) / (2.0 * h)
-    own = found.muscle == k
+    own = forces.muscle == k
     length = fibre_lengths(coarse)[k]
     level = np.eye(len(names))[k]
-    force = found(q[None], level[None])[0, k]
-    assert power == pytest.approx(80e3 * (found.area[own] * length * rate[own]).sum(), rel=2e-3)
-    mean = (found.area[own] * rate[own]).sum() / found.area[own].sum()
+    force = forces(q[None], level[None])[0, k]
+    assert power == pytest.approx(80e3 * (forces.area[own] * length * rate[own]).sum(), rel=2e-3)
+    mean = (forces.area[own] * rate[own]).sum() / forces.area[own].sum()
     assert power == pytest.approx(force * length * mean, rel=2e-3)
 
 
@@ -90,39 +90,39 @@ def test_the_power_of_a_shortened_muscle_is_that_of_the_scene(coarse):
 def test_forces_from_modes_are_those_of_the_positions(coarse, form):
     """For random modes and coordinates; also with laws that differ between the muscles."""
     rng = np.random.default_rng(3)
-    found = MuscleForces.from_face(coarse, PARAMETERS.model_copy(update={"muscle_form": form}))
-    if found.laws:
-        laws = (*found.laws[:7], *(replace(law, sigma_max=20e3) for law in found.laws[7:]))
-        found = replace(found, laws=laws)
+    forces = MuscleForces.from_face(coarse, PARAMETERS.model_copy(update={"muscle_form": form}))
+    if forces.laws:
+        laws = (*forces.laws[:7], *(replace(law, sigma_max=20e3) for law in forces.laws[7:]))
+        forces = replace(forces, laws=laws)
     rest = coarse["position"].values
     modes = rng.normal(scale=1e-4, size=(*rest.shape, 5))
-    y, level = rng.normal(size=(4, 5)), rng.uniform(0.0, 1.0, (4, len(found.muscles)))
-    expected = found(rest + np.einsum("nar,tr->tna", modes, y), level)
+    y, level = rng.normal(size=(4, 5)), rng.uniform(0.0, 1.0, (4, len(forces.muscles)))
+    expected = forces(rest + np.einsum("nar,tr->tna", modes, y), level)
     np.testing.assert_allclose(
-        found.on_modes(rest, modes)(y, level), expected, rtol=1e-9, atol=1e-12
+        forces.on_modes(rest, modes)(y, level), expected, rtol=1e-9, atol=1e-12
     )
-    for k, law in enumerate(found.laws):  # one by one, by the sum over its rows
-        own = found.muscle == k
-        moved = (found.along @ rest)[own]
-        alone = found.area[own] @ law.evaluate(np.linalg.norm(moved, axis=1), np.float64(0.5))[1]
-        at_rest = found(rest[None], np.full((1, len(found.muscles)), 0.5))[0, k]
+    for k, law in enumerate(forces.laws):  # one by one, by the sum over its rows
+        own = forces.muscle == k
+        moved = (forces.along @ rest)[own]
+        alone = forces.area[own] @ law.evaluate(np.linalg.norm(moved, axis=1), np.float64(0.5))[1]
+        at_rest = forces(rest[None], np.full((1, len(forces.muscles)), 0.5))[0, k]
         assert at_rest == pytest.approx(alone, rel=1e-12)
 
 
 def test_muscles_without_fibre_lines_have_no_force(coarse):
     bare = coarse.drop_dims(["fibre", "fibre_point"])
-    found = MuscleForces.from_face(bare, PARAMETERS)
-    assert not found.known.any()
-    assert np.isnan(found(bare["position"].values[None], np.ones((1, len(found.muscles))))).all()
+    forces = MuscleForces.from_face(bare, PARAMETERS)
+    assert not forces.known.any()
+    assert np.isnan(forces(bare["position"].values[None], np.ones((1, len(forces.muscles))))).all()
 
 
 def test_muscles_of_lines_have_the_force_of_their_law(coarse):
     parameters = PARAMETERS.model_copy(update={"muscle_form": "lines"})
-    found = MuscleForces.from_face(coarse, parameters)
-    level = np.linspace(0.0, 1.0, len(found.muscles))[None]
+    forces = MuscleForces.from_face(coarse, parameters)
+    level = np.linspace(0.0, 1.0, len(forces.muscles))[None]
     expected = parameters.line_force * level
-    np.testing.assert_array_equal(found(coarse["position"].values[None], level), expected)
-    assert found.known.all()
+    np.testing.assert_array_equal(forces(coarse["position"].values[None], level), expected)
+    assert forces.known.all()
 
 
 def test_a_motion_with_a_surface_contains_its_forces(coarse, tmp_path):
@@ -135,14 +135,14 @@ def test_a_motion_with_a_surface_contains_its_forces(coarse, tmp_path):
     )  # fmt: skip
     moved = ef.simulate(drive, coarse, accuracy="draft", surface=True, probes=(sim.Positions(),),
                         sigma_max=80e3, progress=False)  # fmt: skip
-    found = moved[FORCE].transpose("time", "muscle").values
+    forces = moved[FORCE].transpose("time", "muscle").values
     used = SimulationParameters(accuracy="draft", sigma_max=80e3)
     q = moved["node_position"].transpose("time", "node", "axis").values
     at = np.linspace(0.0, 1.0, len(q))[:, None] * levels[:, 1]
     np.testing.assert_allclose(
-        found, MuscleForces.from_face(coarse, used)(q, at), rtol=1e-9, atol=1e-9
+        forces, MuscleForces.from_face(coarse, used)(q, at), rtol=1e-9, atol=1e-9
     )
-    assert found[-1, muscles.index("ZYG_L")] > 0.5 > np.abs(found[-1, muscles.index("ZYG_R")])
+    assert forces[-1, muscles.index("ZYG_L")] > 0.5 > np.abs(forces[-1, muscles.index("ZYG_R")])
     assert (moved["contact_force"].values >= 0.0).all()
     write_netcdf(moved.drop_vars("node_position"), tmp_path / "m.nc", "trajectory")
     again = read_netcdf(tmp_path / "m.nc", "trajectory")

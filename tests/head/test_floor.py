@@ -69,10 +69,10 @@ def test_tissue_is_held_near_the_tubercles_and_no_element_is_crushed_there() -> 
     was 0.118, and 0.004 in a head with a face.
     """
     head = build_head(["jaw", "tongue", "hyoid"], preset="man", contacts=[])
-    tongue, held = head.parts["tongue"], head.attached("tongue-jaw")
+    tongue, attached = head.parts["tongue"], head.attached("tongue-jaw")
     places, _ = person(None, "man", None)
     genial = places[GENIAL[0]] + 1e-3 * np.array(GENIAL[1:])
-    X = tongue["position"].values[held]
+    X = tongue["position"].values[attached]
     assert 0.0 < (X[np.abs(X[:, 0]) < 1e-6, 2] - genial[2]).max() < 7e-3
     scene = head_scene(head, tongue=TONGUE.model_copy(update={"sigma_max": 300e3}))
     drive = {f"bi_{str(m)[:-2]}": 1.0 for m in tongue["muscle"].values}

@@ -66,10 +66,10 @@ def test_floor_of_the_mouth_follows_the_tongue(shared: Path) -> None:
     sizes = {pair: len(floor.attached(pair)) for pair in ("face-tongue", "face-hyoid")}
     assert sizes == {"face-tongue": 20, "face-hyoid": 18}
     scene = head_scene(floor.touching([])).scene
-    (held,) = (m for m in scene.reductions if isinstance(m, sim.InElement))
-    assert held.embedding is not None
-    x = np.einsum("na,nai->ni", held.embedding.weights, scene.mesh.X[held.embedding.nodes])
-    np.testing.assert_allclose(x, scene.mesh.X[held.nodes], rtol=0, atol=1e-12)
+    (attached,) = (m for m in scene.reductions if isinstance(m, sim.InElement))
+    assert attached.embedding is not None
+    x = np.einsum("na,nai->ni", attached.embedding.weights, scene.mesh.X[attached.embedding.nodes])
+    np.testing.assert_allclose(x, scene.mesh.X[attached.nodes], rtol=0, atol=1e-12)
 
 
 def test_hyoid_springs_have_the_stiffness_of_the_six_axis_spring(head: Head) -> None:

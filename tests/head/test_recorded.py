@@ -192,14 +192,14 @@ def test_the_report_of_a_study_scores_the_incisor_of_a_head_that_nods(
         trial=lambda place, strategy: trial,
     )  # fmt: skip
     with patch.object(report_of_jaw, "representative", lambda cube: {"C": ("v", "C", 1)}):
-        found = report_of_jaw.incisors(results)
-        assert not results.notes and found is not None
-        rows = {row[1]: row[3:] for row in found.table.rows}
-        assert found.table.rows[0][:3] == ("v C 1 act_all", "simulated", "lower_incisor")
+        section = report_of_jaw.incisors(results)
+        assert not results.notes and section is not None
+        rows = {row[1]: row[3:] for row in section.table.rows}
+        assert section.table.rows[0][:3] == ("v C 1 act_all", "simulated", "lower_incisor")
         rho, ratio, rmse, _ = rows["simulated"]
         assert rho > 0.999 and ratio == pytest.approx(1.0, abs=0.02) and rmse < 1e-4
         assert rows["none (the point rests)"][2] > 1e-3
-        assert found.figure.axes and "time steps" in found.table.note
+        assert section.figure.axes and "time steps" in section.table.note
         given = motion, laboratory.face, laboratory.study.signals.head_frame
         scored = with_incisor(xr.Dataset(), seen, *given)
         assert float(scored["incisor_rho"]) == pytest.approx(rho, abs=1e-12)
@@ -208,8 +208,8 @@ def test_the_report_of_a_study_scores_the_incisor_of_a_head_that_nods(
             position=1e3 * seen["position"].where(seen["marker"] == "lower_incisor")
         )
         metres["position"] = metres["position"].fillna(seen["position"])
-        told = with_incisor(xr.Dataset(), metres, *given)
-        assert not told.data_vars and "check the unit" in told.attrs["incisor_reason"]
+        refused = with_incisor(xr.Dataset(), metres, *given)
+        assert not refused.data_vars and "check the unit" in refused.attrs["incisor_reason"]
         trial.recording.dataset = seen.sel(marker=list(FACE_MARKERS))
         assert not with_incisor(xr.Dataset(), trial.recording.dataset, *given).attrs
         assert report_of_jaw.incisors(results) is None
@@ -234,7 +234,7 @@ def test_a_study_moves_a_head_where_the_jaw_was_recorded_and_the_face_elsewhere(
     )
     face = study_face(study.face)
     alone = recording.sel(channel=[c for c in recording["channel"].values if c[:-2] in TRUTH])
-    found = []
+    trials = []
     for k, own in enumerate((recording, alone)):
         trial: Any = SimpleNamespace(
             digest=f"digest {k}",
@@ -250,8 +250,8 @@ def test_a_study_moves_a_head_where_the_jaw_was_recorded_and_the_face_elsewhere(
                 made = laboratory.activation(trial, "act_all")
         activation = made.dataset["activation"]
         activation = activation.isel(time=slice(35, 50))
-        found.append((laboratory, activation, laboratory.motion(activation, trial.label)))
-    (laboratory, levels, moved), (_, of_face, still) = found
+        trials.append((laboratory, activation, laboratory.motion(activation, trial.label)))
+    (laboratory, levels, moved), (_, of_face, still) = trials
     assert {"ad_L", "ip_R"} < set(levels["muscle"].values) and len(of_face["muscle"]) == 20
     motion = moved.dataset
     assert motion["marker"].values.tolist() == list(LIP_MARKERS)

@@ -147,9 +147,9 @@ def test_free_head_keeps_its_momentum(head: Head) -> None:
 
 def _unheld(scene: sim.Scene) -> np.ndarray:
     """Points that no body holds."""
-    held = [m.nodes for m in scene.reductions if isinstance(m, sim.OnBody)]
+    attached = [m.nodes for m in scene.reductions if isinstance(m, sim.OnBody)]
     points = scene.mesh.n_nodes + np.arange(len(scene.points))
-    return np.setdiff1d(points, np.concatenate(held))
+    return np.setdiff1d(points, np.concatenate(attached))
 
 
 def test_file_keeps_lists_and_parts_and_page_holds_all(head: Head, tmp_path: Path) -> None:
@@ -195,7 +195,7 @@ def test_what_is_not_named_costs_nothing() -> None:
 
 
 def test_nodes_of_the_face_follow_the_tongue(head: Head) -> None:
-    """Attached nodes keep their places at rest, and move with the elements beside them.
+    """Attached nodes keep their places at rest, and move with the adjacent elements.
 
     The tongue is shifted until it is 1 mm from the nearest node, because none is near it.
     """
@@ -219,20 +219,20 @@ def test_nodes_of_the_face_follow_the_tongue(head: Head) -> None:
     )
     scene = head_scene(attached, gravity=False)
     system = scene.system
-    held = next(m for m in scene.scene.reductions if isinstance(m, sim.InElement))
-    assert held.nodes.tolist() == near.tolist() and held.embedding is not None
+    embedded = next(m for m in scene.scene.reductions if isinstance(m, sim.InElement))
+    assert embedded.nodes.tolist() == near.tolist() and embedded.embedding is not None
     np.testing.assert_allclose(system.rest_state().q[near], face[near], rtol=0, atol=1e-12)
     turn = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
     turned = (
-        held.embedding.weights
-        @ (drawn["position"].values @ turn.T)[held.embedding.nodes[0] - len(face)]
+        embedded.embedding.weights
+        @ (drawn["position"].values @ turn.T)[embedded.embedding.nodes[0] - len(face)]
     )
     np.testing.assert_allclose(turned, face[near] @ turn.T, rtol=0, atol=1e-12)
     n = len(face)
-    assert (held.embedding.nodes >= n).all()
+    assert (embedded.embedding.nodes >= n).all()
     motion = simulate_head(attached, raised({"bi_GGP": 0.3}, rise=0.02), duration=0.04, scene=scene)
     q = motion["node_position"].transpose("time", "node", "axis").values[-1]
-    moved = np.einsum("ka,kai->ki", held.embedding.weights, q[held.embedding.nodes])
+    moved = np.einsum("ka,kai->ki", embedded.embedding.weights, q[embedded.embedding.nodes])
     np.testing.assert_allclose(q[near], moved, rtol=0, atol=1e-9)
     assert np.linalg.norm(q[near] - face[near], axis=1).min() > 1e-5
     with pytest.raises(HeadError, match="expected one of face-jaw"):
@@ -281,7 +281,7 @@ def test_symmetric_drive_keeps_the_head_symmetric(head: Head) -> None:
     assert sides({**both, "ZYG_L": 0.3}) > 1e-5
 
 
-def test_properties_beside_a_scene_are_refused(head: Head) -> None:
+def test_properties_with_a_scene_are_refused(head: Head) -> None:
     """They would be ignored."""
     scene = head_scene(head)
     with pytest.raises(

@@ -44,8 +44,8 @@ SIGNS: Final = {
 Results = Iterator[Result]
 
 
-def _off(found: np.ndarray, exact: np.ndarray) -> float:
-    return float(np.abs(found - exact).max() / np.abs(exact).max())
+def _off(computed: np.ndarray, exact: np.ndarray) -> float:
+    return float(np.abs(computed - exact).max() / np.abs(exact).max())
 
 
 def attachments() -> Results:
@@ -57,11 +57,11 @@ def attachments() -> Results:
         float(np.abs(led - free).max()) / moved,
         1e-10,
     )
-    work, held, d = test_maps.work_of_an_attached_node()
+    work, loads, d = test_maps.work_of_an_attached_node()
     yield limited(
-        "1 work of a node in an element on a body", abs(float(held @ d) / work - 1.0), 1e-12
+        "1 work of a node in an element on a body", abs(float(loads @ d) / work - 1.0), 1e-12
     )
-    on_body = bool(np.abs(held[test_maps.MAPS.first :]).max() > 0.1)
+    on_body = bool(np.abs(loads[test_maps.MAPS.first :]).max() > 0.1)
     yield Result(
         "1 chain node, element, body", "loads the body", "does" if on_body else "does not", on_body
     )
@@ -103,7 +103,7 @@ def rigid() -> Results:
 
 def shapes(models: Path) -> Results:
     """4 stored shapes of the published tongue."""
-    del models  # those beside the recordings, as of `benchmarks tongue`
+    del models  # those stored with the recordings, as of `benchmarks tongue`
     table = postures(("elements", "elements, no gravity"))
     for _, row in table.iterrows():
         name = f"4 shape {row['shape']}, {row['model']}"
@@ -131,14 +131,14 @@ def _actions(name: str, table: pd.DataFrame, full: pd.DataFrame, soft: float) ->
         not above,
     )
     for muscle, wanted in SIGNS.items():
-        found = {k: float(by[muscle][k]) for k in wanted}
+        displacements = {k: float(by[muscle][k]) for k in wanted}
         yield Result(
             f"5 {name}: {muscle}",
             ", ".join(
                 f"{k.replace('_', ' ')} {'> 0' if s > 0 else '< 0'}" for k, s in wanted.items()
             ),
-            ", ".join(f"{v:.1f} mm" for v in found.values()),
-            all(found[k] * s > 0.0 for k, s in wanted.items()),
+            ", ".join(f"{v:.1f} mm" for v in displacements.values()),
+            all(displacements[k] * s > 0.0 for k, s in wanted.items()),
         )
     failed = "fails" in full and bool(full["fails"].notna().any())
     yield Result(

@@ -31,12 +31,12 @@ def jaw() -> Head:
 
 def test_step_error_is_the_distance_to_half_the_step(jaw: Head) -> None:
     """With half of the step the error is about half, as that of a method of first order."""
-    found = [
+    rows = [
         sweep(RUNS[:1], Setting(**{**JAW.__dict__, "step": step})).iloc[0]
         for step in (2e-3, 1e-3, 5e-4)
     ]
-    value = [row["lower_incisor_up_mm"] for row in found]
-    error = [row["lower_incisor_up_mm_step_error"] for row in found]
+    value = [row["lower_incisor_up_mm"] for row in rows]
+    error = [row["lower_incisor_up_mm_step_error"] for row in rows]
     assert value[0] < -1.0  # an opener lowers the incisor, in millimetres
     assert error[1] == pytest.approx(abs(value[1] - value[0]), rel=1e-9)
     assert 1.5 < error[1] / error[2] < 2.7
@@ -53,13 +53,13 @@ def test_muscles_of_one_side_mirror_those_of_the_other(jaw: Head) -> None:
         x = motion["position"].sel(marker="lower_incisor").transpose("time", "axis").values
         return {**outcomes(motion, head), "side_mm": 1e3 * (x[-1] - x[0])[0]}
 
-    found = sweep(RUNS[1:], JAW, head=jaw, measure=sideways).to_dict("list")
+    swept = sweep(RUNS[1:], JAW, head=jaw, measure=sideways).to_dict("list")
     # a lateral pterygoid draws its condyle forward, and the incisor to the other side (+x is right)
-    left, right = found["side_mm"]
+    left, right = swept["side_mm"]
     assert left > 0.1
     assert left == pytest.approx(-right, abs=1e-9)
     for name in ("lower_incisor_forward_mm", "lower_incisor_up_mm"):
-        assert found[name][0] == pytest.approx(found[name][1], abs=1e-9)
+        assert swept[name][0] == pytest.approx(swept[name][1], abs=1e-9)
 
 
 def test_an_interrupted_sweep_continues(jaw: Head, tmp_path: Path) -> None:
@@ -77,11 +77,11 @@ def test_an_interrupted_sweep_continues(jaw: Head, tmp_path: Path) -> None:
     state = read_state(tmp_path / "table")
     assert state.runs[-1].state == "interrupted" and state.status == {"ok": 2}
     measured.clear()
-    found = sweep(RUNS, JAW, head=jaw, table=table, measure=once)
+    swept = sweep(RUNS, JAW, head=jaw, table=table, measure=once)
     assert len(measured) == 2
     measured[:] = ["run"] * 5  # beyond the interruption
     whole = sweep(RUNS, JAW, head=jaw, measure=once)
-    pd.testing.assert_frame_equal(found, whole)
+    pd.testing.assert_frame_equal(swept, whole)
     # another setting, head of the same name, or measure computes all of them again
     measured.clear()
     sweep(RUNS[:1], Setting(**{**JAW.__dict__, "rise": 0.05}), head=jaw, table=table, measure=once)
@@ -128,8 +128,8 @@ def test_plan_of_a_command_and_its_refusals(jaw: Head, tmp_path: Path) -> None:
     plan.write_text("bi_open\n0.3\n")
     head = write_head(jaw, tmp_path / "head.nc")
     options = ["--head", str(head), "--out", str(out), "--duration", "0.04", "--workers", "1"]
-    told = CliRunner().invoke(app, ["sweep", str(plan), *options])
-    assert told.exit_code == 0 and "1 runs, 0 failed" in told.output, told.output
+    result = CliRunner().invoke(app, ["sweep", str(plan), *options])
+    assert result.exit_code == 0 and "1 runs, 0 failed" in result.output, result.output
     assert pd.read_csv(out)["end"].tolist() == ["reached"]
 
 
@@ -141,5 +141,5 @@ def test_the_speed_at_the_end_is_that_of_the_last_step():
         {"position": (("time", "marker", "axis"), position)},
         {"time": [0.0, 0.01, 0.03, 0.04], "marker": ["tip"]},
     )
-    found = outcomes(motion, Head(xr.Dataset(), {}))
-    assert found == pytest.approx({"tip_forward_mm": 0.0, "tip_up_mm": 1.3, "speed_mm_s": 100.0})
+    results = outcomes(motion, Head(xr.Dataset(), {}))
+    assert results == pytest.approx({"tip_forward_mm": 0.0, "tip_up_mm": 1.3, "speed_mm_s": 100.0})

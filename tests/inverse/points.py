@@ -90,16 +90,16 @@ class _Compiled(CompiledTerm):
 
 def recorded(folder: Path, name: str):
     """System, target and recorded run of a point model, in the units of the model."""
-    told = json.loads((folder / f"{name}.json").read_text())
+    message = json.loads((folder / f"{name}.json").read_text())
     run = np.load(folder / f"{name}.npz")
-    muscles = told["model"]["muscles"]
+    muscles = message["model"]["muscles"]
     p = muscles[0]["props"]
     term = LinearTension(
         tuple(m["name"] for m in muscles),
         p["maxForce"], p["passiveFraction"], p["optLength"], p["maxLength"], p["damping"],
     )  # fmt: skip
     ends = np.array([m["p1"] for m in muscles])
-    system, last = particle(ends, term, told["model"]["point_damping"])
+    system, last = particle(ends, term, message["model"]["point_damping"])
     time = np.concatenate([[0.0], run["t"]])
     position = np.concatenate([np.zeros((1, 1, 3)), run["target"]])
-    return system, PointTarget(np.array([last]), time, position, 1.0), run, told
+    return system, PointTarget(np.array([last]), time, position, 1.0), run, message

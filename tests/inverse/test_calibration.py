@@ -39,8 +39,8 @@ def test_a_lasting_error_counts_once_within_its_memory():
     assert marker_precision(assumed, target, rest, 5e-4, 0.01) == pytest.approx(4.0)
     assumed = Assumptions(model_error=0.25, model_memory=0.3)
     assert marker_precision(assumed, target, rest, 0.0, 0.01) == pytest.approx(1.0 / 30.0)
-    found = emg_precision(assumed, np.full(3, 0.5), np.array([0.0, 2.0, np.inf]), 0.02)
-    assert found == pytest.approx([0.0, 2.0 / (0.25 * 10.0), 1e4])
+    precision = emg_precision(assumed, np.full(3, 0.5), np.array([0.0, 2.0, np.inf]), 0.02)
+    assert precision == pytest.approx([0.0, 2.0 / (0.25 * 10.0), 1e4])
 
 
 def test_known_gain_delay_and_error_are_estimated():
@@ -68,7 +68,7 @@ def test_a_muscle_that_the_motion_does_not_determine_keeps_its_gain():
 def test_muscles_determine_the_delay_of_a_person_together():
     """Each of them alone would leave the delay nearer to the value assumed before, 40 ms."""
     rng, t = np.random.default_rng(2), np.arange(0.0, 1.8, 0.01)
-    found = []
+    profiles = []
     for k in range(12):
         centre = 0.6 + 0.05 * k
 
@@ -76,11 +76,11 @@ def test_muscles_determine_the_delay_of_a_person_together():
             return np.exp(-(((t - delay - centre) / 0.15) ** 2))
 
         a = 0.3 * e(0.065) + 0.02 * rng.standard_normal(len(t))
-        found.append(profile(e, a, np.full(len(t), 0.02**2), 0.04, 20.0))
-    person = common_delay([one.cost for one in found])
-    alone = [regressed(one, (0.04, 0.02), len(t), 20.0)[1] for one in found]
+        profiles.append(profile(e, a, np.full(len(t), 0.02**2), 0.04, 20.0))
+    person = common_delay([one.cost for one in profiles])
+    alone = [regressed(one, (0.04, 0.02), len(t), 20.0)[1] for one in profiles]
     assert person == pytest.approx(0.065, abs=0.006) and np.mean(alone) < 0.06
-    own = [regressed(one, (person, 0.01), len(t), 20.0)[1] for one in found]
+    own = [regressed(one, (person, 0.01), len(t), 20.0)[1] for one in profiles]
     assert np.mean(own) == pytest.approx(0.065, abs=0.005)
 
 
@@ -114,22 +114,22 @@ def test_a_calibration_of_a_face_finds_the_gain_of_its_trial(coarse):
     x = moved.sel(marker=list(LIP_MARKERS)).transpose("marker", "axis", "time")
     x = x.interp(time=recording["time_marker"].values, kwargs={"fill_value": "extrapolate"})
     recording["position"].loc[{"marker": list(LIP_MARKERS)}] = x.values
-    found = calibrate(
+    calibrated = calibrate(
         [recording], coarse, simulation,
         parameters=InverseParameters(iterations=4, assumed=Assumptions(spacing=0.15)),
     )  # fmt: skip
-    validate(found.data, "emg_calibration")
-    chain, session = found.applied(SignalChain(), simulation.sigma_max, recording)
+    validate(calibrated.data, "emg_calibration")
+    chain, session = calibrated.applied(SignalChain(), simulation.sigma_max, recording)
     emg = estimated_activation(recording, chain, "assisted", session)["activation"]
-    gain, moving = found.data["gain"], ["ZYG_L", "ZYG_R"]
+    gain, moving = calibrated.data["gain"], ["ZYG_L", "ZYG_R"]
     for muscle in moving:
-        delay = float(found.data["delay"].sel(muscle=muscle))
+        delay = float(calibrated.data["delay"].sel(muscle=muscle))
         a = true.sel(muscle=muscle).interp(time=emg["time"].values + delay).fillna(0.0).values
         e = emg.sel(muscle=muscle).values
         assert float(gain.sel(muscle=muscle)) == pytest.approx(a @ e / (e @ e), rel=0.1)
-    others = gain.sel(muscle=found.data["estimated"] == 1).drop_sel(muscle=moving)
+    others = gain.sel(muscle=calibrated.data["estimated"] == 1).drop_sel(muscle=moving)
     assert float(others.max()) < 0.25 * float(gain.sel(muscle=moving).min())
-    assert found.model_error < 0.1
+    assert calibrated.model_error < 0.1
 
 
 def test_a_calibration_fits_its_volunteer_and_its_strength_only():

@@ -1,4 +1,4 @@
-"""Recordings whose signals contradict each other are told, and others are not."""
+"""Recordings whose signals contradict each other are reported, and others are not."""
 
 from dataclasses import replace
 
@@ -32,12 +32,12 @@ def posed(coarse):
     """Function that poses a recording on a face."""
     rest = settle_face(coarse, SIMULATION)
 
-    def of(recording: xr.Dataset) -> Problem:
+    def posed_problem(recording: xr.Dataset) -> Problem:
         return pose_problem(
             recording, coarse, SIMULATION, SignalChain(), InverseParameters(), settled=rest
         )
 
-    return of
+    return posed_problem
 
 
 @pytest.fixture
@@ -45,10 +45,10 @@ def recording(coarse):
     return recording_of(coarse)
 
 
-def told(posed, recording, measured=True) -> str:
-    found = signs(posed(recording), recording, measured)
+def doubt_text(posed, recording, measured=True) -> str:
+    signs_read = signs(posed(recording), recording, measured)
     usual = {"sigma_max": 115e3, "rest_ratio": 0.0, "misfit_ratio": 0.1}
-    return " ".join(doubts(xr.Dataset(attrs=usual | found)))
+    return " ".join(doubts(xr.Dataset(attrs=usual | signs_read)))
 
 
 def one_sided(recording: xr.Dataset) -> xr.Dataset:
@@ -61,38 +61,38 @@ def one_sided(recording: xr.Dataset) -> xr.Dataset:
 
 
 def test_a_trial_without_contradiction_has_no_doubts(posed, recording):
-    assert told(posed, recording) == "" == told(posed, one_sided(recording))
+    assert doubt_text(posed, recording) == "" == doubt_text(posed, one_sided(recording))
 
 
 @pytest.mark.parametrize(("shift", "when"), [(0.4, "before"), (-0.4, "after")])
-def test_an_sEMG_that_is_shifted_in_time_is_told(posed, recording, shift, when):
+def test_an_sEMG_that_is_shifted_in_time_is_reported(posed, recording, shift, when):
     recording["emg"] = recording["emg"].roll(time_emg=round(shift * 2048))
-    text = told(posed, recording)
+    text = doubt_text(posed, recording)
     assert f"s {when} the sEMG, expected 0 to 0.2 s after it" in text
-    assert told(posed, recording, measured=False) == ""
+    assert doubt_text(posed, recording, measured=False) == ""
 
 
-def test_an_sEMG_of_noise_is_told(posed, recording):
+def test_an_sEMG_of_noise_is_reported(posed, recording):
     rng = np.random.default_rng(2)
     recording["emg"][:] = 2e-4 * rng.standard_normal(recording["emg"].shape)
-    assert "no muscle is quiet for a quarter of the trial" in told(posed, recording)
+    assert "no muscle is quiet for a quarter of the trial" in doubt_text(posed, recording)
 
 
-def test_exchanged_sides_of_a_movement_to_one_side_are_told(posed, recording):
+def test_exchanged_sides_of_a_movement_to_one_side_are_reported(posed, recording):
     names = [c[:-1] + {"L": "R", "R": "L"}[c[-1]] for c in CHANNELS]
     other = one_sided(recording).assign_coords(channel=names)
-    assert "follow the mouth corners of the other side" in told(posed, other)
+    assert "follow the mouth corners of the other side" in doubt_text(posed, other)
 
 
-def test_noise_in_place_of_a_recording_gives_no_activation_and_is_told(coarse, recording):
+def test_noise_in_place_of_a_recording_gives_no_activation_and_is_reported(coarse, recording):
     """The null hypothesis: neither markers nor sEMG contain anything."""
     rng = np.random.default_rng(3)
     still = recording["position"].values[:, :, :10].mean(axis=2, keepdims=True)
     recording["position"][:] = still + 1e-4 * rng.standard_normal(recording["position"].shape)
     recording["emg"][:] = 2e-4 * rng.standard_normal(recording["emg"].shape)
-    found = invert(recording, coarse, SIMULATION, parameters=InverseParameters(form="step"))
-    assert float(found["activation"].max()) < 0.15
-    text = " ".join(doubts(found))
+    inverse = invert(recording, coarse, SIMULATION, parameters=InverseParameters(form="step"))
+    assert float(inverse["activation"].max()) < 0.15
+    text = " ".join(doubts(inverse))
     assert "of their motion: activations do not follow from this trial" in text
     assert "the face does not follow the markers" in text
 
@@ -112,5 +112,5 @@ def test_markers_that_are_all_lost_for_a_while_are_compared_elsewhere(posed, rec
     x = target.position.copy()
     x[5:9] = np.nan
     lost = replace(problem, target=PointTarget(target.nodes, target.time, x, target.size))
-    found = signs(lost, recording, True)
-    assert np.isfinite(found["emg_agreement"]) and np.isfinite(found["noise_ratio"])
+    signs_read = signs(lost, recording, True)
+    assert np.isfinite(signs_read["emg_agreement"]) and np.isfinite(signs_read["noise_ratio"])

@@ -57,15 +57,15 @@ def test_the_variants_are_one_family_of_trust():
 
 
 def test_targets_are_displacements_scaled_to_the_mouth_of_the_face(face, recording):
-    found = wanted(recording, face)
+    target = wanted(recording, face)
     rest = face["position"].values[marker_nodes(face)]
-    assert found.scale == pytest.approx(0.8, abs=2e-3)
-    moved = found.position.values - rest
+    assert target.scale == pytest.approx(0.8, abs=2e-3)
+    moved = target.position.values - rest
     left = LIP_MARKERS.index("corner_left")
     assert moved[60, left] == pytest.approx([-4e-3, 0.0, 0.0], abs=4e-4)
-    assert np.abs(moved[:10]).max() < 5e-4 and found.at_rest < 2e-4
+    assert np.abs(moved[:10]).max() < 5e-4 and target.at_rest < 2e-4
     # of a coordinate; 0.1 mm in the recording, and the head frame adds its own
-    assert found.noise == pytest.approx(0.8e-4, rel=0.4)
+    assert target.noise == pytest.approx(0.8e-4, rel=0.4)
 
 
 def test_a_lost_marker_is_left_out_while_it_is_lost_and_the_others_stay(face, recording):
@@ -89,15 +89,15 @@ def test_a_marker_that_is_never_visible_can_be_left_out(face, recording):
         wanted(away, face)
     absent = recording.sel(marker=[m for m in recording["marker"].values if m != "corner_left"])
     for one in (away, absent):
-        found = wanted(one, face, left_out=("corner_left",))
-        assert found.scale == pytest.approx(0.8, rel=0.03)
+        target = wanted(one, face, left_out=("corner_left",))
+        assert target.scale == pytest.approx(0.8, rel=0.03)
     with pytest.raises(MarkerError, match="missing marker corner_left"):
         wanted(absent, face)
 
 
 def test_the_size_of_the_mouth_does_not_depend_on_the_markers_left_out(face, recording):
-    found = wanted(recording, face, left_out=LIP_MARKERS[1:])
-    assert found.scale == wanted(recording, face).scale
+    target = wanted(recording, face, left_out=LIP_MARKERS[1:])
+    assert target.scale == wanted(recording, face).scale
 
 
 @pytest.mark.parametrize("factor", [1e3, 10.0, 0.1])
@@ -152,10 +152,10 @@ def test_the_motion_alone_needs_no_sEMG(recording):
     with pytest.raises(SignalError, match="gap"):
         estimated_activation(gap, chain, "assisted", None)
     for one in (gap, recording.drop_vars("emg")):
-        found = estimated_activation(one, chain, "motion", None)
-        assert float(found["activation"].max()) == 0.0
-        assert found.attrs["montage"].startswith("the sEMG is not used: ")
-        assert float(found["time"][-1]) == pytest.approx(1.2)
+        estimate = estimated_activation(one, chain, "motion", None)
+        assert float(estimate["activation"].max()) == 0.0
+        assert estimate.attrs["montage"].startswith("the sEMG is not used: ")
+        assert float(estimate["time"][-1]) == pytest.approx(1.2)
 
 
 @pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")

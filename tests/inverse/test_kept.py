@@ -61,10 +61,10 @@ def test_an_interrupted_fit_goes_on_with_the_same_result(problem, tmp_path):
     for until in (2, 4):  # before and after the error of the model is estimated
         with pytest.raises(Stop):
             run(problem, kept, until)
-    found, done = run(problem, kept)
+    resumed, done = run(problem, kept)
     assert done[0] >= 4
-    assert np.abs(found.activation - whole.activation).max() <= 1e-10
-    assert found.model_error == pytest.approx(whole.model_error, rel=1e-9)
+    assert np.abs(resumed.activation - whole.activation).max() <= 1e-10
+    assert resumed.model_error == pytest.approx(whole.model_error, rel=1e-9)
     kept.remove()
     assert list(tmp_path.iterdir()) == []
 
@@ -96,9 +96,11 @@ def test_unequal_strengths_widen_the_intervals_of_active_muscles(problem):
     for strength in (0.0, 0.5):
         p = replace(PARAMETERS, assumed=Assumptions(0.05, 0.01, strength))
         density = p.assumed.density(np.zeros((10, 2)), np.zeros(2), H)
-        found = fitted(problem, p, density, draws=256)
-        assert found.model_error == 0.01
-        assert np.all((found.low <= found.activation) & (found.activation <= found.high))
-        widths.append((found.high - found.low).max())
-    a = found.activation.max()
+        estimate = fitted(problem, p, density, draws=256)
+        assert estimate.model_error == 0.01
+        assert np.all(
+            (estimate.low <= estimate.activation) & (estimate.activation <= estimate.high)
+        )
+        widths.append((estimate.high - estimate.low).max())
+    a = estimate.activation.max()
     assert widths[1] > widths[0] and widths[1] > 0.8 * 2.0 * 1.645 * 0.5 * a

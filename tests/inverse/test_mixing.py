@@ -60,8 +60,8 @@ def test_mixed_signals_are_unmixed_in_both_forms():
     X = np.array([[1.0, 0.4], [0.2, 1.0]])
     true = np.random.default_rng(1).uniform(0.1, 0.5, (splines.n, 2))
     signal = splines.basis(t) @ true @ X.T
-    found = prior(splines, t, 1e3, 1e9, 1e3, signal, np.full(2, 1e6), X)
-    assert np.linalg.solve(found.Q, found.c).reshape(-1, 2) == pytest.approx(true, abs=1e-4)
+    precision = prior(splines, t, 1e3, 1e9, 1e3, signal, np.full(2, 1e6), X)
+    assert np.linalg.solve(precision.Q, precision.c).reshape(-1, 2) == pytest.approx(true, abs=1e-4)
 
     system, last = particle(ENDS, constant_muscles(ENDS))
     X = np.eye(16) + 0.2 * np.eye(16, k=1)

@@ -42,9 +42,9 @@ def test_ninety_per_cent_intervals_cover_ninety_per_cent():
 def test_without_bounds_the_mean_is_that_of_linear_regression():
     rng = np.random.default_rng(0)
     J, truth = rng.standard_normal((30, 4)), np.array([0.2, 0.5, 0.7, 0.4])
-    found = linear(1e4 * J, 1e4 * (J @ truth), np.zeros(4), np.zeros(4), np.full(4, 1e-6))
-    assert found.mean == pytest.approx(truth, abs=1e-6)
-    assert found.intervals(0.9, 200) == pytest.approx(np.tile(truth, (2, 1)), abs=1e-3)
+    response = linear(1e4 * J, 1e4 * (J @ truth), np.zeros(4), np.zeros(4), np.full(4, 1e-6))
+    assert response.mean == pytest.approx(truth, abs=1e-6)
+    assert response.intervals(0.9, 200) == pytest.approx(np.tile(truth, (2, 1)), abs=1e-3)
 
 
 def test_muscles_with_equal_effects_are_named():
@@ -52,11 +52,11 @@ def test_muscles_with_equal_effects_are_named():
     J[:, 1], J[:, 3] = J[:, 0], 0.0
     prior_sd = np.full(4, 0.3)
     lost = np.append(np.zeros(12), np.nan)  # a marker without a position
-    found = linear(10.0 * np.vstack([J, J[:1]]), lost, np.zeros(4), np.zeros(4), prior_sd**-2.0)
-    told = in_words(found.unresolved(prior_sd), ["OOP_L", "OOM_L", "ZYG_L", "BUC_L"])
-    assert len(told) == 2
-    assert "BUC_L is not determined by the motion" in told
+    response = linear(10.0 * np.vstack([J, J[:1]]), lost, np.zeros(4), np.zeros(4), prior_sd**-2.0)
+    words = in_words(response.unresolved(prior_sd), ["OOP_L", "OOM_L", "ZYG_L", "BUC_L"])
+    assert len(words) == 2
+    assert "BUC_L is not determined by the motion" in words
     assert {
         "OOP_L cannot be distinguished from OOM_L",
         "OOM_L cannot be distinguished from OOP_L",
-    } & set(told)
+    } & set(words)

@@ -15,33 +15,33 @@ EXACT = sim.Static(tolerance=1e-10, residual_tolerance=1e-8)
 @pytest.fixture(scope="module")
 def tracked():
     """A block, two of its nodes, and their positions in two equilibria with known activations."""
-    system, found = block(), []
+    system, positions = block(), []
     state, work = system.rest_state(), sim.Workspace(system)
     for t, a in zip(TIMES, TRUE, strict=True):
         state, _ = EXACT.step(system, state, sim.Control(a, t), 0.5, work)
-        found.append(state.q)
+        positions.append(state.q)
     nodes = np.array([25, 26])
-    return system, nodes, np.array(found)[:, nodes]
+    return system, nodes, np.array(positions)[:, nodes]
 
 
 def test_known_activations_are_recovered_from_two_nodes(tracked):
     system, nodes, position = tracked
     target = PointTarget(nodes, TIMES, position, 1e-6)
     weights = Weights(size=0.0, change=1e-12)
-    found, state = equilibria(
+    states, state = equilibria(
         system, [target], TIMES, weights=weights, static=EXACT, tolerance=1e-9
     )
-    assert found["activation"].values == pytest.approx(TRUE.T, abs=1e-5)
+    assert states["activation"].values == pytest.approx(TRUE.T, abs=1e-5)
     assert state.t == pytest.approx(1.0)
-    assert float(found["violation"].max()) <= 1e-10
+    assert float(states["violation"].max()) <= 1e-10
 
 
 def test_activations_minimise_the_objective(tracked):
     """With weights that matter, no small change of an activation lowers the objective."""
     system, nodes, position = tracked
     target, w = PointTarget(nodes, TIMES, position, 1e-3), Weights(size=0.1, change=0.0)
-    found, _ = equilibria(system, [target], TIMES[:1], weights=w, static=EXACT, tolerance=1e-9)
-    best = found["activation"].values[:, 0]
+    states, _ = equilibria(system, [target], TIMES[:1], weights=w, static=EXACT, tolerance=1e-9)
+    best = states["activation"].values[:, 0]
 
     def objective(a):
         work = sim.Workspace(system)
@@ -60,15 +60,15 @@ def test_activations_minimise_the_objective(tracked):
 def test_a_target_out_of_reach_saturates_and_lost_markers_are_left_out(tracked):
     system, nodes, position = tracked
     far = position[:1] + 20.0 * (position[:1] - system.mesh.X[nodes])
-    found, _ = equilibria(
+    states, _ = equilibria(
         system, [PointTarget(nodes, TIMES[:1], far, 1e-3)], TIMES[:1], weights=Weights(size=1e-9)
     )
-    assert float(found["saturated"][0]) >= 1
-    assert float(found["activation"].max()) <= 1.0
+    assert float(states["saturated"][0]) >= 1
+    assert float(states["activation"].max()) <= 1.0
     lost = PointTarget(nodes, TIMES, np.full_like(position, np.nan), 1e-3)
-    found, _ = equilibria(system, [lost], TIMES)
-    assert float(np.abs(found["activation"]).max()) == 0.0
-    assert np.isnan(found["misfit"]).all()
+    states, _ = equilibria(system, [lost], TIMES)
+    assert float(np.abs(states["activation"]).max()) == 0.0
+    assert np.isnan(states["misfit"]).all()
 
 
 def test_a_separation_is_followed(tracked):
@@ -76,9 +76,11 @@ def test_a_separation_is_followed(tracked):
     base = np.flatnonzero(system.mesh.X[:, 2] == 0.0)
     rest = SeparationTarget(nodes, base, np.zeros(1), np.zeros(1)).value(system.mesh.X)[0]
     target = SeparationTarget(nodes, base, TIMES, rest - np.array([0.1e-3, 0.3e-3]), size=1e-6)
-    found, _ = equilibria(system, [target], TIMES, weights=Weights(size=1e-6, change=0.0))
-    assert found["misfit"].values == pytest.approx(0.0, abs=1.0)
-    assert found["activation"].sum("muscle").values[1] > found["activation"].sum("muscle").values[0]
+    states, _ = equilibria(system, [target], TIMES, weights=Weights(size=1e-6, change=0.0))
+    assert states["misfit"].values == pytest.approx(0.0, abs=1.0)
+    assert (
+        states["activation"].sum("muscle").values[1] > states["activation"].sum("muscle").values[0]
+    )
 
 
 def test_no_target_is_an_error():

@@ -26,13 +26,13 @@ pytestmark = pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
 
 def test_its_sEMG_becomes_activation_and_absent_muscles_are_named(real_c3d: Path) -> None:
     recording = read_recording(real_c3d, mapping=TRIAL | {"channels": GIVEN})
-    found = estimated_activation(recording, SignalChain(), "assisted", None)
-    a = found["activation"].sel(muscle=["ZYG_L", "RIS_L", "DAO_L", "MEN_L"])
+    estimate = estimated_activation(recording, SignalChain(), "assisted", None)
+    a = estimate["activation"].sel(muscle=["ZYG_L", "RIS_L", "DAO_L", "MEN_L"])
     assert 0.0 <= float(a.min()) and float(a.max()) <= 1.0
     assert (a.max("time") > 0.9).all() and (a.std("time") > 0.02).all()
-    assert float(found["time"][-1]) == pytest.approx(5.75, abs=0.1)
+    assert float(estimate["time"][-1]) == pytest.approx(5.75, abs=0.1)
     right = {m for m in MUSCLES if m.endswith("_R")}
-    missing = set(found.attrs["missing"].split())
+    missing = set(estimate.attrs["missing"].split())
     assert missing < right and {"ZYG_R", "LLSAN_R", "DAO_R", "MEN_R"} <= missing
 
 
@@ -48,7 +48,7 @@ def test_its_markers_are_not_those_of_a_face(real_c3d: Path, coarse: xr.Dataset)
         invert(wrong, coarse)
 
 
-def test_its_sEMG_beside_the_markers_of_a_face_is_inverted(
+def test_its_sEMG_with_the_markers_of_a_face_is_inverted(
     real_c3d: Path, coarse: xr.Dataset
 ) -> None:
     """Real channels and simulated markers on one clock: every step of the notebook runs."""
@@ -66,10 +66,10 @@ def test_its_sEMG_beside_the_markers_of_a_face_is_inverted(
         solver="linearly_implicit", gravity=False, contact={"method": "none"}, output=0.04,
         sigma_max=115e3,
     )  # fmt: skip
-    found = invert(both, coarse, free, parameters=InverseParameters(form="step"))
-    assert {"ZYG_R", "MEN_R"} <= set(found.attrs["missing"].split())
-    assert 0.0 <= float(found["activation"].min()) and float(found["activation"].max()) <= 1.0
-    assert np.isfinite(found["misfit"]).all() and np.isfinite(found.attrs["emg_agreement"])
+    inverse = invert(both, coarse, free, parameters=InverseParameters(form="step"))
+    assert {"ZYG_R", "MEN_R"} <= set(inverse.attrs["missing"].split())
+    assert 0.0 <= float(inverse["activation"].min()) and float(inverse["activation"].max()) <= 1.0
+    assert np.isfinite(inverse["misfit"]).all() and np.isfinite(inverse.attrs["emg_agreement"])
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ def test_the_other_files_lack_markers_or_sEMG(
 
 def sidecar_of(root: Path, name: str) -> str:
     """Description in docs/recordings of a file by its name."""
-    found = [
+    texts = [
         path.read_text(encoding="utf-8") for path in (root / "docs" / "recordings").glob("*.toml")
     ]
-    return next(text for text in found if f'"{name}"' in text)
+    return next(text for text in texts if f'"{name}"' in text)

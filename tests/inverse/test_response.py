@@ -106,12 +106,12 @@ def test_the_response_is_the_derivative_of_the_step(name):
     system = make()
     work = sim.Workspace(system)
     state = moving(system, integrator, work)
-    found = step_response(system, integrator, state, A0, 0.01, work, ActiveForces(system))
+    response = step_response(system, integrator, state, A0, 0.01, work, ActiveForces(system))
     exact = differences(system, integrator, state, A0)
-    assert np.abs(found.H - exact).max() <= 1e-6 * np.abs(exact).max()
+    assert np.abs(response.H - exact).max() <= 1e-6 * np.abs(exact).max()
     end, _ = integrator.step(system, state, sim.Control(A0, state.t + 0.01), 0.01, work)
     w = system.kinematics.velocities(end)
-    assert np.abs(found.w - w).max() <= 1e-9 * np.abs(w).max()
+    assert np.abs(response.w - w).max() <= 1e-9 * np.abs(w).max()
 
 
 def test_hard_volumes_follow_prescribed_nodes():
@@ -128,10 +128,10 @@ def test_hard_volumes_follow_prescribed_nodes():
     damping, volumes = sim.RestRayleigh(19.0, 0.055), (sim.HardElementVolume(),)
     system = sim.compile_scene(sim.Scene(mesh, (solid,), members, damping, volumes))
     work, state = sim.Workspace(system), system.rest_state()
-    found = step_response(system, EULER, state, A0, 0.01, work, ActiveForces(system))
+    response = step_response(system, EULER, state, A0, 0.01, work, ActiveForces(system))
     end, _ = EULER.step(system, state, sim.Control(A0, state.t + 0.01), 0.01, work)
     w = system.kinematics.velocities(end)
-    assert np.abs(found.w - w).max() <= 1e-9 * np.abs(w).max()
+    assert np.abs(response.w - w).max() <= 1e-9 * np.abs(w).max()
 
 
 def test_muscles_that_are_slack_at_rest_respond_where_they_are_stretched():
@@ -140,10 +140,10 @@ def test_muscles_that_are_slack_at_rest_respond_where_they_are_stretched():
     rest, work, active = system.rest_state(), sim.Workspace(system), ActiveForces(system)
     pose = system.kinematics.advance(rest.pose, np.array([2e-3, 0.0, 0.0, 0.0, 0.0, 0.0]), 0.0)
     state = system.kinematics.state(pose, np.zeros(6), {})
-    found = step_response(system, EULER, state, A0, 0.01, work, active)
+    response = step_response(system, EULER, state, A0, 0.01, work, active)
     exact = differences(system, EULER, state, A0)
-    assert found.H[0, 0] < 0.0 == found.H[0, 1] and last == 2
-    assert np.abs(found.H - exact).max() <= 1e-6 * np.abs(exact).max()
+    assert response.H[0, 0] < 0.0 == response.H[0, 1] and last == 2
+    assert np.abs(response.H - exact).max() <= 1e-6 * np.abs(exact).max()
 
 
 def test_the_affine_form_is_refused_where_moduli_depend_on_the_activation():
@@ -181,12 +181,14 @@ def test_joints_are_held_in_the_response():
     """A particle on a line responds only along it."""
     system, last = particle(circle(0.01), constant_muscles(circle(0.01)))
     joint = PointOnPlane("plane", last, None, (0.0, 0.0, 0.0), (1.0, 0.0, 1.0))
-    held = sim.compile_scene(replace(system.scene, joints=(joint,)))
-    a, work = np.full(16, 0.1), sim.Workspace(held)
-    found = step_response(held, EULER, held.rest_state(), a, 0.01, work, ActiveForces(held))
-    exact = differences(held, EULER, held.rest_state(), a)
-    assert np.abs(found.H - exact).max() <= 1e-6 * np.abs(exact).max()
-    assert np.abs(found.H[0] + found.H[2]).max() <= 1e-9 * np.abs(found.H).max()
+    jointed = sim.compile_scene(replace(system.scene, joints=(joint,)))
+    a, work = np.full(16, 0.1), sim.Workspace(jointed)
+    response = step_response(
+        jointed, EULER, jointed.rest_state(), a, 0.01, work, ActiveForces(jointed)
+    )
+    exact = differences(jointed, EULER, jointed.rest_state(), a)
+    assert np.abs(response.H - exact).max() <= 1e-6 * np.abs(exact).max()
+    assert np.abs(response.H[0] + response.H[2]).max() <= 1e-9 * np.abs(response.H).max()
 
 
 def pressed(friction=0.0):
@@ -206,15 +208,15 @@ def pressed(friction=0.0):
     )  # fmt: skip
 
 
-def closed_nodes(system, state, found) -> np.ndarray:
+def closed_nodes(system, state, response) -> np.ndarray:
     """Nodes of the lower face whose height does not respond."""
     X = system.mesh.X
     low = (X[:, 2] == 0.0) & (X[:, 0] > 0.0)
-    heights = (system.kinematics.matrix(state.pose) @ found.H).reshape(-1, 3, 2)[:, 2]
-    return np.flatnonzero(low & (np.abs(heights).max(axis=1) < 1e-9 * np.abs(found.H).max()))
+    heights = (system.kinematics.matrix(state.pose) @ response.H).reshape(-1, 3, 2)[:, 2]
+    return np.flatnonzero(low & (np.abs(heights).max(axis=1) < 1e-9 * np.abs(response.H).max()))
 
 
-def held_differences(system, state, found, closed) -> np.ndarray:
+def held_differences(system, state, response, closed) -> np.ndarray:
     """Differences of the whole equation of a step, with the rows of nodes as rigid conditions."""
     work = sim.Workspace(system)
     N = system.kinematics.matrix(state.pose).toarray()[3 * closed + 2]
@@ -227,18 +229,18 @@ def held_differences(system, state, found, closed) -> np.ndarray:
             line = sim.Line(a, 0.0 * a, state.t, 0.01)
             step = EULER.equation(system, state, line, work)
             A = np.block([[dense(system, step.A.values), N.T], [N, np.zeros((len(N), len(N)))]])
-            ends.append(np.linalg.solve(A, np.concatenate([step.rhs, N @ found.w]))[: -len(N)])
+            ends.append(np.linalg.solve(A, np.concatenate([step.rhs, N @ response.w]))[: -len(N)])
         exact.append((ends[0] - ends[1]) / 2e-4)
     return np.array(exact).T
 
 
 def test_closed_contacts_are_held_in_the_response():
     """Muscles press a block on a sheet; they do not move it through."""
-    system, state, found = pressed()
-    closed = closed_nodes(system, state, found)
-    assert len(closed) == found.rows > 0
-    exact = held_differences(system, state, found, closed)
-    assert np.abs(found.H - exact).max() <= 1e-6 * np.abs(exact).max()
+    system, state, pressure = pressed()
+    closed = closed_nodes(system, state, pressure)
+    assert len(closed) == pressure.rows > 0
+    exact = held_differences(system, state, pressure, closed)
+    assert np.abs(pressure.H - exact).max() <= 1e-6 * np.abs(exact).max()
 
 
 def test_contact_with_friction_has_no_response():

@@ -39,11 +39,11 @@ def particles() -> Iterator[Result]:
     """Check 1."""
     system, last = particle(tracks.ENDS, constant_muscles(tracks.ENDS))
     weights = Weights(size=1e-10, change=0.0)
-    found, _ = track(system, [tracks.lissajous(last)], duration=0.5, weights=weights)
-    error = float(np.abs(found["tracked"] - found["wanted"]).max()) * 1e-3 / 3e-3
+    tracked, _ = track(system, [tracks.lissajous(last)], duration=0.5, weights=weights)
+    error = float(np.abs(tracked["tracked"] - tracked["wanted"]).max()) * 1e-3 / 3e-3
     yield limited("1 Lissajous figure, distance over its size", error, 1e-6)
     programmes = [minimise_in_box(*tracks.problem(seed)).violation for seed in range(1000)]
-    worst = max(float(found["violation"].max()), *programmes)
+    worst = max(float(tracked["violation"].max()), *programmes)
     yield limited("1 change of one activation that is left, and in 1000 programmes", worst, 1e-10)
     rng = np.random.default_rng(0)
     J = 1.0 + 0.3 * rng.random((3, 16))
@@ -56,20 +56,20 @@ def particles() -> Iterator[Result]:
 def derivatives() -> Iterator[Result]:
     """Check 2."""
 
-    def off(found: np.ndarray, exact: np.ndarray) -> float:
-        return float(np.abs(found - exact).max() / np.abs(exact).max())
+    def off(response: np.ndarray, exact: np.ndarray) -> float:
+        return float(np.abs(response - exact).max() / np.abs(exact).max())
 
     for name, (make, integrator) in responses.CASES.items():
         system = make()
         work, a = sim.Workspace(system), responses.A0
         state = responses.moving(system, integrator, work)
-        found = step_response(system, integrator, state, a, H, work, ActiveForces(system))
+        response = step_response(system, integrator, state, a, H, work, ActiveForces(system))
         exact = responses.differences(system, integrator, state, a)
-        yield limited(f"2 H against differences: {name}", off(found.H, exact), 1e-6)
-    system, state, found = responses.pressed()
-    closed = responses.closed_nodes(system, state, found)
-    exact = responses.held_differences(system, state, found, closed)
-    yield limited(f"2 H with {found.rows} rows of contact", off(found.H, exact), 1e-6)
+        yield limited(f"2 H against differences: {name}", off(response.H, exact), 1e-6)
+    system, state, response = responses.pressed()
+    closed = responses.closed_nodes(system, state, response)
+    exact = responses.held_differences(system, state, response, closed)
+    yield limited(f"2 H with {response.rows} rows of contact", off(response.H, exact), 1e-6)
     stiffening = responses.block(terms=(responses.stiffening,))
     yield refused(
         "2 affine form with stiffening", sim.SceneError, lambda: require_affine(stiffening)
@@ -92,8 +92,8 @@ def known() -> Iterator[Result]:
         q = motion["node_position"].transpose("time", ...).values
         target = PointTarget(np.arange(q.shape[1]), motion["time"].values, q, 1e-6)
         weights = Weights(size=0.0, change=1e-12, rounds=3)
-        found, _ = track(system, [target], duration=0.5, weights=weights)
-        error = float(np.abs(found["activation"].values.T - true[1:]).max())
+        tracked, _ = track(system, [target], duration=0.5, weights=weights)
+        error = float(np.abs(tracked["activation"].values.T - true[1:]).max())
         yield limited(f"3 error of all activations, instruction {instruction}", error, 1e-4)
     yield null_directions()
 
@@ -103,8 +103,8 @@ def null_directions() -> Result:
     system, last = particle(tracks.ENDS, constant_muscles(tracks.ENDS))
     true, work = np.random.default_rng(0).uniform(0.2, 0.6, 16), sim.Workspace(system)
     euler, active, silent = sim.LinearlyImplicitEuler(), ActiveForces(system), np.zeros(16)
-    found = step_response(system, euler, system.rest_state(), silent, H, work, active)
-    J = 1e6 * H * found.H  # the position in micrometres
+    response = step_response(system, euler, system.rest_state(), silent, H, work, active)
+    J = 1e6 * H * response.H  # the position in micrometres
     rest, precision = np.full(16, 0.4), np.full(16, 1e-4)
     covariance = np.linalg.inv(J.T @ J + np.diag(precision))
     posterior = Posterior(covariance @ (J.T @ (J @ true) + precision * rest), covariance)
@@ -121,22 +121,22 @@ def null_directions() -> Result:
 
 def limits() -> Iterator[Result]:
     """Check 6."""
-    for name, (found, end), jump in (
+    for name, (tracked, end), jump in (
         ("6 target 50 mm away", tracks.infeasible(), 0.05),
         ("6 contact that opens and closes", tracks.pressed_and_released(), 0.1),
     ):
         a = np.concatenate(
-            [np.zeros((len(found["muscle"]), 1)), found["activation"].values], axis=1
+            [np.zeros((len(tracked["muscle"]), 1)), tracked["activation"].values], axis=1
         )
         bounded = bool(a.min() >= 0.0 and a.max() <= 1.0 and np.isfinite(end.q).all())
-        told = f"{a.min():.2g} to {a.max():.2g}, last misfit {float(found['misfit'][-1]):.3g}"
-        yield Result(f"{name}: activations and misfit", "within 0-1, finite", told, bounded)
+        text = f"{a.min():.2g} to {a.max():.2g}, last misfit {float(tracked['misfit'][-1]):.3g}"
+        yield Result(f"{name}: activations and misfit", "within 0-1, finite", text, bounded)
         largest = float(np.abs(np.diff(a, axis=1)).max())
         yield limited(f"{name}: largest change in a step", largest, jump + 1e-12)
         if "contact" in name:
-            rows = found["rows"].values
-            told = f"{rows.min():.0f} to {rows.max():.0f}"
-            yield Result(f"{name}: rows", "several numbers", told, bool(rows.max() > rows.min()))
+            rows = tracked["rows"].values
+            text = f"{rows.min():.0f} to {rows.max():.0f}"
+            yield Result(f"{name}: rows", "several numbers", text, bool(rows.max() > rows.min()))
 
 
 FAST = particles, limits, lambda: iter([null_directions()])

@@ -82,8 +82,8 @@ def test_opening_and_area_alone_recover_the_activation_of_two_muscles():
         AreaTarget(ring, t, areas, (0.0, 0.0, 1.0), 1e-8),
     ]
     weights = Weights(size=0.0, change=1e-10, rounds=3)
-    found, _ = track(system, targets, duration=0.05, h=h, weights=weights)
-    assert found["activation"].values == pytest.approx(np.tile(true[:, None], 5), abs=1e-5)
+    tracked, _ = track(system, targets, duration=0.05, h=h, weights=weights)
+    assert tracked["activation"].values == pytest.approx(np.tile(true[:, None], 5), abs=1e-5)
 
 
 @pytest.fixture(scope="module")
@@ -123,13 +123,13 @@ def test_lips_open_by_the_wanted_height_and_area(lips):
     assert area[-1] == pytest.approx(shape["area"] - shape["overlap"], rel=0.02)
     assert opening[-1] - opening[0] > 2e-3 and area[-1] > 1.5 * area[0]
     weights = Weights(size=1e-6, change=1e-6)
-    found, end = track(system, targets(t, opening, area), duration=0.2, h=h, weights=weights)
+    tracked, end = track(system, targets(t, opening, area), duration=0.2, h=h, weights=weights)
     reached = lip_shape(face, rim, end.q)
     assert reached["height"] == pytest.approx(shape["height"], abs=1e-5)
     assert reached["area"] - reached["overlap"] == pytest.approx(
         shape["area"] - shape["overlap"], abs=1e-6
     )
-    a = found["activation"].isel(time=-1).to_series()
+    a = tracked["activation"].isel(time=-1).to_series()
     assert a[["DLI_L", "DLI_R"]].min() > 0.05
     for name in system.muscles[:10]:
         assert a[name] == pytest.approx(a[f"{name[:-2]}_R"], abs=0.02)
@@ -138,12 +138,12 @@ def test_lips_open_by_the_wanted_height_and_area(lips):
 def test_lips_that_should_open_too_far_stay_in_the_bounds(lips):
     face, system, rim, targets = lips
     wanted = targets(STILL, np.array([0.1]), np.array([np.nan]))
-    found, end = track(system, wanted, duration=0.2, h=0.02, weights=Weights(jump=0.1, chase=0.1))
-    a = found["activation"].values
+    tracked, end = track(system, wanted, duration=0.2, h=0.02, weights=Weights(jump=0.1, chase=0.1))
+    a = tracked["activation"].values
     assert a.min() >= 0.0 and 0.9 < a.max() <= 1.0
     assert np.abs(np.diff(a, axis=1)).max() <= 0.1 + 1e-12
     reached = lip_opening(face, end.q)
-    left = (found["wanted"] - found["tracked"]).isel(quantity=0, time=-1)
+    left = (tracked["wanted"] - tracked["tracked"]).isel(quantity=0, time=-1)
     assert reached > 3e-3 and float(left) * 1e-4 == pytest.approx(0.1 - reached, abs=1e-6)
 
 
@@ -163,12 +163,12 @@ def bitten(jaw, left: float, right: float):
     node = np.array([parts.points["lower_incisor"]])
     closed = PointTarget(node, STILL, system.rest_state().q[node][None], 1e-4)
     high = np.isin(system.muscles, list(parts.muscles)).astype(float)
-    found, _ = track(
+    tracked, _ = track(
         system, [closed], duration=0.3, h=0.005,
         forces=[bite([0.0, 0.2], [[0, 0], [left, right]])],
         weights=Weights(size=1e-3, change=1e-3, chase=0.02, jump=0.05, high=high),
     )  # fmt: skip
-    last = found.isel(time=-1)
+    last = tracked.isel(time=-1)
     return last["tracked"].values[3:], last["activation"].to_series()
 
 
@@ -257,25 +257,30 @@ def test_the_derivatives_of_contact_forces_are_those_of_the_step():
     for _ in range(4):
         state = stepped(a)
     one = pressing([0.0], [0.0])
-    of = one.indices(system)
-    found = step_response(system, euler, state, a, h, sim.Workspace(system), ActiveForces(system))
-    force, slope = one.response(found, of)
-    assert force == pytest.approx(one.reached(system, stepped(a), of), rel=1e-6) and force[0] > 1e-3
+    indices = one.indices(system)
+    response = step_response(
+        system, euler, state, a, h, sim.Workspace(system), ActiveForces(system)
+    )
+    force, slope = one.response(response, indices)
+    assert (
+        force == pytest.approx(one.reached(system, stepped(a), indices), rel=1e-6)
+        and force[0] > 1e-3
+    )
     for i in range(2):
         way = 1e-3 * np.eye(2)[i]
-        ends = [one.reached(system, stepped(a + s * way), of)[0] for s in (1.0, -1.0)]
+        ends = [one.reached(system, stepped(a + s * way), indices)[0] for s in (1.0, -1.0)]
         assert slope[0, i] == pytest.approx((ends[0] - ends[1]) / 2e-3, rel=1e-5)
 
 
 def test_a_block_presses_with_the_wanted_force():
     system = pressed_block()
     wanted = pressing([0.0, 0.1, 0.2], [0.0, 0.02, 0.02])
-    found, end = track(
+    tracked, end = track(
         system, [], duration=0.2, forces=[wanted],
         initial=None, weights=Weights(size=1e-6, change=1e-3, jump=0.2),
     )  # fmt: skip
     assert wanted.reached(system, end, wanted.indices(system)) == pytest.approx([0.02], rel=0.01)
-    assert float(found["activation"].max()) < 1.0
+    assert float(tracked["activation"].max()) < 1.0
 
 
 def test_targets_that_a_scene_does_not_have_are_refused(jaw):

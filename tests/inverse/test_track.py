@@ -29,17 +29,19 @@ def lissajous(last: int, size: float = 3e-3, h: float = 0.01) -> PointTarget:
 
 def test_a_particle_follows_a_lissajous_figure():
     system, last = particle(ENDS, constant_muscles(ENDS))
-    found, _ = track(system, [lissajous(last)], duration=0.5, weights=Weights(size=1e-10, change=0))
-    error = np.abs(found["tracked"] - found["wanted"]).max()
+    tracked, _ = track(
+        system, [lissajous(last)], duration=0.5, weights=Weights(size=1e-10, change=0)
+    )
+    error = np.abs(tracked["tracked"] - tracked["wanted"]).max()
     assert error * 1e-3 <= 1e-6 * 3e-3
-    assert found["violation"].max() <= 1e-10
-    assert 0.0 <= found["activation"].min() and found["activation"].max() < 1.0
+    assert tracked["violation"].max() <= 1e-10
+    assert 0.0 <= tracked["activation"].min() and tracked["activation"].max() < 1.0
 
 
 def test_the_activations_repeat_the_motion_in_a_forward_simulation():
     system, last = particle(ENDS, constant_muscles(ENDS))
-    found, end = track(system, [lissajous(last)], duration=0.5)
-    a = found["activation"].values.T
+    tracked, end = track(system, [lissajous(last)], duration=0.5)
+    a = tracked["activation"].values.T
     drive = sim.Activation(0.01 * np.arange(51), np.concatenate([a[:1], a]))
     _, forward = sim.simulate(
         system, drive, duration=0.5, integrator=sim.LinearlyImplicitEuler(), steps=sim.FixedStep(0.01),
@@ -55,15 +57,15 @@ def test_the_quadratic_programme_is_solved_exactly(seed):
     J, y = rng.standard_normal((12, 20)), 3.0 * rng.standard_normal(12)
     low, high = np.zeros(20), rng.uniform(0.1, 1.0, 20)
     high[3] = low[3]  # prescribed
-    found = minimise_in_box(J.T @ J + 1e-4 * np.eye(20), J.T @ y, low, high)
-    assert found.violation <= 1e-10
+    minimum = minimise_in_box(J.T @ J + 1e-4 * np.eye(20), J.T @ y, low, high)
+    assert minimum.violation <= 1e-10
     rows = np.concatenate([J, 1e-2 * np.eye(20)])
     free = np.arange(20) != 3
     other = scipy.optimize.lsq_linear(
         rows[:, free], np.concatenate([y, np.zeros(20)]), (low[free], high[free]), tol=1e-14
     )
-    assert np.abs(found.x[free] - other.x).max() <= 1e-6
-    assert found.x[3] == 0.0
+    assert np.abs(minimum.x[free] - other.x).max() <= 1e-6
+    assert minimum.x[3] == 0.0
 
 
 def problem(seed: int):
@@ -79,8 +81,8 @@ def problem(seed: int):
 
 def test_the_optimality_conditions_hold_in_programmes_of_any_scale():
     """No activation alone could change by 1e-10; with small weights half of them were left at zero."""
-    found = [minimise_in_box(*problem(seed)).violation for seed in range(400)]
-    assert max(found) <= 1e-10, np.argsort(found)[-5:]
+    violations = [minimise_in_box(*problem(seed)).violation for seed in range(400)]
+    assert max(violations) <= 1e-10, np.argsort(violations)[-5:]
 
 
 def test_the_violation_is_the_change_that_would_still_lower_the_objective():
@@ -104,10 +106,10 @@ def test_a_small_weight_on_the_size_chooses_the_solution_of_least_norm():
     rng = np.random.default_rng(0)
     J = 1.0 + 0.3 * rng.random((3, 16))
     y = J @ np.full(16, 0.4)
-    found = minimise_in_box(J.T @ J + 1e-7 * np.eye(16), J.T @ y, np.zeros(16), np.ones(16))
+    minimum = minimise_in_box(J.T @ J + 1e-7 * np.eye(16), J.T @ y, np.zeros(16), np.ones(16))
     least = np.linalg.pinv(J) @ y
     assert 0.0 < least.min() and least.max() < 1.0
-    assert np.abs(found.x - least).max() <= 1e-6
+    assert np.abs(minimum.x - least).max() <= 1e-6
 
 
 def infeasible():
@@ -121,11 +123,11 @@ def infeasible():
 
 
 def test_an_infeasible_target_leaves_activations_bounded_and_its_residual_known():
-    found, end = infeasible()
-    a = found["activation"].values
+    tracked, end = infeasible()
+    a = tracked["activation"].values
     assert a.min() >= 0.0 and a[:, -1].max() == 1.0
     assert np.abs(np.diff(a, axis=1)).max() == pytest.approx(0.05, abs=1e-12)  # it binds
-    assert found["misfit"][-1] > 10.0 and np.isfinite(end.q).all()
+    assert tracked["misfit"][-1] > 10.0 and np.isfinite(end.q).all()
 
 
 def pressed_and_released():
@@ -144,24 +146,24 @@ def pressed_and_released():
 
 
 def test_a_contact_that_opens_and_closes_makes_no_jump():
-    found, end = pressed_and_released()
-    rows, a = found["rows"].values, found["activation"].values
+    tracked, end = pressed_and_released()
+    rows, a = tracked["rows"].values, tracked["activation"].values
     assert rows.max() > rows.min(), (rows, a)
     assert np.abs(np.diff(a, axis=1)).max() <= 0.1 + 1e-12
     assert 0.0 <= a.min() and a.max() <= 1.0 and np.isfinite(end.q).all()
     assert end.q[:, 2].min() > -1e-5
-    assert np.isfinite(found["misfit"]).all()
+    assert np.isfinite(tracked["misfit"]).all()
 
 
 def test_lost_markers_leave_the_others_and_the_activations_defined():
     system, last = particle(ENDS, constant_muscles(ENDS))
     target = lissajous(last)
     target.position[10:20] = np.nan
-    found, _ = track(system, [target], duration=0.5, weights=Weights(size=1e-8, jump=0.2))
-    a = found["activation"]
+    tracked, _ = track(system, [target], duration=0.5, weights=Weights(size=1e-8, jump=0.2))
+    a = tracked["activation"]
     assert np.isfinite(a).all() and np.abs(a.diff("time")).max() <= 0.2 + 1e-12
-    assert found["misfit"].isnull().sum() == 10
-    assert found["misfit"][-1] < 1e-3
+    assert tracked["misfit"].isnull().sum() == 10
+    assert tracked["misfit"][-1] < 1e-3
 
 
 def test_a_known_activation_is_recovered():
@@ -177,8 +179,8 @@ def test_a_known_activation_is_recovered():
     q = motion["node_position"].transpose("time", ...).values
     target = PointTarget(np.arange(q.shape[1]), t, q, 1e-6)
     weights = Weights(size=0.0, change=1e-12, rounds=3)
-    found, _ = track(system, [target], duration=0.2, weights=weights)
-    assert np.abs(found["activation"].values.T - true[1:]).max() <= 1e-4
+    tracked, _ = track(system, [target], duration=0.2, weights=weights)
+    assert np.abs(tracked["activation"].values.T - true[1:]).max() <= 1e-4
 
 
 def test_measured_activations_pull_and_prescribe():
@@ -186,29 +188,29 @@ def test_measured_activations_pull_and_prescribe():
     given = sim.Activation(np.zeros(1), np.full((1, 16), 0.3))
     trust = np.zeros(16)
     trust[:2], trust[2] = np.inf, 1e6
-    found, _ = track(
+    tracked, _ = track(
         system, [lissajous(last)], duration=0.1, measured=MeasuredActivation(given, trust)
     )
-    a = found["activation"].values
+    a = tracked["activation"].values
     assert (a[:2] == 0.3).all()
     assert np.abs(a[2] - 0.3).max() < 1e-3
-    assert found["misfit"].max() < 0.01  # the others make up for them
+    assert tracked["misfit"].max() < 0.01  # the others make up for them
 
 
 @pytest.mark.parametrize(("name", "alike"), [("point2d", 1e-6), ("point3d", 3e-4)])
 def test_the_recorded_runs_of_another_simulator_are_repeated_and_bettered(shared, name, alike):
     """Its controller is a setting of this one; its stated limit of 0.1 per step is not in its runs."""
-    system, target, run, told = recorded(shared / "artisynth_reference" / "inverse", name)
-    assert np.abs(np.diff(run["excitation"], axis=0)).max() > told["max_excitation_jump"]
+    system, target, run, settings = recorded(shared / "artisynth_reference" / "inverse", name)
+    assert np.abs(np.diff(run["excitation"], axis=0)).max() > settings["max_excitation_jump"]
 
     def tracked(**weights):
-        found, _ = track(
+        positions, _ = track(
             system, [target], duration=0.5, integrator=sim.LinearlyImplicitTrapezoidal(),
             weights=Weights(change=0.0, **weights),
         )  # fmt: skip
-        return found["activation"].values.T, found["tracked"].values.T
+        return positions["activation"].values.T, positions["tracked"].values.T
 
-    size = told["l2_weight"] / len(system.muscles)
+    size = settings["l2_weight"] / len(system.muscles)
     a, x = tracked(size=size, aim="velocity", normalise=True, form="affine")
     assert np.abs(a - run["excitation"]).max() <= alike
     assert np.abs(x - run["actual"][:, 0]).max() <= alike

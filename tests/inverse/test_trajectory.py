@@ -34,15 +34,15 @@ def targets(system, nodes=(20, 26), size=1e-4) -> list[PointTarget]:
 
 def test_derivatives_over_a_trial_are_those_of_finite_differences():
     system, c = block(), course()
-    found = linearise(system, targets(system), SPLINES, c, h=0.02, decayed=0.0)
+    linearised = linearise(system, targets(system), SPLINES, c, h=0.02, decayed=0.0)
     move = np.random.default_rng(1).standard_normal(c.shape)
     ends = [
         linearise(system, targets(system), SPLINES, c + s * move, h=0.02, derivatives=False)
         for s in (1e-4, -1e-4)
     ]
     slope = (ends[1].residual - ends[0].residual) / 2e-4  # residuals are wanted minus reached
-    assert np.abs(found.J @ move.ravel() - slope).max() <= 1e-6 * np.abs(slope).max()
-    gradient = -np.einsum("ti,tip->p", found.residual, found.J) @ move.ravel()
+    assert np.abs(linearised.J @ move.ravel() - slope).max() <= 1e-6 * np.abs(slope).max()
+    gradient = -np.einsum("ti,tip->p", linearised.residual, linearised.J) @ move.ravel()
     assert gradient == pytest.approx((ends[0].misfit - ends[1].misfit) / 2e-4, rel=1e-6)
 
 
@@ -64,8 +64,8 @@ def test_closed_contacts_hold_in_the_derivatives():
         ]
         slope = (ends[1].residual - ends[0].residual) / 2e-5
         for one in (system, pressed_block(False)):
-            found = linearise(one, target, splines, c, decayed=0.0).J @ move.ravel()
-            yield np.abs(found - slope).max() / np.abs(slope).max()
+            derivative = linearise(one, target, splines, c, decayed=0.0).J @ move.ravel()
+            yield np.abs(derivative - slope).max() / np.abs(slope).max()
 
     closed, free = off(pressed_block())
     assert closed <= 1e-6 and free > 0.05
@@ -79,9 +79,9 @@ def test_a_known_course_is_recovered_and_the_objective_decreases():
     nodes = np.array([20, 26])
     target = PointTarget(nodes, t, reached.reshape(20, 2, 3), 1e-6)
     flat = prior(SPLINES, t, 1e3, 1e9, 1e3, np.zeros((20, 2)), np.zeros(2))
-    found = fit(system, [target], SPLINES, 0.0 * true, flat, iterations=30, enough=1e-12)
-    assert np.all(np.diff(found.objective) < 0.0) and not found.converged  # it decreases to 0
-    a, b = (SPLINES.basis(t) @ c for c in (found.linearised.coefficients, true))
+    fitted = fit(system, [target], SPLINES, 0.0 * true, flat, iterations=30, enough=1e-12)
+    assert np.all(np.diff(fitted.objective) < 0.0) and not fitted.converged  # it decreases to 0
+    a, b = (SPLINES.basis(t) @ c for c in (fitted.linearised.coefficients, true))
     assert np.abs(a - b).max() <= 1e-3
 
 
@@ -89,8 +89,8 @@ def test_a_fit_tells_whether_it_converged():
     system, t = block(), 0.01 * np.arange(1, 21)
     density = prior(SPLINES, t, 0.5, 0.3, 2.0, np.zeros((20, 2)), np.zeros(2))
     begin = np.zeros((SPLINES.n, 2))
-    found = fit(system, targets(system), SPLINES, begin, density, iterations=20)
-    assert found.converged and len(found.objective) < 20
+    fitted = fit(system, targets(system), SPLINES, begin, density, iterations=20)
+    assert fitted.converged and len(fitted.objective) < 20
     short = fit(system, targets(system), SPLINES, begin, density, iterations=1)
     assert not short.converged and len(short.objective) == 2
 
@@ -104,11 +104,11 @@ def test_what_has_no_derivatives_over_a_trial_is_refused_or_exact(make):
         with pytest.raises(sim.SceneError, match="damping that varies: leave these out"):
             linearise(system, targets(system), SPLINES, c, h=0.02)
         return
-    found = linearise(system, targets(system), SPLINES, c, h=0.02, decayed=0.0)
+    linearised = linearise(system, targets(system), SPLINES, c, h=0.02, decayed=0.0)
     move = np.random.default_rng(1).standard_normal(c.shape)
     ends = [
         linearise(system, targets(system), SPLINES, c + s * move, h=0.02, derivatives=False)
         for s in (1e-4, -1e-4)
     ]
     slope = (ends[1].residual - ends[0].residual) / 2e-4
-    assert np.abs(found.J @ move.ravel() - slope).max() <= 1e-6 * np.abs(slope).max()
+    assert np.abs(linearised.J @ move.ravel() - slope).max() <= 1e-6 * np.abs(slope).max()

@@ -26,8 +26,8 @@ def test_the_table_has_one_row_for_every_check_in_the_order_of_the_checks(monkey
         "free_body",
         lambda jaw: [{"check": "1 energy", "planar, hyoid fixed": "1e-9"}],
     )
-    found = {"planar, hyoid fixed": {"6 b": 1.0, "2 a": "x"}, "curved, hyoid free": {"2 z": 3.0}}
-    monkeypatch.setattr(jaw_published, "in_variant", lambda jaw, name: found[name])
+    results = {"planar, hyoid fixed": {"6 b": 1.0, "2 a": "x"}, "curved, hyoid free": {"2 z": 3.0}}
+    monkeypatch.setattr(jaw_published, "in_variant", lambda jaw, name: results[name])
     monkeypatch.setattr(jaw_published, "chewing_with_stored_parameters", lambda: {"5 chew": 2.0})
     table = jaw_published.checks()
     assert table["check"].tolist() == ["1 energy", "2 a", "2 z", "5 chew", "6 b"]
@@ -37,17 +37,17 @@ def test_the_table_has_one_row_for_every_check_in_the_order_of_the_checks(monkey
 
 def test_a_free_mandible_keeps_energy_and_momentum(published):
     """1e-8 over a second is wanted; an inertia of the wrong frame would change the order too."""
-    found = {
+    results = {
         row["check"]: row["planar, hyoid fixed"]
         for row in jaw_published.free_body(published("fixed"))
     }
-    assert 0.0 < float(found["1 energy over 1 s, relative"]) < 1e-8
-    assert float(found["1 angular momentum over 1 s, relative"]) < 1e-8
-    assert float(found["1 order of RK4 with rotation"]) == pytest.approx(4.0, abs=0.1)
+    assert 0.0 < float(results["1 energy over 1 s, relative"]) < 1e-8
+    assert float(results["1 angular momentum over 1 s, relative"]) < 1e-8
+    assert float(results["1 order of RK4 with rotation"]) == pytest.approx(4.0, abs=0.1)
 
 
 def test_right_chewing_is_the_mirror_image_if_the_bodies_are(published):
-    """1e-6 mm is wanted: the centre of the imported hyoid lies 1.4 um beside the midline."""
+    """1e-6 mm is wanted: the centre of the imported hyoid lies 1.4 um off the midline."""
     jaw = published("larynx")
     error = jaw_published.mirror_error(jaw_published.symmetric(jaw), 0.3, step=5e-3)
     assert error < 1e-8
@@ -67,8 +67,8 @@ def test_the_stored_pull_is_compared_on_the_branch_of_its_force(shared, publishe
     ours = jaw_published.on_branches(moved)
     assert (ours["falling"] - ours["rising"])[2, 2] == pytest.approx(lag, abs=0.1)
     assert jaw_published.misses(stored)["rms over the ramp"] == 0.0
-    found = jaw_published.misses(moved)
-    assert max(abs(found[f"up, {branch}"]) for branch in known) < 2.0
+    differences = jaw_published.misses(moved)
+    assert max(abs(differences[f"up, {branch}"]) for branch in known) < 2.0
 
 
 def test_a_task_that_ends_at_rest_is_continued_until_it_does(published):
@@ -81,13 +81,13 @@ def test_a_task_that_ends_at_rest_is_continued_until_it_does(published):
     assert "end_speed" not in run_task(published("fixed"), TASKS["open"], check=False).attrs
 
 
-def test_a_jaw_that_still_moves_at_the_end_is_told(published, tmp_path):
+def test_a_jaw_that_still_moves_at_the_end_is_reported(published, tmp_path):
     path = tmp_path / "jaw.nc"
     write_netcdf(published("larynx"), path, "jaw_model")
     command = ["jaw", "run", str(path), "--task", "rest", "--duration", "0.2", "--out"]
-    told = CliRunner().invoke(app, [*command, str(tmp_path / "rest.nc")])
-    assert told.exit_code == 0, told.output
-    assert "At the end, 0.2 s, a point still moves at" in " ".join(told.output.split())
+    result = CliRunner().invoke(app, [*command, str(tmp_path / "rest.nc")])
+    assert result.exit_code == 0, result.output
+    assert "At the end, 0.2 s, a point still moves at" in " ".join(result.output.split())
 
 
 def test_a_jaw_that_never_rests_is_not_simulated_for_ever(monkeypatch):

@@ -1,4 +1,4 @@
-"""A motion of a jaw beside a recording: path, scores, baselines and page."""
+"""A motion of a jaw compared with a recording: path, scores, baselines and page."""
 
 import numpy as np
 import pytest
@@ -26,13 +26,13 @@ def recording(truth):
     return simulated_recording(truth)
 
 
-def test_scores_stand_beside_those_of_motions_that_must_be_worse(truth, recording):
+def test_scores_stand_next_to_those_of_motions_that_must_be_worse(truth, recording):
     """Recorded with noise of 0.1 mm, the motion itself scores 1, the others as computed by hand."""
     driven = truth.assign_attrs(recorded_start=0.0)
     still = driven.copy(deep=True)
     still["position"].values[:] = driven["position"].values[..., :1]
-    found = compare_with_recording(recording, driven, {"still": still})
-    rows = {row[0]: row[2:] for row in found.scores.rows}
+    compared = compare_with_recording(recording, driven, {"still": still})
+    rows = {row[0]: row[2:] for row in compared.scores.rows}
     rho, ratio, rmse, shift = rows["simulated"]
     assert rho > 0.999
     assert ratio == pytest.approx(1.0, abs=0.01)
@@ -43,8 +43,8 @@ def test_scores_stand_beside_those_of_motions_that_must_be_worse(truth, recordin
     away = np.sqrt(((x - x.mean(axis=0)) ** 2).sum(axis=1).mean())
     assert rows["none (the point rests)"][2] == pytest.approx(away, rel=0.02)
     assert np.isnan(rows["still"][0])
-    assert "has an equally high score" not in found.scores.note
-    apart = found.path.sel(marker="lower_incisor").values.T - x
+    assert "has an equally high score" not in compared.scores.note
+    apart = compared.path.sel(marker="lower_incisor").values.T - x
     assert np.sqrt(np.nanmean((apart**2).sum(axis=1))) == pytest.approx(rmse, rel=1e-6)
     assert np.isfinite(apart).mean() > 0.98
 
@@ -72,7 +72,7 @@ def test_the_recorded_point_turns_with_the_head():
     assert np.isnan(np.delete(drawn, k, axis=1)).all()
 
 
-def test_commands_show_and_score_beside_a_recording(tmp_path, truth, recording):
+def test_commands_show_and_score_with_a_recording(tmp_path, truth, recording):
     write_netcdf(truth, tmp_path / "motion.nc", "jaw_motion")
     write_netcdf(truth, tmp_path / "exchanged.nc", "jaw_motion")
     write_recording(recording, tmp_path / "trial.nc")
@@ -85,24 +85,24 @@ def test_commands_show_and_score_beside_a_recording(tmp_path, truth, recording):
         ["score", files["trial.nc"], files["motion.nc"], "--out", files["s.nc"], *beside_it],
         [*show, "--recording", files["trial.nc"], *beside_it],
     ):
-        told = CliRunner().invoke(app, command)
-        assert told.exit_code == 0, told.output
+        result = CliRunner().invoke(app, command)
+        assert result.exit_code == 0, result.output
         text = (
-            told.output + (tmp_path / "motion.html").read_text()
+            result.output + (tmp_path / "motion.html").read_text()
             if "show" in command
-            else told.output
+            else result.output
         )
         for row in ("backwards in time", "exchanged", "the point rests", "was not estimated"):
             assert row in " ".join(text.split())
     page = (tmp_path / "motion.html").read_text()
     assert "recorded point" in page
     assert '"measured": null' not in page
-    told = CliRunner().invoke(app, [*show, *beside_it])
-    assert told.exit_code == 2
-    assert "expected the motion of a jaw and its recording" in " ".join(told.output.split())
+    result = CliRunner().invoke(app, [*show, *beside_it])
+    assert result.exit_code == 2
+    assert "expected the motion of a jaw and its recording" in " ".join(result.output.split())
 
 
-def test_a_movement_that_is_the_same_backwards_is_told(truth):
+def test_a_movement_that_is_the_same_backwards_is_reported(truth):
     """One symmetric opening says nothing about its course, however high its score is."""
     motion = truth.copy(deep=True).assign_attrs(recorded_start=0.0)
     t = motion["time"].values

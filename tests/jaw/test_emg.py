@@ -69,8 +69,8 @@ def test_excitation_follows_the_activation_of_the_recorded_muscles(recording, ef
     n is the noise at rest, relative to maximum effort. The maximum of the reference exceeds its mean by
     the standard deviation of such an RMS, 1 / (2 sqrt(B T)) = 0.11 with a bandwidth B of about 100 Hz.
     """
-    found = excitation_of(recording, RMS, reference=[effort])
-    t = found["time"].values + found.attrs["recorded_start"]
+    excitation = excitation_of(recording, RMS, reference=[effort])
+    t = excitation["time"].values + excitation.attrs["recorded_start"]
     window = np.linspace(-0.1, 0.1, 81)
     a = truth["activation"]
     submental = 0.7 * a.sel(muscle="ad_R") + 0.3 * a.sel(muscle="am_R")
@@ -82,7 +82,7 @@ def test_excitation_follows_the_activation_of_the_recorded_muscles(recording, ef
         rest, full = (float(signal.sel(time_emg=slice(*s)).std()) for s in ((0.0, 0.1), plateau))
         own = np.array([np.mean(np.interp(x + window, truth["time"], drive) ** 2) for x in t])
         expected = np.sqrt(own + (rest / full) ** 2) - rest / full
-        u = found["excitation"].sel(exciter=exciter).values
+        u = excitation["excitation"].sel(exciter=exciter).values
         assert np.corrcoef(u, expected)[0, 1] > 0.95
         assert 0.75 < (u @ expected) / (expected @ expected) < 1.1
 
@@ -158,8 +158,8 @@ def test_commands_go_from_motion_to_score(tmp_path, truth):
         ["run", f["jaw"], "--excitation", f["u"], "--out", f["again"], "--step", "0.005"],
         ["score", f["rec"], f["again"], "--out", f["scores"]],
     ):
-        told = CliRunner().invoke(app, ["jaw", *command])
-        assert told.exit_code == 0, told.output
+        result = CliRunner().invoke(app, ["jaw", *command])
+        assert result.exit_code == 0, result.output
     assert read_netcdf(f["scores"], "scores").attrs["origin"] == "simulated"
     assert '"low":20.0' in read_netcdf(f["u"], "jaw_excitation").attrs["parameters"]
     assert read_excitation(f["u"]).recorded_start == pytest.approx(0.1, abs=1e-3)
@@ -176,9 +176,9 @@ def test_recorded_path_of_a_person_is_scored(shared, jaw):
         attrs={"origin": "measured"},
     )  # fmt: skip
     motion = run_task(jaw, TASKS["lateral"], step=STEP)
-    found = score_motion(recording, motion)
-    assert -1.0 <= float(found["rho"][0]) <= 1.0
-    assert found.attrs["origin"] == "measured"
+    scores = score_motion(recording, motion)
+    assert -1.0 <= float(scores["rho"][0]) <= 1.0
+    assert scores.attrs["origin"] == "measured"
     with pytest.raises(SchemaError, match="expected emg"):
         excitation_of(recording)
     with pytest.raises(MarkerError, match="markers jaw, expected one of"):

@@ -35,18 +35,18 @@ def recorded():
 
 
 def scaled(recording, factor, channel=None):
-    found = recording.copy(deep=True)
-    own = slice(None) if channel is None else found["channel"].values == channel
-    found["emg"].values[own] *= factor
-    return found
+    copied = recording.copy(deep=True)
+    own = slice(None) if channel is None else copied["channel"].values == channel
+    copied["emg"].values[own] *= factor
+    return copied
 
 
 def noisy(recording, channel):
     """The recording with a channel that holds the noise of a loose electrode alone."""
-    found = recording.copy(deep=True)
-    noise = np.random.default_rng(5).standard_normal(found.sizes["time_emg"])
-    found["emg"].values[found["channel"].values == channel] = 5e-6 * noise
-    return found
+    copied = recording.copy(deep=True)
+    noise = np.random.default_rng(5).standard_normal(copied.sizes["time_emg"])
+    copied["emg"].values[copied["channel"].values == channel] = 5e-6 * noise
+    return copied
 
 
 def resampled(recording, rate):
@@ -64,16 +64,16 @@ def test_sides_and_polarity_are_those_of_the_electrodes(recorded):
     _, own, effort = recorded
     u = excitation_of(own, chain("rms"), reference=[effort])["excitation"]
     both = [exchanged(r) for r in (own, effort)]
-    found = excitation_of(both[0], chain("rms"), reference=both[1:])["excitation"]
+    excitation = excitation_of(both[0], chain("rms"), reference=both[1:])["excitation"]
     for exciter in ("t", "m", "ad"):
         np.testing.assert_allclose(
-            found.sel(exciter=f"{exciter}_L"), u.sel(exciter=f"{exciter}_R"), atol=1e-12
+            excitation.sel(exciter=f"{exciter}_L"), u.sel(exciter=f"{exciter}_R"), atol=1e-12
         )
     upside = excitation_of(scaled(own, -1.0), chain("rms"), reference=[effort])["excitation"]
     np.testing.assert_allclose(upside, u, atol=1e-12)
     both = [scaled(r, 1e3) for r in (own, effort)]  # the same gain or unit of both
-    found = excitation_of(both[0], chain("rms"), reference=both[1:])["excitation"]
-    np.testing.assert_allclose(found, u, atol=1e-12)
+    excitation = excitation_of(both[0], chain("rms"), reference=both[1:])["excitation"]
+    np.testing.assert_allclose(excitation, u, atol=1e-12)
 
 
 def test_noise_is_not_amplified_to_effort(recorded):
@@ -81,10 +81,10 @@ def test_noise_is_not_amplified_to_effort(recorded):
     _, own, effort = recorded
     loose = noisy(own, "MAS_L")
     with pytest.warns(FeatureWarning, match=r"channel MAS_L: .* excitation is zero"):
-        found = excitation_of(loose, chain("rms"))
-    assert found.attrs["resting"] == "MAS_L"
-    assert float(found["excitation"].sel(exciter="m_L").max()) == 0.0
-    assert float(found["excitation"].sel(exciter="m_R").max()) > 0.9
+        excitation = excitation_of(loose, chain("rms"))
+    assert excitation.attrs["resting"] == "MAS_L"
+    assert float(excitation["excitation"].sel(exciter="m_L").max()) == 0.0
+    assert float(excitation["excitation"].sel(exciter="m_R").max()) > 0.9
     with pytest.raises(JawError, match=r"channel MAS_L is .* expected at least 2 times"):
         excitation_of(loose, chain("rms"), reference=[noisy(effort, "MAS_L")])
 
@@ -139,7 +139,7 @@ def exchanged(recording):
     return recording.assign_coords(channel=[other[str(c)] for c in recording["channel"].values])
 
 
-def test_sides_that_are_exchanged_in_one_file_are_told(recorded):
+def test_sides_that_are_exchanged_in_one_file_are_reported(recorded):
     """The motion then scored 0.89 instead of 0.91; exchanged in both files, nothing shows it."""
     _, own, effort = recorded
     for a, b in ((own, exchanged(effort)), (exchanged(own), effort)):
@@ -165,7 +165,7 @@ def test_levels_of_one_sided_movements_are_no_exchange():
         tell_exchanged_sides(names, np.tile(wrong, (3, 1)), [np.tile(gain, (3, 1))])
 
 
-def test_another_rate_than_that_of_the_willison_threshold_is_told(recorded):
+def test_another_rate_than_that_of_the_willison_threshold_is_reported(recorded):
     """With 1000 Hz in both files the motion scored 0.11 instead of 0.92 at 2048 Hz."""
     _, own, effort = recorded
     low = [resampled(r, 1000.0) for r in (own, effort)]

@@ -42,10 +42,10 @@ def test_series_of_another_program_are_interpolated_as_by_that_program(shared, r
     """Excitations of a recorded chewing cycle; those of groups are negative there, and zero here."""
     case, arrays = recorded("larynx_rightchew_probes")
     folder = shared / "artisynth_models" / "jaw_larynx" / "probes" / "rightchew"
-    found = read_probes(folder).values
+    probes = read_probes(folder).values
     for muscle, exciter in (("lsm", "sm_L"), ("rat", "at_R"), ("lip", "ip_L"), ("rpm", "my_R")):
         theirs = arrays["muscle_excitation"][:, case["muscles"].index(muscle)]
-        ours = found[exciter][::5]
+        ours = probes[exciter][::5]
         where = (theirs != 0.0) | (ours > 0.0)
         np.testing.assert_allclose(ours[where], theirs[where], atol=1e-8)
 
@@ -82,7 +82,7 @@ def test_times_that_cannot_be_seconds_are_refused(time, said, tmp_path):
         read_excitation(tmp_path / "drive.csv")
 
 
-def test_a_dense_series_in_milliseconds_is_told(tmp_path):
+def test_a_dense_series_in_milliseconds_is_reported(tmp_path):
     """At 10 kHz its intervals of 0.1 are those of a slow series in seconds."""
     time = np.arange(0.0, 500.0, 0.1)
     pd.DataFrame({"time": time, "bi_all": 0.1}).to_csv(tmp_path / "drive.csv", index=False)
@@ -98,18 +98,18 @@ def test_an_absent_file_of_excitations_is_named(tmp_path):
             read_excitation(tmp_path / name)
 
 
-def test_a_late_start_is_told_and_milliseconds_of_files_are_converted(tmp_path):
+def test_a_late_start_is_reported_and_milliseconds_of_files_are_converted(tmp_path):
     table = pd.DataFrame({"time": [0.3, 0.6], "bi_all": [0.2, 0.4]})
     table.to_csv(tmp_path / "drive.csv", index=False)
     with pytest.warns(FeatureWarning, match="begins at 0.3 s: its first values are used"):
         given = read_excitation(tmp_path / "drive.csv")
     a, _ = given.activation(small_jaw())
-    told = a.assign_coords(time=("time", 1e3 * a["time"].values, {"units": "ms"}))
-    told.to_dataset(name="activation").to_netcdf(tmp_path / "drive.nc")
+    late = a.assign_coords(time=("time", 1e3 * a["time"].values, {"units": "ms"}))
+    late.to_dataset(name="activation").to_netcdf(tmp_path / "drive.nc")
     with pytest.warns(FeatureWarning):
         np.testing.assert_allclose(read_excitation(tmp_path / "drive.nc").time, [0.3, 0.6])
-    told["time"].attrs["units"] = "mV"
-    told.to_dataset(name="activation").to_netcdf(tmp_path / "drive2.nc")
+    late["time"].attrs["units"] = "mV"
+    late.to_dataset(name="activation").to_netcdf(tmp_path / "drive2.nc")
     with pytest.raises(JawError, match="not a unit of time"):
         read_excitation(tmp_path / "drive2.nc")
 
@@ -166,9 +166,9 @@ def test_command_moves_a_jaw_by_a_table(tmp_path):
         "--step",
         "0.005",
     ]
-    told = CliRunner().invoke(app, command)
-    assert told.exit_code == 0, told.output
-    assert "down to -0.1, were set to zero" in told.output.replace("\n", " ")
+    result = CliRunner().invoke(app, command)
+    assert result.exit_code == 0, result.output
+    assert "down to -0.1, were set to zero" in result.output.replace("\n", " ")
     motion = read_netcdf(files[2], "jaw_motion")
     assert (motion.attrs["task"], motion.attrs["origin"]) == ("drive", "simulated")
     assert float(motion["time"][-1]) == pytest.approx(0.02)
@@ -197,9 +197,9 @@ def test_invalid_tasks_are_refused_with_a_reason(tmp_path):
     )
 
 
-def test_a_loss_of_stability_is_told(capsys):
+def test_a_loss_of_stability_is_reported(capsys):
     lost = {"unstable_from_s": 0.12, "unstable_until_s": 0.2}
-    for attrs, told in (({}, False), (lost, True)):
+    for attrs, reported in (({}, False), (lost, True)):
         motion = xr.Dataset(attrs={"clipped_excitation": 0.0, "task": "chew", **attrs})
         tell_motion(motion, "chew.nc", "jaw")
-        assert ("lost stability between 0.12 and 0.2 s" in capsys.readouterr().err) == told
+        assert ("lost stability between 0.12 and 0.2 s" in capsys.readouterr().err) == reported

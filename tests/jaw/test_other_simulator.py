@@ -62,7 +62,7 @@ def test_a_recorded_chew_is_driven_by_the_series_that_it_names(recorded, shared)
         "food_bolus": "left bolus active: diameter 10 mm",
     }
     for text, side, folder in ((case, "R", "rightchew"), (other, "L", "leftchew")):
-        found, morsel = driven(text, 0.2)
+        excitation, morsel = driven(text, 0.2)
         wanted = read_probes(probes / folder, duration=0.2)
-        assert morsel == side and set(found.values) == set(wanted.values)
-        assert all((found.values[name] == wanted.values[name]).all() for name in wanted.values)
+        assert morsel == side and set(excitation.values) == set(wanted.values)
+        assert all((excitation.values[name] == wanted.values[name]).all() for name in wanted.values)

@@ -1,4 +1,4 @@
-"""Outcome of tasks of the imported model beside published numbers."""
+"""Outcome of tasks of the imported model and published numbers."""
 
 import pandas as pd
 import pytest
@@ -14,16 +14,16 @@ from emgface.schema.netcdf import write_netcdf
 @pytest.mark.parametrize(("force", "stored", "static"), [(1.14, 12.75, 14.1), (4.56, 33.59, 35.3)])
 def test_pull_on_the_incisor_lowers_it_as_stored(published, force, stored, static):
     """Within 2 mm of the stored result of the program, 0.1 mm of a static solution of the same model."""
-    found = outcome(run_task(published("fixed"), TASKS["pull"], load=(0.0, 0.0, -force)))
-    assert found["end_down"] == pytest.approx(stored, abs=2.0)
-    assert found["end_down"] == pytest.approx(static, abs=0.1)
-    assert abs(found["end_right"]) < 1e-3
+    measures = outcome(run_task(published("fixed"), TASKS["pull"], load=(0.0, 0.0, -force)))
+    assert measures["end_down"] == pytest.approx(stored, abs=2.0)
+    assert measures["end_down"] == pytest.approx(static, abs=0.1)
+    assert abs(measures["end_right"]) < 1e-3
 
 
 def test_wide_opening_has_the_published_gape(published):
     """Stavness et al. 2006, section 3.1: 38 mm in the text, 35 mm in figure 4."""
-    found = outcome(run_task(published("larynx"), TASKS["open"]))
-    assert 35.0 <= found["gape"] <= 39.0
+    measures = outcome(run_task(published("larynx"), TASKS["open"]))
+    assert 35.0 <= measures["gape"] <= 39.0
 
 
 def test_tasks_run_without_the_muscles_that_a_fixed_hyoid_lacks(published, shared, tmp_path):
@@ -42,18 +42,20 @@ def test_tasks_run_without_the_muscles_that_a_fixed_hyoid_lacks(published, share
         "--out",
         str(out),
     ]
-    told = CliRunner().invoke(app, command)
-    assert told.exit_code == 0, told.output
+    run = CliRunner().invoke(app, command)
+    assert run.exit_code == 0, run.output
     table = pd.read_csv(out).set_index("task")
     assert set(table.index) == set(TASKS)
     assert "bi_infrahyoid" in table.loc["gape", "without"]
     assert table["without"].isna()["open"]
     assert 10.0 < table.loc["chew", "down"] < 30.0
-    for options, told in (
+    for options, run in (
         ([str(out), "--set", "morsel=L"], "are settings of a task"),
         (["open", "--set", f"series={series}"], "the task 'open' has no series"),
         (["rest", "--set", f"series={series}"], "the task 'rest' has no series"),
     ):  # neither was used, without a word
         given = ["simulate", *options, "--model", str(jaw), "--out", str(tmp_path / "m.nc")]
-        found = CliRunner().invoke(app, given)
-        assert found.exit_code == 2 and told in " ".join(found.output.replace("\u2502", "").split())
+        result = CliRunner().invoke(app, given)
+        assert result.exit_code == 2 and run in " ".join(
+            result.output.replace("\u2502", "").split()
+        )

@@ -43,12 +43,12 @@ def test_parts_are_those_of_the_program(shared, published, variant):
         assert float(row["muscle_passive_fraction"]) == stated["passiveFraction"]
         assert float(row["muscle_damping"]) == stated["damping"]
 
-    found = [
+    lengths_of_parts = [
         np.sort(np.linalg.norm(np.diff(jaw["spring_position"] * 1e3, axis=1), axis=2).ravel()),
         np.sort(jaw["spring_rest_length"] * 1e3),
     ]
     springs = model["springs"]
-    for lengths, key in zip(found, ("length_mm", "rest_length_mm"), strict=True):
+    for lengths, key in zip(lengths_of_parts, ("length_mm", "rest_length_mm"), strict=True):
         np.testing.assert_allclose(lengths, sorted(s[key] for s in springs), rtol=1e-9)
 
     groups = model["exciters"]

@@ -64,14 +64,14 @@ def test_the_estimate_of_a_known_error():
     """x = t + c h^p: the part of the series is exact, and the largest jump so far is added to it."""
     t, h, c = np.linspace(0.0, 1.0, 5), 0.1, 3.0
     for order in (1, 2):
-        found = []
+        motions = []
         for step in (h, 0.5 * h):
             x = np.zeros((2, 3, 5)) + t
             x[1, 2] += c * step**order * np.array([0.0, 1.0, -2.0, 1.0, 0.0])
             jump = ("time", np.array([0.0, 0.0, 0.0, 7.0, 1.0]))
-            found.append(xr.Dataset({"position": (("marker", "axis", "time"), x), "jump": jump}))
+            motions.append(xr.Dataset({"position": (("marker", "axis", "time"), x), "jump": jump}))
         expected = c * h**order * np.array([0.0, 1.0, 2.0, 2.0, 2.0]) + [0.0, 0.0, 0.0, 7.0, 7.0]
-        np.testing.assert_allclose(estimated_error(*found, order), expected, atol=1e-13)
+        np.testing.assert_allclose(estimated_error(*motions, order), expected, atol=1e-13)
 
 
 def test_a_repetition_does_not_change_the_motion():
@@ -89,11 +89,11 @@ def test_command_tells_the_error_and_reaches_a_desired_one(tmp_path):
     (tmp_path / "drive.csv").write_text(table)
     run = ["jaw", "run", str(tmp_path / "jaw.nc"), "--excitation", str(tmp_path / "drive.csv")]
     out = ["--out", str(tmp_path / "motion.nc")]
-    told = CliRunner().invoke(app, [*run, *out])
-    assert told.exit_code == 0
-    assert "Estimated error of the time steps" in " ".join(told.output.split())
-    told = CliRunner().invoke(app, [*run, *out, "--accuracy", "0.1 mm"])
-    assert told.exit_code == 0
+    result = CliRunner().invoke(app, [*run, *out])
+    assert result.exit_code == 0
+    assert "Estimated error of the time steps" in " ".join(result.output.split())
+    result = CliRunner().invoke(app, [*run, *out, "--accuracy", "0.1 mm"])
+    assert result.exit_code == 0
     with xr.open_dataset(tmp_path / "motion.nc") as motion:
         assert motion.attrs["numerical_error"] <= 1e-4
     wrong = CliRunner().invoke(app, [*run, *out, "--accuracy", "study"])

@@ -157,8 +157,8 @@ def test_commands_build_run_and_show(tmp_path):
         ["show", files["open.nc"]],
         ["show", files["open.nc"], "--out", files["open.png"]],
     ):
-        told = CliRunner().invoke(app, ["jaw", *command])
-        assert told.exit_code == 0, told.output
+        result = CliRunner().invoke(app, ["jaw", *command])
+        assert result.exit_code == 0, result.output
     assert read_netcdf(files["jaw.nc"], "jaw_model").attrs["measure_condyle_width"] == 0.095
     page = (tmp_path / "open.html").read_text(encoding="utf-8")
     assert "simulated motion" in page

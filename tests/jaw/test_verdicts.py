@@ -27,8 +27,8 @@ def test_every_published_number_has_a_verdict_and_every_task_a_text() -> None:
     ],
 )
 def test_a_miss_is_stated_with_its_size(task: str, value: float, said: str) -> None:
-    found, basis = verdicts(task, {"gape": value}, generated=False)
-    assert found == said and basis.startswith("free")
+    verdict, basis = verdicts(task, {"gape": value}, generated=False)
+    assert verdict == said and basis.startswith("free")
 
 
 def test_the_basis_tells_what_was_used_for_the_parameters() -> None:

@@ -14,10 +14,12 @@ def falling(height, **options):
     """A body above a plane with a morsel."""
     body = sim.Body("bob", 0.1, 1e-5 * np.eye(3), (0.0, 0.0, height), (20.0, 1e-4))
     morsel = sim.Crushable(0, np.zeros(3), UP, **options)
-    held = sim.OnBody("bob", np.array([0]))
+    attached = sim.OnBody("bob", np.array([0]))
     terms = (sim.Gravity((0.0, 0.0, -9.8)), morsel)
     point = np.array([[0.0, 0.0, height]])
-    return sim.compile_scene(sim.Scene(sim.NO_TISSUE, terms, (held,), bodies=(body,), points=point))
+    return sim.compile_scene(
+        sim.Scene(sim.NO_TISSUE, terms, (attached,), bodies=(body,), points=point)
+    )
 
 
 def height_after(system, duration):
@@ -75,7 +77,7 @@ def test_fused_steps_crush_a_morsel_as_the_general_path_does():
 
     def heights(fused):
         system = falling(0.0101, diameter=0.01, force_max=0.5)
-        state, found, work = system.rest_state(), [], sim.Workspace(system)
+        state, positions, work = system.rest_state(), [], sim.Workspace(system)
         if not fused:
             work.bodies = None
         for speed in (-3.0, 6.0, -1.2):
@@ -91,8 +93,8 @@ def test_fused_steps_crush_a_morsel_as_the_general_path_does():
                 integrator=sim.LinearlyImplicitEuler(),
                 probes=(sim.Frames(("bob",)),),
             )
-            found.append(motion["body_position"].sel(axis="z").values.ravel())
-        return np.concatenate(found)
+            positions.append(motion["body_position"].sel(axis="z").values.ravel())
+        return np.concatenate(positions)
 
     fused = heights(True)
     assert fused[:31].min() < 0.0

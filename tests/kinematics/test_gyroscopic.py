@@ -115,7 +115,7 @@ def hinged(joint):
 
 @pytest.mark.parametrize("cls", LINEAR)
 @pytest.mark.parametrize("fused", [True, False])
-def test_energy_on_a_hinge_beside_the_principal_axes(cls, fused):
+def test_energy_on_a_hinge_off_the_principal_axes(cls, fused):
     """The rotation is uniform, although the moments of the hinge turn."""
     system, inertia = hinged(Revolute)
     state, work = moving(system, 0.0, 0.0, 0.0, 0.0, 0.0, 5.0), sim.Workspace(system)
@@ -142,8 +142,8 @@ def test_energy_of_a_body_that_carries_tissue_does_not_grow(cls):
     mesh = grid((2, 1, 1), (0.4, 0.2, 0.1))
     body = sim.Body("b", 0.01, 1e-5 * np.eye(3), (0.2, 0.1, 0.05))
     solid = sim.Solid((sim.Material(sim.MooneyRivlin()),))
-    held = sim.OnBody("b", np.arange(mesh.n_nodes))
-    system = sim.compile_scene(sim.Scene(mesh, (solid,), (held,), bodies=(body,)))
+    attached = sim.OnBody("b", np.arange(mesh.n_nodes))
+    system = sim.compile_scene(sim.Scene(mesh, (solid,), (attached,), bodies=(body,)))
     start = moving(system, 0.0, 0.0, 0.0, 2.0, 0.3, 4.0)
 
     def energy(state):

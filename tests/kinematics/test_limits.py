@@ -76,12 +76,12 @@ def test_a_body_that_hits_a_limit_within_a_step_stays_there(integrator, h):
     for _ in range(round(0.2 / h)):
         state, _ = integrator.step(system, state, system.control(np.zeros(0)), h, work)
         angles.append(2.0 * np.arctan2(state.frames[0, 5], state.frames[0, 3]))
-    found = np.array(angles)
-    reached = int(np.argmax(found > 0.4 - 1e-6))
+    angle = np.array(angles)
+    reached = int(np.argmax(angle > 0.4 - 1e-6))
     # 0.06654 s to fall from 0 to 0.4 rad: I theta'' = m g r cos(theta), I = m r^2 + 2e-5 kg m^2
     # (solve_ivp, 1e-10); methods of first order are half a step early
     assert reached * h == pytest.approx(0.06654, abs=2.0 * h)
-    np.testing.assert_allclose(found[reached:], 0.4, atol=2e-6)
+    np.testing.assert_allclose(angle[reached:], 0.4, atol=2e-6)
     assert abs(state.twists[0]).max() < 1e-5
 
 

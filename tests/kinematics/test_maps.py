@@ -60,8 +60,8 @@ def test_generalised_matrix_is_the_congruence_less_the_rotation_of_lever_arms():
     rng, R = np.random.default_rng(2), dense_rows(SYSTEM, pose)
     K = rng.normal(size=SYSTEM.point_pattern.nnz)
     expected = R.T @ dense_points(SYSTEM, K) @ R
-    found = dense(SYSTEM, MAPS.generalised_matrix(K, None, pose))
-    np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+    matrix = dense(SYSTEM, MAPS.generalised_matrix(K, None, pose))
+    np.testing.assert_allclose(matrix, expected, atol=1e-12 * np.abs(expected).max())
 
     f, none, size = rng.normal(size=pose.q.shape), np.zeros_like(K), 1e-5
     turning = dense(SYSTEM, MAPS.generalised_matrix(none, f, pose))
@@ -117,20 +117,20 @@ def work_of_an_attached_node():
 
 def test_node_in_an_element_loads_its_nodes_by_the_shape_functions():
     """A force on the attached node acts on its holders, also through the body."""
-    work, held, d = work_of_an_attached_node()
-    assert float(held @ d) == pytest.approx(work, rel=1e-12)
-    assert np.abs(held[MAPS.first :]).max() > 0.1
+    work, loads, d = work_of_an_attached_node()
+    assert float(loads @ d) == pytest.approx(work, rel=1e-12)
+    assert np.abs(loads[MAPS.first :]).max() > 0.1
 
 
 def test_cycles_and_double_members_are_refused_by_name():
     mesh = grid((1, 1, 1))
     one = np.ones((1, 1))
 
-    def held(a, b):
+    def attached(a, b):
         return sim.InElement(np.array([a]), Embedding(np.zeros(1, int), np.array([[b]]), one))
 
     with pytest.raises(sim.SceneError, match=r"cycle: node 0 \(InElement\) -> node 3 .* -> node 0"):
-        solid_system(mesh, reductions=(held(0, 3), held(3, 0)))
+        solid_system(mesh, reductions=(attached(0, 3), attached(3, 0)))
     body = sim.Body("jaw", 0.1, INERTIA)
     with pytest.raises(sim.SceneError, match=r"node 0 is held by Fixed and by OnBody\('jaw'\)"):
         both = sim.Fixed(np.array([0])), sim.OnBody("jaw", np.array([0]))
@@ -148,11 +148,11 @@ def test_nodes_may_begin_elsewhere_on_a_body_than_at_rest():
     """A box whose end is attached 1 mm away moves there without stress and follows the body."""
     mesh = grid((2, 1, 1), BOX)
     left, shift = np.flatnonzero(mesh.X[:, 0] == 0.0), np.array([1e-3, 0.0, 2e-3])
-    held = sim.OnBody("jaw", left, mesh.X[left] + shift)
+    attached = sim.OnBody("jaw", left, mesh.X[left] + shift)
     scene = sim.Scene(
         mesh,
         (sim.Solid(),),
-        (held, sim.PrescribedBody("jaw")),
+        (attached, sim.PrescribedBody("jaw")),
         sim.RestRayleigh(0.0, 0.05),
         bodies=(sim.Body("jaw", centre=(0.0, 0.0, 0.0)),),
     )

@@ -21,7 +21,7 @@ def top(moments=MOMENTS) -> sim.System:
 
 
 def loaded_top() -> sim.System:
-    """The top with a constant force on a point beside its centre."""
+    """The top with a constant force on a point away from its centre."""
     body, point = sim.Body("top", 0.2, MOMENTS, (0.1, 0.2, 0.3)), np.array([[0.12, 0.2, 0.3]])
     push = sim.NodeLoad(np.array([0]), np.array([[0.01, 0.03, -0.02]]))
     on = sim.OnBody("top", np.array([0]))

@@ -50,7 +50,7 @@ def scene(*joints, motion=swing, **more) -> sim.Scene:
     )
 
 
-HELD = (
+JOINTS = (
     Spherical("ball", "skull", "jaw", (0.02, 0.0, 0.01)),
     PointOnCurve(
         "guide",
@@ -97,7 +97,7 @@ def ended(system, integrator, general, n=60, h=1e-3):
 
 
 @pytest.mark.parametrize("integrator", STEPPED)
-@pytest.mark.parametrize("joints", [HELD, ()])
+@pytest.mark.parametrize("joints", [JOINTS, ()])
 def test_fused_steps_equal_the_general_path(integrator, joints):
     """Joints, limits that are reached, lines with dampers and a prescribed body that turns."""
     system = sim.compile_scene(scene(*joints))
@@ -124,12 +124,12 @@ def test_fused_steps_equal_the_general_path(integrator, joints):
             allowed = 1e-7 * np.abs(there).max()
             np.testing.assert_allclose(fused[name].values[..., 1:], there, atol=allowed)
         # the inequalities were active
-        loose = ended(sim.compile_scene(scene(*HELD[:4])), integrator, False)[1]
+        loose = ended(sim.compile_scene(scene(*JOINTS[:4])), integrator, False)[1]
         assert np.abs(loose.q - a.q).max() > 1e-5
 
 
 def test_steps_continue_bit_for_bit_from_a_checkpoint_and_single_steps_are_the_same():
-    system = sim.compile_scene(scene(*HELD))
+    system = sim.compile_scene(scene(*JOINTS))
     whole = ended(system, STEPPED[0], False)[1]
     work, state = sim.Workspace(system), system.rest_state()
     control = sim.activation.Driven(system, drive(0.06))
@@ -163,7 +163,7 @@ class OneByOne:
 
 def test_probes_evaluate_several_outputs_as_one_by_one():
     """Seven steps to an output, so that calls of 1000 steps end between outputs."""
-    system, h = sim.compile_scene(scene(*HELD)), 2.5e-4
+    system, h = sim.compile_scene(scene(*JOINTS)), 2.5e-4
     probes = (
         sim.Frames(("jaw", "skull", "hyoid")),
         sim.Markers(np.array([1, 3]), ("a", "b")),

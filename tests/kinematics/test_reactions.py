@@ -11,7 +11,7 @@ MASS, ARM, G = 0.2, 0.1, 9.8
 INTEGRATORS = sim.LinearlyImplicitEuler(), sim.RungeKutta4()
 
 
-def held(*joints, centre=(ARM, 0.0, 0.0), terms=(), members=(), points=()) -> sim.System:
+def jointed(*joints, centre=(ARM, 0.0, 0.0), terms=(), members=(), points=()) -> sim.System:
     bob = sim.Body("bob", MASS, INERTIA, centre)
     return sim.compile_scene(
         sim.Scene(
@@ -41,27 +41,27 @@ def run(system, integrator, h, n, start=None):
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_held_lever_carries_its_weight_and_its_moment(integrator):
     """F = m g up, and M = -r x W about the joint, at the start as after steps."""
-    found, _ = run(held(Weld("wall", None, "bob", (0.0, 0.0, 0.0))), integrator, 1e-3, 10)
+    motion, _ = run(jointed(Weld("wall", None, "bob", (0.0, 0.0, 0.0))), integrator, 1e-3, 10)
     for k in (0, -1):
-        np.testing.assert_allclose(found.joint_force[0, :, k], [0.0, 0.0, MASS * G], atol=1e-9)
-        np.testing.assert_allclose(found.joint_moment[0, :, k], [0, -ARM * MASS * G, 0], atol=1e-9)
+        np.testing.assert_allclose(motion.joint_force[0, :, k], [0.0, 0.0, MASS * G], atol=1e-9)
+        np.testing.assert_allclose(motion.joint_moment[0, :, k], [0, -ARM * MASS * G, 0], atol=1e-9)
     # with the bodies exchanged, the reaction is that on space
-    found, _ = run(held(Weld("wall", "bob", None, (0.0, 0.0, 0.0))), integrator, 1e-3, 10)
-    np.testing.assert_allclose(found.joint_force[0, :, -1], [0.0, 0.0, -MASS * G], atol=1e-9)
+    motion, _ = run(jointed(Weld("wall", "bob", None, (0.0, 0.0, 0.0))), integrator, 1e-3, 10)
+    np.testing.assert_allclose(motion.joint_force[0, :, -1], [0.0, 0.0, -MASS * G], atol=1e-9)
 
 
 def test_a_hinge_carries_weight_and_centripetal_force_of_a_pendulum():
     """N = m g + m a omega^2 below the hinge, whatever its inertia."""
     hinge = Revolute("hinge", None, "bob", (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-    system, omega = held(hinge, centre=(0.0, 0.0, -ARM)), 3.0
+    system, omega = jointed(hinge, centre=(0.0, 0.0, -ARM)), 3.0
     w = np.array([-ARM * omega, 0.0, 0.0, 0.0, omega, 0.0])
     start = system.kinematics.state(system.rest_state().pose, w, {})
     for integrator, h, tolerance in zip(INTEGRATORS, (1e-5, 1e-3), (1e-3, 1e-6), strict=True):
-        found, _ = run(system, integrator, h, 1, start)
+        motion, _ = run(system, integrator, h, 1, start)
         expected = MASS * (G + ARM * omega**2)
         k = 0 if h > 1e-4 else 1
-        assert found.joint_force[0, 2, k] == pytest.approx(expected, rel=tolerance)
-        assert abs(float(found.joint_moment[0, 1, k])) < 1e-9
+        assert motion.joint_force[0, 2, k] == pytest.approx(expected, rel=tolerance)
+        assert abs(float(motion.joint_moment[0, 1, k])) < 1e-9
 
 
 def test_a_point_on_an_incline_exerts_a_normal_force():
@@ -69,12 +69,12 @@ def test_a_point_on_an_incline_exerts_a_normal_force():
     normal = np.array([0.6, 0.0, 0.8])
     plane = PointOnPlane("incline", 0, None, (0.0, 0.0, 0.0), normal, unilateral=True)
     members = (sim.OnBody("bob", np.array([0])),)
-    system = held(plane, centre=(0.0, 0.0, 0.0), members=members, points=[0.0, 0.0, 0.0])
-    found, end = run(system, sim.LinearlyImplicitEuler(), 1e-3, 100)
-    np.testing.assert_allclose(found.joint_force[0, :, -1], MASS * G * 0.8 * normal, atol=1e-9)
+    system = jointed(plane, centre=(0.0, 0.0, 0.0), members=members, points=[0.0, 0.0, 0.0])
+    motion, end = run(system, sim.LinearlyImplicitEuler(), 1e-3, 100)
+    np.testing.assert_allclose(motion.joint_force[0, :, -1], MASS * G * 0.8 * normal, atol=1e-9)
     slide = np.array([0.8, 0.0, -0.6])
     assert end.twists[0, :3] @ slide == pytest.approx(G * 0.6 * 0.1, rel=1e-9)
-    assert np.isnan(found.joint_force[..., 0]).all()  # there was no step yet
+    assert np.isnan(motion.joint_force[..., 0]).all()  # there was no step yet
 
 
 def test_a_bushing_deforms_according_to_its_stiffness():
@@ -88,12 +88,12 @@ def test_a_bushing_deforms_according_to_its_stiffness():
         stiffness=(k, k, k, turn, turn, turn),
         damping=(5.0, 5.0, 5.0, 0.02, 0.02, 0.02),
     )
-    found, end = run(held(bushing), sim.LinearlyImplicitEuler(), 5e-3, 600)
+    motion, end = run(jointed(bushing), sim.LinearlyImplicitEuler(), 5e-3, 600)
     theta = 2.0 * np.arcsin(end.frames[0, 5])
     assert turn * theta == pytest.approx(MASS * G * ARM * np.cos(theta), rel=1e-6)
     assert theta > 0.3
-    np.testing.assert_allclose(found.joint_force[0, :, -1], [0.0, 0.0, MASS * G], atol=1e-6)
-    np.testing.assert_allclose(found.joint_moment[0, :, -1], [0.0, -turn * theta, 0.0], atol=1e-6)
+    np.testing.assert_allclose(motion.joint_force[0, :, -1], [0.0, 0.0, MASS * G], atol=1e-6)
+    np.testing.assert_allclose(motion.joint_moment[0, :, -1], [0.0, -turn * theta, 0.0], atol=1e-6)
     place = end.frames[0, :3] - ARM * np.array([np.cos(theta), 0.0, -np.sin(theta)])
     np.testing.assert_allclose(place, [0.0, 0.0, -MASS * G / k], atol=1e-7)
 
@@ -104,7 +104,7 @@ def test_an_axial_spring_holds_a_weight():
     springs = sim.AxialSprings((np.array([0, 1]),), k, 5.0, np.array([rest]))
     members = sim.Fixed(np.array([0])), sim.OnBody("bob", np.array([1]))
     points = [[0.0, 0.0, 0.08], [0.0, 0.0, 0.0]]
-    system = held(centre=(0, 0, 0), terms=(springs,), members=members, points=points)
+    system = jointed(centre=(0, 0, 0), terms=(springs,), members=members, points=points)
     state, work = system.rest_state(), sim.Workspace(system)
     for _ in range(200):
         step = sim.LinearlyImplicitEuler().step
@@ -118,7 +118,7 @@ def test_numbers_and_names_of_joints_are_checked():
     with pytest.raises(sim.SceneError, match="rest lengths for 1"):
         sim.AxialSprings((np.array([0, 1]),), 1.0, rest=np.zeros(2))
     with pytest.raises(sim.SceneError, match="the probe Reactions refers to"):
-        system = held(Weld("wall", None, "bob", (0.0, 0.0, 0.0)))
+        system = jointed(Weld("wall", None, "bob", (0.0, 0.0, 0.0)))
         sim.Reactions(("floor",)).record(
             system, system.rest_state(), system.control(np.zeros(0)), None
         )

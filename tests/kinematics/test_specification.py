@@ -24,8 +24,8 @@ SHORTER = 4  #: factor by which steps are shorter than in the tests of orders
 CONVERGED = sim.ConvergedEuler, sim.Trapezoidal, sim.Sdirk2
 
 
-def _off(found: np.ndarray, exact: np.ndarray) -> float:
-    return float(np.abs(found - exact).max() / np.abs(exact).max())
+def _off(computed: np.ndarray, exact: np.ndarray) -> float:
+    return float(np.abs(computed - exact).max() / np.abs(exact).max())
 
 
 def free_and_joined() -> Results:
@@ -46,13 +46,13 @@ def attached() -> Results:
     start, free, led = test_motion.attached_and_led()
     apart = float(np.abs(led - free).max() / np.abs(free - start).max())
     yield limited("tissue on a body against its motion prescribed, relative", apart, 1e-10)
-    for of, pairs in (
+    for kind, pairs in (
         ("joints", test_volumes.rows_and_saddle()),
         ("a joint and contacts", test_bodies_in_contact.contact_and_saddle()),
     ):
-        for what, (found, exact) in zip(("velocities", "forces"), pairs, strict=True):
-            name = f"{of} eliminated against the dense saddle system: {what}, relative"
-            yield limited(name, _off(found, exact), 1e-9)
+        for what, (computed, exact) in zip(("velocities", "forces"), pairs, strict=True):
+            name = f"{kind} eliminated against the dense saddle system: {what}, relative"
+            yield limited(name, _off(computed, exact), 1e-9)
     for cls in (*CONVERGED, sim.LinearlyImplicitEuler, sim.LinearlyImplicitTrapezoidal):
         before, after = test_motion.momentum_of_a_free_compound(cls)
         name = f"momentum of tissue and two joined bodies, {cls.__name__}, relative"
@@ -104,8 +104,8 @@ def touching() -> Results:
                     passed += left > 1e-5
                 except sim.NotConverged:
                     refused += 1
-    told = f"{passed}, {refused} refused"
-    yield Result("thin plates that pass through a block, of 60", "0", told, passed == 0)
+    text = f"{passed}, {refused} refused"
+    yield Result("thin plates that pass through a block, of 60", "0", text, passed == 0)
 
 
 KNOWN = (

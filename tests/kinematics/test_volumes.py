@@ -80,8 +80,8 @@ def rows_and_saddle(hard=()):
 
 @pytest.mark.parametrize("hard", [(), HARD], ids=["joints", "joints and volumes"])
 def test_joints_volumes_and_tissue_equal_the_full_saddle_system(hard):
-    for found, expected in rows_and_saddle(hard):
-        np.testing.assert_allclose(found, expected, atol=1e-9 * np.abs(expected).max())
+    for computed, expected in rows_and_saddle(hard):
+        np.testing.assert_allclose(computed, expected, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("cls", [sim.LinearlyImplicitEuler, sim.LinearlyImplicitTrapezoidal])

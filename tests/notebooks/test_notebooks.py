@@ -171,9 +171,13 @@ def test_notebook_runs(path, headless):
     _, executed = execute(path)
     assert not list(headless.iterdir()), "a notebook leaves files in the reader's folder"
     stored = stored_texts(path) or executed
-    found = {n: stale(*texts) for n, texts in enumerate(zip(stored, executed, strict=True), 1)}
-    found = {n: text for n, text in found.items() if text is not None}
-    assert not found, "run python notebooks/execute.py, and read the prose that cites these numbers"
+    differences = {
+        n: stale(*texts) for n, texts in enumerate(zip(stored, executed, strict=True), 1)
+    }
+    differences = {n: text for n, text in differences.items() if text is not None}
+    assert not differences, (
+        "run python notebooks/execute.py, and read the prose that cites these numbers"
+    )
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
@@ -242,11 +246,11 @@ def test_outputs_are_all_there_or_none():
         ),
     ],
 )
-def test_a_stale_text_is_told(stored, executed, said):
+def test_a_stale_text_is_reported(stored, executed, said):
     assert stale(stored, executed) == said
 
 
-def test_a_stale_number_in_a_notebook_is_told(tmp_path):
+def test_a_stale_number_in_a_notebook_is_reported(tmp_path):
     path = written(tmp_path, "a = 0.5\nprint('rho', a)", "2 * a")
     notebook = json.loads(path.read_text(encoding="utf-8"))
     shown = {"output_type": "execute_result", "data": {"text/plain": ["1.3"]}}
@@ -259,8 +263,8 @@ def test_a_stale_number_in_a_notebook_is_told(tmp_path):
     path.write_text(json.dumps(notebook), encoding="utf-8")
     stored, (_, executed) = stored_texts(path), execute(path)
     assert stored is not None
-    found = [stale(*texts) for texts in zip(stored, executed, strict=True)]
-    assert found == [None, "1.3 is stored, 1.0 executed"]
+    messages = [stale(*texts) for texts in zip(stored, executed, strict=True)]
+    assert messages == [None, "1.3 is stored, 1.0 executed"]
 
 
 def test_cells_share_one_namespace(tmp_path):

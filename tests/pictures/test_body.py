@@ -36,14 +36,14 @@ def test_points_between_nodes_reproduce_cubics() -> None:
     x, y = u.T
     value = np.stack([x, y, 1.0 + x - 2.0 * y + 3.0 * x**2 * y - x**3 + x**3 * y**3], axis=1)
     rules, finer, part = refined(facet, np.arange(len(facet)), len(u))
-    found = follow(np.concatenate(rules), value)
-    x, y, z = found.T
+    followed = follow(np.concatenate(rules), value)
+    x, y, z = followed.T
     wanted = 1.0 + x - 2.0 * y + 3.0 * x**2 * y - x**3 + x**3 * y**3
-    inside = (np.abs(found[:, :2] - 0.5) < 0.3).all(axis=1)
+    inside = (np.abs(followed[:, :2] - 0.5) < 0.3).all(axis=1)
     assert inside.sum() > 80
     np.testing.assert_allclose(z[inside], wanted[inside], atol=1e-12)
     assert len(finer) == 4 * len(facet) and (np.bincount(part) == 4).all()
-    np.testing.assert_array_equal(found[: len(u)], value)
+    np.testing.assert_array_equal(followed[: len(u)], value)
 
 
 @pytest.mark.parametrize("power", [1, 2])
@@ -58,8 +58,8 @@ def test_surface_is_of_fourth_order_along_a_circle(power: int) -> None:
         after = np.roll(k, -1)
         facet = np.stack([k, after, after + n, k + n], axis=1)
         rules, _, _ = refined(facet, np.zeros(n, int), 2 * n)
-        found = follow(np.concatenate(rules), points)
-        errors.append(np.abs(np.hypot(found[:, 0], found[:, 1]) ** power - 1.0).max())
+        followed = follow(np.concatenate(rules), points)
+        errors.append(np.abs(np.hypot(followed[:, 0], followed[:, 1]) ** power - 1.0).max())
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.1)
 
 
@@ -67,9 +67,9 @@ def test_triangles_are_divided_too() -> None:
     facet = np.array([[0, 1, 2, 2], [2, 1, 3, 3]])
     rules, finer, _ = refined(facet, np.zeros(2, int), 4)
     square = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.0]])
-    found = follow(np.concatenate(rules), square)
-    a, b, c = (found[finer[:, k]] for k in range(3))
-    np.testing.assert_array_equal(found[:4], square)
+    followed = follow(np.concatenate(rules), square)
+    a, b, c = (followed[finer[:, k]] for k in range(3))
+    np.testing.assert_array_equal(followed[:4], square)
     assert len(finer) == 8 and (np.cross(b - a, c - a)[:, 2] > 0).all()
 
 

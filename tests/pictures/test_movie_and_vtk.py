@@ -85,15 +85,15 @@ def test_mp4_frames_are_passed_to_ffmpeg(
 def arrays(path: Path) -> dict[str, np.ndarray]:
     """Decode all data of a .vtu file."""
     kinds = {"Float64": "<f8", "Float32": "<f4", "Int64": "<i8", "UInt8": "u1"}
-    found = {}
+    values = {}
     for kind, name, width, text in re.findall(
         r'<DataArray type="(\w+)" Name="(\w+)"(?: NumberOfComponents="(\d)")? format="binary">([^<]*)',
         path.read_text(),
     ):
         raw = base64.b64decode(text)
         assert int.from_bytes(raw[:8], "little") == len(raw) - 8
-        found[name] = np.frombuffer(raw[8:], kinds[kind]).reshape(-1, int(width or 1))
-    return found
+        values[name] = np.frombuffer(raw[8:], kinds[kind]).reshape(-1, int(width or 1))
+    return values
 
 
 def test_files_for_paraview(face: xr.Dataset, tmp_path: Path) -> None:
@@ -103,13 +103,16 @@ def test_files_for_paraview(face: xr.Dataset, tmp_path: Path) -> None:
     listed = re.findall(r'timestep="([\d.]+)" part="(\d)" file="([^"]+)"', path.read_text())
     assert listed == [("0", "0", "simulated_0000.vtu"), ("0.04", "0", "simulated_0001.vtu"),
                       ("0", "1", "teeth.vtu"), ("0.04", "1", "teeth.vtu")]  # fmt: skip
-    found = arrays(tmp_path / "out" / "simulated_0001.vtu")
-    np.testing.assert_array_equal(found["Points"], moved[1])
-    np.testing.assert_array_equal(found["displacement"], moved[1] - rest)
-    np.testing.assert_array_equal(found["fixed"][:, 0], face["fixed"].values)
+    arrays_read = arrays(tmp_path / "out" / "simulated_0001.vtu")
+    np.testing.assert_array_equal(arrays_read["Points"], moved[1])
+    np.testing.assert_array_equal(arrays_read["displacement"], moved[1] - rest)
+    np.testing.assert_array_equal(arrays_read["fixed"][:, 0], face["fixed"].values)
     cells = face["connectivity"].values
-    np.testing.assert_array_equal(found["connectivity"][:, 0], cells[cells >= 0])
-    assert set(found["types"][:, 0]) == {12} and found["offsets"][-1, 0] == (cells >= 0).sum()
+    np.testing.assert_array_equal(arrays_read["connectivity"][:, 0], cells[cells >= 0])
+    assert (
+        set(arrays_read["types"][:, 0]) == {12}
+        and arrays_read["offsets"][-1, 0] == (cells >= 0).sum()
+    )
     teeth = arrays(tmp_path / "out" / "teeth.vtu")
     assert len(teeth["Points"]) == face.sizes["arch_point"]
     corners = np.concatenate([arch.points[arch.triangles] for arch in arches_of(face)])

@@ -109,8 +109,8 @@ def test_the_inside_is_darker_in_its_own_light(sphere) -> None:
 
 def test_normals_point_outwards(sphere) -> None:
     body, points = sphere
-    found = normals(points, body.triangle)
-    assert (np.einsum("nd,nd->n", found, points) > 0.99).all()
+    directions = normals(points, body.triangle)
+    assert (np.einsum("nd,nd->n", directions, points) > 0.99).all()
 
 
 def test_window_has_the_points_in_its_middle() -> None:

@@ -151,16 +151,16 @@ def test_a_kind_without_picture_is_named(tmp_path: Path) -> None:
 
 
 def test_window(monkeypatch: pytest.MonkeyPatch) -> None:
-    told: list[str] = []
+    messages: list[str] = []
     monkeypatch.setattr(module.sys, "platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
     with pytest.raises(DataError, match="there is no display for a window.*--out"):
         show(activation()).open()
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr(webbrowser, "open", lambda uri: told.append(uri) or True)
+    monkeypatch.setattr(webbrowser, "open", lambda uri: messages.append(uri) or True)
     path = show(activation()).open()
-    assert told == [path.as_uri()] and "<svg" in path.read_text()
+    assert messages == [path.as_uri()] and "<svg" in path.read_text()
     monkeypatch.setattr(webbrowser, "open", lambda uri: False)
     with pytest.raises(DataError, match="no browser could be opened"):
         show(activation()).open()

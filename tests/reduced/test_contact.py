@@ -58,8 +58,8 @@ def test_a_whole_basis_touches_as_full_order(whole):
     dry, wet, modes, model, activation, expected = whole
     contact = ReducedContact(wet.contact, dry.mesh.X, modes)
     nodes = ReducedMarkers(dry.mesh.X, modes, [str(n) for n in range(dry.mesh.n_nodes)])
-    found = moved(model.system, FusedEuler(contact), activation, (nodes,))
-    position = found.position.transpose("time", "marker", "axis").values
+    motion = moved(model.system, FusedEuler(contact), activation, (nodes,))
+    position = motion.position.transpose("time", "marker", "axis").values
     assert lowest(expected).min() == pytest.approx(LEVEL, abs=2e-6)
     assert lowest(position).min() == pytest.approx(LEVEL, abs=5e-6)
     assert np.abs(position - expected).max() < 0.02 * np.abs(expected - dry.mesh.X).max()
@@ -73,8 +73,8 @@ def test_points_far_from_faces_may_be_left_out(whole):
     contact = ReducedContact(wet.contact, dry.mesh.X, modes, slots)
     assert 0 < len(contact.slots) < 0.5 * len(wet.contact.vertex_of_slot)
     nodes = ReducedMarkers(dry.mesh.X, modes, [str(n) for n in range(dry.mesh.n_nodes)])
-    found = moved(model.system, FusedEuler(contact), activation, (nodes,), 0.2)
-    assert lowest(found.position.transpose("time", "marker", "axis").values).min() > 1.02 * LEVEL
+    motion = moved(model.system, FusedEuler(contact), activation, (nodes,), 0.2)
+    assert lowest(motion.position.transpose("time", "marker", "axis").values).min() > 1.02 * LEVEL
 
 
 def test_friction_is_refused():

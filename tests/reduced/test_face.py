@@ -76,15 +76,15 @@ def trained(face, tmp_path_factory):
 
     The second one is called with two threads of linear algebra.
     """
-    folder, outcomes, found = tmp_path_factory.mktemp("reduced"), [], []
+    folder, outcomes, reductions = tmp_path_factory.mktemp("reduced"), [], []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training, "training_plan", short)
         for threads in (1, 2):
             store = Store(folder / "motions")
             with threadpool_limits(limits=threads, user_api="blas"):
-                found.append(training.reduce_face(face, PARAMETERS, SMALL, store))
+                reductions.append(training.reduce_face(face, PARAMETERS, SMALL, store))
             outcomes.append({event.outcome for event in store.events})
-    first, data = (one.assign_attrs(training_time_s=0.0) for one in found)
+    first, data = (one.assign_attrs(training_time_s=0.0) for one in reductions)
     xr.testing.assert_identical(first, data)
     path = write_netcdf(data, folder / "face.rom.nc", "reduced_face")
     return data, path, outcomes
@@ -140,21 +140,21 @@ def test_the_command_passes_its_options_to_the_training(face, trained, tmp_path,
 
 def test_a_reduced_motion_is_that_of_full_order_within_its_bound(face, trained):
     drive = activation(face, 0.35, 0.45)
-    found, full = simulate(face, drive, file=trained[1]), simulate(face, drive)
-    assert found.attrs["reduced"] == 1 and found.attrs["reduction_doubt"] == ""
-    apart = (found["position"] - full["position"]).transpose("time", "marker", "axis").values
+    reduced, full = simulate(face, drive, file=trained[1]), simulate(face, drive)
+    assert reduced.attrs["reduced"] == 1 and reduced.attrs["reduction_doubt"] == ""
+    apart = (reduced["position"] - full["position"]).transpose("time", "marker", "axis").values
     error = np.linalg.norm(apart, axis=2).max(axis=1)
-    assert (error <= found["reduction_error"].values).all()
+    assert (error <= reduced["reduction_error"].values).all()
     assert error.max() < 0.1 * full.attrs["motion"]
-    assert abs(found["lip_opening"] - full["lip_opening"]).max() < 0.1 * full.attrs["motion"]
+    assert abs(reduced["lip_opening"] - full["lip_opening"]).max() < 0.1 * full.attrs["motion"]
 
 
 def test_an_activation_outside_the_training_is_simulated_at_full_order(face, trained):
     drive = activation(face, 0.0, 0.0)
     drive.loc[{"muscle": "ZYG_L"}] = [0.0, 0.9, 0.9]  # muscles of a side always act together
-    found, full = simulate(face, drive, file=trained[1]), simulate(face, drive)
-    assert found.attrs["reduced"] == 0 and "farther than any" in found.attrs["reduction_doubt"]
-    np.testing.assert_array_equal(found["position"], full["position"])
+    reduced, full = simulate(face, drive, file=trained[1]), simulate(face, drive)
+    assert reduced.attrs["reduced"] == 0 and "farther than any" in reduced.attrs["reduction_doubt"]
+    np.testing.assert_array_equal(reduced["position"], full["position"])
     kept = simulate(face, drive, file=trained[1], fall_back=False)
     assert kept.attrs["reduced"] == 1 and "farther than any" in kept.attrs["reduction_doubt"]
 
@@ -166,16 +166,18 @@ def test_a_jump_of_all_muscles_is_not_trusted(face, trained):
     assert reduced.trained.distances(level[None])[0] < reduced.trained.distance
     ramp = Activation(np.array([0.0, 0.1]), np.array([0.0 * level, level]))
     assert simulate_reduced(reduced, ramp, 0.2).attrs["reduction_doubt"] == ""
-    held = Activation(np.zeros(1), level[None])
+    constant = Activation(np.zeros(1), level[None])
     times = np.array([0.0, 0.1, 0.105, 0.11, 0.2])
     spike = Activation(times, np.outer([0.0, 0.0, 1.0, 0.0, 0.0], level))
     for drive, step, when in (
-        (held, 0.01, "0.01"),
-        (held, 0.005, "0.005"),
+        (constant, 0.01, "0.01"),
+        (constant, 0.005, "0.005"),
         (spike, 0.005, "0.105"),
     ):
-        found = simulate_reduced(reduced, drive, 0.2, step=step, output=0.1)
-        assert found.attrs["reduction_doubt"].startswith(f"the activation jumps at {when} s")
+        reduced_motion = simulate_reduced(reduced, drive, 0.2, step=step, output=0.1)
+        assert reduced_motion.attrs["reduction_doubt"].startswith(
+            f"the activation jumps at {when} s"
+        )
     for first, inside in ((0.1 * level, True), (level, False)):
         assert LiveFace(reduced, 0.01)(first)[3] == inside
 
@@ -207,25 +209,25 @@ def test_longer_steps_than_in_the_training_are_not_trusted(face, trained):
     level = np.where([m.endswith("_L") for m in muscles], 0.35, 0.45)
     drive = Activation(np.array([0.0, 0.1]), np.array([0.0 * level, level]))
     for step, doubt in ((0.005, ""), (0.01, ""), (0.02, "the steps of 0.02 s are longer")):
-        found = simulate_reduced(reduced, drive, 0.2, step=step, output=0.02)
-        assert found.attrs["reduction_doubt"].startswith(doubt) and bool(doubt) == bool(
-            found.attrs["reduction_doubt"]
+        reduced_motion = simulate_reduced(reduced, drive, 0.2, step=step, output=0.02)
+        assert reduced_motion.attrs["reduction_doubt"].startswith(doubt) and bool(doubt) == bool(
+            reduced_motion.attrs["reduction_doubt"]
         )
 
 
 def test_realtime_never_repeats_a_trial_at_full_order(face, trained):
     options = {"sigma_max": 50e3, "accuracy": "realtime", "contact": {"method": "none"}}
     strict = {"file": trained[1], "largest_error": 1e-9}
-    found = ef.simulate(activation(face, 0.35, 0.45), face, reduced=strict, **options)
-    assert found.attrs["reduced"] == 1 and "above 1e-06 mm" in found.attrs["reduction_doubt"]
+    motion = ef.simulate(activation(face, 0.35, 0.45), face, reduced=strict, **options)
+    assert motion.attrs["reduced"] == 1 and "above 1e-06 mm" in motion.attrs["reduction_doubt"]
     with pytest.raises(ConfigurationError, match="'realtime' requires a reduced face"):
         ef.simulate(activation(face, 0.35, 0.45), face, **options)
 
 
 def test_a_bound_that_is_too_large_is_not_trusted(face, trained):
     drive = activation(face, 0.35, 0.45)
-    found = simulate(face, drive, file=trained[1], largest_error=1e-9)
-    assert found.attrs["reduced"] == 0 and "above 1e-06 mm" in found.attrs["reduction_doubt"]
+    motion = simulate(face, drive, file=trained[1], largest_error=1e-9)
+    assert motion.attrs["reduced"] == 0 and "above 1e-06 mm" in motion.attrs["reduction_doubt"]
 
 
 @pytest.mark.parametrize(
@@ -338,8 +340,8 @@ def test_a_live_face_moves_as_one_that_is_simulated_with_the_same_activation(fac
     between = heard(recording, 0.01, reduced.model.system.muscles)
     frames = list(live(source, reduced, between, seconds=0.1, step=0.01))
     log = pd.DataFrame([row for _, _, row in frames])
-    found = live_summary(log, 0.01)
-    assert found["frames"] == 10 and found["late frames"] == 0 and now[0] == pytest.approx(0.1)
+    summary = live_summary(log, 0.01)
+    assert summary["frames"] == 10 and summary["late frames"] == 0 and now[0] == pytest.approx(0.1)
     values = np.array([0.0 * frames[0][0], *(a for a, _, _ in frames)])
     assert values.max() > 0.05
     drive = Activation(0.01 * np.arange(11), values)

@@ -74,9 +74,9 @@ def test_a_whole_basis_gives_the_motion_of_full_order():
     modes = whole_basis(system)
     model = reduce_system(system, system.mesh.X, modes, modes.shape[1])
     expected = full_motion(system, activation).values
-    found, _ = reduced_motion(model, modes, system.mesh.X, activation)
+    positions, _ = reduced_motion(model, modes, system.mesh.X, activation)
     assert np.abs(expected - system.mesh.X).max() > 1e-3
-    assert np.abs(found - expected).max() < 1e-9
+    assert np.abs(positions - expected).max() < 1e-9
 
 
 def test_force_and_stiffness_of_all_elements_are_those_of_full_order_projected():
@@ -155,14 +155,14 @@ def test_an_inversion_ends_the_call_at_its_step():
     y = np.random.default_rng(2).normal(size=(4, 3))
     start = sim.State(0.0, 0.0 * y, y)
     options = {"integrator": FusedEuler(), "steps": sim.FixedStep(STEP), "initial": start}
-    with pytest.raises(sim.InvertedElement) as found:
+    with pytest.raises(sim.InvertedElement) as raised:
         sim.simulate(model.system, sim.resting(2), duration=0.3, **options)
     state, integrator, work = start, FusedEuler(), sim.Workspace(model.system)
     with pytest.raises(sim.InvertedElement) as expected:
         for _ in range(30):
             control = sim.Control(np.zeros(2))
             state, _ = integrator.step(model.system, state, control, STEP, work)
-    assert str(found.value) == str(expected.value)
+    assert str(raised.value) == str(expected.value)
     assert state.t == STEP  # one step was possible
 
 
@@ -172,8 +172,8 @@ def test_few_elements_reproduce_the_motion_under_another_activation():
     assert len(sample.elements) < len(whole.solid.weight)
     activation = drive(0.45, 0.75)
     expected = full_motion(system, activation).values
-    found, trajectory = reduced_motion(model, modes, system.mesh.X, activation)
-    error = np.linalg.norm(found - expected, axis=2).max()
+    positions, trajectory = reduced_motion(model, modes, system.mesh.X, activation)
+    error = np.linalg.norm(positions - expected, axis=2).max()
     assert error < 0.1 * np.abs(expected - system.mesh.X).max()
     assert trajectory.reduction_estimate.max() > 0.0
 
@@ -279,8 +279,8 @@ def test_a_closure_recovers_a_linear_difference():
     memory = {OMITTED: np.stack([features[0, 3:5], np.zeros(2)])}
     state = sim.State(0.0, features[:1, :3], np.zeros((1, 3)), memory)
     outputs = Outputs.of(state, sim.StepReport(0.01, 1.0))
-    (found,) = closure(features_of(outputs, features[:1, 5:], 7))
-    np.testing.assert_allclose(found, missing[0], atol=0.02 * np.abs(missing).max())
+    (recovered,) = closure(features_of(outputs, features[:1, 5:], 7))
+    np.testing.assert_allclose(recovered, missing[0], atol=0.02 * np.abs(missing).max())
     assert (closure.weights[:, 6] == 0.0).all()  # an activation that never varies
 
 

@@ -56,14 +56,14 @@ def test_frames_contain_all_samples_in_volts_of_the_known_channels(lsl):
     assert source.channels == ("ZYG_L", "DAO_R") and source.rate == RATE
     source.start()
     thread = sent(lsl, out, 200, skipped=(60, 100))
-    found, losses = [], []
+    blocks, losses = [], []
     for k in range(12):
         samples, arrived, lost = source.frame(k)
         assert 0.0 <= source.now() - arrived < 1.0
-        found.append(samples)
+        blocks.append(samples)
         losses.append(lost)
     thread.join()
-    values = np.concatenate(found, axis=1)
+    values = np.concatenate(blocks, axis=1)
     kept = np.r_[0:60, 100:160]
     np.testing.assert_allclose(values[0], 1e-6 * kept, rtol=1e-12)
     np.testing.assert_allclose(values[1], 2e-6 * kept, rtol=1e-12)

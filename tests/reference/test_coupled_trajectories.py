@@ -58,10 +58,10 @@ def test_recorded_forces_balance_on_the_strips_and_at_the_points_of_the_benchmar
         ends = place(m["first"]), place(m["second"])
         pull = force * (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
         net += pull * ((owner[m["first"]] == "jaw") - 1.0 * (owner[m["second"]] == "jaw"))
-    found = dict(zip(case["connectors"], arrays["constraint_point_mm"][-1], strict=True))
+    points = dict(zip(case["connectors"], arrays["constraint_point_mm"][-1], strict=True))
     q = np.zeros_like(head.start)
     for name in CONDYLES:
-        q[head.points[name]] = TO_M @ found[name]
+        q[head.points[name]] = TO_M @ points[name]
     strips = head.strips(q)
 
     def residual(left, right):
@@ -79,7 +79,7 @@ def test_recorded_forces_balance_on_the_strips_and_at_the_points_of_the_benchmar
     assert residual(*strips) < 1e-6
     assert min(residual(10, 19), residual(12, 19), residual(11, 18)) > 0.2
     places = [sliding_point(head.model, name) for name in CONDYLES]
-    offset = [turned("jaw", x) - found[n] for x, n in zip(places, CONDYLES, strict=True)]
+    offset = [turned("jaw", x) - points[n] for x, n in zip(places, CONDYLES, strict=True)]
     np.testing.assert_allclose(offset, 0.0, atol=1e-5)
 
 

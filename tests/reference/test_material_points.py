@@ -1,6 +1,6 @@
 """Stress and spatial moduli at material points against those of another simulator.
 
-Provenance: ArtiSynth 3.9 (see the README beside the data). Its moduli are the push-forward
+Provenance: ArtiSynth 3.9 (see the README of the data). Its moduli are the push-forward
 D_ijkl = F_iI F_jJ F_kK F_lL D_IJKL / J of the material ones, in the component order of this
 package.
 """
@@ -81,8 +81,8 @@ def fibre(F, law, activation, a0):
     return isochoric(F, add)
 
 
-def agree(found, expected, scale):
-    np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * scale)
+def agree(computed, expected, scale):
+    np.testing.assert_allclose(computed, expected, rtol=0, atol=ROUNDING * scale)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +98,7 @@ def test_stress_and_moduli_of_the_passive_law(points, law):
 
 
 def test_stress_and_moduli_of_the_fibres(points):
-    found = set()
+    covered = set()
     for case in points["cases"]:
         for muscle in case["muscle"]:
             material, activation = muscle["material"], muscle["excitation"]
@@ -107,13 +107,13 @@ def test_stress_and_moduli_of_the_fibres(points):
             sigma, D = fibre(np.array(case["F"]), law, activation, np.array(case["dir0"]))
             agree(sigma, muscle["sigma"], material["maxStress"])
             agree(D, muscle["D"], material["maxStress"])
-            found.add((name, activation))
-    assert found == {(name, a) for name in FIBRE_LAWS for a in (0.0, 0.5, 1.0)}
+            covered.add((name, activation))
+    assert covered == {(name, a) for name in FIBRE_LAWS for a in (0.0, 0.5, 1.0)}
 
 
 def test_fibre_laws_over_all_stretches(points):
     """Isochoric stretch along the fibre, over every branch of both laws."""
-    found = set()
+    covered = set()
     for point in points["stretch_sweep"]:
         stretch, law = point["lambda"], FIBRE_LAWS[point["type"]](sigma_max=1e5)
         F = np.diag([stretch, stretch**-0.5, stretch**-0.5])
@@ -121,7 +121,7 @@ def test_fibre_laws_over_all_stretches(points):
         agree(sigma[0, 0], point["sigma_xx"], 1e5)
         agree(sigma[1, 1], point["sigma_yy"], 1e5)
         agree(D[0, 0], point["D_xxxx"], 1e6)
-        found.add((point["type"], stretch))
+        covered.add((point["type"], stretch))
     for name in FIBRE_LAWS:
-        stretches = [stretch for other, stretch in found if other == name]
+        stretches = [stretch for other, stretch in covered if other == name]
         assert min(stretches) < 0.4 and max(stretches) > 1.6

@@ -1,6 +1,6 @@
 """Single elements and material points against results recorded with another simulator.
 
-Provenance: ArtiSynth 3.9 (see the README beside the data); the cases without volumetric part
+Provenance: ArtiSynth 3.9 (see the README of the data); the cases without volumetric part
 compare the deviatoric and fibre laws, the shape functions, the quadrature and the assembled
 tangent.
 """

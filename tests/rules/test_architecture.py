@@ -32,9 +32,9 @@ def found_in(path: Path) -> tuple[set[str], set[str | None]]:
 
 @pytest.mark.parametrize("package", PACKAGES)
 def test_imports_have_one_direction(root, package):
-    found = modules(root, package)
-    assert found
-    for path in found:
+    paths = modules(root, package)
+    assert paths
+    for path in paths:
         foreign = found_in(path)[0] & set(PACKAGES) - MAY_IMPORT[package]
         assert not foreign, f"{path.relative_to(root)} imports {sorted(foreign)}"
 
@@ -69,14 +69,14 @@ def test_there_is_no_module_for_miscellaneous_functions(root):
 
 def imported_modules(path: Path, known: set[str]) -> set[str]:
     """Modules that a module imports anywhere, also in functions and for types alone."""
-    found = set[str]()
+    names_imported = set[str]()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module and not node.level:
             names = [f"{node.module}.{alias.name}" for alias in node.names]
-            found |= {name if name in known else node.module for name in names}
+            names_imported |= {name if name in known else node.module for name in names}
         elif isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
-    return found & known
+            names_imported |= {alias.name for alias in node.names}
+    return names_imported & known
 
 
 def circle_in(graph: dict[str, set[str]]) -> list[str]:

@@ -15,14 +15,14 @@ STARTERS = ("ProcessPoolExecutor", "Pool", "Process", "LocalCluster", "get_conte
 
 def names_in(path: Path) -> list[tuple[int, str]]:
     """Lines of a file that name this interpreter, or start processes of `multiprocessing`."""
-    found: list[tuple[int, str]] = []
+    names: list[tuple[int, str]] = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Attribute) and node.attr in ("executable", "fork", "forkpty"):
-            found.append((node.lineno, node.attr))
+            names.append((node.lineno, node.attr))
         if isinstance(node, ast.List) and node.elts:
             word = getattr(node.elts[0], "value", None)
             if isinstance(word, str) and word in ("python", "python3"):
-                found.append((node.lineno, word))
+                names.append((node.lineno, word))
         if isinstance(node, ast.Call):
             called = (
                 node.func.attr
@@ -30,8 +30,8 @@ def names_in(path: Path) -> list[tuple[int, str]]:
                 else getattr(node.func, "id", "")
             )
             if called in STARTERS:
-                found.append((node.lineno, called))
-    return found
+                names.append((node.lineno, called))
+    return names
 
 
 def guarded(path: Path) -> set[int]:

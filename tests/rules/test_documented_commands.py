@@ -51,15 +51,15 @@ def joined(code: str) -> list[str]:
 
 def commands() -> list[tuple[str, list[str]]]:
     """Page and words of every command."""
-    found: list[tuple[str, list[str]]] = []
+    cited: list[tuple[str, list[str]]] = []
     for page, line in lines():
         for one in COMMAND.findall(line):
             text = ENDS.split(re.sub(r"[\[\]`]", " ", one))[0]
             try:
-                found.append((page, shlex.split(text)))
+                cited.append((page, shlex.split(text)))
             except ValueError:  # a quotation that continues in prose
-                found.append((page, text.split()))
-    return [(page, words) for page, words in found if words[1:] and words[1] != "as"]
+                cited.append((page, text.split()))
+    return [(page, words) for page, words in cited if words[1:] and words[1] != "as"]
 
 
 def wrong(words: list[str]) -> str:
@@ -115,12 +115,12 @@ def test_every_documented_command_exists() -> None:
     assert len(every) > 300
     pages = [*ROOT.glob("docs/**/*.md"), *ROOT.glob("studies/**/*.md")]
     text = {path: path.read_text(encoding="utf-8") for path in pages}
-    found = {
+    wrong_commands = {
         f"{page}: {' '.join(words)}: {why}"
         for page, words in every
         if (why := wrong(words)) and not any(why in text[p] for p in pages if p.name == page)
     }
-    assert not found, "\n".join(sorted(found))
+    assert not wrong_commands, "\n".join(sorted(wrong_commands))
 
 
 @pytest.mark.parametrize(
@@ -142,28 +142,30 @@ def test_commands_that_do_not_exist_are_found(command: str, why: str) -> None:
 
 def test_every_command_in_a_message_exists() -> None:
     """In all texts of the package, where a quotation mark or bracket precedes the command."""
-    found: list[tuple[str, str, str]] = []
+    cited: list[tuple[str, str, str]] = []
     for path in sorted((ROOT / "emgface").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_bytes())):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 text = " ".join(node.value.split())
                 for one in re.findall(r"['(`\[](emgface [a-z][^'`)\]]*)", text):
                     words = re.split(r"[,;:]| (?:for|of|with|if|to|or|and)\b", one)[0].split()
-                    found.append((path.name, one, wrong(words)))
-    assert len(found) > 60
-    assert not [one for one in found if one[2]]
+                    cited.append((path.name, one, wrong(words)))
+    assert len(cited) > 60
+    assert not [one for one in cited if one[2]]
 
 
 def every_option() -> set[str]:
     """Options of all commands, measurements, studies and makers of pages."""
-    found, left = {"--help", "--version", "--debug"}, [whole()]
+    options_known, left = {"--help", "--version", "--debug"}, [whole()]
     while left:
         one: Any = left.pop()
-        found |= {text for part in one.params for text in (*part.opts, *part.secondary_opts)}
+        options_known |= {
+            text for part in one.params for text in (*part.opts, *part.secondary_opts)
+        }
         left += getattr(one, "commands", {}).values()
     modules = [f"benchmarks/{name}" for name in known_measurements()]
     modules += [str(path.parent.relative_to(ROOT)) for path in ROOT.glob("studies/*/__main__.py")]
-    return found.union(*(options(module) for module in modules))
+    return options_known.union(*(options(module) for module in modules))
 
 
 def test_an_option_that_stands_alone_on_a_page_exists() -> None:

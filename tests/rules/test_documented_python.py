@@ -24,16 +24,16 @@ EXAMPLES = [
 
 def imported(tree: ast.Module) -> dict[str, Any]:
     """Objects that an example imports."""
-    found: dict[str, Any] = {}
+    names: dict[str, Any] = {}
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             for name in node.names:
-                found[name.asname or name.name] = import_module(name.name)
+                names[name.asname or name.name] = import_module(name.name)
         if isinstance(node, ast.ImportFrom) and node.module:
             for name in node.names:
                 module = import_module(node.module)
-                found[name.asname or name.name] = getattr(module, name.name)
-    return found
+                names[name.asname or name.name] = getattr(module, name.name)
+    return names
 
 
 def calls(tree: ast.Module) -> Iterator[tuple[ast.Call, list[str]]]:

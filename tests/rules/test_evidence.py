@@ -16,17 +16,17 @@ BASES = {"calibrated", "validated", "free", "computed", "code", "input", "cost",
 
 def tables(path: Path) -> list[list[list[str]]]:
     """Tables of a page as rows of cells, with their headings first and without the rule."""
-    found, before = [], False
+    tables_read, before = [], False
     for line in path.read_text(encoding="utf-8").splitlines():
         inside = line.startswith("|")
         if inside and not re.fullmatch(r"[|\s:-]+", line):
             cells = [cell.strip() for cell in line.strip("|").split("|")]
             if before:
-                found[-1].append(cells)
+                tables_read[-1].append(cells)
             else:
-                found.append([cells])
+                tables_read.append([cells])
         before = inside
-    return found
+    return tables_read
 
 
 def stated() -> dict[tuple[str, str], list[str]]:

@@ -37,9 +37,9 @@ def brought_by(what: str) -> tuple[set[str], list[str]]:
 
 
 def test_mechanics_import_no_plotting_command_line_or_data_library():
-    found, _ = brought_by("sim")
-    assert {"sim", "numba", "numpy", "scipy", "xarray"} <= found
-    assert not found & (PLOTTING_AND_CLI | DATA | {"emgface", "analysis"})
+    loaded, _ = brought_by("sim")
+    assert {"sim", "numba", "numpy", "scipy", "xarray"} <= loaded
+    assert not loaded & (PLOTTING_AND_CLI | DATA | {"emgface", "analysis"})
 
 
 def test_a_face_is_simulated_without_plotting_and_command_line():
@@ -64,8 +64,8 @@ def test_help_and_typing_errors_do_not_import_the_mechanics(given):
         "print('\\n' + json.dumps([m.split('.')[0] for m in sys.modules]))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    found = set(json.loads(done.stdout.splitlines()[-1]))
-    assert not found & {"sim", "analysis", "numpy", "numba", "xarray", "pandas", "matplotlib"}
+    loaded = set(json.loads(done.stdout.splitlines()[-1]))
+    assert not loaded & {"sim", "analysis", "numpy", "numba", "xarray", "pandas", "matplotlib"}
 
 
 WITHOUT_MECHANICS = {
@@ -96,7 +96,7 @@ for name, words in json.loads(sys.argv[1]).items():
         os._exit(0)
     os.waitpid(child, 0)
 """
-"""Program that executes commands, each in a process which loads only what it needs beside libraries."""
+"""Program that executes commands, each in a process which loads only what it needs besides libraries."""
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +125,6 @@ def ended(tmp_path_factory):
 @pytest.mark.parametrize("name", WITHOUT_MECHANICS)
 def test_commands_on_recordings_load_no_mechanics(name, ended):
     """They start in about two seconds of processor time; the mechanics would add one to three."""
-    code, found = json.loads((ended / f"{name}.json").read_text(encoding="utf-8"))
+    code, loaded = json.loads((ended / f"{name}.json").read_text(encoding="utf-8"))
     assert not code
-    assert "xarray" in found and not set(found) & {"sim", "numba", "matplotlib"}
+    assert "xarray" in loaded and not set(loaded) & {"sim", "numba", "matplotlib"}

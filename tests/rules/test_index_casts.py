@@ -28,7 +28,7 @@ def _whole(node: ast.expr | None) -> bool:
 
 def cast_parameters(source: str) -> list[tuple[int, str]]:
     """Line and name of every parameter of a function that is itself cast to integers."""
-    found = list[tuple[int, str]]()
+    casts = list[tuple[int, str]]()
     for function in ast.walk(ast.parse(source)):
         if not isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef):
             continue
@@ -39,14 +39,14 @@ def cast_parameters(source: str) -> list[tuple[int, str]]:
                 continue
             types = [*call.args, *(k.value for k in call.keywords if k.arg == "dtype")]
             if call.func.attr == "astype":
-                of, types = call.func.value, call.args
+                array, types = call.func.value, call.args
             elif call.func.attr in MAKES and call.args:
-                of, types = call.args[0], types[1:]
+                array, types = call.args[0], types[1:]
             else:
                 continue
-            if isinstance(of, ast.Name) and of.id in given and any(map(_whole, types)):
-                found.append((call.lineno, of.id))
-    return found
+            if isinstance(array, ast.Name) and array.id in given and any(map(_whole, types)):
+                casts.append((call.lineno, array.id))
+    return casts
 
 
 #: parameters that are no indices, or indices that the package computes
@@ -66,15 +66,15 @@ OTHERS = {
 
 @pytest.mark.parametrize("package", ["emgface", "analysis", "sim"])
 def test_no_parameter_is_cast_to_integers(package):
-    found = list[str]()
+    casts = list[str]()
     for path in sorted((ROOT / package).rglob("*.py")):
         name = path.relative_to(ROOT).as_posix()
         if name == "sim/indices.py" or "_kernels" in name:
             continue
         for line, parameter in cast_parameters(path.read_text(encoding="utf-8")):
             if (name, parameter) not in OTHERS:
-                found.append(f"{name}:{line} {parameter}")
-    assert not found, f"check these with sim.indices: {found}"
+                casts.append(f"{name}:{line} {parameter}")
+    assert not casts, f"check these with sim.indices: {casts}"
 
 
 def test_the_rule_finds_casts():

@@ -16,7 +16,7 @@ CONTRACTS = (
 
 def homes(root: Path) -> dict[str, list[str]]:
     """Modules that define each public function or class."""
-    found = defaultdict[str, list[str]](list)
+    modules_by_name = defaultdict[str, list[str]](list)
     for package in ("emgface", "analysis"):
         for path in sorted((root / package).rglob("*.py")):
             here = path.relative_to(root).as_posix()
@@ -24,8 +24,8 @@ def homes(root: Path) -> dict[str, list[str]]:
                 continue
             for node in ast.parse(path.read_text(encoding="utf-8")).body:
                 if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name[0] != "_":
-                    found[node.name].append(here)
-    return found
+                    modules_by_name[node.name].append(here)
+    return modules_by_name
 
 
 def test_every_public_name_has_one_module(root: Path) -> None:
@@ -70,7 +70,7 @@ def defined(source: Path) -> set[str]:
 
 def missing(root: Path) -> set[str]:
     """Imports from these packages, and attributes of their modules, that name nothing."""
-    found, names = set[str](), dict[Path, set[str]]()
+    absent, names = set[str](), dict[Path, set[str]]()
 
     def has(module: str, name: str) -> bool:
         source = source_of(root, module)
@@ -100,8 +100,8 @@ def missing(root: Path) -> set[str]:
             if name in modules and name not in stored and attribute[:2] != "__":
                 used.add((modules[name], attribute))
         here = path.relative_to(root).as_posix()
-        found |= {f"{here}: {module}.{name}" for module, name in used if not has(module, name)}
-    return found
+        absent |= {f"{here}: {module}.{name}" for module, name in used if not has(module, name)}
+    return absent
 
 
 def test_every_import_names_something_that_exists(root: Path) -> None:

@@ -37,10 +37,10 @@ OTHER_PROGRAMS = {
 def commands(command: Any, name: str = "") -> dict[str, set[str]]:
     """Options of every command by its name."""
     if hasattr(command, "commands"):
-        found: dict[str, set[str]] = {}
+        lines: dict[str, set[str]] = {}
         for word, inner in command.commands.items():
-            found |= commands(inner, f"{name} {word}".strip())
-        return found
+            lines |= commands(inner, f"{name} {word}".strip())
+        return lines
     return {name: {o for p in command.params for o in (*p.opts, *p.secondary_opts)}}
 
 
@@ -65,8 +65,13 @@ def messages(path: Path) -> list[tuple[int, str]]:
 
 
 def test_options_in_messages_exist_where_they_are_stated(root: Path) -> None:
-    held = commands(typer.main.get_command(app))
-    every = set().union(*held.values()) | {"--version", "--debug", "--help", "--install-completion"}
+    stored = commands(typer.main.get_command(app))
+    every = set().union(*stored.values()) | {
+        "--version",
+        "--debug",
+        "--help",
+        "--install-completion",
+    }
     wrong: list[str] = []
     for path in sorted(
         path for suffix in ("py", "toml", "csv") for path in (root / "emgface").rglob(f"*.{suffix}")
@@ -77,10 +82,10 @@ def test_options_in_messages_exist_where_they_are_stated(root: Path) -> None:
         known = [start for start in STATED_BY if name.startswith(start)]
         stated = STATED_BY[max(known, key=len)] if known else ()
         for line, text in messages(path):
-            named = {word for word in held if re.search(rf"\b{word}\b", text)}
+            named = {word for word in stored if re.search(rf"\b{word}\b", text)}
             for option in set(OPTION.findall(text)) - OTHER_PROGRAMS:
-                lacking = [c for c in stated if option not in held[c]]
-                elsewhere = any(option in held[c] for c in named)
+                lacking = [c for c in stated if option not in stored[c]]
+                elsewhere = any(option in stored[c] for c in named)
                 if option not in every or (lacking and not elsewhere):
                     wrong.append(f"{name}:{line} {option} {lacking}")
     assert not wrong
@@ -88,5 +93,5 @@ def test_options_in_messages_exist_where_they_are_stated(root: Path) -> None:
 
 def test_simulate_has_every_option_of_activate() -> None:
     """Because a recording is an input of both, and the messages of the signal chain name options."""
-    held = commands(typer.main.get_command(app))
-    assert held["activate"] - held["simulate"] <= {"--plot", "--kind", "recording"}
+    stored = commands(typer.main.get_command(app))
+    assert stored["activate"] - stored["simulate"] <= {"--plot", "--kind", "recording"}

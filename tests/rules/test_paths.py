@@ -75,11 +75,11 @@ def _numeric(node: ast.JoinedStr | ast.BinOp) -> bool:
 
 
 def test_no_other_module_makes_a_path_from_a_formatted_name(root: Path) -> None:
-    found = {
+    lines_by_module = {
         path.relative_to(root).as_posix(): composed(path)
         for path in sorted((root / "emgface").glob("**/*.py"))
     }
-    new = {name: lines for name, lines in found.items() if lines and name not in INTERNAL}
+    new = {name: lines for name, lines in lines_by_module.items() if lines and name not in INTERNAL}
     assert not new, f"{new}: use emgface.files.named_file, or state in INTERNAL what the name is of"
 
 

@@ -78,7 +78,7 @@ def answer(text: str, *search: Path) -> dict:
 
 def test_parts_of_the_page_are_used_and_imported_only_then(installed: Path, tmp_path: Path) -> None:
     (tmp_path / "A_1.volts").write_text("rate 1000\nZYG_L\n" + "0.001\n-0.001\n" * 500)
-    told = answer(
+    reply = answer(
         f"""
 from emgface.face.tissue import Tissue
 from emgface.run.store import Store
@@ -114,21 +114,21 @@ print(json.dumps(dict(
 """,
         installed,
     )
-    assert told["unused"] == []
-    assert "lab_parts.volts" in told["after_read"]
-    assert "lab_parts.strongest" not in told["after_read"]
-    assert told["strategies"] == ["act_all", "strongest"]
-    assert (told["emg"], told["units"], told["label"]) == ([0.001, -0.001], "V", "ZYG_L")
-    assert told["rate"] == pytest.approx(1000.0)
-    assert told["selected"] == ["ZYG"]
-    assert (told["C10"], told["stiffer"]) == (1000.0, 2000.0)
-    assert "900" in told["law"]
-    assert told["plugins"] == ["strategy strongest"] and not told["plain"]
-    assert told["of_law"] == ["law soft_skin"]
+    assert reply["unused"] == []
+    assert "lab_parts.volts" in reply["after_read"]
+    assert "lab_parts.strongest" not in reply["after_read"]
+    assert reply["strategies"] == ["act_all", "strongest"]
+    assert (reply["emg"], reply["units"], reply["label"]) == ([0.001, -0.001], "V", "ZYG_L")
+    assert reply["rate"] == pytest.approx(1000.0)
+    assert reply["selected"] == ["ZYG"]
+    assert (reply["C10"], reply["stiffer"]) == (1000.0, 2000.0)
+    assert "900" in reply["law"]
+    assert reply["plugins"] == ["strategy strongest"] and not reply["plain"]
+    assert reply["of_law"] == ["law soft_skin"]
 
 
 def test_the_force_of_a_law_of_another_package_is_that_of_its_base(installed: Path) -> None:
-    told = answer(
+    reply = answer(
         """
 from emgface.face.tissue import Tissue
 I1bar = np.linspace(3.0, 4.0, 5)
@@ -138,7 +138,7 @@ print(json.dumps(dict(same=[bool(np.array_equal(a, b)) for a, b in zip(own, base
 """,
         installed,
     )
-    assert told["same"] == [True, True, True]
+    assert reply["same"] == [True, True, True]
 
 
 BROKEN = {
@@ -180,7 +180,7 @@ USES = {"strategies": strategy, "laws": lambda name, _: law_named(name), "reader
 
 
 @pytest.fixture
-def found(monkeypatch, tmp_path: Path) -> Iterator[Callable[[str, str], None]]:
+def add_package(monkeypatch, tmp_path: Path) -> Iterator[Callable[[str, str], None]]:
     """Function that installs a package with some entry points in this process."""
 
     def add(name: str, points: str) -> None:
@@ -198,9 +198,9 @@ def found(monkeypatch, tmp_path: Path) -> Iterator[Callable[[str, str], None]]:
 
 
 @pytest.mark.parametrize("case", BROKEN)
-def test_a_faulty_part_is_refused_where_it_is_used(case: str, found, tmp_path: Path) -> None:
+def test_a_faulty_part_is_refused_where_it_is_used(case: str, add_package, tmp_path: Path) -> None:
     points, said = BROKEN[case]
-    found("odd", points)
+    add_package("odd", points)
     kind, name = re.match(r"\[emgface\.(\w+)\]\n([\w-]+) =", points).groups()
     with pytest.raises(ConfigurationError, match="odd 1.0") as error:
         USES[kind](name, tmp_path)
@@ -208,9 +208,9 @@ def test_a_faulty_part_is_refused_where_it_is_used(case: str, found, tmp_path: P
     assert strategy("act_all", tmp_path) == ("ZYG",)  # what it does not concern is unaffected
 
 
-def test_one_name_of_two_packages_is_refused(found, tmp_path: Path) -> None:
+def test_one_name_of_two_packages_is_refused(add_package, tmp_path: Path) -> None:
     for name in ("odd", "even"):
-        found(name, f"[emgface.strategies]\nodd = {name}:select\n")
+        add_package(name, f"[emgface.strategies]\nodd = {name}:select\n")
     with pytest.raises(ConfigurationError, match="even 1.0 and odd 1.0 exists more than once"):
         strategy("odd", tmp_path)
     with pytest.raises(ConfigurationError, match="did you mean 'odd'"):

@@ -19,6 +19,6 @@ def test_the_price_of_contact_is_that_of_the_stored_run_times(root):
 
 def test_the_error_of_contact_is_the_one_that_motions_report(root):
     text = " ".join((root / "README.md").read_text("utf-8").split())
-    found = re.search(r"the error of a lip marker .* may reach ([0-9.]+) mm", text)
-    assert found is not None
-    assert float(found[1]) == 1e3 * ASSUMED
+    results = re.search(r"the error of a lip marker .* may reach ([0-9.]+) mm", text)
+    assert results is not None
+    assert float(results[1]) == 1e3 * ASSUMED

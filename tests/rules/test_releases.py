@@ -84,7 +84,7 @@ def test_changes_are_assembled_above_those_of_earlier_versions(root: Path, tmp_p
         source = root / name
         (shutil.copytree if source.is_dir() else shutil.copy)(source, tmp_path / name)
     (tmp_path / "docs" / "changes" / "some-matter.fixed.md").write_text(
-        "A matter is repaired,\nand told.\n"
+        "A matter is repaired,\nand reported.\n"
     )
     subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)  # it adds the file to one
     subprocess.run(
@@ -98,7 +98,7 @@ def test_changes_are_assembled_above_those_of_earlier_versions(root: Path, tmp_p
     before = re.findall(r"^## (.+)$", (root / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
     assert headings == ["9.0.0", *before]
     added = text.partition("## Unreleased")[0]
-    assert "- A matter is repaired,\n  and told.\n" in added.partition("### Fixed\n\n")[2]
+    assert "- A matter is repaired,\n  and reported.\n" in added.partition("### Fixed\n\n")[2]
 
 
 @pytest.fixture(scope="module")

@@ -12,10 +12,10 @@ def test_equations_of_the_step_page_are_those_of_the_code(root):
         text = path.read_text()
         if "docs/step.md" in text:
             number = re.compile(r"\((\d+)\)(?:[^()]{0,40}\((\d+)\))?[^()]{0,60}docs/step\.md")
-            for found in number.findall(text):
-                for k in filter(None, found):
+            for match in number.findall(text):
+                for k in filter(None, match):
                     used.setdefault(int(k), []).append(path.name)
     assert set(used) == set(declared), "numbers of the page that no docstring names, or others"
     for name in set(re.findall(r"`([\w/]+\.py)`", page)):
-        found = [p for p in (root / "sim").rglob("*.py") if p.as_posix().endswith(f"/{name}")]
-        assert found, f"the page names {name}, which does not exist"
+        match = [p for p in (root / "sim").rglob("*.py") if p.as_posix().endswith(f"/{name}")]
+        assert match, f"the page names {name}, which does not exist"

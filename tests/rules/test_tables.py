@@ -23,8 +23,8 @@ HEAD = "| case | error |\n|---|---|\n"
     ],
 )
 def test_numbers_differ_beyond_one_unit_of_their_last_digit(printed, made, agrees):
-    found = differences(HEAD + f"| a | {printed} |\n", HEAD + f"| a | {made} |\n")
-    assert (found == []) is agrees
+    messages = differences(HEAD + f"| a | {printed} |\n", HEAD + f"| a | {made} |\n")
+    assert (messages == []) is agrees
 
 
 def test_a_missing_line_or_column_is_a_difference():
@@ -37,8 +37,8 @@ def test_commands_of_marked_tables_exist():
         m for page in ROOT.glob("docs/**/*.md") for m in MARKED.finditer(page.read_text("utf-8"))
     ]
     assert marked
-    for found in marked:
-        *module, name = found["command"].split()[:4]
+    for match in marked:
+        *module, name = match["command"].split()[:4]
         assert module == ["python", "-m", "benchmarks"] and name in measurements(), name
 
 

@@ -75,15 +75,15 @@ def places(path: Path) -> Iterator[tuple[str, int]]:
 
 
 def test_files_are_written_by_one_function(root: Path) -> None:
-    found: dict[str, int] = {}
+    writers: dict[str, int] = {}
     for package in ("emgface", "analysis"):
         for path in sorted((root / package).glob("**/*.py")):
             name = path.relative_to(root).as_posix()
             if name != "emgface/files.py":
-                found |= {f"{name}:{function}": line for function, line in places(path)}
-    new = {place: line for place, line in found.items() if place not in OTHERS}
+                writers |= {f"{name}:{function}": line for function, line in places(path)}
+    new = {place: line for place, line in writers.items() if place not in OTHERS}
     assert not new, f"{new}: use emgface.files.replace_file, or state in OTHERS why not"
-    assert set(OTHERS) <= set(found), "OTHERS names places that no longer write"
+    assert set(OTHERS) <= set(writers), "OTHERS names places that no longer write"
 
 
 def test_a_direct_write_is_found(tmp_path: Path) -> None:

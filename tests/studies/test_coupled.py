@@ -24,8 +24,8 @@ def test_no_difference_reproduces_no_statement_of_a_direction(name: str) -> None
     columns = [c for c in EXPERIMENTS[name].shown if c.endswith(("mm", "mm2"))]
     columns += ["lower_incisor_up_mm", "opening_mm", "width_mm"]
     table = pd.DataFrame({"name": [run.name for run in runs], **dict.fromkeys(columns, 2.0)})
-    found = list(TESTS[name](Results(table.assign(**{f"{c}_step_error": 0.1 for c in columns}))))
-    assert found and not any(one.holds for one in found)
+    tested = list(TESTS[name](Results(table.assign(**{f"{c}_step_error": 0.1 for c in columns}))))
+    assert tested and not any(one.holds for one in tested)
 
 
 @pytest.mark.parametrize(("area", "holds"), [(162.0, False), (23.0, True), (0.5, False)])
@@ -34,9 +34,9 @@ def test_a_fricative_is_a_slit(area: float, holds: bool) -> None:
     names = [run.name for run in EXPERIMENTS["labials"].runs]
     table = pd.DataFrame({"name": names, "area_mm2": 52.0, "lower_to_teeth_mm": 0.1})
     table.loc[table["name"] == "own fricative", "area_mm2"] = area
-    found = {one.statement: one.holds for one in findings("labials", table)}
+    verdicts = {one.statement: one.holds for one in findings("labials", table)}
     assert (
-        found["Fricative: a slit, lower lip within 1 mm of the upper incisors (own levels)"]
+        verdicts["Fricative: a slit, lower lip within 1 mm of the upper incisors (own levels)"]
         is holds
     )
 

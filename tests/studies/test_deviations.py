@@ -102,9 +102,9 @@ def test_shares_are_those_of_independent_parts(truth: np.ndarray) -> None:
 
 
 def test_the_negative_control_is_rarely_and_the_positive_often_found(truth: np.ndarray) -> None:
-    found = controls(truth, TRIALS).set_index("true")
-    assert found.loc[0.0, "found"] < 0.08 and abs(found.loc[0.0, "measured"]) < 0.02
-    assert found.loc[0.5, "found"] > 0.95 and found.loc[0.8, "measured"] > 0.7
+    table = controls(truth, TRIALS).set_index("true")
+    assert table.loc[0.0, "found"] < 0.08 and abs(table.loc[0.0, "measured"]) < 0.02
+    assert table.loc[0.5, "found"] > 0.95 and table.loc[0.8, "measured"] > 0.7
 
 
 @pytest.mark.parametrize(("better", "said"), [(True, "better than"), (False, "not shown")])
@@ -141,10 +141,10 @@ def test_a_known_difference_is_found_with_the_stated_power(truth: np.ndarray) ->
     ]
     table = pd.DataFrame(rows)
     assert np.allclose(differences(table), own)
-    found = controls_of_difference(truth, TRIALS, table).set_index("true")
-    assert found.loc[0.0, "found"] < 0.045 and abs(found.loc[0.0, "measured"]) < 0.03
-    assert found["found"].is_monotonic_increasing
-    at = np.interp(smallest_difference(own), [0.0, *DIFFERENCES], found["found"])
+    rates = controls_of_difference(truth, TRIALS, table).set_index("true")
+    assert rates.loc[0.0, "found"] < 0.045 and abs(rates.loc[0.0, "measured"]) < 0.03
+    assert rates["found"].is_monotonic_increasing
+    at = np.interp(smallest_difference(own), [0.0, *DIFFERENCES], rates["found"])
     assert at == pytest.approx(0.8, abs=0.12)  # 500 draws, and the correlations of made estimates
 
 

@@ -28,7 +28,7 @@ def moved(low: float, high: float, used: float = 300e3) -> pd.DataFrame:
     ("low", "high", "nearer"),
     [(8.0, 10.0, "300 kPa"), (14.0, 30.0, "100 kPa"), (13.0, 15.5, "100 kPa")],
 )
-def test_the_stress_nearer_to_the_published_mean_is_told(
+def test_the_stress_nearer_to_the_published_mean_is_reported(
     low: float, high: float, nearer: str
 ) -> None:
     table = compared(moved(low, high))
@@ -46,7 +46,7 @@ def test_a_published_range_decides_only_between_inside_and_outside(
     assert table[table["point"] == "upper lip"]["nearer"].tolist() == [within]
 
 
-def test_a_lowered_stress_is_told() -> None:
+def test_a_lowered_stress_is_reported() -> None:
     assert "not lowered in any" in reading(moved(8.0, 10.0))
     assert "lowered in slab A at 300 kPa" in reading(moved(8.0, 10.0, used=243e3))
     assert drawn(moved(8.0, 10.0)).axes[0].get_ylabel().endswith("[mm]")

@@ -22,11 +22,11 @@ def test_landmarks_lie_where_their_names_say(coarse: xr.Dataset) -> None:
 
 
 def test_the_mouth_corner_moves_most_in_every_expression(table: pd.DataFrame) -> None:
-    found = summary(table)
-    assert set(found["expression"]) == set(EXPRESSIONS)
-    assert (found["moves most"] == "corner").all()
-    assert np.allclose(found["largest (mm)"], found["corners (mm)"], rtol=1e-3)
-    assert (found["corners (mm)"] > 2.0).all()
+    summary_text = summary(table)
+    assert set(summary_text["expression"]) == set(EXPRESSIONS)
+    assert (summary_text["moves most"] == "corner").all()
+    assert np.allclose(summary_text["largest (mm)"], summary_text["corners (mm)"], rtol=1e-3)
+    assert (summary_text["corners (mm)"] > 2.0).all()
 
 
 def test_expressions_move_landmarks_as_named(table: pd.DataFrame) -> None:
@@ -54,7 +54,7 @@ def test_older_orthotropic_skin_moves_less(coarse: xr.Dataset) -> None:
     """Fig. 11.15 b: skin types of the publication, from young to old, in a smile."""
     smile = {"open-mouth smile": EXPRESSIONS["open-mouth smile"]}
     ages = tuple(skin for skin in SKINS if skin.name.startswith("anisotropic"))
-    found = summary(express(coarse, expressions=smile, skins=ages)[0])
-    assert [name.split()[-1] for name in found["skin"]] == ["young", "mature", "old"]
-    assert (np.diff(found["corners (mm)"]) < -0.1).all()
-    assert (np.diff(found["all landmarks (mm)"]) < -0.1).all()
+    summary_text = summary(express(coarse, expressions=smile, skins=ages)[0])
+    assert [name.split()[-1] for name in summary_text["skin"]] == ["young", "mature", "old"]
+    assert (np.diff(summary_text["corners (mm)"]) < -0.1).all()
+    assert (np.diff(summary_text["all landmarks (mm)"]) < -0.1).all()

@@ -20,8 +20,8 @@ def test_the_motion_of_the_head_is_removed() -> None:
     turn = np.exp(1j * rng.uniform(-0.3, 0.3, 30)) * rng.uniform(0.8, 1.2, 30)
     shift = rng.uniform(-2, 2, 30) + 1j * rng.uniform(-2, 2, 30)
     z = turn[:, None] * still + shift[:, None]
-    found = in_frame_of_head(np.stack([z.real, z.imag], axis=-1))
-    assert np.allclose(found, found[0], atol=1e-12)
+    positions = in_frame_of_head(np.stack([z.real, z.imag], axis=-1))
+    assert np.allclose(positions, positions[0], atol=1e-12)
     z[3] = np.nan
     lost = in_frame_of_head(np.stack([z.real, z.imag], axis=-1))
     assert np.isnan(lost[3]).all() and np.isfinite(lost[4]).all()
@@ -53,14 +53,16 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> dict[bool, Path]:
     }
 
 
-def test_related_emg_is_told_from_template_and_shuffled_emg(folders: dict[bool, Path]) -> None:
+def test_related_emg_is_distinguished_from_template_and_shuffled_emg(
+    folders: dict[bool, Path],
+) -> None:
     """Positive control: the EMG of the motion; negative control: EMG of other courses."""
-    found: dict[bool, pd.DataFrame] = {}
+    scores_by_relation: dict[bool, pd.DataFrame] = {}
     for related, folder in folders.items():
         trials, simulated = trials_of(folder, folder / "mapping.toml", "ZYG_L")
         assert simulated and len(trials) == 10
-        found[related] = scored(trials)
-    own, other = found[True], found[False]
+        scores_by_relation[related] = scored(trials)
+    own, other = scores_by_relation[True], scores_by_relation[False]
     assert own["EMG"].mean() > 0.85
     for values in differences(own).values():
         assert (values > 0.0).all()
@@ -86,19 +88,19 @@ def test_the_command_writes_labelled_results(folders: dict[bool, Path], tmp_path
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         (lambda t: t.drop(columns=[c for c in t if str(c).strip() == "x_54"]), "lacks the columns x_54"),
         (lambda t: t.iloc[::-1], "do not increase"),
     ],
 )  # fmt: skip
 def test_damaged_landmarks_are_refused(
-    folders: dict[bool, Path], tmp_path: Path, change, told
+    folders: dict[bool, Path], tmp_path: Path, change, message
 ) -> None:
     table = pd.read_csv(folders[True] / "V1_D_1_landmarks.csv")
     path = tmp_path / "V1_D_1_landmarks.csv"
     change(table).to_csv(path, index=False)
-    with pytest.raises(DataError, match=told):
+    with pytest.raises(DataError, match=message):
         read_landmarks(path)
 
 

@@ -46,20 +46,20 @@ def test_effects_of_worlds_are_paired() -> None:
         for strategy in ("act_3", TRUE)
         for k, rho in enumerate(RHO)
     ]
-    found = pd.DataFrame(rows)
-    levels = per_volunteer(found, "median rho")
+    table = pd.DataFrame(rows)
+    levels = per_volunteer(table, "median rho")
     changes = effects(levels)
     assert list(changes["act_3"]) == 2 * ["+0.00 (+0.00 to +0.00)"] + 2 * ["-0.10 (-0.10 to -0.10)"]
     assert set(changes[TRUE]) == {"+0.00 (+0.00 to +0.00)"}
-    text = reading(levels, per_volunteer(found, "median shift [s]")["act_3"].median(axis=1))
+    text = reading(levels, per_volunteer(table, "median shift [s]")["act_3"].median(axis=1))
     assert "changes from 0 to -40 ms" in text
     assert "is 0.00 to 0.00 by a mismatch of the recording and 0.00 to 0.00 by" in text
 
 
-@pytest.mark.parametrize(("count", "of"), [(0, 18), (3, 18), (9, 18), (18, 18)])
-def test_the_interval_of_a_share_is_that_of_wilson(count: int, of: int) -> None:
-    exact = binomtest(count, of).proportion_ci(0.95, method="wilson")
-    assert wilson(count, of) == pytest.approx((exact.low, exact.high), abs=1e-6)
+@pytest.mark.parametrize(("count", "total"), [(0, 18), (3, 18), (9, 18), (18, 18)])
+def test_the_interval_of_a_share_is_that_of_wilson(count: int, total: int) -> None:
+    exact = binomtest(count, total).proportion_ci(0.95, method="wilson")
+    assert wilson(count, total) == pytest.approx((exact.low, exact.high), abs=1e-6)
 
 
 def test_equal_motion_is_found_for_a_power_law() -> None:
@@ -80,9 +80,9 @@ def test_equal_motion_is_found_for_a_power_law() -> None:
     )  # fmt: skip
     cube["sigma_max"][3, 2, 0] = 270e3
     cube["status"][0, 0, 0] = "failed:InvertedElement"
-    found = of_strength(cube, "slab")
-    assert found["lowered"].sum() == 1 and found["failed"].sum() == 1
-    equal, reached = stress_of_equal_motion(found)
+    swept = of_strength(cube, "slab")
+    assert swept["lowered"].sum() == 1 and swept["failed"].sum() == 1
+    equal, reached = stress_of_equal_motion(swept)
     assert equal == pytest.approx(np.exp(np.log(own).mean())) and reached == 2
 
 

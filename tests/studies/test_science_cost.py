@@ -37,11 +37,11 @@ def test_the_time_of_descendants_is_counted() -> None:
     assert after[0] - before[0] < 0.45
 
 
-def test_the_command_itself_is_told_from_its_workers(store: Path) -> None:
+def test_the_command_itself_is_distinguished_from_its_workers(store: Path) -> None:
     with spent.timed("part"):
         exec(BURN.format(0.3))
-    found = spent.times(store)
-    assert found.loc["part", "own"] >= 0.25 and found.loc["part", "workers"] < 0.1
+    seconds = spent.times(store)
+    assert seconds.loc["part", "own"] >= 0.25 and seconds.loc["part", "workers"] < 0.1
 
 
 def test_later_runs_with_stored_results_are_not_the_cost_of_a_part(store: Path) -> None:
@@ -54,11 +54,11 @@ def test_later_runs_with_stored_results_are_not_the_cost_of_a_part(store: Path) 
         ("c", 5.0, 1.0, 1.0, 0),  # never finished
     ]
     pd.DataFrame(rows).to_csv(store / "times.csv", index=False, header=False)
-    found = spent.times(store)
-    assert found.loc["a"].tolist() == [30.0, 2.0, 14.0]
-    assert found.loc["b"].tolist() == [7.0, 2.0, 3.0]
-    assert "c" not in found.index
-    assert spent.on_two_cores(found) == pytest.approx((4.0 + 0.5 * 17.0) / 60.0)
+    seconds = spent.times(store)
+    assert seconds.loc["a"].tolist() == [30.0, 2.0, 14.0]
+    assert seconds.loc["b"].tolist() == [7.0, 2.0, 3.0]
+    assert "c" not in seconds.index
+    assert spent.on_two_cores(seconds) == pytest.approx((4.0 + 0.5 * 17.0) / 60.0)
 
 
 def test_an_interrupted_part_is_marked(store: Path) -> None:
@@ -80,8 +80,8 @@ def test_times_of_a_store_replace_those_of_their_parts_only(store: Path, tmp_pat
     pd.DataFrame([("b", 9.0, 8.0, 7.0, 1), ("c", 3.0, 2.0, 1.0, 1)]).to_csv(
         store / "times.csv", index=False, header=False
     )
-    found = spent.measured(out)
-    assert found.index.tolist() == ["a", "b", "c"]
-    assert found["own"].tolist() == [1.0, 8.0, 2.0]
+    seconds = spent.measured(out)
+    assert seconds.index.tolist() == ["a", "b", "c"]
+    assert seconds["own"].tolist() == [1.0, 8.0, 2.0]
     assert pd.read_csv(out / "cost.csv", index_col="part")["own"].tolist() == [1.0, 8.0, 2.0]
     assert os.listdir(out) == ["cost.csv"]

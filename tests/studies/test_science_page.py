@@ -50,28 +50,28 @@ def test_sentences_on_the_controls_follow_from_their_tables(page: str) -> None:
 
 
 def test_sentences_on_worlds_follow_from_their_table(page: str) -> None:
-    found = pd.read_csv(FOLDER / "worlds.csv")
-    levels = worlds.per_volunteer(found, "median rho")
-    shift = worlds.per_volunteer(found, "median shift [s]")["act_3"].median(axis=1)
+    table = pd.read_csv(FOLDER / "worlds.csv")
+    levels = worlds.per_volunteer(table, "median rho")
+    shift = worlds.per_volunteer(table, "median shift [s]")["act_3"].median(axis=1)
     contained(page, worlds.reading(levels, shift))
     contained(page, markdown(worlds.effects(levels).reset_index()))
 
 
 def test_sentences_on_the_normalisation_follow_from_their_tables(page: str) -> None:
-    found = pd.read_csv(FOLDER / "normalisation.csv")
+    table = pd.read_csv(FOLDER / "normalisation.csv")
     silent = pd.read_csv(FOLDER / "silent_muscles.csv")
     keys = normalisation.KEYS
-    rho = found.pivot_table(index=keys, columns="volunteer", values="median rho", sort=False)
+    rho = table.pivot_table(index=keys, columns="volunteer", values="median rho", sort=False)
     peak = silent.groupby(keys)["peak"].median()
     contained(page, markdown(normalisation._table(rho, peak), ".2f"))
     contained(page, normalisation._reading(rho, peak))
 
 
 def test_sentences_on_the_stress_follow_from_their_tables(page: str) -> None:
-    found = pd.read_csv(FOLDER / "strength.csv")
+    table = pd.read_csv(FOLDER / "strength.csv")
     moved = pd.read_csv(FOLDER / "excursions.csv")
-    contained(page, markdown(strength._table(found), ".2f"))
-    contained(page, strength._reading(found, moved))
+    contained(page, markdown(strength._table(table), ".2f"))
+    contained(page, strength._reading(table, moved))
     contained(page, markdown(excursions.compared(moved)))
 
 
@@ -98,10 +98,10 @@ def test_conclusions_follow_from_the_table_of_tests(page: str, world: str) -> No
 
 
 def test_sentences_on_claims_follow_from_their_table(page: str) -> None:
-    found = pd.read_csv(FOLDER / "inference.csv").drop(columns="origin")
-    rows = tuple(tuple(row) for row in found.itertuples(index=False))
+    table = pd.read_csv(FOLDER / "inference.csv").drop(columns="origin")
+    rows = tuple(tuple(row) for row in table.itertuples(index=False))
     contained(
-        page, inference.claims_sentences(Table("", tuple(map(Column, found)), rows, "simulated"))
+        page, inference.claims_sentences(Table("", tuple(map(Column, table)), rows, "simulated"))
     )
 
 
@@ -126,7 +126,7 @@ def test_the_run_time_follows_from_its_table(page: str) -> None:
     contained(page, cost(pd.read_csv(FOLDER / "cost.csv", index_col="part")))
 
 
-def test_a_run_time_above_the_limit_is_told_as_such() -> None:
+def test_a_run_time_above_the_limit_is_reported_as_such() -> None:
     spent = pd.DataFrame(
         {"wall": [1200.0, 900.0], "own": [60.0, 0.0], "workers": [1680.0, 1200.0]}, ["a", "b"]
     )
@@ -136,10 +136,10 @@ def test_a_run_time_above_the_limit_is_told_as_such() -> None:
 
 def test_other_numbers_than_those_of_the_table_are_found(page: str) -> None:
     """The test can fail: one changed value of one volunteer contradicts the page."""
-    found = pd.read_csv(FOLDER / "strength.csv")
-    found.loc[0, "amplitude ratio"] += 0.1
+    table = pd.read_csv(FOLDER / "strength.csv")
+    table.loc[0, "amplitude ratio"] += 0.1
     with pytest.raises(AssertionError):
-        contained(page, markdown(strength._table(found), ".2f"))
+        contained(page, markdown(strength._table(table), ".2f"))
 
 
 def test_pages_state_the_default_stress() -> None:
@@ -154,5 +154,5 @@ def test_pages_state_the_default_stress() -> None:
         assert sentence in words((DOCS / name).read_text(encoding="utf-8")), name
 
 
-def test_told_gives_the_numbers_of_a_table() -> None:
+def test_mean_text_gives_the_numbers_of_a_table() -> None:
     assert mean_text([1.0, 1.0, 1.0, 1.0, 1.0]) == "1.00 (1.00 to 1.00)"

@@ -78,7 +78,7 @@ def test_stage_of_the_mapping_decides_whether_factors_survive():
         for stage in ("signal", "feature", "activation")
     }
 
-    def of(stage, name):
+    def signal(stage, name):
         return a[stage].sel(muscle=name).values
 
     for factor, derived, direct in (
@@ -86,11 +86,13 @@ def test_stage_of_the_mapping_decides_whether_factors_survive():
         (0.75, "DLI_R", "DAO_R"),
         (0.2, "OOM_L", "OOP_L"),
     ):
-        np.testing.assert_allclose(of("feature", derived), of("feature", direct), atol=1e-12)
         np.testing.assert_allclose(
-            of("activation", derived), factor * of("activation", direct), atol=1e-12
+            signal("feature", derived), signal("feature", direct), atol=1e-12
         )
-        assert np.abs(of("signal", derived) - of("signal", direct)).max() > 0.01
+        np.testing.assert_allclose(
+            signal("activation", derived), factor * signal("activation", direct), atol=1e-12
+        )
+        assert np.abs(signal("signal", derived) - signal("signal", direct)).max() > 0.01
 
 
 def test_linear_features_agree_whether_mapped_before_or_after():
@@ -282,7 +284,7 @@ def test_recording_is_left_as_it_was():
     xr.testing.assert_identical(recording, before)
 
 
-def test_millivolts_declared_for_microvolts_are_told():
+def test_millivolts_declared_for_microvolts_are_reported():
     recording = recording_of()
     recording["emg"] = (recording["emg"] * 1e3).assign_attrs(units="V")
     with pytest.warns(FeatureWarning, match="varies by .* V after the filter, .* check the unit"):

@@ -33,11 +33,13 @@ def test_the_threshold_that_is_named_serves(ratio: float, rest: float) -> None:
     """With 50 times the threshold, the count is small; with the one named, its range is larger."""
     signal = noise(np.random.default_rng(1), rest, ratio)
     high = 3.2 * np.sqrt(2) * ratio * rest
-    (found,) = doubtful_rows(willison_amplitude(signal, threshold=high), signal)
+    (doubtful,) = doubtful_rows(willison_amplitude(signal, threshold=high), signal)
     assert (
-        found.code == "narrow_count" and found.name == "ZYG_L" and "would serve" in found.sentence
+        doubtful.code == "narrow_count"
+        and doubtful.name == "ZYG_L"
+        and "would serve" in doubtful.sentence
     )
-    serves = float(found.values["serves"])
+    serves = float(doubtful.values["serves"])
     assert serves == pytest.approx(SERVES * np.sqrt(2) * rest, rel=0.1)
     again = willison_amplitude(signal, threshold=serves)
     assert float(again.max() - again.min()) > FEW * 409
@@ -48,9 +50,9 @@ def test_the_threshold_that_is_named_serves(ratio: float, rest: float) -> None:
 def test_noise_has_no_threshold_that_serves(ratio: float) -> None:
     signal = noise(np.random.default_rng(2), 1e-6, ratio)
     for threshold in (0.1e-6, 1e-6, 5e-6):
-        (found,) = doubtful_rows(willison_amplitude(signal, threshold=threshold), signal)
-        assert found.code == "weak_burst"
-        assert float(found.values["ratio"]) == pytest.approx(ratio, rel=0.25)
+        (doubtful,) = doubtful_rows(willison_amplitude(signal, threshold=threshold), signal)
+        assert doubtful.code == "weak_burst"
+        assert float(doubtful.values["ratio"]) == pytest.approx(ratio, rel=0.25)
     rms = feature_of(signal, FeatureParameters(kind="rms"))
     assert [one.code for one in doubtful_rows(rms, signal)] == ["weak_burst"]
 
@@ -85,10 +87,10 @@ def test_an_activation_states_the_findings_on_its_muscles_only() -> None:
     recording["emg"].loc["ZYG_L"] *= 0.04
     chain = chain_of(feature={"threshold": 12e-6}, normalisation={"silent": "zero"})
     result = activation_of(recording, chain, strategy="act_rel", instruction="D")
-    found = {(f.code, f.name) for f in findings_in(result)}
+    findings = {(f.code, f.name) for f in findings_in(result)}
     other = activation_of(recording, chain, strategy="act_rel", instruction="C")
     assert not any(name == "ZYG_L" for _, name in {(f.code, f.name) for f in findings_in(other)})
-    assert any(name == "ZYG_L" for _, name in found), found
+    assert any(name == "ZYG_L" for _, name in findings), findings
     adaptive = chain_of(feature={"threshold_rest": 1.0, "threshold": None})
     assert adaptive.feature.threshold_rest == 1.0
     result = activation_of(recording, adaptive, strategy="act_rel", instruction="D")

@@ -36,18 +36,18 @@ def recording_at(rate: float, seconds: float = 3.0, seed: int = 0) -> xr.Dataset
 
 
 def rectified() -> xr.Dataset:
-    found = recording_at(RATE)
-    emg = found["emg"].copy()
+    recording = recording_at(RATE)
+    emg = recording["emg"].copy()
     emg[3] = np.abs(emg[3])
-    return found.assign(emg=emg)
+    return recording.assign(emg=emg)
 
 
 def test_activation_and_motion_repeat_and_store_what_the_check_finds() -> None:
     name = CHANNELS[3]
     with pytest.warns(match=f"channel {name}: is never negative and touches zero"):
         activation = ef.activate(rectified(), strategy="act_all")
-    found = [(f.code, f.name) for f in findings_in(activation) if f.kind != "muscle"]
-    assert found == [("rectified", name)]
+    findings = [(f.code, f.name) for f in findings_in(activation) if f.kind != "muscle"]
+    assert findings == [("rectified", name)]
     clean = ef.activate(recording_at(RATE), strategy="act_all")
     assert not [f for f in findings_in(clean) if f.kind != "muscle"]
     short = activation.isel(time=slice(0, 4))
@@ -67,7 +67,7 @@ def test_findings_survive_files_of_every_stage(tmp_path: Path) -> None:
 
 
 def test_only_findings_on_what_is_used_are_repeated() -> None:
-    found = [
+    findings = [
         Finding("bad", "channel", "ZYG_L", {"by": "a table", "why": ""}),
         Finding("bad", "channel", "Knee", {"by": "a table", "why": ""}),
         Finding("interpolated", "marker", "nasion", {"share": 0.1, "frames": 3, "by": "residuals"}),
@@ -75,7 +75,7 @@ def test_only_findings_on_what_is_used_are_repeated() -> None:
         Finding("rate", "marker", "", {"used_by": "a", "used": 1.0, "other_by": "b", "other": 2.0,
                                        "seconds": 3.0}),
     ]  # fmt: skip
-    given = with_findings(recording_at(RATE), found)
+    given = with_findings(recording_at(RATE), findings)
     assert [(f.code, f.name) for f in for_activation(given)] == [("bad", "ZYG_L")]
     assert [(f.code, f.name) for f in for_scores(given)] == [
         ("interpolated", "nasion"),
@@ -121,5 +121,5 @@ def test_a_trial_of_a_study_states_the_findings() -> None:
         {"volunteer": ["V1"], "instruction": ["A"], "repetition": [1], "strategy": ["act_all"],
          "marker": ["corner_left"]},
     )  # fmt: skip
-    (told,) = _failures(cube)
-    assert told.endswith("ok: check: rectified (ZYG_L)")
+    (failure,) = _failures(cube)
+    assert failure.endswith("ok: check: rectified (ZYG_L)")

@@ -13,7 +13,7 @@ from tests.study.recordings import chain_of, recording_of
 LEFT = [name for name in CHANNELS if name.endswith("_L")]
 
 
-def of(channels, **attrs):
+def with_channels(channels, **attrs):
     return recording_of(**attrs).sel(channel=list(channels))
 
 
@@ -37,20 +37,20 @@ def test_every_channel_is_in_one_group():
 
 
 def test_a_mirrored_side_moves_as_the_recorded_one():
-    whole, one = recording_of(), of(LEFT)
-    found = activation(one, missing_side="mirror")
-    left = found["activation"].sel(muscle=[m for m in MUSCLES if m.endswith("_L")]).values
-    right = found["activation"].sel(muscle=[m for m in MUSCLES if m.endswith("_R")]).values
+    whole, one = recording_of(), with_channels(LEFT)
+    mirrored = activation(one, missing_side="mirror")
+    left = mirrored["activation"].sel(muscle=[m for m in MUSCLES if m.endswith("_L")]).values
+    right = mirrored["activation"].sel(muscle=[m for m in MUSCLES if m.endswith("_R")]).values
     np.testing.assert_array_equal(left, right)
     # The result of the recorded side does not depend on the other side.
     both = activation(whole)["activation"].sel(muscle="ZYG_L")
-    np.testing.assert_array_equal(found["activation"].sel(muscle="ZYG_L"), both)
-    assert "copied from the other side: OOS_R" in found.attrs["montage"]
+    np.testing.assert_array_equal(mirrored["activation"].sel(muscle="ZYG_L"), both)
+    assert "copied from the other side: OOS_R" in mirrored.attrs["montage"]
 
 
 @pytest.mark.parametrize("stage", ["signal", "feature", "activation"])
 def test_zero_estimates_mixtures_and_leave_out_does_not(stage):
-    recording = of(["ZYG_L", "ZYG_R"])
+    recording = with_channels(["ZYG_L", "ZYG_R"])
     zero = activation(recording, mapping={"mapping_stage": stage}, missing_muscle="zero")
     out = activation(recording, mapping={"mapping_stage": stage}, missing_muscle="leave_out")
     assert list(zero["muscle"].values) == list(out["muscle"].values) == list(MUSCLES)
@@ -70,18 +70,18 @@ def test_zero_estimates_mixtures_and_leave_out_does_not(stage):
 
 def test_a_strategy_fails_only_if_it_requires_a_missing_muscle():
     # Only LLSAN raises the upper lip (Table 1), so that no other muscle need be recorded.
-    recording = of(["LLSAN_L", "LLSAN_R"], instruction="B")
-    found = activation(recording, "act_rel")
-    assert found.attrs["selected"] == "LLSAN"
+    recording = with_channels(["LLSAN_L", "LLSAN_R"], instruction="B")
+    selected = activation(recording, "act_rel")
+    assert selected.attrs["selected"] == "LLSAN"
     for strategy in ("act_all", "act_3", "act_threshold"):
         with pytest.raises(SchemaError, match=r"missing channels OOS_L.*missing_muscle"):
             activation(recording, strategy)
     with pytest.raises(SchemaError, match="missing channel LLSAN_R .*missing_side"):
-        activation(of(["LLSAN_L"], instruction="B"), "act_rel")
+        activation(with_channels(["LLSAN_L"], instruction="B"), "act_rel")
 
 
 def test_strategies_select_among_the_recorded_muscles():
-    recording = of(["ZYG_L", "MEN_L", "DAO_R", "DAO_L"], instruction="C")
+    recording = with_channels(["ZYG_L", "MEN_L", "DAO_R", "DAO_L"], instruction="C")
     choices = {"missing_side": "leave_out", "missing_muscle": "leave_out"}
     assert set(activation(recording, "act_3", **choices).attrs["selected"].split()) <= {
         "ZYG", "MEN", "DAO", "DLI",
@@ -102,7 +102,7 @@ def test_a_session_may_lack_a_channel_in_some_trials_and_not_in_all():
         montage={"missing_side": "leave_out"},
         normalisation={"reach": "session"},
     )
-    whole, partial = recording_of(0), of([c for c in CHANNELS if c != "MEN_R"], seed=1)
+    whole, partial = recording_of(0), with_channels([c for c in CHANNELS if c != "MEN_R"], seed=1)
     both = feature_range([whole, partial], chain)
     assert both.sizes["muscle"] == len(MUSCLES)
     alone = feature_range([whole], chain)

@@ -190,6 +190,6 @@ def test_a_rate_of_twice_the_upper_edge_up_to_rounding_is_filtered(rounding: flo
         ("channel", "time_emg"), attrs={"units": "V"},
     )  # fmt: skip
     with pytest.warns(FeatureWarning, match="instead of 500 Hz"):
-        found = bandpass(signal, FilterParameters())
-    assert np.isfinite(found).all() and 0.5e-5 < float(found.std()) < 1.1e-5
-    assert found.attrs["filter_high"] == pytest.approx(450.0, rel=1e-3)
+        filtered = bandpass(signal, FilterParameters())
+    assert np.isfinite(filtered).all() and 0.5e-5 < float(filtered.std()) < 1.1e-5
+    assert filtered.attrs["filter_high"] == pytest.approx(450.0, rel=1e-3)

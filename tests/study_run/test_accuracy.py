@@ -87,8 +87,8 @@ def test_outputs_do_not_depend_on_the_accuracy(face):
         )["time"].values
         for name in ("draft", "study", "reference", "published", "0.1 mm")
     ]
-    for found in times:
-        np.testing.assert_allclose(found, 0.01 * np.arange(8), atol=1e-15)
+    for instants in times:
+        np.testing.assert_allclose(instants, 0.01 * np.arange(8), atol=1e-15)
 
 
 def test_steps_and_outputs_must_be_compatible():
@@ -200,9 +200,9 @@ def test_a_burst_between_two_steps_moves_the_face(face, at):
     motion = fine.attrs["motion"]
     assert motion > 1e-3
     for accuracy in ("study", "0.1 mm"):
-        found = run({"accuracy": accuracy})
-        assert distance(found, fine) < 1e-4
-        assert 0.0 < found.attrs["numerical_error"] < 2e-4
+        result = run({"accuracy": accuracy})
+        assert distance(result, fine) < 1e-4
+        assert 0.0 < result.attrs["numerical_error"] < 2e-4
     published = run({"accuracy": "published"})
     assert published.attrs["motion"] == pytest.approx(motion, rel=0.35)
     assert published.attrs["numerical_error"] > 0.5 * distance(published, fine)
@@ -219,15 +219,15 @@ def test_contact_lowers_neither_accuracy_nor_strength(face, name):
     def run(parameters):
         return simulate_face(face, drive, parameters)
 
-    found = lower_sigma_max(run, parameters)
-    assert (found.attrs["attempts"], found.attrs["sigma_max"]) == (1, 300e3)
-    assert found.attrs["motion"] > 4e-3
+    lowered = lower_sigma_max(run, parameters)
+    assert (lowered.attrs["attempts"], lowered.attrs["sigma_max"]) == (1, 300e3)
+    assert lowered.attrs["motion"] > 4e-3
     fine = run(parameters.as_accurate("0.02 mm"))
-    assert distance(found, fine) < 1.2e-4
-    of_contact = found.attrs.get("event_error", 0.0)
-    assert found.attrs["numerical_error"] - of_contact < 1.2e-4
+    assert distance(lowered, fine) < 1.2e-4
+    of_contact = lowered.attrs.get("event_error", 0.0)
+    assert lowered.attrs["numerical_error"] - of_contact < 1.2e-4
     # both sides alike, although the length of the step varies a thousandfold
-    position = found["position"].transpose("time", "marker", "axis").values
+    position = lowered["position"].transpose("time", "marker", "axis").values
     rest = position[0] * [-1.0, 1.0, 1.0]
     mirror = np.linalg.norm(rest[:, None] - position[0], axis=2).argmin(axis=1)
     np.testing.assert_allclose(rest, position[0][mirror], rtol=0, atol=1e-9)

@@ -101,12 +101,16 @@ def test_the_history_counts_the_trials_of_all_parts() -> None:
 
 def test_a_volunteer_is_compared_with_others_that_hardly_change() -> None:
     names = [f"S{k}" for k in range(200)]
-    found = others_of(names, names)
-    assert all(len(set(of)) == MOST_OTHERS and own not in of for own, of in found.items())
-    counts = np.unique([name for of in found.values() for name in of], return_counts=True)[1]
+    others = others_of(names, names)
+    assert all(
+        len(set(chosen)) == MOST_OTHERS and own not in chosen for own, chosen in others.items()
+    )
+    counts = np.unique([name for chosen in others.values() for name in chosen], return_counts=True)[
+        1
+    ]
     assert (counts == MOST_OTHERS).all() and len(counts) == len(names)
     more = others_of(names, [*names, "S200"])
-    assert sum(found[name] != more[name] for name in names) == MOST_OTHERS
+    assert sum(others[name] != more[name] for name in names) == MOST_OTHERS
     few = others_of([*names[:3], "silent"], names[:3])
     assert few == {"S0": ["S1", "S2"], "S1": ["S0", "S2"], "S2": ["S0", "S1"],
                    "silent": ["S0", "S1", "S2"]}  # fmt: skip

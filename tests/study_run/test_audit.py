@@ -43,9 +43,9 @@ def with_simulation(study: StudyConfiguration, **changes) -> StudyConfiguration:
 
 
 def test_status_counts_trials_and_sizes_as_text_and_json(shown: Path) -> None:
-    told = CliRunner().invoke(app, ["study", "status", str(shown)])
-    assert told.exit_code == 0, told.output
-    assert "2 of 2 trials have an outcome (2 ok)" in told.stdout and "finished" in told.stdout
+    result = CliRunner().invoke(app, ["study", "status", str(shown)])
+    assert result.exit_code == 0, result.output
+    assert "2 of 2 trials have an outcome (2 ok)" in result.stdout and "finished" in result.stdout
     state = json.loads(CliRunner().invoke(app, ["study", "status", str(shown), "--json"]).stdout)
     assert state["status"] == {"ok": 2} and state["running"] == [] and state["failures"] == []
     size = sum(path.stat().st_size for path in (shown / "store" / "motion").glob("*.nc"))
@@ -91,16 +91,19 @@ def test_a_journal_of_another_version_is_ignored(folder: Path) -> None:
 
 def test_explain_names_what_changed(folder: Path) -> None:
     study, store = configuration(folder), folder / "store"
-    told = explain(study, folder, store, ["S01"])
-    assert len(told) == 2 and all("is up to date (ok" in sentence for sentence in told)
-    (told,) = explain(
+    sentences = explain(study, folder, store, ["S01"])
+    assert len(sentences) == 2 and all("is up to date (ok" in sentence for sentence in sentences)
+    (sentences,) = explain(
         with_simulation(study, sigma_max=90e3), folder, store, "S01 B 1 act_rel".split()
     )
-    assert "from stage motion on: sigma_max changed from 100000.0 to 90000.0" in told
+    assert "from stage motion on: sigma_max changed from 100000.0 to 90000.0" in sentences
     victim = next((store / "scores").glob("*.nc"))
     victim.write_bytes(victim.read_bytes()[:100])
-    told = explain(study, folder, store, [])
-    assert sum("from stage scores on: its result has 100 bytes, but" in text for text in told) == 1
+    sentences = explain(study, folder, store, [])
+    assert (
+        sum("from stage scores on: its result has 100 bytes, but" in text for text in sentences)
+        == 1
+    )
     with pytest.raises(DataError, match="there is no trial 'S02'"):
         explain(study, folder, store, ["S02"])
 
@@ -111,10 +114,10 @@ def test_gc_finds_what_no_study_uses_and_nothing_else(folder: Path) -> None:
     unused = [store / "motion" / f"{'0' * 32}.nc", store / "scores" / ".x.nc.12.ab.part"]
     for path in unused:
         path.write_bytes(b"12345")
-    found = unused_files([folder])
-    assert sorted(found.files) == sorted(unused) and found.size == 10
-    told = CliRunner().invoke(app, ["study", "gc", str(folder)])
-    assert "2 files" in told.stdout and all(path.exists() for path in unused)
+    collected = unused_files([folder])
+    assert sorted(collected.files) == sorted(unused) and collected.size == 10
+    result = CliRunner().invoke(app, ["study", "gc", str(folder)])
+    assert "2 files" in result.stdout and all(path.exists() for path in unused)
     CliRunner().invoke(app, ["study", "gc", str(folder), "--delete"])
     assert not any(path.exists() for path in unused)
     whole = line.read_bytes().splitlines(keepends=True)
@@ -149,43 +152,45 @@ def test_an_exported_study_is_complete(shown: Path, folder: Path, tmp_path: Path
         export(folder, tmp_path / "small")
 
 
-def test_a_copied_study_uses_the_recordings_beside_it_and_says_so(
+def test_a_copied_study_uses_the_recordings_next_to_it_and_says_so(
     shown: Path, laboratory: Path, tmp_path: Path
 ) -> None:
     above = Path(os.path.commonpath([shown, laboratory]))
     folder = tmp_path / "copy" / shown.relative_to(above)
     export(shown, folder)
-    beside = tmp_path / "copy" / laboratory.relative_to(above) / "recordings"
+    adjacent = tmp_path / "copy" / laboratory.relative_to(above) / "recordings"
 
-    def told(*words: str) -> str:
-        found = CliRunner().invoke(app, ["study", *words, str(folder), "S01 B 1 act_rel"])
-        assert found.exit_code == 0, found.output
-        return " ".join(found.output.split())
+    def output_of(*words: str) -> str:
+        result = CliRunner().invoke(app, ["study", *words, str(folder), "S01 B 1 act_rel"])
+        assert result.exit_code == 0, result.output
+        return " ".join(result.output.split())
 
-    text = told("explain")
-    assert f"{laboratory / 'recordings'} is used as before, because there is no {beside}" in text
+    text = output_of("explain")
+    assert f"{laboratory / 'recordings'} is used as before, because there is no {adjacent}" in text
     assert "up to date" in text
-    shutil.copytree(laboratory / "recordings", beside)
-    text = told("explain")
-    assert f"{beside} is used in place of {laboratory / 'recordings'}" in text
+    shutil.copytree(laboratory / "recordings", adjacent)
+    text = output_of("explain")
+    assert f"{adjacent} is used in place of {laboratory / 'recordings'}" in text
     assert "up to date" in text
-    path = beside / "S01_B_1.nc"
+    path = adjacent / "S01_B_1.nc"
     write_recording(read_recording(path).assign_attrs(comment="another"), path)
-    assert "its input recording changed" in told("explain")
-    assert any(f"{beside} is used" in note for note in open_results(folder).notes)
+    assert "its input recording changed" in output_of("explain")
+    assert any(f"{adjacent} is used" in note for note in open_results(folder).notes)
 
 
 def test_reproduce_passes_and_detects_a_planted_change(folder: Path) -> None:
     study, store = configuration(folder), folder / "store"
     choice = {"wanted": ["S01", "B", "1", "act_rel"], "report": lambda text: None}
-    (found,) = reproduce(study, folder, store, **choice)
-    assert found.differences == [] and found.equal == 5
+    (reproduced,) = reproduce(study, folder, store, **choice)
+    assert reproduced.differences == [] and reproduced.equal == 5
     cube = folder / "cube.nc"
     with netCDF4.Dataset(cube, "a") as opened:
         rho = opened["rho"][..., 1, 3].item()
         opened["rho"][..., 1, 3] = rho + 1e-12
-    (found,) = reproduce(study, folder, store, **choice)
-    assert found.equal == 5 and found.differences == ["cube: rho differs by up to 1e-12 1"]
+    (reproduced,) = reproduce(study, folder, store, **choice)
+    assert reproduced.equal == 5 and reproduced.differences == [
+        "cube: rho differs by up to 1e-12 1"
+    ]
     cube.unlink()
     line = next(
         line for _, line in lines(run_files(folder)[0]) if line.get("trial", [""])[-1] == "act_rel"
@@ -199,8 +204,10 @@ def test_reproduce_passes_and_detects_a_planted_change(folder: Path) -> None:
     index = json.loads(path.with_suffix(".json").read_text())
     index |= {"bytes": path.stat().st_size, "sha256": file_digest(path)}
     path.with_suffix(".json").write_text(json.dumps(index))
-    (found,) = reproduce(study, folder, store, **choice)
-    assert found.equal == 4 and found.differences == ["motion: position differs by up to 1e-09 m"]
+    (reproduced,) = reproduce(study, folder, store, **choice)
+    assert reproduced.equal == 4 and reproduced.differences == [
+        "motion: position differs by up to 1e-09 m"
+    ]
 
 
 def test_a_trial_is_computed_again_if_its_results_are_gone(folder: Path) -> None:
@@ -214,5 +221,5 @@ def test_trials_that_found_their_motion_are_compared_stage_by_stage(folder: Path
     study, store = configuration(folder), folder / "store"
     shutil.rmtree(folder / "runs")
     run_study(study, folder)
-    for found in reproduce(study, folder, store, count=None, report=lambda text: None):
-        assert found.differences == [] and found.equal == 5
+    for reproduced in reproduce(study, folder, store, count=None, report=lambda text: None):
+        assert reproduced.differences == [] and reproduced.equal == 5

@@ -109,22 +109,22 @@ def test_templates_and_nulls_are_those_of_the_analysis(three) -> None:
         for place in (("S01", "B", 1), ("S01", "B", 2), ("S02", "B", 1), ("S03", "B", 1))
         for trial in [results.trial(place, "act_rel")]
     }
-    found = result.cube.sel(volunteer="S02", instruction="B", repetition=1).squeeze("strategy")
+    scores = result.cube.sel(volunteer="S02", instruction="B", repetition=1).squeeze("strategy")
     own = measured["S02", "B", 1]
     wrong, _ = scored(own, results.trial(("S02", "E", 1), "act_rel").motion, options)
-    np.testing.assert_allclose(found["wrong_rho"], wrong, atol=1e-9)
-    np.testing.assert_allclose(found["wrong_rho_max"], wrong, atol=1e-9)
+    np.testing.assert_allclose(scores["wrong_rho"], wrong, atol=1e-9)
+    np.testing.assert_allclose(scores["wrong_rho_max"], wrong, atol=1e-9)
     first = mean_motion([measured["S01", "B", 1], measured["S01", "B", 2]], options)
     third = mean_motion([measured["S03", "B", 1]], options)
     rho, ratio = scored(own, mean_motion([first, third], options), options)
-    np.testing.assert_allclose(found["template_rho"], rho, atol=1e-9)
-    np.testing.assert_allclose(found["template_amplitude_ratio"], ratio, atol=1e-9)
+    np.testing.assert_allclose(scores["template_rho"], rho, atol=1e-9)
+    np.testing.assert_allclose(scores["template_amplitude_ratio"], ratio, atol=1e-9)
     driven = [
         mean_motion([results.trial(p, "act_rel").motion["position"] for p in places], options)
         for places in ([("S01", "B", 1), ("S01", "B", 2)], [("S03", "B", 1)])
     ]
-    lips = mean_motion(driven, options).sel(marker=found["marker"].values)
-    np.testing.assert_allclose(found["others_rho"], scored(own, lips, options)[0], atol=1e-9)
+    lips = mean_motion(driven, options).sel(marker=scores["marker"].values)
+    np.testing.assert_allclose(scores["others_rho"], scored(own, lips, options)[0], atol=1e-9)
     with_own = mean_motion([first, third, mean_motion([own], options)], options)
     assert np.nanmax(np.abs(scored(own, with_own, options)[0] - rho)) > 1e-4
     assert (result.cube["template_volunteers"] == 2).all()

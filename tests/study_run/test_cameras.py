@@ -48,8 +48,8 @@ def images(cameras: list[Camera], points: np.ndarray) -> xr.DataArray:
 def test_a_projection_is_that_of_similar_triangles() -> None:
     front = camera(0.0)
     point = np.array([[0.05, 0.1, 0.02]])  # 0.7 m before the camera, at its height
-    centre, beside = front.project(np.array([[0.0, 0.0, 0.02]])), front.project(point)
-    assert abs(beside[0, 0] - centre[0, 0]) == pytest.approx(1900 * 0.05 / 0.7, rel=2e-3)
+    centre, lateral = front.project(np.array([[0.0, 0.0, 0.02]])), front.project(point)
+    assert abs(lateral[0, 0] - centre[0, 0]) == pytest.approx(1900 * 0.05 / 0.7, rel=2e-3)
     assert np.isnan(front.project(np.array([[0.0, 2.0, 0.0]]))).all()
 
 
@@ -58,15 +58,15 @@ def test_distortion_is_undone() -> None:
     for one in bent():
         points = rng.uniform(-0.1, 0.1, size=(50, 3))
         seen = points @ one.rotation.T + one.translation
-        found = one.normalised(one.project(points))
-        np.testing.assert_allclose(found, seen[:, :2] / seen[:, 2:], atol=1e-12)
+        undistorted = one.normalised(one.project(points))
+        np.testing.assert_allclose(undistorted, seen[:, :2] / seen[:, 2:], atol=1e-12)
 
 
 def test_markers_are_found_where_they_are() -> None:
-    found = triangulate(images(bent(), markers()), bent())
-    np.testing.assert_allclose(found["position"], markers(), atol=1e-9)
-    assert float(found["reprojection_error"].max()) < 1e-6
-    assert (found["views"] == 3).all() and found["position"].attrs["units"] == "m"
+    triangulation = triangulate(images(bent(), markers()), bent())
+    np.testing.assert_allclose(triangulation["position"], markers(), atol=1e-9)
+    assert float(triangulation["reprojection_error"].max()) < 1e-6
+    assert (triangulation["views"] == 3).all() and triangulation["position"].attrs["units"] == "m"
 
 
 def test_noise_in_the_images_gives_the_expected_error_in_space() -> None:
@@ -87,26 +87,26 @@ def test_the_least_squares_are_those_of_a_general_optimiser() -> None:
 
     cameras, rng = bent(), np.random.default_rng(6)
     tracks = images(cameras, markers()) + PIXEL * rng.normal(size=(3, 7, 2, FRAMES))
-    found = triangulate(tracks, cameras)["position"].values[3, :, 4]
+    triangulation = triangulate(tracks, cameras)["position"].values[3, :, 4]
     pixels = tracks.values[:, 3, :, 4]
     best = least_squares(
         lambda x: np.concatenate([c.project(x) - p for c, p in zip(cameras, pixels, strict=True)]),
-        found + 0.001, xtol=1e-14, ftol=1e-14, gtol=1e-14,
+        triangulation + 0.001, xtol=1e-14, ftol=1e-14, gtol=1e-14,
     )  # fmt: skip
-    np.testing.assert_allclose(found, best.x, atol=1e-9)
+    np.testing.assert_allclose(triangulation, best.x, atol=1e-9)
 
 
 def test_two_views_suffice_and_one_does_not() -> None:
     tracks = images(bent(), markers())
     tracks[0, 2, :, 5] = np.nan
     tracks[0, 3, :, 6] = tracks[2, 3, 1, 6] = np.nan
-    found = triangulate(tracks, bent())
-    np.testing.assert_allclose(found["position"][2, :, 5], markers()[2, :, 5], atol=1e-9)
-    assert np.isnan(found["position"][3, :, 6]).all() and np.isnan(
-        found["reprojection_error"][3, 6]
+    triangulation = triangulate(tracks, bent())
+    np.testing.assert_allclose(triangulation["position"][2, :, 5], markers()[2, :, 5], atol=1e-9)
+    assert np.isnan(triangulation["position"][3, :, 6]).all() and np.isnan(
+        triangulation["reprojection_error"][3, 6]
     )
-    assert (int(found["views"][2, 5]), int(found["views"][3, 6])) == (2, 1)
-    assert int(np.isnan(found["position"]).sum()) == 3
+    assert (int(triangulation["views"][2, 5]), int(triangulation["views"][3, 6])) == (2, 1)
+    assert int(np.isnan(triangulation["position"]).sum()) == 3
 
 
 def test_a_wrong_match_has_a_large_reprojection_error() -> None:

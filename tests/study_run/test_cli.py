@@ -75,9 +75,9 @@ def study_file(laboratory: Path, folder: Path, recordings: Path | None = None) -
 
 def counted(output: str) -> tuple[int, int]:
     """Numbers of results that a study computed and took from its store."""
-    found = re.search(r"(\d+) results were computed, (\d+) were already stored", output)
-    assert found is not None, output
-    return int(found[1]), int(found[2])
+    results = re.search(r"(\d+) results were computed, (\d+) were already stored", output)
+    assert results is not None, output
+    return int(results[1]), int(results[2])
 
 
 # what works

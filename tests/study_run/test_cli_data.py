@@ -178,15 +178,15 @@ def test_recordings_are_converted_to_bids_and_back_with_a_notch(
     for path in sorted(source.glob("*.nc")):
         given = read_recording(path)
         place = [given.attrs[k] for k in ("volunteer", "instruction", "repetition")]
-        found = next(
+        converted = next(
             r
             for r in map(read_recording, (tmp_path / "netcdf").glob("*.nc"))
             if [r.attrs[k] for k in ("volunteer", "instruction", "repetition")] == place
         )
-        np.testing.assert_array_equal(found["position"], given["position"])
+        np.testing.assert_array_equal(converted["position"], given["position"])
         notched = remove_hum(given["emg"], 50.0)
         largest = float(abs(notched).max())
-        np.testing.assert_allclose(found["emg"], notched, rtol=0, atol=2.4e-7 * largest)
+        np.testing.assert_allclose(converted["emg"], notched, rtol=0, atol=2.4e-7 * largest)
 
 
 def test_subject_task_and_run_are_given_where_a_file_names_none(foreign, tmp_path) -> None:
@@ -350,8 +350,8 @@ def test_a_session_is_cut_by_events_and_by_its_activity(tmp_path: Path) -> None:
     )
     session.attrs.pop("repetition", None)
     path = write_recording(session, tmp_path / "session.nc")
-    found = run("cut", path, "--out", tmp_path / "found", "--offset", 0.5)
-    assert found.exit_code == 0, found.output
+    result = run("cut", path, "--out", tmp_path / "found", "--offset", 0.5)
+    assert result.exit_code == 0, result.output
     names = sorted(p.name for p in (tmp_path / "found").glob("*.nc"))
     assert names == ["V01_A_1.nc", "V01_A_2.nc"]
     first = read_recording(tmp_path / "found" / names[0])
@@ -359,9 +359,11 @@ def test_a_session_is_cut_by_events_and_by_its_activity(tmp_path: Path) -> None:
     assert abs(float(first["time_marker"][0])) < 0.011  # on the clock of the EMG
     events = tmp_path / "a_events.tsv"
     events.write_text("onset\tduration\ttrial_type\n1.5\t1.2\tD\n5.0\t1.2\tD\n")
-    told = run("cut", path, "--out", tmp_path / "told", "--events", events, "--before", 0.2)
-    assert told.exit_code == 0, told.output
-    second = read_recording(tmp_path / "told" / "V01_D_2.nc")
+    output = run(
+        "cut", path, "--out", tmp_path / "from_events", "--events", events, "--before", 0.2
+    )
+    assert output.exit_code == 0, output.output
+    second = read_recording(tmp_path / "from_events" / "V01_D_2.nc")
     assert second.attrs["cut_from"] == [4.8, 6.2]
     assert second.sizes["time_emg"] == pytest.approx(1.4 * 2048, abs=2)
     far = run("cut", path, "--out", tmp_path / "far", "--events", events, "--after", 9)

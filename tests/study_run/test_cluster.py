@@ -59,8 +59,8 @@ def test_jobs_are_done_by_workers_that_may_die_and_the_loss_of_the_scheduler_is_
     )
     workers = DaskWorkers(cluster.scheduler_address)
     try:
-        found = dict(run_jobs(square, range(6), workers, begin=begin, arguments=(100,)))
-        assert {k: result[0] for k, result in found.items()} == {k: k**2 + 100 for k in range(6)}
+        results = dict(run_jobs(square, range(6), workers, begin=begin, arguments=(100,)))
+        assert {k: result[0] for k, result in results.items()} == {k: k**2 + 100 for k in range(6)}
         with pytest.raises(ZeroDivisionError):
             dict(run_jobs(fail_at_two, range(4), workers, begin=begin, arguments=(0,)))
         jobs = [str(tmp_path / name) for name in ("a", "b")]
@@ -75,18 +75,18 @@ def test_jobs_are_done_by_workers_that_may_die_and_the_loss_of_the_scheduler_is_
 
 
 @needed
-def test_a_scheduler_without_workers_is_told_once() -> None:
+def test_a_scheduler_without_workers_is_reported_once() -> None:
     """A study that waits for the first worker would otherwise look like one that computes."""
     from distributed import LocalCluster
 
     with LocalCluster(n_workers=0, processes=False, dashboard_address=":0") as cluster:
         workers = DaskWorkers(cluster.scheduler_address)
-        with pytest.warns(UserWarning, match="has no workers: jobs wait until one joins") as told:
+        with pytest.warns(UserWarning, match="has no workers: jobs wait until one joins") as warned:
             for _ in range(2):
                 workers._counted = -1e9
                 assert workers.threads == 0
         workers.end()
-    assert len([w for w in told if "no workers" in str(w.message)]) == 1
+    assert len([w for w in warned if "no workers" in str(w.message)]) == 1
 
 
 def test_an_open_port_is_warned_of() -> None:

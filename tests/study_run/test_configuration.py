@@ -49,12 +49,12 @@ def test_the_template_holds_every_parameter_and_reads_back_as_the_defaults() -> 
     assert configure(StudyConfiguration, tomllib.loads(text)) == StudyConfiguration()
 
     def names(model: type[BaseModel]) -> set[str]:
-        found = set()
+        parameters = set()
         for name, field in model.model_fields.items():
             kinds = (field.annotation, *get_args(field.annotation))
             models = [k for k in kinds if isinstance(k, type) and issubclass(k, BaseModel)]
-            found |= names(models[0]) if models else {name}
-        return found
+            parameters |= names(models[0]) if models else {name}
+        return parameters
 
     for name in names(StudyConfiguration):
         assert f"\n{name} =" in text or f"\n# {name} =" in text, name

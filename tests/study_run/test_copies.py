@@ -1,4 +1,4 @@
-"""One recording that counts as several trials is told by the check, the study and the report."""
+"""One recording that counts as several trials is reported by the check, the study and the report."""
 
 import numpy as np
 import pytest
@@ -25,15 +25,15 @@ def test_a_check_of_a_folder_tells_of_copies(tmp_path, copied):
         write_recording(
             made.assign_attrs(attrs), tmp_path / f"{volunteer}_{instruction}_{repetition}.nc"
         )
-    told = checked(tmp_path)
-    assert ("contain the same samples" in told) == (copied > 0)
+    text = checked(tmp_path)
+    assert ("contain the same samples" in text) == (copied > 0)
     assert (
-        not copied or f"V1_A_1.nc, V1_A_2.nc{', V2_A_1.nc' if copied == 2 else ''} contain" in told
+        not copied or f"V1_A_1.nc, V1_A_2.nc{', V2_A_1.nc' if copied == 2 else ''} contain" in text
     )
 
 
 @pytest.mark.parametrize(
-    ("digests", "told"),
+    ("digests", "message"),
     [
         (["a", "b", "c", ""], []),
         (["", "", "a", "b"], []),
@@ -41,14 +41,14 @@ def test_a_check_of_a_folder_tells_of_copies(tmp_path, copied):
         (["a", "b", "a", "b"], ["V1 A 1, V2 A 1 have", "V1 A 2, V2 A 2 have"]),
     ],
 )
-def test_a_cube_that_was_joined_of_copies_is_told(digests, told):
+def test_a_cube_that_was_joined_of_copies_is_reported(digests, message):
     dims = ("volunteer", "instruction", "repetition")
     cube = xr.Dataset(
         {name: (dims, np.array(digests, dtype=str).reshape(2, 1, 2)) for name in
          ("recording", "recording_digest")},
         {"volunteer": ["V1", "V2"], "instruction": ["A"], "repetition": [1, 2]},
     )  # fmt: skip
-    found = repeated(cube)
-    assert len(found) == len(told)
-    assert all(part in text for part, text in zip(told, found, strict=True))
+    sentences = repeated(cube)
+    assert len(sentences) == len(message)
+    assert all(part in text for part, text in zip(message, sentences, strict=True))
     assert repeated(cube.drop_vars(["recording", "recording_digest"])) == []

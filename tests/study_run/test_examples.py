@@ -62,10 +62,10 @@ def test_examples_run_as_they_are_printed(
     emg.to_pandas().rename_axis("time").to_csv(tmp_path / "emg.csv")
     monkeypatch.chdir(tmp_path)
     for name in ORDER:
-        found = CliRunner().invoke(app, lines[name])
-        assert found.exit_code == 0, (name, found.output, found.exception)
+        result = CliRunner().invoke(app, lines[name])
+        assert result.exit_code == 0, (name, result.output, result.exception)
         if name == "score":  # without --face, the head markers are those of the template
-            assert "of the face" not in found.output
+            assert "of the face" not in result.output
             given = [word for word in lines[name] if word not in ("--face", "face.nc")]
             again = CliRunner().invoke(app, given)
             assert "the motion belongs to the face 'slab'" in " ".join(again.output.split())
@@ -80,9 +80,9 @@ def test_a_damaged_file_does_not_end_a_check(laboratory: Path, tmp_path: Path) -
     cut, face = tmp_path / "cut.nc", laboratory / "face.nc"
     for whole in (trial, face):
         cut.write_bytes(whole.read_bytes()[:3000])
-        found = CliRunner().invoke(app, ["check", str(cut), str(face), str(trial)])
-        text = " ".join(found.output.split())
-        assert found.exit_code == 2 and "cut.nc" in text
+        result = CliRunner().invoke(app, ["check", str(cut), str(face), str(trial)])
+        text = " ".join(result.output.split())
+        assert result.exit_code == 2 and "cut.nc" in text
         assert "face.nc:" in text and "1 of 2 recordings can be used" in text
 
 
@@ -91,6 +91,6 @@ def test_a_duration_is_refused_where_the_file_has_its_own_times(
 ) -> None:
     trial = next((laboratory / "recordings").glob("*_B_*.nc"))
     line = ["simulate", str(trial), "--model", str(laboratory / "face.nc"), "--duration", "0.1"]
-    found = CliRunner().invoke(app, [*line, "--out", str(tmp_path / "m.nc")])
-    assert found.exit_code != 0 and not (tmp_path / "m.nc").exists()
-    assert "cannot be applied" in str(found.exception) + found.output
+    result = CliRunner().invoke(app, [*line, "--out", str(tmp_path / "m.nc")])
+    assert result.exit_code != 0 and not (tmp_path / "m.nc").exists()
+    assert "cannot be applied" in str(result.exception) + result.output

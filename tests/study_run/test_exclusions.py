@@ -90,7 +90,7 @@ def test_the_check_writes_the_exclusions_of_what_cannot_be_used(laboratory, tmp_
     out = tmp_path / "exclusions.toml"
     result = run("check", folder, "--study", "--exclude", out)
     assert result.exit_code == 2 and "1 of 2 recordings" in result.stderr
-    found = read_exclusions(out)
-    assert [(e.volunteer, e.instruction, e.repetition) for e in found] == [("S01", "E", 1)]
-    assert "channel ZYG_L: constant" in found[0].reason
+    exclusions = read_exclusions(out)
+    assert [(e.volunteer, e.instruction, e.repetition) for e in exclusions] == [("S01", "E", 1)]
+    assert "channel ZYG_L: constant" in exclusions[0].reason
     one_sentence(run("check", folder, "--exclude", out), "DataError", "exists")

@@ -61,8 +61,8 @@ def test_a_stage_in_a_journal_does_not_lead_out_of_the_store(folder: Path, stage
     for action in (lambda: unused_files([folder]), lambda: export(folder, folder.parent / "out")):
         with pytest.raises(StoreError, match="expected a name and hexadecimal digits"):
             action()
-    told = CliRunner().invoke(app, ["study", "gc", str(folder), "--delete"])
-    assert told.exit_code == 2 and everything(victim) == before
+    result = CliRunner().invoke(app, ["study", "gc", str(folder), "--delete"])
+    assert result.exit_code == 2 and everything(victim) == before
 
 
 def test_a_journal_that_names_the_store_of_another_study_deletes_nothing(
@@ -79,8 +79,8 @@ def test_a_journal_that_names_the_store_of_another_study_deletes_nothing(
     rewrite(folder, change)
     with pytest.raises(StoreError, match="is not in the list of"):
         unused_files([folder])
-    told = CliRunner().invoke(app, ["study", "gc", str(folder), "--delete"])
-    assert told.exit_code == 2 and everything(folder.parent / "mine") == before
+    result = CliRunner().invoke(app, ["study", "gc", str(folder), "--delete"])
+    assert result.exit_code == 2 and everything(folder.parent / "mine") == before
 
 
 def test_links_of_a_store_are_not_followed(folder: Path) -> None:
@@ -112,8 +112,8 @@ def test_one_flipped_bit_of_a_journal_stops_deletion(folder: Path) -> None:
         data[start + 30] ^= 4
         path.write_bytes(bytes(data))
         assert damaged_lines(path)[0] == (number if number > 1 else 1)
-        told = CliRunner().invoke(app, ["study", "gc", str(folder), "--delete"])
-        assert told.exit_code == 2, (number, told.output)
+        result = CliRunner().invoke(app, ["study", "gc", str(folder), "--delete"])
+        assert result.exit_code == 2, (number, result.output)
         assert everything(folder / "store") == before
     path.write_bytes(whole)
     assert unused_files([folder]).files == []
@@ -160,16 +160,16 @@ def test_every_command_that_reads_a_journal_states_its_damaged_lines(
     folder: Path, command: str
 ) -> None:
     path = damaged(folder)
-    told = READING[command](folder)
-    assert f"line 2 of {path} is damaged" in told
+    output = READING[command](folder)
+    assert f"line 2 of {path} is damaged" in output
 
 
 def test_status_lists_damaged_lines_in_json(folder: Path) -> None:
     ask = ["study", "status", str(folder), "--json"]
     assert json.loads(CliRunner().invoke(app, ask).stdout)["damage"] == []
     path = damaged(folder)
-    (told,) = json.loads(CliRunner().invoke(app, ask).stdout)["damage"]
-    assert str(path) in told and "line 2" in told
+    (message,) = json.loads(CliRunner().invoke(app, ask).stdout)["damage"]
+    assert str(path) in message and "line 2" in message
 
 
 def test_nothing_reads_a_journal_without_stating_its_damage() -> None:
@@ -199,8 +199,8 @@ def test_gc_lists_before_it_deletes(folder: Path) -> None:
     path = folder / "store" / "motion" / f"{'0' * 32}.nc"
     path.write_bytes(b"12345")
     for words, exists in ((), True), (("--delete",), False):
-        told = CliRunner().invoke(app, ["study", "gc", str(folder), *words])
-        assert str(path) in told.stdout.replace("\n", "") and path.exists() == exists
+        result = CliRunner().invoke(app, ["study", "gc", str(folder), *words])
+        assert str(path) in result.stdout.replace("\n", "") and path.exists() == exists
 
 
 def test_cut_writes_into_its_folder_only_and_replaces_nothing(
@@ -212,8 +212,8 @@ def test_cut_writes_into_its_folder_only_and_replaces_nothing(
     table = tmp_path / "events.tsv"
     table.write_text("onset\tduration\ttrial_type\n0.1\t0.2\t../../B\n0.3\t0.2\tB\n")
     words = ["cut", str(source), "--events", str(table), "--out", str(out)]
-    told = CliRunner().invoke(app, words)
-    assert told.exit_code == 0, told.output
+    result = CliRunner().invoke(app, words)
+    assert result.exit_code == 0, result.output
     made = everything(tmp_path / "a")
     assert len(made) == 2 and all(path.parent == out for path in made)
     assert not (tmp_path / "escaped").exists() and not (tmp_path / "a" / "escaped").exists()
@@ -221,8 +221,8 @@ def test_cut_writes_into_its_folder_only_and_replaces_nothing(
     assert again.exit_code == 2 and "--force" in again.output and everything(tmp_path / "a") == made
     assert CliRunner().invoke(app, [*words, "--force"]).exit_code == 0
     table.write_text("onset\tduration\ttrial_type\n0.1\t0.2\ta/b\n0.3\t0.2\ta-b\n")
-    told = CliRunner().invoke(app, [*words[:-1], str(tmp_path / "other")])
-    assert told.exit_code == 2 and "would both be written as" in told.output
+    result = CliRunner().invoke(app, [*words[:-1], str(tmp_path / "other")])
+    assert result.exit_code == 2 and "would both be written as" in result.output
     assert not (tmp_path / "other").exists()
 
 

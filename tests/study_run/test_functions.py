@@ -85,10 +85,10 @@ def test_the_strategy_true_uses_the_true_activation(file):
 
 
 def test_a_generated_face_takes_measures_with_or_without_units():
-    told = ef.face(resolution="coarse", measures={"mouth_width": "52mm"})
+    generated = ef.face(resolution="coarse", measures={"mouth_width": "52mm"})
     given = ef.face(resolution="coarse", measures={"mouth_width": 0.052})
-    xr.testing.assert_identical(told, given)
-    assert told.attrs["measure_mouth_width"] == 0.052
+    xr.testing.assert_identical(generated, given)
+    assert generated.attrs["measure_mouth_width"] == 0.052
 
 
 def test_changes_keep_the_other_settings_of_a_study():
@@ -160,7 +160,7 @@ def test_a_moving_face_is_a_page_in_a_frame_with_a_still_picture(moving, tmp_pat
     assert base64.b64decode(bundle["image/png"]).startswith(b"\x89PNG")
     assert bundle["text/html"].startswith("<iframe srcdoc=")
     assert html.escape(view.page) in bundle["text/html"]
-    assert "Zygomaticus" in view.page or "zygomaticus" in view.page, "activations beside the face"
+    assert "Zygomaticus" in view.page or "zygomaticus" in view.page, "activations next to the face"
     assert view.save(tmp_path / "face.html").read_text(encoding="utf-8") == view.page
     assert view.save(tmp_path / "face.png").stat().st_size > 1000
 

@@ -33,9 +33,9 @@ class Elsewhere(InProcess):
         self.jobs += 1
         future = super().submit(function, *pickle.loads(pickle.dumps(arguments)))
         if future.exception() is None:
-            found: Future[Any] = Future()
-            found.set_result(pickle.loads(pickle.dumps(future.result())))
-            return found
+            copied: Future[Any] = Future()
+            copied.set_result(pickle.loads(pickle.dumps(future.result())))
+            return copied
         return future
 
 
@@ -61,12 +61,12 @@ def taken(folder: Path, **options: Any) -> Intake:
 
 def noted(folder: Path) -> Intake:
     """Take in the recordings and write the journal, as a run does."""
-    found = taken(folder)
+    intake = taken(folder)
     journal = Journal(folder / "out", {"study": "s", "trials": 2, "workers": 1, "store": "store"})
-    for line in found.read:
+    for line in intake.read:
         journal.write("recording", **line)
     journal.end("finished", [])
-    return found
+    return intake
 
 
 def test_known_recordings_are_not_read_again(folder: Path) -> None:
@@ -84,12 +84,12 @@ def test_known_recordings_are_not_read_again(folder: Path) -> None:
 def test_a_changed_recording_is_read_again(folder: Path, restored: bool) -> None:
     noted(folder)
     path, before = folder / "in" / "r2.nc", taken(folder).recordings
-    told = path.stat()
+    status = path.stat()
     changed = recording().assign_attrs(repetition=2)
     changed["emg"][3, 5] += 1e-6
     write_recording(changed, path)
     if restored:  # an entry of a file system also has the time of its own last change
-        os.utime(path, ns=(told.st_atime_ns, told.st_mtime_ns))
+        os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns))
     after = taken(folder)
     assert [line["place"][2] for line in after.read] == [2]
     assert after.recordings[0] == before[0] and after.recordings[1].digest != before[1].digest
@@ -150,9 +150,11 @@ def test_a_folder_that_cannot_be_read_is_an_error(folder: Path, monkeypatch) -> 
 
 
 def test_usable_recordings_by_volunteer(folder: Path) -> None:
-    found = taken(folder)
-    assert {v: [r.place[2] for r in of] for v, of in found.usable.items()} == {"V01": [1, 2]}
-    assert found.usable["V01"][1].dataset.attrs["repetition"] == 2
+    intake = taken(folder)
+    assert {v: [r.place[2] for r in recordings] for v, recordings in intake.usable.items()} == {
+        "V01": [1, 2]
+    }
+    assert intake.usable["V01"][1].dataset.attrs["repetition"] == 2
 
 
 @pytest.mark.parametrize(
@@ -184,7 +186,7 @@ def test_a_study_refuses_two_spellings_and_names_both_files_of_one_trial(tmp_pat
         take_in(RecordingsConfiguration(folder=tmp_path), workers=1)
 
 
-def test_copies_of_a_recording_are_told(tmp_path: Path) -> None:
+def test_copies_of_a_recording_are_reported(tmp_path: Path) -> None:
     """Three copies under three names were three independent volunteers of the statistics."""
     one = recording()
     other = one.assign(emg=(1.0 + 1e-9) * one["emg"]).assign(
@@ -193,8 +195,8 @@ def test_copies_of_a_recording_are_told(tmp_path: Path) -> None:
     for k, given in enumerate((one, one, other)):
         write_recording(given.assign_attrs(volunteer=f"V{k}"), tmp_path / f"{k}.nc")
     with pytest.warns(FeatureWarning, match=r"0.nc \(V0 A 1\), 1.nc \(V1 A 1\) contain the same"):
-        found = take_in(RecordingsConfiguration(folder=tmp_path), workers=1)
-    assert len(found.recordings) == 3  # a warning, and no recording is left out
+        intake = take_in(RecordingsConfiguration(folder=tmp_path), workers=1)
+    assert len(intake.recordings) == 3  # a warning, and no recording is left out
     (tmp_path / "1.nc").unlink()
     with warnings.catch_warnings():
         warnings.simplefilter("error", FeatureWarning)

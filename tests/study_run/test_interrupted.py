@@ -171,24 +171,24 @@ def places(laboratory: Path, shown: Path, coarse: xr.Dataset, tmp_path_factory) 
     session.attrs.pop("repetition")
     write_recording(session, folder / "session.nc")
     (folder / "e_events.tsv").write_text("onset\tduration\ttrial_type\n0.6\t0.5\tD\n1.2\t0.3\tD\n")
-    found = {
+    paths = {
         "rec": rec, "recs": recordings, "study": study, "csv": csv, "done": shown,
         "session": folder / "session.nc", "events": folder / "e_events.tsv",
         "act": folder / "act.nc", "motion": folder / "motion.nc", "trials": folder / "trials",
         "plan": folder / "plan.toml", "lips": folder / "lips.nc", "weak": folder / "weak.nc",
     }  # fmt: skip
     if find_spec("SimpleITK"):
-        found |= _phantom(folder)
-    found["plan"].write_text("[[step]]\nkind = 'palsy'\ndegree = 0.5\n")
-    save_face(coarse, found["lips"])
+        paths |= _phantom(folder)
+    paths["plan"].write_text("[[step]]\nkind = 'palsy'\ndegree = 0.5\n")
+    save_face(coarse, paths["lips"])
     made = ["treat {plan} {lips} --out {weak}"]
     made += ["cut {session} --events {events} --out {trials}"]
     made += ["activate {rec} --study {study} --out {act}"]
     made += ["simulate {act} --study {study} --surface --out {motion}"]
     for line in made:
-        result = CliRunner().invoke(app, line.format(**found).split())
+        result = CliRunner().invoke(app, line.format(**paths).split())
         assert result.exit_code == 0, result.output
-    return found | {"trial": min(found["trials"].glob("*.nc"))}  # 0.5 s, which are soon inverted
+    return paths | {"trial": min(paths["trials"].glob("*.nc"))}  # 0.5 s, which are soon inverted
 
 
 def _phantom(folder: Path) -> dict[str, Path]:
@@ -211,7 +211,7 @@ def run(line: str, places: dict[str, Path], out: Path) -> Any:
 
 
 def begun(line: str, places: dict[str, Path], out: Path) -> Path:
-    """Folder of the results of a command; a sidecar is written beside its table."""
+    """Folder of the results of a command; a sidecar is written next to its table."""
     out.mkdir()
     if "{o}/in/" in line:
         (out / "in").mkdir()
@@ -250,8 +250,8 @@ def content(path: Path) -> Any:
 
 
 def files(folder: Path) -> dict[str, Path]:
-    found = (p for p in folder.rglob("*") if p.is_file() and not kept(p))
-    return {str(p.relative_to(folder)): p for p in found if "store/" not in str(p)}
+    paths = (p for p in folder.rglob("*") if p.is_file() and not kept(p))
+    return {str(p.relative_to(folder)): p for p in paths if "store/" not in str(p)}
 
 
 def parts(folder: Path) -> list[str]:
@@ -333,18 +333,18 @@ def _complete(line: str, places: dict[str, Path], out: Path, reference: dict[str
 
     assert in_child(again) == 0, line
     assert parts(out) == []
-    found = files(out)
-    assert set(found) == set(reference)
-    for name, path in found.items():
+    stored = files(out)
+    assert set(stored) == set(reference)
+    for name, path in stored.items():
         _same(path, reference[name])
 
 
 def _same(path: Path, other: Path) -> None:
-    found, wanted = content(path), content(other)
-    if isinstance(found, int):  # pages state when they were written
-        assert abs(found - wanted) <= 1 + wanted // 50, path.name
+    own, wanted = content(path), content(other)
+    if isinstance(own, int):  # pages state when they were written
+        assert abs(own - wanted) <= 1 + wanted // 50, path.name
     else:
-        assert found == wanted, path.name
+        assert own == wanted, path.name
 
 
 @pytest.mark.parametrize("name", list(QUICK))

@@ -94,8 +94,8 @@ def test_calibration_is_the_same_by_any_number_of_workers_and_continued(
     def calibrated(name: str, paths: list[Path], **options) -> xr.Dataset:
         return plain(calibrate_all(paths, slab, STUDY, tmp_path / name, brief, **options).data)
 
-    def plain(found: xr.Dataset) -> xr.Dataset:
-        return found.drop_attrs().assign(model_error=found.attrs["model_error"])
+    def plain(estimate: xr.Dataset) -> xr.Dataset:
+        return estimate.drop_attrs().assign(model_error=estimate.attrs["model_error"])
 
     trials = [read_recording(path) for path in good]
     known = calibrate(trials, slab, STUDY.simulation, STUDY.signals, brief)
@@ -116,10 +116,10 @@ def test_calibration_is_the_same_by_any_number_of_workers_and_continued(
     with pytest.raises(KeyboardInterrupt):
         calibrated("stopped", good, stopping=lambda: True)
     driven = InverseParameters(variant="driven", form="step")
-    found = invert(trials[0], slab, STUDY.simulation, STUDY.signals, driven, calibration=known)[
+    estimate = invert(trials[0], slab, STUDY.simulation, STUDY.signals, driven, calibration=known)[
         "emg_activation"
     ]
-    assert 0.0 < float(found.max()) <= float(alone["gain"].max())
+    assert 0.0 < float(estimate.max()) <= float(alone["gain"].max())
 
 
 @pytest.mark.filterwarnings("ignore::emgface.errors.FeatureWarning")
@@ -128,9 +128,9 @@ def test_a_range_over_the_session_fits_an_inversion(laboratory: Path, slab: xr.D
     recording = read_recording(laboratory / "recordings" / "S01_B_1.nc")
     chain = configure(SignalChain, {"normalisation": {"reach": "session"}})
     session = feature_range([recording], chain)
-    found = invert(recording, slab, STUDY.simulation, chain, STEPWISE, session=session)
+    inverse = invert(recording, slab, STUDY.simulation, chain, STEPWISE, session=session)
     other = configure(SignalChain, {"normalisation": {"reach": "session"}, "filter": {"low": 30.0}})
-    assert float(found["emg_activation"].max()) == pytest.approx(1.0, abs=0.05)
+    assert float(inverse["emg_activation"].max()) == pytest.approx(1.0, abs=0.05)
     with pytest.raises(ConfigurationError, match="differ from those of this chain"):
         invert(recording, slab, STUDY.simulation, other, STEPWISE, session=session)
 
@@ -151,17 +151,17 @@ def test_command_inverts_several_recordings_and_reports_those_that_failed(
     study.write_text('[simulation]\nsolver = "linearly_implicit"\nstep = 0.02\noutput = 0.02\n')
     options = ["--face", str(laboratory / "face.nc"), "--study", str(study), "--variant", "motion"]
     paths = [str(path) for path in recordings]
-    told = CliRunner().invoke(
+    result = CliRunner().invoke(
         app,
         ["invert", "run", *paths, "--out", str(out), *options, "--form", "step", "--workers", "1"],
     )
-    assert told.exit_code == 1, told.output
-    assert "Failed: S01_E_1: MarkerError: marker" in told.output
-    assert "Wrote 1 of 2 activations" in told.output
-    found = read_netcdf(out / "S01_B_1.nc", "activation")
-    assert np.isfinite(found["activation"].values).all()
-    told = CliRunner().invoke(app, ["study", "status", str(out)])
-    assert told.exit_code == 0 and "inverse, motion: 2 of 2" in told.output, told.output
+    assert result.exit_code == 1, result.output
+    assert "Failed: S01_E_1: MarkerError: marker" in result.output
+    assert "Wrote 1 of 2 activations" in result.output
+    dataset = read_netcdf(out / "S01_B_1.nc", "activation")
+    assert np.isfinite(dataset["activation"].values).all()
+    result = CliRunner().invoke(app, ["study", "status", str(out)])
+    assert result.exit_code == 0 and "inverse, motion: 2 of 2" in result.output, result.output
     assert Store(out / "store").folder.is_dir()
 
 
@@ -176,22 +176,22 @@ def test_command_inverts_one_recording_and_keeps_its_result(
         str(laboratory / "face.nc"), "--study", str(study), "--form", "step", "--gain", "0.5",
         "--leave-out", "corner_left",
     ]  # fmt: skip
-    told = CliRunner().invoke(app, given)
-    assert told.exit_code == 0 and "assisted" in told.output, told.output
-    found = read_netcdf(out, "activation")
-    chosen = json.loads(found.attrs["parameters"])
+    result = CliRunner().invoke(app, given)
+    assert result.exit_code == 0 and "assisted" in result.output, result.output
+    dataset = read_netcdf(out, "activation")
+    chosen = json.loads(dataset.attrs["parameters"])
     assert chosen["left_out"] == ["corner_left"] and chosen["gain"] == 0.5
-    assert found.attrs["strategy"] == "assisted" and float(found["activation"].max()) > 0.01
-    told = CliRunner().invoke(app, given)
-    assert told.exit_code == 0 and "exists and is kept" in told.output.replace("\n", " ")
+    assert dataset.attrs["strategy"] == "assisted" and float(dataset["activation"].max()) > 0.01
+    result = CliRunner().invoke(app, given)
+    assert result.exit_code == 0 and "exists and is kept" in result.output.replace("\n", " ")
     # its strength is kept, because the same activation of another one is another motion
-    assert found.attrs["sigma_max"] == STUDY.simulation.sigma_max
+    assert dataset.attrs["sigma_max"] == STUDY.simulation.sigma_max
     same, other = MECHANICS, MECHANICS | {"sigma_max": 115e3}
     with pytest.warns(UserWarning, match="relative to a largest stress of 300000 Pa"):
-        ef.simulate(found, laboratory / "face.nc", **other)
+        ef.simulate(dataset, laboratory / "face.nc", **other)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        ef.simulate(found, laboratory / "face.nc", **same)
+        ef.simulate(dataset, laboratory / "face.nc", **same)
 
 
 @pytest.mark.parametrize("sigma_max", [SimulationParameters().sigma_max, 115e3, 30e3])
@@ -201,8 +201,8 @@ def test_doubts_tell_a_fit_that_did_not_converge_and_nothing_of_the_stress(
     """The stress of persons is unknown: no value is doubted, in particular not the default."""
     attrs = {"rest_ratio": 0.0, "misfit_ratio": 0.1, "sigma_max": sigma_max, "interval": 0.9}
     assert doubts(xr.Dataset(attrs=attrs | {"converged": 1})) == []
-    (told,) = doubts(xr.Dataset(attrs=attrs | {"converged": 0}))
-    assert told.startswith("the fit did not converge")
+    (doubt,) = doubts(xr.Dataset(attrs=attrs | {"converged": 0}))
+    assert doubt.startswith("the fit did not converge")
 
 
 def test_a_worker_refuses_a_reduced_face_that_changed(slab: xr.Dataset, tmp_path: Path) -> None:

@@ -67,8 +67,8 @@ def test_killed_at_random_the_store_is_never_corrupt(tmp_path: Path) -> None:
     outcomes = work(tmp_path / "killed")
     assert len(outcomes) == COUNT and outcomes.count("reused") >= KILLS
     names = {path.relative_to(tmp_path / "whole") for path in (tmp_path / "whole").rglob("*.nc")}
-    found = {path.relative_to(tmp_path / "killed") for path in (tmp_path / "killed").rglob("*.nc")}
-    assert found == names
+    paths = {path.relative_to(tmp_path / "killed") for path in (tmp_path / "killed").rglob("*.nc")}
+    assert paths == names
     for name in names:
         xr.testing.assert_identical(
             xr.load_dataset(tmp_path / "whole" / name), xr.load_dataset(tmp_path / "killed" / name)

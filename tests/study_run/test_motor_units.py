@@ -86,7 +86,7 @@ def test_the_potential_of_a_unit_is_the_integral_of_its_source() -> None:
     one = FibreGeometry(
         *(np.array([v]) for v in (4e-3, 12e-3, 22e-3, 4.0, 0.0, 2e-3, 0.3)), distance=0.01
     )
-    found = action_potentials(one, 8192.0)[0]
+    potentials = action_potentials(one, 8192.0)[0]
 
     def psi(x: float) -> float:  # dV/dx of Rosenfalck's potential, x in mm
         return 96.0 * x**2 * (3.0 - x) * np.exp(-x) if x > 0 else 0.0
@@ -114,7 +114,9 @@ def test_the_potential_of_a_unit_is_the_integral_of_its_source() -> None:
             total += psi(4e3 * t) * weight(0.0) - psi(1e3 * (4.0 * t - 22e-3)) * weight(
                 side * 22e-3
             )
-        assert found[sample] == pytest.approx(total, rel=2e-3, abs=1e-3 * np.abs(found).max())
+        assert potentials[sample] == pytest.approx(
+            total, rel=2e-3, abs=1e-3 * np.abs(potentials).max()
+        )
 
 
 def test_the_spectrum_is_that_of_facial_emg(pool) -> None:

@@ -71,7 +71,7 @@ def trial() -> Trial:
 
 
 @pytest.fixture(scope="module")
-def found(trial: Trial) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
+def reference(trial: Trial) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
     motion = trial.motion()
     return trial.activation(), motion, trial.scores(motion)
 
@@ -134,8 +134,10 @@ MEANS_NOTHING: dict[str, Callable[[xr.Dataset], xr.Dataset]] = {
 
 
 @pytest.mark.parametrize("change", MEANS_NOTHING)
-def test_a_change_without_meaning_changes_no_activation_and_no_score(change, trial, found) -> None:
-    activation, motion, scores = found
+def test_a_change_without_meaning_changes_no_activation_and_no_score(
+    change, trial, reference
+) -> None:
+    activation, motion, scores = reference
     changed = Trial(MEANS_NOTHING[change](trial.recording), trial.face)
     assert not changed.recording.identical(trial.recording)
     again = changed.activation().sel(muscle=activation["muscle"])
@@ -147,9 +149,9 @@ def test_a_change_without_meaning_changes_no_activation_and_no_score(change, tri
         np.testing.assert_allclose(result[name], scores[name], rtol=1e-7, atol=1e-9, err_msg=name)
 
 
-def test_the_other_side_moves_as_its_mirror_image(trial, found) -> None:
+def test_the_other_side_moves_as_its_mirror_image(trial, reference) -> None:
     """The generated face is symmetric: exchanged names and a negative x mirror motion and scores."""
-    _, motion, scores = found
+    _, motion, scores = reference
     place = trial.recording["position"]
     flipped = place.copy(data=place.values * np.array([[[-1.0], [1.0], [1.0]]]))
     other = renamed(trial.recording.assign(position=flipped), channel="", marker="")
@@ -161,13 +163,13 @@ def test_the_other_side_moves_as_its_mirror_image(trial, found) -> None:
     assert float(abs(result["rho"] - result["rho"].values[::-1]).max()) > 1e-3  # it is one-sided
 
 
-def test_a_change_with_a_meaning_changes_the_scores(trial, found) -> None:
+def test_a_change_with_a_meaning_changes_the_scores(trial, reference) -> None:
     """The same comparison sees exchanged names of two markers, and channels of the other side."""
-    _, motion, scores = found
+    _, motion, scores = reference
     names = [str(name) for name in trial.recording["marker"].values]
     i, j = names.index("upper_lateral_left"), names.index("corner_left")
     names[i], names[j] = names[j], names[i]
     other = Trial(trial.recording.assign_coords(marker=names), trial.face)
     assert float(abs(other.scores(motion)["rho"] - scores["rho"]).max()) > 1e-3
     sides = Trial(renamed(trial.recording, channel=""), trial.face).activation()
-    assert float(abs(sides["activation"] - found[0]["activation"]).max()) > 1e-3
+    assert float(abs(sides["activation"] - reference[0]["activation"]).max()) > 1e-3

@@ -122,8 +122,8 @@ def test_files_of_volunteers_are_found_by_name(tmp_path, laboratory, recordings)
     plan = study(recordings, path=str(tmp_path / PATTERN))
     assert face_file(plan.face, "S01") == tmp_path / "own" / "S01.nc"
     for evil in ("../S01", "/etc/passwd", "a\\b", "..", "x\0y"):
-        found = face_file(plan.face, evil)
-        assert found.parent == tmp_path / "own" and ".." not in found.parts
+        path = face_file(plan.face, evil)
+        assert path.parent == tmp_path / "own" and ".." not in path.parts
     with pytest.raises(FaceError, match="a face of each volunteer"):
         study_face(plan.face)
     with pytest.raises(FaceError, match=r"S01\.nc"):

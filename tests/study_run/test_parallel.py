@@ -38,13 +38,13 @@ def mark_and_wait(folder: str) -> None:
 
 def test_every_job_is_done_once_in_another_process_of_one_thread() -> None:
     before = {name: os.environ.get(name) for name in (*BLAS, ELEMENTS)}
-    found = dict(run_jobs(square, range(6), 2, begin=begin, arguments=(100,)))
-    assert {index: result[0] for index, result in found.items()} == {
+    results = dict(run_jobs(square, range(6), 2, begin=begin, arguments=(100,)))
+    assert {index: result[0] for index, result in results.items()} == {
         number: number**2 + 100 for number in range(6)
     }
-    assert os.getpid() not in {result[1] for result in found.values()}
+    assert os.getpid() not in {result[1] for result in results.values()}
     expected = ["1"] * len(BLAS) + [str(share_of_threads(2))]
-    assert all(result[2] == expected for result in found.values())
+    assert all(result[2] == expected for result in results.values())
     assert {name: os.environ.get(name) for name in before} == before
 
 
@@ -54,9 +54,11 @@ def test_kept_processes_serve_several_calls_and_begin_for_each() -> None:
             dict(run_jobs(square, range(4), 2, begin=begin, arguments=(offset,)))
             for offset in (100, 200)
         ]
-    for offset, found in zip((100, 200), calls, strict=True):
-        assert {k: result[0] for k, result in found.items()} == {k: k**2 + offset for k in range(4)}
-    assert len({result[1] for found in calls for result in found.values()}) <= 2
+    for offset, results in zip((100, 200), calls, strict=True):
+        assert {k: result[0] for k, result in results.items()} == {
+            k: k**2 + offset for k in range(4)
+        }
+    assert len({result[1] for results in calls for result in results.values()}) <= 2
 
 
 def meet_and_wait(job: tuple[str, str, float]) -> int:
@@ -72,10 +74,10 @@ def meet_and_wait(job: tuple[str, str, float]) -> int:
 def test_a_process_continues_with_its_group(tmp_path: Path) -> None:
     """The first process to end its job passes over a job of the group that the other has begun."""
     jobs = [(str(tmp_path), *job) for job in (("a", 0.0), ("b", 1.0), ("b", 0.0), ("a", 0.0))]
-    found = dict(
+    results = dict(
         run_jobs(meet_and_wait, jobs, 2, begin=begin, arguments=(0,), group=lambda job: job[1])
     )
-    assert found[3] == found[0] != found[1]
+    assert results[3] == results[0] != results[1]
 
 
 def test_a_failure_of_a_job_reaches_the_caller() -> None:
@@ -101,9 +103,9 @@ def test_the_job_of_a_process_that_died_is_repeated_and_then_given_up(tmp_path: 
         lost.append(job)
         return -1
 
-    found = dict(run_jobs(die_once, jobs, 2, begin=begin, arguments=(0,), lost=given_up))
-    assert lost == [jobs[1]] and found[1] == -1
-    assert found[0] > 0 and found[2] > 0
+    results = dict(run_jobs(die_once, jobs, 2, begin=begin, arguments=(0,), lost=given_up))
+    assert lost == [jobs[1]] and results[1] == -1
+    assert results[0] > 0 and results[2] > 0
     with pytest.raises(WorkerDied, match="out of memory"):
         dict(run_jobs(die_once, jobs[1:2], 2, begin=begin, arguments=(0,)))
 
@@ -116,10 +118,10 @@ def test_no_job_begins_after_a_request_to_stop(workers: int) -> None:
         begun.append(index)
         return len(begun) < 4
 
-    found = dict(
+    results = dict(
         run_jobs(square, range(9), workers, begin=begin, arguments=(0,), starting=starting)
     )
-    assert sorted(found) == [0, 1, 2] and begun == [0, 1, 2, 3]
+    assert sorted(results) == [0, 1, 2] and begun == [0, 1, 2, 3]
 
 
 def is_running(pid: int) -> bool:

@@ -1,4 +1,4 @@
-"""The published study on simulated folders in the layouts of its recordings, beside printed values."""
+"""The published study on simulated folders in the layouts of its recordings, and printed values."""
 
 import json
 from collections.abc import Callable
@@ -109,9 +109,9 @@ def test_every_layout_gives_the_same_recordings(folder: Path, laboratory, layout
     if pattern(layout):
         mapping.write_text(f'names = "{pattern(layout)}"\n')
     given = mapping if pattern(layout) else None
-    found = join_recordings(folder, tmp_path / "joined", mapping=given)
-    assert [p.name for p in found.paths] == ["S01_B_1.nc", "S01_E_1.nc"], found.omitted
-    for path in found.paths:
+    joined = join_recordings(folder, tmp_path / "joined", mapping=given)
+    assert [p.name for p in joined.paths] == ["S01_B_1.nc", "S01_E_1.nc"], joined.omitted
+    for path in joined.paths:
         one, same = read_recording(path), read_recording(laboratory / "recordings" / path.name)
         assert one.attrs["origin"] == "simulated"
         emg = one["emg"].sel(channel=same["channel"].values).values
@@ -178,9 +178,9 @@ def test_trials_that_lack_a_part_or_have_it_twice_are_named(folder: Path, layout
     mapping = tmp_path / "mapping.toml"
     mapping.write_text(f'names = "{pattern(layout)}"\n')
     (folder / "S01_E_1.poly5").unlink()
-    found = join_recordings(folder, tmp_path / "joined", mapping=mapping)
-    assert [p.name for p in found.paths] == ["S01_B_1.nc"]
-    assert any("emg not found next to S01_E_1.toml" in text for text in found.omitted)
+    joined = join_recordings(folder, tmp_path / "joined", mapping=mapping)
+    assert [p.name for p in joined.paths] == ["S01_B_1.nc"]
+    assert any("emg not found next to S01_E_1.toml" in text for text in joined.omitted)
     (folder / "again").mkdir()
     (folder / "again" / "S01_B_1.poly5").write_bytes((folder / "S01_B_1.poly5").read_bytes())
     with pytest.raises(DataError, match="no trial in .* has EMG and markers"):
@@ -193,8 +193,8 @@ def test_the_command_writes_the_comparison(folder: Path, laboratory, layout, tmp
     out = tmp_path / "out"
     given = ["study", "published", str(folder), "--out", str(out), "--face",
              str(laboratory / "face.nc"), "--accuracy", "draft", "--no-contact"]  # fmt: skip
-    told = CliRunner().invoke(app, given)
-    assert told.exit_code == 0, told.output
-    assert "simulated" in told.output and "0.77" in told.output
+    result = CliRunner().invoke(app, given)
+    assert result.exit_code == 0, result.output
+    assert "simulated" in result.output and "0.77" in result.output
     assert (out / "tables" / "printed.csv").is_file()
     assert read_netcdf(out / "cube.nc", "cube").attrs["origin"] == "simulated"

@@ -36,9 +36,9 @@ def commands() -> list[list[str]]:
 
 
 def run(arguments: list[str], expected: int = 0) -> str:
-    told = CliRunner().invoke(app, arguments)
-    assert told.exit_code == expected, f"{arguments}: {told.output}"
-    return " ".join(told.output.split())
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == expected, f"{arguments}: {result.output}"
+    return " ".join(result.output.split())
 
 
 @pytest.fixture(scope="module")
@@ -60,8 +60,8 @@ def activation(folder: Path) -> xr.Dataset:
         run(described)
         run(mapped)
         run(cut)
-        told = run(first)
-        assert "3.5" in told and "counts 0 to 28 of 199" in told, told
+        output = run(first)
+        assert "3.5" in output and "counts 0 to 28 of 199" in output, output
         mapping = Path("mapping.toml")
         lines = mapping.read_text(encoding="utf-8").splitlines()
         edited = [f"# {line}" if line.startswith('"Lev Raw"') else line for line in lines]

@@ -122,10 +122,10 @@ def test_an_earlier_study_is_reproduced_and_changes_are_explained(
         opened.configuration = json.dumps(whole)
         opened.schema_version = np.int64(2)
     study, store = _study(folder, None), folder / "store"
-    for found in reproduce(study, folder, store, report=lambda text: None):
-        assert found.differences == [] and found.equal == 5
-    told = explain(study, folder, store, "S01 B 1 act_rel".split())
-    assert "from stage motion on: contact.renewals changed from None to 0" in told[0]
+    for reproduced in reproduce(study, folder, store, report=lambda text: None):
+        assert reproduced.differences == [] and reproduced.equal == 5
+    sentence = explain(study, folder, store, "S01 B 1 act_rel".split())
+    assert "from stage motion on: contact.renewals changed from None to 0" in sentence[0]
 
 
 @pytest.mark.parametrize("stored", [*EARLIER, 1])

@@ -88,9 +88,9 @@ def test_motion_in_the_page_is_that_of_the_study(page: Path) -> None:
     The measured ones start around the simulated ones.
     """
     text = page.read_text(encoding="utf-8")
-    found = re.search(r'id="motions">(.*?)</script>', text, re.DOTALL)
-    assert found
-    data = json.loads(found[1])
+    mutants = re.search(r'id="motions">(.*?)</script>', text, re.DOTALL)
+    assert mutants
+    data = json.loads(mutants[1])
     trial = next(t for t in data["trials"] if t["strategy"] == "act_rel")
 
     def decoded(name: str, points: int) -> np.ndarray:
@@ -135,10 +135,10 @@ def test_the_skin_is_kept_when_trials_run_and_not_simulated_again(page: Path) ->
 
 def test_integers_keep_missing_values() -> None:
     values = np.array([[[0.001, 0.0, -0.001]], [[np.nan] * 3]])
-    found = whole(values, np.zeros(3))
-    assert found.tolist() == [[[50, 0, -50]], [[ABSENT] * 3]]
-    raw = np.frombuffer(zlib.decompress(base64.b64decode(deltas(found))), np.uint8)
-    assert len(raw) == 2 * found.size
+    integers = whole(values, np.zeros(3))
+    assert integers.tolist() == [[[50, 0, -50]], [[ABSENT] * 3]]
+    raw = np.frombuffer(zlib.decompress(base64.b64decode(deltas(integers))), np.uint8)
+    assert len(raw) == 2 * integers.size
 
 
 def test_the_library_has_the_pinned_digest() -> None:
@@ -202,20 +202,20 @@ def test_command_writes_page_and_tables(page: Path, tmp_path: Path, without_figu
 def test_the_first_motion_is_shown_and_found_by_the_study(laboratory: Path, tmp_path: Path) -> None:
     study = configured(laboratory, recordings={"folder": str(laboratory / "recordings"),
                                                "instructions": ["B"]})  # fmt: skip
-    told: list[Path | Exception] = []
-    first = FirstMotion(study, tmp_path / "study", tmp_path / "first.html", told.append)
+    messages: list[Path | Exception] = []
+    first = FirstMotion(study, tmp_path / "study", tmp_path / "first.html", messages.append)
     first.begin(laboratory / "recordings" / "S01_B_1.nc")
     first.end()
-    assert told == [tmp_path / "first.html"]
-    text = told[0].read_text(encoding="utf-8")
+    assert messages == [tmp_path / "first.html"]
+    text = messages[0].read_text(encoding="utf-8")
     assert "S01 B 1 act_rel" in text and "simulated recording" in text
     outcomes = {event.stage: event.outcome for event in run_study(study, tmp_path / "study").events}
     assert outcomes["activation"] == outcomes["motion"] == "reused"
     absent = FirstMotion(
-        study, tmp_path / "study", tmp_path / "b.html", told.append, threaded=False
+        study, tmp_path / "study", tmp_path / "b.html", messages.append, threaded=False
     )
     absent.begin(tmp_path / "absent.nc")
-    assert isinstance(told[1], DataError) and not (tmp_path / "b.html").exists()
+    assert isinstance(messages[1], DataError) and not (tmp_path / "b.html").exists()
 
 
 def test_a_study_inside_a_folder_is_found(page: Path, tmp_path: Path) -> None:

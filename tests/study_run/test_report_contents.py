@@ -42,7 +42,7 @@ def test_a_planted_difference_is_found_and_no_other_is_claimed() -> None:
     assert last.startswith("No statement is made about instructions in general: 2 instructions")
 
 
-def test_a_doubtful_feature_is_told_with_the_advice_of_its_finding() -> None:
+def test_a_doubtful_feature_is_reported_with_the_advice_of_its_finding() -> None:
     """No threshold helps a muscle that is not active, and the report must not promise one."""
     for code in ("narrow_count", "weak_burst"):
         cube = scores()
@@ -164,13 +164,13 @@ def chosen(**simulation) -> str:
 
 def test_methods_state_every_choice_of_the_mechanics() -> None:
     fields = SimulationParameters.model_fields
-    told: dict[str, set[str]] = {}
+    texts: dict[str, set[str]] = {}
     for name in ("solver", "incompressibility", "fibre_law", "muscle_form", "damping_tangent"):
         options = get_args(fields[name].annotation)
         extra: dict[str, object] = {"contact": {"method": "none"}}
         extra |= {"bulk_potential": "quadratic"} if name == "incompressibility" else {}
-        told[name] = {chosen(**{name: option}, **extra) for option in options}
-        assert len(told[name]) == len(options), name
+        texts[name] = {chosen(**{name: option}, **extra) for option in options}
+        assert len(texts[name]) == len(options), name
     controlled = chosen(solver="converged", error_tolerance=1e-4)
     assert "chosen by error control with a tolerance of 0.1 mm" in controlled
     assert "lips and cheeks with the teeth, where the face has them" in chosen(), "the default"
@@ -209,12 +209,12 @@ def test_the_report_says_how_often_full_order_replaced_a_reduced_face() -> None:
     used = np.array([1.0, 0.0, 0.0]).reshape(shape)
     data = {"status": (dims, status), "reduced": (dims, used)}
     cube = xr.Dataset(data, coords={**labels, "strategy": ["act_all"]})
-    (told,) = contents.reduction(cube)
-    assert told.startswith("A reduced face was simulated in 2 scored trials. In 1 of them,")
+    (sentence,) = contents.reduction(cube)
+    assert sentence.startswith("A reduced face was simulated in 2 scored trials. In 1 of them,")
     assert not contents.reduction(cube.assign(reduced=(dims, np.full(shape, np.nan))))
 
 
-def test_the_error_of_the_time_steps_is_stated_beside_the_motion() -> None:
+def test_the_error_of_the_time_steps_is_stated_with_the_motion() -> None:
     labels = {"volunteer": ["V1", "V2", "V3"], "instruction": ["A"], "repetition": [1]}
     dims = (*labels, "strategy")
     shape = (3, 1, 1, 1)
@@ -231,9 +231,9 @@ def test_the_error_of_the_time_steps_is_stated_beside_the_motion() -> None:
         },
         coords={**labels, "strategy": ["act_all"]},
     )
-    (told,) = contents.accuracy(cube)
-    assert "a median of 1.1 mm and a maximum of 2 mm; the median motion is 5 mm" in told
-    assert "a tenth of the motion in 1 trial, flagged as inaccurate" in told
+    (sentence,) = contents.accuracy(cube)
+    assert "a median of 1.1 mm and a maximum of 2 mm; the median motion is 5 mm" in sentence
+    assert "a tenth of the motion in 1 trial, flagged as inaccurate" in sentence
     assert (
         "not estimated in any"
         in contents.accuracy(cube.assign(numerical_error=over(*[np.nan] * 3)))[0]

@@ -67,8 +67,10 @@ def test_four_repetitions_have_two_seconds_of_rest_around_them() -> None:
         assert float(emg.std("time_emg").max()) < 40e-6  # noise, hum and the end of artefacts
     for onset, k in zip(events["onset"], range(1, 5), strict=True):
         expected = trial_activation(PERSON, "D", k, QUICK)
-        found = whole["true_activation"].sel(time_true=slice(onset, onset + 2.2999))
-        np.testing.assert_array_equal(found.values, expected.values[:, : found.sizes["time_true"]])
+        activation = whole["true_activation"].sel(time_true=slice(onset, onset + 2.2999))
+        np.testing.assert_array_equal(
+            activation.values, expected.values[:, : activation.sizes["time_true"]]
+        )
     assert whole.attrs["true_sigma_max"] == [100e3, 100e3 + 1, 100e3 + 2, 100e3 + 3]
 
 
@@ -90,9 +92,12 @@ def test_motions_may_last_until_the_next_begins() -> None:
 
 def test_repetitions_are_found_in_the_activity_of_a_session() -> None:
     whole, events = session(artefact_probability=0.0), session_events("D", 4, QUICK)
-    found = find_repetitions(bandpass(whole["emg"], FilterParameters()))
-    assert len(found) == 4
-    start, end = found["onset"].values, (found["onset"] + found["duration"]).values
+    repetitions = find_repetitions(bandpass(whole["emg"], FilterParameters()))
+    assert len(repetitions) == 4
+    start, end = (
+        repetitions["onset"].values,
+        (repetitions["onset"] + repetitions["duration"]).values,
+    )
     # bursts last from 0.18 to 0.82 of a trial, and rise over a third of that
     assert ((start > events["onset"] + 0.2) & (start < events["onset"] + 0.8)).all()
     assert ((end > events["onset"] + 1.0) & (end < events["onset"] + 1.7)).all()
@@ -169,14 +174,14 @@ def test_a_failed_electrode_is_found_by_the_check(kind, said) -> None:
 
 
 def test_failures_are_random_and_reported() -> None:
-    told = json.loads(session(electrode_failure=0.9).attrs["electrode_failures"])
-    assert 9 <= len(told) <= 14 and set(told) <= set(CHANNELS)
-    assert {one["kind"] for one in told.values()} <= {"lost", "hum", "railed"}
+    message = json.loads(session(electrode_failure=0.9).attrs["electrode_failures"])
+    assert 9 <= len(message) <= 14 and set(message) <= set(CHANNELS)
+    assert {one["kind"] for one in message.values()} <= {"lost", "hum", "railed"}
     assert json.loads(session().attrs["electrode_failures"]) == {}
 
 
 @pytest.mark.slow
-def test_a_set_of_drawn_faces_as_bids_with_the_truth_beside_it(tmp_path: Path) -> None:
+def test_a_set_of_drawn_faces_as_bids_with_the_truth_next_to_it(tmp_path: Path) -> None:
     short = QUICK.model_copy(update={"duration": 0.8, "keep_sessions": True, "world": MISMATCHED})
     paths = make_volunteers(
         None, tmp_path, n=2, repetitions=2, instructions=("B",), seed=3, settings=short,
@@ -185,9 +190,9 @@ def test_a_set_of_drawn_faces_as_bids_with_the_truth_beside_it(tmp_path: Path) -
     assert [p.stem for p in paths] == ["S01_B_1", "S01_B_2", "S02_B_1", "S02_B_2"]
     write_set_as_bids(paths, tmp_path / "bids", tmp_path / "truth")
     assert bids_problems(tmp_path / "bids") == []
-    found = find_recordings(tmp_path / "bids")
-    assert len(found) == 4
-    for path, original in zip(found, paths, strict=True):
+    recordings = find_recordings(tmp_path / "bids")
+    assert len(recordings) == 4
+    for path, original in zip(recordings, paths, strict=True):
         first, second = read_recording(path, study=True), read_recording(original, study=True)
         assert first.attrs["origin"] == "simulated"
         assert first.attrs["world"] == second.attrs["world"] == "mismatched world"

@@ -34,9 +34,9 @@ def test_the_change_by_rounding_is_measured() -> None:
     motion = buckled(system, sim.Sdirk2(), "superlu", 1, *probes)
     other = buckled(system, sim.Sdirk2(), "superlu", 2, *probes)
     expected = np.sqrt(((motion["position"] - other["position"]).values ** 2).sum(axis=1)).max()
-    found = rounding_sensitivity(system, system.rest_state(), motion, again)
-    assert found == pytest.approx(expected, rel=1e-12)
-    assert found > 1e-3
+    sensitivity = rounding_sensitivity(system, system.rest_state(), motion, again)
+    assert sensitivity == pytest.approx(expected, rel=1e-12)
+    assert sensitivity > 1e-3
 
     def failing(start: sim.State) -> xr.Dataset:
         raise sim.InvertedElement(3, -0.1, 0.1)
@@ -51,9 +51,9 @@ def test_the_warning_names_times_and_size_and_is_silent_where_nothing_changes() 
     motion.attrs["rounding_sensitivity"] = 0.5 * NOTICED
     assert stability_warning(motion) == ""
     motion.attrs["rounding_sensitivity"] = 1.2e-4
-    told = stability_warning(motion)
-    assert "lost stability between 0.05 and 0.123 s" in told
-    assert "depends on rounding at the level of 0.12 mm" in told
+    warning = stability_warning(motion)
+    assert "lost stability between 0.05 and 0.123 s" in warning
+    assert "depends on rounding at the level of 0.12 mm" in warning
     motion.attrs["rounding_sensitivity"] = np.inf
     assert "fails from a start displaced by 1e-14 m" in stability_warning(motion)
 
@@ -66,6 +66,6 @@ def test_the_summary_of_a_study_names_scored_trials_that_rounding_decides(tmp_pa
     after = write_tables(build_cube(trials), tmp_path).failures
     one = trials[scored]
     label = f"{one.volunteer} {one.instruction} {one.repetition} {one.strategy}"
-    assert [told for told in after if told not in before] == [
+    assert [line for line in after if line not in before] == [
         f"1 trial ({label}) ok: the motion there depends on rounding"
     ]

@@ -48,11 +48,11 @@ EXPECTED = {  # modules on which the results of a stage certainly depend
 
 @pytest.mark.parametrize("stage", EXPECTED, ids=lambda stage: stage.name)
 def test_a_stage_reaches_the_code_of_its_results(stage) -> None:
-    found = stage.reached
+    names = stage.reached
     for name in EXPECTED[stage]:
-        assert any(name == one or name.startswith(f"{one}.") for one in found), name
-    assert all(importlib.util.find_spec(name) for name in found)
-    assert not PASSIVE & (set(found) - set(stage.modules))
+        assert any(name == one or name.startswith(f"{one}.") for one in names), name
+    assert all(importlib.util.find_spec(name) for name in names)
+    assert not PASSIVE & (set(names) - set(stage.modules))
 
 
 def test_what_only_shows_or_starts_results_is_no_part_of_their_code() -> None:
@@ -80,8 +80,8 @@ def test_imports_are_followed_also_in_functions_and_those_of_packages(
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(dependencies, "PACKAGES", ("stages_of_a_test",))
     monkeypatch.setattr(dependencies, "PASSIVE", frozenset({"stages_of_a_test.d"}))
-    found = {name.partition(".")[2] for name in reached(("stages_of_a_test.a",))}
-    assert found == {"a", "b", "c", "inner", "g"}
+    names = {name.partition(".")[2] for name in reached(("stages_of_a_test.a",))}
+    assert names == {"a", "b", "c", "inner", "g"}
     kept = reached(("stages_of_a_test.a",), ("stages_of_a_test.inner.e",))
     assert {name.partition(".")[2] for name in kept} == {"a", "b", "c"}
     named = reached(("stages_of_a_test.d",))

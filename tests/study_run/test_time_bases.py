@@ -1,4 +1,4 @@
-"""Time bases that are wrong by a factor are told or refused at every entrance: memory, files, study."""
+"""Time bases that are wrong by a factor are reported or refused everywhere: memory, files, study."""
 
 import json
 import warnings
@@ -43,18 +43,18 @@ def with_clocks(recording: xr.Dataset, factors: dict[str, float]) -> xr.Dataset:
 def trial(laboratory: Path, tmp_path_factory) -> dict[str, Path]:
     """Recording, study, activation and motion of one trial."""
     folder = tmp_path_factory.mktemp("trial")
-    found = {name: folder / f"{name}.nc" for name in ("activation", "motion")}
-    found["recording"] = next((laboratory / "recordings").glob("*_B_*.nc"))
-    found["face"], found["study"] = laboratory / "face.nc", folder / "study.toml"
+    paths = {name: folder / f"{name}.nc" for name in ("activation", "motion")}
+    paths["recording"] = next((laboratory / "recordings").glob("*_B_*.nc"))
+    paths["face"], paths["study"] = laboratory / "face.nc", folder / "study.toml"
     (folder / "recordings").mkdir()
-    found["study"].write_text(STUDY.format(folder=folder / "recordings", face=found["face"]))
+    paths["study"].write_text(STUDY.format(folder=folder / "recordings", face=paths["face"]))
     for line in (
         "activate {recording} --study {study} --out {activation}",
         "simulate {activation} --study {study} --out {motion}",
     ):
-        result = CliRunner().invoke(app, line.format(**found).split())
+        result = CliRunner().invoke(app, line.format(**paths).split())
         assert result.exit_code == 0, result.output
-    return found
+    return paths
 
 
 def as_csv(recording: xr.Dataset, folder: Path) -> Path:
@@ -94,7 +94,7 @@ ENTRANCES: dict[str, Callable[[xr.Dataset, Path], xr.Dataset | Path]] = {
 }
 
 
-def told_by(act: Callable[[], xr.Dataset | None]) -> str:
+def text_of(act: Callable[[], xr.Dataset | None]) -> str:
     """Findings, warnings and the refusal of a step."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -113,10 +113,10 @@ def test_clocks_of_a_recording_are_compared(entrance, wrong, trial, tmp_path) ->
     right = read_recording(trial["recording"])
     given = ENTRANCES[entrance](with_clocks(right, CLOCKS[wrong]), tmp_path)
     options = {"face": trial["face"], "study": trial["study"]}
-    score = told_by(lambda: ef.score(given, trial["motion"], **options))
+    score = text_of(lambda: ef.score(given, trial["motion"], **options))
     assert any(code in score for code in COMMON) or score.startswith("refused"), score
     assert "in common" in score or score.startswith("refused"), "and stated where a person reads it"
-    activate = told_by(lambda: ef.activate(given, strategy="act_rel", study=trial["study"]))
+    activate = text_of(lambda: ef.activate(given, strategy="act_rel", study=trial["study"]))
     assert any(code in activate for code in COMMON) or activate.startswith("refused"), activate
     if not isinstance(given, xr.Dataset):
         checked = CliRunner().invoke(app, ["check", str(given)])
@@ -131,8 +131,8 @@ def test_right_clocks_are_not_doubted(entrance, trial, tmp_path) -> None:
         lambda: ef.score(given, trial["motion"], **options),
         lambda: ef.activate(given, strategy="act_rel", study=trial["study"]),
     ):
-        told = told_by(act)
-        assert not told.startswith("refused") and "in common" not in told and "_times" not in told
+        text = text_of(act)
+        assert not text.startswith("refused") and "in common" not in text and "_times" not in text
 
 
 def test_a_study_stores_what_it_found_about_the_clocks(trial, tmp_path) -> None:
@@ -156,7 +156,7 @@ FACTORS = (0.5, 2.0, 1e3, 1e-3, 1.2)
 
 @pytest.mark.parametrize("factor", FACTORS)
 @pytest.mark.parametrize("entrance", ["memory", "file", "command"])
-def test_a_motion_with_other_times_is_told(entrance, factor, trial, tmp_path) -> None:
+def test_a_motion_with_other_times_is_reported(entrance, factor, trial, tmp_path) -> None:
     """Its times are not those of its simulation, or of the recording with which it is scored."""
     motion = ef.read(trial["motion"])
     changed = motion.assign_coords(time=("time", factor * motion["time"].values, {"units": "s"}))
@@ -168,13 +168,13 @@ def test_a_motion_with_other_times_is_told(entrance, factor, trial, tmp_path) ->
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             output = CliRunner().invoke(app, line.split()).output
-        told = " ".join([*output.split(), *(str(one.message) for one in caught)])
-        assert "were changed by a factor" in told or "expected the recording" in told, told
+        text = " ".join([*output.split(), *(str(one.message) for one in caught)])
+        assert "were changed by a factor" in text or "expected the recording" in text, text
         return
     given = changed if entrance == "memory" else tmp_path / "motion.nc"
     options = {"face": trial["face"], "study": trial["study"]}
-    told = told_by(lambda: ef.score(trial["recording"], given, **options))
-    assert "changed_times" in told or told.startswith("refused"), told
+    text = text_of(lambda: ef.score(trial["recording"], given, **options))
+    assert "changed_times" in text or text.startswith("refused"), text
 
 
 def test_a_motion_without_its_interval_is_compared_with_the_recording(trial) -> None:
@@ -182,13 +182,13 @@ def test_a_motion_without_its_interval_is_compared_with_the_recording(trial) -> 
     motion.attrs.pop("output")
     assert of_times(motion, recording, "time_marker", "recording") == []
     slow = motion.assign_coords(time=3.0 * motion["time"].values)
-    (found,) = of_times(slow, recording, "time_marker", "recording of the markers")
-    assert found.code == "other_times" and 0.2 < found.values["share"] < 0.6
-    assert "the recording of the markers from 0 to" in found.clause
+    (finding,) = of_times(slow, recording, "time_marker", "recording of the markers")
+    assert finding.code == "other_times" and 0.2 < finding.values["share"] < 0.6
+    assert "the recording of the markers from 0 to" in finding.clause
     assert of_times(motion.isel(time=slice(5, 20)), recording, "time_marker", "recording") == []
 
 
-def test_an_activation_of_other_times_is_told_beside_a_motion(trial) -> None:
+def test_an_activation_of_other_times_is_reported_with_a_motion(trial) -> None:
     motion, activation = ef.read(trial["motion"]), ef.read(trial["activation"])
     stretched = activation.assign_coords(
         time=("time", 0.5 * activation["time"].values, {"units": "s"})

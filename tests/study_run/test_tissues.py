@@ -58,11 +58,11 @@ def test_layers_of_the_published_face_with_anisotropic_skin(slab) -> None:
     outer = (
         slab["layer"].values == OUTER
     )  # all hexahedra: the order of the face is that of the scene
-    found = [solid.materials[i] for i in solid.region]
+    materials = [solid.materials[i] for i in solid.region]
     deep = sim.Material(sim.MooneyRivlin(400.0, 1400.0), sim.QuadraticBulk(50e3))
     fung = sim.Fung((8886.5, 2965.5, 2965.5), (500.0,) * 6, 1892.0)
-    assert {found[i] for i in np.flatnonzero(~outer)} == {deep}
-    assert {found[i] for i in np.flatnonzero(outer)} == {
+    assert {materials[i] for i in np.flatnonzero(~outer)} == {deep}
+    assert {materials[i] for i in np.flatnonzero(outer)} == {
         sim.Material(fung, sim.QuadraticBulk(250e3), 1100.0)
     }
     assert outer.any() and not outer.all()
@@ -102,18 +102,21 @@ def test_conditions_are_combined_and_later_tissues_have_priority(slab) -> None:
     solid = solid_of(slab, p)
     laws = [type(solid.materials[i].law) for i in solid.region]
     muscle = slab["muscle"].values[slab["bundle_muscle"].values]
-    of = {m: set(slab["bundle_index"].values[muscle == m]) for m in ("OOP_L", "OOP_R")}
+    elements = {m: set(slab["bundle_index"].values[muscle == m]) for m in ("OOP_L", "OOP_R")}
     deep = set(np.flatnonzero(slab["layer"].values == 0))
     for e, law in enumerate(laws):
         expected = sim.MooneyRivlin
-        if e in of["OOP_L"] - deep:
+        if e in elements["OOP_L"] - deep:
             expected = sim.NeoHooke
         if e in (3, 5):
             expected = sim.Ogden
         assert law is expected, e
     stiff = {e for e in range(len(laws)) if solid.materials[solid.region[e]].law
              == sim.MooneyRivlin(7000.0, 1175.0)}  # fmt: skip
-    assert stiff == (of["OOP_L"] & deep | of["OOP_R"] - (of["OOP_L"] - deep)) - {3, 5}
+    assert stiff == (elements["OOP_L"] & deep | elements["OOP_R"] - (elements["OOP_L"] - deep)) - {
+        3,
+        5,
+    }
 
 
 def test_a_face_without_tissues_is_unchanged(slab) -> None:

@@ -116,16 +116,18 @@ def test_repetitions_vary_as_published_profiles_do() -> None:
     Spiegel et al. 2012; without variation, it is 1, and the correlation of the courses above 0.95.
     """
     fixed = settings(MISMATCHED.without("repetition"))
-    found, none = [], []
+    ranks_mismatched, none = [], []
     for index in range(1, 13):
         person = draw_volunteer(index, 17)
         for instruction in INSTRUCTIONS:
-            for own, ranks in ((settings(MISMATCHED), found), (fixed, none)):
+            for own, ranks in ((settings(MISMATCHED), ranks_mismatched), (fixed, none)):
                 peaks = [
                     trial_excitation(person, instruction, r, own).max("time_true") for r in (1, 2)
                 ]
                 ranks.append(spearmanr(*peaks).statistic)
-    np.testing.assert_allclose(np.quantile(found, [0.25, 0.5, 0.75]), [0.81, 0.88, 0.91], atol=0.02)
+    np.testing.assert_allclose(
+        np.quantile(ranks_mismatched, [0.25, 0.5, 0.75]), [0.81, 0.88, 0.91], atol=0.02
+    )
     assert np.median(none) > 0.99
 
 
@@ -164,7 +166,7 @@ def test_activation_follows_the_published_equation_after_the_delay() -> None:
         coords={"muscle": ["ZYG_L", "RIS_L"], "time_true": time},
         dims=("muscle", "time_true"),
     )
-    found = activation_of_excitation(
+    activation = activation_of_excitation(
         excitation, delay=0.04, activation_time=0.015, deactivation_time=0.05
     )
 
@@ -178,9 +180,9 @@ def test_activation_follows_the_published_equation_after_the_delay() -> None:
             rate, (0.0, 1.5), [0.0], t_eval=time, args=(scale,), rtol=1e-9, atol=1e-11,
             max_step=1e-3,
         )  # fmt: skip
-        np.testing.assert_allclose(found[row], exact.y[0], atol=2e-5)
-    assert float(found.max()) <= 0.8 and float(found.min()) >= 0.0
-    np.testing.assert_allclose(found.sel(time_true=0.8), [0.8, 0.4], atol=1e-3)  # what is held
+        np.testing.assert_allclose(activation[row], exact.y[0], atol=2e-5)
+    assert float(activation.max()) <= 0.8 and float(activation.min()) >= 0.0
+    np.testing.assert_allclose(activation.sel(time_true=0.8), [0.8, 0.4], atol=1e-3)  # what is held
     only = activation_of_excitation(
         excitation, delay=0.04, activation_time=0.0, deactivation_time=0.0
     )
@@ -357,13 +359,13 @@ def test_recordings_have_the_stated_signal_to_noise_ratio(emg: str) -> None:
     moved = [trial_excitation(PERSON, instruction, 1, own) for instruction in INSTRUCTIONS]
     trials = [heard(one, 10 * run + k) for run in range(3) for k, one in enumerate(moved)]
     rest = heard(0.0 * trial_excitation(PERSON, "A", 1, own), 99)
-    found = signal_to_noise(trials, rest, RATE, runs=3)
+    ratio = signal_to_noise(trials, rest, RATE, runs=3)
     wanted = np.array([draw_mismatch(5, 1, own.world).snr[c] for c in CHANNELS])
     assert 14.0 <= wanted.min() and wanted.max() <= 20.0
     # Distant sources have a bandwidth of about 20 Hz: the power of 0.25 s has 10 degrees of freedom
     # and an error of 2 dB, that of two windows in three trials 0.8 dB, and of the selected ones 1.1
     # dB. All channels are within three standard deviations, and most within one.
-    away = np.abs(found - wanted)
+    away = np.abs(ratio - wanted)
     assert away.max() < 3.3 and np.median(away) < 1.1
     micro = 1e6 * rest.std(axis=1)
     assert 0.5 < micro.min() and micro.max() < 30.0

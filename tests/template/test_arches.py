@@ -37,9 +37,9 @@ def test_arch(bone: int) -> None:
     back = wall & (np.abs(middle[:, 0]) < 10e-3) & (normal[:, 1] < 0)
     assert front.sum() > 50 and back.sum() > 50
     assert middle[front, 1].mean() - middle[back, 1].mean() > 2e-3, "the front faces forward"
-    beside = wall & (middle[:, 0] > 20e-3)
-    outer = beside & (normal[:, 0] > 0)
-    widest = [middle[side, 0].max() for side in (outer, beside & ~outer)]
+    lateral = wall & (middle[:, 0] > 20e-3)
+    outer = lateral & (normal[:, 0] > 0)
+    widest = [middle[side, 0].max() for side in (outer, lateral & ~outer)]
     assert widest[0] - widest[1] > 1e-3, "to the cheeks"
     rows = {tuple(point) for point in arch.points.tolist()}
     assert rows == {(-x if x else x, y, z) for x, y, z in arch.points.tolist()}

@@ -98,10 +98,10 @@ def test_rings_surround_the_mouth(medium: xr.Dataset) -> None:
     position, connectivity = medium["position"].values, medium["connectivity"].values
     skin = sheet_nodes(medium, OUTER)
     rim = int(medium["lip_opening_node"].values[0])
-    found = ring_of_nodes(position, connectivity, skin, rim)
+    ring = ring_of_nodes(position, connectivity, skin, rim)
     rays, rings = medium.attrs["rays"], medium.attrs["rings"]
     expected = np.broadcast_to(np.arange(rings + 1)[None, :], (rays, rings + 1))
-    np.testing.assert_array_equal(found.reshape(rays, rings + 1, 4)[:, :, 3], expected)
+    np.testing.assert_array_equal(ring.reshape(rays, rings + 1, 4)[:, :, 3], expected)
 
 
 def test_lips_are_apart(fine: xr.Dataset) -> None:
@@ -141,7 +141,7 @@ def test_landmarks_are_in_anatomical_order(fine: xr.Dataset) -> None:
     assert lower[-1, 1] < chin[1] - 25e-3, "the skin turns under the chin"
     # The sides of the face are behind its middle.
     assert skin[..., 1].min() < 25e-3 < 95e-3 < subnasale[1]
-    # Cupid's bow: the vermilion border is higher beside the midline than on it.
+    # Cupid's bow: the vermilion border is higher lateral to the midline than on it.
     rays = np.arange(len(skin) // 8)
     bow = skin[rays, border, 2]
     assert 1 < np.argmax(bow) < 8 and bow.max() - bow[0] > 0.3e-3

@@ -31,14 +31,18 @@ def test_gestures_use_the_relevant_muscles() -> None:
 def positions(coarse: xr.Dataset) -> dict[str, np.ndarray]:
     """With contact of lips and teeth; ramps of 0.3 s are held to 0.5 s."""
     parameters = SimulationParameters(sigma_max=SIGMA_MAX, gravity=False)
-    return held(coarse, "ADF", parameters)
+    return gesture_positions(coarse, "ADF", parameters)
 
 
-def held(face: xr.Dataset, which: str, parameters: SimulationParameters) -> dict[str, np.ndarray]:
+def gesture_positions(
+    face: xr.Dataset, which: str, parameters: SimulationParameters
+) -> dict[str, np.ndarray]:
     runs = [gesture_activation(instruction) for instruction in which]
-    found, smallest = steady_positions(face, runs, parameters=parameters, duration=0.5, step=0.1)
+    equilibria, smallest = steady_positions(
+        face, runs, parameters=parameters, duration=0.5, step=0.1
+    )
     assert smallest.min() > 0.1
-    return dict(zip(which, found, strict=True))
+    return dict(zip(which, equilibria, strict=True))
 
 
 class Mouth:
@@ -117,7 +121,7 @@ def test_the_other_gestures_move_as_instructed(coarse: xr.Dataset) -> None:
     parameters = SimulationParameters(
         sigma_max=SIGMA_MAX, gravity=False, support=WALL, contact=NO_CONTACT
     )
-    mouth, positions = Mouth(coarse), held(coarse, "BCE", parameters)
+    mouth, positions = Mouth(coarse), gesture_positions(coarse, "BCE", parameters)
     raised = positions["B"]
     assert mouth.moved(raised, "upper_paramedian_left")[2] > 2.0
     assert abs(mouth.moved(raised, "lower_paramedian_left")[2]) < 1.0
@@ -128,8 +132,8 @@ def test_the_other_gestures_move_as_instructed(coarse: xr.Dataset) -> None:
 
 def test_zygomaticus_alone_hardly_closes_the_mouth(coarse: xr.Dataset) -> None:
     """Lips supported by teeth stretch over them; without teeth the mouth closed by 5.9 mm."""
-    found = muscle_actions(coarse, muscles=("ZYG",)).loc["ZYG"]
-    closed = 1e3 * lip_opening(coarse, coarse["position"].values) - float(found["opening"])
+    actions = muscle_actions(coarse, muscles=("ZYG",)).loc["ZYG"]
+    closed = 1e3 * lip_opening(coarse, coarse["position"].values) - float(actions["opening"])
     assert 0.0 < closed < 2.5
-    assert float(found["upper_paramedian z"]) > -1.0
-    assert float(found["corner x"]) < -2.0 and float(found["corner z"]) > 1.5
+    assert float(actions["upper_paramedian z"]) > -1.0
+    assert float(actions["corner x"]) < -2.0 and float(actions["corner z"]) > 1.5

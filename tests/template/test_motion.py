@@ -111,10 +111,10 @@ def test_an_action_is_not_found_if_the_lips_pass_through_each_other(coarse: xr.D
     assert through["opening"] < -1.0
     assert through["lips in lips"] > 1.0
     assert not through["agrees"]
-    held = muscle_actions(coarse, muscles=("OOM",)).loc["OOM"]
-    assert held["opening"] > -0.1
-    assert held["lips in lips"] < 0.01
-    assert held["agrees"]
+    fixed = muscle_actions(coarse, muscles=("OOM",)).loc["OOM"]
+    assert fixed["opening"] > -0.1
+    assert fixed["lips in lips"] < 0.01
+    assert fixed["agrees"]
 
 
 def test_the_opening_of_a_trajectory_is_negative_where_lips_have_passed(coarse: xr.Dataset) -> None:

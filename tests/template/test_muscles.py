@@ -213,9 +213,9 @@ def test_a_point_outside_the_tissue_is_refused() -> None:
 
 def test_a_muscle_outside_the_tissue_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     def strayed(m: Measures, corner: float) -> dict[str, tuple[muscles.Course, ...]]:
-        found = courses(m, corner)
-        (first, *rest), *others = found["ZYG"]
-        return {**found, "ZYG": (((0.3, first[1], 0.1), *rest), *others)}
+        lines = courses(m, corner)
+        (first, *rest), *others = lines["ZYG"]
+        return {**lines, "ZYG": (((0.3, first[1], 0.1), *rest), *others)}
 
     monkeypatch.setattr(muscles, "courses", strayed)
     with pytest.raises(FaceError, match="ZYG: the point 1 of 4, 300.0 mm from the midline"):

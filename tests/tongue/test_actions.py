@@ -25,7 +25,7 @@ def test_published_directions_of_the_muscles(published):
 
 def test_constant_volumes_are_constant(published):
     """Hard volumes: below 1e-4 (0.01 %) with transversus, which lengthens and narrows the tongue."""
-    found = moved(published, "bi_TRANS", name="lines")
-    assert found["volume_percent"] < 1e-2
-    assert found["longer"] > 0.5
-    assert found["wider"] < -0.5
+    motion = moved(published, "bi_TRANS", name="lines")
+    assert motion["volume_percent"] < 1e-2
+    assert motion["longer"] > 0.5
+    assert motion["wider"] < -0.5

@@ -81,11 +81,11 @@ def test_a_motion_is_labelled_and_survives_its_file(tmp_path):
     np.testing.assert_allclose(
         motion["activation"].sel(muscle="GGP_L"), [0.0, 0.15, 0.3, 0.15, 0.0]
     )
-    found = action(motion)
-    assert found["tip_forward"] < -1.0  # it shortens towards the jaw
-    assert 0.0 < found["smallest_J"] < 1.0
-    held = motion["node_position"].isel(node=tongue["attachment_node"].values)
-    assert float((held - held.isel(time=0)).max()) == 0.0
+    forces = action(motion)
+    assert forces["tip_forward"] < -1.0  # it shortens towards the jaw
+    assert 0.0 < forces["smallest_J"] < 1.0
+    attached = motion["node_position"].isel(node=tongue["attachment_node"].values)
+    assert float((attached - attached.isel(time=0)).max()) == 0.0
 
 
 def test_lines_keep_the_volume_of_every_element():
@@ -146,8 +146,8 @@ def test_the_commands_write_motion_page_and_table(tmp_path):
         ["show", moved],
         ["show", moved, "--out", tmp_path / "moved.png"],
     ):
-        told = CliRunner().invoke(app, ["tongue", *map(str, command)])
-        assert told.exit_code == 0, told.output
+        result = CliRunner().invoke(app, ["tongue", *map(str, command)])
+        assert result.exit_code == 0, result.output
     motion = read_netcdf(moved, "tongue_motion")
     assert motion.attrs["task"] == "bi_GGP"
     assert float(motion["activation"].sel(muscle="GGP_L").max()) == pytest.approx(0.1)
@@ -155,5 +155,5 @@ def test_the_commands_write_motion_page_and_table(tmp_path):
     assert "bi_GGP of the row of cubes" in page
     assert '"what":"tongue"' in page.replace(" ", "")
     assert (tmp_path / "moved.png").stat().st_size > 10_000
-    told = CliRunner().invoke(app, ["show", str(model), "--out", str(tmp_path / "model.html")])
-    assert told.exit_code == 0, told.output
+    result = CliRunner().invoke(app, ["show", str(model), "--out", str(tmp_path / "model.html")])
+    assert result.exit_code == 0, result.output

@@ -23,8 +23,8 @@ def test_the_published_numbers_are_found(published):
     assert quality.scaled_jacobian.min() == pytest.approx(0.0072, abs=5e-5)
     force = published["muscle_force_max"].sel(muscle=["GGP_L", "SL", "HG_R"])
     assert force.values.tolist() == [18.5, 19.0, 32.5]
-    held = {body: len(nodes) for body, nodes in attached_nodes(published).items()}
-    assert held == {"jaw": 59, "hyoid": 56}
+    numbers = {body: len(nodes) for body, nodes in attached_nodes(published).items()}
+    assert numbers == {"jaw": 59, "hyoid": 56}
     left = [str(name).endswith("_L") for name in published["muscle"].values]
     own = published["bundle_index"].values[np.array(left)[published["bundle_muscle"].values]]
     assert (
@@ -95,10 +95,10 @@ def test_a_published_gesture_is_read_by_its_columns(tmp_path):
     rows = [[0.0] * 12, [0.5, -2e-17, *np.linspace(0.1, 0.9, 9), 1.0]]
     text = "\n".join(" ".join(map(str, row)) for row in rows)
     path.write_text(f"0.1 1.1 2.0\nLinear 11 explicit\n{text}\n")
-    found = read_gesture(path)
-    np.testing.assert_allclose(found.time, [0.1, 1.1])
-    assert found.values["bi_GGP"].tolist() == [0.0, 0.0] and found.values["SL"][1] == 1.0
-    assert found.values["bi_GGM"][1] == pytest.approx(0.1)
+    gesture = read_gesture(path)
+    np.testing.assert_allclose(gesture.time, [0.1, 1.1])
+    assert gesture.values["bi_GGP"].tolist() == [0.0, 0.0] and gesture.values["SL"][1] == 1.0
+    assert gesture.values["bi_GGM"][1] == pytest.approx(0.1)
     for bad, why in (
         ("0 1 1\nLinear 12 explicit\n" + text, "Linear 12"),
         ("0 1 1\nLinear 11 explicit\n" + text.replace("1.0", "1.5"), "from -2e-17 to 1.5"),

@@ -121,8 +121,8 @@ def test_the_line_of_first_order_approaches_a_smooth_activation_with_the_square_
     for h in (0.008, 0.004):
         starts = np.arange(0.0, 0.19, h)
         there = [drive.activation.at(t + h) for t in starts]
-        found = [drive.chord(t, h).at(1.0).activation for t in starts]
-        gaps.append(np.abs(np.array(found) - there).max())
+        chords = [drive.chord(t, h).at(1.0).activation for t in starts]
+        gaps.append(np.abs(np.array(chords) - there).max())
     assert np.log2(gaps[0] / gaps[1]) == pytest.approx(2.0, abs=0.2)
 
 
@@ -157,8 +157,8 @@ def test_a_burst_between_steps_moves_the_body_under_every_integrator(cls):
         # Methods of first order locate the burst only to within the step. The trapezoidal rule does not
         # damp the remaining error (0.22, 0.08, 0.01 for h, h/2, h/4 at the last phase).
         for step, allowed in ((h, 0.5), (h / 2, 0.15)):
-            found = after_burst(system, made, step, h, phase)
-            gap = np.linalg.norm(found - exact) / np.linalg.norm(exact)
+            end = after_burst(system, made, step, h, phase)
+            gap = np.linalg.norm(end - exact) / np.linalg.norm(exact)
             assert gap < allowed, (phase, step, gap)
             if cls.order == 1:
                 break
@@ -197,7 +197,7 @@ def test_the_estimate_covers_a_switch_and_a_spike_within_a_step(cls, damping, at
         a = np.array([0.0, 0.0, 0.5, 0.5, 0.0])
         drive = Driven(system, sim.Activation(time, np.stack([a, 0.2 * a], axis=1)))
         rest = system.rest_state()
-        _, report = (found := cls().step(system, rest, drive, H, sim.Workspace(system)))
+        _, report = (stepped := cls().step(system, rest, drive, H, sim.Workspace(system)))
         exact, work = rest, sim.Workspace(system)
         edges = [x for x in (at, at + 1e-6, end, end + 1e-6) if x < H]
         for t0, t1 in zip([0.0, *edges], [*edges, H], strict=True):
@@ -205,7 +205,7 @@ def test_the_estimate_covers_a_switch_and_a_spike_within_a_step(cls, damping, at
                 exact, _ = sim.Sdirk2(tolerance=1e-12).step(
                     system, exact, drive, (t1 - t0) / 8, work
                 )
-        error = np.linalg.norm(found[0].q - exact.q, axis=1).max()
+        error = np.linalg.norm(stepped[0].q - exact.q, axis=1).max()
         lengths = np.linalg.norm(report.local_error, axis=1)
         assert report.input_error is not None
         lengths = lengths + np.linalg.norm(report.input_error, axis=2).sum(axis=0)

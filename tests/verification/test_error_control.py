@@ -103,13 +103,13 @@ def test_the_tolerance_is_met_in_contact_with_a_wall():
     fine = run(sim.Sdirk2, sim.FixedStep(H / 8))
     counts = []
     for cls in (sim.ConvergedEuler, sim.Sdirk2):
-        found = run(cls, sim.ErrorControlledStep(tolerance, H))
-        gap = found.node_position.values - fine.node_position.values
-        error = np.linalg.norm(gap, axis=found.node_position.dims.index("axis")).max()
+        result = run(cls, sim.ErrorControlledStep(tolerance, H))
+        gap = result.node_position.values - fine.node_position.values
+        error = np.linalg.norm(gap, axis=result.node_position.dims.index("axis")).max()
         assert 0.02 * tolerance < error <= tolerance, cls.__name__
-        assert found.contact_force.max() > 1e-2
-        assert found.contact_force[..., -1] == 0.0
-        counts.append(int(found.steps.sum()))
+        assert result.contact_force.max() > 1e-2
+        assert result.contact_force[..., -1] == 0.0
+        counts.append(int(result.steps.sum()))
     assert counts[1] < counts[0] < 300
 
 
@@ -315,12 +315,12 @@ def test_steps_after_a_jump_of_the_load_are_bounded_below(cls):
     system, tolerance = block(), 1e-4 if cls is sim.ConvergedEuler else 3e-5
     for name in JUMPS:
         exact = resolved_jump(name)
-        found = after_jump(system, name, solver(cls), sim.ErrorControlledStep(tolerance, H))
-        gap = np.linalg.norm(found.node_position.values - exact.node_position.values, axis=1)
+        motion = after_jump(system, name, solver(cls), sim.ErrorControlledStep(tolerance, H))
+        gap = np.linalg.norm(motion.node_position.values - exact.node_position.values, axis=1)
         moved = np.linalg.norm((exact.node_position - exact.node_position[..., 0]).values, axis=1)
         assert moved.max() > 30 * tolerance, name
         assert gap.max() <= tolerance, (name, gap.max())
-        assert found.steps.max() < 100, name
+        assert motion.steps.max() < 100, name
 
 
 def test_accumulated_errors_are_part_of_the_state():
@@ -365,9 +365,9 @@ def test_errors_are_estimated_only_if_something_reads_them(read):
     probes += (sim.StepErrors(np.array([26]), ("corner",)),) if read else ()
     options = {"duration": DURATION, "integrator": sim.LinearlyImplicitEuler()}
     motion, _ = sim.simulate(system, drive("ramp"), probes=probes, **options)
-    found = reports.seen[1:]
-    assert {report.local_error is not None for report in found} == {read}
-    assert {report.concave for report in found} == {False}
+    reports_seen = reports.seen[1:]
+    assert {report.local_error is not None for report in reports_seen} == {read}
+    assert {report.concave for report in reports_seen} == {False}
     if read:
         assert motion.step_error.isel(time=-1).any() and motion.step_error.notnull().all()
         other, _ = sim.simulate(system, drive("ramp"), probes=(sim.Positions(),), **options)

@@ -132,7 +132,7 @@ def test_terms_are_named_by_type_and_content():
 
 
 def test_terms_with_labels_are_named_by_them():
-    """In a mesh of several parts, terms of one type are told apart by their blocks."""
+    """In a mesh of several parts, terms of one type are distinguished by their blocks."""
     parts = [OfBlocks(sim.ElementVolume(), k, k + 1) for k in (1, 0)]
     assert names_of((*parts, sim.ElementVolume(), parts[0])) == [
         "ElementVolume of blocks 1-1[0]",

@@ -61,8 +61,10 @@ def target(made):
 def on_points(joint):
     """A joint of a point of a body."""
     points = np.array([[0.05, 0.0, 0.0], [0.06, 0.0, 0.01]])
-    held = sim.OnBody("b", np.array([0, 1]))
-    scene = sim.Scene(sim.NO_TISSUE, (), (held,), bodies=(BODY,), points=points, joints=(joint,))
+    attached = sim.OnBody("b", np.array([0, 1]))
+    scene = sim.Scene(
+        sim.NO_TISSUE, (), (attached,), bodies=(BODY,), points=points, joints=(joint,)
+    )
     return sim.compile_scene(scene).rows.table.point
 
 
@@ -201,13 +203,13 @@ def public_classes():
 
 
 def test_every_public_class_with_indices_is_tested():
-    found = {
+    classes = {
         (cls.__name__, field.name)
         for cls in public_classes()
         for field in dataclasses.fields(cls)
         if "int64" in str(field.type) or field.name in NAMES
     }
-    assert found - RESULTS - OTHERS == set(CASES)
+    assert classes - RESULTS - OTHERS == set(CASES)
 
 
 def same(one, other):
@@ -256,10 +258,10 @@ def test_what_are_no_indices_is_refused(case):
             wrong["short mask"] = np.arange(n - 2 if n > 2 else n + 1) < len(values)
         wrong["a column"] = values.reshape(-1, 1) if values.ndim == 1 else values[..., None]
     for name, value in wrong.items():
-        with pytest.raises(SimulationError) as found:
+        with pytest.raises(SimulationError) as raised:
             make(value)
             pytest.fail(name)
-        assert "expected" in str(found.value), name
+        assert "expected" in str(raised.value), name
 
 
 def test_masks_of_the_mesh_leave_points_of_bodies_out():

@@ -69,9 +69,9 @@ def test_embedding_finds_the_point_that_the_map_gives(kind):
     mesh = sim.mesh_from_arrays(X, **{kind.name: [range(kind.n_nodes)]})
     share = rng.dirichlet(np.ones(kind.n_nodes), 40)
     N, _ = kind.shape(share @ kind.corners)
-    found = sim.embed(mesh, N @ X)
-    np.testing.assert_allclose(found.weights[:, : kind.n_nodes], N, rtol=0, atol=1e-12)
-    assert (found.weights[:, kind.n_nodes :] == 0.0).all() and (found.element == 0).all()
+    embedded = sim.embed(mesh, N @ X)
+    np.testing.assert_allclose(embedded.weights[:, : kind.n_nodes], N, rtol=0, atol=1e-12)
+    assert (embedded.weights[:, kind.n_nodes :] == 0.0).all() and (embedded.element == 0).all()
 
 
 def test_the_force_on_a_via_point_is_along_the_bisector():
@@ -105,10 +105,10 @@ def test_peck_follows_its_formula():
 def test_a_line_contracts_a_block_to_the_static_equilibrium():
     """In equilibrium the virtual work of the line equals that of the tissue."""
     mesh = grid((2, 2, 2))
-    held = sim.Fixed(np.flatnonzero(mesh.X[:, 0] == 0.0))
+    fixed = sim.Fixed(np.flatnonzero(mesh.X[:, 0] == 0.0))
     fibre = sim.LineFibre(0, np.array([[0.001, 0.009, 0.01], [0.011, 0.01, 0.009], [0.019] * 3]))
     lines = sim.LineMuscles(("m",), (fibre,), sim.ConstantForce(0.4))
-    system = sim.compile_scene(sim.Scene(mesh, (sim.Solid(), lines), (held,)))
+    system = sim.compile_scene(sim.Scene(mesh, (sim.Solid(), lines), (fixed,)))
     _, state = sim.simulate(
         system,
         sim.Activation(np.array([0.0, 1.0]), np.array([[0.0], [1.0]])),
@@ -119,7 +119,7 @@ def test_a_line_contracts_a_block_to_the_static_equilibrium():
     f = system.force(state.q, system.control(np.ones(1))).f
     assert np.abs(free_components(system, f)).max() < 2e-6
     assert 1e-3 < np.abs(state.q - mesh.X).max() < 1e-2
-    far = np.setdiff1d(boundary(mesh), held.nodes)
+    far = np.setdiff1d(boundary(mesh), fixed.nodes)
     assert (state.q - mesh.X)[far, 0].mean() < -3e-4
 
 

@@ -29,7 +29,7 @@ FAMILIES = [
     pytest.param(name, marks=needs_pardiso) if "pardiso" in name else name for name in ITERATIONS
 ]
 MESH = grid((4, 4, 4), distort=0.2)
-HELD = sim.Fixed(np.flatnonzero(MESH.X[:, 2] < 1e-9))
+FIXED_BASE = sim.Fixed(np.flatnonzero(MESH.X[:, 2] < 1e-9))
 
 
 def body(volume=None, sigma_max=50e3):
@@ -37,7 +37,7 @@ def body(volume=None, sigma_max=50e3):
     muscles = crossed_muscles(MESH, sim.Blemker(sigma_max))
     solid = sim.Solid((sim.Material(bulk=bulk),), muscles=muscles)
     terms = (solid,) if volume is None else (solid, volume)
-    return sim.compile_scene(sim.Scene(MESH, terms, (HELD,), sim.Rayleigh()))
+    return sim.compile_scene(sim.Scene(MESH, terms, (FIXED_BASE,), sim.Rayleigh()))
 
 
 def step_matrix(system, q=None, activation=0.0, h=0.01):
@@ -104,11 +104,11 @@ def test_gmres_solves_an_indefinite_system_by_a_definite_preconditioner():
     eigenvalues[:2] = -0.3
     A = (Q * eigenvalues) @ Q.T
     x = rng.normal(size=n)
-    found = gmres(A.__matmul__, lambda r: np.linalg.solve(P, r), A @ x, np.zeros(n), 1e-11, 60)
-    assert found.reached
+    solution = gmres(A.__matmul__, lambda r: np.linalg.solve(P, r), A @ x, np.zeros(n), 1e-11, 60)
+    assert solution.reached
     # three distinct eigenvalues of P^-1 A: three solutions per cycle end it
-    assert found.iterations <= 12
-    assert np.abs(found.x - x).max() < 1e-9
+    assert solution.iterations <= 12
+    assert np.abs(solution.x - x).max() < 1e-9
     stopped = gmres(A.__matmul__, lambda r: 0.1 * r, A @ x, np.zeros(n), 1e-14, 5)
     assert not stopped.reached and stopped.iterations <= 5
 

@@ -55,10 +55,10 @@ def pendulum(until=UNTIL, steps=4000):
 def test_a_bar_that_turns_too_slowly_is_warned_of(young, integrator):
     with pytest.warns(
         LostSwingWarning, match=r"take \d+ % of the energy.*node \d+.*Sdirk2"
-    ) as told:
+    ) as warned:
         angle, moved = turned(young, integrator)
     assert angle < 0.97 * pendulum()
-    (lost,) = (one.message for one in told if one.category is LostSwingWarning)
+    (lost,) = (one.message for one in warned if one.category is LostSwingWarning)
     assert lost.share > 0.1 and 0.0 < lost.time <= UNTIL and lost.node >= 0
     assert moved.attrs["swing_lost"] == lost.share
     assert moved.attrs["swing_lost_node"] == lost.node
@@ -106,9 +106,9 @@ def hinged(young, hard, joints=(), damping=None):
     solid = sim.Solid((sim.Material(sim.MooneyRivlin(young / 6.0, 0.0), bulk, 1000.0),))
     body = sim.Body("root", 1e-3, 1e-8 * np.eye(3), (0.0, 0.005, 0.005))
     hinge = Revolute("hinge", "root", None, (0.0, 0.005, 0.005), (0.0, 1.0, 0.0))
-    held = sim.Fixed(root & middle) if hard else sim.OnBody("root", root)
+    constraint = sim.Fixed(root & middle) if hard else sim.OnBody("root", root)
     scene = sim.Scene(
-        mesh, (solid, sim.Gravity((0.0, 0.0, -9.81))), (held,), damping,
+        mesh, (solid, sim.Gravity((0.0, 0.0, -9.81))), (constraint,), damping,
         bodies=() if hard else (body,), joints=() if hard else (hinge, *joints),
         constraints=(sim.HardElementVolume(0, 1),) if hard else (),
     )  # fmt: skip
@@ -131,13 +131,13 @@ def swung(scene, integrator, h=H, until=UNTIL):
 @pytest.mark.parametrize("young", [1e7, 1e9])
 @pytest.mark.parametrize("hard", [False, True], ids=["on a body with a joint", "hard volume"])
 def test_bodies_joints_and_hard_volumes_are_examined(hard, young, integrator):
-    with pytest.warns(LostSwingWarning) as told:
+    with pytest.warns(LostSwingWarning) as warned:
         angle = swung(hinged(young, hard), integrator)
     with warnings.catch_warnings():
         warnings.simplefilter("error", LostSwingWarning)
         assert angle < 0.98 * swung(hinged(young, hard), Sdirk2())
     # The kinetic energy grows with the angle: a smaller angle at the end is a loss of about its share.
-    (lost,) = (one.message for one in told if one.category is LostSwingWarning)
+    (lost,) = (one.message for one in warned if one.category is LostSwingWarning)
     assert 0.1 < lost.share < 1.0
 
 

@@ -108,8 +108,8 @@ def displacement_error(element, case, n):
     place = np.einsum("pa,eai->epi", block.kind.N, mesh.X[block.nodes])
     force = np.einsum("ep,pa,epi->eai", volume, block.kind.N, body_force(stress, place))
     load = sim.NodeLoad(block.nodes.ravel(), force.reshape(-1, 3))
-    held = sim.Fixed(boundary(mesh))
-    system = sim.compile_scene(sim.Scene(mesh, (sim.Solid((material,)), load), (held,)))
+    fixed = sim.Fixed(boundary(mesh))
+    system = sim.compile_scene(sim.Scene(mesh, (sim.Solid((material,)), load), (fixed,)))
     x = motion(mesh.X)
     state, _ = sim.Static(tolerance=1e-9, residual_tolerance=1e-10).step(
         system,

@@ -74,9 +74,9 @@ def test_what_is_no_real_number_is_refused_by_name(cls, name, types):
     if type(None) not in types:
         wrong.append(None)
     for value in wrong:
-        with pytest.raises(SimulationError, match=name) as found:
+        with pytest.raises(SimulationError, match=name) as raised:
             with_one(cls, name, value)
-        assert "expected" in str(found.value)
+        assert "expected" in str(raised.value)
 
 
 @pytest.mark.parametrize(

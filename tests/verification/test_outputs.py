@@ -47,9 +47,9 @@ def test_a_cubic_motion_is_interpolated_exactly():
         return sim.State(t, a + b * t + c * t**2 + d * t**3, b + 2 * c * t + 3 * d * t**2)
 
     for t in (0.3, 0.41, 0.9):
-        found = between(state(0.3), state(0.9), t)
-        np.testing.assert_allclose(found.q, state(t).q, atol=1e-13)
-        np.testing.assert_allclose(found.v, state(t).v, atol=1e-12)
+        interpolated = between(state(0.3), state(0.9), t)
+        np.testing.assert_allclose(interpolated.q, state(t).q, atol=1e-13)
+        np.testing.assert_allclose(interpolated.v, state(t).v, atol=1e-12)
 
 
 def test_outputs_inside_steps_are_as_accurate_as_their_ends(block, monkeypatch):
@@ -59,9 +59,9 @@ def test_outputs_inside_steps_are_as_accurate_as_their_ends(block, monkeypatch):
     fine = motion(block, sim.FixedStep(2.5e-4), 0.005)["node_position"]
     errors = []
     for h in (0.02, 0.01):
-        found = motion(block, sim.FixedStep(h), 0.005)["node_position"]
-        np.testing.assert_allclose(found["time"], fine["time"], atol=1e-15)
-        gap = np.linalg.norm(found - fine, axis=found.dims.index("axis")).max(axis=0)
+        trajectory = motion(block, sim.FixedStep(h), 0.005)["node_position"]
+        np.testing.assert_allclose(trajectory["time"], fine["time"], atol=1e-15)
+        gap = np.linalg.norm(trajectory - fine, axis=trajectory.dims.index("axis")).max(axis=0)
         per = round(h / 0.005)
         inside = np.arange(len(gap)) % per != 0
         errors.append((gap[inside].max(), gap[~inside].max()))
@@ -83,10 +83,10 @@ def test_divided_steps_are_interpolated_piece_by_piece(block, monkeypatch):
     nodes = np.flatnonzero(block.scene.mesh.X[:, 2] > 0.0)
     fine = motion(block, sim.FixedStep(2.5e-4), 0.005)["node_position"]
     steps = sim.ErrorControlledStep(1e-5, 0.04, nodes)
-    found = motion(block, steps, 0.005)
-    assert found["steps"].max() > 2
+    trajectory = motion(block, steps, 0.005)
+    assert trajectory["steps"].max() > 2
     gap = np.linalg.norm(
-        found["node_position"] - fine, axis=found["node_position"].dims.index("axis")
+        trajectory["node_position"] - fine, axis=trajectory["node_position"].dims.index("axis")
     )
     assert gap.max() < 1e-5
 
@@ -118,7 +118,7 @@ def jerked(sigma_max, integrator, steps, probes, every=0.005):
         reductions=(sim.Fixed(np.flatnonzero(mesh.X[:, 2] == 0.0)),),
     )
     rise = sim.Activation(np.array([0.0, 0.02]), np.array([[0.0, 0.0], [1.0, 1.0]]))
-    found, _ = sim.simulate(
+    simulated, _ = sim.simulate(
         system,
         rise,
         duration=0.08,
@@ -127,7 +127,7 @@ def jerked(sigma_max, integrator, steps, probes, every=0.005):
         every=every,
         probes=(sim.Positions(), *probes),
     )
-    return system, found, found["node_position"].transpose("time", "node", "axis").values
+    return system, simulated, simulated["node_position"].transpose("time", "node", "axis").values
 
 
 @pytest.mark.parametrize("name", INVERTING)
@@ -151,13 +151,13 @@ def test_no_output_is_inverted_if_the_interpolating_cubic_is(name, control):
     assert min(system.smallest_J(state.q)[0] for state in cubic) < 0.0
     assert min(system.smallest_J(q)[0] for q in at_ends) > 0.0
 
-    system, found, written = jerked(
+    system, motion, written = jerked(
         INVERTING[name], integrator, control, (sim.SmallestJ(), sim.Iterations())
     )
     least = np.array([system.smallest_J(q)[0] for q in written])
     assert (least > 0.0).all()
-    np.testing.assert_array_equal(found["smallest_J"], least)
-    assert found["rejected"].sum() > 0
+    np.testing.assert_array_equal(motion["smallest_J"], least)
+    assert motion["rejected"].sum() > 0
 
 
 @pytest.mark.parametrize("kind", sim.integrators.INTEGRATORS)
@@ -171,7 +171,7 @@ def test_probes_record_the_stored_state(block, kind, control, h, every):
     t = np.array([0.0, 4.0 * max(h, every)])
     drive = sim.Activation(t, np.array([[0.0, 0.2], [1.0, 0.6]]))
     nodes = np.array([26, 25])
-    found, _ = sim.simulate(
+    simulated, _ = sim.simulate(
         block,
         drive,
         duration=t[1],
@@ -185,14 +185,14 @@ def test_probes_record_the_stored_state(block, kind, control, h, every):
             sim.Energies(),
         ),
     )
-    written = found["node_position"].transpose("time", "node", "axis").values
+    written = simulated["node_position"].transpose("time", "node", "axis").values
     for k, q in enumerate(written):
-        control_then = block.control(drive.at(found["time"].values[k]))
+        control_then = block.control(drive.at(simulated["time"].values[k]))
         now = block.force(q, control_then)
-        assert found["smallest_J"].values[k] == pytest.approx(now.smallest_J, abs=1e-14)
-        assert found["potential_energy"].values[k] == pytest.approx(now.energy, rel=1e-12)
-        np.testing.assert_array_equal(found["position"].transpose("time", ...)[k], q[nodes])
-    assert np.ptp(found["smallest_J"].values) > 0.0
+        assert simulated["smallest_J"].values[k] == pytest.approx(now.smallest_J, abs=1e-14)
+        assert simulated["potential_energy"].values[k] == pytest.approx(now.energy, rel=1e-12)
+        np.testing.assert_array_equal(simulated["position"].transpose("time", ...)[k], q[nodes])
+    assert np.ptp(simulated["smallest_J"].values) > 0.0
 
 
 def test_constraints_hold_in_every_output():
@@ -205,9 +205,9 @@ def test_constraints_hold_in_every_output():
         damping=sim.RestRayleigh(19.0, 0.01),
         constraints=(sim.HardElementVolume(),),
     )
-    found = motion(system, sim.FixedStep(0.02), 0.005, integrator=sim.Sdirk2(tolerance=1e-9))
-    assert found.attrs["step_s"] == 0.005
-    written = found["node_position"].transpose("time", "node", "axis").values
+    trajectory = motion(system, sim.FixedStep(0.02), 0.005, integrator=sim.Sdirk2(tolerance=1e-9))
+    assert trajectory.attrs["step_s"] == 0.005
+    written = trajectory["node_position"].transpose("time", "node", "axis").values
     volume, start = mesh.volumes().mean(), system.rest_state().pose
     missed = [np.abs(system.constraints.evaluate(replace(start, q=q))[0]).max() for q in written]
     assert max(missed) < 1e-8 * volume
@@ -215,16 +215,16 @@ def test_constraints_hold_in_every_output():
 
 
 def test_an_opening_has_a_sign_and_goes_through_zero_without_a_jump(block):
-    """One node passes beside the other; their distance would not be zero."""
+    """One node passes next to the other; their distance would not be zero."""
     probe = sim.Opening(26, 0, (0.0, 0.0, 2.0))
     X = block.rest_state().q
-    found = []
+    openings = []
     for height in (0.003, 0.001, 0.0, -0.001, -0.003):
         q = X.copy()
         q[26] = q[0] + [0.002, 0.001, height]
         state = sim.State(0.0, q, np.zeros_like(q))
-        found.append(probe.record(block, state, block.control(np.zeros(2)), None)[0])
-    np.testing.assert_allclose(found, [0.003, 0.001, 0.0, -0.001, -0.003], atol=1e-17)
+        openings.append(probe.record(block, state, block.control(np.zeros(2)), None)[0])
+    np.testing.assert_allclose(openings, [0.003, 0.001, 0.0, -0.001, -0.003], atol=1e-17)
     for direction in ((0.0, 0.0, 0.0), (0.0, np.nan, 1.0), (1.0, 0.0)):
         with pytest.raises(sim.SceneError, match="three numbers that are not all zero"):
             sim.Opening(26, 0, direction)

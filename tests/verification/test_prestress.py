@@ -168,8 +168,8 @@ def test_stiffening_multiplies_all_passive_moduli_and_no_active_stress():
     for level, s, s_half in (([0.2, 0.3], 5.5, 3.25), ([0.8, 0.9], 10.0, 8.65)):
         active = mean_stress(plain, F, level) - passive
         for body, factor in ((stiff, s), (half, s_half)):
-            found = mean_stress(body, F, level)
-            np.testing.assert_allclose(found, factor * passive + active, atol=1e-9 * 30e3)
+            stress = mean_stress(body, F, level)
+            np.testing.assert_allclose(stress, factor * passive + active, atol=1e-9 * 30e3)
     some = system(sim.Stiffening(("first",), np.array([3]), np.array([0]), tissue))
     q = MESH.X @ F.T
     level = plain.control(np.array([1.0, 0.0]))
@@ -219,10 +219,10 @@ def test_stress_free_corners_are_equivalent_to_a_uniform_prestretch():
     q = MESH.X + 0.02 * np.random.default_rng(3).standard_normal(MESH.X.shape) * np.ptp(MESH.X)
     q = MESH.X + 0.1 * (q - MESH.X)
     control = systems[0].control(np.full(len(systems[0].muscles), 0.4))
-    found = [system.force(q, control) for system in systems]
-    assert found[1].energy == pytest.approx(found[0].energy, rel=1e-12)
+    forces = [system.force(q, control) for system in systems]
+    assert forces[1].energy == pytest.approx(forces[0].energy, rel=1e-12)
     np.testing.assert_allclose(
-        found[1].f, found[0].f, rtol=1e-10, atol=1e-12 * np.abs(found[0].f).max()
+        forces[1].f, forces[0].f, rtol=1e-10, atol=1e-12 * np.abs(forces[0].f).max()
     )
     masses = [solid.node_mass(MESH).sum() for solid in (one, two)]
     assert masses[1] * np.linalg.det(F0) == pytest.approx(masses[0], rel=1e-12)
@@ -247,17 +247,17 @@ def test_stress_free_corners_give_the_forces_of_the_mesh_that_has_them(term, kin
     corners = before[slots(mesh)[0]]
     free = replace(mesh, X=before)
     carrier = sim.Solid()  # gives the mass
-    found = []
+    forces = []
     for own, given in ((mesh, {"stress_free": corners}), (free, {})):
         system = sim.compile_scene(sim.Scene(own, (carrier, term(**given))))
         alone = sim.compile_scene(sim.Scene(own, (carrier,)))
         control = system.control(np.zeros(0))
         (one, K), (none, K0) = system.tangent(q, control), alone.tangent(q, control)
-        found.append(
+        forces.append(
             (one.energy - none.energy, one.f - none.f, dense(system, K) - dense(alone, K0))
         )
-    assert found[0][0] == pytest.approx(found[1][0], rel=1e-9) and found[0][0] > 0.0
-    for one, two in zip(found[0][1:], found[1][1:], strict=True):
+    assert forces[0][0] == pytest.approx(forces[1][0], rel=1e-9) and forces[0][0] > 0.0
+    for one, two in zip(forces[0][1:], forces[1][1:], strict=True):
         np.testing.assert_allclose(one, two, atol=1e-9 * np.abs(two).max())
 
 

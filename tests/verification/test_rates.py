@@ -96,9 +96,9 @@ def test_damping_is_the_derivative_of_the_force_and_power_is_dissipated():
 
 
 def test_damping_matrix_with_its_offset_is_the_tangent_at_given_velocities():
-    held = sim.Fixed(np.arange(4))
+    fixed = sim.Fixed(np.arange(4))
     system, rng = (
-        block(reductions=(held,), damping=sim.Rayleigh(5.0, 0.01)),
+        block(reductions=(fixed,), damping=sim.Rayleigh(5.0, 0.01)),
         np.random.default_rng(4),
     )
     state, control = system.rest_state(), system.control(np.array([0.6, 0.8]))

@@ -90,7 +90,7 @@ def test_steps_solve_dense_systems_only_where_failures_are_reported(path):
         if isinstance(node, ast.With | ast.Try)
         for inner in ast.walk(node)
     }
-    found = [
+    calls = [
         node.lineno
         for node in ast.walk(tree)
         if isinstance(node, ast.Attribute)
@@ -98,7 +98,7 @@ def test_steps_solve_dense_systems_only_where_failures_are_reported(path):
         and ast.unparse(node.value) == "np.linalg"
         and node not in guarded
     ]
-    assert found == [], "use sim.dense, or sim.dense.reported"
+    assert calls == [], "use sim.dense, or sim.dense.reported"
 
 
 def coupled_block(beta):

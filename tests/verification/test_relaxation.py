@@ -20,7 +20,7 @@ def stretched(amount):
     return MESH.X * np.array([1.0 + amount, 1.0 - 0.4 * amount, 1.0 - 0.3 * amount])
 
 
-def held(law, path, h, steps):
+def path_forces(law, path, h, steps):
     """Nodal forces during motion along a path, over the elastic ones at the end."""
     system = solid_system(MESH, law, relaxation=PRONY)
     elastic = solid_system(MESH, law)
@@ -76,7 +76,7 @@ def test_error_in_the_step_is_of_second_order_along_a_smooth_path():
     history = quad(lambda s: PRONY.at(T - s) * 0.2 * rate * np.cos(rate * s), 0, T, epsabs=1e-12)[0]
     errors = []
     for steps in (16, 32, 64):
-        forces, _ = held(law, path, T / steps, steps)
+        forces, _ = path_forces(law, path, T / steps, steps)
         errors.append(np.abs(forces[-1] - history * unit).max())
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
     np.testing.assert_allclose(orders, 2.0, atol=0.1)
@@ -90,16 +90,16 @@ def test_storage_and_loss_modulus():
     w, periods, n = 7.0, 7, 64
     h, amplitude = 2 * np.pi / w / n, 0.05
     law = sim.LinearElastic()
-    forces, _ = held(law, lambda t: stretched(amplitude * np.sin(w * t)), h, periods * n)
+    forces, _ = path_forces(law, lambda t: stretched(amplitude * np.sin(w * t)), h, periods * n)
     elastic = solid_system(MESH, law)
     unit = elastic.force(stretched(amplitude), elastic.control(NONE)).f
     ratio = np.einsum("tni,ni->t", forces[-n:], unit) / (unit**2).sum()
     phase = w * h * np.arange((periods - 1) * n + 1, periods * n + 1)
-    found = 2 * np.mean(ratio * np.sin(phase)), 2 * np.mean(ratio * np.cos(phase))
+    moduli = 2 * np.mean(ratio * np.sin(phase)), 2 * np.mean(ratio * np.cos(phase))
     times = 1j * w * np.array(PRONY.tau)
     expected = PRONY.relaxed + (np.array(PRONY.g) * times / (1 + times)).sum()
-    assert found == pytest.approx((expected.real, expected.imag), rel=2e-3)
-    assert found[1] > 0.0
+    assert moduli == pytest.approx((expected.real, expected.imag), rel=2e-3)
+    assert moduli[1] > 0.0
 
 
 def column(relaxation):

@@ -41,7 +41,7 @@ def block():
 def drift(system, integrator, linear):
     """Largest distance between motions from rest positions that differ by rounding [m]."""
     drive = sim.Activation(np.array([0.0, 0.05]), np.array([[0.0, 0.0, 0.0], [0.6, 0.3, 0.2]]))
-    rest, found = system.rest_state(), []
+    rest, motions = system.rest_state(), []
     for sign in (0.0, 1.0, -1.0):
         q = rest.q.copy()
         bits = np.random.default_rng(1).choice([-1.0, 1.0], size=len(system.free))
@@ -56,9 +56,9 @@ def drift(system, integrator, linear):
             initial=sim.State(0.0, q, rest.v),
             work=sim.Workspace(system, linear),
         )
-        found.append(motion)
-    paths = [one["node_position"].values for one in found]
-    unstable = any(one[name].sum() > 0 for one in found for name in ("indefinite", "shifts"))
+        motions.append(motion)
+    paths = [one["node_position"].values for one in motions]
+    unstable = any(one[name].sum() > 0 for one in motions for name in ("indefinite", "shifts"))
     assert np.abs(paths[0][..., -1] - paths[0][..., 0]).max() > 1e-3
     return max(np.abs(path - paths[0]).max() for path in paths[1:]), unstable
 
@@ -70,7 +70,7 @@ def test_a_perturbation_of_rounding_size_does_not_grow(kind):
     assert grown < KNOWN * MOVED + (1e-11 if iterates else 0.0)
 
 
-FOUND = 1e-5
+REPORTED = 1e-5
 """Difference of positions that a run must report as possible [m]: 0.1 % of the column's width."""
 
 
@@ -115,19 +115,19 @@ def buckled(system, integrator, linear, seed=None, *probes):
 )
 def test_a_motion_that_depends_on_rounding_is_reported(kind, stress, linear):
     """The direction in which a symmetric column buckles depends on rounding and is reported."""
-    system, found, told = column(stress), [], []
+    system, positions, reported = column(stress), [], []
     for seed in (None, 1):
         try:
             motion = buckled(system, kind(), linear, seed)
         except sim.InvertedElement as error:
-            told.append(any("on rounding" in note for note in getattr(error, "__notes__", ())))
+            reported.append(any("on rounding" in note for note in getattr(error, "__notes__", ())))
             continue
-        found.append(motion["node_position"].values)
-        told.append("unstable_from_s" in motion.attrs)
-    apart = np.abs(found[0] - found[1]).max() if len(found) == 2 else np.inf
-    assert any(told) or apart < FOUND
+        positions.append(motion["node_position"].values)
+        reported.append("unstable_from_s" in motion.attrs)
+    apart = np.abs(positions[0] - positions[1]).max() if len(positions) == 2 else np.inf
+    assert any(reported) or apart < REPORTED
     if stress == 0.0:
-        assert not any(told)
+        assert not any(reported)
 
 
 def test_the_direction_of_buckling_depends_on_rounding():

@@ -69,9 +69,9 @@ def falling(friction: float = 0.0, relaxation: sim.Prony | None = None) -> sim.S
     above = sim.NodeSurface(skin[(skin >= n).all(axis=1)], "above")
     contact = sim.ConstraintContact((sim.Pairing(below, above),), friction=friction)
     terms = contact, sim.Gravity((2.0, 1.0, -40.0))
-    held = sim.Fixed(np.flatnonzero(X[:, 2] == 0.0))
+    fixed = sim.Fixed(np.flatnonzero(X[:, 2] == 0.0))
     return solid_system(
-        mesh, reductions=(held,), damping=sim.RestRayleigh(), terms=terms, relaxation=relaxation
+        mesh, reductions=(fixed,), damping=sim.RestRayleigh(), terms=terms, relaxation=relaxation
     )
 
 
@@ -246,7 +246,7 @@ def test_earlier_use_of_a_workspace_has_no_influence(integrator):
 
 
 def test_checkpoints_change_a_motion_by_the_tolerance_and_keep_its_outputs():
-    system, told = block(), list[tuple[int, int]]()
+    system, reported = block(), list[tuple[int, int]]()
 
     def run(checkpoint, progress=None):
         return sim.simulate(
@@ -259,11 +259,14 @@ def test_checkpoints_change_a_motion_by_the_tolerance_and_keep_its_outputs():
             progress=progress,
         )
 
-    (whole, end), (other, again) = run(None), run(4, lambda done, total: told.append((done, total)))
+    (whole, end), (other, again) = (
+        run(None),
+        run(4, lambda done, total: reported.append((done, total))),
+    )
     np.testing.assert_allclose(other.time, whole.time, rtol=1e-12)
     np.testing.assert_allclose(again.q, end.q, rtol=0, atol=1e-5)
     assert not np.array_equal(again.q, end.q)  # solved with another factor
-    assert [done for done, _ in told] == list(range(1, 11)) and told[-1][1] >= 10
+    assert [done for done, _ in reported] == list(range(1, 11)) and reported[-1][1] >= 10
     assert not any(name.startswith("solver") for name in end.memory)
 
 

@@ -72,14 +72,14 @@ def test_refinement_of_the_unlocked_beam_approaches_beam_theory():
 
 def test_locking_of_cooks_membrane_is_shown_and_avoided():
     """Element, nodal and hard volumes converge to one displacement; the pointwise law does not."""
-    found = {part: [cook(n, 0.4999, part) for n in (4, 8, 16)] for part in PARTS}
-    coarse, middle, hard = found["hard"]
+    deflections = {part: [cook(n, 0.4999, part) for n in (4, 8, 16)] for part in PARTS}
+    coarse, middle, hard = deflections["hard"]
     ratio = (middle - coarse) / (hard - middle)
     limit = hard + (hard - middle) / (ratio - 1.0)  # Richardson
     assert 2.0 < ratio < 4.0  # The singularity at the corner reduces the order.
-    assert found["element"][-1] == pytest.approx(limit, rel=0.03)
-    assert found["nodal"][-1] == pytest.approx(limit, rel=0.08)
-    assert found["pointwise"][-1] < 0.35 * limit
+    assert deflections["element"][-1] == pytest.approx(limit, rel=0.03)
+    assert deflections["nodal"][-1] == pytest.approx(limit, rel=0.08)
+    assert deflections["pointwise"][-1] < 0.35 * limit
 
 
 def test_hard_volumes_are_constant_and_agree_with_the_soft_limit():

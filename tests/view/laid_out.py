@@ -10,7 +10,7 @@ SCHEMES = ("light", "dark")
 
 def faults_of(browser: Any) -> dict[str, list[str]]:
     """Faults of the open page by width and colours; the window is as before afterwards."""
-    found = {}
+    faults_by_page = {}
     for width in WIDTHS:
         metrics = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
@@ -22,7 +22,7 @@ def faults_of(browser: Any) -> dict[str, list[str]]:
                 "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(done))"
             )
             if faults := browser.execute_script(FAULTS):
-                found[f"{width}, {scheme}"] = faults
+                faults_by_page[f"{width}, {scheme}"] = faults
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
-    return found
+    return faults_by_page

@@ -63,11 +63,11 @@ def test_files_return_the_same_curves(tmp_path, interpolation):
     curves = Curves(KNOTS, 1.25, interpolation)
     table = read_curves(write_curves(curves, tmp_path / "curves.csv"))
     probes = read_curves(write_probes(curves, tmp_path / "probes"))
-    for found in (table, probes):
-        assert found.interpolation == interpolation and found.duration == 1.25
-        assert found.knots.keys() == curves.knots.keys()
+    for read in (table, probes):
+        assert read.interpolation == interpolation and read.duration == 1.25
+        assert read.knots.keys() == curves.knots.keys()
         for name in KNOTS:
-            np.testing.assert_array_equal(found.knots[name], curves.knots[name])
+            np.testing.assert_array_equal(read.knots[name], curves.knots[name])
 
 
 def test_an_activation_has_a_knot_at_each_sample():

@@ -46,9 +46,9 @@ def test_correlations_are_those_of_the_score():
     whole = xr.Dataset({"position": given, "noise": ("marker", noise, {"units": "m"})})
     options = {"smallest_motion": 1e-9, "smallest_snr": 0.5}
     expected = score(whole, made, **options)["rho"].values
-    found = correlations(v, w, noise, **options)
+    correlation = correlations(v, w, noise, **options)
     np.testing.assert_array_equal(np.isnan(expected), [False, True, True, True, True, False])
-    np.testing.assert_allclose(found, expected, atol=1e-12)
+    np.testing.assert_allclose(correlation, expected, atol=1e-12)
     unseen = np.full_like(v, np.nan)
     assert np.isnan(correlations(unseen, w, noise, **options)).all()
 
@@ -133,15 +133,15 @@ def test_a_motion_computed_ahead_is_that_of_its_curves(small):
         one.ahead(late, lambda asked=asked, n=looks: next(asked) >= n)
         assert (one._ready is not None) == ready
         assert next(asked) == min(looks + 1, 6)  # 5 within the motion, and one before the score
-        head, found = parts(one(late))
-        assert found == body
+        head, rest = parts(one(late))
+        assert rest == body
         for name in ("time", "bound", "doubt", "clipped", "forces", "rho"):
             assert head[name] == whole[name], name
         other = parts(one(base))  # what is ready belongs to its curves alone
         assert other[1] == parts(edited(small)(base))[1]
 
 
-def test_a_failed_motion_ahead_is_told_when_it_is_asked_for(small, monkeypatch):
+def test_a_failed_motion_ahead_is_reported_when_it_is_asked_for(small, monkeypatch):
     from sim import InvertedElement
 
     one, curves = edited(small), Curves(BASE, 0.4)
@@ -197,8 +197,8 @@ def test_a_motion_is_that_of_the_reduced_face(small, step):
     motions = Motions(reduced, skin, OUTPUT, step)
     for knots, duration in ((BASE, 0.6), (late, 0.6), (late, 0.82), (late, 0.1)):
         curves = Curves(knots, duration)
-        found, frames = motions(curves), round(duration / OUTPUT) + 1
-        np.testing.assert_allclose(found.time, OUTPUT * np.arange(frames))
+        motion, frames = motions(curves), round(duration / OUTPUT) + 1
+        np.testing.assert_allclose(motion.time, OUTPUT * np.arange(frames))
         activation = Activation(*curves.activation(reduced.model.system.muscles))
         every = 2 if step > OUTPUT else 1
         count = (frames - 1) // every
@@ -206,8 +206,8 @@ def test_a_motion_is_that_of_the_reduced_face(small, step):
             reduced, activation, count * every * OUTPUT, step=step, output=every * OUTPUT,
             further=(SurfaceProbe(skin.node),),
         )  # fmt: skip
-        for values, name, node in ((found.markers, "position", "marker"),
-                                   (found.skin, "surface_position", "surface_node")):  # fmt: skip
+        for values, name, node in ((motion.markers, "position", "marker"),
+                                   (motion.skin, "surface_position", "surface_node")):  # fmt: skip
             given = expected[name].transpose("time", node, "axis").values
             assert len(values) == frames
             np.testing.assert_allclose(values[::every][: count + 1], given, rtol=0.0, atol=1e-9)
@@ -217,7 +217,7 @@ def test_a_motion_is_that_of_the_reduced_face(small, step):
                     middle, 0.5 * (ends[1:] + ends[:-1]), rtol=0.0, atol=1e-12
                 )
         if frames % every or every == 1:
-            assert found.bound == pytest.approx(float(expected["reduction_error"].max()), rel=1e-9)
+            assert motion.bound == pytest.approx(float(expected["reduction_error"].max()), rel=1e-9)
 
 
 def test_a_preview_is_scored_and_doubted_as_the_complete_motion(small):

@@ -109,12 +109,12 @@ def test_a_scrubbed_frame_of_edited_curves_is_that_of_playing(coarse, skin, serv
     level = sum(curves.at(name, np.linspace(0.0, curves.duration, 11)) for name in curves.knots)
     lift = 1e-3 * np.multiply.outer(level, np.array([[0.0, 0.0, 1.0]]))
     expected = sums(coarse["position"].values[skin.node] + lift)
-    found = []
+    frames = []
     for k in range(11):
         opened.execute_script(SCRUB, k)
         until(opened, f"return {STAGE}.dataset.at === '{k}'")
-        found.append(drawn(opened))
-    assert found == expected
+        frames.append(drawn(opened))
+    assert frames == expected
     opened.execute_script(SCRUB, 0)
     until(opened, f"return {STAGE}.dataset.at === '0'")
     played = opened.execute_async_script(WATCH, "at", 6)
@@ -176,9 +176,9 @@ def test_instants_of_a_moving_tongue(browser, tmp_path):
     browser.get(path.as_uri())
     until(browser, f"return {STAGE}.dataset.ready === 'yes'")
     count = int(browser.execute_script("return document.getElementById('time').max")) + 1
-    found = []
+    frames = []
     for k in [*range(count), *reversed(range(count))]:
         browser.execute_script(SCRUB, k)
         until(browser, f"return {STAGE}.dataset.frame === '{k}'")
-        found.append(drawn(browser))
-    assert found == found[::-1] and len(set(found)) == count > 1
+        frames.append(drawn(browser))
+    assert frames == frames[::-1] and len(set(frames)) == count > 1

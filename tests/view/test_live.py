@@ -27,16 +27,16 @@ def test_a_slider_is_followed_at_a_limited_rate(coarse, skin):
     page = Page({"kind": "activation", "values": [1.0] + [0.0] * 19})
     session.talk(page)
     session.run(0.15)
-    found = session.log.dataset({})
+    logged = session.log.dataset({})
     np.testing.assert_allclose(
-        found["activation"][0], np.minimum(0.1 * np.arange(1, 16), 1.0), atol=1e-12
+        logged["activation"][0], np.minimum(0.1 * np.arange(1, 16), 1.0), atol=1e-12
     )
-    np.testing.assert_allclose(found["time"], STEP * np.arange(1, 16))
+    np.testing.assert_allclose(logged["time"], STEP * np.arange(1, 16))
     rise = (
-        found["position"].sel(axis="z")
+        logged["position"].sel(axis="z")
         - coarse["position"].values[coarse["marker_node"].values[0], 2]
     )
-    np.testing.assert_allclose(rise[0], 1e-3 * found["activation"].sum("muscle"), atol=1e-12)
+    np.testing.assert_allclose(rise[0], 1e-3 * logged["activation"].sum("muscle"), atol=1e-12)
 
 
 def test_the_log_is_an_activation_that_can_be_simulated_again(coarse, skin, tmp_path):
@@ -106,9 +106,9 @@ def test_a_stream_that_stalls_or_sends_no_numbers_is_survived(coarse, skin):
     drive = Semg(source, MUSCLES, (np.zeros(20), np.full(20, 1e-5)), "stream")
     session = session_of(coarse, skin, drive)
     session.run(5 * STEP)
-    found = session.log.dataset({})["activation"].max("muscle").values
-    assert found[0] > 0.5 and found[1] == 0.0 and np.isfinite(found).all()
-    assert (found[2:] > 0.1).all()  # one value that is no number does not stay in the filter
+    logged = session.log.dataset({})["activation"].max("muscle").values
+    assert logged[0] > 0.5 and logged[1] == 0.0 and np.isfinite(logged).all()
+    assert (logged[2:] > 0.1).all()  # one value that is no number does not stay in the filter
     notes = [text for _, text in session.log.notes]
     assert "no samples" in notes[0] and "not numbers" in notes[1] and len(notes) == 2
     assert source.starts == 3  # at first, when the session began, and after the stall
@@ -220,7 +220,7 @@ def test_every_page_hears_the_notes(coarse, skin):
 
 
 def test_other_pages_hear_why_the_face_stands_still(coarse, skin):
-    """A page that edits curves stops the live face of all pages; a page alone is told nothing."""
+    """A page that edits curves stops the live face of all pages; a page alone receives nothing."""
     for others in (1, 0):
         session = session_of(coarse, skin)
         pages = [Waiting() for _ in range(others)] + [Asking({"kind": "still"})]
@@ -282,7 +282,7 @@ def test_a_step_is_not_delayed_by_drawing(coarse, skin, monkeypatch):
     assert len(session.log.rows) == 10
 
 
-def test_missed_time_is_left_out_and_told(coarse, skin):
+def test_missed_time_is_left_out_and_reported(coarse, skin):
     """A step that takes long is followed by steps at their time, not by a series of late ones."""
     session = session_of(coarse, skin)
     whole, calls = session.face, []

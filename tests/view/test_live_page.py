@@ -105,11 +105,11 @@ def test_curves_and_time_of_the_page(served, opened, tmp_path):
     assert pictures[0] == pictures[2] != pictures[1]
     press(opened, "play")
     until(opened, f"return {STAGE}.at !== '5'")
-    found = opened.execute_async_script(
+    answer = opened.execute_async_script(
         "const done = arguments[0];"
         "fetch('curves', {method: 'POST', body: 'x,y'}).then(r => r.json()).then(done)"
     )
-    assert "expected time" in found["why"]
+    assert "expected time" in answer["why"]
 
 
 @pytest.mark.parametrize(
@@ -191,8 +191,8 @@ def test_forces_are_those_of_the_changed_curves_or_none(served, opened):
     until(opened, f"return ({STAGE}.refused || '').includes('element 3')")
     assert force() == "" and status() == ""
     assert not opened.execute_script("return document.getElementById('rho').innerText")
-    told = opened.execute_script("return document.getElementById('message').textContent")
-    assert "the motion of the former curves" in told
+    text = opened.execute_script("return document.getElementById('message').textContent")
+    assert "the motion of the former curves" in text
     opened.execute_script(
         "const t = document.getElementById('time'); t.value = 3; t.dispatchEvent(new Event('input'))"
     )

@@ -77,8 +77,8 @@ def clicked_in(coarse, skin, page, name):
         "  {pointerId: 1, clientX: b.left + x, clientY: b.top + y}));"
         " found.push(Number(c.dataset.picked)); } return found"
     )
-    found = page.execute_script(script, [[float(u[i]), float(v[i])] for i in chosen])
-    np.testing.assert_array_equal(found, skin.node[chosen])
+    value = page.execute_script(script, [[float(u[i]), float(v[i])] for i in chosen])
+    np.testing.assert_array_equal(value, skin.node[chosen])
     return len(chosen)
 
 
@@ -100,12 +100,12 @@ def test_landmarks_are_read_by_fit(coarse, page, tmp_path):
     text = picked(page, "landmark", zip(nodes, names, strict=True))
     path, person = tmp_path / "on_face.csv", tmp_path / "person.csv"
     path.write_text(text, encoding="utf-8")
-    found = read_landmarks(path)
-    assert list(found.names) == names
-    np.testing.assert_allclose(found.position, coarse["position"].values[nodes], atol=1e-7)
+    landmarks = read_landmarks(path)
+    assert list(landmarks.names) == names
+    np.testing.assert_allclose(landmarks.position, coarse["position"].values[nodes], atol=1e-7)
     rows = [
         f"{n},{1.03 * x},{1.03 * y},{1.03 * z}"
-        for n, (x, y, z) in zip(names, 1e3 * found.position, strict=True)
+        for n, (x, y, z) in zip(names, 1e3 * landmarks.position, strict=True)
     ]
     person.write_text("\n".join(["name,x_mm,y_mm,z_mm", *rows]))
     save_face(coarse, tmp_path / "face.nc")
@@ -122,7 +122,7 @@ def test_landmarks_are_read_by_fit(coarse, page, tmp_path):
     result = CliRunner().invoke(app, [*given, "--out", str(tmp_path / "fitted.nc")])
     assert result.exit_code == 0, result.output
     fitted = load_face(tmp_path / "fitted.nc")["position"].values[nodes]
-    size = np.ptp(found.position[:, 0])
+    size = np.ptp(landmarks.position[:, 0])
     assert np.ptp(fitted[:, 0]) == pytest.approx(1.03 * size, rel=0.01)
 
 
@@ -193,6 +193,6 @@ def test_python_of_nodes_and_elements_and_what_is_absent(coarse, page):
 
 def test_a_face_without_fibres_offers_none(coarse):
     bare = coarse.drop_vars(["fibre_position", "fibre_of_point", "fibre_muscle"])
-    found = pick_data(bare, skin_of(bare))
-    assert set(found["muscle"]) == set(found["channel"]) == {""}
-    json.dumps(found)
+    picking = pick_data(bare, skin_of(bare))
+    assert set(picking["muscle"]) == set(picking["channel"]) == {""}
+    json.dumps(picking)

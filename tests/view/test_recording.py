@@ -131,17 +131,17 @@ def test_unusable_parts_of_a_mapping(stored):
             ],
         }
     }
-    found = read_recording(stored, mapping=mapping)
-    assert "ZYG_L" not in found["channel"].values and found.sizes["channel"] == 13
-    assert np.isnan(found["position"].sel(marker="nasion")).all()
-    t = found["time_emg"]
-    gone = np.isnan(found["emg"].sel(channel="MEN_R"))
+    opened = read_recording(stored, mapping=mapping)
+    assert "ZYG_L" not in opened["channel"].values and opened.sizes["channel"] == 13
+    assert np.isnan(opened["position"].sel(marker="nasion")).all()
+    t = opened["time_emg"]
+    gone = np.isnan(opened["emg"].sel(channel="MEN_R"))
     expected = ((t >= 2.0) & (t <= 2.5)) | ((t >= 7.0) & (t <= 7.1))
     np.testing.assert_array_equal(gone, expected)
     np.testing.assert_array_equal(
-        np.isnan(found["emg"].sel(channel="OOS_L")), (t >= 7.0) & (t <= 7.1)
+        np.isnan(opened["emg"].sel(channel="OOS_L")), (t >= 7.0) & (t <= 7.1)
     )
-    codes = {(f.code, f.kind, f.name) for f in findings_in(found)}
+    codes = {(f.code, f.kind, f.name) for f in findings_in(opened)}
     assert {
         ("bad", "channel", "ZYG_L"),
         ("bad", "marker", "nasion"),
@@ -174,8 +174,8 @@ def test_unusable_parts_that_the_file_lacks_are_refused(stored, unusable, expect
 
 
 def test_a_recording_without_a_usable_channel_has_no_emg(stored):
-    found = read_recording(stored, mapping={"unusable": {"channels": list(CHANNELS)}})
-    assert "emg" not in found and "position" in found
+    opened = read_recording(stored, mapping={"unusable": {"channels": list(CHANNELS)}})
+    assert "emg" not in opened and "position" in opened
 
 
 @needs_browser
@@ -305,9 +305,9 @@ def test_a_saved_mapping_is_checked(recording, tmp_path):
 
 
 def test_spectra_of_the_page_are_in_tenths_of_a_decibel(recording):
-    found = RecordingPage(recording, "trial")._spectra()
-    stored = zlib.decompress(base64.b64decode(found["decibel"]))
-    drawn = np.frombuffer(stored, "<i2").reshape(-1, found["count"])
-    size = 2 * (found["count"] - 1)
-    power = welch(recording["emg"].values, 2.0 * found["largest"], nperseg=size)[1]
+    spectra = RecordingPage(recording, "trial")._spectra()
+    stored = zlib.decompress(base64.b64decode(spectra["decibel"]))
+    drawn = np.frombuffer(stored, "<i2").reshape(-1, spectra["count"])
+    size = 2 * (spectra["count"] - 1)
+    power = welch(recording["emg"].values, 2.0 * spectra["largest"], nperseg=size)[1]
     np.testing.assert_allclose(drawn, 100.0 * np.log10(power), atol=0.51)

@@ -75,8 +75,10 @@ def repeated(text: str) -> list[str]:
     reader.feed(text)
     blocks = (" ".join(block.split()) for block in "".join(reader.parts).split(BREAK))
     sentences = [one for block in blocks for one in re.split(r"(?<=[.!?]) (?=[A-Z])", block)]
-    found = Counter(s for s in sentences if len(s.split()) >= WORDS and s.endswith((".", "!", "?")))
-    return [sentence for sentence, count in found.items() if count > 1]
+    counts = Counter(
+        s for s in sentences if len(s.split()) >= WORDS and s.endswith((".", "!", "?"))
+    )
+    return [sentence for sentence, count in counts.items() if count > 1]
 
 
 def moved(face: xr.Dataset, lips: np.ndarray) -> xr.Dataset:
@@ -101,8 +103,8 @@ def moved(face: xr.Dataset, lips: np.ndarray) -> xr.Dataset:
 
 def fitted_page() -> str:
     """Page of a face that was fitted to the landmarks of a simulated person."""
-    found = fit_face(template_face(resolution="coarse"), person_of(5).landmarks, simulated=True)
-    return render_fit(fitted_face_page(found))
+    fit = fit_face(template_face(resolution="coarse"), person_of(5).landmarks, simulated=True)
+    return render_fit(fitted_face_page(fit))
 
 
 def moved_head(folder: Path) -> str:
@@ -182,8 +184,8 @@ def test_the_search_finds_a_repeated_sentence() -> None:
 
 
 def test_no_page_states_a_sentence_twice(pages: dict[str, str]) -> None:
-    found = {name: repeated(text) for name, text in pages.items()}
-    assert not {name: twice for name, twice in found.items() if twice}
+    repeats = {name: repeated(text) for name, text in pages.items()}
+    assert not {name: twice for name, twice in repeats.items() if twice}
 
 
 @needs_browser
@@ -205,7 +207,7 @@ def test_no_open_page_shows_a_sentence_twice(browser, pages, tmp_path) -> None:
 @needs_browser
 def test_no_open_page_cuts_a_text_or_hides_it(browser, pages, tmp_path) -> None:
     """In two widths, with light and dark colours."""
-    found = {}
+    faults_by_page = {}
     for name, text in pages.items():
         path = tmp_path / "page.html"
         path.write_text(text, encoding="utf-8")
@@ -214,8 +216,8 @@ def test_no_open_page_cuts_a_text_or_hides_it(browser, pages, tmp_path) -> None:
             until(browser, "return document.getElementById('stage').dataset.ready === 'yes'")
         browser.execute_script("document.querySelectorAll('details').forEach((d) => d.open = true)")
         if faults := faults_of(browser):
-            found[name] = faults
-    assert not found
+            faults_by_page[name] = faults
+    assert not faults_by_page
 
 
 @needs_browser

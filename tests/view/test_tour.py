@@ -39,9 +39,9 @@ def test_the_commands_of_the_tour_are_those_of_its_pictures(tour):
 def test_every_picture_is_shown_small_and_made_by_the_script(tour):
     shown = re.findall(r"!\[(.*?)\]\(tour/(\w+)\.png\)", TEXT)
     assert sorted(name for _, name in shown) == sorted(tour.SHOTS)
-    for told, name in shown:
+    for caption, name in shown:
         path = DOCS / "tour" / f"{name}.png"
-        assert len(told) > 40 and path.stat().st_size < 200_000
+        assert len(caption) > 40 and path.stat().st_size < 200_000
         with Image.open(path) as picture:
             assert picture.size == (1400, 900)
 

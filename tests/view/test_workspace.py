@@ -43,10 +43,10 @@ def test_a_workspace_opens_elsewhere_with_the_same_content(files, saved, tmp_pat
     other.mkdir()
     shutil.copytree(saved, moved)
     shutil.copy(files["face"], other / "same face.nc")
-    found = Workspace.open(moved, files | {"face": other / "same face.nc"}, MUSCLES)
-    assert found.view == SAID["view"] and found.notes == SAID["notes"]
-    assert found.curves.duration == 0.8 and found.curves.interpolation == "cubic"
-    np.testing.assert_array_equal(found.curves.knots["ZYG_L"], SAID["curves"]["knots"]["ZYG_L"])
+    workspace = Workspace.open(moved, files | {"face": other / "same face.nc"}, MUSCLES)
+    assert workspace.view == SAID["view"] and workspace.notes == SAID["notes"]
+    assert workspace.curves.duration == 0.8 and workspace.curves.interpolation == "cubic"
+    np.testing.assert_array_equal(workspace.curves.knots["ZYG_L"], SAID["curves"]["knots"]["ZYG_L"])
     assert str(tmp_path) not in (saved / RECIPE).read_text()  # no path
     assert {p.name for p in saved.iterdir()} == {RECIPE, CURVES, NOTES}
 
@@ -139,8 +139,8 @@ def test_the_example_of_the_documentation_reads_the_curves(saved, monkeypatch):
     assert example and "FOLDER" in example[1]
     saved.rename(saved.with_name("FOLDER"))
     monkeypatch.chdir(saved.parent)
-    found: dict[str, Any] = {}
-    exec(example[1], found)  # noqa: S102
-    assert found["time"][-1] == pytest.approx(0.8)
-    left, right = found["level"].T
+    names: dict[str, Any] = {}
+    exec(example[1], names)  # noqa: S102
+    assert names["time"][-1] == pytest.approx(0.8)
+    left, right = names["level"].T
     assert left.max() == pytest.approx(1 / 3) and not right.any()

@@ -1,4 +1,4 @@
-"""Every finding on a recording is told by its check, whatever it is about; names of tasks agree."""
+"""Every finding on a recording is reported by its check, whatever it is about; names of tasks agree."""
 
 from pathlib import Path
 from string import Formatter
@@ -40,13 +40,13 @@ def test_every_code_at_every_place_reaches_the_table(channels: int) -> None:
             assert [f.code for f in every if f.clause not in reasons] == [], (kind, name)
 
 
-def test_each_finding_of_a_bad_recording_is_told() -> None:
+def test_each_finding_of_a_bad_recording_is_reported() -> None:
     given = GIVEN.copy(deep=True)
     given["emg"].values[0, 100:400] = np.nan
     given["emg"].values[1] = 0.0
     reasons = " ".join(check_recording(given)["reason"])
-    found = findings_of(given)
-    assert found and all(finding.clause in reasons for finding in found)
+    findings = findings_of(given)
+    assert findings and all(finding.clause in reasons for finding in findings)
 
 
 def test_check_lists_problems_and_warnings() -> None:
@@ -56,9 +56,9 @@ def test_check_lists_problems_and_warnings() -> None:
     report = table["channels and markers"]
     for verdict, name in (("error", "problem"), ("warning", "warning")):
         rows = report[report["verdict"] == verdict]
-        told = " ".join(table[f"{name}s"][name])
+        text = " ".join(table[f"{name}s"][name])
         assert len(rows) == len(table[f"{name}s"])
-        assert all(reason in told for reason in rows["reason"])
+        assert all(reason in text for reason in rows["reason"])
     assert "check gain and unit" in " ".join(table["warnings"]["warning"])
 
 
