@@ -67,7 +67,7 @@ def matched(named: dict[str, Floats], marks: dict[str, Floats]) -> bool:
 def of_skin(generic: xr.Dataset, person: Person, seed: int, factors: Floats) -> bool:
     """Test whether a scaled skin is reported with landmarks that are not scaled."""
     q, triangles = person.face["position"].values, sheets(person.face)["skin"].triangles
-    return is_told(generic, noisy(person, seed, np.ones(3)), {"skin": (q * factors, triangles)})
+    return is_reported(generic, noisy(person, seed, np.ones(3)), {"skin": (q * factors, triangles)})
 
 
 def beneath(generic: xr.Dataset, person: Person, other: Person, seed: int, kind: str) -> bool:
@@ -78,7 +78,7 @@ def beneath(generic: xr.Dataset, person: Person, other: Person, seed: int, kind:
         constrained = other.face["fixed"].values != FREE
         inner = inner[constrained[inner].all(axis=1)][:, ::-1]
     given = {"skin": (q, own.triangles), kind: (other.face["position"].values, inner)}
-    return is_told(generic, noisy(person, seed, np.ones(3)), given)
+    return is_reported(generic, noisy(person, seed, np.ones(3)), given)
 
 
 def noisy(person: Person, seed: int, factors: Floats) -> dict[str, Floats]:
@@ -88,7 +88,7 @@ def noisy(person: Person, seed: int, factors: Floats) -> dict[str, Floats]:
     return {n: factors * (p + NOISE * rng.standard_normal(3)) for n, p in points.items()}
 
 
-def is_told(generic: xr.Dataset, marks: dict[str, Floats], given: dict[str, object]) -> bool:
+def is_reported(generic: xr.Dataset, marks: dict[str, Floats], given: dict[str, object]) -> bool:
     """Test whether inputs are refused or doubted before the fit."""
     try:
         scans = {kind: scan_of(one, None, kind) for kind, one in given.items()}
